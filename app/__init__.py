@@ -1,0 +1,1 @@
+"""What a person runs: command line, case files, simulations, results and figures."""

@@ -1,0 +1,396 @@
+"""Case files: TOML, read, completed with defaults, checked as a whole, in SI.
+
+`load_case` is what a program needs; `Case` documents itself through `json_schema` and the page on
+case files in the documentation.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+from pydantic import (
+    Field,
+    PrivateAttr,
+    Strict,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
+
+from app.case_bodies import BlocksGeometry, Body, Geometry
+from app.case_boundary import Boundary, Stage, boundary_problems, stage_problems
+from app.case_contact import Contact
+from app.case_errors import format_problem, problems_of
+from app.case_model import Model, Place, Problem, problems_error
+from app.case_run import Output, Solver, Sweep
+from app.errors import InputError
+from app.toml_text import toml_text
+
+
+class Case(Model):
+    """One case: everything that defines a run, in SI, complete and free of contradictions.
+
+    The attributes are the tables of the case file. Two cases are equal if these are; where they
+    were read from does not count.
+    """
+
+    title: Annotated[str, Strict()] = Field(
+        default="", description="what the case is about, in one line"
+    )
+    geometry: Geometry = Field(description="shapes and mesh")
+    bodies: dict[str, Body] = Field(
+        description="material and element formulation of each body, [bodies.NAME]"
+    )
+    contact: tuple[Contact, ...] = Field(
+        min_length=1, description="pairs of surfaces that may touch, [[contact]]"
+    )
+    boundary: tuple[Boundary, ...] = Field(
+        min_length=1, description="what is held, moved and pressed, [[boundary]]"
+    )
+    stage: tuple[Stage, ...] = Field(
+        min_length=1, description="the parts of the run, one after the other, [[stage]]"
+    )
+    solver: Solver = Field(default=Solver(), description="how the equations are solved")
+    output: Output = Field(default=Output(), description="what is written beside the history")
+    sweep: Sweep | None = Field(default=None, description="one key that is run with several values")
+
+    _source: Path | None = PrivateAttr(None)
+
+    @property
+    def source(self) -> Path | None:
+        """The file this case was read from; None for a case made in Python."""
+        return self._source
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Case) and self.__dict__ == other.__dict__
+
+    def sweep_cases(self) -> list[tuple[str, Case]]:
+        """The cases of the sweep, each with a label such as "thickness=10nm".
+
+        Returns:
+            (label, case without sweep) for each value; empty without a sweep.
+        """
+        if self.sweep is None:
+            return []
+        return [
+            (label, _with_source(self._swept(value), self._source))
+            for label, value in zip(self.sweep.labels, self.sweep.values, strict=True)
+        ]
+
+    def _swept(self, value: object) -> Case:
+        """This case with one value of its sweep.
+
+        Raises:
+            ValueError: the key leads nowhere (a `KeyPathError`), or the case is wrong with this
+                value (pydantic's `ValidationError`).
+        """
+        assert self.sweep is not None
+        return Case.model_validate(self._swept_data(value))
+
+    def _swept_data(self, value: object) -> dict[str, Any]:
+        """What the user has given, with one value of the sweep; defaults are derived anew."""
+        assert self.sweep is not None
+        data = self.model_dump(mode="json", exclude_unset=True, exclude={"sweep"})
+        set_value(data, self.sweep.key, value)
+        return data
+
+    @model_validator(mode="before")
+    @classmethod
+    def _mesh_is_a_kind(cls, data: Any) -> Any:
+        """`mesh = "file.msh"` alone says what kind of geometry it is."""
+        geometry = data.get("geometry") if isinstance(data, Mapping) else None
+        if isinstance(geometry, Mapping) and "mesh" in geometry and "kind" not in geometry:
+            return {**data, "geometry": {"kind": "file", **geometry}}
+        return data
+
+    @field_validator("bodies", mode="before")
+    @classmethod
+    def _names_of_bodies(cls, bodies: Any, info: ValidationInfo) -> Any:
+        """The bodies are those of the generator; said before anything inside them is looked at."""
+        geometry = info.data.get("geometry")
+        if isinstance(geometry, BlocksGeometry) and isinstance(bodies, Mapping):
+            if problems := list(_name_problems(bodies, geometry.bodies)):
+                raise problems_error(problems)
+        return bodies
+
+    @field_validator("bodies", mode="after")
+    @classmethod
+    def _default_formulation(cls, bodies: dict[str, Body], info: ValidationInfo) -> dict[str, Body]:
+        """Fill in the formulation that suits the elements, where they are known already."""
+        geometry = info.data.get("geometry")
+        if not isinstance(geometry, BlocksGeometry):
+            return bodies
+        filled = {}
+        for name, body in bodies.items():
+            filled[name] = body
+            if body.formulation is None:
+                formulation = body.formulation_for(geometry.cell)
+                filled[name] = body.model_copy(update={"formulation": formulation})
+                filled[name].model_fields_set.discard("formulation")
+        return filled
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        problems = list(self._problems())
+        if not problems and self.sweep is not None:
+            problems = list(self._sweep_problems())
+        if problems:
+            raise problems_error(problems)
+        return self
+
+    def _problems(self) -> Iterator[Problem]:
+        """What no table can see alone."""
+        yield from self.geometry.problems(("geometry",))
+        for name, body in self.bodies.items():
+            yield from body.problems(("bodies", name))
+        if isinstance(self.geometry, BlocksGeometry):
+            yield from self._formulation_problems(self.geometry)
+            yield from self._surface_problems(self.geometry)
+        for index, contact in enumerate(self.contact):
+            yield from contact.problems(("contact", index))
+        yield from boundary_problems(self.boundary, ("boundary",))
+        yield from stage_problems(self.stage, self.boundary, ("stage",))
+        yield from self.solver.problems(("solver",))
+
+    def _formulation_problems(self, geometry: BlocksGeometry) -> Iterator[Problem]:
+        for name, body in self.bodies.items():
+            try:
+                body.formulation_for(geometry.cell)
+            except ValueError as error:
+                yield Problem(("bodies", name, "formulation"), str(error), body.formulation)
+
+    def _surface_problems(self, geometry: BlocksGeometry) -> Iterator[Problem]:
+        named: list[tuple[Place, str]] = []
+        for index, contact in enumerate(self.contact):
+            named.append((("contact", index, "slave"), contact.slave))
+            named.append((("contact", index, "master"), contact.master))
+        for index, boundary in enumerate(self.boundary):
+            named.append((("boundary", index, "surface"), boundary.surface))
+        for place, name in named:
+            if name not in geometry.surfaces:
+                yield Problem(place, f"no such surface; {_hint(name, geometry.surfaces)}", name)
+
+    def _sweep_problems(self) -> Iterator[Problem]:
+        """Each value must make a valid case, and a directory of its own."""
+        assert self.sweep is not None
+        labels = self.sweep.labels
+        for index, (label, value) in enumerate(zip(labels, self.sweep.values, strict=True)):
+            place = ("sweep", "values", index)
+            if label in labels[:index]:
+                yield Problem(place, "is in the list twice", value)
+            try:
+                data = self._swept_data(value)
+                Case.model_validate(data)
+            except KeyPathError as error:
+                yield Problem(("sweep", "key"), str(error), self.sweep.key)
+                return
+            except ValidationError as error:
+                problem = problems_of(error, Case, data)[0]
+                if not problem.place:  # An unknown key, which no value can cure.
+                    yield Problem(("sweep", "key"), problem.reason, self.sweep.key)
+                    return
+                yield Problem(place, _seen_from(self.sweep.key, problem), value)
+
+
+def _seen_from(key: str, problem: Problem) -> str:
+    """The reason of a problem in a swept case; with its place, if that is not the swept key."""
+    return problem.reason if ".".join(map(str, problem.place)) == key else format_problem(problem)
+
+
+def _name_problems(bodies: Mapping[str, Any], names: Sequence[str]) -> Iterator[Problem]:
+    for name in bodies:
+        if name not in names:
+            yield Problem((name,), f"no such body; {_hint(name, names)}")
+    for name in names:
+        if name not in bodies:
+            yield Problem((name,), "missing; material and formulation of this body")
+
+
+def _hint(name: str, known: Sequence[str]) -> str:
+    near = difflib.get_close_matches(name, known, n=1)
+    return f'did you mean "{near[0]}"?' if near else f"there are {', '.join(known)}"
+
+
+def _with_source(case: Case, source: Path | None) -> Case:
+    case._source = source
+    return case
+
+
+class KeyPathError(ValueError):
+    """A dotted key that leads nowhere in a case."""
+
+
+def set_value(data: dict[str, Any], key: str, value: object) -> None:
+    """Set the value at a dotted key in plain data; missing tables are made, list entries not.
+
+    Args:
+        data: nested dicts and lists, as read from TOML; changed in place.
+        key: such as "contact.0.film.thickness"; quotes as in TOML around a name with dots.
+        value: what to put there.
+
+    Raises:
+        KeyPathError: the key is malformed, or leads through something that is no table or array.
+    """
+    names = _split(key)
+    here: Any = data
+    for depth, name in enumerate(names):
+        above = ".".join(names[:depth])
+        last = depth == len(names) - 1
+        if isinstance(here, list):
+            if not name.isdigit() or int(name) >= len(here):
+                raise KeyPathError(f'{above} has no entry "{name}"; {_entries(len(here))}')
+            step: Any = int(name)
+        elif isinstance(here, dict):
+            step = name
+            if not last:
+                here.setdefault(name, {})
+        else:
+            raise KeyPathError(f"{above} is no table, so it has no key {name!r}")
+        if last:
+            here[step] = value
+        here = here[step]
+
+
+def _entries(count: int) -> str:
+    return f"entries are numbered from 0 to {count - 1}" if count else "it is empty"
+
+
+def _split(key: str) -> list[str]:
+    """The names in a dotted key, by TOML's own rules."""
+    try:
+        here: Any = tomllib.loads(f"{key.strip()} = 0")
+    except tomllib.TOMLDecodeError:
+        raise KeyPathError("not a dotted key such as contact.0.film.thickness") from None
+    names = []
+    while isinstance(here, dict):
+        if len(here) != 1:
+            raise KeyPathError("not a dotted key such as contact.0.film.thickness")
+        [(name, here)] = here.items()
+        names.append(name)
+    return names
+
+
+def load_case(path: Path, overrides: Sequence[str] = ()) -> Case:
+    """Read a case file.
+
+    Args:
+        path: the file.
+        overrides: "dotted.key=value" texts that replace or add values; list entries by number
+            ("contact.0.film.thickness=10 nm"). The value is TOML if it can be, else text.
+
+    Raises:
+        InputError: the file cannot be read or the case is wrong. The message is the first
+            problem; `check_case` lists all.
+    """
+    case = _read(Path(path), overrides)
+    if isinstance(case, Case):
+        return case
+    more = f" (and {len(case) - 1} more; tribox check lists them)" if len(case) > 1 else ""
+    raise InputError(case[0] + more)
+
+
+def check_case(path: Path, overrides: Sequence[str] = ()) -> list[str]:
+    """All that is wrong with a case file, one line each; empty if it can be run.
+
+    Args:
+        path: the file.
+        overrides: as for `load_case`.
+    """
+    case = _read(Path(path), overrides)
+    return [] if isinstance(case, Case) else case
+
+
+def _read(path: Path, overrides: Sequence[str]) -> Case | list[str]:
+    """The case, or lines on what is wrong with it."""
+    try:
+        data = _read_toml(path)
+        for override in overrides:
+            _apply(data, override)
+    except InputError as error:
+        return [str(error)]
+    try:
+        case = Case.model_validate(data, context={"base": path.parent})
+    except ValidationError as error:
+        return [f"{path}: {format_problem(p)}" for p in problems_of(error, Case, data)]
+    return _with_source(case, path)
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: not a text file in UTF-8") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    except tomllib.TOMLDecodeError as error:
+        match = re.fullmatch(r"(.*) \(at line (\d+), column (\d+)\)", str(error))
+        line, reason = (f":{match[2]}", f"{match[1]} (column {match[3]})") if match else ("", error)
+        raise InputError(f"{path}{line}: not valid TOML: {reason}") from None
+
+
+def _apply(data: dict[str, Any], override: str) -> None:
+    """Set what one "dotted.key=value" text says."""
+    key, equals, text = override.partition("=")
+    if not equals or not key.strip():
+        raise InputError(f'"{override}": an override is written key=value')
+    try:
+        set_value(data, key, _override_value(text))
+    except KeyPathError as error:
+        raise InputError(f'"{override}": {error}') from None
+
+
+def _override_value(text: str) -> object:
+    """The value as TOML if it is that, else the text itself."""
+    try:
+        parsed = tomllib.loads(f"value = {text}")
+    except tomllib.TOMLDecodeError:
+        return text.strip()
+    return parsed["value"] if parsed.keys() == {"value"} else text.strip()
+
+
+def resolved_toml(case: Case) -> str:
+    """The case as a file, with every default and unit written out; it reads back to an equal case.
+
+    With a sweep, keys that were not given are written as comments: the swept key may decide them,
+    so that fixing them would make another case.
+    """
+    data = case.model_dump(mode="json", exclude_none=True)
+    given = case.model_dump(mode="json", exclude_unset=True) if case.sweep is not None else None
+    return toml_text(data, given)
+
+
+def json_schema() -> dict[str, Any]:
+    """JSON schema of a case file, with unit and meaning in the description of each key."""
+    schema = Case.model_json_schema()
+    schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
+    _tidy(schema)
+    return schema
+
+
+def _tidy(node: Any) -> None:
+    """Take out null, which TOML cannot say, and put units into descriptions."""
+    if isinstance(node, list):
+        for item in node:
+            _tidy(item)
+    if not isinstance(node, dict):
+        return
+    for item in node.values():
+        _tidy(item)
+    choices = [item for item in node.get("anyOf", []) if item != {"type": "null"}]
+    if len(choices) == 1 and len(node["anyOf"]) == 2:
+        del node["anyOf"]
+        node.update({key: value for key, value in choices[0].items() if key not in node})
+    elif choices:
+        node["anyOf"] = choices
+    if "default" in node and node["default"] is None:
+        del node["default"]
+    if "description" in node and "x-unit" in node:
+        node["description"] = f"{node['description']} [{node['x-unit']}]"

@@ -1,0 +1,258 @@
+"""The `[geometry]` and `[bodies.NAME]` tables of a case file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+
+from pydantic import Field, ValidationInfo, field_serializer, field_validator
+from pydantic_core import PydanticCustomError
+
+from app.case_model import Count, Model, Place, Problem
+from app.quantities import Quantity
+
+if TYPE_CHECKING:
+    from geometry.two_blocks import TwoBlocks
+
+Cell = Literal["quadrilateral", "triangle"]
+Formulation = Literal["q1", "q1-sri"]
+
+
+class BlockSize(Model):
+    """One block of the two-block generator."""
+
+    width: Annotated[float, Quantity("m", gt=0.0)] = Field(description="extent in x")
+    height: Annotated[float, Quantity("m", gt=0.0)] = Field(description="extent in y")
+    elements: tuple[Count, Count] | None = Field(
+        default=None, description="number of elements along x and y (this or size)"
+    )
+    size: Annotated[float, Quantity("m", gt=0.0)] | None = Field(
+        default=None,
+        description="largest element width, and height at the contact side (or elements)",
+    )
+    grading: Annotated[float, Quantity(gt=0.0)] = Field(
+        default=1.0,
+        description="element height at the far side over that at the contact side; "
+        "above 1 refines towards the contact",
+    )
+
+
+class BlocksGeometry(Model):
+    """Two rectangular blocks, one on the other, meshed by the built-in generator."""
+
+    bodies: ClassVar[tuple[str, ...]] = ("elastomer", "aluminium")
+    surfaces: ClassVar[tuple[str, ...]] = (
+        "elastomer_contact",
+        "aluminium_contact",
+        "top",
+        "bottom",
+        "elastomer_left",
+        "elastomer_right",
+        "aluminium_left",
+        "aluminium_right",
+    )
+
+    kind: Literal["two-blocks"] = Field(description="which generator makes the mesh")
+    cell: Cell = Field(default="quadrilateral", description="shape of the elements")
+    thickness: Annotated[float, Quantity("m", gt=0.0)] = Field(
+        default=1.0, description="thickness of the plane-strain slab for which forces are reported"
+    )
+    upper: BlockSize = Field(description='the upper block, body "elastomer"')
+    lower: BlockSize = Field(description='the lower block, body "aluminium"')
+    offset: Annotated[float, Quantity("m")] = Field(
+        default_factory=lambda data: _centred(data),
+        description="x of the upper block's left side, from the lower block's left side; "
+        "default: the blocks are centred",
+    )
+    gap: Annotated[float, Quantity("m", ge=0.0)] = Field(
+        default=0.0,
+        description="distance between the blocks at the start; 0 lets them touch exactly",
+    )
+
+    def blocks(self) -> TwoBlocks:
+        """What the generator takes.
+
+        Raises:
+            ValueError: the blocks cannot be meshed so; the message says why.
+        """
+        from geometry.two_blocks import Block, TwoBlocks
+
+        upper, lower = (
+            Block(b.width, b.height, b.elements, b.size, b.grading)
+            for b in (self.upper, self.lower)
+        )
+        return TwoBlocks(upper, lower, self.offset, self.gap, self.cell, *self.bodies)
+
+    def problems(self, place: Place) -> Iterator[Problem]:
+        """What is wrong with the blocks, `place` being this table's place in the case."""
+        found = False
+        for name, block in (("upper", self.upper), ("lower", self.lower)):
+            if (block.elements is None) == (block.size is None):
+                found = True
+                reason = "give either elements or size, not both and not neither"
+                yield Problem((*place, name), reason)
+        low, high = -self.upper.width, self.lower.width
+        if not low < self.offset < high:
+            found = True
+            reason = f"must lie between {low:g} m and {high:g} m, where the blocks overlap"
+            yield Problem((*place, "offset"), reason, self.offset)
+        if not found:
+            try:
+                self.blocks()
+            except ValueError as error:
+                yield Problem(place, str(error))
+
+
+def _centred(data: dict[str, Any]) -> float:
+    """Offset of a centred upper block; 0 where the blocks themselves are wrong."""
+    upper, lower = data.get("upper"), data.get("lower")
+    if not isinstance(upper, BlockSize) or not isinstance(lower, BlockSize):
+        return 0.0
+    return 0.5 * (lower.width - upper.width)
+
+
+class MeshGeometry(Model):
+    """A mesh made by the user, with named physical groups for bodies and surfaces."""
+
+    kind: Literal["file"] = Field(default="file", description="may be left out where mesh is given")
+    mesh: Path = Field(
+        description="gmsh file (.msh), relative to the case file; the names of its physical "
+        "groups are those of bodies and surfaces"
+    )
+    thickness: Annotated[float, Quantity("m", gt=0.0)] = Field(
+        default=1.0, description="thickness of the plane-strain slab for which forces are reported"
+    )
+
+    @field_validator("mesh", mode="before")
+    @classmethod
+    def _find(cls, value: object, info: ValidationInfo) -> Path:
+        """Make the path absolute, seen from the case file, and see that it is there."""
+        if not isinstance(value, str | Path) or not str(value):
+            raise PydanticCustomError("path", "must be the name of a mesh file, in quotes")
+        base = (info.context or {}).get("base") or Path.cwd()
+        path = (Path(base) / value).resolve()
+        if not path.is_file():
+            raise PydanticCustomError("path", "no such file ({path})", {"path": str(path)})
+        return path
+
+    @field_serializer("mesh")
+    def _as_text(self, value: Path) -> str:
+        return str(value)
+
+    def problems(self, place: Place) -> Iterator[Problem]:
+        """Nothing more can be said before the mesh is read."""
+        return iter(())
+
+
+Geometry = Annotated[BlocksGeometry | MeshGeometry, Field(discriminator="kind")]
+
+
+class _Body(Model):
+    """What the bodies of every material have."""
+
+    material: str = Field(description="strain energy of the body")
+    density: Annotated[float, Quantity("kg/m^3", gt=0.0)] | None = Field(
+        default=None, description="mass per reference volume; needed only where inertia counts"
+    )
+    formulation: Formulation | None = Field(
+        default=None,
+        description='element integration: "q1-sri" selective reduced, "q1" full; '
+        'default: "q1-sri" for quadrilaterals, "q1" for triangles',
+    )
+
+    def problems(self, place: Place) -> Iterator[Problem]:
+        """What is wrong with the material, `place` being this table's place in the case."""
+        return iter(())
+
+    def formulation_for(self, cell: str) -> Formulation:
+        """The formulation for elements of this shape ("quadrilateral" or "triangle").
+
+        Raises:
+            ValueError: selective reduced integration was asked for on triangles.
+        """
+        if cell == "triangle" and self.formulation == "q1-sri":
+            raise ValueError('"q1-sri" needs quadrilaterals; use "q1" for triangles')
+        return self.formulation or ("q1" if cell == "triangle" else "q1-sri")
+
+
+class _Isotropic(_Body):
+    """Two elastic constants: E and nu, or G and K."""
+
+    E: Annotated[float, Quantity("Pa", gt=0.0)] | None = Field(
+        default=None, description="Young's modulus"
+    )
+    nu: Annotated[float, Quantity(gt=-1.0, lt=0.5)] | None = Field(
+        default=None, description="Poisson's ratio"
+    )
+    G: Annotated[float, Quantity("Pa", gt=0.0)] | None = Field(
+        default=None, description="shear modulus (with K, instead of E and nu)"
+    )
+    K: Annotated[float, Quantity("Pa", gt=0.0)] | None = Field(
+        default=None, description="bulk modulus (with G, instead of E and nu)"
+    )
+
+    def problems(self, place: Place) -> Iterator[Problem]:
+        """A pair of constants that is missing or not one of the two."""
+        given = {key for key in ("E", "nu", "G", "K") if getattr(self, key) is not None}
+        if given not in ({"E", "nu"}, {"G", "K"}):
+            listed = " and ".join(sorted(given)) or "none of them"
+            yield Problem(place, f"give E and nu, or G and K; found {listed}")
+
+    @property
+    def shear_modulus(self) -> float:
+        """G, Pa."""
+        if self.G is not None:
+            return self.G
+        assert self.E is not None and self.nu is not None
+        return self.E / (2.0 * (1.0 + self.nu))
+
+    @property
+    def bulk_modulus(self) -> float:
+        """K, Pa."""
+        if self.K is not None:
+            return self.K
+        assert self.E is not None and self.nu is not None
+        return self.E / (3.0 * (1.0 - 2.0 * self.nu))
+
+
+class NeoHookeanBody(_Isotropic):
+    """W = G/2 (I1 − 3) − G ln J + Λ/2 (ln J)², Λ = K − 2G/3."""
+
+    material: Literal["neo-hookean"] = Field(description="strain energy of the body")
+
+
+class HenckyBody(_Isotropic):
+    """W = G |dev ln U|² + K/2 (ln J)²."""
+
+    material: Literal["hencky"] = Field(description="strain energy of the body")
+
+
+class MooneyRivlinBody(_Body):
+    """W = C10 (Ī1 − 3) + C01 (Ī2 − 3) + a volumetric part in K."""
+
+    material: Literal["mooney-rivlin"] = Field(description="strain energy of the body")
+    C10: Annotated[float, Quantity("Pa")] = Field(description="constant of the first invariant")
+    C01: Annotated[float, Quantity("Pa")] = Field(description="constant of the second invariant")
+    K: Annotated[float, Quantity("Pa", gt=0.0)] = Field(description="bulk modulus")
+
+    def problems(self, place: Place) -> Iterator[Problem]:
+        """A shear modulus that is not positive."""
+        if self.shear_modulus <= 0.0:
+            found = self.C10 + self.C01
+            yield Problem(
+                place, f"C10 + C01 = {found:g} Pa: must be > 0 Pa (half the shear modulus)"
+            )
+
+    @property
+    def shear_modulus(self) -> float:
+        """G = 2 (C10 + C01), Pa."""
+        return 2.0 * (self.C10 + self.C01)
+
+    @property
+    def bulk_modulus(self) -> float:
+        """K, Pa."""
+        return self.K
+
+
+Body = Annotated[NeoHookeanBody | HenckyBody | MooneyRivlinBody, Field(discriminator="material")]

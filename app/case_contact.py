@@ -1,0 +1,218 @@
+"""The `[[contact]]` tables of a case file: surfaces, penalty, film and friction law."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import Field, ValidatorFunctionWrapHandler, field_validator
+
+from app.case_model import Count, Flag, Model, Place, Problem, Text
+from app.quantities import NumberOrTable, Quantity, Row
+
+if TYPE_CHECKING:
+    from forms.friction_parameters import FrictionMapParameters
+
+DEFAULT_PENALTY_FACTOR = 30.0
+PRESET_NAMES = ("paper-printed", "paper-swapped", "friction-map")
+
+_FILM_THICKNESS = Quantity("m", gt=0.0, name="film thickness")
+_Rows = tuple[Row, ...]
+
+
+class Film(Model):
+    """The lubricating film of one contact."""
+
+    thickness: Annotated[float, Quantity("m", ge=0.0)] = Field(description="film thickness D")
+
+
+class Frictionless(Model):
+    """No tangential traction."""
+
+    law: Literal["frictionless"] = Field(description="the friction law")
+
+    def problems(self, place: Place, film: Film | None) -> Iterator[Problem]:
+        """None."""
+        return iter(())
+
+
+class Coulomb(Model):
+    """Coulomb friction with an elastic (penalty) stick phase."""
+
+    law: Literal["coulomb"] = Field(description="the friction law")
+    mu: Annotated[float, Quantity(ge=0.0)] = Field(description="coefficient of friction")
+    K_T: Annotated[float, Quantity("Pa/m", gt=0.0)] | None = Field(
+        default=None, description="tangential stiffness before slip; default: the normal penalty"
+    )
+
+    def problems(self, place: Place, film: Film | None) -> Iterator[Problem]:
+        """None."""
+        return iter(())
+
+
+class FrictionMap(Model):
+    """Friction of a lubricated contact between Coulomb and viscous, by film and velocity."""
+
+    law: Literal["friction-map"] = Field(description="the friction law")
+    preset: Literal["paper-printed", "paper-swapped", "friction-map"] | None = Field(
+        default=None, description="a named set of values for the keys below that are not given"
+    )
+    mu_s: Annotated[float, Quantity(ge=0.0)] = Field(description="static coefficient of friction")
+    mu_d: Annotated[float, Quantity(ge=0.0)] = Field(
+        default_factory=lambda data: data.get("mu_s", 0.0),
+        description="dynamic coefficient of friction; default: mu_s",
+    )
+    A_d: Annotated[float, Quantity("m", ge=0.0)] = Field(
+        default=0.0, description="slip at which the fall from mu_s to mu_d starts"
+    )
+    B: Annotated[float, Quantity("1/m", ge=0.0)] = Field(
+        default=0.0, description="rate of the fall from mu_s to mu_d with slip"
+    )
+    K_T: Annotated[float, Quantity("Pa/m", gt=0.0)] = Field(
+        description="tangential stiffness of the asperities"
+    )
+    eta_b: Annotated[float, Quantity("Pa*s", ge=0.0)] = Field(
+        default=0.0, description="bulk viscosity of the film; needed (> 0) where D > D_min"
+    )
+    D_min: Annotated[float, Quantity("m", ge=0.0)] = Field(
+        default=0.0, description="thickness up to which friction is purely Coulomb"
+    )
+    D_max: Annotated[float, Quantity("m", gt=0.0)] = Field(
+        description="thickness from which the film is a Newtonian fluid"
+    )
+    alpha: (
+        Annotated[float | _Rows, NumberOrTable(_FILM_THICKNESS, Quantity(ge=0.0, le=1.0))] | None
+    ) = Field(
+        default=None,
+        description="film fraction below the switching velocity V*, a number or a table "
+        "[[thickness, alpha], ...] (this or beta)",
+    )
+    beta: Annotated[float | _Rows, NumberOrTable(_FILM_THICKNESS, Quantity(gt=0.0))] | None = Field(
+        default=None,
+        description="exponent of alpha = ((D - D_min)/(D_max - D_min))^beta, a number or a table "
+        "[[thickness, beta], ...] (this or alpha)",
+    )
+    V_star: Annotated[float, Quantity("m/s", gt=0.0)] | None = Field(
+        default=None, description="switching velocity V* at the thickness V_star_at (or gamma)"
+    )
+    V_star_at: Annotated[float, Quantity("m", gt=0.0)] | None = Field(
+        default=None, description="thickness at which V_star holds"
+    )
+    gamma: Annotated[float, Quantity("N/s", gt=0.0)] | None = Field(
+        default=None, description="constant of V* = sqrt(gamma D_max/(eta_b D)) (or V_star)"
+    )
+    transition_width: Annotated[float, Quantity(ge=0.0, lt=1.0)] = Field(
+        default=0.03, description="width of the transition at V*, relative to V*"
+    )
+    flow_rule: Literal["weighted", "literal"] = Field(
+        default="weighted", description="friction threshold (1 - alpha) mu p, or mu p as printed"
+    )
+    reentry: Literal["consistent", "literal"] = Field(
+        default="consistent",
+        description="what is kept when alpha falls: the traction, or the elastic slip",
+    )
+    switch: Literal["implicit", "lagged"] = Field(
+        default="implicit", description="alpha from the velocity of this step, or of the last one"
+    )
+    reset_slip_on_opening: Flag = Field(
+        default=False, description="whether a point that opens forgets the slip it has made"
+    )
+
+    def parameters(self) -> FrictionMapParameters:
+        """What the law takes.
+
+        Raises:
+            ValueError: the values do not fit together; the message says how.
+        """
+        from forms.friction_parameters import FrictionMapParameters
+
+        return FrictionMapParameters(**self.model_dump(exclude={"law", "preset"}))
+
+    def problems(self, place: Place, film: Film | None) -> Iterator[Problem]:
+        """What does not fit together, `place` being this table's place in the case."""
+        found = list(self._problems(place, film))
+        if not found:
+            try:
+                self.parameters()
+            except ValueError as error:
+                found.append(Problem(place, str(error)))
+        yield from found
+
+    def _problems(self, place: Place, film: Film | None) -> Iterator[Problem]:
+        if self.mu_d > self.mu_s:
+            yield Problem((*place, "mu_d"), f"must be <= mu_s = {self.mu_s:g}", self.mu_d)
+        if self.D_max <= self.D_min:
+            reason = f"must be > D_min = {self.D_min:g} m"
+            yield Problem((*place, "D_max"), reason, self.D_max)
+        yield from self._alternatives(place)
+        if film is None:
+            reason = 'missing; law = "friction-map" needs the film thickness, such as "30 nm"'
+            yield Problem((*place[:-1], "film", "thickness"), reason)
+        elif film.thickness > self.D_min and self.eta_b == 0.0:
+            reason = (
+                f"a film thicker than D_min ({film.thickness:g} m > {self.D_min:g} m) needs a "
+                'viscosity > 0 Pa*s, such as "0.8 Pa*s"'
+            )
+            yield Problem((*place, "eta_b"), reason, self.eta_b)
+
+    def _alternatives(self, place: Place) -> Iterator[Problem]:
+        if (self.alpha is None) == (self.beta is None):
+            found = "neither" if self.alpha is None else "both"
+            yield Problem(place, f"give either alpha or beta, found {found}")
+        if (self.V_star is None) == (self.gamma is None):
+            found = "neither" if self.gamma is None else "both"
+            yield Problem(place, f"give either V_star (with V_star_at) or gamma, found {found}")
+        if self.V_star is not None and self.V_star_at is None:
+            reason = 'missing; the thickness at which V_star holds, such as "10 nm"'
+            yield Problem((*place, "V_star_at"), reason)
+        if self.V_star is None and self.V_star_at is not None:
+            reason = "belongs to V_star, which is not given"
+            yield Problem((*place, "V_star_at"), reason, self.V_star_at)
+
+
+Friction = Annotated[FrictionMap | Coulomb | Frictionless, Field(discriminator="law")]
+
+
+class Contact(Model):
+    """One pair of surfaces."""
+
+    slave: Text = Field(description="surface that carries the contact points (the softer body's)")
+    master: Text = Field(description="surface the points are projected on")
+    quadrature_degree: Count = Field(
+        default=3,
+        description="degree of the quadrature along slave facets; 3 means two points per segment",
+    )
+    penalty: Annotated[float, Quantity("Pa/m", gt=0.0)] | None = Field(
+        default=None, description="normal stiffness K_N (or penalty_factor)"
+    )
+    penalty_factor: Annotated[float, Quantity(gt=0.0)] | None = Field(
+        default_factory=lambda data: (
+            DEFAULT_PENALTY_FACTOR if data.get("penalty") is None else None
+        ),
+        description="K_N = penalty_factor * M/h, with the oedometric modulus M of the softer body "
+        f"and the length h of a slave facet; default: {DEFAULT_PENALTY_FACTOR:g}, without penalty",
+    )
+    film: Film | None = Field(default=None, description="the film; needed by the friction-map law")
+    friction: Friction = Field(description="the friction law and its parameters")
+
+    @field_validator("friction", mode="wrap")
+    @classmethod
+    def _fill_from_preset(cls, value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
+        """Fill keys that are not given from the preset; they stay "not set" by the user."""
+        if not isinstance(value, dict) or value.get("preset") not in PRESET_NAMES:
+            return handler(value)
+        from forms.friction_parameters import with_preset
+
+        given = {key: entry for key, entry in value.items() if key not in ("law", "preset")}
+        merged = with_preset(value["preset"], given)
+        friction = handler({"law": "friction-map", **value, **merged})
+        friction.model_fields_set.difference_update(merged.keys() - given.keys())
+        return friction
+
+    def problems(self, place: Place) -> Iterator[Problem]:
+        """What does not fit together, `place` being this table's place in the case."""
+        if self.slave == self.master:
+            yield Problem((*place, "master"), "must differ from slave", self.master)
+        if self.penalty is not None and self.penalty_factor is not None:
+            yield Problem(place, "give either penalty or penalty_factor, not both")
+        yield from self.friction.problems((*place, "friction"), self.film)

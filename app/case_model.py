@@ -1,0 +1,58 @@
+"""What all tables of a case file share: strict keys, frozen values, problems with a place."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, Strict
+from pydantic_core import PydanticCustomError
+
+Place = tuple[str | int, ...]
+"""The keys that lead to a value, such as ("contact", 0, "film", "thickness")."""
+
+Flag = Annotated[bool, Strict()]
+Text = Annotated[str, Strict(), Field(min_length=1)]
+Count = Annotated[int, Strict(), Field(ge=1)]
+CountOrZero = Annotated[int, Strict(), Field(ge=0)]
+
+
+class Model(BaseModel):
+    """A table of the case file: unknown keys are errors, values do not change."""
+
+    # Field names are those of the case file, also where they are capitals (E, K_T).
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class _Absent:
+    """The type of `ABSENT`."""
+
+    def __repr__(self) -> str:
+        return "ABSENT"
+
+
+ABSENT = _Absent()
+"""Stands for "no value to show" in a `Problem`; None could be a value."""
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """One thing that is wrong in a case.
+
+    Attributes:
+        place: where, from the top of the case.
+        reason: what is allowed, or what is wrong, in a few words.
+        found: the value to show; `ABSENT` shows only the place.
+    """
+
+    place: Place
+    reason: str
+    found: Any = ABSENT
+
+
+def problems_error(problems: Iterable[Problem]) -> PydanticCustomError:
+    """The error by which a validator reports several problems at once."""
+    listed = list(problems)
+    text = "; ".join(f"{'.'.join(map(str, p.place))}: {p.reason}" for p in listed)
+    return PydanticCustomError("problems", "{text}", {"text": text, "problems": listed})

@@ -1,0 +1,399 @@
+"""The discrete equilibrium of all bodies, contacts and loads: residual, tangent and their pattern.
+
+Prescribed displacements are held by the unknowns themselves (their rows and columns are replaced by
+the identity). A rigid platen couples the displacements of an edge in one direction to one unknown
+with a given total force: the platen's unknowns are renumbered onto the first of them while the
+matrix is assembled, so one factorisation of one matrix serves, and Newton stays quadratic.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import dolfinx
+import dolfinx.fem.petsc
+import numpy as np
+import scipy.sparse
+import ufl
+from dolfinx import cpp as _cpp
+from mpi4py import MPI
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from app.stopwatch import Stopwatch
+from forms.contact import ContactTerm, ContactTrial
+from forms.loads import FollowerPressure
+from forms.solids import Solid
+from geometry.projection import Floats
+from geometry.surface import Longs
+
+Ints = NDArray[np.int32]
+
+
+@dataclass(slots=True)
+class Prescribed:
+    """Displacement components held at given values.
+
+    Attributes:
+        dofs: local scalar unknowns, owned by this rank.
+        value: their displacement today, m.
+    """
+
+    dofs: Ints
+    value: float = 0.0
+
+
+@dataclass(slots=True)
+class Platen:
+    """One displacement for a whole edge, under a given total force.
+
+    Attributes:
+        dofs: local scalar unknowns of the edge, owned by this rank.
+        force: N per unit thickness, along the coordinate axis (negative: downwards).
+        all_dofs: global unknowns of the edge on all ranks, sorted; the first leads.
+    """
+
+    dofs: Ints
+    force: float = 0.0
+    all_dofs: Longs = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+
+    def gather(self, space: dolfinx.fem.FunctionSpace) -> None:
+        """Collect the edge's unknowns of all ranks; collective."""
+        first = space.dofmap.index_map.local_range[0] * space.dofmap.index_map_bs
+        mine = self.dofs.astype(np.int64) + first
+        self.all_dofs = np.unique(np.concatenate(space.mesh.comm.allgather(mine)))
+
+
+def component_dofs(space: dolfinx.fem.FunctionSpace, facets: Ints, component: int) -> Ints:
+    """Owned local scalar unknowns of one displacement component on local facets."""
+    mesh = space.mesh
+    fdim = mesh.topology.dim - 1
+    mesh.topology.create_connectivity(fdim, fdim + 1)
+    dofs = dolfinx.fem.locate_dofs_topological(space.sub(component), fdim, np.sort(facets))
+    owned = space.dofmap.index_map.size_local * space.dofmap.index_map_bs
+    return np.asarray(dofs[dofs < owned], dtype=np.int32)
+
+
+class Equilibrium:
+    """Residual and tangent of the whole problem, as SNES asks for them.
+
+    Attributes:
+        u: displacement function; holds the last vector that was evaluated.
+        contacts, solids, pressures, prescribed, platens: the parts.
+        dt: length of the step being tried, s.
+        timer: seconds by part.
+    """
+
+    def __init__(
+        self,
+        u: dolfinx.fem.Function,
+        solids: Sequence[Solid],
+        contacts: Sequence[ContactTerm],
+        prescribed: Sequence[Prescribed] = (),
+        platens: Sequence[Platen] = (),
+        pressures: Sequence[FollowerPressure] = (),
+    ) -> None:
+        """Put the parts together; collective."""
+        self.u = u
+        self.space = u.function_space
+        self.comm = self.space.mesh.comm
+        self.solids, self.contacts = list(solids), list(contacts)
+        self.prescribed, self.platens = list(prescribed), list(platens)
+        self.pressures = list(pressures)
+        self.dim = self.space.dofmap.index_map_bs
+        self.owned = self.space.dofmap.index_map.size_local * self.dim
+        self.first = self.space.dofmap.index_map.local_range[0] * self.dim
+        for platen in self.platens:
+            platen.gather(self.space)
+        self.dt = 1.0
+        self.timer = Stopwatch()
+        self.trials: list[ContactTrial] = []
+        self.unbalanced = np.zeros(self.owned)
+        self.reference_force = 0.0
+        self._work = dolfinx.la.vector(self.space.dofmap.index_map, self.dim)
+        self.pattern_changes = 0
+        self._windows: list[tuple[NDArray[np.int32], NDArray[np.int32]]] = []
+
+    # -- vectors ----------------------------------------------------------------------------
+
+    def new_vector(self) -> PETSc.Vec:
+        """A global vector of unknowns, m, holding zeros."""
+        vec = PETSc.Vec().createMPI((self.owned, None), bsize=self.dim, comm=self.comm)
+        vec.set(0.0)
+        return vec
+
+    def spread(self, x: PETSc.Vec) -> None:
+        """Copy the unknowns into the displacement function, ghosts included; collective."""
+        self.u.x.array[: self.owned] = x.array_r
+        self.u.x.scatter_forward()
+
+    def held_dofs(self) -> Ints:
+        """Owned local unknowns with a prescribed displacement."""
+        parts = [p.dofs for p in self.prescribed]
+        return np.unique(np.concatenate(parts)) if parts else np.empty(0, dtype=np.int32)
+
+    def held_values(self, x: PETSc.Vec) -> Floats:
+        """Owned unknowns (…,) with today's prescribed values put into a copy of ``x``."""
+        values: Floats = x.array_r.copy()
+        for part in self.prescribed:
+            values[part.dofs] = part.value
+        return values
+
+    # -- residual -----------------------------------------------------------------------------
+
+    def residual(self, snes: PETSc.SNES | None, x: PETSc.Vec, f: PETSc.Vec) -> None:
+        """Out-of-balance forces at ``x`` (N per unit thickness); the SNES function."""
+        self.spread(x)
+        with self.timer("assembly"):
+            f.array[:] = self._assembled([p.residual for s in self.solids for p in s.forms])
+            if self.pressures:
+                f.array[:] += self._assembled([p.residual for p in self.pressures])
+        with self.timer("contact"):
+            self.trials = [term.evaluate(x, self.dt) for term in self.contacts]
+            contact = self._contact_forces(f)
+        self.unbalanced = f.array_r.copy()
+        self.reference_force = self._reference(contact)
+        values, at = f.array, x.array_r
+        for part in self.prescribed:
+            values[part.dofs] = at[part.dofs] - part.value
+        for platen in self.platens:
+            self._balance_platen(platen, values, at)
+
+    def _assembled(self, forms: Sequence[dolfinx.fem.Form]) -> Floats:
+        """Sum of linear forms at the owned unknowns; collective."""
+        self._work.array[:] = 0.0
+        for form in forms:
+            dolfinx.fem.assemble_vector(self._work.array, form)
+        self._work.scatter_reverse(dolfinx.la.InsertMode.add)
+        mine: Floats = self._work.array[: self.owned]
+        return mine
+
+    def _contact_forces(self, f: PETSc.Vec) -> float:
+        """Add the contact residuals to ``f``; returns their norm over all ranks, squared."""
+        squared = 0.0
+        for term, trial in zip(self.contacts, self.trials, strict=True):
+            nodes, values = term.nodal_forces(trial)
+            f.setValues(
+                self._expand(nodes).reshape(-1),
+                values.reshape(-1),
+                addv=PETSc.InsertMode.ADD_VALUES,
+            )
+            squared += float(np.sum(values**2))
+        f.assemble()
+        return squared
+
+    def _expand(self, nodes: Longs) -> NDArray[np.int32]:
+        """Global scalar unknowns (…, i) of global nodes (…)."""
+        out: NDArray[np.int32] = (
+            nodes[..., None] * self.dim + np.arange(self.dim)
+        ).astype(PETSc.IntType)
+        return out
+
+    def _reference(self, contact_squared: float) -> float:
+        """Force that the convergence test compares with: the larger of contact and reactions."""
+        held = self.held_dofs()
+        local = np.array([contact_squared, float(np.sum(self.unbalanced[held] ** 2))])
+        total = np.empty_like(local)
+        self.comm.Allreduce(local, total, op=MPI.SUM)
+        return max(float(np.sqrt(total.max())), *(abs(p.force) for p in self.platens), 0.0)
+
+    def _balance_platen(self, platen: Platen, values: Floats, at: Floats) -> None:
+        """Row of the leading unknown: sum of forces; of the others: follow the leader."""
+        total = self.comm.allreduce(float(values[platen.dofs].sum()), op=MPI.SUM)
+        leader = int(platen.all_dofs[0]) - self.first
+        owner = 0 <= leader < self.owned
+        lead = self.comm.allreduce(float(at[leader]) if owner else 0.0, op=MPI.SUM)
+        values[platen.dofs] = at[platen.dofs] - lead
+        if owner:
+            values[leader] = total - platen.force
+
+    # -- tangent ------------------------------------------------------------------------------
+
+    def jacobian(self, snes: PETSc.SNES | None, x: PETSc.Vec, A: PETSc.Mat, P: PETSc.Mat) -> None:
+        """Exact tangent at ``x`` into ``A``; the SNES Jacobian. ``P`` is the same matrix."""
+        self.assemble_tangent(x, A)
+        with self.timer("assembly"):
+            A.zeroRowsColumns(self.held_dofs() + self.first, 1.0)
+
+    def assemble_tangent(self, x: PETSc.Vec, A: PETSc.Mat) -> None:
+        """Tangent at ``x`` with all rows free but those that follow a platen; collective."""
+        if not np.array_equal(self.u.x.array[: self.owned], x.array_r):
+            self.spread(x)
+        with self.timer("contact"):
+            self.trials = [term.evaluate(x, self.dt) for term in self.contacts]
+            self._keep_pattern(A)
+            blocks = [t.tangent(r) for t, r in zip(self.contacts, self.trials, strict=True)]
+        with self.timer("assembly"):
+            A.zeroEntries()
+            self._assemble_forms(A)
+        with self.timer("contact"):
+            for nodes, values in blocks:
+                self._add_blocks(A, nodes, values)
+            self._follow_platens(A)
+            A.assemble()
+
+    def _assemble_forms(self, A: PETSc.Mat) -> None:
+        forms = [part.tangent for solid in self.solids for part in solid.forms]
+        forms += [p.tangent for p in self.pressures if p.value.value != 0.0]
+        for form in forms:
+            constants = _cpp.fem.pack_constants(form._cpp_object)
+            coefficients = _cpp.fem.pack_coefficients(form._cpp_object)
+            _cpp.fem.petsc.assemble_matrix(
+                A, form._cpp_object, constants, coefficients, [], bool(self.platens)
+            )
+
+    def _add_blocks(self, A: PETSc.Mat, nodes: Longs, blocks: Floats | None) -> None:
+        """Add point blocks (q, m, i, n, j) (None: zeros, for the pattern) to global rows."""
+        q, m = nodes.shape
+        dofs = self._expand(nodes).reshape(q, m * self.dim)
+        for platen in self.platens:
+            dofs = np.where(np.isin(dofs, platen.all_dofs), platen.all_dofs[0], dofs)
+        rows, inverse = np.unique(dofs, return_inverse=True)
+        inverse = inverse.reshape(dofs.shape)
+        row = np.repeat(inverse, m * self.dim, axis=1).reshape(-1)
+        column = np.tile(inverse, (1, m * self.dim)).reshape(-1)
+        values = np.zeros(len(row)) if blocks is None else blocks.reshape(-1)
+        csr = scipy.sparse.csr_matrix((values, (row, column)), shape=(len(rows), len(rows)))
+        A.setValuesIJV(
+            csr.indptr.astype(PETSc.IntType),
+            rows[csr.indices].astype(PETSc.IntType),
+            csr.data,
+            addv=PETSc.InsertMode.ADD_VALUES,
+            rowmap=rows.astype(PETSc.IntType),
+        )
+
+    def _follow_platens(self, A: PETSc.Mat) -> None:
+        """Rows u_i − u_leader = 0 of the unknowns that follow a platen."""
+        for platen in self.platens:
+            rows = (platen.dofs.astype(np.int64) + self.first).astype(PETSc.IntType)
+            rows = rows[rows != platen.all_dofs[0]]
+            columns = np.stack([rows, np.full_like(rows, platen.all_dofs[0])], axis=1)
+            A.setValuesIJV(
+                np.arange(0, 2 * len(rows) + 1, 2, dtype=PETSc.IntType),
+                columns.reshape(-1),
+                np.tile([1.0, -1.0], len(rows)),
+                addv=PETSc.InsertMode.ADD_VALUES,
+                rowmap=rows,
+            )
+
+    # -- pattern ------------------------------------------------------------------------------
+
+    def new_matrix(self, x: PETSc.Vec) -> PETSc.Mat:
+        """The tangent's matrix with room for solids, platens and the contact at ``x``."""
+        self.trials = [term.evaluate(x, self.dt) for term in self.contacts]
+        # The pattern of a form over all cells: those of the solids each see one body.
+        trial, test = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
+        whole = dolfinx.fem.form(ufl.inner(trial, test) * ufl.dx(metadata={"quadrature_degree": 1}))
+        A = dolfinx.fem.petsc.assemble_matrix(whole)
+        A.assemble()
+        self._widen(A)
+        return A
+
+    def _keep_pattern(self, A: PETSc.Mat) -> None:
+        """Widen the pattern when a point's master facet has left its window; collective."""
+        missing = False
+        for term, trial, (low, high) in zip(
+            self.contacts, self.trials, self._windows, strict=True
+        ):
+            at = _window_positions(term, trial)
+            slave = term.surface.slave.facet
+            missing |= bool(np.any((at < low[slave, None]) | (at > high[slave, None])))
+        if self.comm.allreduce(missing, op=MPI.LOR):
+            with self.timer("pattern"):
+                self._widen(A)
+
+    def _widen(self, A: PETSc.Mat) -> None:
+        """Give ``A`` zeros wherever solids, platens and contact windows may add; collective."""
+        self.pattern_changes += 1
+        extra = PETSc.Mat().create(comm=self.comm)
+        extra.setSizes(A.getSizes())
+        extra.setBlockSize(self.dim)
+        extra.setType(PETSc.Mat.Type.AIJ)
+        extra.setUp()
+        extra.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
+        self._windows = []
+        for term, trial in zip(self.contacts, self.trials, strict=True):
+            low, high = _windows(term, trial)
+            self._windows.append((low, high))
+            nodes = _window_nodes(term, low, high)
+            if len(nodes):
+                self._add_blocks(extra, nodes, None)
+        if self.platens:
+            self._platen_pattern(A, extra)
+        extra.assemble()
+        rows, columns = A.getLGMap()
+        A.axpy(1.0, extra, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        extra.destroy()
+        if self.platens:
+            rows = columns = self._condensed_map()
+        A.setLGMap(rows, columns)
+        A.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, True)
+
+    def _platen_pattern(self, A: PETSc.Mat, extra: PETSc.Mat) -> None:
+        """Room for rows and columns that are renumbered onto a platen's leading unknown."""
+        indptr, columns, _ = A.getValuesCSR()
+        rows = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr)) + self.first
+        target_row, target_column = rows.copy(), columns.astype(np.int64)
+        for platen in self.platens:
+            target_row[np.isin(rows, platen.all_dofs)] = platen.all_dofs[0]
+            target_column[np.isin(columns, platen.all_dofs)] = platen.all_dofs[0]
+        moved = (target_row != rows) | (target_column != columns)
+        pairs = np.unique(np.stack([target_row[moved], target_column[moved]], axis=1), axis=0)
+        leaders, start = np.unique(pairs[:, 0], return_index=True)
+        extra.setValuesIJV(
+            np.append(start, len(pairs)).astype(PETSc.IntType),
+            pairs[:, 1].astype(PETSc.IntType),
+            np.zeros(len(pairs)),
+            addv=PETSc.InsertMode.ADD_VALUES,
+            rowmap=leaders.astype(PETSc.IntType),
+        )
+        self._follow_platens(extra)
+
+    def _condensed_map(self) -> PETSc.LGMap:
+        """Local to global numbering with every platen's unknowns sent to its leader."""
+        imap = self.space.dofmap.index_map
+        nodes = imap.local_to_global(
+            np.arange(imap.size_local + imap.num_ghosts, dtype=np.int32)
+        )
+        dofs = self._expand(nodes.astype(np.int64)).reshape(-1)
+        for platen in self.platens:
+            dofs = np.where(np.isin(dofs, platen.all_dofs), platen.all_dofs[0], dofs)
+        return PETSc.LGMap().create(dofs.astype(PETSc.IntType), bsize=1, comm=self.comm)
+
+
+MARGIN = 3  # facets beyond those in use on either side that a window includes
+
+
+def _window_positions(term: ContactTerm, trial: ContactTrial) -> Ints:
+    """Chain positions (q, 2) of the facets each point touches, today and at the last step."""
+    chain = term.surface.polyline.chain
+    facets = np.stack([trial.projection.facet, term.state.facet], axis=1)
+    out: Ints = chain[facets]
+    return out
+
+
+def _windows(term: ContactTerm, trial: ContactTrial) -> tuple[Ints, Ints]:
+    """First and last chain position that each slave facet's window includes."""
+    at = _window_positions(term, trial)
+    slave = term.surface.slave.facet
+    count = int(slave.max()) + 1 if len(slave) else 0
+    last = len(term.surface.polyline.chain) - 1
+    low = np.full(count, last, dtype=np.int32)
+    high = np.zeros(count, dtype=np.int32)
+    np.minimum.at(low, slave, at.min(axis=1))
+    np.maximum.at(high, slave, at.max(axis=1))
+    return np.maximum(low - MARGIN, 0), np.minimum(high + MARGIN, last)
+
+
+def _window_nodes(term: ContactTerm, low: Ints, high: Ints) -> Longs:
+    """Global nodes (s, m) of each slave facet and of the master facets of its window."""
+    if not len(low):
+        return np.empty((0, 0), dtype=np.int64)
+    surface = term.surface
+    _, first = np.unique(surface.slave.facet, return_index=True)
+    width = int((high - low).max()) + 1
+    at = np.minimum(low[:, None] + np.arange(width), high[:, None])
+    facets = surface.polyline.at_position[at]
+    master = surface.master.nodes[surface.master.facets[facets]].reshape(len(low), -1)
+    return np.concatenate([surface.slave.nodes[first], master], axis=1)

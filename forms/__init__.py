@@ -1,0 +1,1 @@
+"""What things obey: solids, the contact term and the friction law."""

@@ -1,0 +1,201 @@
+r"""Plain Coulomb friction with an elastic tangential stiffness, and no friction at all."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forms.friction import (
+    Dissipation,
+    FrictionResponse,
+    FrictionState,
+    Regime,
+    require_time_step,
+)
+from forms.return_mapping import Returned, components_first, dot, return_mapping
+from forms.slip_weakening import SlipWeakening
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CoulombParameters:
+    """Parameters of Coulomb friction.
+
+    Attributes:
+        mu: Coefficient of friction, >= 0.
+        K_T: Pa/m, elastic tangential stiffness (or penalty), > 0.
+
+    Raises:
+        ValueError: A value is not allowed; the message names field, value and what is allowed.
+    """
+
+    mu: float
+    K_T: float
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.mu) and self.mu >= 0.0):
+            raise ValueError(
+                f"mu = {self.mu!r} is not allowed: expected a finite number of at least 0"
+            )
+        if not (math.isfinite(self.K_T) and self.K_T > 0.0):
+            raise ValueError(f"K_T = {self.K_T!r} is not allowed: expected a finite number above 0")
+
+
+@dataclass(frozen=True, slots=True)
+class CoulombLaw:
+    r"""Coulomb friction (a ``FrictionLaw``): T = K_T g_e, |T| <= mu t_N.
+
+    The elastic slip :math:`g_e` grows with the slip until :math:`K_T |g_e| = \mu t_N`; the rest of
+    the slip is permanent. The film plays no role.
+
+    Attributes:
+        parameters: Its parameters.
+    """
+
+    parameters: CoulombParameters
+
+    def initial_state(self, n: int, dim: int) -> FrictionState:
+        """State of n points that have never been in contact, in dim space dimensions."""
+        return FrictionState.zeros(n, dim)
+
+    def stored_energy(self, state: FrictionState) -> Floats:
+        """Elastic energy of the slip, psi = K_T/2 |g_e|^2, (q,), J/m^2."""
+        g = state.elastic_slip.T
+        return 0.5 * self.parameters.K_T * dot(g, g)
+
+    def update(
+        self,
+        slip_increment: Floats,
+        dt: float,
+        pressure: Floats,
+        film: Floats,
+        state: FrictionState,
+        *,
+        area_stretch: Floats | float = 1.0,
+        rate_dependent: bool = True,
+    ) -> FrictionResponse:
+        """Traction, derivatives and trial state of one step; see ``FrictionLaw.update``."""
+        require_time_step(dt, rate_dependent)
+        mu, K_T = self.parameters.mu, self.parameters.K_T
+        slip, before, closed = _in_contact(slip_increment, pressure, state)
+        trial = before + slip
+        returned = return_mapping(
+            trial, K_T, pressure, state.slip_path, SlipWeakening(mu_s=mu, mu_d=mu)
+        )
+        block = returned.derivative(len(slip)).transpose(2, 0, 1)
+        regime = np.where(returned.slipping, Regime.SLIP, Regime.STICK).astype(np.int8)
+        regime[~closed] = Regime.OPEN
+        return FrictionResponse(
+            traction=(returned.secant * trial).T,
+            d_traction_d_slip=block,
+            d_traction_d_elastic=block.copy(),
+            d_traction_d_pressure=(returned.d_pressure * returned.direction).T,
+            d_traction_d_film=np.zeros(slip_increment.shape),
+            state=_next_state(
+                returned.elastic_slip, returned.slip, slip, dt, closed, state, rate_dependent
+            ),
+            regime=regime,
+            dissipation=self._dissipation(returned, before, closed, state),
+        )
+
+    def _dissipation(
+        self,
+        returned: Returned,
+        before: Floats,
+        closed: NDArray[np.bool_],
+        state: FrictionState,
+    ) -> Dissipation:
+        change = returned.elastic_slip - before
+        none = np.zeros_like(returned.slip)
+        return Dissipation(
+            coulomb=returned.slip * returned.secant * returned.length,
+            viscous=none,
+            switching=none.copy(),
+            numerical=0.5 * self.parameters.K_T * dot(change, change),
+            opening=np.where(closed, 0.0, self.stored_energy(state)),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class FrictionlessLaw:
+    """No tangential traction (a ``FrictionLaw``); points in contact slip freely."""
+
+    def initial_state(self, n: int, dim: int) -> FrictionState:
+        """State of n points that have never been in contact, in dim space dimensions."""
+        return FrictionState.zeros(n, dim)
+
+    def stored_energy(self, state: FrictionState) -> Floats:
+        """Zero, (q,), J/m^2."""
+        return np.zeros_like(state.slip_path)
+
+    def update(
+        self,
+        slip_increment: Floats,
+        dt: float,
+        pressure: Floats,
+        film: Floats,
+        state: FrictionState,
+        *,
+        area_stretch: Floats | float = 1.0,
+        rate_dependent: bool = True,
+    ) -> FrictionResponse:
+        """No traction; the state counts the slip. See ``FrictionLaw.update``."""
+        require_time_step(dt, rate_dependent)
+        slip, _, closed = _in_contact(slip_increment, pressure, state)
+        n, dim = slip_increment.shape
+        regime = np.where(closed, Regime.SLIP, Regime.OPEN).astype(np.int8)
+        return FrictionResponse(
+            traction=np.zeros((n, dim)),
+            d_traction_d_slip=np.zeros((n, dim, dim)),
+            d_traction_d_elastic=np.zeros((n, dim, dim)),
+            d_traction_d_pressure=np.zeros((n, dim)),
+            d_traction_d_film=np.zeros((n, dim)),
+            state=_next_state(
+                np.zeros_like(slip),
+                np.sqrt(dot(slip, slip)),
+                slip,
+                dt,
+                closed,
+                state,
+                rate_dependent,
+            ),
+            regime=regime,
+            dissipation=Dissipation(*(np.zeros(n) for _ in range(5))),
+        )
+
+
+def _in_contact(
+    slip_increment: Floats, pressure: Floats, state: FrictionState
+) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    """Slip and old elastic slip, (i, q), zero at open points; and which points are closed."""
+    slip = components_first(slip_increment)
+    before = components_first(state.elastic_slip)
+    closed = pressure > 0.0
+    if not closed.all():
+        slip[:, ~closed] = 0.0
+        before[:, ~closed] = 0.0
+    return slip, before, closed
+
+
+def _next_state(
+    elastic: Floats,
+    permanent: Floats,
+    slip: Floats,
+    dt: float,
+    closed: NDArray[np.bool_],
+    state: FrictionState,
+    rate_dependent: bool,
+) -> FrictionState:
+    """State after a step without a film."""
+    moved = np.sqrt(dot(slip, slip))
+    return FrictionState(
+        elastic_slip=np.ascontiguousarray(elastic.T),
+        slip_path=state.slip_path + permanent,
+        alpha=np.zeros_like(moved),
+        speed=moved / dt if rate_dependent else np.zeros_like(moved),
+        closed=closed,
+    )

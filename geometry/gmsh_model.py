@@ -1,0 +1,281 @@
+"""A quiet gmsh session, and the checks a gmsh model must pass before it becomes a mesh.
+
+Everything here runs on one process. gmsh is imported only when a session is opened, so that
+commands that need no mesh do not load it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+PLANE_TOLERANCE = 1e-9
+"""Largest |z| of a plane mesh, relative to its size in the plane."""
+
+_CELLS = {2: "triangle", 3: "quadrilateral", 4: "tetrahedron", 5: "hexahedron"}
+_ENTITY = {0: "point", 1: "curve", 2: "face", 3: "volume"}
+
+
+class MeshError(ValueError):
+    """A mesh, or a name looked up in it, cannot be used; the message is one line."""
+
+
+@dataclass(frozen=True, slots=True)
+class NamedGroups:
+    """The named parts of a gmsh model.
+
+    Attributes:
+        dim: Dimension of the cells, 2 or 3.
+        bodies: Physical tag of each named group of cells.
+        surfaces: Physical tag of each named group of facets.
+        facet_counts: Number of facets of each named group of facets.
+    """
+
+    dim: int
+    bodies: dict[str, int]
+    surfaces: dict[str, int]
+    facet_counts: dict[str, int]
+
+
+@contextmanager
+def gmsh_session(name: str) -> Iterator[ModuleType]:
+    """A fresh gmsh model called ``name``; it is removed and gmsh left as found at the end.
+
+    A session of the caller's own is used and stays open. gmsh prints nothing, reads no personal
+    options file and does not take over Ctrl-C, so a mesh does not depend on whose machine it is
+    made on.
+
+    Args:
+        name: Name of the new model.
+
+    Yields:
+        The module ``gmsh``, with the new model current.
+    """
+    import gmsh
+
+    ours = not gmsh.isInitialized()
+    if ours:
+        gmsh.initialize(readConfigFiles=False, interruptible=False)
+    terminal = gmsh.option.getNumber("General.Terminal")
+    previous = gmsh.model.getCurrent()
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.model.add(name)
+        yield gmsh
+    finally:
+        if ours:
+            gmsh.finalize()
+        else:
+            gmsh.model.remove()
+            gmsh.model.setCurrent(previous)
+            gmsh.option.setNumber("General.Terminal", terminal)
+
+
+def open_msh(gmsh: ModuleType, path: Path) -> None:
+    """Read a ``.msh`` file into the current model.
+
+    The header is checked first: gmsh chooses what to do with a file by its name and would run the
+    commands of a script.
+
+    Args:
+        gmsh: The module, from ``gmsh_session``.
+        path: The file.
+
+    Raises:
+        MeshError: If the file is missing, is not a mesh file of version 2 or 4, or is damaged.
+    """
+    formats = "meshes are read from gmsh's .msh files, version 2 or 4"
+    if not path.is_file():
+        raise MeshError(f"{path}: no such file")
+    if path.suffix.lower() != ".msh":
+        raise MeshError(f"{path}: {formats}")
+    version = _msh_version(path)
+    if version is None:
+        raise MeshError(f"{path}: not a gmsh mesh ($MeshFormat is missing); {formats}")
+    if version.split(".")[0] not in ("2", "4"):
+        raise MeshError(f"{path}: a .msh file of version {version}; {formats}")
+    try:
+        gmsh.merge(str(path))
+    # gmsh raises nothing more specific than Exception.
+    except Exception as error:
+        raise MeshError(f"{path}: gmsh cannot read it: {' '.join(str(error).split())}") from error
+
+
+def named_groups(gmsh: ModuleType, source: str) -> NamedGroups:
+    """Check the current model and return its named parts.
+
+    Nodes are renumbered without holes and groups of points (in 3D also of curves) are dropped:
+    DOLFINx stumbles over both.
+
+    Args:
+        gmsh: The module, from ``gmsh_session``.
+        source: What the messages call the model, for instance its file.
+
+    Returns:
+        The names and tags of bodies and surfaces.
+
+    Raises:
+        MeshError: If the model has no cells or no named groups, if a cell is in no body or an
+            entity in two groups, if cells are mixed, of higher order, folded or listed twice, or
+            if a plane mesh does not lie in z = 0.
+    """
+    dim = _cell_dimension(gmsh, source)
+    groups = gmsh.model.getPhysicalGroups()
+    if not any(d in (dim, dim - 1) for d, _ in groups):
+        raise MeshError(
+            f"{source}: no physical groups; name the bodies ({_ENTITY[dim]}s) and their surfaces "
+            f"({_ENTITY[dim - 1]}s) in gmsh, and save without Mesh.SaveAll, which can drop them"
+        )
+    _check_one_group_each(gmsh, dim, source)
+    bodies = _names(gmsh, dim, source)
+    surfaces = _names(gmsh, dim - 1, source)
+    _check_all_cells_named(gmsh, dim, source)
+    low = [(d, tag) for d, tag in groups if d < dim - 1]
+    if low:  # an empty list would remove all groups
+        gmsh.model.removePhysicalGroups(low)
+    gmsh.model.mesh.renumberNodes()
+    _check_cells(gmsh, dim, source)
+    if dim == 2:
+        _check_plane(gmsh, source)
+    counts = {name: _check_facets(gmsh, dim, tag, name, source) for name, tag in surfaces.items()}
+    return NamedGroups(dim, bodies, surfaces, counts)
+
+
+def _msh_version(path: Path) -> str | None:
+    """The version in the ``$MeshFormat`` line, None if there is none near the start."""
+    with path.open("rb") as file:
+        start = file.read(1 << 16)
+    words = start.partition(b"$MeshFormat")[2].split(maxsplit=1)
+    return words[0].decode("ascii", "replace") if words else None
+
+
+def _cell_dimension(gmsh: ModuleType, source: str) -> int:
+    """The highest dimension that has elements, 2 or 3."""
+    for dim in (3, 2):
+        if len(gmsh.model.mesh.getElementTypes(dim)):
+            return dim
+    raise MeshError(f"{source}: the mesh has no faces and no volumes")
+
+
+def _check_one_group_each(gmsh: ModuleType, dim: int, source: str) -> None:
+    """Each entity may carry one physical tag only: a cell or facet keeps a single tag."""
+    for d, entity in gmsh.model.getEntities(dim) + gmsh.model.getEntities(dim - 1):
+        tags = gmsh.model.getPhysicalGroupsForEntity(d, entity)
+        if len(tags) > 1:
+            names = " and ".join(repr(gmsh.model.getPhysicalName(d, tag) or tag) for tag in tags)
+            raise MeshError(
+                f"{source}: {_ENTITY[d]} {entity} is in the physical groups {names}; "
+                "it may be in one only"
+            )
+
+
+def _names(gmsh: ModuleType, dim: int, source: str) -> dict[str, int]:
+    """The physical groups of dimension ``dim`` by name."""
+    found: dict[str, int] = {}
+    for _, tag in gmsh.model.getPhysicalGroups(dim):
+        name = gmsh.model.getPhysicalName(dim, tag).strip()
+        if not name:
+            raise MeshError(
+                f"{source}: physical group {tag} ({_ENTITY[dim]}s) has no name; every body and "
+                "surface needs one"
+            )
+        if name in found:
+            raise MeshError(
+                f"{source}: the physical groups {found[name]} and {tag} ({_ENTITY[dim]}s) are "
+                f"both named {name!r}"
+            )
+        found[name] = int(tag)
+    return found
+
+
+def _check_all_cells_named(gmsh: ModuleType, dim: int, source: str) -> None:
+    """Every cell must belong to a body, otherwise it would silently be left out."""
+    missing = 0
+    for _, entity in gmsh.model.getEntities(dim):
+        if not len(gmsh.model.getPhysicalGroupsForEntity(dim, entity)):
+            missing += sum(len(tags) for tags in gmsh.model.mesh.getElements(dim, entity)[1])
+    if missing:
+        raise MeshError(
+            f"{source}: {missing} cells are in no named body; put every {_ENTITY[dim]} that is "
+            "meshed into a physical group"
+        )
+
+
+def _check_cells(gmsh: ModuleType, dim: int, source: str) -> None:
+    """Cells must be of one kind, of first order, each listed once and not folded."""
+    types = gmsh.model.mesh.getElementTypes(dim)
+    described = ", ".join(gmsh.model.mesh.getElementProperties(t)[0] for t in types)
+    if any(gmsh.model.mesh.getElementProperties(t)[2] != 1 for t in types):
+        raise MeshError(
+            f"{source}: cells of higher order ({described}); only first order is read, with "
+            "straight edges (in gmsh: Mesh.ElementOrder = 1)"
+        )
+    if len(types) > 1:
+        raise MeshError(f"{source}: cells of several kinds ({described}); use one kind only")
+    if types[0] not in _CELLS:
+        raise MeshError(
+            f"{source}: cells are of the kind {described}; allowed are {', '.join(_CELLS.values())}"
+        )
+    tags, nodes = gmsh.model.mesh.getElementsByType(types[0])
+    repeated = _repeated(_rows(gmsh, types[0], nodes))
+    if repeated:
+        raise MeshError(f"{source}: {repeated} cells are listed twice")
+    low = np.asarray(gmsh.model.mesh.getElementQualities(tags, "minDetJac"))
+    high = np.asarray(gmsh.model.mesh.getElementQualities(tags, "maxDetJac"))
+    # Cells numbered clockwise have two negative values: fine for DOLFINx.
+    folded = int(np.count_nonzero(~(np.sign(low) * np.sign(high) > 0.0)))
+    if folded:
+        raise MeshError(f"{source}: {folded} cells are folded or without extent")
+
+
+def _check_facets(gmsh: ModuleType, dim: int, tag: int, name: str, source: str) -> int:
+    """Facets of a surface must be of one kind and listed once; returns their number."""
+    rows: list[npt.NDArray[np.int64]] = []
+    for entity in gmsh.model.getEntitiesForPhysicalGroup(dim - 1, tag):
+        types, _, nodes = gmsh.model.mesh.getElements(dim - 1, entity)
+        if len(types) == 0:
+            raise MeshError(
+                f"{source}: surface {name!r} contains {_ENTITY[dim - 1]} {entity}, "
+                "which is not meshed"
+            )
+        if len(types) > 1:
+            raise MeshError(f"{source}: surface {name!r} has facets of several kinds")
+        rows.append(_rows(gmsh, types[0], nodes[0]))
+    if len({r.shape[1] for r in rows}) > 1:
+        raise MeshError(f"{source}: surface {name!r} has facets of several kinds")
+    facets = np.concatenate(rows)
+    repeated = _repeated(facets)
+    if repeated:
+        raise MeshError(f"{source}: {repeated} facets of surface {name!r} are listed twice")
+    return len(facets)
+
+
+def _check_plane(gmsh: ModuleType, source: str) -> None:
+    """A mesh of faces must lie in the plane z = 0; nodes of no cell do not count."""
+    nodes = np.concatenate(gmsh.model.mesh.getElements(2)[2])
+    tags, x, _ = gmsh.model.mesh.getNodes()
+    x = np.asarray(x).reshape(-1, 3)[np.isin(tags, nodes)]
+    size = float(np.ptp(x[:, :2], axis=0).max())
+    if np.abs(x[:, 2]).max() <= PLANE_TOLERANCE * size:
+        return
+    low, high = float(x[:, 2].min()), float(x[:, 2].max())
+    where = f"z = {low:g}" if high - low <= PLANE_TOLERANCE * size else f"z = {low:g} to {high:g}"
+    raise MeshError(f"{source}: a mesh of faces must lie in the plane z = 0; it has {where}")
+
+
+def _rows(gmsh: ModuleType, element_type: int, nodes: Any) -> npt.NDArray[np.int64]:
+    """Node tags by element: shape (number of elements, nodes of one)."""
+    per_element = gmsh.model.mesh.getElementProperties(element_type)[3]
+    return np.asarray(nodes, dtype=np.int64).reshape(-1, per_element)
+
+
+def _repeated(rows: npt.NDArray[np.int64]) -> int:
+    """How many elements have the same nodes as an earlier one, in whatever order."""
+    return len(rows) - len(np.unique(np.sort(rows, axis=1), axis=0))

@@ -1,0 +1,247 @@
+"""The built-in geometry: a rectangular block resting on another, meshed by gmsh.
+
+The lower block's top lies on y = 0 with its left end at x = 0; the upper block's bottom lies on
+y = gap. The blocks share no nodes, also when they touch.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+from geometry.gmsh_model import gmsh_session
+
+MAX_CELLS = 10_000_000
+"""More cells than this in one block are taken for a mistake in the element size."""
+
+ROUND_OFF = 1.0 + 1e-9
+"""1 mm in steps of 0.1 mm is 10 steps, not 11."""
+
+CELLS = ("quadrilateral", "triangle")
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """One rectangular block and how finely it is meshed.
+
+    Either ``elements`` or ``size`` is given. Element heights form a geometric progression from the
+    contact side, which has the height h, to the far side, which has the height ``grading`` * h.
+
+    Attributes:
+        width: Extent in x, m.
+        height: Extent in y, m.
+        elements: Number of elements along x and along y.
+        size: Largest element width, and largest element height at the contact side, m.
+        grading: Element height at the far side over that at the contact side; above 1 refines
+            towards the contact.
+
+    Raises:
+        ValueError: If a value is out of its range; the message names field, value and range.
+    """
+
+    width: float
+    height: float
+    elements: tuple[int, int] | None = None
+    size: float | None = None
+    grading: float = 1.0
+
+    def __post_init__(self) -> None:
+        for field in ("width", "height", "grading"):
+            _check_positive(field, getattr(self, field))
+        if (self.elements is None) == (self.size is None):
+            raise ValueError("give either elements or size of a block, not both and not none")
+        if self.elements is not None:
+            _check_counts(self.elements, self.grading)
+        if self.size is not None:
+            _check_positive("size", self.size)
+            least = max(self.width, self.height) / MAX_CELLS
+            if self.size < least:
+                raise ValueError(f"size = {self.size} m is not allowed; at least {least:g} m")
+        nx, ny = self.counts()
+        if nx * ny > MAX_CELLS:
+            raise ValueError(f"a block of {nx} x {ny} cells is not allowed; at most {MAX_CELLS}")
+
+    def counts(self) -> tuple[int, int]:
+        """Number of elements along x and along y."""
+        if self.elements is not None:
+            return self.elements
+        assert self.size is not None
+        return _ceil(self.width / self.size), self._layers(self.size)
+
+    def ratio(self) -> float:
+        """Height of an element over that of its neighbour on the contact side."""
+        layers = self.counts()[1]
+        return float(self.grading ** (1.0 / (layers - 1))) if layers > 1 else 1.0
+
+    def _layers(self, size: float) -> int:
+        """The fewest layers whose height at the contact side is at most ``size``.
+
+        The heights of n layers sum to h (1 + q + ... + q^(n-1)) with q^(n-1) = grading, and this
+        sum grows with n, so the count can be bisected.
+        """
+        if self.grading == 1.0:
+            return _ceil(self.height / size)
+        low, high = 1, 2
+        while self.height / self._layer_sum(high) > size * ROUND_OFF:
+            low, high = high, 2 * high
+        while high - low > 1:
+            middle = (low + high) // 2
+            fits = self.height / self._layer_sum(middle) <= size * ROUND_OFF
+            low, high = (low, middle) if fits else (middle, high)
+        return high
+
+    def _layer_sum(self, layers: int) -> float:
+        """1 + q + ... + q^(layers-1), written without cancellation for q near 1."""
+        log_q = math.log(self.grading) / (layers - 1)
+        return math.expm1(layers * log_q) / math.expm1(log_q)
+
+
+@dataclass(frozen=True, slots=True)
+class TwoBlocks:
+    """A block on a block.
+
+    Attributes:
+        upper: The block above (an elastomer, if not named otherwise).
+        lower: The block below (aluminium, if not named otherwise).
+        offset: x of the upper block's left side, m; by default the blocks are centred.
+        gap: Distance between the blocks, m; 0 lets them touch exactly.
+        cell: "quadrilateral" (a regular grid) or "triangle" (the same grid, each cell cut by a
+            diagonal of alternating direction).
+        upper_name: Name of the upper body and first part of its surfaces' names.
+        lower_name: Name of the lower body and first part of its surfaces' names.
+
+    Raises:
+        ValueError: If a value is out of its range; the message names field, value and range.
+    """
+
+    upper: Block
+    lower: Block
+    offset: float | None = None
+    gap: float = 0.0
+    cell: str = "quadrilateral"
+    upper_name: str = "elastomer"
+    lower_name: str = "aluminium"
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.gap) and self.gap >= 0.0):
+            raise ValueError(f"gap = {self.gap} m is not allowed; it must be finite and >= 0")
+        left, low, high = self.left(), -self.upper.width, self.lower.width
+        if not low < left < high:
+            raise ValueError(
+                f"offset = {left} m is not allowed; between {low} and {high} m the blocks overlap"
+            )
+        if self.cell not in CELLS:
+            raise ValueError(f"cell = {self.cell!r} is not allowed; choose from {', '.join(CELLS)}")
+        if self.upper_name == self.lower_name or not (self.upper_name and self.lower_name):
+            raise ValueError(
+                f"the bodies are named {self.upper_name!r} and {self.lower_name!r}; "
+                "they need two different names"
+            )
+
+    def left(self) -> float:
+        """Position x of the upper block's left side, m."""
+        if self.offset is None:
+            return 0.5 * (self.lower.width - self.upper.width)
+        return self.offset
+
+
+def build(blocks: TwoBlocks) -> None:
+    """Draw and mesh the blocks in the current gmsh model.
+
+    The physical groups are the two bodies and, with U and L for their names, the curves
+    ``U_contact``, ``L_contact``, ``top`` (of U), ``bottom`` (of L), ``U_left``, ``U_right``,
+    ``L_left`` and ``L_right``.
+
+    Args:
+        blocks: What to draw.
+    """
+    import gmsh
+
+    upper = _draw(blocks.upper, blocks.left(), blocks.gap, blocks.upper.height, blocks.cell)
+    lower = _draw(blocks.lower, 0.0, 0.0, -blocks.lower.height, blocks.cell)
+    gmsh.model.geo.synchronize()
+    pairs = ((blocks.upper_name, "top", upper), (blocks.lower_name, "bottom", lower))
+    for tag, (name, _, sides) in enumerate(pairs, start=1):
+        gmsh.model.addPhysicalGroup(2, [sides["face"]], tag, name)
+    # Tags of curves go on from those of the faces: no number means two things.
+    tag = len(pairs)
+    for name, far, sides in pairs:
+        for side in ("contact", "far", "left", "right"):
+            tag += 1
+            group = far if side == "far" else f"{name}_{side}"
+            gmsh.model.addPhysicalGroup(1, [sides[side]], tag, group)
+    gmsh.model.mesh.generate(2)
+
+
+def write_msh(blocks: TwoBlocks, path: Path) -> None:
+    """Write the blocks as a gmsh file of version 4.1; to be called on one process.
+
+    The file appears under its name only when it is complete.
+
+    Args:
+        blocks: What to write.
+        path: The file, ending in ``.msh``, in an existing directory.
+
+    Raises:
+        ValueError: If the name does not end in ``.msh``.
+        FileNotFoundError: If the directory does not exist.
+    """
+    path = Path(path)
+    if path.suffix != ".msh":
+        raise ValueError(f"{path}: the name of a gmsh mesh file must end in .msh")
+    if not path.parent.is_dir():
+        raise FileNotFoundError(f"{path.parent}: no such directory")
+    partial = path.with_name(f".{path.stem}.partial.msh")
+    try:
+        with gmsh_session("two blocks") as gmsh:
+            build(blocks)
+            gmsh.option.setNumber("Mesh.MshFileVersion", 4.1)
+            gmsh.write(str(partial))
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def _draw(block: Block, x: float, y: float, height: float, cell: str) -> dict[str, int]:
+    """One block with its contact side on ``y``, extending by the signed ``height`` in y.
+
+    Side curves run away from the contact, as the progression of the element heights does.
+    """
+    import gmsh
+
+    geo = gmsh.model.geo
+    corners = [(x, y), (x + block.width, y), (x + block.width, y + height), (x, y + height)]
+    p = [geo.addPoint(px, py, 0.0) for px, py in corners]
+    near, far = geo.addLine(p[0], p[1]), geo.addLine(p[3], p[2])
+    left, right = geo.addLine(p[0], p[3]), geo.addLine(p[1], p[2])
+    loop = [near, right, -far, -left] if height > 0 else [left, far, -right, -near]
+    face = geo.addPlaneSurface([geo.addCurveLoop(loop)])
+    nx, ny = block.counts()
+    for curve in (near, far):
+        geo.mesh.setTransfiniteCurve(curve, nx + 1)
+    for curve in (left, right):
+        geo.mesh.setTransfiniteCurve(curve, ny + 1, "Progression", block.ratio())
+    geo.mesh.setTransfiniteSurface(face, "AlternateLeft")
+    if cell == "quadrilateral":
+        geo.mesh.setRecombine(2, face)
+    return {"face": face, "contact": near, "far": far, "left": left, "right": right}
+
+
+def _ceil(value: float) -> int:
+    """The next integer up, but for round-off."""
+    return max(1, math.ceil(value / ROUND_OFF))
+
+
+def _check_positive(field: str, value: float) -> None:
+    if not (math.isfinite(value) and value > 0.0):
+        raise ValueError(f"{field} = {value} is not allowed; it must be finite and > 0")
+
+
+def _check_counts(elements: tuple[int, int], grading: float) -> None:
+    if len(elements) != 2 or any(int(n) != n or n < 1 for n in elements):
+        raise ValueError(f"elements = {list(elements)} is not allowed; give two integers >= 1")
+    if elements[1] == 1 and grading != 1.0:
+        raise ValueError(
+            f"grading = {grading} is not allowed with one element in y; it takes two or more"
+        )

@@ -1,0 +1,120 @@
+"""The picture of a mesh: complete, labelled, and the same from several processes."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import dolfinx
+import numpy as np
+import pytest
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.image import imread
+from mpi4py import MPI
+
+from geometry.mesh import MeshError, NamedMesh, generate
+from geometry.picture import draw, save_picture
+from geometry.two_blocks import Block, TwoBlocks
+
+ROOT = Path(__file__).resolve().parents[2]
+BLOCKS = TwoBlocks(Block(1.0e-3, 0.5e-3, (8, 4)), Block(2.0e-3, 0.4e-3, (13, 5)))
+
+
+def area(polygon):
+    """The area of one closed polygon (n, 2); zero or wrong if its corners are not in order."""
+    x, y = polygon[:, 0], polygon[:, 1]
+    return 0.5 * abs(float(np.dot(x[:-1], y[1:]) - np.dot(x[1:], y[:-1])))
+
+
+def drawn(kind, named):
+    return [c for c in draw(named).axes[0].collections if isinstance(c, kind)]
+
+
+@pytest.mark.parametrize(("cell", "factor"), [("quadrilateral", 1), ("triangle", 2)])
+def test_every_cell_is_drawn_once(cell, factor):
+    named = generate(TwoBlocks(BLOCKS.upper, BLOCKS.lower, cell=cell), MPI.COMM_SELF)
+    bodies = drawn(PolyCollection, named)
+    assert [len(b.get_paths()) for b in bodies] == [factor * 32, factor * 65]
+    totals = [sum(area(p.vertices) for p in b.get_paths()) for b in bodies]
+    assert totals == pytest.approx([0.5, 0.8])  # mm^2
+    assert [f"{n} {cell}s" in b.get_label() for n, b in zip((32, 65), bodies, strict=True)]
+
+
+def test_surfaces_that_touch_are_drawn_apart_each_in_its_body():
+    lines = drawn(LineCollection, generate(BLOCKS, MPI.COMM_SELF))
+    heights = [np.concatenate(line.get_segments())[:, 1] for line in lines]
+    names = list(generate(BLOCKS, MPI.COMM_SELF).surfaces)
+    upper = heights[names.index("elastomer_contact")]
+    lower = heights[names.index("aluminium_contact")]
+    assert 0.0 < upper.min() and upper.max() < 0.05
+    assert -0.05 < lower.min() and lower.max() < 0.0
+
+
+@pytest.mark.parametrize("height", [0.01e-3, 0.5e-3, 9.0e-3])
+def test_every_surface_has_a_label_that_overlaps_no_other(height):
+    named = generate(
+        TwoBlocks(Block(1.0e-3, height, (8, 4)), Block(2.0e-3, height, (13, 5))), MPI.COMM_SELF
+    )
+    figure = draw(named)
+    figure.canvas.draw()
+    texts = figure.axes[0].texts
+    assert sorted(t.get_text() for t in texts) == sorted(named.surfaces)
+    boxes = [t.get_window_extent() for t in texts]
+    frame = figure.axes[0].get_window_extent()
+    for k, box in enumerate(boxes):
+        # An annotation's extent holds its leader line too: compare the place of the letters.
+        own = [texts[k].get_bbox_patch() or box]
+        assert own and frame.x0 <= box.x0 and box.x1 <= frame.x1
+    places = [(t.get_ha(), t.xyann[1]) for t in texts]
+    inch = np.diff(figure.axes[0].get_ylim())[0] / (frame.height / figure.dpi)
+    for side in ("left", "right"):
+        rows = np.sort([y for ha, y in places if ha == side])
+        assert np.diff(rows).min() > 0.2 * inch
+
+
+def test_saved_picture_is_an_image_and_nothing_else_is_left(tmp_path):
+    save_picture(generate(BLOCKS, MPI.COMM_SELF), tmp_path / "mesh.png", title="Blocks")
+    assert [p.name for p in tmp_path.iterdir()] == ["mesh.png"]
+    image = imread(tmp_path / "mesh.png")
+    assert image.shape[1] > 1000
+    assert len(np.unique(image.reshape(-1, image.shape[2]), axis=0)) > 20
+
+
+def test_mesh_in_space_and_missing_directory_are_refused(tmp_path):
+    cube = dolfinx.mesh.create_unit_cube(MPI.COMM_SELF, 1, 1, 1)
+    tags = [
+        dolfinx.mesh.meshtags(cube, dim, np.empty(0, np.int32), np.empty(0, np.int32))
+        for dim in (3, 2)
+    ]
+    with pytest.raises(MeshError, match="in the plane only"):
+        draw(NamedMesh(cube, *tags, {}, {}))
+    with pytest.raises(FileNotFoundError, match="none: no such directory"):
+        save_picture(generate(BLOCKS, MPI.COMM_SELF), tmp_path / "none" / "mesh.png")
+
+
+RANKS = """
+import sys
+from pathlib import Path
+from mpi4py import MPI
+sys.path[:0] = [sys.argv[1], sys.argv[2]]
+import test_picture as t
+t.save_picture(t.generate(t.BLOCKS, MPI.COMM_WORLD), Path(sys.argv[3]))
+"""
+
+
+@pytest.mark.mpi
+def test_two_ranks_draw_what_one_draws(tmp_path):
+    paths = [tmp_path / "one.png", tmp_path / "two.png"]
+    for n, path in enumerate(paths, start=1):
+        done = subprocess.run(
+            ["mpirun", "-n", str(n), sys.executable, "-c", RANKS]
+            + [str(ROOT), str(Path(__file__).parent), str(path)],
+            capture_output=True,
+            text=True,
+            timeout=120,
+        )
+        assert done.returncode == 0, done.stderr
+    one, two = (imread(path) for path in paths)
+    # The order in which cells are drawn may differ: blended pixels on their edges do too.
+    assert np.mean(np.abs(one - two).max(axis=2) > 0.2) < 2e-3
