@@ -26,7 +26,7 @@ RUN set -eu; \
         gcc libc6-dev tini \
         python3-dolfinx-real python3-petsc4py-real python3-gmsh python3-adios4dolfinx python3-meshio \
         python3-scipy python3-matplotlib python3-pydantic python3-pint python3-rich python3-typer \
-        python3-hypothesis python3-mypy python3-pytest python3-pytest-timeout; \
+        libopenblas0-serial python3-hypothesis python3-mypy python3-pytest python3-pytest-timeout; \
     apt-get clean; \
     rm -rf /var/lib/apt/lists/* /etc/apt/apt.conf.d/99build
 
@@ -62,7 +62,7 @@ WORKDIR /tribox
 COPY forms forms
 COPY geometry geometry
 COPY app app
-RUN python3 -B -m app warm && chmod -R a+rX /var/cache/tribox/fenics
+RUN python3 -B -m app warm && chmod -R a+rX /var/cache/tribox/fenics && rm -rf /tmp/*
 
 COPY . .
 ENTRYPOINT ["tini", "--", "tribox"]

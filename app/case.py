@@ -27,6 +27,7 @@ from app.case_bodies import BlocksGeometry, Body, Geometry
 from app.case_boundary import Boundary, Stage, boundary_problems, stage_problems
 from app.case_contact import Contact
 from app.case_errors import format_problem, problems_of
+from app.case_keys import KeyPathError, apply_override, set_value
 from app.case_model import Model, Place, Problem, problems_error
 from app.case_run import Output, Solver, Sweep
 from app.errors import InputError
@@ -45,7 +46,7 @@ class Case(Model):
     )
     geometry: Geometry = Field(description="shapes and mesh")
     bodies: dict[str, Body] = Field(
-        description="material and element formulation of each body, [bodies.NAME]"
+        min_length=1, description="material and element formulation of each body, [bodies.NAME]"
     )
     contact: tuple[Contact, ...] = Field(
         min_length=1, description="pairs of surfaces that may touch, [[contact]]"
@@ -79,19 +80,17 @@ class Case(Model):
         if self.sweep is None:
             return []
         return [
-            (label, _with_source(self._swept(value), self._source))
+            (label, self._rebuilt(self._swept_data(value)))
             for label, value in zip(self.sweep.labels, self.sweep.values, strict=True)
         ]
 
-    def _swept(self, value: object) -> Case:
-        """This case with one value of its sweep.
+    def _rebuilt(self, data: dict[str, Any]) -> Case:
+        """Another case, with file names seen from the same place.
 
         Raises:
-            ValueError: the key leads nowhere (a `KeyPathError`), or the case is wrong with this
-                value (pydantic's `ValidationError`).
+            ValidationError: the data are wrong.
         """
-        assert self.sweep is not None
-        return Case.model_validate(self._swept_data(value))
+        return Case.model_validate(data, context={"source": self._source})
 
     def _swept_data(self, value: object) -> dict[str, Any]:
         """What the user has given, with one value of the sweep; defaults are derived anew."""
@@ -136,7 +135,8 @@ class Case(Model):
         return filled
 
     @model_validator(mode="after")
-    def _fits_together(self) -> Self:
+    def _fits_together(self, info: ValidationInfo) -> Self:
+        self._source = (info.context or {}).get("source")
         problems = list(self._problems())
         if not problems and self.sweep is not None:
             problems = list(self._sweep_problems())
@@ -186,7 +186,7 @@ class Case(Model):
                 yield Problem(place, "is in the list twice", value)
             try:
                 data = self._swept_data(value)
-                Case.model_validate(data)
+                self._rebuilt(data)
             except KeyPathError as error:
                 yield Problem(("sweep", "key"), str(error), self.sweep.key)
                 return
@@ -215,65 +215,6 @@ def _name_problems(bodies: Mapping[str, Any], names: Sequence[str]) -> Iterator[
 def _hint(name: str, known: Sequence[str]) -> str:
     near = difflib.get_close_matches(name, known, n=1)
     return f'did you mean "{near[0]}"?' if near else f"there are {', '.join(known)}"
-
-
-def _with_source(case: Case, source: Path | None) -> Case:
-    case._source = source
-    return case
-
-
-class KeyPathError(ValueError):
-    """A dotted key that leads nowhere in a case."""
-
-
-def set_value(data: dict[str, Any], key: str, value: object) -> None:
-    """Set the value at a dotted key in plain data; missing tables are made, list entries not.
-
-    Args:
-        data: nested dicts and lists, as read from TOML; changed in place.
-        key: such as "contact.0.film.thickness"; quotes as in TOML around a name with dots.
-        value: what to put there.
-
-    Raises:
-        KeyPathError: the key is malformed, or leads through something that is no table or array.
-    """
-    names = _split(key)
-    here: Any = data
-    for depth, name in enumerate(names):
-        above = ".".join(names[:depth])
-        last = depth == len(names) - 1
-        if isinstance(here, list):
-            if not name.isdigit() or int(name) >= len(here):
-                raise KeyPathError(f'{above} has no entry "{name}"; {_entries(len(here))}')
-            step: Any = int(name)
-        elif isinstance(here, dict):
-            step = name
-            if not last:
-                here.setdefault(name, {})
-        else:
-            raise KeyPathError(f"{above} is no table, so it has no key {name!r}")
-        if last:
-            here[step] = value
-        here = here[step]
-
-
-def _entries(count: int) -> str:
-    return f"entries are numbered from 0 to {count - 1}" if count else "it is empty"
-
-
-def _split(key: str) -> list[str]:
-    """The names in a dotted key, by TOML's own rules."""
-    try:
-        here: Any = tomllib.loads(f"{key.strip()} = 0")
-    except tomllib.TOMLDecodeError:
-        raise KeyPathError("not a dotted key such as contact.0.film.thickness") from None
-    names = []
-    while isinstance(here, dict):
-        if len(here) != 1:
-            raise KeyPathError("not a dotted key such as contact.0.film.thickness")
-        [(name, here)] = here.items()
-        names.append(name)
-    return names
 
 
 def load_case(path: Path, overrides: Sequence[str] = ()) -> Case:
@@ -311,14 +252,13 @@ def _read(path: Path, overrides: Sequence[str]) -> Case | list[str]:
     try:
         data = _read_toml(path)
         for override in overrides:
-            _apply(data, override)
+            apply_override(data, override)
     except InputError as error:
         return [str(error)]
     try:
-        case = Case.model_validate(data, context={"base": path.parent})
+        return Case.model_validate(data, context={"source": path})
     except ValidationError as error:
         return [f"{path}: {format_problem(p)}" for p in problems_of(error, Case, data)]
-    return _with_source(case, path)
 
 
 def _read_toml(path: Path) -> dict[str, Any]:
@@ -334,26 +274,6 @@ def _read_toml(path: Path) -> dict[str, Any]:
         match = re.fullmatch(r"(.*) \(at line (\d+), column (\d+)\)", str(error))
         line, reason = (f":{match[2]}", f"{match[1]} (column {match[3]})") if match else ("", error)
         raise InputError(f"{path}{line}: not valid TOML: {reason}") from None
-
-
-def _apply(data: dict[str, Any], override: str) -> None:
-    """Set what one "dotted.key=value" text says."""
-    key, equals, text = override.partition("=")
-    if not equals or not key.strip():
-        raise InputError(f'"{override}": an override is written key=value')
-    try:
-        set_value(data, key, _override_value(text))
-    except KeyPathError as error:
-        raise InputError(f'"{override}": {error}') from None
-
-
-def _override_value(text: str) -> object:
-    """The value as TOML if it is that, else the text itself."""
-    try:
-        parsed = tomllib.loads(f"value = {text}")
-    except tomllib.TOMLDecodeError:
-        return text.strip()
-    return parsed["value"] if parsed.keys() == {"value"} else text.strip()
 
 
 def resolved_toml(case: Case) -> str:
@@ -392,5 +312,7 @@ def _tidy(node: Any) -> None:
         node["anyOf"] = choices
     if "default" in node and node["default"] is None:
         del node["default"]
-    if "description" in node and "x-unit" in node:
+    if isinstance(node.get("title"), str) and "$defs" not in node:
+        del node["title"]  # Only the key's name once more.
+    if "description" in node and node.get("x-unit", "1") != "1":
         node["description"] = f"{node['description']} [{node['x-unit']}]"

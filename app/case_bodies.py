@@ -130,8 +130,8 @@ class MeshGeometry(Model):
         """Make the path absolute, seen from the case file, and see that it is there."""
         if not isinstance(value, str | Path) or not str(value):
             raise PydanticCustomError("path", "must be the name of a mesh file, in quotes")
-        base = (info.context or {}).get("base") or Path.cwd()
-        path = (Path(base) / value).resolve()
+        source = (info.context or {}).get("source")
+        path = (Path(source or "").parent / value).resolve()
         if not path.is_file():
             raise PydanticCustomError("path", "no such file ({path})", {"path": str(path)})
         return path

@@ -8,7 +8,8 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
 
 from app.case_model import Count, Flag, Model, Place, Problem, Text
-from app.quantities import Program, Quantity, TimeTable
+from app.quantities import Quantity
+from app.quantity_tables import Program, TimeTable
 
 DRIVEN = "driven"
 _STEADY_KEYS = ("slip_step", "min_steps", "max_steps", "steady_tolerance")
@@ -178,13 +179,22 @@ class Stage(Model):
 def stage_problems(
     stages: Sequence[Stage], boundaries: Sequence[Boundary], place: Place
 ) -> Iterator[Problem]:
-    """What is wrong with the stages, each by itself, together, and with the boundaries."""
+    """What is wrong with the stages, each by itself and together; else with the boundaries."""
+    found: list[Problem] = []
     names: set[str] = set()
     for index, stage in enumerate(stages):
-        yield from stage.problems((*place, index))
+        found.extend(stage.problems((*place, index)))
         if stage.name in names:
-            yield Problem((*place, index, "name"), "two stages have this name", stage.name)
+            reason = "two stages have this name"
+            found.append(Problem((*place, index, "name"), reason, stage.name))
         names.add(stage.name)
+    yield from found or _driving_problems(stages, boundaries, place)
+
+
+def _driving_problems(
+    stages: Sequence[Stage], boundaries: Sequence[Boundary], place: Place
+) -> Iterator[Problem]:
+    """Velocities without a driven boundary, or the other way round."""
     movers = [
         ("boundary", index, "displacement", component)
         for index, boundary in enumerate(boundaries)

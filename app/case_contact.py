@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import Field, ValidatorFunctionWrapHandler, field_validator
 
 from app.case_model import Count, Flag, Model, Place, Problem, Text
-from app.quantities import NumberOrTable, Quantity, Row
+from app.quantities import Quantity
+from app.quantity_tables import NumberOrTable, Row
 
 if TYPE_CHECKING:
     from forms.friction_parameters import FrictionMapParameters

@@ -64,7 +64,20 @@ def problems_of(error: ValidationError, model: type[Model], data: object) -> lis
     """
     details = error.errors(include_url=False)
     details.sort(key=lambda detail: detail["type"] != "extra_forbidden")
-    return [problem for detail in details for problem in _problems_of(detail, model, data)]
+    return [
+        problem
+        for detail in details
+        if not _is_consequence(detail, details)
+        for problem in _problems_of(detail, model, data)
+    ]
+
+
+def _is_consequence(detail: ErrorDetails, details: Sequence[ErrorDetails]) -> bool:
+    """Whether an array is "too short" only because an entry of it is wrong."""
+    loc = detail["loc"]
+    return detail["type"] == "too_short" and any(
+        len(other["loc"]) > len(loc) and other["loc"][: len(loc)] == loc for other in details
+    )
 
 
 def _problems_of(detail: ErrorDetails, model: type[Model], data: object) -> Iterator[Problem]:

@@ -75,6 +75,12 @@ def component_dofs(space: dolfinx.fem.FunctionSpace, facets: Ints, component: in
     return np.asarray(dofs[dofs < owned], dtype=np.int32)
 
 
+def pattern_form(space: dolfinx.fem.FunctionSpace) -> dolfinx.fem.Form:
+    """A form over all cells, for the tangent's pattern: those of the solids each see one body."""
+    trial, test = ufl.TrialFunction(space), ufl.TestFunction(space)
+    return dolfinx.fem.form(ufl.inner(trial, test) * ufl.dx(metadata={"quadrature_degree": 1}))
+
+
 class Equilibrium:
     """Residual and tangent of the whole problem, as SNES asks for them.
 
@@ -106,6 +112,8 @@ class Equilibrium:
         self.first = self.space.dofmap.index_map.local_range[0] * self.dim
         for platen in self.platens:
             platen.gather(self.space)
+        parts = [p.dofs for p in self.prescribed]
+        self._held = np.unique(np.concatenate(parts)) if parts else np.empty(0, dtype=np.int32)
         self.dt = 1.0
         self.timer = Stopwatch()
         self.trials: list[ContactTrial] = []
@@ -130,8 +138,7 @@ class Equilibrium:
 
     def held_dofs(self) -> Ints:
         """Owned local unknowns with a prescribed displacement."""
-        parts = [p.dofs for p in self.prescribed]
-        return np.unique(np.concatenate(parts)) if parts else np.empty(0, dtype=np.int32)
+        return self._held
 
     def held_values(self, x: PETSc.Vec) -> Floats:
         """Owned unknowns (…,) with today's prescribed values put into a copy of ``x``."""
@@ -160,13 +167,19 @@ class Equilibrium:
         for platen in self.platens:
             self._balance_platen(platen, values, at)
 
+    def load_forces(self) -> Floats:
+        """Owned part of the pressures' forces on the bodies at the last state, N/m; collective."""
+        if not self.pressures:
+            return np.zeros(self.owned)
+        return -self._assembled([p.residual for p in self.pressures])
+
     def _assembled(self, forms: Sequence[dolfinx.fem.Form]) -> Floats:
         """Sum of linear forms at the owned unknowns; collective."""
         self._work.array[:] = 0.0
         for form in forms:
             dolfinx.fem.assemble_vector(self._work.array, form)
         self._work.scatter_reverse(dolfinx.la.InsertMode.add)
-        mine: Floats = self._work.array[: self.owned]
+        mine: Floats = self._work.array[: self.owned].copy()
         return mine
 
     def _contact_forces(self, f: PETSc.Vec) -> float:
@@ -207,6 +220,19 @@ class Equilibrium:
         values[platen.dofs] = at[platen.dofs] - lead
         if owner:
             values[leader] = total - platen.force
+
+    def worst_place(self) -> tuple[float, ...]:
+        """Where the largest out-of-balance force of the last evaluation is, m; collective."""
+        free = np.abs(self.unbalanced)
+        free[self.held_dofs()] = 0.0
+        for platen in self.platens:
+            free[platen.dofs] = 0.0
+        free = np.where(np.isfinite(free), free, np.inf)
+        at = int(np.argmax(free)) if self.owned else -1
+        where = self.space.tabulate_dof_coordinates()[at // self.dim, : self.dim]
+        mine = (float(free[at]), tuple(map(float, where))) if at >= 0 else (-1.0, ())
+        place: tuple[float, ...] = max(self.comm.allgather(mine))[1]
+        return place
 
     # -- tangent ------------------------------------------------------------------------------
 
@@ -282,10 +308,7 @@ class Equilibrium:
     def new_matrix(self, x: PETSc.Vec) -> PETSc.Mat:
         """The tangent's matrix with room for solids, platens and the contact at ``x``."""
         self.trials = [term.evaluate(x, self.dt) for term in self.contacts]
-        # The pattern of a form over all cells: those of the solids each see one body.
-        trial, test = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
-        whole = dolfinx.fem.form(ufl.inner(trial, test) * ufl.dx(metadata={"quadrature_degree": 1}))
-        A = dolfinx.fem.petsc.assemble_matrix(whole)
+        A = dolfinx.fem.petsc.assemble_matrix(pattern_form(self.space))
         A.assemble()
         self._widen(A)
         return A

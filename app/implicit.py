@@ -106,8 +106,13 @@ class ImplicitStepper:
         return snes
 
     def _function(self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
+        # Numbers that are not finite come from an inverted element or a singular matrix: the line
+        # search cuts, or the step fails.
+        if not np.isfinite(x.norm()):
+            snes.setFunctionDomainError()
+            return
         self.problem.residual(snes, x, f)
-        if not np.all(np.isfinite(f.array_r)):  # an inverted element: let the line search cut
+        if not np.isfinite(f.norm()):
             snes.setFunctionDomainError()
 
     def _jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, P: PETSc.Mat) -> None:
@@ -147,6 +152,8 @@ class ImplicitStepper:
         solves = self._predict()
         self.snes.solve(None, self.trial)
         reason = self.snes.getConvergedReason()
+        if reason > 0 and not np.array_equal(problem.u.x.array[: problem.owned], self.trial.array_r):
+            problem.residual(None, self.trial, self._residual)
         return StepResult(
             converged=reason > 0,
             iterations=solves + self.snes.getIterationNumber(),

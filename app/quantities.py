@@ -1,8 +1,7 @@
-"""Physical quantities in user input: a number (SI) or text with a unit, and tables over time.
+"""Physical quantities in user input: a number (SI) or text with a unit.
 
 `Quantity("m", ge=0.0)` annotates a pydantic field: `"30 nm"`, `3e-8` and `"3e-8 m"` all become
-the float 3e-8. `Program("Pa")` annotates a field that may change with time: a quantity, or a
-table `[[time, value], ...]`; it becomes a `TimeTable`.
+the float 3e-8.
 
 The unit library takes about 0.2 s to start, so the few dozen spellings that nearly every case
 file uses are looked up in a table first, and the library is loaded only for the others. Text is
@@ -15,12 +14,10 @@ from __future__ import annotations
 import functools
 import math
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 from decimal import Decimal, Overflow
 from typing import Any
 
-import numpy as np
 from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
@@ -42,10 +39,6 @@ COMMON_UNITS: dict[str, dict[str, str]] = {
     "N/s": {},
     "": {"%": "1e-2"},
 }
-
-
-Row = tuple[float, float]
-"""One row of a table: an argument (such as a time) and a value, both SI."""
 
 
 class QuantityError(ValueError):
@@ -104,7 +97,10 @@ def parse_quantity(value: object, unit: str) -> float:
     """
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         raise QuantityError(_expected(unit))
-    number = float(value) if not isinstance(value, str) else _parse_text(value, unit)
+    try:
+        number = _parse_text(value, unit) if isinstance(value, str) else float(value)
+    except (Overflow, OverflowError):  # 1e9999999, or a whole number of 400 digits.
+        number = math.inf
     if not math.isfinite(number):
         raise QuantityError("must be finite")
     return number
@@ -118,10 +114,7 @@ def _parse_text(text: str, unit: str) -> float:
             raise QuantityError("must be finite")
         raise QuantityError(_expected(unit))
     number, written = Decimal(match[1]), match[2]
-    try:
-        return float(number * _factor(written, unit)) if written else float(number)
-    except Overflow as error:
-        raise QuantityError("must be finite") from error
+    return float(number * _factor(written, unit)) if written else float(number)
 
 
 def format_quantity(value: float, unit: str) -> str | float:
@@ -163,8 +156,9 @@ class Quantity:
             and (self.gt is None or number > self.gt)
             and (self.le is None or number <= self.le)
             and (self.lt is None or number < self.lt)
-            and not (self.nonzero and number == 0.0)
         )
+        if self.nonzero and number == 0.0:
+            raise QuantityError("must not be 0")
         if not inside:
             raise QuantityError(f"must be {self.bounds()}")
         return number
@@ -175,7 +169,7 @@ class Quantity:
         parts = [
             f"{sign} {limit:g} {self.unit}".rstrip() for sign, limit in limits if limit is not None
         ]
-        return " and ".join([*parts, *(["other than 0"] if self.nonzero else [])])
+        return " and ".join(parts)
 
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
@@ -205,195 +199,3 @@ class Quantity:
         number: dict[str, Any] = {"type": "number"}
         number.update({key: limit for key, limit in limits.items() if limit is not None})
         return {"anyOf": [number, {"type": "string"}], "x-unit": self.unit or "1"}
-
-
-@dataclass(frozen=True, slots=True)
-class TimeTable:
-    """A function of time: linear between the given times, held before the first and after the last.
-
-    Attributes:
-        times: s, strictly increasing, at least one.
-        values: one SI value per time.
-    """
-
-    times: tuple[float, ...]
-    values: tuple[float, ...]
-
-    def __post_init__(self) -> None:
-        if not self.times or len(self.times) != len(self.values):
-            raise ValueError("a time table needs one value for each time, and at least one")
-        if any(b <= a for a, b in zip(self.times, self.times[1:], strict=False)):
-            raise ValueError("the times of a time table must increase")
-        if not all(map(math.isfinite, self.times + self.values)):
-            raise ValueError("the times and values of a time table must be finite")
-
-    @classmethod
-    def constant(cls, value: float) -> TimeTable:
-        """The same value (SI) at all times."""
-        return cls((0.0,), (float(value),))
-
-    @property
-    def is_constant(self) -> bool:
-        """True if the value never changes."""
-        return all(value == self.values[0] for value in self.values)
-
-    def __call__(self, time: float) -> float:
-        """Value in SI at `time` in s."""
-        return float(np.interp(time, self.times, self.values))
-
-    def integral(self, time: float) -> float:
-        """Exact integral from 0 to `time` (s, >= 0), such as the displacement of a velocity."""
-        knots = np.array([0.0, *(t for t in self.times if 0.0 < t < time), time])
-        heights = np.interp(knots, self.times, self.values)
-        return float(np.sum(0.5 * (heights[1:] + heights[:-1]) * np.diff(knots)))
-
-
-def _parse_rows(rows: Sequence[object], first: Quantity, second: Quantity) -> tuple[Row, ...]:
-    """The rows of a table `[[first, second], ...]`, the first column increasing.
-
-    Raises:
-        PydanticCustomError: with the place inside the table as context.
-    """
-    if not rows:
-        raise _at((), rows, "a table needs at least one row")
-    parsed: list[Row] = []
-    for index, row in enumerate(rows):
-        if not isinstance(row, list | tuple) or len(row) != 2:
-            raise _at((index,), row, f"must be a pair [{first.name}, {second.name}]")
-        pair = []
-        for column, quantity in enumerate((first, second)):
-            try:
-                pair.append(quantity.parse(row[column]))
-            except QuantityError as error:
-                raise _at((index, column), row[column], str(error)) from None
-        if parsed and pair[0] <= parsed[-1][0]:
-            raise _at((index, 0), row[0], f"the {first.name} must increase from row to row")
-        parsed.append((pair[0], pair[1]))
-    return tuple(parsed)
-
-
-def _at(place: tuple[int, ...], found: object, reason: str) -> PydanticCustomError:
-    """Error at a place inside a field's value."""
-    context = {"reason": reason, "at": place, "found": found}
-    return PydanticCustomError("quantity", "{reason}", context)
-
-
-def _rows_as_text(
-    rows: Sequence[Row], first: Quantity, second: Quantity
-) -> list[list[str | float]]:
-    return [[format_quantity(a, first.unit), format_quantity(b, second.unit)] for a, b in rows]
-
-
-def _table_schema(unit: str) -> JsonSchemaValue:
-    """JSON schema of a quantity or a table of pairs."""
-    entry = {"type": ["number", "string"]}
-    pair = {"type": "array", "minItems": 2, "maxItems": 2, "items": entry}
-    table = {"type": "array", "minItems": 1, "items": pair}
-    return {"anyOf": [{"type": "number"}, {"type": "string"}, table], "x-unit": unit or "1"}
-
-
-_TIME = Quantity("s", name="time")
-
-
-@dataclass(frozen=True, slots=True)
-class Program:
-    """Pydantic annotation of a `TimeTable` field: a quantity or a table `[[time, value], ...]`.
-
-    Attributes:
-        unit: SI unit of the values.
-        word: a word the field accepts too, and keeps as text (such as "driven").
-    """
-
-    unit: str
-    word: str | None = None
-
-    def parse(self, value: object) -> TimeTable | str:
-        """The table of a quantity or of `[[time, value], ...]`, or the accepted word.
-
-        Raises:
-            PydanticCustomError: with the place inside the table as context.
-        """
-        if isinstance(value, TimeTable):
-            return value
-        if self.word is not None and value == self.word:
-            return self.word
-        if isinstance(value, list | tuple):
-            rows = _parse_rows(value, _TIME, Quantity(self.unit))
-            return TimeTable(tuple(t for t, _ in rows), tuple(v for _, v in rows))
-        try:
-            return TimeTable.constant(parse_quantity(value, self.unit))
-        except QuantityError as error:
-            reason = f"{error}, or a table [[time, value], ...]"
-            reason += f', or "{self.word}"' if self.word is not None else ""
-            raise _at((), value, reason) from None
-
-    def _serialise(self, value: TimeTable | str) -> object:
-        if isinstance(value, str):
-            return value
-        if len(value.times) == 1:
-            return format_quantity(value.values[0], self.unit)
-        rows = list(zip(value.times, value.values, strict=True))
-        return _rows_as_text(rows, _TIME, Quantity(self.unit))
-
-    def __get_pydantic_core_schema__(
-        self, source: Any, handler: GetCoreSchemaHandler
-    ) -> CoreSchema:
-        return core_schema.no_info_plain_validator_function(
-            self.parse,
-            serialization=core_schema.plain_serializer_function_ser_schema(
-                self._serialise, when_used="json"
-            ),
-        )
-
-    def __get_pydantic_json_schema__(
-        self, schema: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> JsonSchemaValue:
-        return _table_schema(self.unit)
-
-
-@dataclass(frozen=True, slots=True)
-class NumberOrTable:
-    """Pydantic annotation of a plain number, or a table of it over another quantity.
-
-    The field is a float, or the rows `((argument, value), ...)` with increasing arguments.
-
-    Attributes:
-        argument: the quantity of the first column.
-        value: the quantity of the number, or of the second column.
-    """
-
-    argument: Quantity
-    value: Quantity
-
-    def parse(self, value: object) -> float | tuple[Row, ...]:
-        """The number, or the rows.
-
-        Raises:
-            PydanticCustomError: with the place inside the table as context.
-        """
-        if isinstance(value, list | tuple):
-            return _parse_rows(value, self.argument, self.value)
-        try:
-            return self.value.parse(value)
-        except QuantityError as error:
-            raise _at((), value, str(error)) from None
-
-    def _serialise(self, value: float | tuple[Row, ...]) -> object:
-        if isinstance(value, tuple):
-            return _rows_as_text(value, self.argument, self.value)
-        return format_quantity(value, self.value.unit)
-
-    def __get_pydantic_core_schema__(
-        self, source: Any, handler: GetCoreSchemaHandler
-    ) -> CoreSchema:
-        return core_schema.no_info_plain_validator_function(
-            self.parse,
-            serialization=core_schema.plain_serializer_function_ser_schema(
-                self._serialise, when_used="json"
-            ),
-        )
-
-    def __get_pydantic_json_schema__(
-        self, schema: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> JsonSchemaValue:
-        return _table_schema(self.value.unit)

@@ -21,7 +21,6 @@ from petsc4py import PETSc
 from forms.contact_kinematics import Anchor, ContactKinematics, relate
 from forms.friction import FrictionLaw, FrictionResponse, FrictionState
 from geometry.projection import (
-    Bools,
     Floats,
     Ints,
     Projection,
@@ -129,7 +128,7 @@ class ContactTerm:
         nodes = self.surface.master.position + master
         today = polyline.project(points, nodes, polyline.candidates(points, nodes))
         kinematics = relate(points, today, self._anchor(nodes))
-        pressure = np.where(kinematics.closed, -self.penalty * kinematics.gap, 0.0)
+        pressure = self.penalty * np.where(kinematics.closed, np.maximum(-kinematics.gap, 0.0), 0.0)
         # State.friction holds the elastic slip of the last step; today's law sees it transported.
         response = self.law.update(
             kinematics.slip,
@@ -248,10 +247,5 @@ class ContactTerm:
 
     def interface_energy(self, trial: ContactTrial) -> float:
         """Penalty and elastic-slip energy of this rank's points, J per unit thickness."""
-        gap = np.where(trial.kinematics.closed, trial.kinematics.gap, 0.0)
-        density = 0.5 * self.penalty * gap**2 + self.law.stored_energy(trial.response.state)
+        density = 0.5 * trial.pressure**2 / self.penalty + self.law.stored_energy(trial.response.state)
         return float(self.surface.slave.weight @ density)
-
-    def closed_points(self, trial: ContactTrial) -> Bools:
-        """(q,) True where the pair presses."""
-        return trial.kinematics.closed

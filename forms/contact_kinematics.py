@@ -24,6 +24,9 @@ import numpy as np
 from geometry.projection import Bools, Floats, Projection
 
 
+TOUCHING = 1e-9  # gap, relative to a master facet's size, up to which a point touches
+
+
 @dataclass(slots=True)
 class Anchor:
     """What the last converged step left at each point, moved by today's master.
@@ -46,7 +49,7 @@ class ContactKinematics:
     """Gap, slip increment and elastic slip of today, with their variations.
 
     Attributes:
-        normal: (q, i); gap: (q,), m; closed: (q,) bool, g < 0 on the surface.
+        normal: (q, i); gap: (q,), m; closed: (q,) bool, touching or g < 0, on the surface.
         slip: (q, i), m: Δg_T; elastic_slip: (q, i), m: g_e in today's tangent plane.
         d_gap: (q, r·i): δg = n·a; d_normal, d_slip, d_elastic: (q, i, r·j).
         d_xi: (q, α, r·j): ∂ξ^α/∂z.
@@ -94,7 +97,10 @@ def relate(points: Floats, today: Projection, anchor: Anchor) -> ContactKinemati
     d_xi, d_normal = _vary_projection(today, size)
 
     plane = eye - _outer(n, n)
-    closed = (gap < 0.0) & today.on_surface
+    # Touching points count as closed: they carry no pressure yet, but their stiffness keeps a body
+    # that only rests on another from being loose.
+    length = np.linalg.norm(today.tangents[:, 0], axis=1)
+    closed = (gap <= TOUCHING * length) & today.on_surface
     share, d_share = _closed_share(gap, anchor.gap, closed)
     # Clamped to a vertex, x − ȳ is not along n, and a motionless point in a groove would slip.
     s = np.where(today.clamped[:, None], today.foot, points) - anchor.foot
@@ -158,7 +164,7 @@ def _vary_in_plane(n: Floats, v: Floats, d_normal: Floats) -> Floats:
 
 def _closed_share(gap: Floats, before: Floats, closed: Bools) -> tuple[Floats, Floats]:
     """Share of the step spent in contact, −g/(g_n − g) for a point that closes, and ∂/∂g."""
-    closing = closed & (before > 0.0)
+    closing = closed & (before > 0.0) & (gap < 0.0)
     known = closing & np.isfinite(before)
     start = np.where(known, before, 1.0)
     now = np.where(known, gap, -1.0)

@@ -67,6 +67,10 @@ class CoulombLaw:
         g = state.elastic_slip.T
         return 0.5 * self.parameters.K_T * dot(g, g)
 
+    def coefficient(self, state: FrictionState) -> Floats:
+        """The constant coefficient of friction, (q,)."""
+        return np.full_like(state.slip_path, self.parameters.mu)
+
     def update(
         self,
         slip_increment: Floats,
@@ -130,6 +134,10 @@ class FrictionlessLaw:
 
     def stored_energy(self, state: FrictionState) -> Floats:
         """Zero, (q,), J/m^2."""
+        return np.zeros_like(state.slip_path)
+
+    def coefficient(self, state: FrictionState) -> Floats:
+        """Zero, (q,)."""
         return np.zeros_like(state.slip_path)
 
     def update(

@@ -162,7 +162,7 @@ class FrictionResponse:
 
 
 class FrictionLaw(Protocol):
-    """A friction law: anything with these three methods."""
+    """A friction law: anything with these four methods."""
 
     def initial_state(self, n: int, dim: int) -> FrictionState:
         """State of n points that have never been in contact, in dim space dimensions."""
@@ -198,6 +198,10 @@ class FrictionLaw(Protocol):
 
     def stored_energy(self, state: FrictionState) -> Floats:
         """Elastic energy of the slip, (q,), J/m^2 of reference area."""
+        ...
+
+    def coefficient(self, state: FrictionState) -> Floats:
+        """Coefficient of friction of the asperities at the slip reached, (q,)."""
         ...
 
 

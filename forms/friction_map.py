@@ -84,6 +84,10 @@ class FrictionMap:
         g = state.elastic_slip.T
         return 0.5 * self.parameters.K_T * (1.0 - state.alpha) * dot(g, g)
 
+    def coefficient(self, state: FrictionState) -> Floats:
+        """mu(d) at the slip path reached, (q,)."""
+        return self._friction.coefficient(state.slip_path)
+
     def update(
         self,
         slip_increment: Floats,
@@ -232,7 +236,6 @@ class FrictionMap:
             d_alpha = (-self.parameters.K_T * returned.d_stiffness) * returned.direction
         if step.d_kept is not None:
             d_alpha += step.weight * step.d_kept * returned.derivative_along(step.elastic_before)
-        d_alpha *= step.closed
         d_alpha += step.resistance_full * step.slip
         return d_alpha
 

@@ -22,6 +22,10 @@ from forms.slip_weakening import SlipWeakening
 Floats = NDArray[np.float64]
 TINY = float(np.finfo(np.float64).tiny)
 
+# A point that slid before and now rests is at its threshold but for round-off; it sticks, on every
+# machine and in every rotated frame.
+ROUND_OFF = 1.0 + 1e-14
+
 
 @dataclass(frozen=True, slots=True)
 class Returned:
@@ -107,7 +111,7 @@ def return_mapping(
     mu: Floats | float = friction.mu_s if friction.constant else friction.coefficient(slip_path)
     threshold = mu * pressure
     elastic = stiffness * s
-    slipping = elastic > threshold
+    slipping = elastic > ROUND_OFF * threshold
     held = _held(slipping, stiffness)
     if friction.constant:
         tangent: Floats = held

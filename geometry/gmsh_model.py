@@ -183,8 +183,8 @@ def _names(gmsh: ModuleType, dim: int, source: str) -> dict[str, int]:
         name = gmsh.model.getPhysicalName(dim, tag).strip()
         if not name:
             raise MeshError(
-                f"{source}: physical group {tag} ({_ENTITY[dim]}s) has no name; every body and "
-                "surface needs one"
+                f"{source}: physical group {tag} ({_ENTITY[dim]}s) has no name of its own; every "
+                "body and surface needs one"
             )
         if name in found:
             raise MeshError(

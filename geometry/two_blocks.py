@@ -15,6 +15,9 @@ from geometry.gmsh_model import gmsh_session
 MAX_CELLS = 10_000_000
 """More cells than this in one block are taken for a mistake in the element size."""
 
+MAX_GRADING = 1000.0
+"""Largest ratio of element heights within a block, either way."""
+
 ROUND_OFF = 1.0 + 1e-9
 """1 mm in steps of 0.1 mm is 10 steps, not 11."""
 
@@ -47,8 +50,13 @@ class Block:
     grading: float = 1.0
 
     def __post_init__(self) -> None:
-        for field in ("width", "height", "grading"):
+        for field in ("width", "height"):
             _check_positive(field, getattr(self, field))
+        if not 1.0 / MAX_GRADING <= self.grading <= MAX_GRADING:
+            raise ValueError(
+                f"grading = {self.grading} is not allowed; from {1.0 / MAX_GRADING} to "
+                f"{MAX_GRADING}"
+            )
         if (self.elements is None) == (self.size is None):
             raise ValueError("give either elements or size of a block, not both and not none")
         if self.elements is not None:

@@ -114,10 +114,12 @@ def test_grading_is_a_progression_from_the_contact(model, scale, grading):
     [
         (Block(1.0e-3, 0.5e-3, size=0.1e-3), (10, 5)),
         (Block(1.0e-3, 0.5e-3, size=0.15e-3), (7, 4)),
+        (Block(0.1 + 0.2, 0.5, size=0.1), (3, 5)),  # 0.1 + 0.2 is above 0.3
         (Block(1.0, 0.5, size=3.0), (1, 1)),
         # heights 1, 2, 4 and 1, 2: the smallest may be as large as the size
         (Block(1.0, 7.0, size=1.0, grading=4.0), (1, 3)),
         (Block(1.0, 3.0, size=1.0, grading=2.0), (1, 2)),
+        (Block(1.0, 0.1 + 0.2, size=0.1, grading=2.0), (10, 2)),
         (Block(1.0, 7.0, size=0.999, grading=4.0), (2, 4)),
         (Block(1.0, 7.0, size=4.0, grading=0.25), (1, 3)),
     ],
@@ -143,7 +145,9 @@ def test_size_bounds_the_height_at_the_contact_with_the_fewest_layers(grading):
     [
         ({"width": -1.0}, "width = -1.0"),
         ({"height": math.nan}, "height = nan"),
-        ({"grading": 0.0}, "grading = 0.0"),
+        ({"grading": 0.0}, "grading = 0.0 is not allowed; from 0.001 to 1000.0"),
+        ({"grading": 1e308}, "grading = 1e"),
+        ({"grading": math.nan}, "grading = nan"),
         ({"elements": None}, "either elements or size"),
         ({"size": 0.1}, "either elements or size"),
         ({"elements": None, "size": -0.1}, "size = -0.1"),
@@ -179,12 +183,18 @@ def test_bad_pair_is_refused(values, said):
 
 
 def test_session_leaves_gmsh_and_signals_as_found(capfd):
-    before = signal.getsignal(signal.SIGINT)
-    with gmsh_session("test"):
-        build(TwoBlocks(UPPER, LOWER))
-        assert signal.getsignal(signal.SIGINT) is before
+    def ours(number, frame):
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGINT, ours)
+    try:
+        with gmsh_session("test"):
+            build(TwoBlocks(UPPER, LOWER))
+            assert signal.getsignal(signal.SIGINT) is ours
+        assert signal.getsignal(signal.SIGINT) is ours
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert not gmsh.isInitialized()
-    assert signal.getsignal(signal.SIGINT) is before
     assert capfd.readouterr() == ("", "")
 
 
@@ -192,7 +202,9 @@ def test_session_inside_one_of_the_callers_own():
     gmsh.initialize(interruptible=False)
     try:
         gmsh.option.setNumber("General.Terminal", 1)
-        gmsh.model.add("mine")
+        for name in ("first", "mine", "last"):
+            gmsh.model.add(name)
+        gmsh.model.setCurrent("mine")
         gmsh.model.geo.addPoint(0.0, 0.0, 0.0, tag=17)
         gmsh.model.geo.synchronize()
         with gmsh_session("test"):
@@ -208,6 +220,13 @@ def test_write_leaves_only_the_finished_file(tmp_path):
     write_msh(TwoBlocks(UPPER, LOWER), tmp_path / "blocks.msh")
     assert [p.name for p in tmp_path.iterdir()] == ["blocks.msh"]
     assert (tmp_path / "blocks.msh").read_text().startswith("$MeshFormat\n4.1 ")
+
+
+def test_failed_write_leaves_nothing(tmp_path):
+    (tmp_path / "blocks.msh").mkdir()
+    with pytest.raises(IsADirectoryError):
+        write_msh(TwoBlocks(UPPER, LOWER), tmp_path / "blocks.msh")
+    assert [p.name for p in tmp_path.iterdir()] == ["blocks.msh"]
 
 
 def test_write_says_what_is_wrong_with_the_path(tmp_path):

@@ -1,0 +1,5 @@
+"""``python3 -m app``."""
+
+from app.cli import main
+
+main()

@@ -1,0 +1,90 @@
+"""Values set at dotted keys, such as contact.0.film.thickness: overrides and sweeps."""
+
+from __future__ import annotations
+
+import tomllib
+from typing import Any
+
+from app.errors import InputError
+
+
+class KeyPathError(ValueError):
+    """A dotted key that leads nowhere in a case."""
+
+
+def set_value(data: dict[str, Any], key: str, value: object) -> None:
+    """Set the value at a dotted key in plain data; missing tables are made, list entries not.
+
+    Args:
+        data: nested dicts and lists, as read from TOML; changed in place.
+        key: such as "contact.0.film.thickness"; quotes as in TOML around a name with dots.
+        value: what to put there.
+
+    Raises:
+        KeyPathError: the key is malformed, or leads through something that is no table or array.
+    """
+    names = _split(key)
+    here: Any = data
+    for depth, name in enumerate(names):
+        above = ".".join(names[:depth])
+        last = depth == len(names) - 1
+        if isinstance(here, list):
+            if not name.isdigit() or int(name) >= len(here):
+                raise KeyPathError(f'{above} has no entry "{name}"; {_entries(len(here))}')
+            step: Any = int(name)
+        elif isinstance(here, dict):
+            step = name
+            if not last:
+                here.setdefault(name, {})
+        else:
+            raise KeyPathError(f"{above} is no table, so it has no key {name!r}")
+        if last:
+            here[step] = value
+        here = here[step]
+
+
+def _entries(count: int) -> str:
+    return f"entries are numbered from 0 to {count - 1}" if count else "it is empty"
+
+
+def _split(key: str) -> list[str]:
+    """The names in a dotted key, by TOML's own rules."""
+    try:
+        here: Any = tomllib.loads(f"{key.strip()} = 0")
+    except tomllib.TOMLDecodeError:
+        raise KeyPathError("not a dotted key such as contact.0.film.thickness") from None
+    names = []
+    while isinstance(here, dict):
+        if len(here) != 1:
+            raise KeyPathError("not a dotted key such as contact.0.film.thickness")
+        [(name, here)] = here.items()
+        names.append(name)
+    return names
+
+
+def apply_override(data: dict[str, Any], override: str) -> None:
+    """Set what one "dotted.key=value" text says.
+
+    Args:
+        data: nested dicts and lists, as read from TOML; changed in place.
+        override: the text; the value is TOML if it can be, else text.
+
+    Raises:
+        InputError: the text is no such thing, or its key leads nowhere.
+    """
+    key, equals, text = override.partition("=")
+    if not equals or not key.strip():
+        raise InputError(f'"{override}": an override is written key=value')
+    try:
+        set_value(data, key, _override_value(text))
+    except KeyPathError as error:
+        raise InputError(f'"{override}": {error}') from None
+
+
+def _override_value(text: str) -> object:
+    """The value as TOML if it is that, else the text itself."""
+    try:
+        parsed = tomllib.loads(f"value = {text}")
+    except tomllib.TOMLDecodeError:
+        return text.strip()
+    return parsed["value"] if parsed.keys() == {"value"} else text.strip()

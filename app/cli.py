@@ -1,0 +1,267 @@
+"""The command line: ``tribox run``, ``check``, ``mesh``, ``plot``, ``schema``, ``test``."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from app.errors import InputError, TriboxError
+
+if TYPE_CHECKING:
+    from app.case import Case
+
+cli = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    help="Finite-strain frictional contact of an elastomer on aluminium through a lubricating "
+    "film. Exit codes: 0 done, 2 wrong input, 3 no solution (the last good state is saved).",
+)
+
+CaseFile = Annotated[Path, typer.Argument(metavar="CASE", help="case file (TOML)")]
+Overrides = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="change a key of the case; may be repeated"),
+]
+
+
+@cli.command()
+def run(
+    case_file: CaseFile,
+    out: Annotated[
+        Path | None, typer.Option(help="results directory (default: results/CASE)")
+    ] = None,
+    overrides: Overrides = None,
+    np: Annotated[int, typer.Option("--np", min=1, help="MPI ranks to run on")] = 1,
+    force: Annotated[bool, typer.Option("--force", help="replace results that are there")] = False,
+    jobs: Annotated[
+        int | None, typer.Option(min=1, help="runs of a sweep at a time (default: cores / ranks)")
+    ] = None,
+    part: Annotated[
+        int | None, typer.Option(min=0, help="run only this value of the sweep, counted from 0")
+    ] = None,
+) -> None:
+    """Run a case, or every value of its sweep, and write results and figures."""
+    from app.case import load_case
+    from app.results import check_free, default_directory
+
+    case = load_case(case_file, overrides or [])
+    directory = out or default_directory(case_file)
+    ranks = _ranks_around()
+    if case.sweep is not None and part is None:
+        _run_sweep(case, case_file, directory, overrides or [], np, force, jobs, ranks)
+        return
+    if part is not None:
+        case = _one_part(case, part)
+    if np > 1 and ranks == 1:
+        check_free(directory, force)
+        arguments = ["run", str(case_file), "--out", str(directory), *_set_options(overrides)]
+        arguments += ["--force"] * force + ([] if part is None else ["--part", str(part)])
+        os.execvp(
+            "mpirun",
+            ["mpirun", "-n", str(np), sys.executable, "-m", "mpi4py", "-m", "app", *arguments],
+        )
+    from app.run import run_case
+
+    run_case(case, directory, force=force)
+
+
+def _one_part(case: Case, part: int) -> Case:
+    parts = case.sweep_cases()
+    if part >= len(parts):
+        raise InputError(f"--part {part}: the sweep has {len(parts)} values, counted from 0")
+    return parts[part][1]
+
+
+def _set_options(overrides: list[str] | None) -> list[str]:
+    return [word for item in overrides or [] for word in ("--set", item)]
+
+
+def _ranks_around() -> int:
+    """Number of ranks this process was started with, without starting MPI."""
+    for name in ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "PMIX_SIZE"):
+        if name in os.environ:
+            return int(os.environ[name])
+    return 1
+
+
+def _run_sweep(
+    case: Case,
+    case_file: Path,
+    directory: Path,
+    overrides: list[str],
+    np: int,
+    force: bool,
+    jobs: int | None,
+    ranks: int,
+) -> None:
+    from app.case import resolved_toml
+    from app.results import check_free, prepare, write_text
+    from app.sweep import Part, collate, cores, part_command, run_side_by_side
+
+    if ranks > 1:
+        _run_sweep_together(case, directory, force)
+        return
+    check_free(directory, force)
+    prepare(directory)
+    write_text(directory / "case.toml", resolved_toml(case))
+    options = [*_set_options(overrides), "--np", str(np)]
+    parts = [
+        Part(label, part_command(case_file, i, directory / label, options), directory / label)
+        for i, (label, _) in enumerate(case.sweep_cases())
+    ]
+    run_side_by_side(parts, jobs or max(1, cores() // np), lambda line: print(line, flush=True))
+    collate(case, directory)
+    _draw_sweep(case, directory)
+    print(f"results in {directory}")
+
+
+def _run_sweep_together(case: Case, directory: Path, force: bool) -> None:
+    """All ranks of one mpirun take the values one after the other."""
+    from mpi4py import MPI
+
+    from app.case import resolved_toml
+    from app.results import check_free, prepare, write_text
+    from app.run import on_first, run_case
+    from app.sweep import collate
+
+    def make_ready() -> None:
+        check_free(directory, force)
+        prepare(directory)
+        write_text(directory / "case.toml", resolved_toml(case))
+
+    comm = MPI.COMM_WORLD
+    on_first(comm, make_ready)
+    for label, single in case.sweep_cases():
+        run_case(single, directory / label, comm=comm)
+    if comm.rank == 0:
+        collate(case, directory)
+        _draw_sweep(case, directory)
+
+
+def _draw_sweep(case: Case, directory: Path) -> None:
+    if case.output.figures:
+        from app.figures import draw_sweep
+
+        (directory / "figures").mkdir(exist_ok=True)
+        draw_sweep(case, directory)
+
+
+@cli.command()
+def check(case_file: CaseFile, overrides: Overrides = None) -> None:
+    """Check a case file without running it; every problem is one line."""
+    from app.case import check_case, load_case
+
+    problems = check_case(case_file, overrides or [])
+    if problems:
+        for line in problems:
+            print(line, file=sys.stderr)
+        raise typer.Exit(2)
+    case = load_case(case_file, overrides or [])
+    if case.geometry.kind == "file":
+        from mpi4py import MPI
+
+        from app.model import make_mesh
+
+        make_mesh(case, MPI.COMM_SELF)
+    runs = len(case.sweep_cases()) or 1
+    print(f"{case_file}: correct ({runs} run{'s' * (runs > 1)}, {len(case.stage)} stages)")
+
+
+@cli.command()
+def mesh(
+    case_file: CaseFile,
+    out: Annotated[
+        Path | None, typer.Option(help="directory of mesh and picture (default: results/CASE-mesh)")
+    ] = None,
+    overrides: Overrides = None,
+    force: Annotated[bool, typer.Option("--force", help="replace files that are there")] = False,
+) -> None:
+    """Write a case's mesh (.msh) and a picture of it with the names of bodies and surfaces."""
+    from mpi4py import MPI
+
+    from app.case import load_case
+    from app.model import make_mesh
+    from app.results import default_directory
+    from geometry.picture import save_picture
+    from geometry.two_blocks import write_msh
+
+    case = load_case(case_file, overrides or [])
+    default = default_directory(case_file)
+    directory = out or default.with_name(default.name + "-mesh")
+    msh, picture = directory / "mesh.msh", directory / "mesh.png"
+    for path in (msh, picture):
+        if path.exists() and not force:
+            raise InputError(f"{path}: exists already; replace it with --force")
+    named = make_mesh(case, MPI.COMM_SELF)
+    directory.mkdir(parents=True, exist_ok=True)
+    if case.geometry.kind == "two-blocks":
+        write_msh(case.geometry.blocks(), msh)
+        print(f"wrote {msh}")
+    save_picture(named, picture, case.title)
+    print(f"wrote {picture}")
+
+
+@cli.command()
+def plot(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="results directory")],
+) -> None:
+    """Draw the figures of a results directory again from its files."""
+    from app.case import load_case
+    from app.figures import draw_history, draw_sweep
+
+    (directory / "figures").mkdir(exist_ok=True) if directory.is_dir() else None
+    if (directory / "sweep.csv").is_file():
+        draw_sweep(load_case(directory / "case.toml"), directory)
+    else:
+        draw_history(directory)
+    print(f"figures in {directory / 'figures'}")
+
+
+@cli.command()
+def schema() -> None:
+    """Print the JSON schema of case files."""
+    from app.case import json_schema
+
+    print(json.dumps(json_schema(), indent=2, ensure_ascii=False))
+
+
+@cli.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
+def test(context: typer.Context) -> None:
+    """Run the test suite; further words go to pytest."""
+    root = Path(__file__).resolve().parent.parent
+    os.chdir(root)
+    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", *context.args]
+    os.execv(sys.executable, command)
+
+
+@cli.command(hidden=True)
+def warm() -> None:
+    """Compile every form into the cache, so that the first run need not."""
+    from app.warm import compile_forms
+
+    for line in compile_forms():
+        print(line, flush=True)
+
+
+def main() -> None:
+    """Run the command line; errors of ours become one line and an exit code."""
+    try:
+        cli()
+    except TriboxError as error:
+        if os.environ.get("OMPI_COMM_WORLD_RANK", "0") == "0":
+            print(f"tribox: {error}", file=sys.stderr)
+        sys.exit(error.exit_code)
+    except KeyboardInterrupt:
+        print("tribox: interrupted; the results so far are saved", file=sys.stderr)
+        sys.exit(130)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,113 @@
+"""What a run tells the person who started it: lines on the terminal and in ``log.txt``."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+from app.case_boundary import Stage
+from app.implicit import StepResult
+from app.measure import Row
+from app.simulation import Leg, Observer, Simulation
+
+
+class Reporter(Observer):
+    """Prints one line per step, or moves a bar on a terminal; keeps all lines in the log.
+
+    Only the first rank makes one; the others use a plain :class:`Observer`.
+    """
+
+    def __init__(self, log: Path, stages: tuple[Stage, ...], quiet: bool = False) -> None:
+        """Open the log.
+
+        Args:
+            log: file that receives every line.
+            stages: the stages to come, for the bar.
+            quiet: print warnings and results only.
+        """
+        self._log = log.open("w", encoding="utf-8", buffering=1)
+        self._console = Console(highlight=False, soft_wrap=True)
+        self._quiet = quiet
+        self._bar: Progress | None = None
+        if sys.stdout.isatty() and not quiet:
+            self._bar = Progress(
+                TextColumn("{task.description}"),
+                BarColumn(),
+                TextColumn("{task.completed:.0f}/{task.total:.0f} legs, step {task.fields[step]}"),
+                TimeElapsedColumn(),
+                console=self._console,
+                transient=True,
+            )
+            legs = sum(max(1, len(stage.velocities)) for stage in stages)
+            self._task = self._bar.add_task("starting", total=legs, step=0)
+            self._bar.start()
+
+    def say(self, line: str, *, always: bool = True) -> None:
+        """Print a line and log it; lines not ``always`` printed stay in the log on a terminal."""
+        self._log.write(line + "\n")
+        if always or (self._bar is None and not self._quiet):
+            self._console.print(line, markup=False)
+            if not self._console.is_terminal:
+                sys.stdout.flush()
+
+    def step(self, simulation: Simulation, row: Row, result: StepResult) -> None:
+        """One line of the step's forces and Newton iterations."""
+        self.say(
+            f"step {row.step:4d}  {row.stage:<10s} t {row.time:.6g} s  V {row.velocity:.3g} m/s  "
+            f"N {row.normal_force:.5g} N  T {row.tangential_force:.5g} N  "
+            f"Newton {row.newton_iterations} (residual {result.residuals[-1]:.1e})",
+            always=False,
+        )
+        if self._bar is not None:
+            self._bar.update(self._task, description=row.stage, step=row.step)
+
+    def leg(self, simulation: Simulation, leg: Leg, row: Row, steady: bool | None) -> None:
+        """One line of what the leg ended with."""
+        how = "" if steady is None else (" steady:" if steady else " NOT steady:")
+        self.say(
+            f"{leg.label}:{how} N {row.normal_force:.5g} N, T {row.tangential_force:.5g} N, "
+            f"T/N {row.friction_coefficient:.4g}"
+            + (f", η_eff {row.effective_viscosity:.4g} Pa s" if row.effective_viscosity else ""),
+            always=not self._quiet,
+        )
+        if self._bar is not None:
+            self._bar.advance(self._task)
+
+    def cut(self, simulation: Simulation, dt: float, result: StepResult) -> None:
+        """Say that a step is tried again shorter."""
+        self.say(
+            f"          step of {dt:.3g} s not solved after {result.iterations} iterations "
+            f"(reason {result.reason}): cut in two",
+            always=False,
+        )
+
+    def close(self) -> None:
+        """Stop the bar and close the log."""
+        if self._bar is not None:
+            self._bar.stop()
+        self._log.close()
+
+
+class Together(Observer):
+    """Several observers as one, told in order."""
+
+    def __init__(self, *observers: Observer) -> None:
+        self.observers = observers
+
+    def step(self, simulation: Simulation, row: Row, result: StepResult) -> None:
+        """Pass on."""
+        for observer in self.observers:
+            observer.step(simulation, row, result)
+
+    def leg(self, simulation: Simulation, leg: Leg, row: Row, steady: bool | None) -> None:
+        """Pass on."""
+        for observer in self.observers:
+            observer.leg(simulation, leg, row, steady)
+
+    def cut(self, simulation: Simulation, dt: float, result: StepResult) -> None:
+        """Pass on."""
+        for observer in self.observers:
+            observer.cut(simulation, dt, result)

@@ -1,0 +1,55 @@
+"""Data of the contact points of all pairs, gathered to the first rank in an order of their own."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from app.model import Model
+from forms.contact import ContactTerm, ContactTrial
+from geometry.projection import Floats
+
+
+def contact_arrays(model: Model) -> dict[str, Floats] | None:
+    """Data at all contact points after the last converged step; collective.
+
+    Returns:
+        On the first rank, arrays by name (SI), points sorted by pair and reference position:
+        ``position`` and ``reference`` (q, i), m; ``pair``; ``gap``, ``slip_increment``,
+        ``slip_path``, ``film_thickness``, m; ``slip_rate``, m/s; ``pressure``,
+        ``tangential_traction``, Pa; ``alpha``; ``regime``; ``dissipation``, J/m² in the last step.
+        None on the others.
+    """
+    problem = model.problem
+    mine = [
+        _arrays(index, term, trial)
+        for index, (term, trial) in enumerate(zip(problem.contacts, problem.trials, strict=True))
+    ]
+    gathered = problem.comm.gather(mine)
+    if gathered is None:
+        return None
+    parts = [arrays for rank in gathered for arrays in rank]
+    joined = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    order = np.lexsort((*joined["reference"].T[::-1], joined["pair"]))
+    return {name: values[order] for name, values in joined.items()}
+
+
+def _arrays(index: int, term: ContactTerm, trial: ContactTrial) -> dict[str, Floats]:
+    k, response = trial.kinematics, trial.response
+    state = response.state
+    right = np.stack([k.normal[:, 1], -k.normal[:, 0]], axis=1)
+    slip = np.einsum("qi,qi->q", k.slip, right)
+    return {
+        "position": trial.position,
+        "reference": term.surface.slave.position,
+        "pair": np.full(len(k.gap), float(index)),
+        "gap": np.where(trial.projection.on_surface, k.gap, np.nan),
+        "pressure": trial.pressure,
+        "tangential_traction": np.einsum("qi,qi->q", response.traction, right),
+        "slip_increment": slip,
+        "slip_rate": np.where(trial.pressure > 0.0, slip / trial.dt, 0.0),
+        "slip_path": state.slip_path,
+        "film_thickness": term.film,
+        "alpha": state.alpha,
+        "regime": response.regime.astype(float),
+        "dissipation": response.dissipation.total,
+    }

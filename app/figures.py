@@ -1,0 +1,282 @@
+"""Figures drawn from the files of a results directory."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from app.case import Case, load_case
+from app.case_contact import FrictionMap
+from app.results import read_table
+from forms.closed_forms import effective_viscosity, steady_traction, threshold_speed
+from forms.friction_parameters import FrictionMapParameters
+
+COLOURS = ("#1b6ca8", "#d1495b", "#2e8b57", "#8d5fa8", "#e08e1b", "#555555")
+STYLE = {
+    "font.size": 10,
+    "axes.grid": True,
+    "grid.alpha": 0.3,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "legend.frameon": False,
+    "figure.dpi": 150,
+}
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write a PNG under a temporary name and rename it."""
+    part = path.with_suffix(".part.png")
+    figure.savefig(part, bbox_inches="tight")
+    plt.close(figure)
+    part.replace(path)
+
+
+# -- one run --------------------------------------------------------------------------------------
+
+
+def draw_history(directory: Path) -> None:
+    """Draw ``history.png`` and ``energy.png``; the steady points too, where there are some.
+
+    Raises:
+        InputError: the directory holds no history.
+    """
+    rows = read_table(directory / "history.csv")
+    figures = directory / "figures"
+    if not rows:
+        return
+    with plt.rc_context(STYLE):
+        save(_forces(rows), figures / "history.png")
+        save(_energies(rows), figures / "energy.png")
+        case = load_case(directory / "case.toml")
+        summary = json.loads((directory / "summary.json").read_text(encoding="utf-8"))
+        steady = [leg for leg in summary["legs"] if leg["steady"] is not None]
+        if steady and isinstance(case.contact[0].friction, FrictionMap):
+            _draw_film([_series(case, steady)], figures)
+
+
+def _columns(rows: list[dict[str, Any]], *names: str) -> list[np.ndarray]:
+    return [np.array([row[name] for row in rows]) for name in names]
+
+
+def _mark_stages(axes: Axes, rows: list[dict[str, Any]]) -> None:
+    """A line where each stage or velocity begins."""
+    keys = [(row["stage"], row["velocity"]) for row in rows]
+    names = []
+    for index, key in enumerate(keys):
+        if index == 0 or key != keys[index - 1]:
+            axes.axvline(index + 0.5, color="0.8", lw=0.8, zorder=0)
+            names.append((index + 0.5, key))
+    if len(names) > 12:
+        return
+    for at, (stage, velocity) in names:
+        text = f" {stage}" + (f" {velocity:g} m/s" if velocity else "")
+        axes.annotate(
+            text, (at, 1.0), xycoords=("data", "axes fraction"), fontsize=7, color="0.4",
+            rotation=90, va="top",
+        )
+
+
+def _forces(rows: list[dict[str, Any]]) -> Figure:
+    figure, (top, bottom) = plt.subplots(2, 1, figsize=(7, 5.4), sharex=True)
+    step, normal, tangential, friction = _columns(
+        rows, "step", "normal_force", "tangential_force", "friction_coefficient"
+    )
+    top.plot(step, normal, color=COLOURS[0], label="normal force")
+    top.plot(step, tangential, color=COLOURS[1], label="tangential force")
+    top.set_ylabel("force (N)")
+    top.legend()
+    bottom.plot(step, friction, color=COLOURS[2])
+    bottom.set_ylabel("T/N (-)")
+    bottom.set_ylim(bottom=0.0)
+    bottom.set_xlabel("step")
+    for axes in (top, bottom):
+        _mark_stages(axes, rows)
+    return figure
+
+
+def _energies(rows: list[dict[str, Any]]) -> Figure:
+    figure, axes = plt.subplots(figsize=(7, 4))
+    step, work, strain, interface, dissipated, error = _columns(
+        rows, "step", "external_work", "strain_energy", "interface_energy", "dissipation",
+        "energy_error",
+    )
+    axes.plot(step, work, color="k", lw=2.5, alpha=0.35, label="external work")
+    stack = (strain, interface, dissipated)
+    axes.stackplot(
+        step, *stack, labels=("strain", "interface", "dissipated"), colors=COLOURS, alpha=0.6
+    )
+    largest = float(np.max(np.abs(work))) or 1.0
+    axes.plot(step, error, color=COLOURS[1], lw=1, label="not accounted for")
+    axes.set_title(
+        f"largest gap between work and its uses: {np.max(np.abs(error)) / largest:.1e} of the work",
+        fontsize=9,
+    )
+    axes.set_xlabel("step")
+    axes.set_ylabel("energy (J)")
+    axes.legend(loc="upper left", fontsize=8)
+    return figure
+
+
+# -- film -----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """Steady points of one film thickness.
+
+    Attributes:
+        thickness: D, m; parameters: of the law.
+        speed: m/s; viscosity: Pa s; traction: Pa, T/A; pressure: Pa, N/A; mu: computed μ(d).
+    """
+
+    thickness: float
+    parameters: FrictionMapParameters
+    speed: np.ndarray
+    viscosity: np.ndarray
+    traction: np.ndarray
+    pressure: float
+    mu: float
+
+
+def _series(case: Case, legs: Iterable[dict[str, Any]]) -> Series:
+    contact = case.contact[0]
+    assert isinstance(contact.friction, FrictionMap) and contact.film is not None
+    speed, viscosity, tangential, normal, area, mu = _columns(
+        sorted(legs, key=lambda leg: abs(leg["velocity"])),
+        *("velocity", "effective_viscosity", "tangential_force", "normal_force"),
+        *("contact_area", "mu"),
+    )
+    return Series(
+        thickness=contact.film.thickness,
+        parameters=contact.friction.parameters(),
+        speed=np.abs(speed),
+        viscosity=viscosity,
+        traction=np.abs(tangential) / area,
+        pressure=float(np.mean(normal / area)),
+        mu=float(np.mean(mu)),
+    )
+
+
+def draw_sweep(case: Case, directory: Path) -> None:
+    """Draw the figures of a collated sweep.
+
+    Raises:
+        InputError: the directory holds no ``sweep.csv``.
+    """
+    rows = read_table(directory / "sweep.csv")
+    figures = directory / "figures"
+    parts = case.sweep_cases()
+    with plt.rc_context(STYLE):
+        laws = [single.contact[0] for _, single in parts]
+        film = all(isinstance(c.friction, FrictionMap) for c in laws)
+        series = [
+            _series(single, steady)
+            for label, single in parts
+            if film
+            and (steady := [row for row in rows if row["label"] == label and row["steady"] >= 0])
+        ]
+        if series:
+            _draw_film(series, figures)
+        save(_sweep_ends(case, rows), figures / "sweep.png")
+
+
+def _sweep_ends(case: Case, rows: list[dict[str, Any]]) -> Figure:
+    """Forces at the end of each run of the sweep."""
+    assert case.sweep is not None
+    last = {row["label"]: row for row in rows}
+    figure, axes = plt.subplots(figsize=(6, 3.6))
+    at = np.arange(len(last))
+    normal, tangential = _columns(list(last.values()), "normal_force", "tangential_force")
+    axes.bar(at - 0.2, normal, 0.4, color=COLOURS[0], label="normal")
+    axes.bar(at + 0.2, tangential, 0.4, color=COLOURS[1], label="tangential")
+    axes.set_xticks(at, [label.split("=", 1)[-1] for label in last])
+    axes.set_xlabel(case.sweep.key)
+    axes.set_ylabel("force at the end of the run (N)")
+    axes.legend()
+    return figure
+
+
+def _draw_film(series: list[Series], figures: Path) -> None:
+    save(_viscosity_figure(series), figures / "effective_viscosity.png")
+    save(_map_figure(series), figures / "friction_map.png")
+
+
+def _curve_speeds(series: list[Series]) -> np.ndarray:
+    low = min(s.speed.min() for s in series)
+    high = max(s.speed.max() for s in series)
+    return np.geomspace(low / 1.5, high * 1.5, 2000)
+
+
+def _broken(values: np.ndarray, speed: np.ndarray, at: float) -> np.ndarray:
+    """A curve with a gap where it jumps, so that no line is drawn across."""
+    out = values.copy()
+    jump = np.searchsorted(speed, at)
+    if 0 < jump < len(speed):
+        out[jump - 1] = np.nan
+    return out
+
+
+def _viscosity_figure(series: list[Series]) -> Figure:
+    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4.6), sharey=True)
+    speed = _curve_speeds(series)
+    for colour, one in zip(_colours(len(series)), series, strict=True):
+        star = float(threshold_speed(one.thickness, one.parameters))
+        curve = effective_viscosity(speed, one.thickness, one.pressure, one.mu, one.parameters)
+        for axes, scale in ((left, 1.0), (right, 1.0 / one.thickness)):
+            axes.loglog(speed * scale, _broken(curve, speed, star), color=colour, lw=1)
+            axes.loglog(
+                one.speed * scale, one.viscosity, "o", ms=5, color=colour,
+                label=f"D = {one.thickness * 1e9:g} nm",
+            )
+            if speed[0] < star < speed[-1] and one.thickness < one.parameters.D_max:
+                axes.axvline(star * scale, color=colour, ls=":", lw=1)
+    eta = series[0].parameters.eta_b
+    for axes in (left, right):
+        axes.axhline(eta, color="k", lw=0.8, ls="--", zorder=0)
+    left.annotate(
+        f"$\\eta_b$ = {eta:g} Pa s", (0.02, eta), xycoords=("axes fraction", "data"),
+        xytext=(0, 3), textcoords="offset points", fontsize=8,
+    )
+    left.set_xlabel("sliding velocity V (m/s)")
+    left.set_ylabel("effective viscosity $T D/(A V)$ (Pa s)")
+    right.set_xlabel("shear rate V/D (1/s)")
+    right.legend()
+    figure.suptitle(
+        "points: computed steady states; lines: closed form; dotted: V*", fontsize=9
+    )
+    return figure
+
+
+def _map_figure(series: list[Series]) -> Figure:
+    figure, axes = plt.subplots(figsize=(6.6, 4.8))
+    speed = _curve_speeds(series)
+    for colour, one in zip(_colours(len(series)), series, strict=True):
+        star = float(threshold_speed(one.thickness, one.parameters))
+        curve = steady_traction(speed, one.thickness, one.pressure, one.mu, one.parameters)
+        axes.loglog(speed, _broken(curve, speed, star) / 1e6, color=colour, lw=1)
+        viscous = (one.speed > star) | (one.thickness >= one.parameters.D_max)
+        for chosen, marker in ((~viscous, "o"), (viscous, "s")):
+            axes.loglog(
+                one.speed[chosen], one.traction[chosen] / 1e6, marker, ms=5, color=colour,
+                mfc=colour if marker == "o" else "w",
+            )
+        axes.plot([], [], color=colour, label=f"D = {one.thickness * 1e9:g} nm")
+    axes.plot([], [], "o", color="0.4", label="frictional or mixed (V < V*)")
+    axes.plot([], [], "s", color="0.4", mfc="w", label="viscous (V > V* or D ≥ D_max)")
+    axes.set_xlabel("sliding velocity V (m/s)")
+    axes.set_ylabel("friction F(V; D) per area (MPa)")
+    axes.set_title("friction map: computed points on the closed form", fontsize=9)
+    axes.legend(fontsize=8)
+    return figure
+
+
+def _colours(count: int) -> list[str]:
+    return [COLOURS[i % len(COLOURS)] for i in range(count)]

@@ -1,0 +1,86 @@
+"""The energy ledger: external work against stored energy and dissipation, step by step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from app.equilibrium import Equilibrium
+from app.measure import ContactMeasure
+from geometry.projection import Floats
+
+
+@dataclass(slots=True)
+class Work:
+    """External forces on the bodies at a converged state, for the work they do.
+
+    Attributes:
+        force: owned part of the forces of supports, platens and pressures, N/m.
+        position: owned unknowns, m.
+    """
+
+    force: Floats
+    position: Floats
+
+    @classmethod
+    def at(cls, problem: Equilibrium, position: Floats) -> Work:
+        """Forces of the state that was evaluated last; collective."""
+        force = problem.load_forces()
+        held = problem.held_dofs()
+        force[held] += problem.unbalanced[held]
+        for platen in problem.platens:
+            force[platen.dofs] += problem.unbalanced[platen.dofs]
+        return cls(force, position.copy())
+
+    def until(self, other: Work, comm: MPI.Comm) -> float:
+        """Work from this state to ``other`` by the trapezoidal rule, J/m; collective."""
+        mean = 0.5 * (self.force + other.force)
+        return float(comm.allreduce(float(mean @ (other.position - self.position))))
+
+
+class Ledger:
+    """Adds up work and dissipation over a run and holds them against the stored energy.
+
+    Attributes:
+        work, dissipation, numerical: J/m since the start; the numerical part of the dissipation
+            is the time integration's own and is contained in it.
+        strain, interface: J/m, stored today, less what was stored at the start.
+    """
+
+    def __init__(self, problem: Equilibrium, x: PETSc.Vec) -> None:
+        """Begin at the state ``x``; collective."""
+        self.problem = problem
+        residual = x.duplicate()
+        problem.residual(None, x, residual)
+        residual.destroy()
+        self._last = Work.at(problem, x.array_r)
+        self._start = (self._strain(), self._interface())
+        self.work = self.dissipation = self.numerical = 0.0
+        self.strain = self.interface = 0.0
+
+    def add(self, x: PETSc.Vec, measures: Sequence[ContactMeasure]) -> None:
+        """Enter the converged step that was evaluated last, at ``x``; collective."""
+        now = Work.at(self.problem, x.array_r)
+        self.work += self._last.until(now, self.problem.comm)
+        self._last = now
+        self.strain = self._strain() - self._start[0]
+        self.interface = sum(m.energy for m in measures) - self._start[1]
+        self.dissipation += sum(m.dissipated for m in measures)
+        self.numerical += sum(m.numerical for m in measures)
+
+    @property
+    def error(self) -> float:
+        """External work that is neither stored nor dissipated, J/m."""
+        return self.work - self.strain - self.interface - self.dissipation
+
+    def _strain(self) -> float:
+        local = sum(solid.strain_energy() for solid in self.problem.solids)
+        return float(self.problem.comm.allreduce(local, op=MPI.SUM))
+
+    def _interface(self) -> float:
+        pairs = zip(self.problem.contacts, self.problem.trials, strict=True)
+        local = sum(term.interface_energy(trial) for term, trial in pairs)
+        return float(self.problem.comm.allreduce(local, op=MPI.SUM))

@@ -1,0 +1,276 @@
+"""From a case to the objects that are solved: mesh, solids, contacts, loads and their programs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import dolfinx
+import numpy as np
+import ufl
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import app.case_bodies as case_bodies
+import app.case_contact as case_contact
+from app.case import Case
+from app.case_boundary import DRIVEN, Boundary
+from app.equilibrium import Equilibrium, Platen, Prescribed, component_dofs
+from app.errors import InputError
+from app.quantity_tables import TimeTable
+from forms.contact import ContactTerm
+from forms.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
+from forms.friction import FrictionLaw
+from forms.friction_map import FrictionMap
+from forms.loads import FollowerPressure, reference_area
+from forms.materials import Hencky, Material, MooneyRivlin, NeoHookean, oedometric_modulus
+from forms.solids import Solid
+from geometry.mesh import MeshError, NamedMesh, bodies_sharing_nodes, generate, read
+from geometry.surface import ContactSurface, integration_facets
+
+COMPONENTS = ("x", "y")
+
+
+@dataclass(slots=True)
+class Model:
+    """A case made ready to be solved.
+
+    Attributes:
+        case: what was asked for.
+        named: mesh with named bodies and surfaces.
+        problem: residual and tangent of everything together.
+        programs: each sets one load from (time, driven displacement), s and m.
+        thickness: m, of the plane-strain slab; the solver works per unit thickness.
+        notes: what the user should know before the run, one line each.
+    """
+
+    case: Case
+    named: NamedMesh
+    problem: Equilibrium
+    programs: list[Callable[[float, float], None]] = field(default_factory=list)
+    thickness: float = 1.0
+    notes: list[str] = field(default_factory=list)
+
+    def set_loads(self, time: float, driven: float) -> None:
+        """Set every prescribed displacement and load to its value at ``time`` (s).
+
+        Args:
+            time: s, since the start.
+            driven: m, displacement of the driven boundaries so far.
+        """
+        for program in self.programs:
+            program(time, driven)
+
+
+def build_model(case: Case, comm: MPI.Comm) -> Model:
+    """Mesh, forms and loads of a case; collective.
+
+    Raises:
+        InputError: the mesh, or a name in the case, does not fit.
+    """
+    named = make_mesh(case, comm)
+    space = dolfinx.fem.functionspace(named.mesh, ("Lagrange", 1, (named.mesh.geometry.dim,)))
+    u = dolfinx.fem.Function(space, name="displacement")
+    materials = {name: _material(body) for name, body in case.bodies.items()}
+    solids = [
+        Solid(
+            name,
+            u,
+            named.cells(name),
+            materials[name],
+            body.formulation_for(named.mesh.topology.cell_name()),
+            body.density or 0.0,
+        )
+        for name, body in case.bodies.items()
+    ]
+    contacts = [
+        _contact(case, index, named, space, materials) for index in range(len(case.contact))
+    ]
+    thickness = case.geometry.thickness
+    loads = _Loads(named, u, thickness)
+    for boundary in case.boundary:
+        loads.add(boundary)
+    problem = Equilibrium(u, solids, contacts, loads.prescribed, loads.platens, loads.pressures)
+    return Model(case, named, problem, loads.programs, thickness)
+
+
+def make_mesh(case: Case, comm: MPI.Comm) -> NamedMesh:
+    """The case's mesh, generated or read, with every name the case uses; collective.
+
+    Raises:
+        InputError: no such file, body or surface, or bodies that are glued together.
+    """
+    geometry = case.geometry
+    try:
+        if isinstance(geometry, case_bodies.BlocksGeometry):
+            return generate(geometry.blocks(), comm)
+        named = read(Path(geometry.mesh), comm)
+        if named.mesh.geometry.dim != 2 or named.mesh.topology.dim != 2:
+            raise MeshError(f"{geometry.mesh}: a plane mesh (z = 0) is needed, this one is in 3D")
+        _check_names(case, named)
+        glued = bodies_sharing_nodes(named)
+    except MeshError as error:
+        raise InputError(str(error)) from None
+    if glued:
+        first, second = glued[0]
+        raise InputError(
+            f'{geometry.mesh}: bodies "{first}" and "{second}" share nodes, so they cannot slide; '
+            "mesh them apart (no common points between the bodies)"
+        )
+    return named
+
+
+def _check_names(case: Case, named: NamedMesh) -> None:
+    for name in case.bodies:
+        named.body_tag(name)
+    for name in named.bodies:
+        if name not in case.bodies:
+            raise MeshError(f'the mesh has a body "{name}", the case has no [bodies.{name}]')
+    for contact in case.contact:
+        named.surface_tag(contact.slave)
+        named.surface_tag(contact.master)
+    for boundary in case.boundary:
+        named.surface_tag(boundary.surface)
+
+
+def _material(body: case_bodies.Body) -> Material:
+    if isinstance(body, case_bodies.MooneyRivlinBody):
+        return MooneyRivlin(body.C10, body.C01, body.K)
+    kind = Hencky if isinstance(body, case_bodies.HenckyBody) else NeoHookean
+    return kind(body.shear_modulus, body.bulk_modulus)
+
+
+def _contact(
+    case: Case,
+    index: int,
+    named: NamedMesh,
+    space: dolfinx.fem.FunctionSpace,
+    materials: dict[str, Material],
+) -> ContactTerm:
+    contact = case.contact[index]
+    slave, master = named.facets(contact.slave), named.facets(contact.master)
+    try:
+        surface = ContactSurface(space, slave, master, contact.quadrature_degree)
+    except ValueError as error:
+        raise InputError(f"contact.{index}: {error}") from None
+    modulus = min(
+        oedometric_modulus(materials[_body_of(named, name)])
+        for name in (contact.slave, contact.master)
+    )
+    local = np.array([surface.slave.weight.sum(), len(np.unique(surface.slave.facet))])
+    length, count = named.mesh.comm.allreduce(local)
+    stiffness = modulus * count / length
+    penalty = contact.penalty or (contact.penalty_factor or 0.0) * stiffness
+    law = _law(contact.friction, stiffness)
+    return ContactTerm(surface, law, penalty, contact.film.thickness if contact.film else 0.0)
+
+
+def _law(friction: case_contact.Friction, stiffness: float) -> FrictionLaw:
+    """The friction law; ``stiffness`` (Pa/m) is the default of the elastic slip's."""
+    if isinstance(friction, case_contact.FrictionMap):
+        return FrictionMap(friction.parameters())
+    if isinstance(friction, case_contact.Coulomb):
+        return CoulombLaw(CoulombParameters(mu=friction.mu, K_T=friction.K_T or stiffness))
+    return FrictionlessLaw()
+
+
+def _body_of(named: NamedMesh, surface: str) -> str:
+    """The body that a surface belongs to; collective."""
+    mesh = named.mesh
+    pairs = integration_facets(mesh, named.facets(surface)).reshape(-1, 2)
+    tags = {
+        int(tag)
+        for tag in named.cell_tags.values[np.isin(named.cell_tags.indices, pairs[:, 0])]
+    }
+    found = set().union(*mesh.comm.allgather(tags))
+    names = [name for name, tag in named.bodies.items() if tag in found]
+    if len(names) != 1:
+        raise InputError(f'surface "{surface}" must lie on one body; it lies on {sorted(names)}')
+    return names[0]
+
+
+class _Loads:
+    """Collects what the boundaries prescribe, and the programs that move it."""
+
+    def __init__(self, named: NamedMesh, u: dolfinx.fem.Function, thickness: float) -> None:
+        self.named, self.u, self.thickness = named, u, thickness
+        self.prescribed: list[Prescribed] = []
+        self.platens: list[Platen] = []
+        self.pressures: list[FollowerPressure] = []
+        self.programs: list[Callable[[float, float], None]] = []
+
+    def add(self, boundary: Boundary) -> None:
+        """Add one boundary."""
+        facets = self.named.facets(boundary.surface)
+        for component, value in _components(boundary):
+            self._prescribe(facets, component, value)
+        if boundary.platen is not None:
+            self._platen(boundary, facets)
+        if boundary.pressure is not None:
+            load = FollowerPressure(self.u, facets)
+            self.pressures.append(load)
+            table = boundary.pressure
+            self.programs.append(lambda time, driven: load.set(table(time)))
+
+    def _prescribe(
+        self, facets: np.ndarray, component: int, value: Callable[[float, float], float]
+    ) -> None:
+        held = Prescribed(component_dofs(self.u.function_space, facets, component))
+        self.prescribed.append(held)
+
+        def program(time: float, driven: float) -> None:
+            held.value = value(time, driven)
+
+        self.programs.append(program)
+
+    def _platen(self, boundary: Boundary, facets: np.ndarray) -> None:
+        assert boundary.platen is not None
+        component = COMPONENTS.index(boundary.platen.direction)
+        mesh = self.named.mesh
+        platen = Platen(component_dofs(self.u.function_space, facets, component))
+        self.platens.append(platen)
+        outward = _mean_normal(mesh, facets, component)
+        if abs(outward) < 1e-6:
+            raise InputError(
+                f'boundary "{boundary.surface}": platen.direction = "{boundary.platen.direction}" '
+                "is tangential to the surface; a platen presses along its normal"
+            )
+        inward = -float(np.sign(outward))
+        if boundary.platen.pressure is not None:
+            table, scale = boundary.platen.pressure, inward * reference_area(mesh, facets)
+        else:
+            assert boundary.platen.force is not None
+            table, scale = boundary.platen.force, inward / self.thickness
+
+        def program(time: float, driven: float) -> None:
+            platen.force = scale * table(time)
+
+        self.programs.append(program)
+
+
+def _components(
+    boundary: Boundary,
+) -> Iterator[tuple[int, Callable[[float, float], float]]]:
+    """Prescribed components of a boundary and their value at (time, driven displacement)."""
+    for index, name in enumerate(COMPONENTS):
+        moved = getattr(boundary.displacement, name, None)
+        if moved == DRIVEN:
+            yield index, lambda time, driven: driven
+        elif isinstance(moved, TimeTable):
+            yield index, _of_time(moved.__call__)
+        speed = getattr(boundary.velocity, name, None)
+        if isinstance(speed, TimeTable):
+            yield index, _of_time(speed.integral)
+
+
+def _of_time(value: Callable[[float], float]) -> Callable[[float, float], float]:
+    return lambda time, driven: value(time)
+
+
+def _mean_normal(mesh: dolfinx.mesh.Mesh, facets: np.ndarray, component: int) -> float:
+    ds = ufl.Measure("ds", domain=mesh, subdomain_data=[(1, integration_facets(mesh, facets))])(1)
+    unit = dolfinx.fem.Constant(mesh, np.zeros(mesh.geometry.dim, dtype=PETSc.ScalarType))
+    unit.value[component] = 1.0
+    form = dolfinx.fem.form(ufl.inner(ufl.FacetNormal(mesh), unit) * ds)
+    return float(mesh.comm.allreduce(dolfinx.fem.assemble_scalar(form)))

@@ -1,0 +1,185 @@
+"""Writes a run into its results directory: history, fields, contact points, summary."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import platform
+import resource
+import time
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import dolfinx
+import meshio
+import numpy as np
+from petsc4py import PETSc
+
+from app.case import resolved_toml
+from app.contact_output import contact_arrays
+from app.implicit import StepResult
+from app.measure import Row
+from app.model import Model
+from app.results import write_history, write_json, write_text
+from app.simulation import Leg, Observer, Simulation
+
+HISTORY_EVERY = 2.0  # s between two rewrites of history.csv while running
+
+
+class Recorder(Observer):
+    """Observer that writes files; all ranks take part, the first one writes.
+
+    Attributes:
+        directory: results directory, ready to be written.
+        legs: what each leg ended with, for the summary.
+    """
+
+    def __init__(self, model: Model, directory: Path) -> None:
+        """Open the outputs and write the resolved case; collective."""
+        self.model = model
+        self.directory = directory
+        self.comm = model.problem.comm
+        self.first = self.comm.rank == 0
+        self.legs: list[dict[str, Any]] = []
+        self.every = model.case.output.fields_every
+        self._outputs: list[tuple[float, str]] = []
+        self._written = time.monotonic()
+        self._started = time.perf_counter()
+        self._warned = False
+        self.warnings: list[str] = list(model.notes)
+        if self.first:
+            write_text(directory / "case.toml", resolved_toml(model.case))
+            (directory / "contact").mkdir()
+        self.comm.barrier()
+        # The default engine writes garbage from a rank without cells; BP4 does not.
+        self._fields = dolfinx.io.VTXWriter(
+            self.comm, directory / "fields.bp", [model.problem.u], engine="BP4"
+        )
+        self._last_output = -1
+
+    def step(self, simulation: Simulation, row: Row, result: StepResult) -> None:
+        """Write the outputs that are due and look for a negative dissipation."""
+        if self.every and row.step % self.every == 0:
+            self._output(simulation)
+        self._watch(simulation, row)
+        if self.first and time.monotonic() - self._written > HISTORY_EVERY:
+            write_history(self.directory / "history.csv", simulation.rows)
+            self._written = time.monotonic()
+
+    def leg(self, simulation: Simulation, leg: Leg, row: Row, steady: bool | None) -> None:
+        """Write the fields at the end of a leg and keep its last row."""
+        self._output(simulation)
+        self.legs.append({"label": leg.label, "steady": steady, **asdict(row)})
+        if steady is False:
+            self.warnings.append(
+                f"stage {leg.label}: not steady after {leg.stage.max_steps} steps "
+                "(raise max_steps or steady_tolerance)"
+            )
+
+    def close(self, simulation: Simulation, status: str) -> None:
+        """Write history and summary; after a failure also the last state; collective."""
+        if simulation.step:
+            self._output(simulation)
+        self._fields.close()
+        memory = self.comm.gather(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0)
+        if self.first:
+            write_history(self.directory / "history.csv", simulation.rows)
+            self._write_series()
+            write_json(
+                self.directory / "summary.json", self._summary(simulation, status, memory or [])
+            )
+
+    def _output(self, simulation: Simulation) -> None:
+        if simulation.step == self._last_output:
+            return
+        self._last_output = simulation.step
+        with self.model.problem.timer("output"):
+            self.model.problem.spread(simulation.stepper.x)
+            self._fields.write(simulation.time)
+            name = f"contact/{simulation.step:06d}.vtu"
+            points = contact_arrays(self.model)
+            if points is not None:
+                _write_points(self.directory / name, points)
+            self._outputs.append((simulation.time, name))
+
+    def _watch(self, simulation: Simulation, row: Row) -> None:
+        """Warn once of a dissipation that is negative beyond round-off."""
+        if self._warned:
+            return
+        for measure in simulation.measures:
+            if measure.area <= 0.0 or not measure.worst:
+                continue
+            scale = abs(row.dissipation) + abs(row.external_work) + row.interface_energy
+            allowed = 1e-12 * scale / (measure.area * self.model.thickness)
+            if measure.least_dissipation < -allowed:
+                self._warned = True
+                where = ", ".join(f"{c:.4g}" for c in measure.worst)
+                self.warnings.append(
+                    f"negative dissipation {measure.least_dissipation:.3g} J/m² at ({where}) m, "
+                    f"time {row.time:.6g} s, stage {row.stage}"
+                )
+
+    def _write_series(self) -> None:
+        """Index of the contact files by time, as ParaView reads it."""
+        sets = "\n".join(
+            f'    <DataSet timestep="{t!r}" file="{name}"/>' for t, name in self._outputs
+        )
+        write_text(
+            self.directory / "contact.pvd",
+            '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n'
+            f"{sets}\n  </Collection>\n</VTKFile>\n",
+        )
+
+    def _summary(self, simulation: Simulation, status: str, memory: list[float]) -> dict[str, Any]:
+        rows = simulation.rows
+        problem = self.model.problem
+        wall = time.perf_counter() - self._started
+        timings = {key: round(value, 4) for key, value in problem.timer.seconds.items()}
+        largest = max((abs(row.external_work) for row in rows), default=0.0)
+        return {
+            "title": self.model.case.title,
+            "status": status,
+            "warnings": self.warnings,
+            "steps": len(rows),
+            "newton_iterations": sum(row.newton_iterations for row in rows),
+            "attempts": sum(row.attempts for row in rows),
+            "energy_error_relative": rows[-1].energy_error / largest if largest else 0.0,
+            "penalty": [term.penalty for term in problem.contacts],
+            "penetration_over_film": [_penetration_over_film(row) for row in rows[-1:]],
+            "legs": self.legs,
+            "dofs": int(problem.space.dofmap.index_map.size_global * problem.dim),
+            "ranks": self.comm.size,
+            "seconds": {"run": round(wall, 4), **timings},
+            "memory_MiB_per_rank": [round(m, 1) for m in memory],
+            "versions": {
+                "tribox": _version(),
+                "dolfinx": dolfinx.__version__,
+                "petsc": ".".join(map(str, PETSc.Sys.getVersion())),
+                "numpy": np.__version__,
+                "python": platform.python_version(),
+            },
+        }
+
+
+def _penetration_over_film(row: Row) -> float | None:
+    return row.max_penetration / row.film_thickness if row.film_thickness > 0.0 else None
+
+
+def _version() -> str:
+    from app import __version__
+
+    try:
+        return importlib.metadata.version("tribox")
+    except importlib.metadata.PackageNotFoundError:
+        return __version__
+
+
+def _write_points(path: Path, arrays: dict[str, np.ndarray]) -> None:
+    """Contact points as vertices with data, ``position`` being where they are."""
+    position = arrays.pop("position")
+    points = np.zeros((len(position), 3))
+    points[:, : position.shape[1]] = position
+    vertices = [("vertex", np.arange(len(points))[:, None])]
+    part = path.with_suffix(".part.vtu")
+    meshio.Mesh(points, vertices, point_data=arrays).write(part)
+    part.replace(path)

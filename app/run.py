@@ -1,0 +1,105 @@
+"""Runs a case into a results directory: what ``tribox run`` does, callable from Python."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from mpi4py import MPI
+
+from app.case import Case
+from app.console import Reporter, Together
+from app.errors import InputError, SolutionError
+from app.model import build_model
+from app.recorder import Recorder
+from app.results import check_free, prepare
+from app.simulation import Observer, Simulation
+
+
+def run_case(
+    case: Case,
+    directory: Path,
+    *,
+    force: bool = False,
+    quiet: bool = False,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+) -> Simulation:
+    """Run one case (without its sweep) and write its results; collective.
+
+    Args:
+        case: what to run.
+        directory: results directory; made if missing.
+        force: replace results that are there.
+        quiet: print warnings and errors only.
+        comm: ranks that work together.
+
+    Returns:
+        The finished simulation: ``rows`` is the history, ``model`` what was solved.
+
+    Raises:
+        InputError: the case, the mesh or the directory cannot be used; nothing has been changed.
+        SolutionError: a step could not be solved; the state before it has been saved.
+    """
+    on_first(comm, lambda: check_free(directory, force))
+    model = build_model(case, comm)
+    on_first(comm, lambda: prepare(directory))
+    recorder = Recorder(model, directory)
+    reporter = (
+        Reporter(directory / "log.txt", case.stage, quiet) if comm.rank == 0 else None
+    )
+    observer: Observer = Together(reporter, recorder) if reporter else recorder
+    try:
+        for note in model.notes:
+            if reporter:
+                reporter.say(f"note: {note}")
+        simulation = Simulation(model)
+        _run(simulation, recorder, observer)
+        if case.output.figures:
+            draw_run(simulation, directory)
+        for warning in recorder.warnings[len(model.notes) :]:
+            if reporter:
+                reporter.say(f"warning: {warning}")
+        if reporter:
+            reporter.say(f"results in {directory}", always=not quiet)
+    finally:
+        if reporter:
+            reporter.close()
+    return simulation
+
+
+def _run(simulation: Simulation, recorder: Recorder, observer: Observer) -> None:
+    status = "interrupted"
+    try:
+        simulation.run(observer)
+        status = "done"
+    except SolutionError:
+        status = "failed"
+        raise
+    finally:
+        recorder.close(simulation, status)
+
+
+def draw_run(simulation: Simulation, directory: Path) -> None:
+    """Draw the figures of a finished run; collective."""
+    from app.deformed import draw_deformed
+    from app.figures import draw_history
+
+    with simulation.model.problem.timer("figures"):
+        figures = directory / "figures"
+        if simulation.model.problem.comm.rank == 0:
+            figures.mkdir(exist_ok=True)
+            draw_history(directory)
+        draw_deformed(simulation.model, figures / "deformed.png")
+
+
+def on_first(comm: MPI.Comm, action: Callable[[], None]) -> None:
+    """Do something on the first rank; if it raises, raise on all."""
+    problem: str | None = None
+    if comm.rank == 0:
+        try:
+            action()
+        except InputError as error:
+            problem = str(error)
+    problem = comm.bcast(problem)
+    if problem is not None:
+        raise InputError(problem)

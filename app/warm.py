@@ -1,0 +1,38 @@
+"""Compiles the forms of every material, formulation and cell shape into FFCx's cache."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+
+def compile_forms() -> Iterator[str]:
+    """Compile all forms a case can ask for; yields a line on each group."""
+    import dolfinx
+    import numpy as np
+    from mpi4py import MPI
+
+    from app.equilibrium import pattern_form
+    from forms.loads import FollowerPressure, reference_area
+    from forms.materials import Hencky, MooneyRivlin, NeoHookean
+    from forms.solids import Solid
+    from geometry.surface import point_operators
+
+    materials = (NeoHookean(1.0, 2.0), MooneyRivlin(0.4, 0.1, 2.0), Hencky(1.0, 2.0))
+    for cell in (dolfinx.mesh.CellType.quadrilateral, dolfinx.mesh.CellType.triangle):
+        mesh = dolfinx.mesh.create_unit_square(MPI.COMM_SELF, 2, 2, cell)
+        space = dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (2,)))
+        u = dolfinx.fem.Function(space)
+        cells = np.arange(mesh.topology.index_map(2).size_local, dtype=np.int32)
+        quadrilateral = cell == dolfinx.mesh.CellType.quadrilateral
+        for material in materials:
+            for formulation in ("q1", "q1-sri") if quadrilateral else ("q1",):
+                Solid("warm", u, cells, material, formulation)  # type: ignore[arg-type]
+                yield f"{cell.name} {type(material).__name__} {formulation}"
+        mesh.topology.create_connectivity(1, 2)
+        facets = dolfinx.mesh.exterior_facet_indices(mesh.topology)
+        pattern_form(space)
+        FollowerPressure(u, facets)
+        reference_area(mesh, facets)
+        for degree in (1, 2, 3, 4, 5):
+            point_operators(space, facets, degree)
+        yield f"{cell.name} loads and contact points"
