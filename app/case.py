@@ -157,6 +157,16 @@ class Case(Model):
         yield from boundary_problems(self.boundary, ("boundary",))
         yield from stage_problems(self.stage, self.boundary, ("stage",))
         yield from self.solver.problems(("solver",))
+        for index, stage in enumerate(self.stage):
+            if stage.velocities and not stage.velocities_within(self.film_conductance):
+                reason = "leaves no velocity: the film stress eta_b V/D exceeds it at all of them"
+                place = ("stage", index, "film_stress_limit")
+                yield Problem(place, reason, stage.film_stress_limit)
+
+    @property
+    def film_conductance(self) -> float:
+        """Largest eta_b/D of all contacts, Pa s/m; 0 without a film."""
+        return max(contact.film_conductance for contact in self.contact)
 
     def _formulation_problems(self, geometry: BlocksGeometry) -> Iterator[Problem]:
         for name, body in self.bodies.items():

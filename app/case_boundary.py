@@ -12,7 +12,13 @@ from app.quantities import Quantity
 from app.quantity_tables import Program, TimeTable
 
 DRIVEN = "driven"
-_STEADY_KEYS = ("slip_step", "min_steps", "max_steps", "steady_tolerance")
+_STEADY_KEYS = (
+    "slip_step",
+    "min_steps",
+    "max_steps",
+    "steady_tolerance",
+    "film_stress_limit",
+)
 
 _Displacement = Annotated[TimeTable | Literal["driven"], Program("m", word=DRIVEN)]
 _Velocity = Annotated[TimeTable, Program("m/s")]
@@ -135,6 +141,11 @@ class Stage(Model):
         description="relative change of the tangential force per step, over the last 3 steps, "
         "below which it is steady; with velocities",
     )
+    film_stress_limit: Annotated[float, Quantity("Pa", gt=0.0)] | None = Field(
+        default=None,
+        description="velocities at which the film stress eta_b V/D of a contact would exceed this "
+        "are left out; with velocities",
+    )
     rate_dependent: Flag = Field(
         default=True, description="whether the film and velocity effects act in this stage"
     )
@@ -143,6 +154,17 @@ class Stage(Model):
     def is_driven(self) -> bool:
         """Whether driven boundaries move in this stage."""
         return bool(self.velocities) or self.velocity is not None
+
+    def velocities_within(self, film_conductance: float) -> tuple[float, ...]:
+        """The velocities (m/s) that the limit on the film's stress leaves.
+
+        Args:
+            film_conductance: Pa s/m, largest eta_b/D of all contacts; 0 without a film.
+        """
+        if self.film_stress_limit is None:
+            return self.velocities
+        limit = self.film_stress_limit
+        return tuple(v for v in self.velocities if film_conductance * abs(v) <= limit)
 
     @model_serializer(mode="wrap")
     def _without_idle_keys(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:

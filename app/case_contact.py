@@ -43,7 +43,7 @@ class Coulomb(Model):
     law: Literal["coulomb"] = Field(description="the friction law")
     mu: Annotated[float, Quantity(ge=0.0)] = Field(description="coefficient of friction")
     K_T: Annotated[float, Quantity("Pa/m", gt=0.0)] | None = Field(
-        default=None, description="tangential stiffness before slip; default: the normal penalty"
+        default=None, description="tangential stiffness before slip; default: M/h, as in penalty_factor"
     )
 
     def problems(self, place: Place, film: Film | None) -> Iterator[Problem]:
@@ -209,6 +209,15 @@ class Contact(Model):
         friction = handler({"law": "friction-map", **value, **merged})
         friction.model_fields_set.difference_update(merged.keys() - given.keys())
         return friction
+
+    @property
+    def film_conductance(self) -> float:
+        """eta_b/D, Pa s/m, stress of the film per speed; 0 where there is none."""
+        friction = self.friction
+        if not isinstance(friction, FrictionMap) or self.film is None:
+            return 0.0
+        wet = self.film.thickness > friction.D_min
+        return friction.eta_b / self.film.thickness if wet else 0.0
 
     def problems(self, place: Place) -> Iterator[Problem]:
         """What does not fit together, `place` being this table's place in the case."""

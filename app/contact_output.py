@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from app.measure import turned_right
 from app.model import Model
 from forms.contact import ContactTerm, ContactTrial
 from geometry.projection import Floats
@@ -36,7 +37,7 @@ def contact_arrays(model: Model) -> dict[str, Floats] | None:
 def _arrays(index: int, term: ContactTerm, trial: ContactTrial) -> dict[str, Floats]:
     k, response = trial.kinematics, trial.response
     state = response.state
-    right = np.stack([k.normal[:, 1], -k.normal[:, 0]], axis=1)
+    right = turned_right(k.normal)
     slip = np.einsum("qi,qi->q", k.slip, right)
     return {
         "position": trial.position,

@@ -63,7 +63,8 @@ def _figure(bodies: dict[str, Floats], points: dict[str, Floats], title: str) ->
         )
         top.plot([], [], "s", color=colour, label=name)
     top.autoscale_view()
-    top.set_aspect("auto" if slender else "equal")
+    if not slender:
+        top.set_aspect("equal", adjustable="datalim")
     top.grid(False)
     pressed = points["pressure"] > 0.0
     marks = top.scatter(

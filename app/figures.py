@@ -104,12 +104,12 @@ def _forces(rows: list[dict[str, Any]]) -> Figure:
 
 def _energies(rows: list[dict[str, Any]]) -> Figure:
     figure, axes = plt.subplots(figsize=(7, 4))
-    step, work, strain, interface, dissipated, error = _columns(
+    step, work, strain, interface, dissipated, numerical, error = _columns(
         rows, "step", "external_work", "strain_energy", "interface_energy", "dissipation",
-        "energy_error",
+        "numerical_dissipation", "energy_error",
     )
     axes.plot(step, work, color="k", lw=2.5, alpha=0.35, label="external work")
-    stack = (strain, interface, dissipated)
+    stack = (strain, interface, dissipated - numerical)
     axes.stackplot(
         step, *stack, labels=("strain", "interface", "dissipated"), colors=COLOURS, alpha=0.6
     )

@@ -17,17 +17,22 @@ class ContactMeasure:
     """One pair after a step, per unit thickness.
 
     Attributes:
-        normal_force, tangential_force: N/m; resultant of the tractions on the slave along the mean
-            normal of the contact, and the friction on the master along the normal turned right.
+        normal_force, drag: N/m; resultant of all tractions on the slave along the mean normal of
+            the contact, and against the direction right of it.
+        tangential_force: N/m; friction on the master along its surface, to the right. It leaves
+            out what the drag also holds: pressure on a surface that is not flat.
         area: m, closed reference area; stick, viscous: shares of it, by regime.
         film: m, friction_coefficient: mean of μ(d); both weighted by pressure times area.
         penetration: m, largest. speed: m/s, mean slip speed of the closed area.
-        energy: J/m, penalty and elastic slip. dissipated: J/m in this step.
+        energy: J/m, penalty and elastic slip. dissipated: J/m in this step; numerical: the part of
+            it that backward Euler books beyond the trapezoidal rule, ½ (T_{n+1} − T_n)·Δg_T.
+        beyond: share of the reference area that has run past the end of the master.
         least_dissipation: J/m², smallest at any point, without the time integration's own part.
         worst: where that is (m, current).
     """
 
     normal_force: float
+    drag: float
     tangential_force: float
     area: float
     stick: float
@@ -39,6 +44,7 @@ class ContactMeasure:
     energy: float
     dissipated: float
     numerical: float
+    beyond: float
     least_dissipation: float
     worst: tuple[float, ...]
 
@@ -63,7 +69,10 @@ def measure_contact(term: ContactTerm, trial: ContactTrial, comm: MPI.Comm) -> C
                 closed @ np.linalg.norm(k.slip, axis=1),
                 term.interface_energy(trial),
                 weight @ parts.total,
-                weight @ parts.numerical,
+                0.5 * (weight @ _dot(response.traction - term.state.friction_traction, k.slip)),
+                weight @ (~trial.projection.on_surface & (k.gap < 0.0)),
+                weight.sum(),
+                weight @ _dot(response.traction, turned_right(k.normal)),
             ],
             weight @ trial.traction,
             closed @ k.normal,
@@ -73,12 +82,13 @@ def measure_contact(term: ContactTerm, trial: ContactTrial, comm: MPI.Comm) -> C
     comm.Allreduce(sums, total, op=MPI.SUM)
     area, stick, viscous, force = total[:4]
     dim = k.normal.shape[1]
-    normal_force, tangential_force = _resultants(total[10 : 10 + dim], total[10 + dim :])
+    normal_force, drag = _resultants(total[13 : 13 + dim], total[13 + dim :])
     penetration = comm.allreduce(float(np.max(-k.gap, where=k.closed, initial=0.0)), op=MPI.MAX)
     least, worst = _least(parts.total - parts.numerical, trial.position, comm)
     return ContactMeasure(
         normal_force=normal_force,
-        tangential_force=tangential_force,
+        drag=drag,
+        tangential_force=float(total[12]),
         area=float(area),
         stick=_over(stick, area),
         viscous=_over(viscous, area),
@@ -89,9 +99,15 @@ def measure_contact(term: ContactTerm, trial: ContactTrial, comm: MPI.Comm) -> C
         energy=float(total[7]),
         dissipated=float(total[8]),
         numerical=float(total[9]),
+        beyond=_over(total[10], total[11]),
         least_dissipation=least,
         worst=worst,
     )
+
+
+def _dot(u: Floats, v: Floats) -> Floats:
+    out: Floats = np.einsum("qi,qi->q", u, v)
+    return out
 
 
 def _over(value: float, total: float) -> float:
@@ -99,13 +115,17 @@ def _over(value: float, total: float) -> float:
 
 
 def _resultants(force: Floats, normal: Floats) -> tuple[float, float]:
-    """Normal and tangential resultants of the traction on the slave, N/m."""
+    """Normal resultant of the traction on the slave and the drag, N/m."""
     length = float(np.linalg.norm(normal))
     if length == 0.0:
         return 0.0, 0.0
     n = normal / length
-    right = np.array([n[1], -n[0]])
-    return float(force @ n), float(-(force @ right))
+    return float(force @ n), float(-(force @ turned_right(n[None])[0]))
+
+
+def turned_right(normal: Floats) -> Floats:
+    """Unit vectors (q, i) along the surface, to the right of the normals (q, i)."""
+    return np.stack([normal[:, 1], -normal[:, 0]], axis=1)
 
 
 def _least(density: Floats, position: Floats, comm: MPI.Comm) -> tuple[float, tuple[float, ...]]:
@@ -119,9 +139,11 @@ def _least(density: Floats, position: Floats, comm: MPI.Comm) -> tuple[float, tu
 class Row:
     """One line of the history: a converged step. SI units; forces for the given thickness.
 
-    ``velocity`` is that of the driven boundaries (0 without), ``effective_viscosity`` T D/(A V)
+    ``tangential_force`` is the friction, ``drag`` the whole resultant along the contact (with the
+    pressure on a surface that is not flat). ``velocity`` is that of the driven boundaries (0 without), ``effective_viscosity`` T D/(A V)
     with A the closed reference area; ``energy_error`` is external work less strain, kinetic and
-    interface energy and dissipation.
+    interface energy and dissipation, these by the trapezoidal rule: ``numerical_dissipation`` is
+    what the dissipation of the backward Euler steps holds beyond it.
     """
 
     step: int
@@ -133,6 +155,7 @@ class Row:
     driven_displacement: float
     normal_force: float
     tangential_force: float
+    drag: float
     friction_coefficient: float
     mu: float
     film_thickness: float

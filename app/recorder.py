@@ -46,6 +46,7 @@ class Recorder(Observer):
         self._written = time.monotonic()
         self._started = time.perf_counter()
         self._warned = False
+        self._left: set[str] = set()
         self.warnings: list[str] = list(model.notes)
         if self.first:
             write_text(directory / "case.toml", resolved_toml(model.case))
@@ -103,11 +104,15 @@ class Recorder(Observer):
             self._outputs.append((simulation.time, name))
 
     def _watch(self, simulation: Simulation, row: Row) -> None:
-        """Warn once of a dissipation that is negative beyond round-off."""
-        if self._warned:
-            return
-        for measure in simulation.measures:
-            if measure.area <= 0.0 or not measure.worst:
+        """Warn once of a negative dissipation beyond round-off, and of running off the master."""
+        for contact, measure in zip(self.model.case.contact, simulation.measures, strict=True):
+            if measure.beyond > 0.0 and contact.master not in self._left:
+                self._left.add(contact.master)
+                self.warnings.append(
+                    f"{contact.slave} runs past the end of {contact.master}: no contact there "
+                    f"(first at time {row.time:.6g} s, stage {row.stage})"
+                )
+            if self._warned or measure.area <= 0.0 or not measure.worst:
                 continue
             scale = abs(row.dissipation) + abs(row.external_work) + row.interface_energy
             allowed = 1e-12 * scale / (measure.area * self.model.thickness)

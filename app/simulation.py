@@ -27,14 +27,12 @@ class Leg:
         velocity: m/s, of driven boundaries.
         dt: s, the step asked for.
         steps: number of such steps; None: until steady.
-        last: whether the stage ends with it.
     """
 
     stage: Stage
     velocity: float
     dt: float
     steps: int | None
-    last: bool
 
     @property
     def label(self) -> str:
@@ -42,16 +40,20 @@ class Leg:
         return f"{self.stage.name} {self.velocity:g} m/s" if self.stage.velocities else self.stage.name
 
 
-def legs_of(stage: Stage) -> Iterator[Leg]:
-    """The legs of a stage: one for each velocity, or one for its duration."""
-    for index, velocity in enumerate(stage.velocities):
+def legs_of(stage: Stage, film_conductance: float = 0.0) -> Iterator[Leg]:
+    """The legs of a stage: one for each velocity, or one for its duration.
+
+    Args:
+        stage: the stage.
+        film_conductance: largest eta_b/D, Pa s/m, for the limit on the film's stress.
+    """
+    for velocity in stage.velocities_within(film_conductance):
         assert stage.slip_step is not None
-        dt = stage.slip_step / abs(velocity)
-        yield Leg(stage, velocity, dt, None, index == len(stage.velocities) - 1)
+        yield Leg(stage, velocity, stage.slip_step / abs(velocity), None)
     if not stage.velocities:
         assert stage.duration is not None
         dt = stage.duration / stage.steps
-        yield Leg(stage, stage.velocity or 0.0, dt, stage.steps, True)
+        yield Leg(stage, stage.velocity or 0.0, dt, stage.steps)
 
 
 class Observer:
@@ -100,7 +102,7 @@ class Simulation:
         for stage in self.model.case.stage:
             for contact in self.model.problem.contacts:
                 contact.rate_dependent = stage.rate_dependent
-            for leg in legs_of(stage):
+            for leg in legs_of(stage, self.model.case.film_conductance):
                 self._run_leg(leg, observer)
 
     def _run_leg(self, leg: Leg, observer: Observer) -> None:
@@ -190,6 +192,7 @@ class Simulation:
             driven_displacement=self.driven,
             normal_force=normal * t,
             tangential_force=tangential * t,
+            drag=sum(m.drag for m in all_) * t,
             friction_coefficient=abs(tangential / normal) if normal != 0.0 else 0.0,
             mu=mean(lambda m: m.friction_coefficient),
             film_thickness=film,

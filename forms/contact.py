@@ -39,7 +39,7 @@ class ContactState:
         slip_components: (q, α), e^α = τ^α·g_e on that facet; slip_length: (q,), m, L = |g_e|.
         gap: (q,), m; +inf where there was no projection on the surface.
         stretch: (q,) area stretch da/dA of the slave surface.
-        friction: the law's own state.
+        friction: the law's own state; friction_traction: (q, i), Pa, T.
     """
 
     facet: Ints
@@ -49,6 +49,7 @@ class ContactState:
     gap: Floats
     stretch: Floats
     friction: FrictionState
+    friction_traction: Floats
 
 
 @dataclass(slots=True)
@@ -104,6 +105,7 @@ class ContactTerm:
             gap=np.where(at.on_surface, at.gap, np.inf),
             stretch=np.ones(q),
             friction=law.initial_state(q, surface.dim),
+            friction_traction=np.zeros((q, surface.dim)),
         )
         self._last: tuple[tuple[float, bool], Floats, Floats, ContactTrial] | None = None
 
@@ -175,6 +177,7 @@ class ContactTerm:
             gap=np.where(at.on_surface, at.gap, np.inf),
             stretch=trial.stretch,
             friction=trial.response.state,
+            friction_traction=trial.response.traction,
         )
         self._last = None
 
