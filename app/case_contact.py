@@ -43,7 +43,8 @@ class Coulomb(Model):
     law: Literal["coulomb"] = Field(description="the friction law")
     mu: Annotated[float, Quantity(ge=0.0)] = Field(description="coefficient of friction")
     K_T: Annotated[float, Quantity("Pa/m", gt=0.0)] | None = Field(
-        default=None, description="tangential stiffness before slip; default: M/h, as in penalty_factor"
+        default=None,
+        description="tangential stiffness before slip; default: M/h, as in penalty_factor",
     )
 
     def problems(self, place: Place, film: Film | None) -> Iterator[Problem]:
@@ -119,6 +120,13 @@ class FrictionMap(Model):
         default=False, description="whether a point that opens forgets the slip it has made"
     )
 
+    film_onset_pressure: Annotated[float, Quantity("Pa", ge=0.0)] | None = Field(
+        default=None,
+        description="contact pressure up to which the film's stress grows with the pressure; "
+        "0 lets the traction jump where a point opens; default: 1 % of the softer body's shear "
+        "modulus",
+    )
+
     def parameters(self) -> FrictionMapParameters:
         """What the law takes.
 
@@ -127,7 +135,9 @@ class FrictionMap(Model):
         """
         from forms.friction_parameters import FrictionMapParameters
 
-        return FrictionMapParameters(**self.model_dump(exclude={"law", "preset"}))
+        values = self.model_dump(exclude={"law", "preset"})
+        values["film_onset_pressure"] = self.film_onset_pressure or 0.0
+        return FrictionMapParameters(**values)
 
     def problems(self, place: Place, film: Film | None) -> Iterator[Problem]:
         """What does not fit together, `place` being this table's place in the case."""

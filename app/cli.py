@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
+import traceback
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -156,6 +157,7 @@ def _draw_sweep(case: Case, directory: Path) -> None:
 @cli.command()
 def check(case_file: CaseFile, overrides: Overrides = None) -> None:
     """Check a case file without running it; every problem is one line."""
+    from app.advice import notes_on
     from app.case import check_case, load_case
 
     problems = check_case(case_file, overrides or [])
@@ -170,6 +172,9 @@ def check(case_file: CaseFile, overrides: Overrides = None) -> None:
         from app.model import make_mesh
 
         make_mesh(case, MPI.COMM_SELF)
+    for single in [part for _, part in case.sweep_cases()] or [case]:
+        for note in notes_on(single):
+            print(f"note: {note}")
     runs = len(case.sweep_cases()) or 1
     print(f"{case_file}: correct ({runs} run{'s' * (runs > 1)}, {len(case.stage)} stages)")
 
@@ -258,6 +263,14 @@ def main() -> None:
         if os.environ.get("OMPI_COMM_WORLD_RANK", "0") == "0":
             print(f"tribox: {error}", file=sys.stderr)
         sys.exit(error.exit_code)
+    except Exception:
+        # One rank that dies alone would leave the others waiting for it for ever.
+        if _ranks_around() == 1:
+            raise
+        traceback.print_exc()
+        from mpi4py import MPI
+
+        MPI.COMM_WORLD.Abort(1)
     except KeyboardInterrupt:
         print("tribox: interrupted; the results so far are saved", file=sys.stderr)
         sys.exit(130)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 
@@ -32,7 +33,7 @@ class Reporter(Observer):
         self._console = Console(highlight=False, soft_wrap=True)
         self._quiet = quiet
         self._bar: Progress | None = None
-        if sys.stdout.isatty() and not quiet:
+        if sys.stdout.isatty() and not quiet and "OMPI_COMM_WORLD_SIZE" not in os.environ:
             self._bar = Progress(
                 TextColumn("{task.description}"),
                 BarColumn(),

@@ -68,8 +68,11 @@ def _figure(bodies: dict[str, Floats], points: dict[str, Floats], title: str) ->
     top.grid(False)
     pressed = points["pressure"] > 0.0
     marks = top.scatter(
-        *(points["position"][pressed] * 1e3).T, c=points["pressure"][pressed] / 1e6,
-        s=6, cmap="inferno", zorder=3,
+        *(points["position"][pressed] * 1e3).T,
+        c=points["pressure"][pressed] / 1e6,
+        s=6,
+        cmap="inferno",
+        zorder=3,
     )
     figure.colorbar(marks, ax=top, label="contact pressure (MPa)")
     top.legend(loc="upper right", fontsize=8)
@@ -91,7 +94,10 @@ def _along(axes: Axes, points: dict[str, Floats]) -> None:
             (COLOURS[1], "tangential_traction", "friction"),
         ):
             axes.plot(
-                x, points[name][chosen][order] / 1e6, color=colour, lw=1.2,
+                x,
+                points[name][chosen][order] / 1e6,
+                color=colour,
+                lw=1.2,
                 label=label if pair == 0 else None,
             )
     axes.set_xlabel("x (mm)")

@@ -89,6 +89,7 @@ class Equilibrium:
         contacts, solids, pressures, prescribed, platens: the parts.
         dt: length of the step being tried, s.
         timer: seconds by part.
+        roundoff: N/m, residual norm below which only round-off is left.
     """
 
     def __init__(
@@ -121,6 +122,8 @@ class Equilibrium:
         self.reference_force = 0.0
         self._work = dolfinx.la.vector(self.space.dofmap.index_map, self.dim)
         self.pattern_changes = 0
+        noise = sum(solid.roundoff_force() for solid in self.solids)
+        self.roundoff = 4.0 * float(np.sqrt(self.comm.allreduce(noise)))
         self._windows: list[tuple[NDArray[np.int32], NDArray[np.int32]]] = []
 
     # -- vectors ----------------------------------------------------------------------------
@@ -198,9 +201,16 @@ class Equilibrium:
 
     def _expand(self, nodes: Longs) -> NDArray[np.int32]:
         """Global scalar unknowns (…, i) of global nodes (…)."""
-        out: NDArray[np.int32] = (
-            nodes[..., None] * self.dim + np.arange(self.dim)
-        ).astype(PETSc.IntType)
+        out: NDArray[np.int32] = (nodes[..., None] * self.dim + np.arange(self.dim)).astype(
+            PETSc.IntType
+        )
+        return out
+
+    def _condensed(self, dofs: NDArray[np.int32]) -> NDArray[np.int64]:
+        """Global unknowns with those of each platen replaced by its leading one."""
+        out = dofs.astype(np.int64)
+        for platen in self.platens:
+            out = np.where(np.isin(out, platen.all_dofs), platen.all_dofs[0], out)
         return out
 
     def _reference(self, contact_squared: float) -> float:
@@ -272,9 +282,7 @@ class Equilibrium:
     def _add_blocks(self, A: PETSc.Mat, nodes: Longs, blocks: Floats | None) -> None:
         """Add point blocks (q, m, i, n, j) (None: zeros, for the pattern) to global rows."""
         q, m = nodes.shape
-        dofs = self._expand(nodes).reshape(q, m * self.dim)
-        for platen in self.platens:
-            dofs = np.where(np.isin(dofs, platen.all_dofs), platen.all_dofs[0], dofs)
+        dofs = self._condensed(self._expand(nodes)).reshape(q, m * self.dim)
         rows, inverse = np.unique(dofs, return_inverse=True)
         inverse = inverse.reshape(dofs.shape)
         row = np.repeat(inverse, m * self.dim, axis=1).reshape(-1)
@@ -316,9 +324,7 @@ class Equilibrium:
     def _keep_pattern(self, A: PETSc.Mat) -> None:
         """Widen the pattern when a point's master facet has left its window; collective."""
         missing = False
-        for term, trial, (low, high) in zip(
-            self.contacts, self.trials, self._windows, strict=True
-        ):
+        for term, trial, (low, high) in zip(self.contacts, self.trials, self._windows, strict=True):
             at = _window_positions(term, trial)
             slave = term.surface.slave.facet
             missing |= bool(np.any((at < low[slave, None]) | (at > high[slave, None])))
@@ -357,10 +363,7 @@ class Equilibrium:
         """Room for rows and columns that are renumbered onto a platen's leading unknown."""
         indptr, columns, _ = A.getValuesCSR()
         rows = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr)) + self.first
-        target_row, target_column = rows.copy(), columns.astype(np.int64)
-        for platen in self.platens:
-            target_row[np.isin(rows, platen.all_dofs)] = platen.all_dofs[0]
-            target_column[np.isin(columns, platen.all_dofs)] = platen.all_dofs[0]
+        target_row, target_column = self._condensed(rows), self._condensed(columns)
         moved = (target_row != rows) | (target_column != columns)
         pairs = np.unique(np.stack([target_row[moved], target_column[moved]], axis=1), axis=0)
         leaders, start = np.unique(pairs[:, 0], return_index=True)
@@ -376,12 +379,8 @@ class Equilibrium:
     def _condensed_map(self) -> PETSc.LGMap:
         """Local to global numbering with every platen's unknowns sent to its leader."""
         imap = self.space.dofmap.index_map
-        nodes = imap.local_to_global(
-            np.arange(imap.size_local + imap.num_ghosts, dtype=np.int32)
-        )
-        dofs = self._expand(nodes.astype(np.int64)).reshape(-1)
-        for platen in self.platens:
-            dofs = np.where(np.isin(dofs, platen.all_dofs), platen.all_dofs[0], dofs)
+        nodes = imap.local_to_global(np.arange(imap.size_local + imap.num_ghosts, dtype=np.int32))
+        dofs = self._condensed(self._expand(nodes.astype(np.int64))).reshape(-1)
         return PETSc.LGMap().create(dofs.astype(PETSc.IntType), bsize=1, comm=self.comm)
 
 

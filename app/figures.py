@@ -18,6 +18,7 @@ from app.case_contact import FrictionMap
 from app.results import read_table
 from forms.closed_forms import effective_viscosity, steady_traction, threshold_speed
 from forms.friction_parameters import FrictionMapParameters
+from geometry.projection import Floats
 
 COLOURS = ("#1b6ca8", "#d1495b", "#2e8b57", "#8d5fa8", "#e08e1b", "#555555")
 STYLE = {
@@ -62,7 +63,7 @@ def draw_history(directory: Path) -> None:
             _draw_film([_series(case, steady)], figures)
 
 
-def _columns(rows: list[dict[str, Any]], *names: str) -> list[np.ndarray]:
+def _columns(rows: list[dict[str, Any]], *names: str) -> list[Floats]:
     return [np.array([row[name] for row in rows]) for name in names]
 
 
@@ -79,8 +80,13 @@ def _mark_stages(axes: Axes, rows: list[dict[str, Any]]) -> None:
     for at, (stage, velocity) in names:
         text = f" {stage}" + (f" {velocity:g} m/s" if velocity else "")
         axes.annotate(
-            text, (at, 1.0), xycoords=("data", "axes fraction"), fontsize=7, color="0.4",
-            rotation=90, va="top",
+            text,
+            (at, 1.0),
+            xycoords=("data", "axes fraction"),
+            fontsize=7,
+            color="0.4",
+            rotation=90,
+            va="top",
         )
 
 
@@ -105,8 +111,14 @@ def _forces(rows: list[dict[str, Any]]) -> Figure:
 def _energies(rows: list[dict[str, Any]]) -> Figure:
     figure, axes = plt.subplots(figsize=(7, 4))
     step, work, strain, interface, dissipated, numerical, error = _columns(
-        rows, "step", "external_work", "strain_energy", "interface_energy", "dissipation",
-        "numerical_dissipation", "energy_error",
+        rows,
+        "step",
+        "external_work",
+        "strain_energy",
+        "interface_energy",
+        "dissipation",
+        "numerical_dissipation",
+        "energy_error",
     )
     axes.plot(step, work, color="k", lw=2.5, alpha=0.35, label="external work")
     stack = (strain, interface, dissipated - numerical)
@@ -139,9 +151,9 @@ class Series:
 
     thickness: float
     parameters: FrictionMapParameters
-    speed: np.ndarray
-    viscosity: np.ndarray
-    traction: np.ndarray
+    speed: Floats
+    viscosity: Floats
+    traction: Floats
     pressure: float
     mu: float
 
@@ -209,13 +221,13 @@ def _draw_film(series: list[Series], figures: Path) -> None:
     save(_map_figure(series), figures / "friction_map.png")
 
 
-def _curve_speeds(series: list[Series]) -> np.ndarray:
+def _curve_speeds(series: list[Series]) -> Floats:
     low = min(s.speed.min() for s in series)
     high = max(s.speed.max() for s in series)
     return np.geomspace(low / 1.5, high * 1.5, 2000)
 
 
-def _broken(values: np.ndarray, speed: np.ndarray, at: float) -> np.ndarray:
+def _broken(values: Floats, speed: Floats, at: float) -> Floats:
     """A curve with a gap where it jumps, so that no line is drawn across."""
     out = values.copy()
     jump = np.searchsorted(speed, at)
@@ -233,7 +245,11 @@ def _viscosity_figure(series: list[Series]) -> Figure:
         for axes, scale in ((left, 1.0), (right, 1.0 / one.thickness)):
             axes.loglog(speed * scale, _broken(curve, speed, star), color=colour, lw=1)
             axes.loglog(
-                one.speed * scale, one.viscosity, "o", ms=5, color=colour,
+                one.speed * scale,
+                one.viscosity,
+                "o",
+                ms=5,
+                color=colour,
                 label=f"D = {one.thickness * 1e9:g} nm",
             )
             if speed[0] < star < speed[-1] and one.thickness < one.parameters.D_max:
@@ -242,16 +258,18 @@ def _viscosity_figure(series: list[Series]) -> Figure:
     for axes in (left, right):
         axes.axhline(eta, color="k", lw=0.8, ls="--", zorder=0)
     left.annotate(
-        f"$\\eta_b$ = {eta:g} Pa s", (0.02, eta), xycoords=("axes fraction", "data"),
-        xytext=(0, 3), textcoords="offset points", fontsize=8,
+        f"$\\eta_b$ = {eta:g} Pa s",
+        (0.02, eta),
+        xycoords=("axes fraction", "data"),
+        xytext=(0, 3),
+        textcoords="offset points",
+        fontsize=8,
     )
     left.set_xlabel("sliding velocity V (m/s)")
     left.set_ylabel("effective viscosity $T D/(A V)$ (Pa s)")
     right.set_xlabel("shear rate V/D (1/s)")
     right.legend()
-    figure.suptitle(
-        "points: computed steady states; lines: closed form; dotted: V*", fontsize=9
-    )
+    figure.suptitle("points: computed steady states; lines: closed form; dotted: V*", fontsize=9)
     return figure
 
 
@@ -265,7 +283,11 @@ def _map_figure(series: list[Series]) -> Figure:
         viscous = (one.speed > star) | (one.thickness >= one.parameters.D_max)
         for chosen, marker in ((~viscous, "o"), (viscous, "s")):
             axes.loglog(
-                one.speed[chosen], one.traction[chosen] / 1e6, marker, ms=5, color=colour,
+                one.speed[chosen],
+                one.traction[chosen] / 1e6,
+                marker,
+                ms=5,
+                color=colour,
                 mfc=colour if marker == "o" else "w",
             )
         axes.plot([], [], color=colour, label=f"D = {one.thickness * 1e9:g} nm")

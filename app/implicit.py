@@ -77,7 +77,7 @@ class ImplicitStepper:
         self._residual = problem.new_vector()
         self._increment: Floats | None = None
         self._drive: Drive | None = None
-        self._loads = np.empty(0)
+        self._loads: Floats = np.empty(0)
         self.residuals: list[float] = []
         self._largest_force = 0.0
         self.matrix = problem.new_matrix(self.x)
@@ -138,7 +138,7 @@ class ImplicitStepper:
             return PETSc.SNES.ConvergedReason.DIVERGED_FNORM_NAN
         scale = max(self.problem.reference_force, 1e-6 * self._largest_force)
         self.residuals.append(norm / scale if scale > 0.0 else norm)
-        if norm <= self.options.tolerance * scale:
+        if norm <= max(self.options.tolerance * scale, self.problem.roundoff):
             return PETSc.SNES.ConvergedReason.CONVERGED_FNORM_RELATIVE
         if iteration >= self.options.max_iterations:
             return PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT
@@ -152,7 +152,9 @@ class ImplicitStepper:
         solves = self._predict()
         self.snes.solve(None, self.trial)
         reason = self.snes.getConvergedReason()
-        if reason > 0 and not np.array_equal(problem.u.x.array[: problem.owned], self.trial.array_r):
+        if reason > 0 and not np.array_equal(
+            problem.u.x.array[: problem.owned], self.trial.array_r
+        ):
             problem.residual(None, self.trial, self._residual)
         return StepResult(
             converged=reason > 0,

@@ -119,7 +119,7 @@ def _resultants(force: Floats, normal: Floats) -> tuple[float, float]:
     length = float(np.linalg.norm(normal))
     if length == 0.0:
         return 0.0, 0.0
-    n = normal / length
+    n: Floats = np.asarray(normal / length, dtype=np.float64)
     return float(force @ n), float(-(force @ turned_right(n[None])[0]))
 
 
@@ -140,10 +140,11 @@ class Row:
     """One line of the history: a converged step. SI units; forces for the given thickness.
 
     ``tangential_force`` is the friction, ``drag`` the whole resultant along the contact (with the
-    pressure on a surface that is not flat). ``velocity`` is that of the driven boundaries (0 without), ``effective_viscosity`` T D/(A V)
-    with A the closed reference area; ``energy_error`` is external work less strain, kinetic and
-    interface energy and dissipation, these by the trapezoidal rule: ``numerical_dissipation`` is
-    what the dissipation of the backward Euler steps holds beyond it.
+    pressure on a surface that is not flat). ``velocity`` is that of the driven boundaries (0
+    without), ``effective_viscosity`` T D/(A V) with A the closed reference area. ``energy_error``
+    is external work less strain, kinetic and interface energy and dissipation, these by the
+    trapezoidal rule: ``numerical_dissipation`` is what the dissipation of the backward Euler steps
+    holds beyond it.
     """
 
     step: int

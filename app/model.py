@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import dolfinx
@@ -14,9 +14,10 @@ from petsc4py import PETSc
 
 import app.case_bodies as case_bodies
 import app.case_contact as case_contact
+from app.advice import notes_on
 from app.case import Case
 from app.case_boundary import DRIVEN, Boundary
-from app.equilibrium import Equilibrium, Platen, Prescribed, component_dofs
+from app.equilibrium import Equilibrium, Ints, Platen, Prescribed, component_dofs
 from app.errors import InputError
 from app.quantity_tables import TimeTable
 from forms.contact import ContactTerm
@@ -30,6 +31,9 @@ from geometry.mesh import MeshError, NamedMesh, bodies_sharing_nodes, generate, 
 from geometry.surface import ContactSurface, integration_facets
 
 COMPONENTS = ("x", "y")
+# Share of the softer body's shear modulus that is the default of film_onset_pressure: small against
+# any pressure that deforms the body, so that only the rim of a contact feels it.
+FILM_ONSET = 0.01
 
 
 @dataclass(slots=True)
@@ -79,7 +83,7 @@ def build_model(case: Case, comm: MPI.Comm) -> Model:
             u,
             named.cells(name),
             materials[name],
-            body.formulation_for(named.mesh.topology.cell_name()),
+            _formulation(name, body, named),
             body.density or 0.0,
         )
         for name, body in case.bodies.items()
@@ -92,7 +96,7 @@ def build_model(case: Case, comm: MPI.Comm) -> Model:
     for boundary in case.boundary:
         loads.add(boundary)
     problem = Equilibrium(u, solids, contacts, loads.prescribed, loads.platens, loads.pressures)
-    return Model(case, named, problem, loads.programs, thickness)
+    return Model(case, named, problem, loads.programs, thickness, notes_on(case))
 
 
 def make_mesh(case: Case, comm: MPI.Comm) -> NamedMesh:
@@ -134,6 +138,13 @@ def _check_names(case: Case, named: NamedMesh) -> None:
         named.surface_tag(boundary.surface)
 
 
+def _formulation(name: str, body: case_bodies.Body, named: NamedMesh) -> case_bodies.Formulation:
+    try:
+        return body.formulation_for(named.mesh.topology.cell_name())
+    except ValueError as error:
+        raise InputError(f"bodies.{name}.formulation: {error}") from None
+
+
 def _material(body: case_bodies.Body) -> Material:
     if isinstance(body, case_bodies.MooneyRivlinBody):
         return MooneyRivlin(body.C10, body.C01, body.K)
@@ -154,22 +165,29 @@ def _contact(
         surface = ContactSurface(space, slave, master, contact.quadrature_degree)
     except ValueError as error:
         raise InputError(f"contact.{index}: {error}") from None
-    modulus = min(
-        oedometric_modulus(materials[_body_of(named, name)])
-        for name in (contact.slave, contact.master)
-    )
+    bodies = [materials[_body_of(named, name)] for name in (contact.slave, contact.master)]
+    softer = min(bodies, key=oedometric_modulus)
     local = np.array([surface.slave.weight.sum(), len(np.unique(surface.slave.facet))])
     length, count = named.mesh.comm.allreduce(local)
-    stiffness = modulus * count / length
+    stiffness = oedometric_modulus(softer) * count / length
     penalty = contact.penalty or (contact.penalty_factor or 0.0) * stiffness
-    law = _law(contact.friction, stiffness)
+    law = _law(contact.friction, stiffness, FILM_ONSET * softer.shear_modulus)
     return ContactTerm(surface, law, penalty, contact.film.thickness if contact.film else 0.0)
 
 
-def _law(friction: case_contact.Friction, stiffness: float) -> FrictionLaw:
-    """The friction law; ``stiffness`` (Pa/m) is the default of the elastic slip's."""
+def _law(friction: case_contact.Friction, stiffness: float, onset: float) -> FrictionLaw:
+    """The friction law, with the defaults that depend on the bodies.
+
+    Args:
+        friction: what the case says.
+        stiffness: Pa/m, of the elastic slip.
+        onset: Pa, pressure at which the film is whole.
+    """
     if isinstance(friction, case_contact.FrictionMap):
-        return FrictionMap(friction.parameters())
+        parameters = friction.parameters()
+        if friction.film_onset_pressure is None:
+            parameters = replace(parameters, film_onset_pressure=onset)
+        return FrictionMap(parameters)
     if isinstance(friction, case_contact.Coulomb):
         return CoulombLaw(CoulombParameters(mu=friction.mu, K_T=friction.K_T or stiffness))
     return FrictionlessLaw()
@@ -180,8 +198,7 @@ def _body_of(named: NamedMesh, surface: str) -> str:
     mesh = named.mesh
     pairs = integration_facets(mesh, named.facets(surface)).reshape(-1, 2)
     tags = {
-        int(tag)
-        for tag in named.cell_tags.values[np.isin(named.cell_tags.indices, pairs[:, 0])]
+        int(tag) for tag in named.cell_tags.values[np.isin(named.cell_tags.indices, pairs[:, 0])]
     }
     found = set().union(*mesh.comm.allgather(tags))
     names = [name for name, tag in named.bodies.items() if tag in found]
@@ -214,7 +231,7 @@ class _Loads:
             self.programs.append(lambda time, driven: load.set(table(time)))
 
     def _prescribe(
-        self, facets: np.ndarray, component: int, value: Callable[[float, float], float]
+        self, facets: Ints, component: int, value: Callable[[float, float], float]
     ) -> None:
         held = Prescribed(component_dofs(self.u.function_space, facets, component))
         self.prescribed.append(held)
@@ -224,7 +241,7 @@ class _Loads:
 
         self.programs.append(program)
 
-    def _platen(self, boundary: Boundary, facets: np.ndarray) -> None:
+    def _platen(self, boundary: Boundary, facets: Ints) -> None:
         assert boundary.platen is not None
         component = COMPONENTS.index(boundary.platen.direction)
         mesh = self.named.mesh
@@ -268,7 +285,7 @@ def _of_time(value: Callable[[float], float]) -> Callable[[float, float], float]
     return lambda time, driven: value(time)
 
 
-def _mean_normal(mesh: dolfinx.mesh.Mesh, facets: np.ndarray, component: int) -> float:
+def _mean_normal(mesh: dolfinx.mesh.Mesh, facets: Ints, component: int) -> float:
     ds = ufl.Measure("ds", domain=mesh, subdomain_data=[(1, integration_facets(mesh, facets))])(1)
     unit = dolfinx.fem.Constant(mesh, np.zeros(mesh.geometry.dim, dtype=PETSc.ScalarType))
     unit.value[component] = 1.0

@@ -22,6 +22,7 @@ from app.measure import Row
 from app.model import Model
 from app.results import write_history, write_json, write_text
 from app.simulation import Leg, Observer, Simulation
+from geometry.projection import Floats
 
 HISTORY_EVERY = 2.0  # s between two rewrites of history.csv while running
 
@@ -179,7 +180,7 @@ def _version() -> str:
         return __version__
 
 
-def _write_points(path: Path, arrays: dict[str, np.ndarray]) -> None:
+def _write_points(path: Path, arrays: dict[str, Floats]) -> None:
     """Contact points as vertices with data, ``position`` being where they are."""
     position = arrays.pop("position")
     points = np.zeros((len(position), 3))

@@ -44,9 +44,7 @@ def run_case(
     model = build_model(case, comm)
     on_first(comm, lambda: prepare(directory))
     recorder = Recorder(model, directory)
-    reporter = (
-        Reporter(directory / "log.txt", case.stage, quiet) if comm.rank == 0 else None
-    )
+    reporter = Reporter(directory / "log.txt", case.stage, quiet) if comm.rank == 0 else None
     observer: Observer = Together(reporter, recorder) if reporter else recorder
     try:
         for note in model.notes:

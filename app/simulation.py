@@ -37,7 +37,9 @@ class Leg:
     @property
     def label(self) -> str:
         """Name for messages and results."""
-        return f"{self.stage.name} {self.velocity:g} m/s" if self.stage.velocities else self.stage.name
+        return (
+            f"{self.stage.name} {self.velocity:g} m/s" if self.stage.velocities else self.stage.name
+        )
 
 
 def legs_of(stage: Stage, film_conductance: float = 0.0) -> Iterator[Leg]:
@@ -216,8 +218,8 @@ class Simulation:
         where = ", ".join(f"{c:.4g}" for c in self.model.problem.worst_place())
         why = f"residual {result.residuals[-1]:.1e}" if result.residuals else "no residual"
         raise SolutionError(
-            f"stage {leg.label}, time {self.time:.6g} s: no solution even with a step of {dt:.3g} s "
-            f"({why} of the contact force after {result.iterations} iterations, largest at "
-            f"({where}) m, undeformed); check the supports and loads there, try smaller steps, a lower penalty or a "
-            "finer mesh"
+            f"stage {leg.label}, time {self.time:.6g} s: no solution even with a step of "
+            f"{dt:.3g} s ({why} of the contact force after {result.iterations} iterations, largest "
+            f"at ({where}) m, undeformed); check the supports and loads there, try smaller steps, "
+            "a lower penalty or a finer mesh"
         )

@@ -26,7 +26,7 @@ def compile_forms() -> Iterator[str]:
         quadrilateral = cell == dolfinx.mesh.CellType.quadrilateral
         for material in materials:
             for formulation in ("q1", "q1-sri") if quadrilateral else ("q1",):
-                Solid("warm", u, cells, material, formulation)  # type: ignore[arg-type]
+                Solid("warm", u, cells, material, formulation)
                 yield f"{cell.name} {type(material).__name__} {formulation}"
         mesh.topology.create_connectivity(1, 2)
         facets = dolfinx.mesh.exterior_facet_indices(mesh.topology)

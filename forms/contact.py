@@ -250,5 +250,6 @@ class ContactTerm:
 
     def interface_energy(self, trial: ContactTrial) -> float:
         """Penalty and elastic-slip energy of this rank's points, J per unit thickness."""
-        density = 0.5 * trial.pressure**2 / self.penalty + self.law.stored_energy(trial.response.state)
-        return float(self.surface.slave.weight @ density)
+        pressed = 0.5 * trial.pressure**2 / self.penalty
+        stored = self.law.stored_energy(trial.response.state)
+        return float(self.surface.slave.weight @ (pressed + stored))

@@ -23,7 +23,6 @@ import numpy as np
 
 from geometry.projection import Bools, Floats, Projection
 
-
 TOUCHING = 1e-9  # gap, relative to a master facet's size, up to which a point touches
 
 

@@ -110,6 +110,10 @@ class FrictionMap:
         traction += step.resistance * step.slip
         d_slip, d_elastic, d_film = self._derivatives(step, dt, film)
         d_pressure = step.weight * step.returned.d_pressure * step.returned.direction
+        forming = step.closed & (pressure < self.parameters.film_onset_pressure)
+        if forming.any():
+            per_pressure = step.resistance / np.where(forming, pressure, 1.0)
+            d_pressure += np.where(forming, per_pressure, 0.0) * step.slip
         return FrictionResponse(
             traction=traction.T,
             d_traction_d_slip=d_slip.transpose(2, 0, 1),
@@ -153,6 +157,8 @@ class FrictionMap:
             self._friction,
         )
         conductance = np.where(closed, film_conductance(parameters, film) * area_stretch, 0.0)
+        if parameters.film_onset_pressure > 0.0:
+            conductance *= np.minimum(pressure / parameters.film_onset_pressure, 1.0)
         full = conductance / dt if rate_dependent else np.zeros_like(conductance)
         return _Step(
             slip=slip,

@@ -47,6 +47,9 @@ class FrictionMapParameters:
         switch: "implicit": alpha from the speed of the step; "lagged": from the speed of the last
             converged step.
         reset_slip_on_opening: Whether an opening point forgets its slip path.
+        film_onset_pressure: Pa, >= 0, contact pressure up to which the film's stress grows in
+            proportion to the pressure; beyond, it is whole. 0: whole as soon as there is contact,
+            so that the traction jumps where a point opens.
 
     Raises:
         ValueError: A value is not allowed; the message names field, value and what is allowed.
@@ -70,6 +73,7 @@ class FrictionMapParameters:
     reentry: Reentry = "consistent"
     switch: Switch = "implicit"
     reset_slip_on_opening: bool = False
+    film_onset_pressure: float = 0.0
 
     def __post_init__(self) -> None:
         _require_at_least("mu_s", self.mu_s, 0.0)
@@ -77,6 +81,7 @@ class FrictionMapParameters:
         if self.mu_dynamic > self.mu_s:
             raise _refusal("mu_d", self.mu_d, f"a number up to mu_s = {self.mu_s!r}")
         _require_at_least("A_d", self.A_d, 0.0)
+        _require_at_least("film_onset_pressure", self.film_onset_pressure, 0.0)
         _require_at_least("B", self.B, 0.0)
         _require_above("K_T", self.K_T, 0.0)
         _require_at_least("eta_b", self.eta_b, 0.0)

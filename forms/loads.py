@@ -48,9 +48,7 @@ def reference_area(mesh: dolfinx.mesh.Mesh, facets: NDArray[np.int32]) -> float:
         mesh: the mesh.
         facets: local facets, owned and ghosts.
     """
-    ds = ufl.Measure(
-        "ds", domain=mesh, subdomain_data=[(1, integration_facets(mesh, facets))]
-    )(1)
+    ds = ufl.Measure("ds", domain=mesh, subdomain_data=[(1, integration_facets(mesh, facets))])(1)
     one = dolfinx.fem.Constant(mesh, PETSc.ScalarType(1.0))
     local = dolfinx.fem.assemble_scalar(dolfinx.fem.form(one * ds))
     return float(mesh.comm.allreduce(local))

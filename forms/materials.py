@@ -126,8 +126,7 @@ def _squared_arcosh(x: Expr) -> Expr:
     that neither ever divides by zero.
     """
     series = x * (
-        2.0
-        + x * (-1 / 3 + x * (4 / 45 + x * (-1 / 35 + x * (16 / 1575 + x * (-8 / 2079)))))
+        2.0 + x * (-1 / 3 + x * (4 / 45 + x * (-1 / 35 + x * (16 / 1575 + x * (-8 / 2079)))))
     )
     large = ufl.conditional(ufl.gt(x, 0.02), x, 0.02)
     exact = ufl.ln(1.0 + large + ufl.sqrt(large * (large + 2.0))) ** 2

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from forms.kinematics import plane_strain
-from forms.materials import Material
+from forms.materials import Material, oedometric_modulus
 
 Formulation = Literal["q1", "q1-sri"]
 FULL_DEGREE = 2  # 2 × 2 Gauss points on quadrilaterals, exact for the energy of P1 triangles
@@ -79,6 +79,9 @@ class Solid:
             for key, value in material.parameters().items()
         }
         distortional, volumetric = material.energy(plane_strain(u), constants)
+        one = dolfinx.fem.Constant(mesh, PETSc.ScalarType(1.0))
+        dx = ufl.Measure("dx", domain=mesh, subdomain_data=[(1, self.cells)])(1)
+        self._area = dolfinx.fem.form(one * dx)
         self.forms: list[CompiledForms] = []
         if formulation == "q1":
             parts = [(distortional + volumetric, FULL_DEGREE)]
@@ -92,6 +95,15 @@ class Solid:
                 metadata={"quadrature_degree": degree},
             )(1)
             self.forms.append(compile_energy(density_of_energy, dx, u))
+
+    def roundoff_force(self) -> float:
+        """Square of this rank's nodal force noise from rounding F, (N/m)².
+
+        A rounding error ε in F is a stress error ε M; over cells of size h and n unknowns the
+        norm of the nodal forces is ε M h √n = ε M √(2 A), A the body's area in the plane.
+        """
+        area = dolfinx.fem.assemble_scalar(self._area)
+        return float(2.0 * area * (np.finfo(float).eps * oedometric_modulus(self.material)) ** 2)
 
     def strain_energy(self) -> float:
         """This rank's strain energy, J per unit thickness."""

@@ -95,7 +95,7 @@ class Polyline:
         _, sample = cKDTree(where).query(points, k=count)
         near = self._sample_facet[np.asarray(sample).reshape(len(points), count)]
         # The neighbours of the nearest two close the gap between sampling and geometry.
-        ends = self.facets[near[:, :2]].reshape(len(points), -1)
+        ends = self.facets[near[:, :2]].reshape(len(points), 2 * min(2, count))
         around = np.concatenate([self.previous[ends], self.next[ends]], axis=1)
         around = np.where(around < 0, near[:, :1], around)
         return np.concatenate([near, around], axis=1)

@@ -149,9 +149,7 @@ def _owned(mesh: dolfinx.mesh.Mesh, facets: NDArray[np.int32]) -> NDArray[np.int
     return facets[facets < size]
 
 
-def integration_facets(
-    mesh: dolfinx.mesh.Mesh, facets: NDArray[np.int32]
-) -> NDArray[np.int32]:
+def integration_facets(mesh: dolfinx.mesh.Mesh, facets: NDArray[np.int32]) -> NDArray[np.int32]:
     """(cell, local facet) pairs, flattened, of the owned ones among ``facets``."""
     mesh.topology.create_connectivity(mesh.topology.dim - 1, mesh.topology.dim)
     mesh.topology.create_connectivity(mesh.topology.dim, mesh.topology.dim - 1)
@@ -241,10 +239,10 @@ def _slave_points(
     derivative.destroy()
     count = len(space.dofmap.dof_layout.entity_closure_dofs(mesh.topology.dim - 1, 0))
     points = len(pointer) - 1
-    width = len(nodes) // max(points, 1)
+    width = len(nodes) // points if points else count
     # Each row also holds the nodes of the cell off the facet, with values of round-off.
     table = np.abs(values).reshape(points, width)
-    pick = np.sort(np.argsort(-table, axis=1)[:, :count], axis=1) if points else np.empty((0, count), int)
+    pick = np.sort(np.argsort(-table, axis=1)[:, :count], axis=1)
     row = np.arange(points)[:, None]
     values, slopes, nodes = (a.reshape(points, width)[row, pick] for a in (values, slopes, nodes))
     weight = values.sum(axis=1)
@@ -258,7 +256,7 @@ def _slave_points(
         position=np.einsum("qa,qai->qi", values / weight[:, None], coordinates),
         tangent=tangent / weight[:, None],
         facet=cell,
-        facet_length=length[cell],
+        facet_length=np.asarray(length, dtype=np.float64)[cell],
     )
 
 
@@ -273,9 +271,7 @@ def _coordinates(space: dolfinx.fem.FunctionSpace, nodes: Longs) -> Floats:
     return positions
 
 
-def _master_facets(
-    space: dolfinx.fem.FunctionSpace, facets: NDArray[np.int32]
-) -> MasterFacets:
+def _master_facets(space: dolfinx.fem.FunctionSpace, facets: NDArray[np.int32]) -> MasterFacets:
     mesh = space.mesh
     _require_facets(mesh, facets, "master")
     mine = _owned(mesh, facets)
