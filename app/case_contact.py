@@ -44,7 +44,8 @@ class Coulomb(Model):
     mu: Annotated[float, Quantity(ge=0.0)] = Field(description="coefficient of friction")
     K_T: Annotated[float, Quantity("Pa/m", gt=0.0)] | None = Field(
         default=None,
-        description="tangential stiffness before slip; default: M/h, as in penalty_factor",
+        description="tangential stiffness before slip; default: 10 G/h, with the shear modulus G "
+        "of the softer body and the length h of a slave facet",
     )
 
     def problems(self, place: Place, film: Film | None) -> Iterator[Problem]:

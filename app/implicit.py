@@ -80,6 +80,8 @@ class ImplicitStepper:
         self._loads: Floats = np.empty(0)
         self.residuals: list[float] = []
         self._largest_force = 0.0
+        PETSc.Log.begin()
+        self._log_start = _logged_seconds()
         self.matrix = problem.new_matrix(self.x)
         self._pattern = problem.pattern_changes
         self.snes = self._new_snes()
@@ -106,14 +108,12 @@ class ImplicitStepper:
         return snes
 
     def _function(self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
-        # Numbers that are not finite come from an inverted element or a singular matrix: the line
-        # search cuts, or the step fails.
-        if not np.isfinite(x.norm()):
-            snes.setFunctionDomainError()
-            return
-        self.problem.residual(snes, x, f)
-        if not np.isfinite(f.norm()):
-            snes.setFunctionDomainError()
+        # Numbers that are not finite come from an inverted element or a singular matrix. SNES sees
+        # a norm that is none: the line search cuts, or the step fails.
+        if np.isfinite(x.norm()):
+            self.problem.residual(snes, x, f)
+        else:
+            f.set(np.nan)
 
     def _jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, P: PETSc.Mat) -> None:
         self.problem.jacobian(snes, x, A, P)
@@ -173,6 +173,11 @@ class ImplicitStepper:
             term.commit(trial)
         self._largest_force = max(self._largest_force, self.problem.reference_force)
 
+    def seconds(self) -> dict[str, float]:
+        """Seconds of this rank so far in each part of the solution, from assembly to solve."""
+        logged = {key: v - self._log_start[key] for key, v in _logged_seconds().items()}
+        return dict(self.problem.timer.seconds) | logged
+
     def _driving(self) -> Drive:
         """Increments from the converged state to today's prescribed values and loads."""
         problem = self.problem
@@ -227,11 +232,10 @@ class ImplicitStepper:
         increment.array[held] = drive
         problem.assemble_tangent(self.x, self.matrix)
         self.matrix.zeroRowsColumns(held + problem.first, 1.0, x=increment, b=rhs)
-        with problem.timer("linear solve"):
-            ksp = self.snes.getKSP()
-            self._forget_factor()
-            ksp.setOperators(self.matrix)
-            ksp.solve(rhs, increment)
+        ksp = self.snes.getKSP()
+        self._forget_factor()
+        ksp.setOperators(self.matrix)
+        ksp.solve(rhs, increment)
         self.trial.axpy(1.0, increment)
         self.trial.array[:] = problem.held_values(self.trial)
         increment.destroy()
@@ -241,3 +245,19 @@ class ImplicitStepper:
         total = np.empty_like(local)
         self.problem.comm.Allreduce(local, total, op=MPI.SUM)
         return total
+
+
+def _logged_seconds() -> dict[str, float]:
+    """Seconds PETSc has logged for the parts of the linear solves, in this process."""
+    events = {
+        "factorisation": ("MatLUFactorSym", "MatLUFactorNum", "MatCholFctrSym", "MatCholFctrNum"),
+        "preconditioner set-up": ("PCSetUp",),
+        "linear solve": ("KSPSolve",),
+    }
+    seconds = {
+        part: sum(PETSc.Log.Event(name).getPerfInfo()["time"] for name in names)
+        for part, names in events.items()
+    }
+    # PETSc counts a factorisation as part of setting up the preconditioner.
+    seconds["preconditioner set-up"] -= seconds["factorisation"]
+    return seconds

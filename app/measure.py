@@ -177,6 +177,10 @@ class Row:
 
 
 COLUMNS = tuple(f.name for f in fields(Row))
+# Columns that describe the physics alone. The energy error is left out: it is what remains of large
+# numbers that cancel, and is to be held against the external work.
 PHYSICAL = tuple(
-    name for name in COLUMNS if name not in ("step", "stage", "newton_iterations", "attempts")
+    name
+    for name in COLUMNS
+    if name not in ("step", "stage", "newton_iterations", "attempts", "energy_error")
 )

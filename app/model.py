@@ -31,6 +31,10 @@ from geometry.mesh import MeshError, NamedMesh, bodies_sharing_nodes, generate, 
 from geometry.surface import ContactSurface, integration_facets
 
 COMPONENTS = ("x", "y")
+# Default stiffness of stick, in units of G/h (shear modulus of the softer body over the length of a
+# slave facet): stiff against the shear of the elements beside it, yet soft enough for the onset of
+# slip to spread without a fight.
+TANGENTIAL_FACTOR = 10.0
 # Share of the softer body's shear modulus that is the default of film_onset_pressure: small against
 # any pressure that deforms the body, so that only the rim of a contact feels it.
 FILM_ONSET = 0.01
@@ -171,7 +175,8 @@ def _contact(
     length, count = named.mesh.comm.allreduce(local)
     stiffness = oedometric_modulus(softer) * count / length
     penalty = contact.penalty or (contact.penalty_factor or 0.0) * stiffness
-    law = _law(contact.friction, stiffness, FILM_ONSET * softer.shear_modulus)
+    tangential = TANGENTIAL_FACTOR * softer.shear_modulus * count / length
+    law = _law(contact.friction, tangential, FILM_ONSET * softer.shear_modulus)
     return ContactTerm(surface, law, penalty, contact.film.thickness if contact.film else 0.0)
 
 

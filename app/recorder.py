@@ -140,7 +140,7 @@ class Recorder(Observer):
         rows = simulation.rows
         problem = self.model.problem
         wall = time.perf_counter() - self._started
-        timings = {key: round(value, 4) for key, value in problem.timer.seconds.items()}
+        timings = {key: round(value, 4) for key, value in simulation.stepper.seconds().items()}
         largest = max((abs(row.external_work) for row in rows), default=0.0)
         return {
             "title": self.model.case.title,

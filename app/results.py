@@ -102,7 +102,7 @@ def write_table(path: Path, columns: Sequence[str], rows: Iterable[Sequence[Any]
     """Write a CSV file, as :func:`write_text`; numbers with all their digits."""
     part = path.with_name(path.name + ".part")
     with part.open("w", newline="", encoding="utf-8") as stream:
-        out = csv.writer(stream)
+        out = csv.writer(stream, lineterminator="\n")
         out.writerow(columns)
         out.writerows([repr(v) if isinstance(v, float) else v for v in row] for row in rows)
     part.replace(path)

@@ -320,12 +320,13 @@ def test_podman_is_used_where_docker_does_not_answer(machine: Machine) -> None:
 
 def test_options_podman_needs_are_found_once(machine: Machine) -> None:
     machine.install("podman", ENGINE)
-    settings = {"TRIBOX_ENGINE": "podman", "PULL_WORKS": "yes", "NEEDS": "--ulimit nofile="}
-    machine.launch("check", **settings)
+    machine.environment |= {"TRIBOX_ENGINE": "podman", "PULL_WORKS": "yes"}
+    machine.environment["NEEDS"] = "--ulimit nofile="
+    machine.launch("check")
     trials = len(machine.calls_of("--entrypoint"))
     assert trials == 2
     assert values(machine.container(), "--ulimit")[0].startswith("nofile=")
-    machine.launch("check", **settings)
+    machine.launch("check")
     assert len(machine.calls_of("--entrypoint")) == trials
     assert values(machine.container(), "--ulimit")[0].startswith("nofile=")
 

@@ -1,0 +1,357 @@
+"""The command line as a user meets it: files that appear, lines on stderr, exit codes."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from pathlib import Path
+
+import gmsh
+import meshio
+import pytest
+
+from app.case import load_case
+from app.results import read_table
+
+LENGTH = 1e-3
+
+
+def swap(text: str, old: str, new: str) -> str:
+    """The text with one thing replaced, which must be there."""
+    assert old in text
+    return text.replace(old, new, 1)
+
+
+def snapshot(directory: Path) -> dict[str, bytes]:
+    return {
+        str(p.relative_to(directory)): p.read_bytes()
+        for p in sorted(directory.rglob("*"))
+        if p.is_file()
+    }
+
+
+def assert_refused(result, *fragments):
+    """Exit code 2, nothing on stdout, one line on stderr that says all the fragments."""
+    lines = result.stderr.splitlines()
+    assert (result.returncode, result.stdout, len(lines)) == (2, "", 1), result
+    assert lines[0].startswith("tribox: ")
+    for fragment in fragments:
+        assert fragment in lines[0]
+
+
+BLOCK_MISTAKES = {
+    "unknown key": ("mu = 0.2", "nu = 0.2", ["contact.0.friction.nu", '"mu"']),
+    "wrong unit": ('E = "5 MPa"', 'E = "5 mm"', ["bodies.elastomer.E", "5 mm"]),
+    "negative thickness": ('thickness = "1 mm"', 'thickness = "-1 mm"', ["geometry.thickness"]),
+    "not a number": ("mu = 0.2", "mu = nan", ["contact.0.friction.mu"]),
+    "no such surface": ('surface = "top"', 'surface = "tpo"', ["boundary.1.surface", '"top"']),
+    "no TOML": ("[[contact]]", "[[contact]", ["not valid TOML"]),
+    "explicit": ("[output]", '[solver]\nkind = "explicit"\n[output]', ["solver.kind"]),
+}
+FILM_MISTAKES = {
+    "no viscosity": ('K_T = "1e12 Pa/m"', 'K_T = "1e12 Pa/m"\neta_b = "0 Pa*s"', ["eta_b"]),
+    "zero speed": ('"1e-5 m/s"', '"0 m/s"', ["stage.1.velocities.0"]),
+    "infinite speed": ('"1e-5 m/s"', "inf", ["stage.1.velocities.0"]),
+    "no number for a speed": ('"1e-5 m/s"', "nan", ["stage.1.velocities.0"]),
+    "negative film": ('thickness = "30 nm"', 'thickness = "-30 nm"', ["contact.0.film.thickness"]),
+}
+MISTAKES = [("block", *m) for m in BLOCK_MISTAKES.values()]
+MISTAKES += [("film", *m) for m in FILM_MISTAKES.values()]
+
+
+@pytest.mark.parametrize(
+    ("base", "old", "new", "said"), MISTAKES, ids=[*BLOCK_MISTAKES, *FILM_MISTAKES]
+)
+def test_wrong_case_is_one_line_and_check_finds_the_same(
+    request, tribox, case_file, tmp_path, base, old, new, said
+):
+    path = case_file(swap(request.getfixturevalue(base), old, new))
+    before = snapshot(tmp_path)
+    result = tribox("run", path)
+    assert_refused(result, path.name, *said)
+    checked = tribox("check", path)
+    assert checked.returncode == 2 and checked.stdout == ""
+    found = [line.removeprefix("tribox: ") for line in checked.stderr.splitlines()]
+    reported = result.stderr.strip().removeprefix("tribox: ").split(" (and ")[0]
+    assert reported in found
+    assert snapshot(tmp_path) == before
+
+
+@pytest.mark.parametrize("command", ["run", "check", "mesh"])
+def test_missing_case_file(tribox, command):
+    result = tribox(command, "nowhere.toml")
+    assert result.returncode == 2 and result.stdout == ""
+    assert len(result.stderr.splitlines()) == 1
+    assert "nowhere.toml: no such file" in result.stderr
+
+
+@pytest.mark.parametrize("words", [["frobnicate"], ["run"], ["run", "a.toml", "--np", "0"]])
+def test_wrong_usage_is_code_2(tribox, words):
+    result = tribox(*words)
+    assert result.returncode == 2
+    assert "Error: " in result.stderr and "Traceback" not in result.stderr
+
+
+def test_wrong_override_is_one_line(tribox, case_file, block):
+    path = case_file(block)
+    assert_refused(tribox("run", path, "--set", "contact.3.friction.mu=0.1"), "contact")
+    assert_refused(tribox("run", path, "--set", "nonsense"), "key=value")
+
+
+# -- results that are there -----------------------------------------------------------------------
+
+
+def test_results_are_replaced_only_when_forced(tribox, case_file, block, tmp_path):
+    path = case_file(block)
+    out = tmp_path / "out"
+    assert tribox("run", path, "--out", out).returncode == 0
+    before = snapshot(out)
+    assert_refused(tribox("run", path, "--out", out), str(out), "--out", "--force")
+    assert snapshot(out) == before
+
+    short = tribox("run", path, "--out", out, "--force", "--set", "stage.1.steps=1")
+    assert short.returncode == 0, short.stderr
+    assert len(read_table(out / "history.csv")) == 4
+    assert len(list((out / "contact").glob("*.vtu"))) == 4
+
+    (out / "thesis.tex").write_text("years of work")
+    before = snapshot(out)
+    assert_refused(tribox("run", path, "--out", out, "--force"), "thesis.tex")
+    assert snapshot(out) == before
+
+
+def test_force_never_removes_the_case_itself(tribox, block, tmp_path):
+    mine = tmp_path / "mine"
+    mine.mkdir()
+    path = mine / "case.toml"
+    path.write_text(block)
+    assert_refused(tribox("run", path, "--out", mine, "--force"), "case.toml")
+    assert path.read_text() == block
+
+
+def test_results_go_below_the_working_directory(tribox, case_file, block, tmp_path):
+    path = case_file(block, "my-block.toml")
+    assert tribox("run", path, "--set", "stage.1.steps=1").returncode == 0
+    assert (tmp_path / "home" / "results" / "my-block" / "summary.json").is_file()
+
+
+def test_a_file_in_the_place_of_the_results(tribox, case_file, block, tmp_path):
+    (tmp_path / "out").write_text("a file")
+    assert_refused(tribox("run", case_file(block), "--out", tmp_path / "out"), "is a file")
+
+
+# -- the user's own mesh --------------------------------------------------------------------------
+
+
+def with_mesh(text: str, mesh: str) -> str:
+    """The case with a mesh file in the place of the generator."""
+    start, end = text.index("[geometry]"), text.index("[bodies.elastomer]")
+    geometry = f'[geometry]\nmesh = "{mesh}"\nthickness = "1 mm"\n'
+    return text[:start] + geometry + text[end:]
+
+
+def write_mesh(path: Path, named: bool = True, glued: bool = False, hole: str = "") -> None:
+    """Two squares, one on the other, of four triangles or so each."""
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        occ, model = gmsh.model.occ, gmsh.model
+        lower = occ.addRectangle(0.0, -LENGTH, 0.0, LENGTH, LENGTH)
+        upper = occ.addRectangle(0.0, 0.0, 0.0, LENGTH, LENGTH)
+        if glued:
+            occ.fragment([(2, lower)], [(2, upper)])
+        occ.synchronize()
+        heights = {"bottom": -LENGTH, "top": LENGTH}
+        if named:
+            for name, tag in (("aluminium", lower), ("elastomer", upper)):
+                model.addPhysicalGroup(2, [tag], name=name)
+                sides = [abs(t) for _, t in model.getBoundary([(2, tag)])]
+                face = [t for t in sides if abs(model.occ.getCenterOfMass(1, t)[1]) < 1e-9]
+                model.addPhysicalGroup(1, face, name=f"{name}_contact")
+                for label, height in heights.items():
+                    at = [
+                        t for t in sides if abs(model.occ.getCenterOfMass(1, t)[1] - height) < 1e-9
+                    ]
+                    if at and label != hole:
+                        model.addPhysicalGroup(1, at, name=label)
+        gmsh.option.setNumber("Mesh.MeshSizeMin", LENGTH / 2)
+        gmsh.option.setNumber("Mesh.MeshSizeMax", LENGTH / 2)
+        gmsh.option.setNumber("Mesh.SaveAll", 0 if named else 1)
+        model.mesh.generate(2)
+        gmsh.write(str(path))
+    finally:
+        gmsh.finalize()
+
+
+MESH_MISTAKES = {
+    "missing": (None, ["no such file"]),
+    "no names": ({"named": False}, ["name"]),
+    "glued": ({"glued": True}, ["aluminium", "elastomer", "share nodes"]),
+    "surface of another name": ({"hole": "top"}, ["'top'"]),
+}
+
+
+@pytest.mark.parametrize(("options", "said"), MESH_MISTAKES.values(), ids=MESH_MISTAKES)
+@pytest.mark.parametrize("swept", [False, True], ids=["one run", "sweep"])
+def test_unusable_mesh_is_one_line_and_check_finds_the_same(
+    tribox, case_file, block, tmp_path, options, said, swept
+):
+    text = with_mesh(block, "own.msh")
+    if swept:
+        text += '[sweep]\nkey = "contact.0.friction.mu"\nvalues = [0.1, 0.2]\n'
+    path = case_file(text)
+    if options is not None:
+        write_mesh(tmp_path / "own.msh", **options)
+    before = snapshot(tmp_path)
+    result = tribox("run", path)
+    assert_refused(result, *said)
+    checked = tribox("check", path)
+    assert (checked.returncode, checked.stderr) == (2, result.stderr)
+    assert snapshot(tmp_path) == before
+
+
+def test_misspelt_surface_of_a_mesh_offers_the_nearest(tribox, case_file, block, tmp_path):
+    write_mesh(tmp_path / "own.msh")
+    path = case_file(swap(with_mesh(block, "own.msh"), '"bottom"', '"botom"'))
+    for command in ("run", "check"):
+        assert_refused(tribox(command, path), "botom", "did you mean 'bottom'?")
+
+
+def test_a_platen_along_its_surface_is_found_by_check_too(tribox, case_file, film):
+    text = swap(film, 'displacement = { x = "driven" }', 'displacement = { y = "driven" }')
+    path = case_file(swap(text, 'direction = "y"', 'direction = "x"'))
+    said = ["platen.direction", "tangential"]
+    assert_refused(tribox("run", path), *said)
+    assert_refused(tribox("check", path), *said)
+
+
+def test_own_mesh_gives_the_history_of_the_generator(tribox, case_file, block, tmp_path):
+    made = tribox("mesh", case_file(block), "--out", tmp_path / "mesh")
+    assert made.returncode == 0, made.stderr
+    (tmp_path / "mesh" / "mesh.msh").rename(tmp_path / "own.msh")
+    own = case_file(with_mesh(block, "own.msh"), "own.toml")
+    assert tribox("check", own).returncode == 0
+    tight = ("--set", "solver.tolerance=1e-11")
+    for path, name in ((own, "a"), (tmp_path / "case-file.toml", "b")):
+        result = tribox("run", path, "--out", tmp_path / name, *tight)
+        assert result.returncode == 0, result.stderr
+    mine, theirs = (read_table(tmp_path / name / "history.csv") for name in "ab")
+    for column in ("normal_force", "tangential_force", "external_work", "contact_area"):
+        largest = max(abs(row[column]) for row in theirs)
+        assert [row[column] for row in mine] == pytest.approx(
+            [row[column] for row in theirs], rel=0.0, abs=1e-9 * largest
+        )
+
+
+# -- the other commands ---------------------------------------------------------------------------
+
+
+def test_check_says_what_is_correct_and_notes_what_may_surprise(tribox, case_file, film, tmp_path):
+    path = case_file(film)
+    before = snapshot(tmp_path)
+    result = tribox("check", path)
+    assert result.returncode == 0 and result.stderr == ""
+    assert "correct" in result.stdout and "note:" not in result.stdout
+    noted = tribox("check", path, "--set", 'contact.0.friction.B="1e9 1/m"')
+    assert noted.returncode == 0
+    assert "note: contact.0: " in noted.stdout
+    assert snapshot(tmp_path) == before
+
+
+def test_schema_is_json_with_all_tables(tribox):
+    result = tribox("schema")
+    assert result.returncode == 0 and result.stderr == ""
+    schema = json.loads(result.stdout)
+    tables = {"title", "geometry", "bodies", "contact", "boundary", "stage"}
+    assert tables | {"solver", "output", "sweep"} == set(schema["properties"])
+    assert set(schema["required"]) == tables - {"title"}
+
+
+def test_mesh_writes_file_and_picture_and_keeps_what_is_there(tribox, case_file, block, tmp_path):
+    path = case_file(block)
+    out = tmp_path / "mesh"
+    result = tribox("mesh", path, "--out", out)
+    assert result.returncode == 0, result.stderr
+    assert {p.name for p in out.iterdir()} == {"mesh.msh", "mesh.png"}
+    mesh = meshio.read(out / "mesh.msh")
+    assert sum(len(c.data) for c in mesh.cells if c.type == "quad") == 10 * 5 + 15 * 4
+    assert (out / "mesh.png").read_bytes().startswith(b"\x89PNG")
+    before = snapshot(out)
+    assert_refused(tribox("mesh", path, "--out", out), "mesh.msh", "--force")
+    assert snapshot(out) == before
+    assert tribox("mesh", path, "--out", out, "--force").returncode == 0
+
+
+def test_plot_draws_again(tribox, case_file, block, tmp_path):
+    out = tmp_path / "out"
+    assert tribox("run", case_file(block), "--out", out).returncode == 0
+    assert not (out / "figures").exists()
+    result = tribox("plot", out)
+    assert result.returncode == 0, result.stderr
+    assert {p.name for p in (out / "figures").iterdir()} == {"history.png", "energy.png"}
+    assert_refused(tribox("plot", tmp_path / "nowhere"), "nowhere")
+
+
+# -- a run ----------------------------------------------------------------------------------------
+
+REQUIRED = (
+    "time, stage, dt, velocity, normal_force, tangential_force, friction_coefficient, "
+    "effective_viscosity, contact_area, stick_fraction, viscous_fraction, max_penetration, "
+    "newton_iterations, strain_energy, kinetic_energy, interface_energy, dissipation, "
+    "external_work, energy_error"
+).split(", ")
+
+
+def test_run_prints_plain_lines_while_it_goes_and_changes_by_set(tribox, case_file, film, tmp_path):
+    out = tmp_path / "out"
+    override = ("--set", "contact.0.film.thickness=20 nm", "--set", "output.figures=true")
+    result = tribox("run", case_file(film), "--out", out, *override)
+    assert result.returncode == 0 and result.stderr == "", result.stderr
+    assert "\x1b" not in result.stdout and "\r" not in result.stdout
+    lines = result.stdout.splitlines()
+    rows = read_table(out / "history.csv")
+    steps = [line for line in lines if line.startswith("step")]
+    assert len(steps) == len(rows)
+    assert lines.index(steps[0]) <= 2 and "Newton" in steps[0]
+    assert lines[-1] == f"results in {out}"
+    assert (out / "log.txt").read_text(encoding="utf-8").splitlines() == lines
+
+    with (out / "history.csv").open() as stream:
+        header = next(csv.reader(stream))
+    assert not set(REQUIRED) - set(header)
+    numbers = [v for row in rows for key, v in row.items() if key != "stage"]
+    assert all(math.isfinite(v) for v in numbers)
+    assert {row["film_thickness"] for row in rows if row["stage"] == "slide"} == {
+        pytest.approx(20e-9)
+    }
+    figures = {p.name for p in (out / "figures").iterdir()}
+    assert figures == {
+        *("history.png", "energy.png", "deformed.png"),
+        *("effective_viscosity.png", "friction_map.png"),
+    }
+    again = load_case(out / "case.toml")
+    assert again == load_case(tmp_path / "case-file.toml", [w for w in override if "=" in w])
+
+
+def test_sweep_collates_its_parts(tribox, case_file, block, tmp_path):
+    text = block + '[sweep]\nkey = "contact.0.friction.mu"\nvalues = [0.1, 0.3]\n'
+    out = tmp_path / "out"
+    result = tribox("run", case_file(text), "--out", out, "--set", "output.figures=true")
+    assert result.returncode == 0, result.stderr
+    rows = read_table(out / "sweep.csv")
+    labels = ["mu=0.1", "mu=0.3"]
+    assert [row["label"] for row in rows] == [label for label in labels for _ in range(2)]
+    assert [row["friction_coefficient"] for row in rows[1::2]] == pytest.approx([0.1, 0.3], 1e-3)
+    for label in labels:
+        assert (out / label / "history.csv").is_file()
+        assert f"[{label}] step    1" in result.stdout
+    assert {p.name for p in (out / "figures").iterdir()} == {"sweep.png"}
+    assert set(json.loads((out / "summary.json").read_text())["parts"]) == set(labels)
+
+    alone = tribox("run", tmp_path / "case-file.toml", "--part", 1, "--out", tmp_path / "alone")
+    assert alone.returncode == 0
+    mine, theirs = (d / "history.csv" for d in (tmp_path / "alone", out / "mu=0.3"))
+    assert mine.read_bytes() == theirs.read_bytes()
+    assert_refused(tribox("run", tmp_path / "case-file.toml", "--part", 2), "--part 2")
+    assert tribox("plot", out).returncode == 0
