@@ -21,6 +21,7 @@ from forms.friction_parameters import FrictionMapParameters
 from geometry.projection import Floats
 
 COLOURS = ("#1b6ca8", "#d1495b", "#2e8b57", "#8d5fa8", "#e08e1b", "#555555")
+MARKERS = ("o", "s", "^", "D", "v", "P")
 STYLE = {
     "font.size": 10,
     "axes.grid": True,
@@ -67,26 +68,28 @@ def _columns(rows: list[dict[str, Any]], *names: str) -> list[Floats]:
     return [np.array([row[name] for row in rows]) for name in names]
 
 
-def _mark_stages(axes: Axes, rows: list[dict[str, Any]]) -> None:
-    """A line where each stage or velocity begins."""
+def _mark_stages(axes: Axes, rows: list[dict[str, Any]], named: bool) -> None:
+    """A line where each stage or velocity begins, and its name above the axes."""
     keys = [(row["stage"], row["velocity"]) for row in rows]
-    names = []
-    for index, key in enumerate(keys):
-        if index == 0 or key != keys[index - 1]:
-            axes.axvline(index + 0.5, color="0.8", lw=0.8, zorder=0)
-            names.append((index + 0.5, key))
-    if len(names) > 12:
-        return
-    for at, (stage, velocity) in names:
-        text = f" {stage}" + (f" {velocity:g} m/s" if velocity else "")
+    starts = [i for i, key in enumerate(keys) if i == 0 or key != keys[i - 1]]
+    for start in starts:
+        axes.axvline(rows[start]["step"] - 0.5, color="0.8", lw=0.8, zorder=0)
+    apart = 0.03 * len(rows)
+    last = -apart
+    for start in starts:
+        if not named or start - last < apart:
+            continue
+        last = start
+        stage, velocity = keys[start]
         axes.annotate(
-            text,
-            (at, 1.0),
+            f"{velocity:g} m/s" if velocity else stage,
+            (rows[start]["step"] - 0.5, 1.0),
             xycoords=("data", "axes fraction"),
+            xytext=(0, 3),
+            textcoords="offset points",
             fontsize=7,
-            color="0.4",
-            rotation=90,
-            va="top",
+            color="0.35",
+            rotation=60,
         )
 
 
@@ -103,8 +106,8 @@ def _forces(rows: list[dict[str, Any]]) -> Figure:
     bottom.set_ylabel("T/N (-)")
     bottom.set_ylim(bottom=0.0)
     bottom.set_xlabel("step")
-    for axes in (top, bottom):
-        _mark_stages(axes, rows)
+    _mark_stages(top, rows, named=True)
+    _mark_stages(bottom, rows, named=False)
     return figure
 
 
@@ -239,7 +242,8 @@ def _broken(values: Floats, speed: Floats, at: float) -> Floats:
 def _viscosity_figure(series: list[Series]) -> Figure:
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4.6), sharey=True)
     speed = _curve_speeds(series)
-    for colour, one in zip(_colours(len(series)), series, strict=True):
+    for number, one in enumerate(series):
+        colour = COLOURS[number % len(COLOURS)]
         star = float(threshold_speed(one.thickness, one.parameters))
         curve = effective_viscosity(speed, one.thickness, one.pressure, one.mu, one.parameters)
         for axes, scale in ((left, 1.0), (right, 1.0 / one.thickness)):
@@ -247,8 +251,9 @@ def _viscosity_figure(series: list[Series]) -> Figure:
             axes.loglog(
                 one.speed * scale,
                 one.viscosity,
-                "o",
-                ms=5,
+                MARKERS[number % len(MARKERS)],
+                ms=max(9.0 - 1.5 * number, 3.0),  # points that coincide stay visible
+                mfc="none" if number % 2 else colour,
                 color=colour,
                 label=f"D = {one.thickness * 1e9:g} nm",
             )
@@ -261,15 +266,19 @@ def _viscosity_figure(series: list[Series]) -> Figure:
         f"$\\eta_b$ = {eta:g} Pa s",
         (0.02, eta),
         xycoords=("axes fraction", "data"),
-        xytext=(0, 3),
+        xytext=(0, -8),
         textcoords="offset points",
+        va="top",
         fontsize=8,
     )
+    left.set_ylim(bottom=0.3 * eta)
     left.set_xlabel("sliding velocity V (m/s)")
     left.set_ylabel("effective viscosity $T D/(A V)$ (Pa s)")
     right.set_xlabel("shear rate V/D (1/s)")
-    right.legend()
-    figure.suptitle("points: computed steady states; lines: closed form; dotted: V*", fontsize=9)
+    left.legend(frameon=True, framealpha=0.9, edgecolor="none")
+    figure.suptitle(
+        "points: computed steady states; lines: closed form; dotted: V*", fontsize=9, y=0.95
+    )
     return figure
 
 

@@ -58,11 +58,26 @@ def run_case(
             if reporter:
                 reporter.say(f"warning: {warning}")
         if reporter:
+            reporter.say(_closing_line(simulation), always=not quiet)
             reporter.say(f"results in {directory}", always=not quiet)
     finally:
         if reporter:
             reporter.close()
     return simulation
+
+
+def _closing_line(simulation: Simulation) -> str:
+    """Steps, iterations, penetration and energy balance of a finished run."""
+    rows = simulation.rows
+    deepest = max(row.max_penetration for row in rows)
+    film = rows[-1].film_thickness
+    depth = f"{deepest:.3g} m" + (f" = {deepest / film:.2g} D" if film > 0.0 else "")
+    work = max(abs(row.external_work) for row in rows)
+    gap = abs(rows[-1].energy_error) / work if work > 0.0 else 0.0
+    return (
+        f"{len(rows)} steps, {sum(row.newton_iterations for row in rows)} Newton iterations, "
+        f"largest penetration {depth}, energy balanced to {gap:.1e} of the external work"
+    )
 
 
 def _run(simulation: Simulation, recorder: Recorder, observer: Observer) -> None:
