@@ -54,6 +54,7 @@ def run(
 
     case = load_case(case_file, overrides or [])
     directory = out or default_directory(case_file)
+    _keep_inputs(directory, case_file, case)
     ranks = _ranks_around()
     if case.sweep is not None and part is None:
         _run_sweep(case, case_file, directory, overrides or [], np, force, jobs, ranks)
@@ -71,6 +72,17 @@ def run(
     from app.run import run_case
 
     run_case(case, directory, force=force)
+
+
+def _keep_inputs(directory: Path, case_file: Path, case: Case) -> None:
+    """Refuse a results directory that holds what the run is made from: it would be cleared."""
+    inputs = [case_file] + ([Path(case.geometry.mesh)] if case.geometry.kind == "file" else [])
+    for path in inputs:
+        if directory.resolve() in path.resolve().parents:
+            raise InputError(
+                f"{directory}: holds {path.name}, which the run reads; name another directory for "
+                "the results with --out"
+            )
 
 
 def _one_part(case: Case, part: int) -> Case:
@@ -110,6 +122,7 @@ def _run_sweep(
         _run_sweep_together(case, directory, force)
         return
     check_free(directory, force)
+    _see_that_it_builds(case.sweep_cases()[0][1])
     prepare(directory)
     write_text(directory / "case.toml", resolved_toml(case))
     options = [*_set_options(overrides), "--np", str(np)]
@@ -154,6 +167,15 @@ def _draw_sweep(case: Case, directory: Path) -> None:
         draw_sweep(case, directory)
 
 
+def _see_that_it_builds(case: Case) -> None:
+    """Find what shows only once mesh and case are put together; writes nothing."""
+    from mpi4py import MPI
+
+    from app.model import build_model
+
+    build_model(case, MPI.COMM_SELF)
+
+
 @cli.command()
 def check(case_file: CaseFile, overrides: Overrides = None) -> None:
     """Check a case file without running it; every problem is one line."""
@@ -166,13 +188,8 @@ def check(case_file: CaseFile, overrides: Overrides = None) -> None:
             print(line, file=sys.stderr)
         raise typer.Exit(2)
     case = load_case(case_file, overrides or [])
-    if case.geometry.kind == "file":
-        from mpi4py import MPI
-
-        from app.model import make_mesh
-
-        make_mesh(case, MPI.COMM_SELF)
     for single in [part for _, part in case.sweep_cases()] or [case]:
+        _see_that_it_builds(single)
         for note in notes_on(single):
             print(f"note: {note}")
     runs = len(case.sweep_cases()) or 1

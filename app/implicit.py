@@ -17,6 +17,8 @@ from app.equilibrium import Equilibrium
 from geometry.projection import Floats
 
 PREFIX = "tribox_"
+STALLED = 0.1  # relative residual below which a stalled line search is followed by whole steps
+STALL_WINDOW = 4  # iterations over which the residual must fall by a tenth not to count as stalled
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +82,7 @@ class ImplicitStepper:
         self._loads: Floats = np.empty(0)
         self.residuals: list[float] = []
         self._largest_force = 0.0
+        self._whole_steps = False
         PETSc.Log.begin()
         self._log_start = _logged_seconds()
         self.matrix = problem.new_matrix(self.x)
@@ -100,6 +103,7 @@ class ImplicitStepper:
         options = PETSc.Options(PREFIX)
         for key, value in (defaults | dict(self.options.petsc)).items():
             options[key] = value
+        self._usual_search = str(options.getString("snes_linesearch_type"))
         snes.setFunction(self._function, self._residual)
         snes.setJacobian(self._jacobian, self.matrix)
         snes.setTolerances(max_it=self.options.max_iterations)
@@ -142,6 +146,10 @@ class ImplicitStepper:
             return PETSc.SNES.ConvergedReason.CONVERGED_FNORM_RELATIVE
         if iteration >= self.options.max_iterations:
             return PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT
+        recent = self.residuals[-STALL_WINDOW - 1 :]
+        stalled = len(recent) > STALL_WINDOW and recent[-1] > 0.9 * recent[0]
+        if stalled and not self._whole_steps and recent[-1] <= STALLED:
+            return PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH
         return None
 
     def attempt(self, dt: float) -> StepResult:
@@ -150,18 +158,40 @@ class ImplicitStepper:
         problem.dt = dt
         self.residuals = []
         solves = self._predict()
-        self.snes.solve(None, self.trial)
-        reason = self.snes.getConvergedReason()
+        iterations, reason = self._solve()
         if reason > 0 and not np.array_equal(
             problem.u.x.array[: problem.owned], self.trial.array_r
         ):
             problem.residual(None, self.trial, self._residual)
         return StepResult(
             converged=reason > 0,
-            iterations=solves + self.snes.getIterationNumber(),
+            iterations=solves + iterations,
             reason=reason,
             residuals=self.residuals,
         )
+
+    def _solve(self) -> tuple[int, int]:
+        """Newton iterations with line search; where that stalls, on with whole steps.
+
+        The residual has kinks where points change between stick and slip or open and closed. On
+        the far side of one the line search may find no decrease however short the step, while a
+        few whole steps settle which side each point is on.
+        """
+        self.snes.solve(None, self.trial)
+        iterations, reason = self.snes.getIterationNumber(), self.snes.getConvergedReason()
+        if reason > 0 or not self.residuals or self.residuals[-1] > STALLED:
+            return iterations, reason
+        self._whole_steps = True
+        self._search("basic")
+        self.snes.solve(None, self.trial)
+        self._search(None)
+        self._whole_steps = False
+        return iterations + self.snes.getIterationNumber(), self.snes.getConvergedReason()
+
+    def _search(self, kind: str | None) -> None:
+        """Use a kind of line search; None: the one of the case."""
+        PETSc.Options(PREFIX)["snes_linesearch_type"] = kind or self._usual_search
+        self.snes.setFromOptions()
 
     def commit(self) -> None:
         """Accept the last attempt: unknowns, contact history and predictor."""

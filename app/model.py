@@ -100,7 +100,27 @@ def build_model(case: Case, comm: MPI.Comm) -> Model:
     for boundary in case.boundary:
         loads.add(boundary)
     problem = Equilibrium(u, solids, contacts, loads.prescribed, loads.platens, loads.pressures)
-    return Model(case, named, problem, loads.programs, thickness, notes_on(case))
+    notes = notes_on(case) + list(_loose_bodies(case, named))
+    return Model(case, named, problem, loads.programs, thickness, notes)
+
+
+def _loose_bodies(case: Case, named: NamedMesh) -> Iterator[str]:
+    """A line on each body and direction that only contact holds; collective.
+
+    A platen counts as a support where the bodies touch from the start, as they are meant to then.
+    """
+    touching = getattr(case.geometry, "gap", 0.0) == 0.0
+    held: dict[str, set[str]] = {name: set() for name in named.bodies}
+    for boundary in case.boundary:
+        found = {part for part, keys in boundary.prescribed() if touching or keys[0] != "platen"}
+        held[_body_of(named, boundary.surface)] |= found
+    for name, directions in held.items():
+        for direction in COMPONENTS:
+            if direction not in directions:
+                yield (
+                    f"body {name}: no boundary prescribes a displacement in {direction}; "
+                    "only contact holds it there"
+                )
 
 
 def make_mesh(case: Case, comm: MPI.Comm) -> NamedMesh:

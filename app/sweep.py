@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.case import Case
-from app.errors import SolutionError, TriboxError
+from app.errors import InputError, SolutionError, TriboxError
 from app.measure import COLUMNS
 from app.results import write_json, write_table
 
@@ -30,6 +30,7 @@ def run_side_by_side(parts: Sequence[Part], jobs: int, say: Callable[[str], None
     """Run all parts as processes, at most ``jobs`` at a time; their lines come labelled.
 
     Raises:
+        InputError: all parts that failed were refused.
         SolutionError: a part failed; the others have been run.
         TriboxError: a part could not be started or ended oddly.
     """
@@ -53,7 +54,10 @@ def run_side_by_side(parts: Sequence[Part], jobs: int, say: Callable[[str], None
     failed = {label: code for label, code in codes.items() if code != 0}
     if failed:
         names = ", ".join(failed)
-        kind = SolutionError if 3 in failed.values() else TriboxError
+        codes_found = set(failed.values())
+        kind: type[TriboxError] = SolutionError if 3 in codes_found else TriboxError
+        if codes_found == {2}:
+            kind = InputError
         raise kind(f"{len(failed)} of {len(parts)} runs of the sweep failed: {names}")
 
 

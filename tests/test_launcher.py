@@ -439,3 +439,7 @@ def test_entry_stays_who_it_is_otherwise(tmp_path: Path, uid: int, owner: int) -
 def test_entry_without_results_mount_writes_where_it_is(tmp_path: Path) -> None:
     started = enter(tmp_path / "x", "tribox", "run", NOT_MOUNTED="1")
     assert started[1] == f"{tmp_path}/x/results"
+
+
+def test_entry_leaves_tests_to_their_own_directories(tmp_path: Path) -> None:
+    assert enter(tmp_path / "x", "tribox", "test")[1] == ""

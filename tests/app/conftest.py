@@ -166,3 +166,20 @@ def tribox(
         )
 
     return run
+
+
+@pytest.fixture(scope="session")
+def sfa(tmp_path_factory: pytest.TempPathFactory, environment: dict[str, str]) -> Path:
+    """Results of cases/sfa.toml, swept over four thicknesses by the command line."""
+    directory = tmp_path_factory.mktemp("sfa") / "sfa"
+    case = ROOT / "cases" / "sfa.toml"
+    done = subprocess.run(
+        [sys.executable, "-m", "app", "run", str(case), "--out", str(directory)],
+        cwd=directory.parent,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=500.0,
+    )
+    assert done.returncode == 0, done.stderr
+    return directory

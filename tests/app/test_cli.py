@@ -41,7 +41,7 @@ def assert_refused(result, *fragments):
 
 
 BLOCK_MISTAKES = {
-    "unknown key": ("mu = 0.2", "nu = 0.2", ["contact.0.friction.nu", '"mu"']),
+    "unknown key": ("mu = 0.2", "nu = 0.2", ["nu", "contact.0.friction", "mu"]),
     "wrong unit": ('E = "5 MPa"', 'E = "5 mm"', ["bodies.elastomer.E", "5 mm"]),
     "negative thickness": ('thickness = "1 mm"', 'thickness = "-1 mm"', ["geometry.thickness"]),
     "not a number": ("mu = 0.2", "mu = nan", ["contact.0.friction.mu"]),
@@ -167,7 +167,13 @@ def write_mesh(path: Path, named: bool = True, glued: bool = False, hole: str = 
             for name, tag in (("aluminium", lower), ("elastomer", upper)):
                 model.addPhysicalGroup(2, [tag], name=name)
                 sides = [abs(t) for _, t in model.getBoundary([(2, tag)])]
-                face = [t for t in sides if abs(model.occ.getCenterOfMass(1, t)[1]) < 1e-9]
+                at_contact = not glued or tag == lower
+                face = [
+                    t
+                    for t in sides
+                    if (abs(model.occ.getCenterOfMass(1, t)[1]) < 1e-9) == at_contact
+                    and model.occ.getCenterOfMass(1, t)[1] < LENGTH
+                ]
                 model.addPhysicalGroup(1, face, name=f"{name}_contact")
                 for label, height in heights.items():
                     at = [
@@ -188,12 +194,15 @@ MESH_MISTAKES = {
     "missing": (None, ["no such file"]),
     "no names": ({"named": False}, ["name"]),
     "glued": ({"glued": True}, ["aluminium", "elastomer", "share nodes"]),
-    "surface of another name": ({"hole": "top"}, ["'top'"]),
+    "no top": ({"hole": "top"}, ["'top'"]),
 }
 
 
-@pytest.mark.parametrize(("options", "said"), MESH_MISTAKES.values(), ids=MESH_MISTAKES)
-@pytest.mark.parametrize("swept", [False, True], ids=["one run", "sweep"])
+@pytest.mark.parametrize(
+    ("options", "said", "swept"),
+    [(*case, False) for case in MESH_MISTAKES.values()] + [(*MESH_MISTAKES["no top"], True)],
+    ids=[*MESH_MISTAKES, "sweep"],
+)
 def test_unusable_mesh_is_one_line_and_check_finds_the_same(
     tribox, case_file, block, tmp_path, options, said, swept
 ):
@@ -207,7 +216,8 @@ def test_unusable_mesh_is_one_line_and_check_finds_the_same(
     result = tribox("run", path)
     assert_refused(result, *said)
     checked = tribox("check", path)
-    assert (checked.returncode, checked.stderr) == (2, result.stderr)
+    assert (checked.returncode, checked.stdout) == (2, "")
+    assert checked.stderr.removeprefix("tribox: ") == result.stderr.removeprefix("tribox: ")
     assert snapshot(tmp_path) == before
 
 
@@ -322,9 +332,8 @@ def test_run_prints_plain_lines_while_it_goes_and_changes_by_set(tribox, case_fi
     assert not set(REQUIRED) - set(header)
     numbers = [v for row in rows for key, v in row.items() if key != "stage"]
     assert all(math.isfinite(v) for v in numbers)
-    assert {row["film_thickness"] for row in rows if row["stage"] == "slide"} == {
-        pytest.approx(20e-9)
-    }
+    films = [row["film_thickness"] for row in rows if row["stage"] == "slide"]
+    assert films == pytest.approx([20e-9] * len(films), rel=1e-12)
     figures = {p.name for p in (out / "figures").iterdir()}
     assert figures == {
         *("history.png", "energy.png", "deformed.png"),

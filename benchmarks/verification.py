@@ -1,0 +1,206 @@
+"""The tables of docs/verification.md, from runs made here.
+
+From the repository: ``python3 -m benchmarks.verification sfa`` (steady points of the sliding test
+against the closed form; ``--results DIR`` reads a finished sweep instead of running it),
+``... stretch`` (how much of the difference the stretch of the sliding surface explains),
+``... blocks`` (block-slide against the reference forces) and ``... penalty`` (its forces as the
+penalty grows).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from app.case import load_case
+from app.case_contact import FrictionMap
+from app.results import read_table
+from app.run import run_case
+from benchmarks.run import ROOT, level_options, tribox
+from forms.closed_forms import Floats, effective_viscosity, film_fraction, threshold_speed
+from forms.friction_parameters import FrictionMapParameters
+
+# Forces in N for a slab of 1 mm by codes that enforce the constraint exactly: normal force after
+# pressing, tangential and normal force at the end.
+REFERENCE = {1: (0.9684, 0.1756, 0.8778), 2: (0.9617, 0.1743, 0.8717), 4: (0.9581, 0.1737, 0.8683)}
+
+
+@dataclass(frozen=True, slots=True)
+class SteadyPoint:
+    """One thickness at one velocity, computed and by the closed form.
+
+    Attributes:
+        film: m; speed: m/s; star: m/s, V*; mu: computed μ(d); alpha: of the closed form.
+        computed, closed: Pa s, effective viscosity.
+        penetration: m, largest. iterations: of Newton in the last step.
+    """
+
+    film: float
+    speed: float
+    star: float
+    mu: float
+    alpha: float
+    computed: float
+    closed: float
+    penetration: float
+    iterations: int
+
+    @property
+    def error(self) -> float:
+        """Relative, with sign."""
+        return self.computed / self.closed - 1.0
+
+
+def steady_points(directory: Path) -> Iterator[SteadyPoint]:
+    """The steady points of a finished sweep of ``cases/sfa.toml``."""
+    case = load_case(directory / "case.toml")
+    rows = read_table(directory / "sweep.csv")
+    for label, single in case.sweep_cases():
+        contact = single.contact[0]
+        assert isinstance(contact.friction, FrictionMap) and contact.film is not None
+        parameters = contact.friction.parameters()
+        for row in rows:
+            if row["label"] == label and row["steady"] == 1.0:
+                yield _point(row, contact.film.thickness, parameters)
+
+
+def _point(row: dict[str, Any], film: float, parameters: FrictionMapParameters) -> SteadyPoint:
+    speed = abs(row["velocity"])
+    pressure = row["normal_force"] / row["contact_area"]
+    closed = effective_viscosity(speed, film, pressure, row["mu"], parameters)
+    return SteadyPoint(
+        film=film,
+        speed=speed,
+        star=float(threshold_speed(film, parameters)),
+        mu=row["mu"],
+        alpha=float(film_fraction(speed, film, parameters)),
+        computed=row["effective_viscosity"],
+        closed=float(closed),
+        penetration=row["max_penetration"],
+        iterations=int(row["newton_iterations"]),
+    )
+
+
+def sliding_tables(directory: Path) -> Iterator[str]:
+    """Markdown tables of the sliding test: all points, largest errors and course by thickness."""
+    points = list(steady_points(directory))
+    yield "| D (nm) | V (m/s) | V/V* | μ | computed η_eff (Pa s) | closed form | error |"
+    yield "|---|---|---|---|---|---|---|"
+    for p in points:
+        yield (
+            f"| {p.film * 1e9:.0f} | {p.speed:.3g} | {p.speed / p.star:.2g} | {p.mu:.5f} "
+            f"| {p.computed:.6g} | {p.closed:.6g} | {100 * p.error:+.3f} % |"
+        )
+    yield ""
+    yield "| D (nm) | points | largest error | below V* | above V* | penetration (nm) | over D |"
+    yield "|---|---|---|---|---|---|---|"
+    for film in sorted({p.film for p in points}):
+        some = [p for p in points if p.film == film]
+        errors = np.array([p.error for p in some])
+        viscous = np.array([p.alpha == 1.0 for p in some])
+        deepest = max(p.penetration for p in some)
+        yield (
+            f"| {film * 1e9:.0f} | {len(some)} | {_largest(errors)} | {_largest(errors[~viscous])} "
+            f"| {_largest(errors[viscous])} | {deepest * 1e9:.2f} | {deepest / film:.2f} |"
+        )
+    yield ""
+    yield "| D (nm) | steps | attempts | Newton per step | energy error over external work |"
+    yield "|---|---|---|---|---|"
+    for label, single in load_case(directory / "case.toml").sweep_cases():
+        layer = single.contact[0].film
+        summary = json.loads((directory / label / "summary.json").read_text(encoding="utf-8"))
+        yield (
+            f"| {layer.thickness * 1e9 if layer else 0.0:.0f} | {summary['steps']} "
+            f"| {summary['attempts']} | {summary['newton_iterations'] / summary['steps']:.2f} "
+            f"| {summary['energy_error_relative']:.1e} |"
+        )
+
+
+def _largest(errors: Floats) -> str:
+    return f"{100.0 * np.max(np.abs(errors)):.3f} %" if len(errors) else "–"
+
+
+def stretch_lines() -> Iterator[str]:
+    """Mean area stretch of the sliding surface, where the film is all there is.
+
+    The film's stress is per current area and the viscosity is reported with the reference area, so
+    a steady viscous point lies above eta_b by the stretch of the closed surface.
+    """
+    keys = ['contact.0.film.thickness="250 nm"', 'stage.1.velocities=["1e-3 m/s"]']
+    case = load_case(ROOT / "cases" / "sfa.toml", [*keys, "output.figures=false"])
+    with tempfile.TemporaryDirectory() as scratch:
+        simulation = run_case(case, Path(scratch) / "run", quiet=True)
+    (term,) = simulation.model.problem.contacts
+    (trial,) = simulation.model.problem.trials
+    closed = np.where(trial.pressure > 0.0, term.surface.slave.weight, 0.0)
+    stretch = float(closed @ term.state.stretch / closed.sum())
+    friction = case.contact[0].friction
+    assert isinstance(friction, FrictionMap)
+    ratio = simulation.rows[-1].effective_viscosity / friction.parameters().eta_b
+    yield f"mean da/dA of the closed surface {stretch:.6f}; computed eta_eff / eta_b {ratio:.6f}"
+
+
+def block_row(name: str, level: int, options: Sequence[str], where: Path) -> str:
+    """Run the block-slide problem; one row of Markdown with forces and errors."""
+    out = where / name
+    tribox("block-slide", out, [*level_options(level), "--set", "output.figures=false", *options])
+    rows = read_table(out / "history.csv")
+    summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    pressed = [row for row in rows if row["stage"] == "press"][-1]
+    forces = (pressed["normal_force"], rows[-1]["drag"], rows[-1]["normal_force"])
+    # The energy not accounted for, at its largest during the run.
+    largest = max(abs(row["external_work"]) for row in rows)
+    unbalanced = max(abs(row["energy_error"]) for row in rows) / largest
+    values = " | ".join(
+        f"{force:.5f} ({100.0 * (force / exact - 1.0):+.2f} %)"
+        for force, exact in zip(forces, REFERENCE[level], strict=True)
+    )
+    deepest = max(row["max_penetration"] for row in rows)
+    return (
+        f"| {name} | {values} | {deepest * 1e6:.2f} | {summary['newton_iterations']} "
+        f"| {summary['attempts']} | {unbalanced:.1e} |"
+    )
+
+
+BLOCK_HEAD = (
+    "| {} | normal, pressed (N) | tangential, end (N) | normal, end (N) | penetration (µm) "
+    "| Newton | attempts | energy error |\n" + "|---" * 8 + "|"
+)
+
+
+def main() -> None:
+    """Print the tables asked for."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("what", choices=("sfa", "stretch", "blocks", "penalty"))
+    parser.add_argument("--results", type=Path, help="a finished sweep of cases/sfa.toml")
+    parser.add_argument("--level", type=int, action="append", choices=(1, 2, 4))
+    chosen = parser.parse_args()
+    with tempfile.TemporaryDirectory() as scratch:
+        where = Path(scratch)
+        if chosen.what == "sfa":
+            directory = chosen.results or where / "sfa"
+            if chosen.results is None:
+                tribox("sfa", directory, [])
+            print("\n".join(sliding_tables(directory)))
+        elif chosen.what == "stretch":
+            print("\n".join(stretch_lines()))
+        elif chosen.what == "blocks":
+            print(BLOCK_HEAD.format("level"))
+            for level in chosen.level or (1, 2):
+                print(block_row(str(level), level, [], where), flush=True)
+        else:
+            print(BLOCK_HEAD.format("penalty_factor"))
+            for factor in (1, 3, 10, 30, 100, 300):
+                option = ["--set", f"contact.0.penalty_factor={factor}"]
+                print(block_row(str(factor), 1, option, where), flush=True)
+
+
+if __name__ == "__main__":
+    main()

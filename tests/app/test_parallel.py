@@ -1,0 +1,73 @@
+"""Results do not depend on the number of ranks, and ranks fail together."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from app.measure import PHYSICAL
+from app.results import read_table
+
+SAME = 1e-9  # of each column's largest value, at a solver tolerance of 1e-11
+TIGHT = ("--set", "solver.tolerance=1e-11")
+
+pytestmark = pytest.mark.mpi
+
+
+def differences(mine: list[dict], theirs: list[dict]) -> dict[str, float]:
+    """Largest difference in each physical column, relative to the column's largest value."""
+    assert len(mine) == len(theirs)
+    found = {}
+    for name in PHYSICAL:
+        largest = max(abs(row[name]) for row in theirs)
+        apart = max(abs(a[name] - b[name]) for a, b in zip(mine, theirs, strict=True))
+        found[name] = apart / largest if largest > 0.0 else apart
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["block", "film"])
+def test_history_does_not_depend_on_the_ranks(request, tribox, case_file, tmp_path, kind):
+    path = case_file(request.getfixturevalue(kind))
+    histories = {}
+    for ranks in (1, 2, 3):
+        out = tmp_path / f"{ranks}"
+        result = tribox("run", path, "--out", out, *TIGHT, ranks=ranks)
+        assert result.returncode == 0, result.stderr
+        assert json.loads((out / "summary.json").read_text())["ranks"] == ranks
+        histories[ranks] = read_table(out / "history.csv")
+    for ranks in (2, 3):
+        apart = differences(histories[ranks], histories[1])
+        assert {k: v for k, v in apart.items() if v > SAME} == {}, ranks
+
+
+def test_np_starts_the_ranks_itself(tribox, case_file, block, tmp_path):
+    out = tmp_path / "out"
+    result = tribox("run", case_file(block), "--np", 2, "--out", out, "--set", "stage.1.steps=1")
+    assert result.returncode == 0, result.stderr
+    assert json.loads((out / "summary.json").read_text())["ranks"] == 2
+    assert result.stdout.count("step    1 ") == 1
+
+
+def test_ranks_refuse_together_with_one_line(tribox, case_file, block, tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "mine.txt").write_text("mine")
+    result = tribox("run", case_file(block), "--out", tmp_path / "out", ranks=2)
+    assert result.returncode == 2
+    said = [line for line in result.stderr.splitlines() if line.startswith("tribox: ")]
+    assert len(said) == 1 and "--force" in said[0]
+    assert [p.name for p in (tmp_path / "out").iterdir()] == ["mine.txt"]
+
+
+def test_ranks_give_up_together(tribox, case_file, film, tmp_path):
+    text = film.replace('thickness = "1 mm"', 'thickness = "1 mm"\ngap = "0.05 mm"', 1)
+    result = tribox(
+        *("run", case_file(text), "--out", tmp_path / "out"),
+        *("--set", "solver.min_step_fraction=0.2"),
+        ranks=2,
+    )
+    assert result.returncode == 3
+    said = [line for line in result.stderr.splitlines() if line.startswith("tribox: ")]
+    assert len(said) == 1 and "no solution" in said[0]
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["status"] == "failed"

@@ -1,0 +1,108 @@
+"""What all tests share: a small pair of blocks, and the problems that are made from it."""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+import dolfinx
+import numpy as np
+import pytest
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from app.equilibrium import Equilibrium, Prescribed, component_dofs
+from forms.contact import ContactTerm
+from forms.friction import FrictionLaw
+from forms.materials import Material, NeoHookean
+from forms.solids import Solid
+from geometry.mesh import NamedMesh, generate
+from geometry.surface import ContactSurface
+from geometry.two_blocks import Block, TwoBlocks
+
+Motion = Callable[[np.ndarray], np.ndarray]
+SOFT = NeoHookean(shear_modulus=1.0, bulk_modulus=5.0)
+STIFF = NeoHookean(shear_modulus=3.0, bulk_modulus=8.0)
+
+
+@dataclass
+class Pair:
+    """Two blocks, of the order of one in size, modulus and pressure: the upper is the slave."""
+
+    named: NamedMesh
+    u: dolfinx.fem.Function = field(init=False)
+
+    def __post_init__(self) -> None:
+        space = dolfinx.fem.functionspace(self.named.mesh, ("Lagrange", 1, (2,)))
+        self.u = dolfinx.fem.Function(space)
+
+    def surface(self, degree: int = 5) -> ContactSurface:
+        names = ("elastomer_contact", "aluminium_contact")
+        return ContactSurface(self.u.function_space, *map(self.named.facets, names), degree)
+
+    def solids(
+        self, upper: Material = SOFT, lower: Material = STIFF, formulation: str = "q1-sri"
+    ) -> list[Solid]:
+        named = self.named
+        return [
+            Solid("elastomer", self.u, named.cells("elastomer"), upper, formulation),
+            Solid("aluminium", self.u, named.cells("aluminium"), lower, formulation),
+        ]
+
+    def held(self, surface: str, component: int) -> Prescribed:
+        facets = self.named.facets(surface)
+        return Prescribed(component_dofs(self.u.function_space, facets, component))
+
+    def problem(
+        self, law: FrictionLaw | None, penalty: float = 50.0, film: float = 0.0, **parts
+    ) -> Equilibrium:
+        """Both bodies, free but for ``parts``, with one contact (none without a law)."""
+        degree = parts.pop("degree", 5)
+        contacts = [] if law is None else [ContactTerm(self.surface(degree), law, penalty, film)]
+        return Equilibrium(self.u, self.solids(), contacts, **parts)
+
+    def nodes(self, body: str) -> np.ndarray:
+        """Nodes of the displacement on one body."""
+        table = self.u.function_space.dofmap.list
+        return np.unique(table[self.named.cells(body)])
+
+    def displaced(self, upper: Motion, lower: Motion) -> PETSc.Vec:
+        """Unknowns that move each body by a function of the reference positions (n, 2)."""
+        space = self.u.function_space
+        where = space.tabulate_dof_coordinates()[:, :2]
+        values = np.zeros_like(where)
+        for body, motion in (("elastomer", upper), ("aluminium", lower)):
+            at = self.nodes(body)
+            values[at] = motion(where[at])
+        owned = space.dofmap.index_map.size_local
+        x = PETSc.Vec().createMPI((2 * owned, None), bsize=2, comm=self.named.mesh.comm)
+        x.array[:] = values[:owned].reshape(-1)
+        return x
+
+
+@lru_cache
+def make_pair(
+    cell: str = "quadrilateral",
+    upper: tuple[int, int] = (6, 2),
+    lower: tuple[int, int] = (7, 2),
+    gap: float = 0.0,
+) -> Pair:
+    blocks = TwoBlocks(
+        Block(1.0, 0.5, upper), Block(2.0, 0.5, lower), offset=0.47, gap=gap, cell=cell
+    )
+    return Pair(generate(blocks, MPI.COMM_SELF))
+
+
+@pytest.fixture(scope="session")
+def pair() -> Callable[..., Pair]:
+    """Makes pairs of blocks; each kind is meshed once. Every test sets its own displacements."""
+    return make_pair
+
+
+@pytest.fixture(autouse=True)
+def _collect() -> Iterator[None]:
+    """Free PETSc's objects before the next test makes more."""
+    yield
+    gc.collect()

@@ -1,0 +1,208 @@
+"""Contact kinematics: every variation against central differences, and objectivity."""
+
+import numpy as np
+import pytest
+
+from forms.contact_kinematics import Anchor, relate
+from geometry.projection import Polyline, segment_shape, segment_shape_derivative
+
+KINKED = np.array([[0.0, 0.0], [1.0, 0.31], [2.1, -0.12], [2.9, 0.33], [4.0, 0.2], [5.0, 0.6]])
+RNG = np.random.default_rng(11)
+
+
+class Scene:
+    """Points against a kinked master, with an anchor from an earlier step on the same facets.
+
+    Attributes:
+        points: (q, i) and nodes: (n, i), today.
+        facet, xi, components, length, gap: (q, …), what the last step left.
+    """
+
+    def __init__(self, points, nodes, facet, xi, components, length, gap):
+        self.points, self.nodes = np.array(points), np.array(nodes)
+        self.facet, self.xi = facet, xi
+        self.components, self.length, self.gap = components, length, gap
+        chain = np.stack([np.arange(len(nodes) - 1), np.arange(1, len(nodes))], axis=1)
+        self.line = Polyline(chain.astype(np.int32), self.nodes)
+
+    def at(self, points, nodes):
+        today = self.line.project(points, nodes, self.line.candidates(points, nodes))
+        ends = nodes[self.line.facets[self.facet]]
+        tangents = np.einsum("qba,qai->qbi", segment_shape_derivative(self.xi), ends)
+        anchor = Anchor(
+            foot=np.einsum("qa,qai->qi", segment_shape(self.xi), ends),
+            slip_image=np.einsum("qb,qbi->qi", self.components, tangents),
+            slip_length=self.length,
+            gap=self.gap,
+        )
+        return today, relate(points, today, anchor)
+
+    def now(self):
+        return self.at(self.points, self.nodes)
+
+    def coordinates(self, today, d_points, d_nodes):
+        """z = (a, b, c, d) of a variation of points and nodes, (q, 4 i)."""
+        here = d_nodes[self.line.facets[today.facet]]
+        there = d_nodes[self.line.facets[self.facet]]
+        a = d_points - np.einsum("qa,qai->qi", segment_shape(today.xi), here)
+        b = here[:, 1] - here[:, 0]
+        c = d_points - np.einsum("qa,qai->qi", segment_shape(self.xi), there)
+        d = self.components * (there[:, 1] - there[:, 0])
+        return np.concatenate([a, b, c, d], axis=1)
+
+
+def scene(kind):
+    """All points interior or clamped ('groove', 'ridge'); ``closing``: interior, open before."""
+    q = 24
+    if kind == "groove":
+        # Below the reflex vertex at (2.1, −0.12), in the wedge between the two facets' normals.
+        vertex, left, right = KINKED[2], KINKED[1] - KINKED[2], KINKED[3] - KINKED[2]
+        normals = [np.array([left[1], -left[0]]), np.array([-right[1], right[0]])]
+        normals = [v / np.linalg.norm(v) for v in normals]
+        t = RNG.uniform(0.2, 0.8, (q, 1))
+        points = vertex - RNG.uniform(0.02, 0.1, (q, 1)) * (t * normals[0] + (1 - t) * normals[1])
+        facet = RNG.integers(1, 3, q)
+    elif kind == "ridge":
+        points = KINKED[1] + RNG.uniform([-0.01, 0.03], [0.01, 0.1], (q, 2))
+        facet = RNG.integers(0, 2, q)
+    else:
+        facet = RNG.integers(0, 5, q)
+        start, tau = KINKED[facet], KINKED[facet + 1] - KINKED[facet]
+        n = np.stack([-tau[:, 1], tau[:, 0]], axis=1) / np.linalg.norm(tau, axis=1)[:, None]
+        depth = RNG.uniform(0.01, 0.06, (q, 1))
+        points = start + RNG.uniform(0.2, 0.8, (q, 1)) * tau - depth * n
+    gap = RNG.uniform(0.01, 0.03, q) if kind == "closing" else np.full(q, -0.02)
+    if kind == "closing":
+        gap[0] = np.inf
+    xi = RNG.uniform(0.1, 0.9, (q, 1))
+    components = RNG.normal(size=(q, 1)) * 0.1
+    components[1] = 0.0
+    length = np.abs(components[:, 0]) * RNG.uniform(0.8, 1.2, q)
+    return Scene(points, KINKED, facet.astype(np.int32), xi, components, length, gap)
+
+
+def rotation(angle):
+    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+
+
+@pytest.mark.parametrize("kind", ["interior", "groove", "ridge", "closing"])
+def test_variations_against_central_differences(kind):
+    """The kinks of the scene are met: interior points on tilted facets, clamped ones at vertices."""
+    s = scene(kind)
+    today, k = s.now()
+    assert (today.clamped == (kind in ("groove", "ridge"))).all()
+    assert k.closed.all() == (kind != "ridge")
+    h = 1e-6
+    for _ in range(6):
+        d_points, d_nodes = RNG.normal(size=s.points.shape), RNG.normal(size=s.nodes.shape)
+        after, k_after = s.at(s.points + h * d_points, s.nodes + h * d_nodes)
+        before, k_before = s.at(s.points - h * d_points, s.nodes - h * d_nodes)
+        np.testing.assert_array_equal(after.clamped, today.clamped)
+        z = s.coordinates(today, d_points, d_nodes)
+
+        def check(name, exact, plus, minus):
+            difference = (plus - minus) / (2.0 * h)
+            scale = max(np.abs(difference).max(), 1e-3)
+            np.testing.assert_allclose(exact, difference, rtol=0, atol=2e-7 * scale, err_msg=name)
+
+        check("gap", np.einsum("qr,qr->q", k.d_gap, z), k_after.gap, k_before.gap)
+        # A vertex belongs to two facets: either may be named, and ξ is then 0 or 1.
+        same = (after.facet == today.facet) & (before.facet == today.facet)
+        assert same.any()
+        check("xi", np.einsum("qbr,qr->qb", k.d_xi, z)[same], after.xi[same], before.xi[same])
+        for name, field in (("normal", "normal"), ("slip", "slip"), ("elastic", "elastic_slip")):
+            exact = np.einsum("qir,qr->qi", getattr(k, f"d_{name}"), z)
+            check(name, exact, getattr(k_after, field), getattr(k_before, field))
+
+
+def test_every_block_of_the_variations_is_used():
+    """The comparison above would miss nothing: no block of coordinates has only zeros."""
+    _, k = scene("closing").now()
+    a, b, c, d = (slice(2 * i, 2 * i + 2) for i in range(4))
+    for table, blocks in (
+        (k.d_gap, (a,)),
+        (k.d_normal, (b,)),
+        (k.d_xi, (a, b)),
+        (k.d_slip, (a, b, c)),
+        (k.d_elastic, (b,)),
+    ):
+        for block in blocks:
+            assert np.abs(table[..., block]).max() > 1e-3
+    # In the plane a vector of given length has one freedom, the angle of the normal.
+    assert np.abs(k.d_elastic[..., d]).max() < 1e-12
+
+
+def test_closing_points_get_the_share_of_the_step_in_contact():
+    s = scene("closing")
+    s.gap[:] = 0.03
+    _, k = s.now()
+    s.gap[:] = -0.03
+    _, whole = s.now()
+    share = k.gap / (k.gap - 0.03)
+    np.testing.assert_allclose(k.slip, share[:, None] * whole.slip, rtol=1e-13)
+    s.gap[:] = np.inf
+    _, none = s.now()
+    np.testing.assert_array_equal(none.slip, 0.0)
+    assert np.isfinite(none.d_slip).all()
+
+
+def test_elastic_slip_keeps_its_length_and_lies_in_the_plane():
+    s = scene("interior")
+    rng = np.random.default_rng(5)
+    nodes = s.nodes + 0.1 * rng.normal(size=s.nodes.shape)
+    _, k = s.at(s.points, nodes)
+    length = np.linalg.norm(k.elastic_slip, axis=1)
+    expected = np.where(s.components[:, 0] != 0.0, s.length, 0.0)
+    np.testing.assert_allclose(length, expected, rtol=1e-13)
+    np.testing.assert_allclose(np.einsum("qi,qi->q", k.normal, k.elastic_slip), 0.0, atol=1e-16)
+    np.testing.assert_array_equal(k.elastic_slip[1], 0.0)
+
+
+@pytest.mark.parametrize("kind", ["interior", "groove", "closing"])
+@pytest.mark.parametrize("angle", [1e-4, 0.7, 3.0])
+def test_rigid_motion_changes_nothing(kind, angle):
+    """Slip and elastic slip turn with the bodies."""
+    s = scene(kind)
+    _, k = s.now()
+    turn, shift = rotation(angle), np.array([0.3, -0.8])
+    _, moved = s.at(s.points @ turn.T + shift, s.nodes @ turn.T + shift)
+    np.testing.assert_allclose(moved.gap, k.gap, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(moved.slip, k.slip @ turn.T, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(moved.elastic_slip, k.elastic_slip @ turn.T, rtol=0, atol=1e-13)
+    length = np.linalg.norm(moved.elastic_slip, axis=1)
+    np.testing.assert_allclose(length, np.linalg.norm(k.elastic_slip, axis=1), rtol=1e-13)
+
+
+@pytest.mark.parametrize("kind", ["interior", "groove"])
+def test_a_point_at_rest_on_a_turning_master_does_not_slip(kind):
+    """The anchor is the point's own projection; also where that is a vertex in a groove."""
+    s = scene(kind)
+    today, _ = s.now()
+    s.facet, s.xi = today.facet, today.xi
+    for angle in (0.0, 0.7):
+        turn = rotation(angle)
+        _, k = s.at(s.points @ turn.T, s.nodes @ turn.T)
+        np.testing.assert_allclose(k.slip, 0.0, atol=1e-13)
+
+
+def test_slip_over_a_flat_master_is_the_motion_along_it():
+    """Also across nodes, and whatever the master's stretch since."""
+    x = np.array([0.0, 0.5, 1.7, 2.0, 3.0])
+    nodes = np.stack([x, np.zeros(5)], axis=1)
+    points = np.array([[0.9, -0.01], [2.4, -0.01]])
+    facet, xi = np.array([0, 1], dtype=np.int32), np.array([[0.5], [0.25]])
+    s = Scene(points, nodes, facet, xi, np.zeros((2, 1)), np.zeros(2), np.full(2, -0.01))
+    _, k = s.now()
+    np.testing.assert_allclose(k.slip, [[0.9 - 0.25, 0.0], [2.4 - 0.8, 0.0]], atol=1e-15)
+    stretched = nodes * [1.1, 1.0]
+    _, k = s.at(points, stretched)
+    np.testing.assert_allclose(k.slip[:, 0], [0.9 - 0.275, 2.4 - 0.88], atol=1e-15)
+
+
+def test_touching_counts_as_closed_and_past_the_end_does_not():
+    nodes = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
+    points = np.array([[0.5, 1e-10], [0.5, 1e-8], [0.5, -0.1], [2.1, -0.1]])
+    zero = np.zeros(4, dtype=np.int32)
+    s = Scene(points, nodes, zero, np.full((4, 1), 0.5), np.zeros((4, 1)), np.zeros(4), np.zeros(4))
+    _, k = s.now()
+    np.testing.assert_array_equal(k.closed, [True, False, True, False])

@@ -1,0 +1,74 @@
+"""The README: its example prints what it says, its commands and links exist."""
+
+import contextlib
+import io
+import re
+from pathlib import Path
+
+import pytest
+
+from app.cli import cli
+from app.measure import COLUMNS
+
+ROOT = Path(__file__).parents[1]
+README = ROOT / "README.md"
+PAGES = (README, *sorted((ROOT / "docs").glob("*.md")), *sorted((ROOT / "benchmarks").glob("*.md")))
+NUMBER = re.compile(r"\d+\.?\d*")
+
+
+def blocks(kind: str) -> list[str]:
+    found = re.findall(r"```(\w*)\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
+    return [text for name, text in found if name == kind]
+
+
+def test_the_example_prints_what_the_readme_says(tmp_path, monkeypatch):
+    (code,), (expected,) = blocks("python"), blocks("text")
+    assert len([line for line in code.splitlines() if line]) <= 10
+    (tmp_path / "cases").symlink_to(ROOT / "cases")
+    monkeypatch.chdir(tmp_path)
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        exec(compile(code, str(README), "exec"), {})
+    assert NUMBER.sub("#", printed.getvalue()) == NUMBER.sub("#", expected)
+    found = [float(x) for x in NUMBER.findall(printed.getvalue())]
+    assert found == pytest.approx([float(x) for x in NUMBER.findall(expected)], abs=1.1e-3)
+    assert (tmp_path / "results" / "mu-0.3" / "history.csv").is_file()
+
+
+def test_every_command_of_the_readme_exists():
+    known = {c.name or c.callback.__name__ for c in cli.registered_commands}
+    named = re.findall(r"\btribox (?:-n \d tribox )?([a-z]+)\b", "\n".join(blocks("")))
+    named += re.findall(r"`\./tribox ([a-z]+)", README.read_text(encoding="utf-8"))
+    assert {"run", "test", "check"} <= set(named)
+    assert set(named) <= known
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_lead_somewhere(page):
+    text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    for target in re.findall(r"\]\(([^)\s]+)\)", text):
+        if not target.startswith(("http://", "https://", "#")):
+            assert (page.parent / target.partition("#")[0]).exists(), target
+
+
+def test_the_picture_on_top_is_small_enough():
+    for picture in (ROOT / "docs" / "figures").glob("*.png"):
+        assert picture.stat().st_size < 150 * 1024, picture.name
+
+
+def test_every_column_and_array_is_explained():
+    text = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
+    explained = set(re.findall(r"`([a-zA-Z_.]+)`", text))
+    source = (ROOT / "app" / "contact_output.py").read_text(encoding="utf-8")
+    arrays = set(re.findall(r'^ {8}"(\w+)": ', source, re.MULTILINE))
+    assert {"pressure", "alpha", "regime"} <= arrays
+    assert arrays | set(COLUMNS) | {"label", "steady"} <= explained
+
+
+def test_every_key_of_the_summary_is_explained():
+    text = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
+    source = (ROOT / "app" / "recorder.py").read_text(encoding="utf-8")
+    body = source.split("def _summary")[1].split("\ndef ")[0]
+    keys = set(re.findall(r'"(\w+)":', body))
+    assert {"title", "status", "seconds"} <= keys
+    assert keys <= set(re.findall(r"`([a-zA-Z_.]+)`", text))
