@@ -139,6 +139,11 @@ class Equilibrium:
         self.u.x.array[: self.owned] = x.array_r
         self.u.x.scatter_forward()
 
+    def is_evaluated(self, x: PETSc.Vec) -> bool:
+        """Whether ``x`` is what was evaluated last, on all ranks; collective."""
+        same = np.array_equal(self.u.x.array[: self.owned], x.array_r)
+        return bool(self.comm.allreduce(same, op=MPI.LAND))
+
     def held_dofs(self) -> Ints:
         """Owned local unknowns with a prescribed displacement."""
         return self._held
@@ -254,8 +259,7 @@ class Equilibrium:
 
     def assemble_tangent(self, x: PETSc.Vec, A: PETSc.Mat) -> None:
         """Tangent at ``x`` with all rows free but those that follow a platen; collective."""
-        if not np.array_equal(self.u.x.array[: self.owned], x.array_r):
-            self.spread(x)
+        self.spread(x)
         with self.timer("contact"):
             self.trials = [term.evaluate(x, self.dt) for term in self.contacts]
             self._keep_pattern(A)

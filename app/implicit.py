@@ -159,9 +159,7 @@ class ImplicitStepper:
         self.residuals = []
         solves = self._predict()
         iterations, reason = self._solve()
-        if reason > 0 and not np.array_equal(
-            problem.u.x.array[: problem.owned], self.trial.array_r
-        ):
+        if reason > 0 and not problem.is_evaluated(self.trial):
             problem.residual(None, self.trial, self._residual)
         return StepResult(
             converged=reason > 0,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -88,8 +89,8 @@ SETTINGS = {
         Regime.SLIP,
     ),
     "closing": (Setting(coulomb(50.0), before=(0.0, 0.02), now=(0.06, -0.05)), Regime.STICK),
-    "partly open": (Setting(coulomb(0.3), now=(0.05, -0.003)), Regime.SLIP),
-    "open part": (Setting(film_map(), FILM, now=(0.05, -0.003)), Regime.OPEN),
+    "partly open": (Setting(coulomb(0.3), now=(0.12, -0.003)), Regime.SLIP),
+    "open part": (Setting(film_map(), FILM, now=(0.12, -0.003)), Regime.OPEN),
     "open": (Setting(coulomb(0.2), now=(0.0, 0.3)), Regime.OPEN),
 }
 
@@ -116,8 +117,8 @@ def ripple(seed):
     phases = np.random.default_rng(seed).uniform(0.0, 6.0, (2, 2, 2))
 
     def motion(body):
-        return lambda X: 0.004 * np.sin(
-            np.einsum("nj,ij->ni", X, 2.0 + phases[body]) + phases[body, :, 0]
+        return lambda X: (
+            0.004 * np.sin(np.einsum("nj,ij->ni", X, 2.0 + phases[body]) + phases[body, :, 0])
         )
 
     return motion
@@ -214,8 +215,10 @@ def test_whole_tangent_against_finite_differences(pair, name):
         history = not isinstance(setting.law, FrictionlessLaw) and setting.before[1] < 0.0
         alive = np.linalg.norm(trial.kinematics.elastic_slip, axis=1) > 1e-3
         assert history == bool(alive[regimes == regime].any())
-        assert trial.pressure.max() > 1.0
-        assert np.ptp(np.arctan2(trial.kinematics.normal[:, 0], trial.kinematics.normal[:, 1])) > 0.1
+        assert trial.pressure.max() > 0.1
+        assert (
+            np.ptp(np.arctan2(trial.kinematics.normal[:, 0], trial.kinematics.normal[:, 1])) > 0.1
+        )
     assert error < 1e-6
 
 
@@ -499,18 +502,24 @@ PRESS = [(0.0, -0.02 * i) for i in range(1, 4)]
 FLOOR = 1e-13
 
 
-def check_quadratic(residuals):
-    """r_{k+1} <= 5 r_k² in the last two iterations that do not end in round-off."""
-    r = [value for value in residuals if value > FLOOR]
-    assert len(r) >= 3, residuals
-    assert r[-1] < 5.0 * r[-2] ** 2, residuals
-    assert r[-2] < 5.0 * r[-3] ** 2, residuals
+def check_quadratic(histories):
+    """r_{k+1} <= 20 r_k², down to round-off, once r is so small that no point changes sides.
+
+    A tangent that lacks a term gains a constant factor in each iteration instead.
+    """
+    counted = 0
+    for residuals in histories:
+        for before, after in pairwise(residuals):
+            if before < 2e-3:
+                assert after < 20.0 * before**2 + FLOOR, residuals
+                counted += after > FLOOR
+    assert counted >= len(histories)
 
 
 @pytest.mark.parametrize(
     ("law", "film", "step", "regime"),
     [
-        (coulomb(0.3), 0.0, 0.01, Regime.SLIP),
+        (coulomb(0.3), 0.0, 0.03, Regime.SLIP),
         (film_map(), FILM, 0.03, Regime.MIXED),
         (film_map(V_star=1e-3), FILM, 0.03, Regime.VISCOUS),
     ],
@@ -521,8 +530,7 @@ def test_newton_ends_quadratically_in_sliding(pair, law, film, step, regime):
     results, regimes = pressed_and_slid(pair, law, film, PRESS + slide)
     gross = [i for i, found in enumerate(regimes) if (found == regime).all()]
     assert len(gross) >= 5
-    for i in gross[-5:]:
-        check_quadratic(results[i])
+    check_quadratic([results[i] for i in gross])
 
 
 def test_newton_ends_quadratically_at_the_onset_of_slip(pair):
@@ -533,8 +541,7 @@ def test_newton_ends_quadratically_at_the_onset_of_slip(pair):
     onset = [i for i in range(1, len(sliding)) if sliding[i - 1] < sliding[i] <= points]
     partly = [i for i in onset if sliding[i] < points]
     assert len(onset) >= 3 and partly, sliding
-    for i in onset:
-        check_quadratic(results[i])
+    check_quadratic([results[i] for i in onset])
 
 
 def test_bodies_without_contact(pair):

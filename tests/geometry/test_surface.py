@@ -51,7 +51,9 @@ def unstructured(path, recombine):
     return path
 
 
-@pytest.fixture(scope="session", params=["quadrilateral", "triangle", "free quads", "free triangles"])
+@pytest.fixture(
+    scope="session", params=["quadrilateral", "triangle", "free quads", "free triangles"]
+)
 def mesh(request, tmp_path_factory):
     if request.param.startswith("free"):
         path = tmp_path_factory.mktemp("meshes") / "free.msh"
