@@ -8,9 +8,7 @@ from pathlib import Path
 
 import dolfinx
 import numpy as np
-import ufl
 from mpi4py import MPI
-from petsc4py import PETSc
 
 import app.case_bodies as case_bodies
 import app.case_contact as case_contact
@@ -24,7 +22,7 @@ from forms.contact import ContactTerm
 from forms.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
 from forms.friction import FrictionLaw
 from forms.friction_map import FrictionMap
-from forms.loads import FollowerPressure, reference_area
+from forms.loads import FollowerPressure, mean_normal, reference_area
 from forms.materials import Hencky, Material, MooneyRivlin, NeoHookean, oedometric_modulus
 from forms.solids import Solid
 from geometry.mesh import MeshError, NamedMesh, bodies_sharing_nodes, generate, read
@@ -272,7 +270,7 @@ class _Loads:
         mesh = self.named.mesh
         platen = Platen(component_dofs(self.u.function_space, facets, component))
         self.platens.append(platen)
-        outward = _mean_normal(mesh, facets, component)
+        outward = mean_normal(mesh, facets, component)
         if abs(outward) < 1e-6:
             raise InputError(
                 f'boundary "{boundary.surface}": platen.direction = "{boundary.platen.direction}" '
@@ -308,11 +306,3 @@ def _components(
 
 def _of_time(value: Callable[[float], float]) -> Callable[[float, float], float]:
     return lambda time, driven: value(time)
-
-
-def _mean_normal(mesh: dolfinx.mesh.Mesh, facets: Ints, component: int) -> float:
-    ds = ufl.Measure("ds", domain=mesh, subdomain_data=[(1, integration_facets(mesh, facets))])(1)
-    unit = dolfinx.fem.Constant(mesh, np.zeros(mesh.geometry.dim, dtype=PETSc.ScalarType))
-    unit.value[component] = 1.0
-    form = dolfinx.fem.form(ufl.inner(ufl.FacetNormal(mesh), unit) * ds)
-    return float(mesh.comm.allreduce(dolfinx.fem.assemble_scalar(form)))

@@ -12,14 +12,18 @@ def compile_forms() -> Iterator[str]:
     from mpi4py import MPI
 
     from app.equilibrium import pattern_form
-    from forms.loads import FollowerPressure, reference_area
+    from forms.loads import FollowerPressure, mean_normal, reference_area
     from forms.materials import Hencky, MooneyRivlin, NeoHookean
     from forms.solids import Solid
+    from geometry.mesh import generate
     from geometry.surface import point_operators
+    from geometry.two_blocks import Block, TwoBlocks
 
     materials = (NeoHookean(1.0, 2.0), MooneyRivlin(0.4, 0.1, 2.0), Hencky(1.0, 2.0))
+    block = Block(width=1.0, height=1.0, elements=(2, 2))
     for cell in (dolfinx.mesh.CellType.quadrilateral, dolfinx.mesh.CellType.triangle):
-        mesh = dolfinx.mesh.create_unit_square(MPI.COMM_SELF, 2, 2, cell)
+        # From gmsh, as every case: another mesh's coordinate element would give other forms.
+        mesh = generate(TwoBlocks(block, block, cell=cell.name), MPI.COMM_SELF).mesh
         space = dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (2,)))
         u = dolfinx.fem.Function(space)
         cells = np.arange(mesh.topology.index_map(2).size_local, dtype=np.int32)
@@ -33,6 +37,7 @@ def compile_forms() -> Iterator[str]:
         pattern_form(space)
         FollowerPressure(u, facets)
         reference_area(mesh, facets)
+        mean_normal(mesh, facets, 0)
         for degree in (1, 2, 3, 4, 5):
             point_operators(space, facets, degree)
         yield f"{cell.name} loads and contact points"

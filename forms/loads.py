@@ -52,3 +52,12 @@ def reference_area(mesh: dolfinx.mesh.Mesh, facets: NDArray[np.int32]) -> float:
     one = dolfinx.fem.Constant(mesh, PETSc.ScalarType(1.0))
     local = dolfinx.fem.assemble_scalar(dolfinx.fem.form(one * ds))
     return float(mesh.comm.allreduce(local))
+
+
+def mean_normal(mesh: dolfinx.mesh.Mesh, facets: NDArray[np.int32], component: int) -> float:
+    """Integral of one component of the outward normal over a surface, m; collective."""
+    ds = ufl.Measure("ds", domain=mesh, subdomain_data=[(1, integration_facets(mesh, facets))])(1)
+    unit = dolfinx.fem.Constant(mesh, np.zeros(mesh.geometry.dim, dtype=PETSc.ScalarType))
+    unit.value[component] = 1.0
+    form = dolfinx.fem.form(ufl.inner(ufl.FacetNormal(mesh), unit) * ds)
+    return float(mesh.comm.allreduce(dolfinx.fem.assemble_scalar(form)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -61,7 +62,7 @@ def test_all_points_slide_with_the_coefficient_of_friction(rows):
 def test_energies_balance_and_dissipation_grows(rows):
     assert relative_energy_error(rows) <= 1e-3
     dissipation = [row.dissipation for row in rows]
-    assert all(b >= a for a, b in zip(dissipation, dissipation[1:], strict=False))
+    assert all(b >= a for a, b in pairwise(dissipation))
     assert dissipation[-1] > 0.5 * rows[-1].external_work
 
 
@@ -81,7 +82,7 @@ def test_literal_flow_rule_keeps_the_whole_threshold(rows):
     for share, stress, one in zip((1.0, 0.5), film, (literal, weighted), strict=True):
         last = one[-1]
         friction = share * last.mu * last.normal_force
-        assert last.tangential_force == pytest.approx(friction + stress, rel=5e-3)
+        assert last.tangential_force == pytest.approx(friction + stress, rel=1e-2)
         assert relative_energy_error(one) <= 2e-3
 
 

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 import pytest
-from petsc4py import PETSc
 
 import forms.contact
 import forms.contact_kinematics

@@ -399,5 +399,4 @@ def test_history_does_not_depend_on_the_units(kind, units):
         for name, powers in DIMENSIONS.items():
             factor = np.prod([u**p for u, p in zip(units, powers, strict=True)])
             setattr(row, name, getattr(row, name) / factor)
-    assert [row.newton_iterations for row in other] == [row.newton_iterations for row in si]
     assert_same_history(other, si, 1e-8)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from forms.contact_kinematics import Anchor, relate
-from geometry.projection import Polyline, segment_shape, segment_shape_derivative
+from geometry.projection import Polyline, Projection, segment_shape, segment_shape_derivative
 
 KINKED = np.array([[0.0, 0.0], [1.0, 0.31], [2.1, -0.12], [2.9, 0.33], [4.0, 0.2], [5.0, 0.6]])
 RNG = np.random.default_rng(11)
@@ -87,7 +87,7 @@ def rotation(angle):
 
 @pytest.mark.parametrize("kind", ["interior", "groove", "ridge", "closing"])
 def test_variations_against_central_differences(kind):
-    """The kinks of the scene are met: interior points on tilted facets, clamped ones at vertices."""
+    """Interior points on tilted facets, and points clamped to a vertex of either kind."""
     s = scene(kind)
     today, k = s.now()
     assert (today.clamped == (kind in ("groove", "ridge"))).all()
@@ -206,3 +206,85 @@ def test_touching_counts_as_closed_and_past_the_end_does_not():
     s = Scene(points, nodes, zero, np.full((4, 1), 0.5), np.zeros((4, 1)), np.zeros(4), np.zeros(4))
     _, k = s.now()
     np.testing.assert_array_equal(k.closed, [True, False, True, False])
+
+
+class Triangle:
+    """Points against one flat triangle in space: the formulae with two surface directions.
+
+    Nodes are y0, y1, y2; ȳ(ξ) = y0 + ξ¹ τ₁ + ξ² τ₂, and the elastic slip has two components.
+    """
+
+    def __init__(self, count=12):
+        rng = np.random.default_rng(8)
+        self.nodes = np.array([[0.0, 0.1, 0.2], [1.2, 0.0, -0.1], [0.3, 1.1, 0.4]])
+        self.xi_before = rng.uniform(0.1, 0.4, (count, 2))
+        self.components = rng.normal(size=(count, 2)) * 0.1
+        self.length = rng.uniform(0.05, 0.1, count)
+        self.gap = np.where(np.arange(count) < 4, 0.02, -0.02)
+        foot, tau, n = self.surface(self.nodes, rng.uniform(0.1, 0.4, (count, 2)))
+        self.points = foot - rng.uniform(0.01, 0.05, (count, 1)) * n
+
+    @staticmethod
+    def surface(nodes, xi):
+        tau = nodes[1:] - nodes[0]
+        n = np.cross(tau[0], tau[1])
+        return nodes[0] + xi @ tau, tau, n / np.linalg.norm(n)
+
+    def at(self, points, nodes):
+        _, tau, n = self.surface(nodes, self.xi_before)
+        xi = np.linalg.solve(tau @ tau.T, tau @ (points - nodes[0]).T).T
+        foot = nodes[0] + xi @ tau
+        q = len(points)
+        today = Projection(
+            facet=np.zeros(q, dtype=np.int32),
+            xi=xi,
+            foot=foot,
+            normal=np.broadcast_to(n, (q, 3)),
+            tangents=np.broadcast_to(tau, (q, 2, 3)),
+            gap=(points - foot) @ n,
+            clamped=np.zeros(q, dtype=bool),
+            on_surface=np.ones(q, dtype=bool),
+        )
+        anchor = Anchor(
+            foot=nodes[0] + self.xi_before @ tau,
+            slip_image=self.components @ tau,
+            slip_length=self.length,
+            gap=self.gap,
+        )
+        return today, relate(points, today, anchor)
+
+    def coordinates(self, today, d_points, d_nodes):
+        d_tau = d_nodes[1:] - d_nodes[0]
+        a = d_points - d_nodes[0] - today.xi @ d_tau
+        b = np.broadcast_to(d_tau.reshape(-1), (len(a), 6))
+        c = d_points - d_nodes[0] - self.xi_before @ d_tau
+        return np.concatenate([a, b, c, self.components @ d_tau], axis=1)
+
+
+def test_variations_with_two_surface_directions():
+    """In space the elastic slip can turn within the plane: the block d matters."""
+    s = Triangle()
+    today, k = s.at(s.points, s.nodes)
+    assert np.abs(k.d_elastic[..., -3:]).max() > 0.1
+    rng = np.random.default_rng(9)
+    h = 1e-6
+    for _ in range(4):
+        d_points, d_nodes = rng.normal(size=s.points.shape), rng.normal(size=(3, 3))
+        after, k_after = s.at(s.points + h * d_points, s.nodes + h * d_nodes)
+        before, k_before = s.at(s.points - h * d_points, s.nodes - h * d_nodes)
+        z = s.coordinates(today, d_points, d_nodes)
+        for exact, plus, minus in (
+            (np.einsum("qr,qr->q", k.d_gap, z), k_after.gap, k_before.gap),
+            (np.einsum("qbr,qr->qb", k.d_xi, z), after.xi, before.xi),
+            (np.einsum("qir,qr->qi", k.d_normal, z), k_after.normal, k_before.normal),
+            (np.einsum("qir,qr->qi", k.d_slip, z), k_after.slip, k_before.slip),
+            (
+                np.einsum("qir,qr->qi", k.d_elastic, z),
+                k_after.elastic_slip,
+                k_before.elastic_slip,
+            ),
+        ):
+            difference = (plus - minus) / (2.0 * h)
+            np.testing.assert_allclose(
+                exact, difference, rtol=0, atol=2e-7 * np.abs(difference).max()
+            )
