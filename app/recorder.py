@@ -17,6 +17,7 @@ from petsc4py import PETSc
 
 from app.case import resolved_toml
 from app.contact_output import contact_arrays
+from app.fields import FieldWriter
 from app.implicit import StepResult
 from app.measure import Row
 from app.model import Model
@@ -53,10 +54,7 @@ class Recorder(Observer):
             write_text(directory / "case.toml", resolved_toml(model.case))
             (directory / "contact").mkdir()
         self.comm.barrier()
-        # The default engine writes garbage from a rank without cells; BP4 does not.
-        self._fields = dolfinx.io.VTXWriter(
-            self.comm, directory / "fields.bp", [model.problem.u], engine="BP4"
-        )
+        self._fields = FieldWriter(model.problem.u, model.problem.solids, directory)
         self._last_output = -1
 
     def step(self, simulation: Simulation, row: Row, result: StepResult) -> None:

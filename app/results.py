@@ -20,6 +20,7 @@ OWN = (
     "history.csv",
     "log.txt",
     "fields.bp",
+    "stress.bp",
     "contact.pvd",
     "contact",
     "figures",

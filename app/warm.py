@@ -12,6 +12,7 @@ def compile_forms() -> Iterator[str]:
     from mpi4py import MPI
 
     from app.equilibrium import pattern_form
+    from app.fields import StressField
     from forms.loads import FollowerPressure, mean_normal, reference_area
     from forms.materials import Hencky, MooneyRivlin, NeoHookean
     from forms.solids import Solid
@@ -30,7 +31,8 @@ def compile_forms() -> Iterator[str]:
         quadrilateral = cell == dolfinx.mesh.CellType.quadrilateral
         for material in materials:
             for formulation in ("q1", "q1-sri") if quadrilateral else ("q1",):
-                Solid("warm", u, cells, material, formulation)
+                solid = Solid("warm", u, cells, material, formulation)
+                StressField(u, [solid])
                 yield f"{cell.name} {type(material).__name__} {formulation}"
         mesh.topology.create_connectivity(1, 2)
         facets = dolfinx.mesh.exterior_facet_indices(mesh.topology)

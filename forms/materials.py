@@ -99,8 +99,9 @@ class MooneyRivlin:
 class Hencky:
     """W = G |dev ln U|² + K/2 (ln J)², the quadratic energy of the logarithmic strain.
 
-    In plane strain the in-plane logarithmic stretches h₁ ± h₂ follow from J = exp(h₁ + h₂) and
-    y = tr C₂/(2J) = cosh(h₁ − h₂), so |dev ln U|² = ((h₁ − h₂)² + (ln J)²/3)/2 without eigenvalues.
+    The in-plane logarithmic stretches h₁, h₂ follow from J₂ = exp(h₁ + h₂) and
+    y = tr C₂/(2 J₂) = cosh(h₁ − h₂) without eigenvalues: |dev ln U|² = ((h₁ − h₂)² + (ln J₂)²)/2 +
+    h₃² − (ln J)²/3.
     """
 
     shear_modulus: float
@@ -112,9 +113,10 @@ class Hencky:
 
     def energy(self, k: Kinematics, c: dict[str, Expr]) -> tuple[Expr, Expr]:
         """See the class."""
-        log_j = ufl.ln(k.J)
-        excess = (k.I1 - 1.0) / (2.0 * k.J) - 1.0
-        distortion = 0.5 * c["G"] * (_squared_arcosh(excess) + log_j**2 / 3.0)
+        log_j, plane_log_j = ufl.ln(k.J), ufl.ln(k.plane_J)
+        excess = k.plane_I1 / (2.0 * k.plane_J) - 1.0
+        in_plane = 0.5 * (_squared_arcosh(excess) + plane_log_j**2)
+        distortion = c["G"] * (in_plane + ufl.ln(k.stretch) ** 2 - log_j**2 / 3.0)
         return distortion, 0.5 * c["K"] * log_j**2
 
 

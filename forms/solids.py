@@ -79,6 +79,7 @@ class Solid:
             for key, value in material.parameters().items()
         }
         distortional, volumetric = material.energy(plane_strain(u), constants)
+        self._u, self._constants = u, constants
         one = dolfinx.fem.Constant(mesh, PETSc.ScalarType(1.0))
         dx = ufl.Measure("dx", domain=mesh, subdomain_data=[(1, self.cells)])(1)
         self._area = dolfinx.fem.form(one * dx)
@@ -95,6 +96,18 @@ class Solid:
                 metadata={"quadrature_degree": degree},
             )(1)
             self.forms.append(compile_energy(density_of_energy, dx, u))
+
+    def cauchy_stress(self) -> Any:
+        """Cauchy stress σ = J⁻¹ P Fᵀ (3, 3), Pa, out-of-plane part included, in UFL."""
+        one = dolfinx.fem.Constant(self._u.function_space.mesh, PETSc.ScalarType(1.0))
+        stretch = ufl.variable(one)
+        k = plane_strain(self._u, stretch)
+        energy = sum(self.material.energy(k, self._constants))
+        plane = ufl.dot(ufl.diff(energy, k.F), k.F.T) / k.J
+        across = ufl.diff(energy, stretch) / k.plane_J
+        return ufl.as_tensor(
+            [[plane[0, 0], plane[0, 1], 0], [plane[1, 0], plane[1, 1], 0], [0, 0, across]]
+        )
 
     def roundoff_force(self) -> float:
         """Square of this rank's nodal force noise from rounding F, (N/m)².
