@@ -10,6 +10,7 @@ from mpi4py import MPI
 from app.case import Case
 from app.console import Reporter, Together
 from app.errors import InputError, SolutionError
+from app.interruption import Interruption
 from app.model import build_model
 from app.recorder import Recorder
 from app.results import check_free, prepare
@@ -45,13 +46,14 @@ def run_case(
     on_first(comm, lambda: prepare(directory))
     recorder = Recorder(model, directory)
     reporter = Reporter(directory / "log.txt", case.stage, quiet) if comm.rank == 0 else None
-    observer: Observer = Together(reporter, recorder) if reporter else recorder
+    told: list[Observer] = [reporter, recorder] if reporter else [recorder]
     try:
         for note in model.notes:
             if reporter:
                 reporter.say(f"note: {note}")
         simulation = Simulation(model)
-        _run(simulation, recorder, observer)
+        with Interruption(comm) as interruption:
+            _run(simulation, recorder, Together(*told, interruption))
         if case.output.figures:
             draw_run(simulation, directory)
         for warning in recorder.warnings[len(model.notes) :]:
@@ -60,6 +62,10 @@ def run_case(
         if reporter:
             reporter.say(_closing_line(simulation), always=not quiet)
             reporter.say(f"results in {directory}", always=not quiet)
+    except KeyboardInterrupt:
+        if reporter:
+            reporter.say(f"interrupted; the results so far are in {directory}")
+        raise
     finally:
         if reporter:
             reporter.close()

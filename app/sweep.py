@@ -16,6 +16,8 @@ from app.errors import InputError, SolutionError, TriboxError
 from app.measure import COLUMNS
 from app.results import write_json, write_table
 
+INTERRUPTED = 130  # exit code of a run that was stopped by Ctrl-C
+
 
 @dataclass(frozen=True, slots=True)
 class Part:
@@ -45,12 +47,25 @@ def run_side_by_side(parts: Sequence[Part], jobs: int, say: Callable[[str], None
                     return
                 part = waiting.pop(0)
             codes[part.label] = _run_part(part, say, lock)
+            if codes[part.label] == INTERRUPTED:
+                with lock:
+                    waiting.clear()
 
     threads = [threading.Thread(target=work) for _ in range(min(jobs, len(parts)))]
     for thread in threads:
         thread.start()
-    for thread in threads:
-        thread.join()
+    try:
+        for thread in threads:
+            thread.join()
+    except KeyboardInterrupt:
+        # The terminal has told the running parts too: they save what they have; none follows.
+        with lock:
+            waiting.clear()
+        for thread in threads:
+            thread.join()
+        raise
+    if INTERRUPTED in codes.values():
+        raise KeyboardInterrupt
     failed = {label: code for label, code in codes.items() if code != 0}
     if failed:
         names = ", ".join(failed)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import resource
 import subprocess
 import sys
 import tempfile
@@ -40,7 +41,7 @@ class Measured:
         name: of the run; dofs: unknowns; steps: converged; attempts: tried.
         iterations: of Newton, those of rejected attempts and the predictor's solves included.
         seconds: by column of the table, with "run" (from the open results directory to the
-            written summary) and "command" (the whole process).
+            written summary), "command" (the whole process) and "CPU" (which waits for nobody).
         memory: MiB, peak of the process.
     """
 
@@ -66,20 +67,26 @@ def level_options(level: int) -> list[str]:
     return options
 
 
-def tribox(case: str, out: Path, options: Sequence[str]) -> float:
-    """Run a case of the repository into ``out``; returns the seconds that the command took.
+def tribox(case: str, out: Path, options: Sequence[str]) -> tuple[float, float]:
+    """Run a case of the repository into ``out``; returns its seconds by the clock and of CPU.
 
     Raises:
         subprocess.CalledProcessError: the run failed.
     """
     command = [sys.executable, "-m", "app", "run", f"cases/{case}.toml", "--out", str(out)]
-    started = time.perf_counter()
+    started, used = time.perf_counter(), _children()
     subprocess.run([*command, *options], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
-    return time.perf_counter() - started
+    return time.perf_counter() - started, _children() - used
 
 
-def read(name: str, directory: Path, command: float) -> Measured:
-    """The measures that a run has left in ``directory``; ``command``: seconds it took."""
+def _children() -> float:
+    """Seconds of CPU that finished child processes have used."""
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return usage.ru_utime + usage.ru_stime
+
+
+def read(name: str, directory: Path, took: tuple[float, float]) -> Measured:
+    """The measures that a run has left in ``directory``; ``took``: see :func:`tribox`."""
     summary: dict[str, Any] = json.loads((directory / "summary.json").read_text(encoding="utf-8"))
     given = summary["seconds"]
     seconds = {part: sum(given.get(key, 0.0) for key in keys) for part, keys in PARTS.items()}
@@ -89,7 +96,7 @@ def read(name: str, directory: Path, command: float) -> Measured:
         steps=summary["steps"],
         attempts=summary["attempts"],
         iterations=summary["newton_iterations"],
-        seconds={**seconds, "run": given["run"], "command": command},
+        seconds={**seconds, "run": given["run"], "command": took[0], "CPU": took[1]},
         memory=max(summary["memory_MiB_per_rank"]),
     )
 
@@ -98,24 +105,27 @@ def measure(levels: Sequence[int], sweep: bool, where: Path) -> Iterator[Measure
     """Run everything, one run at a time, into sub-directories of ``where``."""
     for level in levels:
         out = where / f"block-slide-{level}"
-        seconds = tribox("block-slide", out, level_options(level))
-        yield read(f"block-slide, level {level}", out, seconds)
+        took = tribox("block-slide", out, level_options(level))
+        yield read(f"block-slide, level {level}", out, took)
     if sweep:
         out = where / "sfa"
-        seconds = tribox("sfa", out, [])
+        took = tribox("sfa", out, [])
         parts = json.loads((out / "summary.json").read_text(encoding="utf-8"))["parts"]
         for label in parts:
-            yield read(f"sfa, {label}", out / label, seconds)
+            yield read(f"sfa, {label}", out / label, took)
 
 
 def tables(runs: Sequence[Measured]) -> Iterator[str]:
     """Lines of the report, as Markdown."""
-    yield "| run | dofs | steps | attempts | Newton | per step | command (s) | peak (MiB) |"
-    yield "|---|---|---|---|---|---|---|---|"
+    yield (
+        "| run | dofs | steps | attempts | Newton | per step | command (s) | CPU (s) | peak (MiB) |"
+    )
+    yield "|---" * 9 + "|"
     for run in runs:
         yield (
             f"| {run.name} | {run.dofs} | {run.steps} | {run.attempts} | {run.iterations} "
             f"| {run.iterations / run.steps:.2f} | {run.seconds['command']:.1f} "
+            f"| {run.seconds['CPU']:.1f} "
             f"| {run.memory:.0f} |"
         )
     yield ""
@@ -145,7 +155,8 @@ def main() -> None:
     parser.add_argument("--no-blocks", action="store_true", help="leave block-slide out")
     chosen = parser.parse_args()
     levels = [] if chosen.no_blocks else sorted({1, 2, *(chosen.level or [])})
-    print(f"{len(os.sched_getaffinity(0))} cores")
+    load = os.getloadavg()[0]
+    print(f"{len(os.sched_getaffinity(0))} cores, load average before: {load:.1f}\n")
     with tempfile.TemporaryDirectory() as where:
         runs = list(measure(levels, not chosen.no_sweep, Path(where)))
     print("\n".join(tables(runs)))

@@ -16,6 +16,7 @@ import numpy as np
 import ufl
 from numpy.typing import NDArray
 from petsc4py import PETSc
+from ufl.algorithms import expand_derivatives, strip_variables
 
 from forms.kinematics import plane_strain
 from forms.materials import Material, oedometric_modulus
@@ -105,9 +106,12 @@ class Solid:
         energy = sum(self.material.energy(k, self._constants))
         plane = ufl.dot(ufl.diff(energy, k.F), k.F.T) / k.J
         across = ufl.diff(energy, stretch) / k.plane_J
-        return ufl.as_tensor(
+        sigma = ufl.as_tensor(
             [[plane[0, 0], plane[0, 1], 0], [plane[1, 0], plane[1, 1], 0], [0, 0, across]]
         )
+        # Variables are numbered through the whole process, and FFCx's cache looks at the number:
+        # with them in, hardly an expression would ever be found compiled.
+        return strip_variables(expand_derivatives(sigma))
 
     def roundoff_force(self) -> float:
         """Square of this rank's nodal force noise from rounding F, (N/m)².

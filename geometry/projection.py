@@ -134,7 +134,7 @@ class Polyline:
             before, after = self.previous[vertex], self.next[vertex]
             on_surface[at] = (before >= 0) & (after >= 0)
             # Outward direction of the vertex: the mean of the normals of its two facets.
-            outward = normal[at].copy()
+            outward = np.zeros((len(at), normal.shape[1]))
             for other in (before, after):
                 there = nodes[self.facets[np.maximum(other, 0)]]
                 outward += np.where(

@@ -9,6 +9,7 @@ import pytest
 
 from app.cli import cli
 from app.measure import COLUMNS
+from app.results import OWN
 
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"
@@ -63,6 +64,12 @@ def test_every_column_and_array_is_explained():
     arrays = set(re.findall(r'^ {8}"(\w+)": ', source, re.MULTILINE))
     assert {"pressure", "alpha", "regime"} <= arrays
     assert arrays | set(COLUMNS) | {"label", "steady"} <= explained
+
+
+def test_every_file_of_a_results_directory_is_explained():
+    text = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
+    written = set(OWN) - {"contact", "figures", "mesh.msh"}
+    assert written <= set(re.findall(r"`([a-zA-Z_.]+)`", text))
 
 
 def test_every_key_of_the_summary_is_explained():

@@ -49,8 +49,13 @@ def test_forces_are_those_of_codes_that_enforce_the_constraint_exactly(rows):
 def test_newton_needs_few_iterations(rows):
     assert len(rows) == 40 and all(row.attempts == 1 for row in rows)
     assert sum(row.newton_iterations for row in rows) <= 107
-    gross = [row for row in rows if row.stage == "slide" and row.stick_fraction == 0.0]
-    assert len(gross) > 10
+    gross = [
+        row
+        for before, last, row in zip(rows, rows[1:], rows[2:], strict=False)
+        # The predictor repeats the step before: that, too, must have slid from its beginning.
+        if before.stick_fraction == last.stick_fraction == row.stick_fraction == 0.0
+    ]
+    assert len(gross) >= 20
     assert max(row.newton_iterations for row in gross) <= 3
 
 

@@ -558,3 +558,25 @@ def test_bodies_without_contact(pair):
     np.testing.assert_allclose(moved[blocks.nodes("aluminium")], 0.0, atol=1e-14)
     top = blocks.named.facets("top")
     assert len(top) and np.isclose(moved[:, 1].max(), 0.1)
+
+
+def test_platen_moves_as_one_under_the_force_given(pair):
+    """The edge stays straight, its forces sum to the platen's, and the bottom gives them back."""
+    blocks = pair()
+    bottom = [blocks.held("bottom", 0), blocks.held("bottom", 1)]
+    platen = Platen(blocks.held("top", 1).dofs)
+    problem = blocks.problem(
+        coulomb(0.3), prescribed=[*bottom, blocks.held("top", 0)], platens=[platen]
+    )
+    stepper = ImplicitStepper(problem, ImplicitOptions(tolerance=1e-11))
+    heights = []
+    for force in (-0.1, -0.2):
+        platen.force = force
+        assert stepper.attempt(1.0).converged
+        stepper.commit()
+        moved = stepper.x.array_r[platen.dofs]
+        np.testing.assert_allclose(moved, moved[0], rtol=0, atol=1e-13)
+        assert problem.unbalanced[platen.dofs].sum() == pytest.approx(force, rel=1e-9)
+        assert problem.unbalanced[bottom[1].dofs].sum() == pytest.approx(-force, rel=1e-9)
+        heights.append(moved[0])
+    assert heights[1] < heights[0] < -0.01

@@ -3,6 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
@@ -64,10 +70,40 @@ def test_ranks_give_up_together(tribox, case_file, film, tmp_path):
     text = film.replace('thickness = "1 mm"', 'thickness = "1 mm"\ngap = "0.05 mm"', 1)
     result = tribox(
         *("run", case_file(text), "--out", tmp_path / "out"),
-        *("--set", "solver.min_step_fraction=0.2"),
+        *("--set", "solver.min_step_fraction=0.6", "--set", "solver.max_iterations=5"),
         ranks=2,
     )
     assert result.returncode == 3
     said = [line for line in result.stderr.splitlines() if line.startswith("tribox: ")]
     assert len(said) == 1 and "no solution" in said[0]
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["status"] == "failed"
+
+
+def children(pid: int) -> list[int]:
+    """Processes that a process has started."""
+    lists = Path(f"/proc/{pid}/task").glob("*/children")
+    return [int(word) for path in lists for word in path.read_text().split()]
+
+
+def test_ranks_stop_together_when_interrupted(case_file, block, environment, tmp_path):
+    words = ["run", str(case_file(block)), "--out", str(tmp_path / "out")]
+    words += ["--set", "stage.1.steps=2000"]
+    with subprocess.Popen(
+        ["mpirun", "--oversubscribe", "-n", "2", sys.executable, "-m", "app", *words],
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        bufsize=1,
+    ) as process:
+        for line in process.stdout:
+            if re.match(r"step +5 ", line):
+                # One rank only, and not mpirun, which kills the ranks a moment later.
+                os.kill(children(process.pid)[0], signal.SIGINT)
+                break
+        rest, _ = process.communicate(timeout=100.0)
+    assert process.returncode != 0 and "Traceback" not in rest
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    rows = read_table(tmp_path / "out" / "history.csv")
+    assert (summary["status"], summary["steps"]) == ("interrupted", len(rows))
+    assert 5 <= len(rows) < 2003

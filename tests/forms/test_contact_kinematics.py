@@ -221,7 +221,7 @@ class Triangle:
         self.components = rng.normal(size=(count, 2)) * 0.1
         self.length = rng.uniform(0.05, 0.1, count)
         self.gap = np.where(np.arange(count) < 4, 0.02, -0.02)
-        foot, tau, n = self.surface(self.nodes, rng.uniform(0.1, 0.4, (count, 2)))
+        foot, _, n = self.surface(self.nodes, rng.uniform(0.1, 0.4, (count, 2)))
         self.points = foot - rng.uniform(0.01, 0.05, (count, 1)) * n
 
     @staticmethod

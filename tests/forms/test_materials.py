@@ -37,11 +37,7 @@ def mooney_rivlin(C, J):
     isochoric = C / J ** (2.0 / 3.0)
     first = np.trace(isochoric)
     second = 0.5 * (first**2 - np.trace(isochoric @ isochoric))
-    return (
-        0.5 * (first - 3.0)
-        + 0.15 * (second - 3.0)
-        + 0.25 * 4.0 * (J**2 - 1.0 - 2.0 * np.log(J))
-    )
+    return 0.5 * (first - 3.0) + 0.15 * (second - 3.0) + 0.25 * 4.0 * (J**2 - 1.0 - 2.0 * np.log(J))
 
 
 def hencky(C, J):

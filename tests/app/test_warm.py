@@ -1,0 +1,43 @@
+"""What the image compiles beforehand is all that runs need."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import pytest
+from dolfinx import jit
+from mpi4py import MPI
+
+from app.case import Case
+from app.fields import StressField
+from app.model import build_model
+from app.warm import compile_forms
+
+pytestmark = pytest.mark.slow
+
+
+def compiled() -> set[str]:
+    directory = Path(jit.get_options()["cache_dir"]).expanduser()
+    return {path.name for path in directory.glob("*.so")}
+
+
+def test_runs_compile_nothing_that_has_not_been_compiled(block, film):
+    lines = list(compile_forms())
+    assert len(lines) == len(set(lines)) >= 10
+    before = compiled()
+    assert before
+    pushed = block.replace(
+        "[boundary.displacement]",
+        'pressure = "1 kPa"\n[boundary.displacement]',
+    )
+    cases = [tomllib.loads(text) for text in (block, film, pushed)]
+    triangles = tomllib.loads(film)
+    triangles["geometry"]["cell"] = "triangle"
+    full = tomllib.loads(film)
+    full["bodies"]["elastomer"]["formulation"] = "q1"
+    full["contact"][0]["quadrature_degree"] = 5
+    for data in (*cases, triangles, full):
+        model = build_model(Case.model_validate(data), MPI.COMM_SELF)
+        StressField(model.problem.u, model.problem.solids).update()
+    assert compiled() == before
