@@ -152,8 +152,13 @@ class Case(Model):
         if isinstance(self.geometry, BlocksGeometry):
             yield from self._formulation_problems(self.geometry)
             yield from self._surface_problems(self.geometry)
+        pairs: dict[frozenset[str], int] = {}
         for index, contact in enumerate(self.contact):
             yield from contact.problems(("contact", index))
+            first = pairs.setdefault(frozenset((contact.slave, contact.master)), index)
+            if first != index:
+                reason = f"this pair of surfaces is contact.{first} already"
+                yield Problem(("contact", index, "slave"), reason, contact.slave)
         yield from boundary_problems(self.boundary, ("boundary",))
         yield from stage_problems(self.stage, self.boundary, ("stage",))
         yield from self.solver.problems(("solver",))

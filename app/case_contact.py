@@ -125,7 +125,7 @@ class FrictionMap(Model):
         default=None,
         description="contact pressure up to which the film's stress grows with the pressure; "
         "0 lets the traction jump where a point opens; default: 1 % of the softer body's shear "
-        "modulus",
+        "modulus or of the highest prescribed pressure, whichever is less",
     )
 
     def parameters(self) -> FrictionMapParameters:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import sys
 import traceback
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from app.errors import InputError, TriboxError
+from app.errors import InputError, SolutionError, TriboxError
 
 if TYPE_CHECKING:
     from app.case import Case
@@ -65,6 +66,8 @@ def run(
         check_free(directory, force)
         arguments = ["run", str(case_file), "--out", str(directory), *_set_options(overrides)]
         arguments += ["--force"] * force + ([] if part is None else ["--part", str(part)])
+        if shutil.which("mpirun") is None:
+            raise InputError(f"--np {np}: there is no mpirun here")
         os.execvp(
             "mpirun",
             ["mpirun", "-n", str(np), sys.executable, "-m", "mpi4py", "-m", "app", *arguments],
@@ -130,9 +133,11 @@ def _run_sweep(
         Part(label, part_command(case_file, i, directory / label, options), directory / label)
         for i, (label, _) in enumerate(case.sweep_cases())
     ]
-    run_side_by_side(parts, jobs or max(1, cores() // np), lambda line: print(line, flush=True))
-    collate(case, directory)
-    _draw_sweep(case, directory)
+    try:
+        run_side_by_side(parts, jobs or max(1, cores() // np), lambda line: print(line, flush=True))
+    finally:  # What has been computed is collated whatever became of the others.
+        collate(case, directory)
+        _draw_sweep(case, directory)
     print(f"results in {directory}")
 
 
@@ -152,11 +157,17 @@ def _run_sweep_together(case: Case, directory: Path, force: bool) -> None:
 
     comm = MPI.COMM_WORLD
     on_first(comm, make_ready)
+    failed = []
     for label, single in case.sweep_cases():
-        run_case(single, directory / label, comm=comm)
+        try:
+            run_case(single, directory / label, comm=comm)
+        except SolutionError as error:
+            failed.append(f"{label} ({error})")
     if comm.rank == 0:
         collate(case, directory)
         _draw_sweep(case, directory)
+    if failed:
+        raise SolutionError(f"{len(failed)} runs of the sweep failed: {'; '.join(failed)}")
 
 
 def _draw_sweep(case: Case, directory: Path) -> None:

@@ -23,7 +23,7 @@ def contact_arrays(model: Model) -> dict[str, Floats] | None:
     problem = model.problem
     mine = [
         _arrays(index, term, trial)
-        for index, (term, trial) in enumerate(zip(problem.contacts, problem.trials, strict=True))
+        for index, (term, trial) in enumerate(zip(problem.contacts, problem.committed, strict=True))
     ]
     gathered = problem.comm.gather(mine)
     if gathered is None:

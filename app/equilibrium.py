@@ -88,6 +88,7 @@ class Equilibrium:
         u: displacement function; holds the last vector that was evaluated.
         contacts, solids, pressures, prescribed, platens: the parts.
         dt: length of the step being tried, s.
+        trials: contacts at the last evaluation; committed: at the last converged step.
         timer: seconds by part.
         roundoff: N/m, residual norm below which only round-off is left.
     """
@@ -118,6 +119,7 @@ class Equilibrium:
         self.dt = 1.0
         self.timer = Stopwatch()
         self.trials: list[ContactTrial] = []
+        self.committed: list[ContactTrial] = []
         self.unbalanced = np.zeros(self.owned)
         self.reference_force = 0.0
         self._work = dolfinx.la.vector(self.space.dofmap.index_map, self.dim)
@@ -154,6 +156,12 @@ class Equilibrium:
         for part in self.prescribed:
             values[part.dofs] = part.value
         return values
+
+    def commit(self) -> None:
+        """Make the contacts evaluated last the state that the next step starts from."""
+        self.committed = list(self.trials)
+        for term, trial in zip(self.contacts, self.trials, strict=True):
+            term.commit(trial)
 
     # -- residual -----------------------------------------------------------------------------
 
@@ -243,9 +251,11 @@ class Equilibrium:
         for platen in self.platens:
             free[platen.dofs] = 0.0
         free = np.where(np.isfinite(free), free, np.inf)
-        at = int(np.argmax(free)) if self.owned else -1
-        where = self.space.tabulate_dof_coordinates()[at // self.dim, : self.dim]
-        mine = (float(free[at]), tuple(map(float, where))) if at >= 0 else (-1.0, ())
+        mine: tuple[float, tuple[float, ...]] = (-1.0, ())
+        if self.owned:
+            at = int(np.argmax(free))
+            where = self.space.tabulate_dof_coordinates()[at // self.dim, : self.dim]
+            mine = (float(free[at]), tuple(map(float, where)))
         place: tuple[float, ...] = max(self.comm.allgather(mine))[1]
         return place
 

@@ -58,10 +58,18 @@ def draw_history(directory: Path) -> None:
         save(_forces(rows), figures / "history.png")
         save(_energies(rows), figures / "energy.png")
         case = load_case(directory / "case.toml")
-        summary = json.loads((directory / "summary.json").read_text(encoding="utf-8"))
-        steady = [leg for leg in summary["legs"] if leg["steady"] is not None]
+        steady = [leg for leg in _legs(directory) if leg["steady"] is not None]
         if steady and isinstance(case.contact[0].friction, FrictionMap):
             _draw_film([_series(case, steady)], figures)
+
+
+def _legs(directory: Path) -> list[dict[str, Any]]:
+    """The legs of a run, from its summary; none where a run was killed before it wrote one."""
+    summary = directory / "summary.json"
+    if not summary.is_file():
+        return []
+    legs: list[dict[str, Any]] = json.loads(summary.read_text(encoding="utf-8"))["legs"]
+    return legs
 
 
 def _columns(rows: list[dict[str, Any]], *names: str) -> list[Floats]:
@@ -220,7 +228,9 @@ def _sweep_ends(case: Case, rows: list[dict[str, Any]]) -> Figure:
 
 
 def _draw_film(series: list[Series], figures: Path) -> None:
-    save(_viscosity_figure(series), figures / "effective_viscosity.png")
+    wet = [one for one in series if one.thickness > 0.0]  # D = 0 has no viscosity
+    if wet:
+        save(_viscosity_figure(wet), figures / "effective_viscosity.png")
     save(_map_figure(series), figures / "friction_map.png")
 
 

@@ -6,6 +6,7 @@ cut and tried again from the same state. After easy steps the length grows back.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -17,6 +18,7 @@ from app.equilibrium import Equilibrium
 from geometry.projection import Floats
 
 PREFIX = "tribox_"
+_numbers = itertools.count()
 STALLED = 0.1  # relative residual below which a stalled line search is followed by whole steps
 STALL_WINDOW = 4  # iterations over which the residual must fall by a tenth not to count as stalled
 
@@ -71,7 +73,11 @@ class ImplicitStepper:
     """Solves one step at a time and remembers the increments the predictor extrapolates."""
 
     def __init__(self, problem: Equilibrium, options: ImplicitOptions) -> None:
-        """Set SNES up on the problem's residual and tangent; collective."""
+        """Set SNES up on the problem's residual and tangent; collective.
+
+        Raises:
+            ValueError: PETSc refuses one of the options.
+        """
         self.problem = problem
         self.options = options
         self.x = problem.new_vector()  # converged unknowns
@@ -91,7 +97,8 @@ class ImplicitStepper:
 
     def _new_snes(self) -> PETSc.SNES:
         snes = PETSc.SNES().create(self.problem.comm)
-        snes.setOptionsPrefix(PREFIX)
+        prefix = f"{PREFIX}{next(_numbers)}_"  # of its own: options must not reach the next run
+        snes.setOptionsPrefix(prefix)
         defaults: dict[str, str | float | bool] = {
             "snes_type": "newtonls",
             "snes_linesearch_type": "bt",
@@ -100,7 +107,7 @@ class ImplicitStepper:
             "pc_type": "lu",
             "pc_factor_mat_solver_type": "mumps",
         }
-        options = PETSc.Options(PREFIX)
+        options = self._petsc_options = PETSc.Options(prefix)
         for key, value in (defaults | dict(self.options.petsc)).items():
             options[key] = value
         self._usual_search = str(options.getString("snes_linesearch_type"))
@@ -108,7 +115,13 @@ class ImplicitStepper:
         snes.setJacobian(self._jacobian, self.matrix)
         snes.setTolerances(max_it=self.options.max_iterations)
         snes.setConvergenceTest(self._test)
-        snes.setFromOptions()
+        try:
+            snes.setFromOptions()
+            snes.getKSP().getPC().setFromOptions()
+        except PETSc.Error as error:
+            PETSc.Options()["options_left"] = False  # all else is of no interest any more
+            reason = str(error).strip().splitlines()[-1].split("] ", 1)[-1]
+            raise ValueError(reason) from None
         return snes
 
     def _function(self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
@@ -183,20 +196,31 @@ class ImplicitStepper:
         the far side of one the line search may find no decrease however short the step, while a
         few whole steps settle which side each point is on.
         """
-        self.snes.solve(None, self.trial)
-        iterations, reason = self.snes.getIterationNumber(), self.snes.getConvergedReason()
+        iterations, reason = self._iterate()
         if reason > 0 or not self.residuals or self.residuals[-1] > STALLED:
             return iterations, reason
         self._whole_steps = True
         self._search("basic")
-        self.snes.solve(None, self.trial)
+        more, reason = self._iterate()
         self._search(None)
         self._whole_steps = False
-        return iterations + self.snes.getIterationNumber(), self.snes.getConvergedReason()
+        return iterations + more, reason
+
+    def _iterate(self) -> tuple[int, int]:
+        """Let SNES solve from the present trial; (iterations, converged reason)."""
+        self.snes.solve(None, self.trial)
+        self._drop_failed_factor()
+        return self.snes.getIterationNumber(), self.snes.getConvergedReason()
+
+    def _drop_failed_factor(self) -> None:
+        """Forget a factorisation that failed, or the next solve would stumble over it."""
+        ksp = self.snes.getKSP()
+        if ksp.getConvergedReason() < 0:
+            ksp.reset()
 
     def _search(self, kind: str | None) -> None:
         """Use a kind of line search; None: the one of the case."""
-        PETSc.Options(PREFIX)["snes_linesearch_type"] = kind or self._usual_search
+        self._petsc_options["snes_linesearch_type"] = kind or self._usual_search
         self.snes.setFromOptions()
 
     def commit(self) -> None:
@@ -205,8 +229,7 @@ class ImplicitStepper:
         self._drive = self._driving()
         self._loads = self._drive.total
         self.trial.copy(self.x)
-        for term, trial in zip(self.problem.contacts, self.problem.trials, strict=True):
-            term.commit(trial)
+        self.problem.commit()
         self._largest_force = max(self._largest_force, self.problem.reference_force)
 
     def seconds(self) -> dict[str, float]:
@@ -272,6 +295,7 @@ class ImplicitStepper:
         self._forget_factor()
         ksp.setOperators(self.matrix)
         ksp.solve(rhs, increment)
+        self._drop_failed_factor()
         self.trial.axpy(1.0, increment)
         self.trial.array[:] = problem.held_values(self.trial)
         increment.destroy()

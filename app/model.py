@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,7 +13,7 @@ from mpi4py import MPI
 
 import app.case_bodies as case_bodies
 import app.case_contact as case_contact
-from app.advice import notes_on
+from app.advice import highest_pressure, notes_on
 from app.case import Case
 from app.case_boundary import DRIVEN, Boundary
 from app.equilibrium import Equilibrium, Ints, Platen, Prescribed, component_dofs
@@ -29,12 +30,13 @@ from geometry.mesh import MeshError, NamedMesh, bodies_sharing_nodes, generate, 
 from geometry.surface import ContactSurface, integration_facets
 
 COMPONENTS = ("x", "y")
+OVERLAP = 0.01  # depth over facet length up to which bodies only touch at the start
 # Default stiffness of stick, in units of G/h (shear modulus of the softer body over the length of a
 # slave facet): stiff against the shear of the elements beside it, yet soft enough for the onset of
 # slip to spread without a fight.
 TANGENTIAL_FACTOR = 10.0
-# Share of the softer body's shear modulus that is the default of film_onset_pressure: small against
-# any pressure that deforms the body, so that only the rim of a contact feels it.
+# Default of film_onset_pressure, as a share of the softer body's shear modulus or of the highest
+# prescribed pressure, whichever is less: only the rim of a contact feels it.
 FILM_ONSET = 0.01
 
 
@@ -49,6 +51,7 @@ class Model:
         programs: each sets one load from (time, driven displacement), s and m.
         thickness: m, of the plane-strain slab; the solver works per unit thickness.
         notes: what the user should know before the run, one line each.
+        film_onset: Pa, pressure at which the film is whole, for each contact (0 without a film).
     """
 
     case: Case
@@ -57,6 +60,7 @@ class Model:
     programs: list[Callable[[float, float], None]] = field(default_factory=list)
     thickness: float = 1.0
     notes: list[str] = field(default_factory=list)
+    film_onset: list[float] = field(default_factory=list)
 
     def set_loads(self, time: float, driven: float) -> None:
         """Set every prescribed displacement and load to its value at ``time`` (s).
@@ -97,9 +101,14 @@ def build_model(case: Case, comm: MPI.Comm) -> Model:
     loads = _Loads(named, u, thickness)
     for boundary in case.boundary:
         loads.add(boundary)
+    loads.check_corners()
     problem = Equilibrium(u, solids, contacts, loads.prescribed, loads.platens, loads.pressures)
     notes = notes_on(case) + list(_loose_bodies(case, named))
-    return Model(case, named, problem, loads.programs, thickness, notes)
+    onset = [
+        term.law.parameters.film_onset_pressure if isinstance(term.law, FrictionMap) else 0.0
+        for term in contacts
+    ]
+    return Model(case, named, problem, loads.programs, thickness, notes, onset)
 
 
 def _loose_bodies(case: Case, named: NamedMesh) -> Iterator[str]:
@@ -187,15 +196,46 @@ def _contact(
         surface = ContactSurface(space, slave, master, contact.quadrature_degree)
     except ValueError as error:
         raise InputError(f"contact.{index}: {error}") from None
-    bodies = [materials[_body_of(named, name)] for name in (contact.slave, contact.master)]
+    owners = [_body_of(named, name) for name in (contact.slave, contact.master)]
+    if owners[0] == owners[1]:
+        raise InputError(
+            f'contact.{index}: slave "{contact.slave}" and master "{contact.master}" are both on '
+            f"body {owners[0]}; contact is between two bodies"
+        )
+    bodies = [materials[owner] for owner in owners]
     softer = min(bodies, key=oedometric_modulus)
     local = np.array([surface.slave.weight.sum(), len(np.unique(surface.slave.facet))])
     length, count = named.mesh.comm.allreduce(local)
     stiffness = oedometric_modulus(softer) * count / length
+    _check_overlap(f"contact.{index}", contact, surface, length / count)
     penalty = contact.penalty or (contact.penalty_factor or 0.0) * stiffness
     tangential = TANGENTIAL_FACTOR * softer.shear_modulus * count / length
-    law = _law(contact.friction, tangential, FILM_ONSET * softer.shear_modulus)
+    # A pressure that the case prescribes says better than the body what is small.
+    scale = min(softer.shear_modulus, highest_pressure(case) or np.inf)
+    law = _law(contact.friction, tangential, FILM_ONSET * scale)
     return ContactTerm(surface, law, penalty, contact.film.thickness if contact.film else 0.0)
+
+
+def _check_overlap(
+    place: str, contact: case_contact.Contact, surface: ContactSurface, length: float
+) -> None:
+    """Refuse surfaces that overlap, or face away from each other, before anything has moved.
+
+    Args:
+        place: of the contact in the case.
+        contact: what the case says.
+        surface: its surfaces.
+        length: m, mean length of a slave facet.
+    """
+    points, nodes = surface.slave.position, surface.master.position
+    at = surface.polyline.project(points, nodes, surface.polyline.candidates(points, nodes))
+    local = float(np.max(-at.gap, where=at.on_surface, initial=0.0))
+    depth = surface.space.mesh.comm.allreduce(local, op=MPI.MAX)
+    if depth > OVERLAP * length:
+        raise InputError(
+            f"{place}: {contact.slave} starts {depth:.3g} m inside {contact.master} (or faces away "
+            "from it); the bodies may touch at the start, not overlap"
+        )
 
 
 def _law(friction: case_contact.Friction, stiffness: float, onset: float) -> FrictionLaw:
@@ -230,6 +270,16 @@ def _body_of(named: NamedMesh, surface: str) -> str:
     return names[0]
 
 
+@dataclass(frozen=True, slots=True)
+class _Hold:
+    """What decides a displacement component of a surface: equal sources agree at shared nodes."""
+
+    surface: str
+    component: int
+    source: object
+    dofs: Ints
+
+
 class _Loads:
     """Collects what the boundaries prescribe, and the programs that move it."""
 
@@ -239,12 +289,13 @@ class _Loads:
         self.platens: list[Platen] = []
         self.pressures: list[FollowerPressure] = []
         self.programs: list[Callable[[float, float], None]] = []
+        self._holds: list[_Hold] = []
 
     def add(self, boundary: Boundary) -> None:
         """Add one boundary."""
         facets = self.named.facets(boundary.surface)
-        for component, value in _components(boundary):
-            self._prescribe(facets, component, value)
+        for component, value, source in _components(boundary):
+            self._prescribe(boundary.surface, facets, component, value, source)
         if boundary.platen is not None:
             self._platen(boundary, facets)
         if boundary.pressure is not None:
@@ -254,15 +305,39 @@ class _Loads:
             self.programs.append(lambda time, driven: load.set(table(time)))
 
     def _prescribe(
-        self, facets: Ints, component: int, value: Callable[[float, float], float]
+        self,
+        surface: str,
+        facets: Ints,
+        component: int,
+        value: Callable[[float, float], float],
+        source: object,
     ) -> None:
         held = Prescribed(component_dofs(self.u.function_space, facets, component))
         self.prescribed.append(held)
+        self._holds.append(_Hold(surface, component, source, held.dofs))
 
         def program(time: float, driven: float) -> None:
             held.value = value(time, driven)
 
         self.programs.append(program)
+
+    def check_corners(self) -> None:
+        """See that surfaces which share nodes do not prescribe different things there; collective.
+
+        Raises:
+            InputError: two boundaries disagree at a shared node.
+        """
+        mine = [
+            f'"{a.surface}" and "{b.surface}" share a node and both decide its displacement in '
+            f"{COMPONENTS[a.component]}, each in its own way; let one of them leave it out"
+            for a, b in itertools.combinations(self._holds, 2)
+            if a.component == b.component
+            and a.source != b.source
+            and np.intersect1d(a.dofs, b.dofs).size
+        ]
+        problems = sorted(set(itertools.chain(*self.named.mesh.comm.allgather(mine))))
+        if problems:
+            raise InputError(f"boundary: {problems[0]}")
 
     def _platen(self, boundary: Boundary, facets: Ints) -> None:
         assert boundary.platen is not None
@@ -270,6 +345,7 @@ class _Loads:
         mesh = self.named.mesh
         platen = Platen(component_dofs(self.u.function_space, facets, component))
         self.platens.append(platen)
+        self._holds.append(_Hold(boundary.surface, component, object(), platen.dofs))
         outward = mean_normal(mesh, facets, component)
         if abs(outward) < 1e-6:
             raise InputError(
@@ -291,17 +367,17 @@ class _Loads:
 
 def _components(
     boundary: Boundary,
-) -> Iterator[tuple[int, Callable[[float, float], float]]]:
-    """Prescribed components of a boundary and their value at (time, driven displacement)."""
+) -> Iterator[tuple[int, Callable[[float, float], float], object]]:
+    """Prescribed components, their value at (time, driven displacement), and what says so."""
     for index, name in enumerate(COMPONENTS):
         moved = getattr(boundary.displacement, name, None)
         if moved == DRIVEN:
-            yield index, lambda time, driven: driven
+            yield index, lambda time, driven: driven, DRIVEN
         elif isinstance(moved, TimeTable):
-            yield index, _of_time(moved.__call__)
+            yield index, _of_time(moved.__call__), moved
         speed = getattr(boundary.velocity, name, None)
         if isinstance(speed, TimeTable):
-            yield index, _of_time(speed.integral)
+            yield index, _of_time(speed.integral), ("velocity", speed)
 
 
 def _of_time(value: Callable[[float], float]) -> Callable[[float, float], float]:

@@ -25,6 +25,7 @@ from app.results import write_history, write_json, write_text
 from app.simulation import Leg, Observer, Simulation
 from geometry.projection import Floats
 
+TINY = 1e-30  # J/m², below any dissipation
 HISTORY_EVERY = 2.0  # s between two rewrites of history.csv while running
 
 
@@ -48,6 +49,7 @@ class Recorder(Observer):
         self._written = time.monotonic()
         self._started = time.perf_counter()
         self._warned = False
+        self._thin = False
         self._left: set[str] = set()
         self.warnings: list[str] = list(model.notes)
         if self.first:
@@ -70,6 +72,14 @@ class Recorder(Observer):
         """Write the fields at the end of a leg and keep its last row."""
         self._output(simulation)
         self.legs.append({"label": leg.label, "steady": steady, **asdict(row)})
+        onset = max(self.model.film_onset, default=0.0)
+        pressure = row.normal_force / row.contact_area if row.contact_area > 0.0 else np.inf
+        if leg.stage.rate_dependent and onset > 0.1 * pressure and not self._thin:
+            self._thin = True
+            self.warnings.append(
+                f"stage {leg.label}: the mean contact pressure {pressure:.3g} Pa is near or below "
+                f"film_onset_pressure = {onset:.3g} Pa, so the film carries less than eta_b V/D"
+            )
         if steady is False:
             self.warnings.append(
                 f"stage {leg.label}: not steady after {leg.stage.max_steps} steps "
@@ -88,6 +98,11 @@ class Recorder(Observer):
             write_json(
                 self.directory / "summary.json", self._summary(simulation, status, memory or [])
             )
+
+    def rescue(self, simulation: Simulation) -> None:
+        """Write the history after an error of this rank alone; not collective."""
+        if self.first:
+            write_history(self.directory / "history.csv", simulation.rows)
 
     def _output(self, simulation: Simulation) -> None:
         if simulation.step == self._last_output:
@@ -113,8 +128,8 @@ class Recorder(Observer):
                 )
             if self._warned or measure.area <= 0.0 or not measure.worst:
                 continue
-            scale = abs(row.dissipation) + abs(row.external_work) + row.interface_energy
-            allowed = 1e-12 * scale / (measure.area * self.model.thickness)
+            scale = abs(row.dissipation) + abs(row.external_work) + abs(row.interface_energy)
+            allowed = max(1e-12 * scale / (measure.area * self.model.thickness), TINY)
             if measure.least_dissipation < -allowed:
                 self._warned = True
                 where = ", ".join(f"{c:.4g}" for c in measure.worst)
@@ -149,6 +164,7 @@ class Recorder(Observer):
             "attempts": sum(row.attempts for row in rows),
             "energy_error_relative": rows[-1].energy_error / largest if largest else 0.0,
             "penalty": [term.penalty for term in problem.contacts],
+            "film_onset_pressure": self.model.film_onset,
             "penetration_over_film": [_penetration_over_film(row) for row in rows[-1:]],
             "legs": self.legs,
             "dofs": int(problem.space.dofmap.index_map.size_global * problem.dim),

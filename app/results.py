@@ -43,7 +43,11 @@ def check_free(directory: Path, force: bool) -> None:
         InputError: the directory holds results (or anything else) and ``force`` is not given, or
             holds files that are not results, which are never removed.
     """
-    if directory.exists() and not directory.is_dir():
+    try:
+        taken = directory.exists() and not directory.is_dir()
+    except OSError as error:
+        raise InputError(f"{directory}: not a usable name ({error.strerror or error})") from None
+    if taken:
         raise InputError(f"{directory}: is a file; the results need a directory")
     present = sorted(p.name for p in directory.iterdir()) if directory.is_dir() else []
     if not present:
@@ -53,7 +57,8 @@ def check_free(directory: Path, force: bool) -> None:
             f"{directory}: holds results already; name another directory with --out, or replace "
             "them with --force"
         )
-    foreign = [name for name in present if not _is_own(directory / name)]
+    labels = _sweep_labels(directory)
+    foreign = [name for name in present if not _is_own(name, labels)]
     if foreign:
         raise InputError(
             f"{directory}: holds {foreign[0]}, which is no result of tribox, so --force does not "
@@ -78,13 +83,23 @@ def prepare(directory: Path) -> None:
         probe.touch()
         probe.unlink()
     except OSError as error:
-        raise InputError(f"{directory}: cannot be written ({error.strerror})") from None
+        raise InputError(f"{directory}: cannot be written ({error.strerror or error})") from None
 
 
-def _is_own(path: Path) -> bool:
-    """Results by name; sub-directories of a sweep by the case file inside."""
-    plain = path.name.removesuffix(".part")
-    return plain in OWN or (path.is_dir() and (path / "case.toml").is_file())
+def _is_own(name: str, labels: Sequence[str]) -> bool:
+    """Whether a name in a results directory is one of a result, or of a value of its sweep."""
+    return name.removesuffix(".part") in OWN or name in labels
+
+
+def _sweep_labels(directory: Path) -> tuple[str, ...]:
+    """Names of a sweep's sub-directories, from the case file beside them; none without one."""
+    from app.case import load_case
+
+    try:
+        case = load_case(directory / "case.toml")
+    except InputError:
+        return ()
+    return case.sweep.labels if case.sweep is not None else ()
 
 
 def write_text(path: Path, text: str) -> None:
@@ -128,3 +143,5 @@ def read_table(path: Path) -> list[dict[str, Any]]:
             ]
     except FileNotFoundError:
         raise InputError(f"{path}: no such file; is this a results directory?") from None
+    except (TypeError, ValueError):
+        raise InputError(f"{path}: is cut off or not a table of tribox") from None

@@ -43,6 +43,7 @@ def run_case(
     """
     on_first(comm, lambda: check_free(directory, force))
     model = build_model(case, comm)
+    simulation = Simulation(model)
     on_first(comm, lambda: prepare(directory))
     recorder = Recorder(model, directory)
     reporter = Reporter(directory / "log.txt", case.stage, quiet) if comm.rank == 0 else None
@@ -51,7 +52,6 @@ def run_case(
         for note in model.notes:
             if reporter:
                 reporter.say(f"note: {note}")
-        simulation = Simulation(model)
         with Interruption(comm) as interruption:
             _run(simulation, recorder, Together(*told, interruption))
         if case.output.figures:
@@ -87,15 +87,19 @@ def _closing_line(simulation: Simulation) -> str:
 
 
 def _run(simulation: Simulation, recorder: Recorder, observer: Observer) -> None:
-    status = "interrupted"
     try:
         simulation.run(observer)
-        status = "done"
     except SolutionError:
-        status = "failed"
+        recorder.close(simulation, "failed")
         raise
-    finally:
-        recorder.close(simulation, status)
+    except KeyboardInterrupt:
+        recorder.close(simulation, "interrupted")
+        raise
+    except BaseException:
+        # An error of one rank alone: the others are not here, so nothing collective may follow.
+        recorder.rescue(simulation)
+        raise
+    recorder.close(simulation, "done")
 
 
 def draw_run(simulation: Simulation, directory: Path) -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.case_boundary import Stage
-from app.errors import SolutionError
+from app.errors import InputError, SolutionError
 from app.implicit import ImplicitOptions, ImplicitStepper, StepResult
 from app.ledger import Ledger
 from app.measure import ContactMeasure, Row, measure_contact
@@ -82,16 +82,24 @@ class Simulation:
     """
 
     def __init__(self, model: Model) -> None:
-        """Make ready to start; collective."""
+        """Make ready to start; collective.
+
+        Raises:
+            InputError: PETSc refuses an option of the case.
+        """
         solver = model.case.solver
         self.model = model
         self.time = self.driven = 0.0
         self.step = 0
         self.rows: list[Row] = []
+        self._whole: list[int] = []
         self.measures: list[ContactMeasure] = []
         model.set_loads(0.0, 0.0)
         options = ImplicitOptions(solver.tolerance, solver.max_iterations, solver.petsc)
-        self.stepper = ImplicitStepper(model.problem, options)
+        try:
+            self.stepper = ImplicitStepper(model.problem, options)
+        except ValueError as error:
+            raise InputError(f"solver.petsc: {error}") from None
         self.ledger = Ledger(model.problem, self.stepper.x)
 
     def run(self, observer: Observer) -> None:
@@ -113,21 +121,24 @@ class Simulation:
                 self._advance(leg, observer)
             observer.leg(self, leg, self.rows[-1], None)
             return
-        first = len(self.rows)
+        self._whole = []
         steady = False
         for count in range(1, leg.stage.max_steps + 1):
             self._advance(leg, observer)
-            steady = count >= leg.stage.min_steps and self._steady(first, leg)
+            steady = count >= leg.stage.min_steps and self._steady(leg)
             if steady:
                 break
         observer.leg(self, leg, self.rows[-1], steady)
 
-    def _steady(self, first: int, leg: Leg) -> bool:
-        """Whether the tangential force has held still over the last whole steps of this leg."""
-        rows = [row for row in self.rows[first:] if row.dt > 0.999 * leg.dt][-STEADY_WINDOW - 1 :]
-        if len(rows) <= STEADY_WINDOW:
+    def _steady(self, leg: Leg) -> bool:
+        """Whether the tangential force has held still over the last steps of this leg.
+
+        A step made in pieces counts as one: its last piece is compared.
+        """
+        ends = self._whole[-STEADY_WINDOW - 1 :]
+        if len(ends) <= STEADY_WINDOW:
             return False
-        force = np.array([row.tangential_force for row in rows])
+        force = np.array([self.rows[end].tangential_force for end in ends])
         allowed = leg.stage.steady_tolerance * float(np.abs(force[-1]))
         return bool(np.all(np.abs(np.diff(force)) <= allowed))
 
@@ -159,6 +170,7 @@ class Simulation:
             done, failures, wasted = end, 0, 0
             if easy:
                 piece = 2.0 * piece
+        self._whole.append(len(self.rows) - 1)
 
     def _commit(
         self, leg: Leg, dt: float, result: StepResult, failures: int, observer: Observer

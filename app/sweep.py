@@ -10,6 +10,7 @@ import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from app.case import Case
 from app.errors import InputError, SolutionError, TriboxError
@@ -103,12 +104,17 @@ def part_command(case_file: Path, index: int, directory: Path, options: Sequence
 def collate(case: Case, directory: Path) -> None:
     """Write ``sweep.csv``, one row for each leg of each part, and ``summary.json``.
 
-    Columns are those of the history, with the part's ``label`` and ``steady`` before them.
+    Columns are those of the history, with the part's ``label`` and ``steady`` before them. Parts
+    that were not run, or not to their end, give what they have; ``summary.json`` tells.
     """
     rows = []
-    parts = {}
+    parts: dict[str, Any] = {}
     for label, _ in case.sweep_cases():
-        summary = json.loads((directory / label / "summary.json").read_text(encoding="utf-8"))
+        path = directory / label / "summary.json"
+        if not path.is_file():
+            parts[label] = {"status": "not run"}
+            continue
+        summary = json.loads(path.read_text(encoding="utf-8"))
         parts[label] = {k: summary[k] for k in ("status", "warnings", "steps", "newton_iterations")}
         for leg in summary["legs"]:
             steady = leg["steady"]

@@ -56,9 +56,20 @@ def test_what_is_no_result_is_never_cleared(tmp_path, foreign):
             check_free(tmp_path, force=force)
 
 
-def test_directories_of_a_sweep_are_results(tmp_path):
-    make(tmp_path, "sweep.csv", "thickness=10nm/case.toml", "thickness=10nm/history.csv")
+def test_directories_of_a_sweep_are_results(tmp_path, block):
+    make(tmp_path, "sweep.csv", "mu=0.1/case.toml", "mu=0.1/history.csv")
+    sweep = '[sweep]\nkey = "contact.0.friction.mu"\nvalues = [0.1, 0.3]\n'
+    (tmp_path / "case.toml").write_text(block + sweep)
     check_free(tmp_path, force=True)
+
+
+def test_results_of_other_runs_below_are_never_cleared(tmp_path, block):
+    make(tmp_path, "history.csv", "other/case.toml", "other/notes.txt")
+    for case in (None, block):
+        if case:
+            (tmp_path / "case.toml").write_text(case)
+        with pytest.raises(InputError, match="holds other, which is no result"):
+            check_free(tmp_path, force=True)
 
 
 def test_a_file_is_no_directory(tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -78,11 +79,12 @@ def test_commands_name_case_value_and_directory():
     assert command[3:] == ["run", "a.toml", "--part", "2", "--out", "out/x", "--set", "a=1"]
 
 
-def test_collating_needs_every_part(case_file, block, tmp_path):
+def test_collating_tells_of_parts_that_were_not_run(case_file, block, tmp_path):
     text = block + '[sweep]\nkey = "contact.0.friction.mu"\nvalues = [0.1, 0.3]\n'
-    with pytest.raises(FileNotFoundError):
-        collate(load_case(case_file(text)), tmp_path)
-    assert not (tmp_path / "sweep.csv").exists()
+    collate(load_case(case_file(text)), tmp_path)
+    parts = json.loads((tmp_path / "summary.json").read_text())["parts"]
+    assert parts == {"mu=0.1": {"status": "not run"}, "mu=0.3": {"status": "not run"}}
+    assert len((tmp_path / "sweep.csv").read_text().splitlines()) == 1
 
 
 def test_ctrl_c_ends_a_sweep_at_once_with_valid_parts(case_file, block, environment, tmp_path):
