@@ -1,4 +1,4 @@
-"""The command line: ``tribox run``, ``check``, ``mesh``, ``plot``, ``schema``, ``test``."""
+"""The command line: ``tribox run``, ``check``, ``mesh``, ``plot``, ``map``, ..."""
 
 from __future__ import annotations
 
@@ -244,6 +244,23 @@ def plot(
     else:
         draw_history(directory)
     print(f"figures in {directory / 'figures'}")
+
+
+@cli.command(name="map")
+def map_(
+    case_file: Annotated[
+        Path | None, typer.Argument(metavar="[CASE]", help="case file (default: built-in values)")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="results directory (default: results/CASE-map)")
+    ] = None,
+    overrides: Overrides = None,
+    force: Annotated[bool, typer.Option("--force", help="replace results that are there")] = False,
+) -> None:
+    """Map the friction law of a case at material points: tables and figures, in seconds."""
+    from app.map_run import run_map
+
+    run_map(case_file, overrides or [], out, force)
 
 
 @cli.command()
