@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import (
     Field,
-    PrivateAttr,
     ValidationInfo,
     ValidatorFunctionWrapHandler,
     create_model,
     field_validator,
-    model_validator,
 )
 
 from app.case_model import Count, Flag, Model, Place, Problem, Text
@@ -304,12 +302,14 @@ class OwnLaw(_NamesAClass):
     parameters: dict[str, Any] = Field(
         default={}, description="what the class is called with, by name, as it stands here"
     )
-    _source: Path | None = PrivateAttr(None)
 
-    @model_validator(mode="after")
-    def _remember_source(self, info: ValidationInfo) -> Self:
-        self._source = (info.context or {}).get("source")
-        return self
+    @field_validator("class")
+    @classmethod
+    def _found_from_anywhere(cls, value: str, info: ValidationInfo) -> str:
+        """The file from the root on, so that a copy of the case elsewhere finds it too."""
+        source = (info.context or {}).get("source")
+        file, colon, name = value.rpartition(":")
+        return f"{(Path(source or '').parent / file).resolve()}:{name}" if colon else value
 
     def friction_law(self) -> FrictionLaw:
         """The law that the class makes.
@@ -317,8 +317,7 @@ class OwnLaw(_NamesAClass):
         Raises:
             OwnLawError: there is no such file or class, or it makes no friction law.
         """
-        folder = (self._source or Path()).parent
-        return load_own_law(getattr(self, "class"), folder, self.parameters)
+        return load_own_law(getattr(self, "class"), self.parameters)
 
     def problems(self, place: Place, film: Film | None) -> Iterator[Problem]:
         """Whether the class makes a friction law, `place` being this table's place in the case."""

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from forms.friction import FrictionLaw
 
-# The methods of forms.friction.FrictionLaw, with the least number of arguments of a call.
+# The methods of forms.friction.FrictionLaw.
 METHODS = ("initial_state", "update", "stored_energy", "coefficient")
 
 
@@ -27,18 +27,17 @@ class OwnLawError(ValueError):
         self.key = key
 
 
-def load_own_law(reference: str, folder: Path, parameters: Mapping[str, Any]) -> FrictionLaw:
+def load_own_law(reference: str, parameters: Mapping[str, Any]) -> FrictionLaw:
     """An instance of the class, called with the parameters.
 
     Args:
         reference: "file.py:Class".
-        folder: what a relative file name is seen from.
         parameters: arguments of the class by name.
 
     Raises:
         OwnLawError: there is no such file or class, it cannot be made, or it is no friction law.
     """
-    kind = _class(reference, folder)
+    kind = _class(reference)
     missing = [name for name in METHODS if not callable(getattr(kind, name, None))]
     if missing:
         names = ", ".join(missing)
@@ -50,11 +49,11 @@ def load_own_law(reference: str, folder: Path, parameters: Mapping[str, Any]) ->
     return law
 
 
-def _class(reference: str, folder: Path) -> type[Any]:
+def _class(reference: str) -> type[Any]:
     file, colon, name = reference.rpartition(":")
     if not (colon and file.endswith(".py") and name.isidentifier()):
         raise OwnLawError('must be "file.py:Class"')
-    path = folder / file
+    path = Path(file)
     if not path.is_file():
         raise OwnLawError(f"no such file: {path}")
     spec = importlib.util.spec_from_file_location(f"tribox_own_law_{path.stem}", path)
