@@ -14,6 +14,16 @@ if TYPE_CHECKING:
 # The methods of forms.friction.FrictionLaw.
 METHODS = ("initial_state", "update", "stored_energy", "coefficient")
 
+# Shapes of an answer at 2 points in 2D.
+_SHAPES: dict[str, tuple[int, ...]] = {
+    "traction": (2, 2),
+    "d_traction_d_slip": (2, 2, 2),
+    "d_traction_d_elastic": (2, 2, 2),
+    "d_traction_d_pressure": (2, 2),
+    "d_traction_d_film": (2, 2),
+    "regime": (2,),
+}
+
 
 class OwnLawError(ValueError):
     """No friction law comes of what the case names; one line.
@@ -35,7 +45,8 @@ def load_own_law(reference: str, parameters: Mapping[str, Any]) -> FrictionLaw:
         parameters: arguments of the class by name.
 
     Raises:
-        OwnLawError: there is no such file or class, it cannot be made, or it is no friction law.
+        OwnLawError: there is no such file or class, it cannot be made, or it is no friction law:
+            a method is missing, fails in a step, or answers with arrays of another shape.
     """
     kind = _class(reference)
     missing = [name for name in METHODS if not callable(getattr(kind, name, None))]
@@ -46,7 +57,28 @@ def load_own_law(reference: str, parameters: Mapping[str, Any]) -> FrictionLaw:
         law: FrictionLaw = kind(**parameters)
     except Exception as error:  # Whatever the class does with its parameters.
         raise OwnLawError(f"{kind.__name__}: {_one_line(error)}", "parameters") from error
+    _try_out(law, kind.__name__)
     return law
+
+
+def _try_out(law: FrictionLaw, name: str) -> None:
+    """One step of a closed and an open point, so that a law that cannot run is told beforehand."""
+    import numpy as np
+
+    slip, pressure, film = np.full((2, 2), 1e-9), np.array([1e5, 0.0]), np.full(2, 1e-8)
+    try:
+        state = law.initial_state(2, 2)
+        response = law.update(slip, 1.0, pressure, film, state, area_stretch=np.ones(2))
+        shapes = {part: np.shape(getattr(response, part)) for part in _SHAPES}
+        shapes["stored_energy"] = np.shape(law.stored_energy(response.state))
+        shapes["coefficient"] = np.shape(law.coefficient(response.state))
+    except Exception as error:  # Whatever the class does.
+        raise OwnLawError(f"{name} fails in a step: {_one_line(error)}") from error
+    for part, expected in {**_SHAPES, "stored_energy": (2,), "coefficient": (2,)}.items():
+        if shapes[part] != expected:
+            raise OwnLawError(
+                f"{name}: {part} has shape {shapes[part]} for 2 points in 2D, expected {expected}"
+            )
 
 
 def _class(reference: str) -> type[Any]:

@@ -104,3 +104,18 @@ def test_a_file_that_is_no_law_is_one_line(code, said, tmp_path):
     with pytest.raises(OwnLawError, match=re.escape(said)) as error:
         load_own_law(f"{tmp_path}/my_law.py:MyLaw", {})
     assert "\n" not in str(error.value) and error.value.key == "class"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("traction=traction,", "traction=traction[:, 0],", "traction has shape (2,) for 2 points"),
+        ("closed = pressure > 0.0", "closed = presure > 0.0", "fails in a step: NameError: name"),
+    ],
+)
+def test_a_law_that_cannot_run_is_told_beforehand(old, new, said, example):
+    code = example.read_text(encoding="utf-8")
+    assert old in code
+    example.write_text(code.replace(old, new), encoding="utf-8")
+    with pytest.raises(OwnLawError, match=re.escape(said)):
+        load_own_law(f"{example}:MyLaw", {"mu": MU, "speed": 1e-6})
