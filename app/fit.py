@@ -295,40 +295,16 @@ class Calibration:
 
     def _search_star(self, speeds: Floats) -> tuple[Found, float | None, float | None]:
         """Best minimum over the gaps between reduced speeds, and the interval of ln V*."""
-        width = self.base.transition_width
-        both = np.concatenate([speeds - math.log1p(width), speeds - math.log1p(-width)])
-        ends = np.unique(np.round(both, 9))
-        edges = np.concatenate([[ends[0] - 2.0], ends, [ends[-1] + 2.0]])
-        middles = 0.5 * (edges[1:] + edges[:-1])
-        clear = [gap for gap, at in enumerate(middles) if not self._in_transition(float(at))]
+        edges, clear = self._gaps(speeds)
         tried: dict[int, Found] = {}
         # What slip does is all but independent of V*: its start is found once.
         self._slip_start = self._best(0.5 * float(speeds[0] + speeds[-1])).x
-
-        def look(gap: int) -> None:
-            if gap in tried or not 0 <= gap < len(middles):
-                return
-            one = self._best(float(middles[gap]))
-            if gap not in clear:
-                within = (float(edges[gap]), float(edges[gap + 1]))
-                one = self._minimum(one.x, None, within)
-            tried[gap] = one
-
-        for gap in np.unique(np.linspace(0, len(clear) - 1, MOST_GAPS).astype(int)):
-            look(clear[int(gap)])
-        limit = 0.0
-        while True:
-            best = min(tried, key=lambda gap: tried[gap].squares)
-            degrees = len(self.data) - len(self.coordinates)
-            factor = f_distribution.ppf(CONFIDENCE, 1, degrees) / degrees
-            limit = tried[best].squares * (1.0 + factor)
-            before = len(tried)
-            for gap in [g for g, one in tried.items() if one.squares <= limit]:
-                look(gap - 1)
-                look(gap + 1)
-            if len(tried) == before:
-                break
-        inside = [gap for gap, one in tried.items() if one.squares <= limit]
+        wanted = [clear[i] for i in np.unique(np.linspace(0, len(clear) - 1, MOST_GAPS, dtype=int))]
+        while wanted:
+            tried |= {gap: self._in_gap(edges, gap, gap in clear) for gap in wanted}
+            inside = self._as_good(tried)
+            beside = {gap + step for gap in inside for step in (-1, 1)}
+            wanted = sorted(beside & set(range(len(edges) - 1)) - tried.keys())
         low, high = min(inside), max(inside) + 1
         # A row inside the transition can be fitted by V* alone: that is no reason to prefer it.
         plain = [gap for gap in inside if not tried[gap].free]
@@ -338,6 +314,33 @@ class Calibration:
             float(edges[low]) if low > 0 else None,
             float(edges[high]) if high < len(edges) - 1 else None,
         )
+
+    def _gaps(self, speeds: Floats) -> tuple[Floats, list[int]]:
+        """Edges of intervals of ln V* in which the same rows lie below, at and above it.
+
+        Returns:
+            The edges, and the intervals without any row in the transition, by number.
+        """
+        width = self.base.transition_width
+        both = np.concatenate([speeds - math.log1p(width), speeds - math.log1p(-width)])
+        ends = np.unique(np.round(both, 9))
+        edges = np.concatenate([[ends[0] - 2.0], ends, [ends[-1] + 2.0]])
+        middles = 0.5 * (edges[1:] + edges[:-1])
+        clear = [gap for gap, at in enumerate(middles) if not self._in_transition(float(at))]
+        return edges, clear
+
+    def _in_gap(self, edges: Floats, gap: int, clear: bool) -> Found:
+        """The minimum with V* in one interval: in its middle, or anywhere in it if not clear."""
+        low, high = float(edges[gap]), float(edges[gap + 1])
+        one = self._best(0.5 * (low + high))
+        return one if clear else self._minimum(one.x, None, (low, high))
+
+    def _as_good(self, tried: Mapping[int, Found]) -> list[int]:
+        """The intervals that the data do not rule out beside the best (F test)."""
+        degrees = len(self.data) - len(self.coordinates)
+        factor = 1.0 + float(f_distribution.ppf(CONFIDENCE, 1, degrees)) / degrees
+        limit = factor * min(one.squares for one in tried.values())
+        return [gap for gap, one in tried.items() if one.squares <= limit]
 
     def run(self) -> FitResult:
         """Search, and judge what was found."""

@@ -159,7 +159,8 @@ def _viscosity(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
         f"$\\eta_b$ = {eta:g} Pa s", (0.02, eta), xycoords=("axes fraction", "data"),
         xytext=(0, -5), textcoords="offset points", va="top", fontsize=8,
     )  # fmt: skip
-    axes.set_ylim(bottom=0.2 * eta)
+    lowest = min(float(c.viscosity.min()) for c in curves if c.film > setup.parameters.D_min)
+    axes.set_ylim(bottom=min(0.2 * eta, 0.7 * lowest))
     axes.set_xlabel("sliding velocity V (m/s)")
     axes.set_ylabel("effective viscosity F D/(A V) (Pa s)")
     _legend(axes, "upper right", f"load L/A = {setup.pressure / 1e6:g} MPa")

@@ -90,13 +90,13 @@ def test_rows_over_slip_are_what_small_steps_of_the_law_give():
 
 
 def test_the_film_is_recovered_within_the_stated_intervals():
-    """95 % intervals of 5 parameters in 12 noisy data sets: at most 8 of 60 may miss."""
+    """95 % intervals of 5 parameters in 8 noisy data sets: at most 6 of 40 may miss."""
     alpha = ((10e-9, 0.2), (30e-9, 0.8))
     truth = law(alpha=alpha)
     values = {"mu_s": 0.1, "eta_b": 0.5, "V_star": 1e-3, "alpha at 10 nm": 0.2}
     values["alpha at 30 nm"] = 0.8
     missed = 0
-    for seed in range(12):
+    for seed in range(8):
         data = measured(truth, sliding(), 0.05, seed)
         result = fitted(data, law(mu_s=0.3, eta_b=1.0), "mu_s", "alpha", "eta_b", "V_star")
         assert result.warnings == ()
@@ -108,7 +108,7 @@ def test_the_film_is_recovered_within_the_stated_intervals():
             # V* is known to lie between two velocities, which are a factor of 3 apart here.
             far = 0.7 if name == "V_star" else 0.25
             assert estimate.value == pytest.approx(values[name], rel=far)
-    assert missed <= 8
+    assert missed <= 6
 
 
 def test_the_weakening_is_recovered_within_the_stated_intervals():
