@@ -5,6 +5,8 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 
+import numpy as np
+
 from app.case import Case
 from app.case_bodies import BlocksGeometry
 from app.case_contact import Contact, FrictionMap
@@ -23,7 +25,7 @@ def notes_on(case: Case) -> list[str]:
 def _notes_on_contact(case: Case, contact: Contact) -> Iterator[str]:
     if not isinstance(contact.friction, FrictionMap) or contact.film is None:
         return
-    parameters, film = contact.friction.parameters(), contact.film.thickness
+    parameters, film = contact.friction.parameters(), np.array(contact.film.thicknesses)
     pressure = highest_pressure(case)
     if pressure > 0.0:
         note = uniqueness_warning(parameters, pressure, film)

@@ -3,28 +3,66 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import Field, ValidatorFunctionWrapHandler, field_validator
+from pydantic import (
+    Field,
+    ValidationInfo,
+    ValidatorFunctionWrapHandler,
+    create_model,
+    field_validator,
+)
 
 from app.case_model import Count, Flag, Model, Place, Problem, Text
+from app.own_law import OwnLawError, load_own_law
 from app.quantities import Quantity
 from app.quantity_tables import NumberOrTable, Row
 
 if TYPE_CHECKING:
+    from forms.film import FilmThickness
+    from forms.friction import FrictionLaw
     from forms.friction_parameters import FrictionMapParameters
+    from forms.stribeck import StribeckParameters
 
 DEFAULT_PENALTY_FACTOR = 30.0
 PRESET_NAMES = ("paper-printed", "paper-swapped", "friction-map")
 
 _FILM_THICKNESS = Quantity("m", gt=0.0, name="film thickness")
+_PRESSURE = Quantity("Pa", ge=0.0, name="pressure")
 _Rows = tuple[Row, ...]
 
 
 class Film(Model):
     """The lubricating film of one contact."""
 
-    thickness: Annotated[float, Quantity("m", ge=0.0)] = Field(description="film thickness D")
+    thickness: Annotated[
+        float | _Rows, NumberOrTable(_PRESSURE, Quantity("m", ge=0.0, name="thickness"))
+    ] = Field(
+        description="film thickness D, or a table [[pressure, thickness], ...] over the contact "
+        "pressure, linear between its rows"
+    )
+
+    @property
+    def thicknesses(self) -> tuple[float, ...]:
+        """The thickness, or those of the table's rows, m."""
+        if isinstance(self.thickness, tuple):
+            return tuple(thickness for _, thickness in self.thickness)
+        return (self.thickness,)
+
+    def film(self) -> FilmThickness:
+        """What the contact takes."""
+        from forms.film import ConstantFilm, FilmTable
+
+        if isinstance(self.thickness, tuple):
+            return FilmTable(self.thickness)
+        return ConstantFilm(self.thickness)
+
+    def at(self, pressure: float) -> float:
+        """Thickness, m, at a contact pressure, Pa."""
+        import numpy as np
+
+        return float(self.film().at(np.array([pressure]))[0][0])
 
 
 class Frictionless(Model):
@@ -127,6 +165,24 @@ class FrictionMap(Model):
         "0 lets the traction jump where a point opens; default: 1 % of the softer body's shear "
         "modulus or of the highest prescribed pressure, whichever is less",
     )
+    tau_0: Annotated[float, Quantity("Pa", ge=0.0)] | None = Field(
+        default=None, description="limiting shear stress of the film at no pressure; default: none"
+    )
+    zeta: Annotated[float, Quantity(ge=0.0)] = Field(
+        default=0.0, description="growth of the limiting shear stress with the pressure"
+    )
+    critical_rate: Annotated[float, Quantity("1/s", gt=0.0)] | None = Field(
+        default=None, description="shear rate from which the film thins (Carreau); default: never"
+    )
+    thinning_exponent: Annotated[float, Quantity(ge=0.0, le=1.0)] | None = Field(
+        default=None, description="exponent n of the thinning, needed with critical_rate"
+    )
+    eta_inf: Annotated[float, Quantity("Pa*s", ge=0.0)] = Field(
+        default=0.0, description="viscosity of the film at infinite shear rate, at most eta_b"
+    )
+    barus: Annotated[float, Quantity("1/Pa", ge=0.0)] = Field(
+        default=0.0, description="coefficient a of eta_b exp(a p) (Barus)"
+    )
 
     def parameters(self) -> FrictionMapParameters:
         """What the law takes.
@@ -160,9 +216,9 @@ class FrictionMap(Model):
         if film is None:
             reason = 'missing; law = "friction-map" needs the film thickness, such as "30 nm"'
             yield Problem((*place[:-1], "film", "thickness"), reason)
-        elif film.thickness > self.D_min and self.eta_b == 0.0:
+        elif (thickest := max(film.thicknesses)) > self.D_min and self.eta_b == 0.0:
             reason = (
-                f"a film thicker than D_min ({film.thickness:g} m > {self.D_min:g} m) needs a "
+                f"a film thicker than D_min ({thickest:g} m > {self.D_min:g} m) needs a "
                 'viscosity > 0 Pa*s, such as "0.8 Pa*s"'
             )
             yield Problem((*place, "eta_b"), reason, self.eta_b)
@@ -182,7 +238,98 @@ class FrictionMap(Model):
             yield Problem((*place, "V_star_at"), reason, self.V_star_at)
 
 
-Friction = Annotated[FrictionMap | Coulomb | Frictionless, Field(discriminator="law")]
+class Stribeck(Model):
+    """Coulomb friction that weakens with the velocity."""
+
+    law: Literal["stribeck"] = Field(description="the friction law")
+    mu_s: Annotated[float, Quantity(ge=0.0)] = Field(description="coefficient of friction at rest")
+    mu_d: Annotated[float, Quantity(ge=0.0)] = Field(
+        description="coefficient of friction at high velocity"
+    )
+    V_s: Annotated[float, Quantity("m/s", gt=0.0)] = Field(
+        description="velocity of the fall from mu_s to mu_d"
+    )
+    delta: Annotated[float, Quantity(gt=0.0)] = Field(
+        default=1.0, description="exponent of that fall"
+    )
+    viscous: Annotated[float, Quantity("Pa*s/m", ge=0.0)] = Field(
+        default=0.0, description="viscous stress per velocity"
+    )
+    K_T: Annotated[float, Quantity("Pa/m", gt=0.0)] | None = Field(
+        default=None, description="tangential stiffness before slip; default: as for coulomb"
+    )
+
+    def parameters(self, stiffness: float) -> StribeckParameters:
+        """What the law takes.
+
+        Args:
+            stiffness: Pa/m, where the case gives no K_T.
+
+        Raises:
+            ValueError: the values do not fit together; the message says how.
+        """
+        from forms.stribeck import StribeckParameters
+
+        values = self.model_dump(exclude={"law"})
+        return StribeckParameters(**values | {"K_T": self.K_T or stiffness})
+
+    def problems(self, place: Place, film: Film | None) -> Iterator[Problem]:
+        """What does not fit together, `place` being this table's place in the case."""
+        if self.mu_d > self.mu_s:
+            yield Problem((*place, "mu_d"), f"must be <= mu_s = {self.mu_s:g}", self.mu_d)
+
+
+if TYPE_CHECKING:
+    _NamesAClass = Model
+else:
+    # A field called "class" cannot be written as an attribute.
+    _NamesAClass = create_model(
+        "_NamesAClass",
+        __base__=Model,
+        **{
+            "class": (
+                Text,
+                Field(description='file and class, "my_law.py:MyLaw", relative to the case file'),
+            )
+        },
+    )
+
+
+class OwnLaw(_NamesAClass):
+    """A friction law of the user's own, written in Python."""
+
+    law: Literal["python"] = Field(description="the friction law")
+    parameters: dict[str, Any] = Field(
+        default={}, description="what the class is called with, by name, as it stands here"
+    )
+
+    @field_validator("class")
+    @classmethod
+    def _found_from_anywhere(cls, value: str, info: ValidationInfo) -> str:
+        """The file from the root on, so that a copy of the case elsewhere finds it too."""
+        source = (info.context or {}).get("source")
+        file, colon, name = value.rpartition(":")
+        return f"{(Path(source or '').parent / file).resolve()}:{name}" if colon else value
+
+    def friction_law(self) -> FrictionLaw:
+        """The law that the class makes.
+
+        Raises:
+            OwnLawError: there is no such file or class, or it makes no friction law.
+        """
+        return load_own_law(getattr(self, "class"), self.parameters)
+
+    def problems(self, place: Place, film: Film | None) -> Iterator[Problem]:
+        """Whether the class makes a friction law, `place` being this table's place in the case."""
+        try:
+            self.friction_law()
+        except OwnLawError as error:
+            yield Problem((*place, error.key), str(error), getattr(self, error.key))
+
+
+Friction = Annotated[
+    FrictionMap | Coulomb | Stribeck | OwnLaw | Frictionless, Field(discriminator="law")
+]
 
 
 class Contact(Model):
@@ -223,12 +370,12 @@ class Contact(Model):
 
     @property
     def film_conductance(self) -> float:
-        """eta_b/D, Pa s/m, stress of the film per speed; 0 where there is none."""
+        """Largest eta_b/D, Pa s/m, stress of a Newtonian film per speed; 0 where there is none."""
         friction = self.friction
         if not isinstance(friction, FrictionMap) or self.film is None:
             return 0.0
-        wet = self.film.thickness > friction.D_min
-        return friction.eta_b / self.film.thickness if wet else 0.0
+        wet = [D for D in self.film.thicknesses if friction.D_min < D]
+        return friction.eta_b / min(wet) if wet else 0.0
 
     def problems(self, place: Place) -> Iterator[Problem]:
         """What does not fit together, `place` being this table's place in the case."""

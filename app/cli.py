@@ -1,4 +1,4 @@
-"""The command line: ``tribox run``, ``check``, ``mesh``, ``plot``, ``schema``, ``test``."""
+"""The command line: ``tribox run``, ``check``, ``mesh``, ``plot``, ``map``, ``fit``, ..."""
 
 from __future__ import annotations
 
@@ -255,6 +255,48 @@ def plot(
     else:
         draw_history(directory)
     print(f"figures in {directory / 'figures'}")
+
+
+@cli.command(name="map")
+def map_(
+    case_file: Annotated[
+        Path | None, typer.Argument(metavar="[CASE]", help="case file (default: built-in values)")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="results directory (default: results/CASE-map)")
+    ] = None,
+    overrides: Overrides = None,
+    force: Annotated[bool, typer.Option("--force", help="replace results that are there")] = False,
+) -> None:
+    """Map the friction law of a case at material points: tables and figures, in seconds."""
+    from app.map_run import run_map
+
+    run_map(case_file, overrides or [], out, force)
+
+
+@cli.command()
+def fit(
+    data: Annotated[Path, typer.Argument(metavar="DATA.csv", help="tribometer data")],
+    parameters: Annotated[
+        str | None, typer.Option(metavar="NAME,...", help="what to fit (default: by the columns)")
+    ] = None,
+    fixed: Annotated[
+        list[str] | None,
+        typer.Option("--fix", metavar="KEY=VALUE", help="hold a parameter or give a column"),
+    ] = None,
+    start: Annotated[
+        list[str] | None,
+        typer.Option("--start", metavar="KEY=VALUE", help="where the search begins"),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="results directory (default: results/DATA-fit)")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="replace results that are there")] = False,
+) -> None:
+    """Calibrate parameters of the friction-map law to tribometer data."""
+    from app.fit_run import run_fit
+
+    run_fit(data, parameters, fixed or [], start or [], out, force)
 
 
 @cli.command()

@@ -49,7 +49,7 @@ def _arrays(index: int, term: ContactTerm, trial: ContactTrial) -> dict[str, Flo
         "slip_increment": slip,
         "slip_rate": np.where(trial.pressure > 0.0, slip / trial.dt, 0.0),
         "slip_path": state.slip_path,
-        "film_thickness": term.film,
+        "film_thickness": trial.film,
         "alpha": state.alpha,
         "regime": response.regime.astype(float),
         "dissipation": response.dissipation.total,

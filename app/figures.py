@@ -177,13 +177,14 @@ def _series(case: Case, legs: Iterable[dict[str, Any]]) -> Series:
         *("velocity", "effective_viscosity", "tangential_force", "normal_force"),
         *("contact_area", "mu"),
     )
+    mean_pressure = float(np.mean(normal / area))
     return Series(
-        thickness=contact.film.thickness,
+        thickness=contact.film.at(mean_pressure),
         parameters=contact.friction.parameters(),
         speed=np.abs(speed),
         viscosity=viscosity,
         traction=np.abs(tangential) / area,
-        pressure=float(np.mean(normal / area)),
+        pressure=mean_pressure,
         mu=float(np.mean(mu)),
     )
 

@@ -64,7 +64,7 @@ def measure_contact(term: ContactTerm, trial: ContactTrial, comm: MPI.Comm) -> C
                 closed[regime == Regime.STICK].sum(),
                 closed[regime == Regime.VISCOUS].sum(),
                 load.sum(),
-                load @ term.film,
+                load @ trial.film,
                 load @ mu,
                 closed @ np.linalg.norm(k.slip, axis=1),
                 term.interface_energy(trial),

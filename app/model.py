@@ -26,6 +26,7 @@ from forms.friction_map import FrictionMap
 from forms.loads import FollowerPressure, mean_normal, reference_area
 from forms.materials import Hencky, Material, MooneyRivlin, NeoHookean, oedometric_modulus
 from forms.solids import Solid
+from forms.stribeck import StribeckLaw
 from geometry.mesh import MeshError, NamedMesh, bodies_sharing_nodes, generate, read
 from geometry.surface import ContactSurface, integration_facets
 
@@ -213,7 +214,7 @@ def _contact(
     # A pressure that the case prescribes says better than the body what is small.
     scale = min(softer.shear_modulus, highest_pressure(case) or np.inf)
     law = _law(contact.friction, tangential, FILM_ONSET * scale)
-    return ContactTerm(surface, law, penalty, contact.film.thickness if contact.film else 0.0)
+    return ContactTerm(surface, law, penalty, contact.film.film() if contact.film else 0.0)
 
 
 def _check_overlap(
@@ -253,6 +254,10 @@ def _law(friction: case_contact.Friction, stiffness: float, onset: float) -> Fri
         return FrictionMap(parameters)
     if isinstance(friction, case_contact.Coulomb):
         return CoulombLaw(CoulombParameters(mu=friction.mu, K_T=friction.K_T or stiffness))
+    if isinstance(friction, case_contact.Stribeck):
+        return StribeckLaw(friction.parameters(stiffness))
+    if isinstance(friction, case_contact.OwnLaw):
+        return friction.friction_law()
     return FrictionlessLaw()
 
 

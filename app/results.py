@@ -26,6 +26,14 @@ OWN = (
     "figures",
     "sweep.csv",
     "mesh.msh",
+    "friction_map.csv",
+    "load_map.csv",
+    "slip_weakening.csv",
+    "start_stop.csv",
+    "velocity_jump.csv",
+    "fit.json",
+    "fit.csv",
+    "friction.toml",
 )
 TEXT_COLUMNS = ("stage", "label")
 

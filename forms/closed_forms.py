@@ -58,7 +58,9 @@ def steady_traction(
     mu: ArrayLike,
     parameters: FrictionMapParameters,
 ) -> Floats:
-    r"""Friction traction in steady sliding, Pa: :math:`\omega\mu p + \alpha\eta_b V/D`.
+    r"""Friction traction in steady sliding, Pa: :math:`\omega\mu p + \alpha\hat\eta V/D`.
+
+    With the film's viscosity :math:`\hat\eta` at V/D and p, eta_b without an option of its flow.
 
     With :math:`\omega = 1 - \alpha` for the weighted flow rule. Under the literal rule
     :math:`\omega = 1`, but where :math:`\alpha = 1` the asperities have lost their stiffness and
@@ -76,8 +78,10 @@ def steady_traction(
     weighted = parameters.flow_rule == "weighted"
     omega = 1.0 - alpha if weighted else np.where(alpha == 1.0, 0.0, 1.0)
     wet = parameters.D_min < D
-    film_stress = np.where(wet, alpha * parameters.eta_b * V / np.where(wet, D, 1.0), 0.0)
-    return np.asarray(omega * np.asarray(mu) * np.asarray(pressure) + film_stress)
+    p = np.asarray(pressure, dtype=np.float64)
+    rate = np.where(wet, V / np.where(wet, D, 1.0), 0.0)
+    viscosity = parameters.rheology.viscosity(rate, np.broadcast_to(p, rate.shape)).value
+    return np.asarray(omega * np.asarray(mu) * p + alpha * viscosity * rate)
 
 
 def effective_viscosity(

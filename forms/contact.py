@@ -19,6 +19,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from forms.contact_kinematics import Anchor, ContactKinematics, relate
+from forms.film import FilmThickness, film_thickness
 from forms.friction import FrictionLaw, FrictionResponse, FrictionState
 from geometry.projection import (
     Floats,
@@ -58,7 +59,9 @@ class ContactTrial:
 
     Attributes:
         position: (q, i), m, current; stretch: (q,) of today; pressure: (q,), Pa: t_N.
+        film: (q,), m: D at that pressure.
         traction: (q, i), Pa, on the slave: t = t_N n − T, per reference area.
+        response: the law's; its derivative for the pressure holds that through the film too.
     """
 
     position: Floats
@@ -66,6 +69,7 @@ class ContactTrial:
     projection: Projection
     kinematics: ContactKinematics
     pressure: Floats
+    film: Floats
     traction: Floats
     response: FrictionResponse
     dt: float
@@ -79,7 +83,11 @@ class ContactTerm:
     """
 
     def __init__(
-        self, surface: ContactSurface, law: FrictionLaw, penalty: float, film: float = 0.0
+        self,
+        surface: ContactSurface,
+        law: FrictionLaw,
+        penalty: float,
+        film: FilmThickness | Floats | float = 0.0,
     ) -> None:
         """Set up the undeformed contact.
 
@@ -87,14 +95,18 @@ class ContactTerm:
             surface: the pair's surfaces.
             law: friction law.
             penalty: K_N, Pa/m.
-            film: film thickness D, m, at every point.
+            film: film thickness D, m: one for all points, one for each, or a film.
+
+        Raises:
+            ValueError: a thickness is negative, not finite, or missing at a point.
         """
         self.surface = surface
         self.law = law
         self.penalty = penalty
         self.rate_dependent = True
         q = len(surface.slave.weight)
-        self.film = np.full(q, float(film))
+        self.film = film_thickness(film)
+        self.film.at(np.zeros(q))  # Refuses a field that is not one of these points.
         points, nodes = surface.slave.position, surface.master.position
         at = surface.polyline.project(points, nodes, surface.polyline.candidates(points, nodes))
         self.state = ContactState(
@@ -131,22 +143,29 @@ class ContactTerm:
         today = polyline.project(points, nodes, polyline.candidates(points, nodes))
         kinematics = relate(points, today, self._anchor(nodes))
         pressure = self.penalty * np.where(kinematics.closed, np.maximum(-kinematics.gap, 0.0), 0.0)
+        film, d_film = self.film.at(pressure)
         # State.friction holds the elastic slip of the last step; today's law sees it transported.
         response = self.law.update(
             kinematics.slip,
             dt,
             pressure,
-            self.film,
+            film,
             replace(self.state.friction, elastic_slip=kinematics.elastic_slip),
             area_stretch=self.state.stretch,
             rate_dependent=self.rate_dependent,
         )
+        if d_film.any():
+            through_film = d_film[:, None] * response.d_traction_d_film
+            response = replace(
+                response, d_traction_d_pressure=response.d_traction_d_pressure + through_film
+            )
         return ContactTrial(
             position=points,
             stretch=self.surface.slave_stretch(slave),
             projection=today,
             kinematics=kinematics,
             pressure=pressure,
+            film=film,
             traction=pressure[:, None] * kinematics.normal - response.traction,
             response=response,
             dt=dt,

@@ -2,12 +2,12 @@ r"""Plain Coulomb friction with an elastic tangential stiffness, and no friction
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from forms.dry_friction import dry_step, in_contact, next_state
 from forms.friction import (
     Dissipation,
     FrictionResponse,
@@ -15,8 +15,8 @@ from forms.friction import (
     Regime,
     require_time_step,
 )
-from forms.return_mapping import Returned, components_first, dot, return_mapping
-from forms.slip_weakening import SlipWeakening
+from forms.parameter_checks import require_above, require_at_least
+from forms.return_mapping import dot
 
 Floats = NDArray[np.float64]
 
@@ -37,12 +37,8 @@ class CoulombParameters:
     K_T: float
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.mu) and self.mu >= 0.0):
-            raise ValueError(
-                f"mu = {self.mu!r} is not allowed: expected a finite number of at least 0"
-            )
-        if not (math.isfinite(self.K_T) and self.K_T > 0.0):
-            raise ValueError(f"K_T = {self.K_T!r} is not allowed: expected a finite number above 0")
+        require_at_least("mu", self.mu, 0.0)
+        require_above("K_T", self.K_T, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,45 +79,8 @@ class CoulombLaw:
         rate_dependent: bool = True,
     ) -> FrictionResponse:
         """Traction, derivatives and trial state of one step; see ``FrictionLaw.update``."""
-        require_time_step(dt, rate_dependent)
         mu, K_T = self.parameters.mu, self.parameters.K_T
-        slip, before, closed = _in_contact(slip_increment, pressure, state)
-        trial = before + slip
-        returned = return_mapping(
-            trial, K_T, pressure, state.slip_path, SlipWeakening(mu_s=mu, mu_d=mu)
-        )
-        block = returned.derivative(len(slip)).transpose(2, 0, 1)
-        regime = np.where(returned.slipping, Regime.SLIP, Regime.STICK).astype(np.int8)
-        regime[~closed] = Regime.OPEN
-        return FrictionResponse(
-            traction=(returned.secant * trial).T,
-            d_traction_d_slip=block,
-            d_traction_d_elastic=block.copy(),
-            d_traction_d_pressure=(returned.d_pressure * returned.direction).T,
-            d_traction_d_film=np.zeros(slip_increment.shape),
-            state=_next_state(
-                returned.elastic_slip, returned.slip, slip, dt, closed, state, rate_dependent
-            ),
-            regime=regime,
-            dissipation=self._dissipation(returned, before, closed, state),
-        )
-
-    def _dissipation(
-        self,
-        returned: Returned,
-        before: Floats,
-        closed: NDArray[np.bool_],
-        state: FrictionState,
-    ) -> Dissipation:
-        change = returned.elastic_slip - before
-        none = np.zeros_like(returned.slip)
-        return Dissipation(
-            coulomb=returned.slip * returned.secant * returned.length,
-            viscous=none,
-            switching=none.copy(),
-            numerical=0.5 * self.parameters.K_T * dot(change, change),
-            opening=np.where(closed, 0.0, self.stored_energy(state)),
-        )
+        return dry_step(slip_increment, dt, pressure, state, K_T, mu, rate_dependent).response
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,7 +112,7 @@ class FrictionlessLaw:
     ) -> FrictionResponse:
         """No traction; the state counts the slip. See ``FrictionLaw.update``."""
         require_time_step(dt, rate_dependent)
-        slip, _, closed = _in_contact(slip_increment, pressure, state)
+        slip, _, closed = in_contact(slip_increment, pressure, state)
         n, dim = slip_increment.shape
         regime = np.where(closed, Regime.SLIP, Regime.OPEN).astype(np.int8)
         return FrictionResponse(
@@ -162,7 +121,7 @@ class FrictionlessLaw:
             d_traction_d_elastic=np.zeros((n, dim, dim)),
             d_traction_d_pressure=np.zeros((n, dim)),
             d_traction_d_film=np.zeros((n, dim)),
-            state=_next_state(
+            state=next_state(
                 np.zeros_like(slip),
                 np.sqrt(dot(slip, slip)),
                 slip,
@@ -174,36 +133,3 @@ class FrictionlessLaw:
             regime=regime,
             dissipation=Dissipation(*(np.zeros(n) for _ in range(5))),
         )
-
-
-def _in_contact(
-    slip_increment: Floats, pressure: Floats, state: FrictionState
-) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """Slip and old elastic slip, (i, q), zero at open points; and which points are closed."""
-    slip = components_first(slip_increment)
-    before = components_first(state.elastic_slip)
-    closed = pressure > 0.0
-    if not closed.all():
-        slip[:, ~closed] = 0.0
-        before[:, ~closed] = 0.0
-    return slip, before, closed
-
-
-def _next_state(
-    elastic: Floats,
-    permanent: Floats,
-    slip: Floats,
-    dt: float,
-    closed: NDArray[np.bool_],
-    state: FrictionState,
-    rate_dependent: bool,
-) -> FrictionState:
-    """State after a step without a film."""
-    moved = np.sqrt(dot(slip, slip))
-    return FrictionState(
-        elastic_slip=np.ascontiguousarray(elastic.T),
-        slip_path=state.slip_path + permanent,
-        alpha=np.zeros_like(moved),
-        speed=moved / dt if rate_dependent else np.zeros_like(moved),
-        closed=closed,
-    )

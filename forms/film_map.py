@@ -1,4 +1,4 @@
-r"""The friction map: film fraction and resistance over film thickness D and slip speed V.
+r"""The friction map: film fraction over film thickness D and slip speed V.
 
 .. math:: \alpha_0(D) = \min\left\{\left(\frac{\langle D - D_{min}\rangle_+}
    {D_{max} - D_{min}}\right)^\beta, 1\right\}, \qquad V^*(D) = \sqrt{\gamma D_{max}/(\eta_b D)}
@@ -81,12 +81,6 @@ def threshold_speed(parameters: FrictionMapParameters, film: Floats) -> Floats:
     wet = film > parameters.D_min
     speed = np.sqrt(parameters.threshold_constant / np.where(wet, film, 1.0))
     return np.where(wet, speed, np.inf)
-
-
-def film_conductance(parameters: FrictionMapParameters, film: Floats) -> Floats:
-    """eta_b/D, (q,), Pa s/m, for film thicknesses D, (q,), m; zero where D <= D_min."""
-    wet = film > parameters.D_min
-    return np.where(wet, parameters.eta_b / np.where(wet, film, 1.0), 0.0)
 
 
 def film_point(parameters: FrictionMapParameters, film: Floats, speed: Floats) -> FilmPoint:

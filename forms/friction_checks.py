@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from forms.film import require_thickness
 from forms.film_map import at_rest, threshold_speed
 from forms.friction_parameters import FrictionMapParameters
 
@@ -26,11 +27,7 @@ def check_film(parameters: FrictionMapParameters, film: Floats | float) -> None:
         ValueError: A thickness is negative or not finite, or there is a film without viscosity.
     """
     thickness = np.atleast_1d(np.asarray(film, dtype=np.float64))
-    bad = thickness[~(np.isfinite(thickness) & (thickness >= 0.0))]
-    if bad.size:
-        raise ValueError(
-            f"film thickness = {bad[0]:g} m is not allowed: expected a finite number of at least 0"
-        )
+    require_thickness(thickness)
     wet = thickness[thickness > parameters.D_min]
     if wet.size and parameters.eta_b == 0.0:
         raise ValueError(

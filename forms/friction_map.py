@@ -13,17 +13,20 @@ fraction :math:`\alpha(D, V)`, :math:`V = |\Delta g_T|/\Delta t`, pressure :math
 
 with :math:`\omega = 1 - \alpha` (weighted flow rule) or 1 (literal). The factor r keeps the
 elastic traction where alpha falls, so that the energy it releases is never negative; the literal
-re-entry rule has r = 1.
+re-entry rule has r = 1. Options of the film's flow: :mod:`forms.film_rheology`.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from forms.film_map import FilmPoint, film_conductance, film_point
+from forms.film_map import FilmPoint, film_point
+from forms.film_resistance import FilmResistance, film_resistance
+from forms.film_rheology import FilmRheology
 from forms.friction import (
     Dissipation,
     FrictionResponse,
@@ -57,8 +60,8 @@ class _Step:
     returned: Returned
     resistance: Floats
     """(q,), Pa/m, film traction per slip of the step: alpha f."""
-    resistance_full: Floats
-    """(q,), Pa/m, f = (eta_b/D) (da/dA)/dt: the same for alpha = 1."""
+    flow: FilmResistance
+    """f: the same for alpha = 1, with its derivatives."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,9 +74,11 @@ class FrictionMap:
 
     parameters: FrictionMapParameters
     _friction: SlipWeakening = field(init=False, repr=False)
+    _rheology: FilmRheology = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "_friction", self.parameters.friction)
+        object.__setattr__(self, "_rheology", self.parameters.rheology)
 
     def initial_state(self, n: int, dim: int) -> FrictionState:
         """State of n points that have never been in contact, in dim space dimensions."""
@@ -108,12 +113,10 @@ class FrictionMap:
         new = self._new_state(step, state, dt, rate_dependent)
         traction = step.weight * step.returned.secant * step.trial
         traction += step.resistance * step.slip
-        d_slip, d_elastic, d_film = self._derivatives(step, dt, film)
+        d_slip, d_elastic, d_film = self._derivatives(step, dt)
         d_pressure = step.weight * step.returned.d_pressure * step.returned.direction
-        forming = step.closed & (pressure < self.parameters.film_onset_pressure)
-        if forming.any():
-            per_pressure = step.resistance / np.where(forming, pressure, 1.0)
-            d_pressure += np.where(forming, per_pressure, 0.0) * step.slip
+        if step.flow.d_pressure is not None:
+            d_pressure += (step.at.alpha * step.flow.d_pressure) * step.slip
         return FrictionResponse(
             traction=traction.T,
             d_traction_d_slip=d_slip.transpose(2, 0, 1),
@@ -156,10 +159,15 @@ class FrictionMap:
             state.slip_path,
             self._friction,
         )
-        conductance = np.where(closed, film_conductance(parameters, film) * area_stretch, 0.0)
-        if parameters.film_onset_pressure > 0.0:
-            conductance *= np.minimum(pressure / parameters.film_onset_pressure, 1.0)
-        full = conductance / dt if rate_dependent else np.zeros_like(conductance)
+        flow = film_resistance(
+            parameters,
+            self._rheology,
+            film,
+            np.sqrt(dot(slip, slip)),
+            dt if rate_dependent else math.inf,
+            pressure,
+            area_stretch,
+        )
         return _Step(
             slip=slip,
             elastic_before=before,
@@ -170,8 +178,8 @@ class FrictionMap:
             weight=1.0 if literal else at.solid,
             trial=trial,
             returned=returned,
-            resistance=at.alpha * full,
-            resistance_full=full,
+            resistance=at.alpha * flow.value,
+            flow=flow,
         )
 
     def _speed(self, slip: Floats, dt: float, state: FrictionState, rate_dependent: bool) -> Floats:
@@ -209,7 +217,7 @@ class FrictionMap:
             closed=step.closed,
         )
 
-    def _derivatives(self, step: _Step, dt: float, film: Floats) -> tuple[Floats, Floats, Floats]:
+    def _derivatives(self, step: _Step, dt: float) -> tuple[Floats, Floats, Floats]:
         """Of T for slip (i, j, q), elastic slip (i, j, q) and film thickness (i, q)."""
         dim = len(step.slip)
         elastic = step.weight * step.returned.derivative(dim)
@@ -217,8 +225,13 @@ class FrictionMap:
         d_slip = elastic.copy()
         for i in range(dim):
             d_slip[i, i] += step.resistance
-        wet = film > self.parameters.D_min
-        d_film = (-step.resistance / np.where(wet, film, 1.0)) * step.slip
+        d_film = (step.at.alpha * step.flow.d_film) * step.slip
+        # d|slip|/d slip; where it does not exist (no slip) nothing depends on it.
+        length = np.sqrt(dot(step.slip, step.slip))
+        ahead = step.slip / np.where(length > 0.0, length, 1.0)
+        if step.flow.d_length is not None:
+            along = (step.at.alpha * step.flow.d_length) * step.slip
+            d_slip += along[:, None] * ahead[None, :]
         d_speed = step.at.d_alpha_d_speed
         if self.parameters.switch == "lagged":
             d_speed = None
@@ -226,10 +239,7 @@ class FrictionMap:
             d_alpha = self._d_traction_d_alpha(step)
             d_film += step.at.d_alpha_d_film * d_alpha
             if d_speed is not None:
-                # d|slip|/d slip; where it does not exist (no slip) alpha does not depend on it.
-                length = np.sqrt(dot(step.slip, step.slip))
-                d_slip_alpha = d_speed / (dt * np.where(length > 0.0, length, 1.0)) * step.slip
-                d_slip += d_alpha[:, None] * d_slip_alpha[None, :]
+                d_slip += d_alpha[:, None] * ((d_speed / dt) * ahead)[None, :]
         return d_slip, d_elastic, d_film
 
     def _d_traction_d_alpha(self, step: _Step) -> Floats:
@@ -242,7 +252,7 @@ class FrictionMap:
             d_alpha = (-self.parameters.K_T * returned.d_stiffness) * returned.direction
         if step.d_kept is not None:
             d_alpha += step.weight * step.d_kept * returned.derivative_along(step.elastic_before)
-        d_alpha += step.resistance_full * step.slip
+        d_alpha += step.flow.value * step.slip
         return d_alpha
 
     def _dissipation(self, step: _Step, state: FrictionState) -> Dissipation:

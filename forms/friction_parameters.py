@@ -3,12 +3,13 @@ r"""Parameters of the friction-map law, validated, and its named presets."""
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Literal
 
+from forms.film_rheology import FilmRheology
+from forms.parameter_checks import refusal, require_above, require_at_least, require_choice
 from forms.slip_weakening import SlipWeakening
 
 Table = tuple[tuple[float, float], ...]
@@ -50,6 +51,12 @@ class FrictionMapParameters:
         film_onset_pressure: Pa, >= 0, contact pressure up to which the film's stress grows in
             proportion to the pressure; beyond, it is whole. 0: whole as soon as there is contact,
             so that the traction jumps where a point opens.
+        tau_0: Pa, >= 0, limiting shear stress of the film at no pressure; None: no limit.
+        zeta: Growth of the limiting shear stress with the pressure, >= 0; needs ``tau_0``.
+        critical_rate: 1/s, > 0, shear rate from which the film thins (Carreau); None: it does not.
+        thinning_exponent: n in [0, 1] of the thinning, required with ``critical_rate``.
+        eta_inf: Pa s, viscosity of the film at infinite shear rate, 0 <= eta_inf <= eta_b.
+        barus: 1/Pa, >= 0, coefficient a of eta_b exp(a p) (Barus).
 
     Raises:
         ValueError: A value is not allowed; the message names field, value and what is allowed.
@@ -74,27 +81,34 @@ class FrictionMapParameters:
     switch: Switch = "implicit"
     reset_slip_on_opening: bool = False
     film_onset_pressure: float = 0.0
+    tau_0: float | None = None
+    zeta: float = 0.0
+    critical_rate: float | None = None
+    thinning_exponent: float | None = None
+    eta_inf: float = 0.0
+    barus: float = 0.0
 
     def __post_init__(self) -> None:
-        _require_at_least("mu_s", self.mu_s, 0.0)
-        _require_at_least("mu_d", self.mu_dynamic, 0.0)
+        require_at_least("mu_s", self.mu_s, 0.0)
+        require_at_least("mu_d", self.mu_dynamic, 0.0)
         if self.mu_dynamic > self.mu_s:
-            raise _refusal("mu_d", self.mu_d, f"a number up to mu_s = {self.mu_s!r}")
-        _require_at_least("A_d", self.A_d, 0.0)
-        _require_at_least("film_onset_pressure", self.film_onset_pressure, 0.0)
-        _require_at_least("B", self.B, 0.0)
-        _require_above("K_T", self.K_T, 0.0)
-        _require_at_least("eta_b", self.eta_b, 0.0)
-        _require_at_least("D_min", self.D_min, 0.0)
-        _require_above("D_max", self.D_max, self.D_min, "D_min = ")
-        _require_at_least("transition_width", self.transition_width, 0.0)
+            raise refusal("mu_d", self.mu_d, f"a number up to mu_s = {self.mu_s!r}")
+        require_at_least("A_d", self.A_d, 0.0)
+        require_at_least("film_onset_pressure", self.film_onset_pressure, 0.0)
+        require_at_least("B", self.B, 0.0)
+        require_above("K_T", self.K_T, 0.0)
+        require_at_least("eta_b", self.eta_b, 0.0)
+        require_at_least("D_min", self.D_min, 0.0)
+        require_above("D_max", self.D_max, self.D_min, "D_min = ")
+        require_at_least("transition_width", self.transition_width, 0.0)
         if self.transition_width >= 1.0:
-            raise _refusal("transition_width", self.transition_width, "a number in [0, 1)")
-        _require_choice("flow_rule", self.flow_rule, ("weighted", "literal"))
-        _require_choice("reentry", self.reentry, ("consistent", "literal"))
-        _require_choice("switch", self.switch, ("implicit", "lagged"))
+            raise refusal("transition_width", self.transition_width, "a number in [0, 1)")
+        require_choice("flow_rule", self.flow_rule, ("weighted", "literal"))
+        require_choice("reentry", self.reentry, ("consistent", "literal"))
+        require_choice("switch", self.switch, ("implicit", "lagged"))
         self._check_film_fraction()
         self._check_threshold_speed()
+        _ = self.rheology  # Refuses what its parameters do not allow.
 
     def _check_film_fraction(self) -> None:
         _require_one_of("alpha", self.alpha, "beta", self.beta)
@@ -102,27 +116,27 @@ class FrictionMapParameters:
             object.__setattr__(self, "alpha", _numbers("alpha", self.alpha))
             for value in _values(self.alpha):
                 if not 0.0 <= value <= 1.0:
-                    raise _refusal("alpha", value, "a number in [0, 1]")
+                    raise refusal("alpha", value, "a number in [0, 1]")
         else:
             assert self.beta is not None
             object.__setattr__(self, "beta", _numbers("beta", self.beta))
             for value in _values(self.beta):
-                _require_above("beta", value, 0.0)
+                require_above("beta", value, 0.0)
 
     def _check_threshold_speed(self) -> None:
         _require_one_of("gamma", self.gamma, "V_star", self.V_star)
         if self.gamma is not None:
-            _require_above("gamma", self.gamma, 0.0)
+            require_above("gamma", self.gamma, 0.0)
             if self.V_star_at is not None:
-                raise _refusal("V_star_at", self.V_star_at, "nothing, as gamma is given")
+                raise refusal("V_star_at", self.V_star_at, "nothing, as gamma is given")
             if self.eta_b == 0.0:
-                raise _refusal("eta_b", self.eta_b, "a finite number above 0 with gamma")
+                raise refusal("eta_b", self.eta_b, "a finite number above 0 with gamma")
         elif self.V_star is not None:
             if not self.V_star > 0.0:
-                raise _refusal("V_star", self.V_star, "a number above 0")
+                raise refusal("V_star", self.V_star, "a number above 0")
             if self.V_star_at is None:
-                raise _refusal("V_star_at", None, "a film thickness above 0 with V_star")
-            _require_above("V_star_at", self.V_star_at, 0.0)
+                raise refusal("V_star_at", None, "a film thickness above 0 with V_star")
+            require_above("V_star_at", self.V_star_at, 0.0)
 
     @property
     def mu_dynamic(self) -> float:
@@ -135,31 +149,25 @@ class FrictionMapParameters:
         return SlipWeakening(mu_s=self.mu_s, mu_d=self.mu_dynamic, A_d=self.A_d, B=self.B)
 
     @property
+    def rheology(self) -> FilmRheology:
+        """How the film flows."""
+        return FilmRheology(
+            eta_b=self.eta_b,
+            tau_0=self.tau_0,
+            zeta=self.zeta,
+            critical_rate=self.critical_rate,
+            thinning_exponent=self.thinning_exponent,
+            eta_inf=self.eta_inf,
+            barus=self.barus,
+        )
+
+    @property
     def threshold_constant(self) -> float:
         r"""V*^2 D, m^3/s^2, the same at every film thickness: gamma D_max/eta_b."""
         if self.gamma is not None:
             return self.gamma * self.D_max / self.eta_b
         assert self.V_star is not None and self.V_star_at is not None
         return self.V_star**2 * self.V_star_at
-
-
-def _refusal(name: str, value: object, allowed: str) -> ValueError:
-    return ValueError(f"{name} = {value!r} is not allowed: expected {allowed}")
-
-
-def _require_at_least(name: str, value: float, lowest: float) -> None:
-    if not (math.isfinite(value) and value >= lowest):
-        raise _refusal(name, value, f"a finite number of at least {lowest:g}")
-
-
-def _require_above(name: str, value: float, bound: float, of: str = "") -> None:
-    if not (math.isfinite(value) and value > bound):
-        raise _refusal(name, value, f"a finite number above {of}{bound:g}")
-
-
-def _require_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
-    if value not in choices:
-        raise _refusal(name, value, " or ".join(repr(choice) for choice in choices))
 
 
 def _require_one_of(first: str, a: object, second: str, b: object) -> None:
@@ -173,11 +181,11 @@ def _numbers(name: str, value: Any) -> float | Table:
     if not isinstance(value, list | tuple):
         return float(value)
     if not value or any(not isinstance(row, list | tuple) or len(row) != 2 for row in value):
-        raise _refusal(name, value, "a number or a table of (film thickness, value)")
+        raise refusal(name, value, "a number or a table of (film thickness, value)")
     table = tuple((float(film), float(entry)) for film, entry in value)
     films = [film for film, _ in table]
     if films[0] <= 0.0 or any(b <= a for a, b in itertools.pairwise(films)):
-        raise _refusal(name, value, "a table whose film thicknesses are above 0 and rise")
+        raise refusal(name, value, "a table whose film thicknesses are above 0 and rise")
     return table
 
 
@@ -241,7 +249,7 @@ def with_preset(name: str, values: Mapping[str, Any]) -> dict[str, Any]:
         ValueError: There is no such preset.
     """
     if name not in PRESETS:
-        raise _refusal("preset", name, " or ".join(repr(known) for known in PRESETS))
+        raise refusal("preset", name, " or ".join(repr(known) for known in PRESETS))
     given = {key: value for key, value in values.items() if value is not None}
     merged = dict(PRESETS[name])
     for group in ({"alpha", "beta"}, {"gamma", "V_star", "V_star_at"}):

@@ -92,7 +92,7 @@ def return_mapping(
     stiffness: Floats | float,
     pressure: Floats,
     slip_path: Floats,
-    friction: SlipWeakening,
+    friction: SlipWeakening | Floats | float,
 ) -> Returned:
     r"""Return of a trial slip to the threshold :math:`\mu t_N`.
 
@@ -102,20 +102,22 @@ def return_mapping(
             traction.
         pressure: (q,), Pa, t_N >= 0; where it is zero the contact is open: all results are zero.
         slip_path: (q,), m, path d of the permanent slip before the step.
-        friction: Coefficient of friction.
+        friction: Coefficient of friction: one that falls with the slip path, a number, or (q,).
     """
+    if isinstance(friction, SlipWeakening) and friction.constant:
+        friction = friction.mu_s
     s = np.sqrt(dot(trial, trial))
     closed = pressure > 0.0
     if not closed.all():
         stiffness = np.where(closed, stiffness, 0.0)
-    mu: Floats | float = friction.mu_s if friction.constant else friction.coefficient(slip_path)
+    mu = friction.coefficient(slip_path) if isinstance(friction, SlipWeakening) else friction
     threshold = mu * pressure
     elastic = stiffness * s
     slipping = elastic > ROUND_OFF * threshold
     held = _held(slipping, stiffness)
-    if friction.constant:
+    if not isinstance(friction, SlipWeakening):
         tangent: Floats = held
-        d_pressure: Floats = np.where(slipping, friction.mu_s, 0.0)
+        d_pressure: Floats = np.where(slipping, mu, 0.0)
         d_stiffness = np.where(slipping, 0.0, s)
     else:
         path = _path_after(s, stiffness, pressure, slip_path, slipping, friction)

@@ -372,7 +372,7 @@ MISTAKES = [
     (f"{MAP}.alpha=[['10 nm', 0.1], ['10 nm', 0.2]]", "alpha.1.0 = \"10 nm\": the film thickness"),
     (f"{MAP}.alpha=1.5", f"{MAP}.alpha = 1.5: must be >= 0 and <= 1"),
     (f"{MAP}.preset=paper", f'{MAP}.preset = "paper": must be "paper-printed", "paper-swapped"'),
-    (f"{MAP}.law=stribeck", f'{MAP}.law = "stribeck": must be one of "friction-map", "coulomb"'),
+    (f"{MAP}.law=stribek", f'{MAP}.law = "stribek": must be one of "friction-map", "coulomb"'),
     ('contact.0.friction={ law = "coulomb" }', f"{MAP}.mu: missing; coefficient of friction"),
     (f'{MAP}={{ law = "friction-map", mu_s = 0.1, D_max = 1 }}',
      f"{MAP}.K_T: missing; tangential stiffness of the asperities, in Pa/m"),
@@ -494,7 +494,7 @@ DOCUMENTED = {
     "`[bodies.NAME]`": ("NeoHookeanBody", "HenckyBody", "MooneyRivlinBody"),
     "`[[contact]]`": ("Contact",),
     "`[contact.film]`": ("Film",),
-    "`[contact.friction]`": ("FrictionMap", "Coulomb", "Frictionless"),
+    "`[contact.friction]`": ("FrictionMap", "Coulomb", "Stribeck", "OwnLaw", "Frictionless"),
     "`[[boundary]]`": ("Boundary",),
     "`displacement` and `velocity`": ("Displacement", "Velocity"),
     "`platen`": ("Platen",),
@@ -513,9 +513,9 @@ def test_schema_describes_every_key():
         for key, field in table["properties"].items():
             assert field["description"], key
             assert "null" not in str(field)
-    thickness = schema["$defs"]["Film"]["properties"]["thickness"]
-    assert thickness["anyOf"] == [{"type": "number", "minimum": 0.0}, {"type": "string"}]
-    assert thickness["description"] == "film thickness D [m]"
+    thinnest = schema["$defs"]["FrictionMap"]["properties"]["D_min"]
+    assert thinnest["anyOf"] == [{"type": "number", "minimum": 0.0}, {"type": "string"}]
+    assert thinnest["description"] == "thickness up to which friction is purely Coulomb [m]"
     assert schema["$defs"]["FrictionMap"]["properties"]["transition_width"]["default"] == 0.03
     assert schema["$defs"]["FrictionMap"]["required"] == ["law", "mu_s", "K_T", "D_max"]
 

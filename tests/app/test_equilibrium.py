@@ -14,10 +14,12 @@ from app.equilibrium import Equilibrium, Platen
 from app.implicit import ImplicitOptions, ImplicitStepper
 from forms.contact import ContactTerm
 from forms.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
+from forms.film import FilmTable
 from forms.friction import Regime
 from forms.friction_map import FrictionMap
 from forms.friction_parameters import FrictionMapParameters
 from forms.loads import FollowerPressure
+from forms.stribeck import StribeckLaw, StribeckParameters
 
 FILM = 0.5
 
@@ -49,7 +51,7 @@ class Setting:
     """A law, and how far the slave has been moved: sideways and down, before and now."""
 
     law: object
-    film: float = 0.0
+    film: object = 0.0
     before: tuple[float, float] = (0.01, -0.06)
     now: tuple[float, float] = (0.04, -0.08)
     degree: int = 5
@@ -57,6 +59,9 @@ class Setting:
     rate_dependent: bool = True
 
 
+STRIBECK = StribeckLaw(
+    StribeckParameters(mu_s=0.3, mu_d=0.2, V_s=0.1, delta=1.5, viscous=2.0, K_T=60.0)
+)
 SLIDE = (0.16, -0.08)
 SETTINGS = {
     "stick": (Setting(coulomb(50.0)), Regime.STICK),
@@ -79,6 +84,19 @@ SETTINGS = {
         Setting(film_map(film_onset_pressure=0.0), FILM, now=SLIDE),
         Regime.MIXED,
     ),
+    "film over the pressure": (
+        Setting(film_map(), FilmTable(((0.0, 0.8), (20.0, 0.3))), now=SLIDE),
+        Regime.MIXED,
+    ),
+    "film with a rheology": (
+        Setting(
+            film_map(tau_0=0.5, zeta=0.1, critical_rate=0.2, thinning_exponent=0.5, barus=0.1),
+            FILM,
+            now=SLIDE,
+        ),
+        Regime.MIXED,
+    ),
+    "stribeck": (Setting(STRIBECK, now=SLIDE), Regime.SLIP),
     "rates off": (Setting(film_map(), FILM, rate_dependent=False), Regime.MIXED),
     "onset": (Setting(coulomb(0.9)), Regime.STICK),
     "onset, sliding part": (Setting(coulomb(0.9)), Regime.SLIP),

@@ -63,15 +63,35 @@ def parameters(**changes: Any) -> FrictionMapParameters:
     return FrictionMapParameters(**values | changes)
 
 
+# Options of the film's flow: none, each alone, all.
+FLOWS = {
+    "newtonian": {},
+    "onset": {"film_onset_pressure": 0.3 * P},
+    "limit": {"tau_0": 2e4, "zeta": 0.02},
+    "thinning": {"critical_rate": 1e4, "thinning_exponent": 0.4, "eta_inf": 0.05},
+    "barus": {"barus": 3e-7},
+    "solid-like": {"tau_0": 0.0, "zeta": 0.05, "critical_rate": 1e3, "thinning_exponent": 0.0},
+}
+FLOWS["all"] = {k: v for flow in list(FLOWS.values())[:-1] for k, v in flow.items()}
+
+
+def with_flow(p: FrictionMapParameters, flow: str) -> FrictionMapParameters:
+    return dataclasses.replace(p, **FLOWS[flow])
+
+
 laws = st.builds(
-    parameters,
-    flow_rule=st.sampled_from(["weighted", "literal"]),
-    switch=st.sampled_from(["implicit", "lagged"]),
-    transition_width=st.sampled_from([0.0, 0.03, 0.2, 0.5]),
-    beta=st.sampled_from([1.0, 0.3, 0.01, 1e-5, ((10e-9, 1.0), (30e-9, 0.01), (180e-9, 1e-5))]),
-    mu_d=st.sampled_from([0.0, 0.07, 0.12]),
-    B=st.sampled_from([0.0, 5e5, 2e6]),
-    reset_slip_on_opening=st.booleans(),
+    with_flow,
+    st.builds(
+        parameters,
+        flow_rule=st.sampled_from(["weighted", "literal"]),
+        switch=st.sampled_from(["implicit", "lagged"]),
+        transition_width=st.sampled_from([0.0, 0.03, 0.2, 0.5]),
+        beta=st.sampled_from([1.0, 0.3, 0.01, 1e-5, ((10e-9, 1.0), (30e-9, 0.01), (180e-9, 1e-5))]),
+        mu_d=st.sampled_from([0.0, 0.07, 0.12]),
+        B=st.sampled_from([0.0, 5e5, 2e6]),
+        reset_slip_on_opening=st.booleans(),
+    ),
+    st.sampled_from([*["newtonian"] * 4, *FLOWS]),
 ).map(FrictionMap)
 seeds = st.integers(0, 2**32 - 1)
 dims = st.sampled_from([2, 3])
@@ -132,8 +152,11 @@ def test_elastic_traction_stays_below_the_threshold(law, seed, dim):
         threshold = omega * p.friction.coefficient(state.slip_path) * step.pressure
         assert (np.linalg.norm(elastic, axis=1) <= threshold * (1 + 1e-12)).all()
         wet = step.film > p.D_min
-        film = np.where(wet, state.alpha * p.eta_b / np.where(wet, step.film, 1.0), 0.0)
-        film = film * step.area * (step.pressure > 0.0) / step.dt
+        thickness = np.where(wet, step.film, 1.0)
+        rate = np.linalg.norm(step.slip, axis=1) / step.dt / thickness
+        eta = p.rheology.viscosity(rate, step.pressure / step.area).value
+        film = np.where(wet, state.alpha * eta / thickness, 0.0) * step.area / step.dt
+        film *= np.minimum(step.pressure / (p.film_onset_pressure or 1e-30), 1.0)
         np.testing.assert_allclose(
             response.traction, elastic + film[:, None] * step.slip, rtol=1e-9, atol=1e-9 * P
         )
@@ -261,6 +284,7 @@ def signature(law: FrictionMap, step: Step, state: FrictionState, **changes: Any
             response.state.slip_path > p.A_d,
             np.digitize(film, [p.D_min, p.D_max]),
             np.digitize(film, [row[0] for row in rows]),
+            changes.get("pressure", step.pressure) < p.film_onset_pressure,
         ]
     )
 
@@ -286,7 +310,7 @@ def sizes(law: FrictionMap, step: Step, state: FrictionState) -> dict[str, np.nd
     trial = moved + np.linalg.norm(state.elastic_slip, axis=1)
     room = np.minimum(np.abs(step.film - p.D_min), np.abs(step.film - p.D_max))
     return {
-        "slip": width * np.where(moved > 0.0, np.minimum(moved, 1e-6), 1e-9),
+        "slip": width * np.where(moved > 0.0, np.minimum(moved, 1e-6), 1e-11),
         "elastic": 5e-4 * np.minimum(np.where(trial > 0.0, trial, 1e-9), 1e-7),
         "pressure": 2e-4 * step.pressure,
         "film": width * np.minimum(step.film, room),
@@ -369,6 +393,18 @@ def test_tangents_are_exact(flow_rule, reentry, switch, width_and_beta):
     assert falling > 50 and inside > 50
 
 
+@pytest.mark.parametrize("flow", FLOWS)
+@pytest.mark.parametrize("switch", ["implicit", "lagged"])
+def test_tangents_are_exact_whatever_the_film_flows_like(flow, switch):
+    law = FrictionMap(with_flow(parameters(switch=switch, transition_width=0.3), flow))
+    counts: dict[str, int] = {}
+    for step, state, _ in itertools.islice(history(law, random_path(11, 3)), 5):
+        for name, count in check_tangent(law, step, state).items():
+            counts[name] = counts.get(name, 0) + count
+    assert counts["film"] > 150 and counts["pressure"] > 150
+    assert min(counts["slip"], counts["elastic"]) > 450
+
+
 @settings(PROFILE, max_examples=15)
 @given(laws, seeds, dims)
 def test_tangents_are_exact_on_random_paths(law, seed, dim):
@@ -431,6 +467,11 @@ def test_other_units_give_scaled_outputs(law, seed, dim):
             D_max=p.D_max * length,
             V_star=p.V_star * length / time,
             V_star_at=p.V_star_at * length,
+            film_onset_pressure=p.film_onset_pressure * stress,
+            tau_0=None if p.tau_0 is None else p.tau_0 * stress,
+            critical_rate=None if p.critical_rate is None else p.critical_rate / time,
+            eta_inf=p.eta_inf * stress * time,
+            barus=p.barus / stress,
             beta=tuple((D * length, beta) for D, beta in p.beta) if rows else p.beta,
         )
     )

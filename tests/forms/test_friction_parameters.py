@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from forms.film_map import at_rest, film_conductance, film_point, threshold_speed
+from forms.film_map import at_rest, film_point, threshold_speed
 from forms.friction_parameters import PRESETS, FrictionMapParameters, with_preset
 from forms.slip_weakening import SlipWeakening
 
@@ -133,9 +133,6 @@ def test_film_fraction_over_the_film_thickness():
         point = film_point(parameters, film, np.full(5, speed))
         np.testing.assert_allclose(point.alpha, [0.0, 0.0, inside, 1.0, 1.0], rtol=1e-14)
         np.testing.assert_array_equal(point.solid, 1.0 - point.alpha)
-    np.testing.assert_allclose(
-        film_conductance(parameters, film), [0.0, 0.0, 0.8 / 35e-9, 0.8 / 110e-9, 0.8e6]
-    )
 
 
 def test_the_transition_is_continuous_with_its_derivative():
