@@ -21,7 +21,14 @@ from scipy.stats import f as f_distribution
 
 from app.errors import InputError
 from app.fit_data import TribometerData
-from app.fit_judgement import CONFIDENCE, Judgement, at_bound_warnings, interval, star_warning
+from app.fit_judgement import (
+    CONFIDENCE,
+    NOISE,
+    Judgement,
+    at_bound_warnings,
+    interval,
+    star_warning,
+)
 from app.fit_model import RANGES, Coordinate, friction, with_values
 from forms.friction_parameters import FrictionMapParameters
 
@@ -338,8 +345,10 @@ class Calibration:
     def _as_good(self, tried: Mapping[int, Found]) -> list[int]:
         """The intervals that the data do not rule out beside the best (F test)."""
         degrees = len(self.data) - len(self.coordinates)
-        factor = 1.0 + float(f_distribution.ppf(CONFIDENCE, 1, degrees)) / degrees
-        limit = factor * min(one.squares for one in tried.values())
+        least = min(one.squares for one in tried.values())
+        # Of data without scatter, round-off would choose: some scatter is assumed at least.
+        variance = max(least / degrees, NOISE**2)
+        limit = least + float(f_distribution.ppf(CONFIDENCE, 1, degrees)) * variance
         return [gap for gap, one in tried.items() if one.squares <= limit]
 
     def run(self) -> FitResult:

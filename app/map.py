@@ -84,7 +84,9 @@ class Curve:
     @property
     def deviation(self) -> float:
         """Largest relative distance from the closed form."""
-        return float(np.nanmax(np.abs(self.traction / self.exact - 1.0), initial=0.0))
+        away = np.abs(self.traction - self.exact)
+        scale = np.where(self.exact > 0.0, self.exact, 1.0)
+        return float(np.nanmax(away / scale, initial=0.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,7 +168,7 @@ def _tested_films(setup: MapSetup) -> tuple[float, ...]:
 def _weakening(setup: MapSetup, law: FrictionMap) -> Track:
     """A point without film, slid until mu has fallen by 95 % of mu_s - mu_d."""
     p = setup.parameters
-    reach = p.mu_s * setup.pressure / p.K_T
+    reach = _build_up(setup)
     if not p.friction.constant:
         reach += p.A_d + 19.0 / p.B
     else:
@@ -182,11 +184,16 @@ def _slow_and_fast(setup: MapSetup) -> tuple[float, float]:
     return 0.3 * float(stars.min()), 3.0 * float(stars.max())
 
 
+def _build_up(setup: MapSetup) -> float:
+    """Slip over which friction builds up, m; any small one where there is no friction."""
+    p = setup.parameters
+    return p.mu_s * setup.pressure / p.K_T or 1e-6
+
+
 def _distance(setup: MapSetup) -> float:
     """A slip by which friction has built up and mu has fallen."""
     p = setup.parameters
-    build_up = p.mu_s * setup.pressure / p.K_T
-    return 3.0 * build_up + (0.0 if p.friction.constant else p.A_d + 4.0 / p.B)
+    return 3.0 * _build_up(setup) + (0.0 if p.friction.constant else p.A_d + 4.0 / p.B)
 
 
 def _start_stop(setup: MapSetup, law: FrictionMap, films: tuple[float, ...]) -> Track:

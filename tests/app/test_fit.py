@@ -90,13 +90,13 @@ def test_rows_over_slip_are_what_small_steps_of_the_law_give():
 
 
 def test_the_film_is_recovered_within_the_stated_intervals():
-    """95 % intervals of 5 parameters in 8 noisy data sets: at most 6 of 40 may miss."""
+    """95 % intervals of 5 parameters in 6 noisy data sets: at most 5 of 30 may miss."""
     alpha = ((10e-9, 0.2), (30e-9, 0.8))
     truth = law(alpha=alpha)
     values = {"mu_s": 0.1, "eta_b": 0.5, "V_star": 1e-3, "alpha at 10 nm": 0.2}
     values["alpha at 30 nm"] = 0.8
     missed = 0
-    for seed in range(8):
+    for seed in range(6):
         data = measured(truth, sliding(), 0.05, seed)
         result = fitted(data, law(mu_s=0.3, eta_b=1.0), "mu_s", "alpha", "eta_b", "V_star")
         assert result.warnings == ()
@@ -108,7 +108,7 @@ def test_the_film_is_recovered_within_the_stated_intervals():
             # V* is known to lie between two velocities, which are a factor of 3 apart here.
             far = 0.7 if name == "V_star" else 0.25
             assert estimate.value == pytest.approx(values[name], rel=far)
-    assert missed <= 6
+    assert missed <= 5
 
 
 def test_the_weakening_is_recovered_within_the_stated_intervals():
@@ -134,6 +134,15 @@ def test_exact_data_give_exact_parameters():
     found = [e.value for e in result.estimates]
     assert found == pytest.approx([0.17, 0.3, 0.5], rel=1e-6)
     assert result.scatter < 1e-6
+
+
+def test_data_without_scatter_do_not_settle_a_threshold_speed_by_round_off():
+    """One row above V* and a free viscosity: any V* from there up fits as well."""
+    truth = law(alpha=0.16, eta_b=5.0, V_star=1.0)
+    data = measured(truth, rows(10e-9, 10.0 ** np.arange(-8.0, -1.0)), 0.0, 0)
+    result = fitted(data, law(alpha=0.5), "mu_s", "alpha", "eta_b", "V_star")
+    assert "V_star" in names_of(result)
+    assert result.estimates[-1].high is None
 
 
 def test_gamma_and_threshold_speed_say_the_same():
