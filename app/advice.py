@@ -9,22 +9,45 @@ import numpy as np
 
 from app.case import Case
 from app.case_bodies import BlocksGeometry
+from app.case_boundary import Boundary
 from app.case_contact import Contact, FrictionMap
+from app.quantity_tables import TimeTable
 from forms.friction_checks import threshold_speed_warning, uniqueness_warning
+
+THICK = 1e-5  # m, film thickness that is surely a slip of units
 
 
 def notes_on(case: Case) -> list[str]:
     """Notes on a case before it runs, one line each."""
-    return [
+    notes = [
+        f"boundary.{index}.{key}: falls to {min(table.values):g} Pa: below zero it pulls"
+        for index, boundary in enumerate(case.boundary)
+        for key, table in _pressures(boundary)
+        if min(table.values) < 0.0
+    ]
+    return notes + [
         f"contact.{index}: {note}"
         for index, contact in enumerate(case.contact)
         for note in _notes_on_contact(case, contact)
     ]
 
 
+def _pressures(boundary: Boundary) -> Iterator[tuple[str, TimeTable]]:
+    if boundary.pressure is not None:
+        yield "pressure", boundary.pressure
+    if boundary.platen is not None and boundary.platen.pressure is not None:
+        yield "platen.pressure", boundary.platen.pressure
+
+
 def _notes_on_contact(case: Case, contact: Contact) -> Iterator[str]:
     if not isinstance(contact.friction, FrictionMap) or contact.film is None:
         return
+    yield from _notes_on_weakening(case, contact.friction)
+    if max(contact.film.thicknesses) > THICK:
+        yield (
+            f"film thickness D = {max(contact.film.thicknesses):.3g} m: the law is one of thin "
+            "films (nanometres to about a micrometre)"
+        )
     parameters, film = contact.friction.parameters(), np.array(contact.film.thicknesses)
     pressure = highest_pressure(case)
     if pressure > 0.0:
@@ -44,12 +67,27 @@ def _notes_on_contact(case: Case, contact: Contact) -> Iterator[str]:
             yield note
 
 
+def _notes_on_weakening(case: Case, friction: FrictionMap) -> Iterator[str]:
+    """Weakening that does nothing, and weakening that lets patches of the contact snap."""
+    fall = friction.mu_s - friction.mu_d
+    if fall > 0.0 and friction.B == 0.0:
+        yield f"mu_d = {friction.mu_d:g} has no effect while B = 0: friction stays at mu_s"
+    if not isinstance(case.geometry, BlocksGeometry):
+        return
+    upper = case.bodies[case.geometry.bodies[0]].shear_modulus / case.geometry.upper.height
+    slope = highest_pressure(case) * fall * friction.B
+    if slope > upper:
+        yield (
+            f"slip weakening p (mu_s - mu_d) B = {slope:.3g} Pa/m is steeper than the upper "
+            f"block's shear stiffness G/height = {upper:.3g} Pa/m: the onset of slip can snap, and "
+            "a quasi-static step through it may have no solution (lower B, or start in gross sliding)"
+        )
+
+
 def highest_pressure(case: Case) -> float:
     """The highest pressure that a boundary prescribes, Pa; 0 if none does."""
-    tables = [b.pressure for b in case.boundary] + [
-        b.platen.pressure for b in case.boundary if b.platen is not None
-    ]
-    return max((max(table.values) for table in tables if table is not None), default=0.0)
+    tables = [table for boundary in case.boundary for _, table in _pressures(boundary)]
+    return max((max(table.values) for table in tables), default=0.0)
 
 
 def _driven_steps(case: Case) -> Iterator[tuple[float, float]]:

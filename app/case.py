@@ -305,6 +305,9 @@ def resolved_toml(case: Case) -> str:
 def json_schema() -> dict[str, Any]:
     """JSON schema of a case file, with unit and meaning in the description of each key."""
     schema = Case.model_json_schema()
+    # A preset may supply these; only the program itself can tell.
+    map_ = schema["$defs"]["FrictionMap"]
+    map_["required"] = [key for key in map_["required"] if key in ("mu_s", "K_T")]
     schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
     _tidy(schema)
     return schema

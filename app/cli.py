@@ -178,19 +178,18 @@ def _draw_sweep(case: Case, directory: Path) -> None:
         draw_sweep(case, directory)
 
 
-def _see_that_it_builds(case: Case) -> None:
-    """Find what shows only once mesh and case are put together; writes nothing."""
+def _see_that_it_builds(case: Case) -> list[str]:
+    """Find what shows only once mesh and case are put together; the notes on it."""
     from mpi4py import MPI
 
     from app.model import build_model
 
-    build_model(case, MPI.COMM_SELF)
+    return build_model(case, MPI.COMM_SELF).notes
 
 
 @cli.command()
 def check(case_file: CaseFile, overrides: Overrides = None) -> None:
     """Check a case file without running it; every problem is one line."""
-    from app.advice import notes_on
     from app.case import check_case, load_case
 
     problems = check_case(case_file, overrides or [])
@@ -200,8 +199,7 @@ def check(case_file: CaseFile, overrides: Overrides = None) -> None:
         raise typer.Exit(2)
     case = load_case(case_file, overrides or [])
     for single in [part for _, part in case.sweep_cases()] or [case]:
-        _see_that_it_builds(single)
-        for note in notes_on(single):
+        for note in _see_that_it_builds(single):
             print(f"note: {note}")
     runs = len(case.sweep_cases()) or 1
     print(f"{case_file}: correct ({runs} run{'s' * (runs > 1)}, {len(case.stage)} stages)")
@@ -249,7 +247,9 @@ def plot(
     from app.case import load_case
     from app.figures import draw_history, draw_sweep
 
-    (directory / "figures").mkdir(exist_ok=True) if directory.is_dir() else None
+    if not directory.is_dir():
+        raise InputError(f"{directory}: not a results directory")
+    (directory / "figures").mkdir(exist_ok=True)
     if (directory / "sweep.csv").is_file():
         draw_sweep(load_case(directory / "case.toml"), directory)
     else:
@@ -328,7 +328,7 @@ def warm() -> None:
 def main() -> None:
     """Run the command line; errors of ours become one line and an exit code."""
     try:
-        cli()
+        cli(prog_name="tribox")
     except TriboxError as error:
         if os.environ.get("OMPI_COMM_WORLD_RANK", "0") == "0":
             print(f"tribox: {error}", file=sys.stderr)

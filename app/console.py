@@ -14,6 +14,14 @@ from app.implicit import StepResult
 from app.measure import Row
 from app.simulation import Leg, Observer, Simulation
 
+# PETSc's numbers for why Newton's method ended without a solution.
+REASONS = {
+    -3: "singular tangent",
+    -4: "an element is inverted, or the numbers overflow",
+    -5: "iterations used up",
+    -6: "no decrease along the search direction",
+}
+
 
 class Reporter(Observer):
     """Prints one line per step, or moves a bar on a terminal; keeps all lines in the log.
@@ -81,7 +89,7 @@ class Reporter(Observer):
         """Say that a step is tried again shorter."""
         self.say(
             f"          step of {dt:.3g} s not solved after {result.iterations} iterations "
-            f"(reason {result.reason}): cut in two",
+            f"({REASONS.get(result.reason, f'reason {result.reason}')}): cut in two",
             always=False,
         )
 

@@ -12,6 +12,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from app.case import Case, load_case
 from app.case_contact import FrictionMap
@@ -158,8 +159,10 @@ class Series:
     Attributes:
         thickness: D, m; parameters: of the law.
         speed: m/s; viscosity: Pa s; traction: Pa, T/A; pressure: Pa, N/A; mu: computed μ(d).
+        steady: whether each point is; label: what the series is called.
     """
 
+    label: str
     thickness: float
     parameters: FrictionMapParameters
     speed: Floats
@@ -167,25 +170,29 @@ class Series:
     traction: Floats
     pressure: float
     mu: float
+    steady: NDArray[np.bool_]
 
 
-def _series(case: Case, legs: Iterable[dict[str, Any]]) -> Series:
+def _series(case: Case, legs: Iterable[dict[str, Any]], label: str = "") -> Series:
     contact = case.contact[0]
     assert isinstance(contact.friction, FrictionMap) and contact.film is not None
-    speed, viscosity, tangential, normal, area, mu = _columns(
+    speed, viscosity, tangential, normal, area, mu, steady = _columns(
         sorted(legs, key=lambda leg: abs(leg["velocity"])),
         *("velocity", "effective_viscosity", "tangential_force", "normal_force"),
-        *("contact_area", "mu"),
+        *("contact_area", "mu", "steady"),
     )
     mean_pressure = float(np.mean(normal / area))
+    thickness = contact.film.at(mean_pressure)
     return Series(
-        thickness=contact.film.at(mean_pressure),
+        label=label or f"D = {thickness * 1e9:g} nm",
+        thickness=thickness,
         parameters=contact.friction.parameters(),
         speed=np.abs(speed),
         viscosity=viscosity,
         traction=np.abs(tangential) / area,
         pressure=mean_pressure,
         mu=float(np.mean(mu)),
+        steady=steady.astype(bool),
     )
 
 
@@ -202,7 +209,7 @@ def draw_sweep(case: Case, directory: Path) -> None:
         laws = [single.contact[0] for _, single in parts]
         film = all(isinstance(c.friction, FrictionMap) for c in laws)
         series = [
-            _series(single, steady)
+            _series(single, steady, _series_label(case, label))
             for label, single in parts
             if film
             and (steady := [row for row in rows if row["label"] == label and row["steady"] >= 0])
@@ -210,6 +217,12 @@ def draw_sweep(case: Case, directory: Path) -> None:
         if series:
             _draw_film(series, figures)
         save(_sweep_ends(case, rows), figures / "sweep.png")
+
+
+def _series_label(case: Case, label: str) -> str:
+    """Name of a sweep's series: the swept value, or D where that is what is swept."""
+    assert case.sweep is not None
+    return "" if case.sweep.key.endswith("film.thickness") else label
 
 
 def _sweep_ends(case: Case, rows: list[dict[str, Any]]) -> Figure:
@@ -233,6 +246,16 @@ def _draw_film(series: list[Series], figures: Path) -> None:
     if wet:
         save(_viscosity_figure(wet), figures / "effective_viscosity.png")
     save(_map_figure(series), figures / "friction_map.png")
+
+
+def _unsteady_words(series: list[Series]) -> str:
+    """What to say of the grey crosses, where there are some."""
+    return "" if all(one.steady.all() for one in series) else " (grey crosses: NOT steady)"
+
+
+def _cross_out(axes: Axes, speed: Floats, value: Floats, steady: NDArray[np.bool_]) -> None:
+    """Grey crosses over points that were not steady when they were taken."""
+    axes.loglog(speed[~steady], value[~steady], "x", ms=11, mew=2, color="0.45", zorder=5)
 
 
 def _curve_speeds(series: list[Series]) -> Floats:
@@ -266,8 +289,9 @@ def _viscosity_figure(series: list[Series]) -> Figure:
                 ms=max(9.0 - 1.5 * number, 3.0),  # points that coincide stay visible
                 mfc="none" if number % 2 else colour,
                 color=colour,
-                label=f"D = {one.thickness * 1e9:g} nm",
+                label=one.label,
             )
+            _cross_out(axes, one.speed * scale, one.viscosity, one.steady)
             if speed[0] < star < speed[-1] and one.thickness < one.parameters.D_max:
                 axes.axvline(star * scale, color=colour, ls=":", lw=1)
     eta = series[0].parameters.eta_b
@@ -288,7 +312,9 @@ def _viscosity_figure(series: list[Series]) -> Figure:
     right.set_xlabel("shear rate V/D (1/s)")
     left.legend(frameon=True, framealpha=0.9, edgecolor="none")
     figure.suptitle(
-        "points: computed steady states; lines: closed form; dotted: V*", fontsize=9, y=0.95
+        f"points: computed steady states{_unsteady_words(series)}; lines: closed form; dotted: V*",
+        fontsize=9,
+        y=0.95,
     )
     return figure
 
@@ -310,12 +336,14 @@ def _map_figure(series: list[Series]) -> Figure:
                 color=colour,
                 mfc=colour if marker == "o" else "w",
             )
-        axes.plot([], [], color=colour, label=f"D = {one.thickness * 1e9:g} nm")
+        axes.plot([], [], color=colour, label=one.label)
     axes.plot([], [], "o", color="0.4", label="frictional or mixed (V < V*)")
     axes.plot([], [], "s", color="0.4", mfc="w", label="viscous (V > V* or D ≥ D_max)")
     axes.set_xlabel("sliding velocity V (m/s)")
     axes.set_ylabel("friction F(V; D) per area (MPa)")
-    axes.set_title("friction map: computed points on the closed form", fontsize=9)
+    axes.set_title(
+        f"friction map: computed points{_unsteady_words(series)} on the closed form", fontsize=9
+    )
     axes.legend(fontsize=8)
     return figure
 

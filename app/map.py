@@ -28,7 +28,7 @@ MAP_COLUMNS = (
     "traction [Pa]",
     "effective_viscosity [Pa*s]",
     "friction_coefficient [-]",
-    "viscous_stress [Pa]",
+    "bulk_fluid_stress [Pa]",
     "closed_form_traction [Pa]",
     "alpha [-]",
     "mu [-]",
@@ -270,7 +270,8 @@ def _map_rows(setup: MapSetup, curves: tuple[Curve, ...]) -> Iterator[list[Any]]
     p = setup.parameters
     for curve in curves:
         wet = curve.film > p.D_min
-        film_stress = p.eta_b * curve.speed / curve.film if wet else np.zeros_like(curve.speed)
+        # The abscissa of the Stribeck presentation: what the bulk fluid alone would drag with.
+        bulk_stress = p.eta_b * curve.speed / curve.film if wet else np.zeros_like(curve.speed)
         for i, V in enumerate(curve.speed):
             exact = float(curve.exact[i])
             yield [
@@ -280,7 +281,7 @@ def _map_rows(setup: MapSetup, curves: tuple[Curve, ...]) -> Iterator[list[Any]]
                 float(curve.traction[i]),
                 float(curve.viscosity[i]),
                 float(curve.traction[i] / curve.pressure),
-                float(film_stress[i]),
+                float(bulk_stress[i]),
                 "" if math.isnan(exact) else exact,
                 float(curve.alpha[i]),
                 float(curve.mu[i]),

@@ -21,7 +21,8 @@ class ContactMeasure:
             the contact, and against the direction right of it.
         tangential_force: N/m; friction on the master along its surface, to the right. It leaves
             out what the drag also holds: pressure on a surface that is not flat.
-        area: m, closed reference area; stick, viscous: shares of it, by regime.
+        area: m, closed reference area; stretch: mean da/dA of it; stick, viscous: shares of it,
+            by regime.
         film: m, friction_coefficient: mean of μ(d); both weighted by pressure times area.
         penetration: m, largest. speed: m/s, mean slip speed of the closed area.
         energy: J/m, penalty and elastic slip. dissipated: J/m in this step; numerical: the part of
@@ -35,6 +36,7 @@ class ContactMeasure:
     drag: float
     tangential_force: float
     area: float
+    stretch: float
     stick: float
     viscous: float
     film: float
@@ -73,6 +75,7 @@ def measure_contact(term: ContactTerm, trial: ContactTrial, comm: MPI.Comm) -> C
                 weight @ (~trial.projection.on_surface & (k.gap < 0.0)),
                 weight.sum(),
                 weight @ _dot(response.traction, turned_right(k.normal)),
+                closed @ trial.stretch,
             ],
             weight @ trial.traction,
             closed @ k.normal,
@@ -82,7 +85,7 @@ def measure_contact(term: ContactTerm, trial: ContactTrial, comm: MPI.Comm) -> C
     comm.Allreduce(sums, total, op=MPI.SUM)
     area, stick, viscous, force = total[:4]
     dim = k.normal.shape[1]
-    normal_force, drag = _resultants(total[13 : 13 + dim], total[13 + dim :])
+    normal_force, drag = _resultants(total[14 : 14 + dim], total[14 + dim :])
     penetration = comm.allreduce(float(np.max(-k.gap, where=k.closed, initial=0.0)), op=MPI.MAX)
     least, worst = _least(parts.total - parts.numerical, trial.position, comm)
     return ContactMeasure(
@@ -90,6 +93,7 @@ def measure_contact(term: ContactTerm, trial: ContactTrial, comm: MPI.Comm) -> C
         drag=drag,
         tangential_force=float(total[12]),
         area=float(area),
+        stretch=_over(total[13], area),
         stick=_over(stick, area),
         viscous=_over(viscous, area),
         film=_over(total[4], force),
@@ -141,10 +145,10 @@ class Row:
 
     ``tangential_force`` is the friction, ``drag`` the whole resultant along the contact (with the
     pressure on a surface that is not flat). ``velocity`` is that of the driven boundaries (0
-    without), ``effective_viscosity`` T D/(A V) with A the closed reference area. ``energy_error``
-    is external work less strain, kinetic and interface energy and dissipation, these by the
-    trapezoidal rule: ``numerical_dissipation`` is what the dissipation of the backward Euler steps
-    holds beyond it.
+    without), ``effective_viscosity`` T D/(A V) with A the closed reference area, ``area_stretch``
+    the mean da/dA of that area. ``energy_error`` is external work less strain, kinetic and
+    interface energy and dissipation, these by the trapezoidal rule: ``numerical_dissipation`` is
+    what the dissipation of the backward Euler steps holds beyond it.
     """
 
     step: int
@@ -162,6 +166,7 @@ class Row:
     film_thickness: float
     effective_viscosity: float
     contact_area: float
+    area_stretch: float
     stick_fraction: float
     viscous_fraction: float
     max_penetration: float

@@ -31,6 +31,7 @@ from geometry.mesh import MeshError, NamedMesh, bodies_sharing_nodes, generate, 
 from geometry.surface import ContactSurface, integration_facets
 
 COMPONENTS = ("x", "y")
+LOCKING = 50.0  # K/G (Poisson's ratio 0.49) from which linear triangles are said to lock
 OVERLAP = 0.01  # depth over facet length up to which bodies only touch at the start
 # Default stiffness of stick, in units of G/h (shear modulus of the softer body over the length of a
 # slave facet): stiff against the shear of the elements beside it, yet soft enough for the onset of
@@ -95,8 +96,9 @@ def build_model(case: Case, comm: MPI.Comm) -> Model:
         )
         for name, body in case.bodies.items()
     ]
+    notes = notes_on(case) + list(_locking_bodies(named, materials))
     contacts = [
-        _contact(case, index, named, space, materials) for index in range(len(case.contact))
+        _contact(case, index, named, space, materials, notes) for index in range(len(case.contact))
     ]
     thickness = case.geometry.thickness
     loads = _Loads(named, u, thickness)
@@ -104,12 +106,25 @@ def build_model(case: Case, comm: MPI.Comm) -> Model:
         loads.add(boundary)
     loads.check_corners()
     problem = Equilibrium(u, solids, contacts, loads.prescribed, loads.platens, loads.pressures)
-    notes = notes_on(case) + list(_loose_bodies(case, named))
+    notes += _loose_bodies(case, named)
     onset = [
         term.law.parameters.film_onset_pressure if isinstance(term.law, FrictionMap) else 0.0
         for term in contacts
     ]
     return Model(case, named, problem, loads.programs, thickness, notes, onset)
+
+
+def _locking_bodies(named: NamedMesh, materials: dict[str, Material]) -> Iterator[str]:
+    """A line on each nearly incompressible body of linear triangles, which lock."""
+    if named.mesh.topology.cell_name() != "triangle":
+        return
+    for name, material in materials.items():
+        ratio = material.bulk_modulus / material.shear_modulus
+        if ratio > LOCKING:
+            yield (
+                f"body {name}: linear triangles lock with K/G = {ratio:.3g} and are far too stiff; "
+                'use cell = "quadrilateral" with formulation = "q1-sri"'
+            )
 
 
 def _loose_bodies(case: Case, named: NamedMesh) -> Iterator[str]:
@@ -144,7 +159,10 @@ def make_mesh(case: Case, comm: MPI.Comm) -> NamedMesh:
         named = read(Path(geometry.mesh), comm)
         if named.mesh.geometry.dim != 2 or named.mesh.topology.dim != 2:
             raise MeshError(f"{geometry.mesh}: a plane mesh (z = 0) is needed, this one is in 3D")
-        _check_names(case, named)
+        try:
+            _check_names(case, named)
+        except MeshError as error:
+            raise MeshError(f"{error} (mesh {geometry.mesh})") from None
         glued = bodies_sharing_nodes(named)
     except MeshError as error:
         raise InputError(str(error)) from None
@@ -158,16 +176,23 @@ def make_mesh(case: Case, comm: MPI.Comm) -> NamedMesh:
 
 
 def _check_names(case: Case, named: NamedMesh) -> None:
-    for name in case.bodies:
-        named.body_tag(name)
+    place = ""
+    try:
+        for name in case.bodies:
+            place = f"bodies.{name}: "
+            named.body_tag(name)
+        for index, contact in enumerate(case.contact):
+            for key in ("slave", "master"):
+                place = f"contact.{index}.{key}: "
+                named.surface_tag(getattr(contact, key))
+        for index, boundary in enumerate(case.boundary):
+            place = f"boundary.{index}.surface: "
+            named.surface_tag(boundary.surface)
+    except MeshError as error:
+        raise MeshError(f"{place}{error}") from None
     for name in named.bodies:
         if name not in case.bodies:
             raise MeshError(f'the mesh has a body "{name}", the case has no [bodies.{name}]')
-    for contact in case.contact:
-        named.surface_tag(contact.slave)
-        named.surface_tag(contact.master)
-    for boundary in case.boundary:
-        named.surface_tag(boundary.surface)
 
 
 def _formulation(name: str, body: case_bodies.Body, named: NamedMesh) -> case_bodies.Formulation:
@@ -190,6 +215,7 @@ def _contact(
     named: NamedMesh,
     space: dolfinx.fem.FunctionSpace,
     materials: dict[str, Material],
+    notes: list[str],
 ) -> ContactTerm:
     contact = case.contact[index]
     slave, master = named.facets(contact.slave), named.facets(contact.master)
@@ -198,6 +224,11 @@ def _contact(
     except ValueError as error:
         raise InputError(f"contact.{index}: {error}") from None
     owners = [_body_of(named, name) for name in (contact.slave, contact.master)]
+    if oedometric_modulus(materials[owners[0]]) > 10.0 * oedometric_modulus(materials[owners[1]]):
+        notes.append(
+            f"contact.{index}: the slave {contact.slave} is on the stiffer body {owners[0]}; the "
+            "softer body's surface should be the slave"
+        )
     if owners[0] == owners[1]:
         raise InputError(
             f'contact.{index}: slave "{contact.slave}" and master "{contact.master}" are both on '

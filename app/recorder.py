@@ -83,7 +83,7 @@ class Recorder(Observer):
         if steady is False:
             self.warnings.append(
                 f"stage {leg.label}: not steady after {leg.stage.max_steps} steps "
-                "(raise max_steps or steady_tolerance)"
+                "(raise max_steps, slip_step or steady_tolerance)"
             )
 
     def close(self, simulation: Simulation, status: str) -> None:

@@ -212,6 +212,7 @@ class Simulation:
             film_thickness=film,
             effective_viscosity=abs(tangential * film / (leg.velocity * area)) if sliding else 0.0,
             contact_area=area * t,
+            area_stretch=mean(lambda m: m.stretch),
             stick_fraction=mean(lambda m: m.stick),
             viscous_fraction=mean(lambda m: m.viscous),
             max_penetration=max((m.penetration for m in all_), default=0.0),
@@ -232,6 +233,6 @@ class Simulation:
         raise SolutionError(
             f"stage {leg.label}, time {self.time:.6g} s: no solution even with a step of "
             f"{dt:.3g} s ({why} of the contact force after {result.iterations} iterations, largest "
-            f"at ({where}) m, undeformed); check the supports and loads there, try smaller steps, "
-            "a lower penalty or a finer mesh"
+            f"at ({where}) m, undeformed); check the supports and loads there and any slip "
+            "weakening, try smaller steps (slip_step), a lower penalty or a finer mesh"
         )

@@ -517,7 +517,7 @@ def test_schema_describes_every_key():
     assert thinnest["anyOf"] == [{"type": "number", "minimum": 0.0}, {"type": "string"}]
     assert thinnest["description"] == "thickness up to which friction is purely Coulomb [m]"
     assert schema["$defs"]["FrictionMap"]["properties"]["transition_width"]["default"] == 0.03
-    assert schema["$defs"]["FrictionMap"]["required"] == ["law", "mu_s", "K_T", "D_max"]
+    assert schema["$defs"]["FrictionMap"]["required"] == ["mu_s", "K_T"]
 
 
 def test_documentation_lists_every_key_with_its_unit():
