@@ -79,8 +79,8 @@ def _notes_on_weakening(case: Case, friction: FrictionMap) -> Iterator[str]:
     if slope > upper:
         yield (
             f"slip weakening p (mu_s - mu_d) B = {slope:.3g} Pa/m is steeper than the upper "
-            f"block's shear stiffness G/height = {upper:.3g} Pa/m: the onset of slip can snap, and "
-            "a quasi-static step through it may have no solution (lower B, or start in gross sliding)"
+            f"block's shear stiffness G/height = {upper:.3g} Pa/m: the onset of slip can snap, "
+            "and a quasi-static step through it may have no solution (lower B)"
         )
 
 
