@@ -120,6 +120,7 @@ class Equilibrium:
         self.timer = Stopwatch()
         self.trials: list[ContactTrial] = []
         self.committed: list[ContactTrial] = []
+        self._strain_energy: float | None = None
         self.unbalanced = np.zeros(self.owned)
         self.reference_force = 0.0
         self._work = dolfinx.la.vector(self.space.dofmap.index_map, self.dim)
@@ -138,8 +139,16 @@ class Equilibrium:
 
     def spread(self, x: PETSc.Vec) -> None:
         """Copy the unknowns into the displacement function, ghosts included; collective."""
+        self._strain_energy = None
         self.u.x.array[: self.owned] = x.array_r
         self.u.x.scatter_forward()
+
+    def strain_energy(self) -> float:
+        """Strain energy of all bodies at the displacement spread last, J/m; collective."""
+        if self._strain_energy is None:
+            local = sum(solid.strain_energy() for solid in self.solids)
+            self._strain_energy = float(self.comm.allreduce(local, op=MPI.SUM))
+        return self._strain_energy
 
     def is_evaluated(self, x: PETSc.Vec) -> bool:
         """Whether ``x`` is what was evaluated last, on all ranks; collective."""

@@ -175,19 +175,13 @@ class ImplicitStepper:
         if reason > 0 and not problem.is_evaluated(self.trial):
             problem.residual(None, self.trial, self._residual)
         return StepResult(
-            converged=reason > 0 and not self._inverted(),
+            # An element may be turned inside out and its residual finite all the same; the strain
+            # energy, with its logarithm of J, is not.
+            converged=reason > 0 and bool(np.isfinite(problem.strain_energy())),
             iterations=solves + iterations,
             reason=reason,
             residuals=self.residuals,
         )
-
-    def _inverted(self) -> bool:
-        """Whether an element is turned inside out at the state evaluated last; collective.
-
-        Residuals can be finite there; the strain energy, with its logarithm of J, is not.
-        """
-        local = sum(solid.strain_energy() for solid in self.problem.solids)
-        return not np.isfinite(self.problem.comm.allreduce(local))
 
     def _solve(self) -> tuple[int, int]:
         """Newton iterations with line search; where that stalls, on with whole steps.

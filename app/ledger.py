@@ -58,7 +58,7 @@ class Ledger:
         problem.residual(None, x, residual)
         residual.destroy()
         self._last = Work.at(problem, x.array_r)
-        self._start = (self._strain(), self._interface())
+        self._start = (problem.strain_energy(), self._interface())
         self.work = self.dissipation = self.numerical = 0.0
         self.strain = self.interface = 0.0
 
@@ -67,7 +67,7 @@ class Ledger:
         now = Work.at(self.problem, x.array_r)
         self.work += self._last.until(now, self.problem.comm)
         self._last = now
-        self.strain = self._strain() - self._start[0]
+        self.strain = self.problem.strain_energy() - self._start[0]
         self.interface = sum(m.energy for m in measures) - self._start[1]
         self.dissipation += sum(m.dissipated for m in measures)
         self.numerical += sum(m.numerical for m in measures)
@@ -76,10 +76,6 @@ class Ledger:
     def error(self) -> float:
         """External work that is neither stored nor dissipated, by the trapezoidal rule, J/m."""
         return self.work - self.strain - self.interface - (self.dissipation - self.numerical)
-
-    def _strain(self) -> float:
-        local = sum(solid.strain_energy() for solid in self.problem.solids)
-        return float(self.problem.comm.allreduce(local, op=MPI.SUM))
 
     def _interface(self) -> float:
         pairs = zip(self.problem.contacts, self.problem.trials, strict=True)

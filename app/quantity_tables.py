@@ -47,11 +47,6 @@ class TimeTable:
         """The same value (SI) at all times."""
         return cls((0.0,), (float(value),))
 
-    @property
-    def is_constant(self) -> bool:
-        """True if the value never changes."""
-        return all(value == self.values[0] for value in self.values)
-
     def __call__(self, time: float) -> float:
         """Value in SI at `time` in s."""
         return float(np.interp(time, self.times, self.values))

@@ -37,7 +37,6 @@ class SlavePoints:
         position: (q, i), m, reference.
         tangent: (q, i) unit tangents of the facets, reference.
         facet: (q,) number of the slave facet, for counting pairs of facets.
-        facet_length: (q,), m, reference measure of the facet.
     """
 
     nodes: Longs
@@ -47,7 +46,6 @@ class SlavePoints:
     position: Floats
     tangent: Floats
     facet: Ints
-    facet_length: Floats
 
 
 @dataclass(slots=True)
@@ -247,7 +245,6 @@ def _slave_points(
     values, slopes, nodes = (a.reshape(points, width)[row, pick] for a in (values, slopes, nodes))
     weight = values.sum(axis=1)
     coordinates = _coordinates(space, nodes)
-    length = np.bincount(cell, weights=weight, minlength=(cell.max() + 1) if points else 0)
     return SlavePoints(
         nodes=nodes,
         shape=values / weight[:, None],
@@ -256,7 +253,6 @@ def _slave_points(
         position=np.einsum("qa,qai->qi", values / weight[:, None], coordinates),
         tangent=tangent / weight[:, None],
         facet=cell,
-        facet_length=np.asarray(length, dtype=np.float64)[cell],
     )
 
 

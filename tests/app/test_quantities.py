@@ -144,9 +144,7 @@ def test_bounds_include_and_exclude_their_ends():
 def test_time_table_is_linear_and_held():
     table = TimeTable((1.0, 3.0), (2.0, 6.0))
     assert [table(t) for t in (0.0, 1.0, 1.5, 3.0, 9.0)] == [2.0, 2.0, 3.0, 6.0, 6.0]
-    assert not table.is_constant
     assert TimeTable.constant(4.0)(-1.0) == TimeTable.constant(4.0)(7.0) == 4.0
-    assert TimeTable.constant(4.0).is_constant
 
 
 def test_integral_of_a_time_table():
