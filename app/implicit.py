@@ -11,14 +11,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from app.equilibrium import Equilibrium
-from geometry.projection import Floats
+from app.linear_solver import LinearSolver
+from app.predictor import Predictor
 
 PREFIX = "tribox_"
 _numbers = itertools.count()
+REUSE_SAFETY = 10.0  # margin in the estimate of what an iteration with the last tangent leaves
 STALLED = 0.1  # relative residual below which a stalled line search is followed by whole steps
 STALL_WINDOW = 4  # iterations over which the residual must fall by a tenth not to count as stalled
 
@@ -45,28 +46,16 @@ class StepResult:
     Attributes:
         converged: whether the step may be committed.
         iterations: Newton iterations, the predictor's linear solve included.
+        factorisations: tangents assembled and factorised for them.
         reason: PETSc's converged reason.
         residuals: residual norm after each iteration, relative to the reference force.
     """
 
     converged: bool
     iterations: int
+    factorisations: int
     reason: int
     residuals: list[float]
-
-
-@dataclass(frozen=True, slots=True)
-class Drive:
-    """What pushes a step forward.
-
-    Attributes:
-        held: increments of this rank's prescribed displacements, m.
-        loads: increments of the platens' forces and the pressures; total: their values.
-    """
-
-    held: Floats
-    loads: Floats
-    total: Floats
 
 
 class ImplicitStepper:
@@ -83,17 +72,15 @@ class ImplicitStepper:
         self.x = problem.new_vector()  # converged unknowns
         self.trial = problem.new_vector()
         self._residual = problem.new_vector()
-        self._increment: Floats | None = None
-        self._drive: Drive | None = None
-        self._loads: Floats = np.empty(0)
         self.residuals: list[float] = []
         self._largest_force = 0.0
         self._whole_steps = False
         PETSc.Log.begin()
         self._log_start = _logged_seconds()
-        self.matrix = problem.new_matrix(self.x)
-        self._pattern = problem.pattern_changes
+        self.solver = LinearSolver(problem, self.x)
         self.snes = self._new_snes()
+        self.solver.use(self.snes.getKSP())
+        self.predictor = Predictor(problem, self.solver)
 
     def _new_snes(self) -> PETSc.SNES:
         snes = PETSc.SNES().create(self.problem.comm)
@@ -112,7 +99,7 @@ class ImplicitStepper:
             options[key] = value
         self._usual_search = str(options.getString("snes_linesearch_type"))
         snes.setFunction(self._function, self._residual)
-        snes.setJacobian(self._jacobian, self.matrix)
+        snes.setJacobian(self._jacobian, self.solver.matrix)
         snes.setTolerances(max_it=self.options.max_iterations)
         snes.setConvergenceTest(self._test)
         try:
@@ -133,18 +120,19 @@ class ImplicitStepper:
             f.set(np.nan)
 
     def _jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, P: PETSc.Mat) -> None:
-        self.problem.jacobian(snes, x, A, P)
-        self._forget_factor()
+        if not self._reuse():
+            self.solver.assemble(x)
 
-    def _forget_factor(self) -> None:
-        """Drop the factorisation's analysis where the matrix has a new pattern.
+    def _reuse(self) -> bool:
+        """Whether the tangent factorised last will do for an iteration that ends the step.
 
-        PETSc exchanges the matrix's inside on an addition with another pattern and does not see
-        by itself that it changed.
+        A Newton iteration that reduced the residual by c has moved the tangent by about as much,
+        so the old one reduces it by about c once more.
         """
-        if self._pattern != self.problem.pattern_changes:
-            self._pattern = self.problem.pattern_changes
-            self.snes.getKSP().reset()
+        if len(self.residuals) < 2 or self.residuals[-2] == 0.0:
+            return False
+        last = self.residuals[-1]
+        return REUSE_SAFETY * last * last / self.residuals[-2] <= self.options.tolerance
 
     def _test(
         self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]
@@ -170,7 +158,8 @@ class ImplicitStepper:
         problem = self.problem
         problem.dt = dt
         self.residuals = []
-        solves = self._predict()
+        assembled = self.solver.assembled
+        solves = self.predictor.predict(self.x, self.trial)
         iterations, reason = self._solve()
         if reason > 0 and not problem.is_evaluated(self.trial):
             problem.residual(None, self.trial, self._residual)
@@ -179,6 +168,7 @@ class ImplicitStepper:
             # energy, with its logarithm of J, is not.
             converged=reason > 0 and bool(np.isfinite(problem.strain_energy())),
             iterations=solves + iterations,
+            factorisations=self.solver.assembled - assembled,
             reason=reason,
             residuals=self.residuals,
         )
@@ -203,14 +193,8 @@ class ImplicitStepper:
     def _iterate(self) -> tuple[int, int]:
         """Let SNES solve from the present trial; (iterations, converged reason)."""
         self.snes.solve(None, self.trial)
-        self._drop_failed_factor()
+        self.solver.forget_failure()
         return self.snes.getIterationNumber(), self.snes.getConvergedReason()
-
-    def _drop_failed_factor(self) -> None:
-        """Forget a factorisation that failed, or the next solve would stumble over it."""
-        ksp = self.snes.getKSP()
-        if ksp.getConvergedReason() < 0:
-            ksp.reset()
 
     def _search(self, kind: str | None) -> None:
         """Use a kind of line search; None: the one of the case."""
@@ -219,9 +203,7 @@ class ImplicitStepper:
 
     def commit(self) -> None:
         """Accept the last attempt: unknowns, contact history and predictor."""
-        self._increment = self.trial.array_r - self.x.array_r
-        self._drive = self._driving()
-        self._loads = self._drive.total
+        self.predictor.commit(self.x, self.trial)
         self.trial.copy(self.x)
         self.problem.commit()
         self._largest_force = max(self._largest_force, self.problem.reference_force)
@@ -230,75 +212,6 @@ class ImplicitStepper:
         """Seconds of this rank so far in each part of the solution, from assembly to solve."""
         logged = {key: v - self._log_start[key] for key, v in _logged_seconds().items()}
         return dict(self.problem.timer.seconds) | logged
-
-    def _driving(self) -> Drive:
-        """Increments from the converged state to today's prescribed values and loads."""
-        problem = self.problem
-        loads = np.array(
-            [p.force for p in problem.platens] + [float(p.value.value) for p in problem.pressures]
-        )
-        held = (problem.held_values(self.x) - self.x.array_r)[problem.held_dofs()]
-        return Drive(held, loads - self._loads if len(self._loads) else loads, loads)
-
-    def _predict(self) -> int:
-        """Put a start into ``trial``; returns the number of linear solves it took.
-
-        The last increment is repeated, scaled as the prescribed displacements and loads are. Where
-        they do not continue in proportion, one solve with the tangent at the last state carries
-        the new ones into the bodies.
-        """
-        self.x.copy(self.trial)
-        drive = self._driving()
-        ratio = self._proportion(drive)
-        if ratio is None:
-            self._carry(drive.held)
-            return 1
-        if self._increment is not None:
-            self.trial.array[:] += ratio * self._increment
-            self.trial.array[:] = self.problem.held_values(self.trial)
-        return 0
-
-    def _proportion(self, drive: Drive) -> float | None:
-        """Factor by which ``drive`` continues the last one; None where it does not."""
-        last = self._drive or Drive(0.0 * drive.held, 0.0 * drive.loads, drive.total)
-        local = np.array([drive.held @ last.held, last.held @ last.held, drive.held @ drive.held])
-        cross, before, now = self._sum(local)
-        if before == 0.0 and now == 0.0:
-            cross, before = drive.loads @ last.loads, last.loads @ last.loads
-            now = drive.loads @ drive.loads
-            if now == 0.0:
-                return 0.0
-        ratio = cross / before if before > 0.0 else 0.0
-        missed = drive.held - ratio * last.held
-        lag = drive.loads - ratio * last.loads
-        scale = float(drive.total @ drive.total)
-        same = bool(self._sum(np.array([missed @ missed]))[0] <= 1e-18 * max(now, before))
-        same = same and bool(lag @ lag <= 1e-18 * scale)
-        return ratio if same and ratio > 0.0 else None
-
-    def _carry(self, drive: Floats) -> None:
-        """Linear step from the converged state that meets the prescribed displacements."""
-        problem, held = self.problem, self.problem.held_dofs()
-        increment, rhs = problem.new_vector(), problem.new_vector()
-        problem.residual(None, self.x, rhs)
-        rhs.scale(-1.0)
-        increment.array[held] = drive
-        problem.assemble_tangent(self.x, self.matrix)
-        self.matrix.zeroRowsColumns(held + problem.first, 1.0, x=increment, b=rhs)
-        ksp = self.snes.getKSP()
-        self._forget_factor()
-        ksp.setOperators(self.matrix)
-        ksp.solve(rhs, increment)
-        self._drop_failed_factor()
-        self.trial.axpy(1.0, increment)
-        self.trial.array[:] = problem.held_values(self.trial)
-        increment.destroy()
-        rhs.destroy()
-
-    def _sum(self, local: Floats) -> Floats:
-        total = np.empty_like(local)
-        self.problem.comm.Allreduce(local, total, op=MPI.SUM)
-        return total
 
 
 def _logged_seconds() -> dict[str, float]:

@@ -1,0 +1,197 @@
+"""Where the Newton iteration of a step starts.
+
+Where the loads continue in proportion, the path of the last converged states is continued by the
+polynomial that leaves the least residual, and corrected once with the tangent factorised last
+(a substitution, no factorisation). Where they do not, one solve with the tangent at the last state
+carries the new prescribed displacements into the bodies.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from app.equilibrium import Equilibrium
+from app.linear_solver import LinearSolver
+from geometry.projection import Floats
+
+HIGHEST_ORDER = 3  # of the polynomial through the last states
+CORRECTIONS = 3  # with the tangent factorised last, from the last state itself
+WORTHWHILE = 0.5  # share of the residual that a correction must leave at most to be kept
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """What pushes a step forward.
+
+    Attributes:
+        held: increments of this rank's prescribed displacements, m.
+        loads: increments of the platens' forces and the pressures; total: their values.
+    """
+
+    held: Floats
+    loads: Floats
+    total: Floats
+
+
+class Predictor:
+    """Remembers the converged states of a path and continues it."""
+
+    def __init__(self, problem: Equilibrium, solver: LinearSolver) -> None:
+        """Begin without a path; collective."""
+        self.problem = problem
+        self.solver = solver
+        self._drive: Drive | None = None
+        self._loads: Floats = np.empty(0)
+        # Converged states along the path: (parameter, owned unknowns), the latest last.
+        self._path: list[tuple[float, Floats]] = []
+        self._residual = problem.new_vector()
+        self._step = problem.new_vector()
+
+    def predict(self, x: PETSc.Vec, trial: PETSc.Vec) -> int:
+        """Put a start into ``trial`` for the step from ``x``; collective.
+
+        Returns:
+            The number of factorisations it took.
+        """
+        x.copy(trial)
+        drive = self._driving(x)
+        ratio = self._proportion(drive)
+        if ratio is None:
+            self._carry(x, drive.held, trial)
+            return 1
+        if ratio > 0.0 and len(self._path) > 1:
+            self._continue(x, trial, ratio)
+        return 0
+
+    def _continue(self, x: PETSc.Vec, trial: PETSc.Vec, ratio: float) -> None:
+        """Put the better of two starts into ``trial``, which holds the last converged state ``x``.
+
+        Past a kink of the path (the last points stop sticking, say) the extrapolation is no help,
+        while the tangent factorised last, of the new branch, knows where to go from ``x`` itself.
+        """
+        extrapolated = self._extrapolate(trial, ratio)
+        norm = self._correct(trial, extrapolated, 1)
+        if norm <= WORTHWHILE * extrapolated:
+            return
+        best = trial.array_r.copy()
+        x.copy(trial)
+        trial.array[:] = self.problem.held_values(trial)
+        if not self._correct(trial, self._residual_norm(trial), CORRECTIONS) < norm:
+            trial.array[:] = best
+
+    def commit(self, x: PETSc.Vec, trial: PETSc.Vec) -> None:
+        """Take the step from ``x`` to the converged ``trial`` into the path."""
+        drive = self._driving(x)
+        ratio = self._proportion(drive) if self._drive is not None else None
+        if ratio is None or ratio == 0.0 or len(self._path) < 2:
+            self._path = [(0.0, x.array_r.copy()), (1.0, trial.array_r.copy())]
+        else:
+            states = self._path[-HIGHEST_ORDER:]
+            self._path = [*states, (self._ahead(ratio), trial.array_r.copy())]
+        self._drive, self._loads = drive, drive.total
+
+    def _ahead(self, ratio: float) -> float:
+        """Parameter of the path after a step ``ratio`` times as long as the last."""
+        (before, _), (last, _) = self._path[-2:]
+        return last + ratio * (last - before)
+
+    def _extrapolate(self, trial: PETSc.Vec, ratio: float) -> float:
+        """Continue the path by the polynomial of least residual; returns its norm.
+
+        A low order comes first: where it leaves less than the next, the path has a kink.
+        """
+        at = self._ahead(ratio)
+        best, norm = trial.array_r.copy(), np.inf
+        for order in range(1, len(self._path)):
+            states = self._path[-order - 1 :]
+            weights = lagrange_weights(np.array([s for s, _ in states]), at)
+            trial.array[:] = sum(w * values for w, (_, values) in zip(weights, states, strict=True))
+            trial.array[:] = self.problem.held_values(trial)
+            now = self._residual_norm(trial)
+            if not now < norm:
+                break
+            best, norm = trial.array_r.copy(), now
+        trial.array[:] = best
+        return norm
+
+    def _correct(self, trial: PETSc.Vec, norm: float, times: int) -> float:
+        """Correct with the tangent factorised last while it pays; returns the residual's norm.
+
+        Args:
+            trial: the start.
+            norm: of the residual there.
+            times: corrections at most.
+        """
+        for _ in range(times):
+            if not np.isfinite(norm) or norm == 0.0:
+                break
+            before = trial.array_r.copy()
+            self._residual_norm(trial)
+            solved = self.solver.solve(self._residual, self._step)
+            trial.axpy(-1.0, self._step)
+            now = self._residual_norm(trial)
+            if not solved or not now < WORTHWHILE * norm:
+                trial.array[:] = before
+                break
+            norm = now
+        return norm
+
+    def _residual_norm(self, trial: PETSc.Vec) -> float:
+        self.problem.residual(None, trial, self._residual)
+        norm: float = self._residual.norm()
+        return norm
+
+    def _driving(self, x: PETSc.Vec) -> Drive:
+        """Increments from the converged state to today's prescribed values and loads."""
+        problem = self.problem
+        loads = np.array(
+            [p.force for p in problem.platens] + [float(p.value.value) for p in problem.pressures]
+        )
+        held = (problem.held_values(x) - x.array_r)[problem.held_dofs()]
+        return Drive(held, loads - self._loads if len(self._loads) else loads, loads)
+
+    def _proportion(self, drive: Drive) -> float | None:
+        """Factor by which ``drive`` continues the last one; None where it does not."""
+        last = self._drive or Drive(0.0 * drive.held, 0.0 * drive.loads, drive.total)
+        local = np.array([drive.held @ last.held, last.held @ last.held, drive.held @ drive.held])
+        cross, before, now = self._sum(local)
+        if before == 0.0 and now == 0.0:
+            cross, before = drive.loads @ last.loads, last.loads @ last.loads
+            now = drive.loads @ drive.loads
+            if now == 0.0:
+                return 0.0
+        ratio = cross / before if before > 0.0 else 0.0
+        missed = drive.held - ratio * last.held
+        lag = drive.loads - ratio * last.loads
+        scale = float(drive.total @ drive.total)
+        same = bool(self._sum(np.array([missed @ missed]))[0] <= 1e-18 * max(now, before))
+        same = same and bool(lag @ lag <= 1e-18 * scale)
+        return ratio if same and ratio > 0.0 else None
+
+    def _carry(self, x: PETSc.Vec, held: Floats, trial: PETSc.Vec) -> None:
+        """Linear step from the converged state that meets the prescribed displacements."""
+        problem, increment = self.problem, self._step
+        problem.residual(None, x, self._residual)
+        self._residual.scale(-1.0)
+        increment.set(0.0)
+        increment.array[problem.held_dofs()] = held
+        self.solver.solve_from(x, self._residual, increment)
+        trial.axpy(1.0, increment)
+        trial.array[:] = problem.held_values(trial)
+
+    def _sum(self, local: Floats) -> Floats:
+        total = np.empty_like(local)
+        self.problem.comm.Allreduce(local, total, op=MPI.SUM)
+        return total
+
+
+def lagrange_weights(nodes: Floats, at: float) -> Floats:
+    """Weights (n,) of the values at distinct ``nodes`` (n,) in their polynomial's value ``at``."""
+    own = np.eye(len(nodes), dtype=bool)
+    factors = (at - nodes[None, :]) / np.where(own, 1.0, nodes[:, None] - nodes[None, :])
+    weights: Floats = np.prod(np.where(own, 1.0, factors), axis=1)
+    return weights

@@ -1,0 +1,99 @@
+"""Where the Newton iteration starts, and what the tangent factorised last is good for."""
+
+import copy
+import tomllib
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from app.case import Case
+from app.model import build_model
+from app.predictor import Predictor, lagrange_weights
+from app.simulation import Simulation
+from tests.app.conftest import BLOCK
+
+
+def test_extrapolation_is_exact_for_a_cubic_on_uneven_parameters():
+    nodes, at = np.array([0.0, 0.3, 1.1, 1.5]), 2.2
+
+    def cubic(s):
+        return 2.0 - s + 0.5 * s**2 - 3.0 * s**3
+
+    weights = lagrange_weights(nodes, at)
+    assert weights @ cubic(nodes) == pytest.approx(cubic(at), rel=1e-12)
+    assert weights.sum() == pytest.approx(1.0)
+    assert lagrange_weights(np.array([0.0, 1.0]), 1.5) == pytest.approx([-0.5, 1.5])
+
+
+def simulation(**changes):
+    data = tomllib.loads(BLOCK)
+    for key, value in changes.items():
+        data["stage"][1][key] = value
+    return Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
+
+
+class Quiet:
+    """An observer that keeps what it is told."""
+
+    def __init__(self):
+        self.results = []
+
+    def step(self, simulation, row, result):
+        self.results.append(result)
+
+    def __getattr__(self, name):
+        return lambda *args, **kwargs: None
+
+
+def run(sim):
+    seen = Quiet()
+    sim.run(seen)
+    return seen.results
+
+
+def test_gross_sliding_takes_one_factorisation_a_step():
+    sim = simulation(steps=12)
+    results = run(sim)
+    gross = [
+        result for result, row in zip(results, sim.rows, strict=True) if row.stick_fraction == 0.0
+    ]
+    assert len(gross) >= 5
+    assert all(result.factorisations == 1 for result in gross[2:])
+    assert sim.stepper.solver.assembled == sum(result.factorisations for result in results)
+
+
+@pytest.mark.parametrize("without", ["_correct", "_extrapolate", "continue"])
+def test_prediction_saves_iterations_and_changes_no_result(monkeypatch, without):
+    """Each part of the predictor is worth iterations; the forces are the same without it."""
+    whole = simulation(steps=12)
+    run(whole)
+    if without == "_correct":
+        monkeypatch.setattr(Predictor, "_correct", lambda self, trial, norm, times: norm)
+    elif without == "_extrapolate":
+        monkeypatch.setattr(Predictor, "_extrapolate", lambda self, trial, ratio: np.inf)
+        monkeypatch.setattr(Predictor, "_correct", lambda self, trial, norm, times: norm)
+    else:
+        monkeypatch.setattr(Predictor, "_continue", lambda self, x, trial, ratio: None)
+    part = simulation(steps=12)
+    run(part)
+    spent = [sum(row.newton_iterations for row in sim.rows) for sim in (whole, part)]
+    assert spent[0] < spent[1]
+    for a, b in zip(whole.rows, part.rows, strict=True):
+        assert a.normal_force == pytest.approx(b.normal_force, rel=1e-6)
+        assert a.tangential_force == pytest.approx(b.tangential_force, rel=1e-6, abs=1e-8)
+
+
+def test_the_path_is_continued_through_uneven_steps():
+    """Pressing in steps of other lengths: the extrapolation knows how long each one is."""
+    data = tomllib.loads(BLOCK)
+    data["stage"] = [
+        {"name": f"press {i}", "duration": f"{length} s", "steps": 1}
+        for i, length in enumerate((0.1, 0.1, 0.2, 0.05, 0.3, 0.25))
+    ]
+    sim = Simulation(build_model(Case.model_validate(copy.deepcopy(data)), MPI.COMM_SELF))
+    results = run(sim)
+    # The linear extrapolation of unequal increments alone would start from about a third of the force.
+    assert all(result.residuals[0] < 2e-2 for result in results[3:]), [
+        result.residuals[0] for result in results
+    ]
