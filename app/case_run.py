@@ -43,6 +43,10 @@ class Solver(Model):
     min_step_fraction: Annotated[float, Quantity(gt=0.0, le=1.0)] = Field(
         default=1e-4, description="smallest part of a step that is tried before giving up"
     )
+    linear: Literal["auto", "direct", "krylov"] = Field(
+        default="auto",
+        description="linear solver: MUMPS, or GMRES with algebraic multigrid; auto: by size",
+    )
     petsc: dict[Text, PetscValue] = Field(
         default={}, description='PETSc options, passed through: name without "-", and value'
     )

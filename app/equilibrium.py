@@ -90,6 +90,7 @@ class Equilibrium:
         dt: length of the step being tried, s.
         trials: contacts at the last evaluation; committed: at the last converged step.
         timer: seconds by part.
+        size: number of unknowns on all ranks; owned: on this rank.
         roundoff: N/m, residual norm below which only round-off is left.
     """
 
@@ -112,6 +113,7 @@ class Equilibrium:
         self.dim = self.space.dofmap.index_map_bs
         self.owned = self.space.dofmap.index_map.size_local * self.dim
         self.first = self.space.dofmap.index_map.local_range[0] * self.dim
+        self.size = self.space.dofmap.index_map.size_global * self.dim
         for platen in self.platens:
             platen.gather(self.space)
         parts = [p.dofs for p in self.prescribed]

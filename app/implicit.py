@@ -14,7 +14,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.equilibrium import Equilibrium
-from app.linear_solver import LinearSolver
+from app.linear_solver import Linear, LinearSolver, linear_options
 from app.predictor import Predictor
 
 PREFIX = "tribox_"
@@ -31,11 +31,13 @@ class ImplicitOptions:
     Attributes:
         tolerance: residual norm allowed, relative to the contact or reaction force.
         max_iterations: Newton iterations before a step counts as failed.
+        linear: the linear solver; "auto" is direct up to a number of unknowns.
         petsc: further PETSc options, without prefix.
     """
 
     tolerance: float = 1e-8
     max_iterations: int = 25
+    linear: Linear = "auto"
     petsc: Mapping[str, str | float | bool] = field(default_factory=dict)
 
 
@@ -90,9 +92,7 @@ class ImplicitStepper:
             "snes_type": "newtonls",
             "snes_linesearch_type": "bt",
             "snes_linesearch_order": 1,
-            "ksp_type": "preonly",
-            "pc_type": "lu",
-            "pc_factor_mat_solver_type": "mumps",
+            **linear_options(self.problem, self.options.linear),
         }
         options = self._petsc_options = PETSc.Options(prefix)
         for key, value in (defaults | dict(self.options.petsc)).items():
@@ -129,7 +129,7 @@ class ImplicitStepper:
         A Newton iteration that reduced the residual by c has moved the tangent by about as much,
         so the old one reduces it by about c once more.
         """
-        if len(self.residuals) < 2 or self.residuals[-2] == 0.0:
+        if not self.solver.direct or len(self.residuals) < 2 or self.residuals[-2] == 0.0:
             return False
         last = self.residuals[-1]
         return REUSE_SAFETY * last * last / self.residuals[-2] <= self.options.tolerance

@@ -1,10 +1,61 @@
-"""The tangent's matrix and what was factorised of it last."""
+"""The tangent's matrix, and the linear solver that works with it.
+
+Direct (MUMPS) up to a number of unknowns, above it flexible GMRES with smoothed aggregation (GAMG).
+Friction makes the tangent unsymmetric, and contact joins the bodies within the matrix, so that both
+solvers see all of it.
+"""
 
 from __future__ import annotations
 
+from typing import Literal
+
+import numpy as np
 from petsc4py import PETSc
 
 from app.equilibrium import Equilibrium
+from geometry.projection import Floats
+
+Linear = Literal["auto", "direct", "krylov"]
+# Unknowns up to which "auto" factorises, by the dimension of space: a factorisation takes about
+# n^1.5 operations in the plane and n^2 in space, and n log n and n^(4/3) words of memory.
+DIRECT_LIMIT = {2: 2_000_000, 3: 60_000}
+DIRECT: dict[str, str | float | bool] = {
+    "ksp_type": "preonly",
+    "pc_type": "lu",
+    "pc_factor_mat_solver_type": "mumps",
+}
+KRYLOV: dict[str, str | float | bool] = {
+    "ksp_type": "fgmres",
+    "ksp_rtol": 1e-5,
+    "ksp_max_it": 500,
+    "ksp_gmres_restart": 60,
+    "pc_type": "gamg",
+    "mg_levels_ksp_type": "chebyshev",
+    "mg_levels_pc_type": "jacobi",
+}
+
+
+def linear_options(problem: Equilibrium, kind: Linear) -> dict[str, str | float | bool]:
+    """PETSc options of the linear solver that a case asks for."""
+    if kind == "auto":
+        kind = "direct" if problem.size <= DIRECT_LIMIT[problem.dim] else "krylov"
+    return DIRECT if kind == "direct" else KRYLOV
+
+
+def rigid_modes(position: Floats) -> Floats:
+    """Displacements (m, n, i) of rigid motions of nodes at ``position`` (n, i), small rotations.
+
+    Smoothed aggregation restricts them to its aggregates, which lie within a body: the modes of
+    all bodies together are thus the modes of each.
+    """
+    count, dim = position.shape
+    modes = [np.broadcast_to(np.eye(dim)[i], (count, dim)) for i in range(dim)]
+    for i in range(dim):
+        for j in range(i):
+            mode = np.zeros((count, dim))
+            mode[:, i], mode[:, j] = position[:, j], -position[:, i]
+            modes.append(mode)
+    return np.stack(modes)
 
 
 class LinearSolver:
@@ -25,11 +76,36 @@ class LinearSolver:
         self.assembled = 0
         self._pattern = problem.pattern_changes
         self._ksp: PETSc.KSP | None = None
+        self._near: PETSc.NullSpace | None = None
 
     def use(self, ksp: PETSc.KSP) -> None:
         """Solve with ``ksp``, whose operators this matrix becomes."""
         self._ksp = ksp
         ksp.setOperators(self.matrix)
+        if not self.direct:
+            self._near = self._near_nullspace()
+
+    @property
+    def direct(self) -> bool:
+        """Whether a solve with the matrix at hand is a substitution: cheap beside a new matrix."""
+        return bool(self.ksp.getType() == PETSc.KSP.Type.PREONLY)
+
+    def _near_nullspace(self) -> PETSc.NullSpace:
+        """Rigid motions, orthonormal, for smoothed aggregation; collective."""
+        problem = self.problem
+        nodes = problem.owned // problem.dim
+        position = problem.space.tabulate_dof_coordinates()[:nodes, : problem.dim]
+        total = problem.comm.allreduce(position.sum(axis=0))
+        modes = rigid_modes(position - total / (problem.size / problem.dim))
+        vectors: list[PETSc.Vec] = []
+        for mode in modes:
+            vector = problem.new_vector()
+            vector.array[:] = mode.reshape(-1)
+            for other in vectors:
+                vector.axpy(-vector.dot(other), other)
+            vector.normalize()
+            vectors.append(vector)
+        return PETSc.NullSpace().create(vectors=vectors, comm=problem.comm)
 
     @property
     def ksp(self) -> PETSc.KSP:
@@ -84,6 +160,8 @@ class LinearSolver:
         by itself that the factorisation's analysis is out of date.
         """
         self.assembled += 1
+        if self._near is not None:
+            self.matrix.setNearNullSpace(self._near)
         if self._pattern != self.problem.pattern_changes:
             self._pattern = self.problem.pattern_changes
             self.ksp.reset()

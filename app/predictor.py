@@ -126,7 +126,7 @@ class Predictor:
             norm: of the residual there.
             times: corrections at most.
         """
-        for _ in range(times):
+        for _ in range(times if self.solver.direct else 0):
             if not np.isfinite(norm) or norm == 0.0:
                 break
             before = trial.array_r.copy()
@@ -141,6 +141,8 @@ class Predictor:
         return norm
 
     def _residual_norm(self, trial: PETSc.Vec) -> float:
+        if not np.isfinite(trial.norm()):  # what a singular factor leaves: nothing to evaluate
+            return np.inf
         self.problem.residual(None, trial, self._residual)
         norm: float = self._residual.norm()
         return norm

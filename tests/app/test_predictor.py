@@ -55,9 +55,8 @@ def run(sim):
 def test_gross_sliding_takes_one_factorisation_a_step():
     sim = simulation(steps=12)
     results = run(sim)
-    gross = [
-        result for result, row in zip(results, sim.rows, strict=True) if row.stick_fraction == 0.0
-    ]
+    pairs = zip(results, sim.rows, strict=True)
+    gross = [result for result, row in pairs if row.stick_fraction == 0.0]
     assert len(gross) >= 5
     assert all(result.factorisations == 1 for result in gross[2:])
     assert sim.stepper.solver.assembled == sum(result.factorisations for result in results)
@@ -93,7 +92,7 @@ def test_the_path_is_continued_through_uneven_steps():
     ]
     sim = Simulation(build_model(Case.model_validate(copy.deepcopy(data)), MPI.COMM_SELF))
     results = run(sim)
-    # The linear extrapolation of unequal increments alone would start from about a third of the force.
+    # Increments repeated without regard to their lengths would start from a third of the force.
     assert all(result.residuals[0] < 2e-2 for result in results[3:]), [
         result.residuals[0] for result in results
     ]
