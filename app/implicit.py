@@ -77,8 +77,6 @@ class ImplicitStepper:
         self.residuals: list[float] = []
         self._largest_force = 0.0
         self._whole_steps = False
-        PETSc.Log.begin()
-        self._log_start = _logged_seconds()
         self.solver = LinearSolver(problem, self.x)
         self.snes = self._new_snes()
         self.solver.use(self.snes.getKSP())
@@ -192,7 +190,8 @@ class ImplicitStepper:
 
     def _iterate(self) -> tuple[int, int]:
         """Let SNES solve from the present trial; (iterations, converged reason)."""
-        self.snes.solve(None, self.trial)
+        with self.problem.timer("linear solve"):  # assembly and factorisation take themselves out
+            self.snes.solve(None, self.trial)
         self.solver.forget_failure()
         return self.snes.getIterationNumber(), self.snes.getConvergedReason()
 
@@ -210,21 +209,5 @@ class ImplicitStepper:
 
     def seconds(self) -> dict[str, float]:
         """Seconds of this rank so far in each part of the solution, from assembly to solve."""
-        logged = {key: v - self._log_start[key] for key, v in _logged_seconds().items()}
-        return dict(self.problem.timer.seconds) | logged
+        return dict(self.problem.timer.seconds)
 
-
-def _logged_seconds() -> dict[str, float]:
-    """Seconds PETSc has logged for the parts of the linear solves, in this process."""
-    events = {
-        "factorisation": ("MatLUFactorSym", "MatLUFactorNum", "MatCholFctrSym", "MatCholFctrNum"),
-        "preconditioner set-up": ("PCSetUp",),
-        "linear solve": ("KSPSolve",),
-    }
-    seconds = {
-        part: sum(PETSc.Log.Event(name).getPerfInfo()["time"] for name in names)
-        for part, names in events.items()
-    }
-    # PETSc counts a factorisation as part of setting up the preconditioner.
-    seconds["preconditioner set-up"] -= seconds["factorisation"]
-    return seconds

@@ -61,8 +61,8 @@ def rigid_modes(position: Floats) -> Floats:
 class LinearSolver:
     """Solves with the tangent of the state it was last assembled at.
 
-    PETSc factorises when it first solves with a changed matrix, so that further solves cost a
-    substitution only.
+    The matrix is factorised, or its preconditioner made, when it has been assembled: further
+    solves with it cost a substitution only.
 
     Attributes:
         matrix: the tangent, supports and platens included.
@@ -138,7 +138,8 @@ class LinearSolver:
 
     def solve(self, rhs: PETSc.Vec, solution: PETSc.Vec) -> bool:
         """Solve with the tangent assembled last; returns whether it worked."""
-        self.ksp.solve(rhs, solution)
+        with self.problem.timer("linear solve"):
+            self.ksp.solve(rhs, solution)
         return self.forget_failure()
 
     def forget_failure(self) -> bool:
@@ -165,4 +166,6 @@ class LinearSolver:
         if self._pattern != self.problem.pattern_changes:
             self._pattern = self.problem.pattern_changes
             self.ksp.reset()
-            self.ksp.setOperators(self.matrix)
+        self.ksp.setOperators(self.matrix)
+        with self.problem.timer("factorisation" if self.direct else "preconditioner"):
+            self.ksp.setUp()
