@@ -8,7 +8,8 @@ matrix is assembled, so one factorisation of one matrix serves, and Newton stays
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import dolfinx
@@ -167,6 +168,18 @@ class Equilibrium:
         for part in self.prescribed:
             values[part.dofs] = part.value
         return values
+
+    @contextmanager
+    def softened(self, share: float) -> Iterator[None]:
+        """Within a ``with`` block all penalties are this share of what they are."""
+        penalties = [term.penalty for term in self.contacts]
+        try:
+            for term, penalty in zip(self.contacts, penalties, strict=True):
+                term.penalty = share * penalty
+            yield
+        finally:
+            for term, penalty in zip(self.contacts, penalties, strict=True):
+                term.penalty = penalty
 
     def commit(self) -> None:
         """Make the contacts evaluated last the state that the next step starts from."""

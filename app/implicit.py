@@ -20,6 +20,7 @@ from app.predictor import Predictor
 PREFIX = "tribox_"
 _numbers = itertools.count()
 REUSE_SAFETY = 10.0  # margin in the estimate of what an iteration with the last tangent leaves
+SOFT_SHARE = 0.03  # of the penalties, with which a step that failed is approached
 STALLED = 0.1  # relative residual below which a stalled line search is followed by whole steps
 STALL_WINDOW = 4  # iterations over which the residual must fall by a tenth not to count as stalled
 
@@ -77,6 +78,7 @@ class ImplicitStepper:
         self.residuals: list[float] = []
         self._largest_force = 0.0
         self._whole_steps = False
+        self._patient = False  # no next means is left: all iterations are used
         self.solver = LinearSolver(problem, self.x)
         self.snes = self._new_snes()
         self.solver.use(self.snes.getKSP())
@@ -147,7 +149,8 @@ class ImplicitStepper:
             return PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT
         recent = self.residuals[-STALL_WINDOW - 1 :]
         stalled = len(recent) > STALL_WINDOW and recent[-1] > 0.9 * recent[0]
-        if stalled and not self._whole_steps and recent[-1] <= STALLED:
+        hopeless = recent[-1] <= STALLED or not self._patient
+        if stalled and hopeless and not self._whole_steps:
             return PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH
         return None
 
@@ -157,15 +160,21 @@ class ImplicitStepper:
         problem.dt = dt
         self.residuals = []
         assembled = self.solver.assembled
-        solves = self.predictor.predict(self.x, self.trial)
-        iterations, reason = self._solve()
+        iterations = self.predictor.predict(self.x, self.trial)
+        start = self.trial.array_r.copy()
+        more, reason = self._solve()
+        iterations += more
+        if reason <= 0 and problem.contacts and not self._near():
+            self.trial.array[:] = start
+            more, reason = self._approach()
+            iterations += more
         if reason > 0 and not problem.is_evaluated(self.trial):
             problem.residual(None, self.trial, self._residual)
         return StepResult(
             # An element may be turned inside out and its residual finite all the same; the strain
             # energy, with its logarithm of J, is not.
             converged=reason > 0 and bool(np.isfinite(problem.strain_energy())),
-            iterations=solves + iterations,
+            iterations=iterations,
             factorisations=self.solver.assembled - assembled,
             reason=reason,
             residuals=self.residuals,
@@ -178,8 +187,9 @@ class ImplicitStepper:
         the far side of one the line search may find no decrease however short the step, while a
         few whole steps settle which side each point is on.
         """
+        self.residuals = []
         iterations, reason = self._iterate()
-        if reason > 0 or not self.residuals or self.residuals[-1] > STALLED:
+        if reason > 0 or not self._near():
             return iterations, reason
         self._whole_steps = True
         self._search("basic")
@@ -187,6 +197,25 @@ class ImplicitStepper:
         self._search(None)
         self._whole_steps = False
         return iterations + more, reason
+
+    def _near(self) -> bool:
+        """Whether the last iteration came so near that the bodies touch where they will."""
+        return bool(self.residuals and self.residuals[-1] <= STALLED)
+
+    def _approach(self) -> tuple[int, int]:
+        """Solve with a soft contact first, and from there with the contact as it is.
+
+        Where many points open or close at once, a stiff penalty makes Newton's method try one set
+        of them after another; a soft one lets it find the region.
+        """
+        self._patient = True
+        with self.problem.softened(SOFT_SHARE):
+            iterations, reason = self._solve()
+        if reason > 0:
+            more, reason = self._solve()
+            iterations += more
+        self._patient = False
+        return iterations, reason
 
     def _iterate(self) -> tuple[int, int]:
         """Let SNES solve from the present trial; (iterations, converged reason)."""

@@ -119,7 +119,7 @@ class ContactTerm:
             friction=law.initial_state(q, surface.dim),
             friction_traction=np.zeros((q, surface.dim)),
         )
-        self._last: tuple[tuple[float, bool], Floats, Floats, ContactTrial] | None = None
+        self._last: tuple[tuple[float, bool, float], Floats, Floats, ContactTrial] | None = None
 
     def evaluate(self, x: PETSc.Vec, dt: float) -> ContactTrial:
         """The contact at the displacements ``x`` (m) after a step of ``dt`` (s); collective.
@@ -127,7 +127,7 @@ class ContactTerm:
         Nothing is changed; the evaluation of the same ``x`` twice in a row costs one gather.
         """
         slave, master = self.surface.displacements(x)
-        key = (dt, self.rate_dependent)
+        key = (dt, self.rate_dependent, self.penalty)
         if self._last is not None and self._last[0] == key:
             _, last_slave, last_master, trial = self._last
             if np.array_equal(slave, last_slave) and np.array_equal(master, last_master):
