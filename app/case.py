@@ -23,7 +23,7 @@ from pydantic import (
     model_validator,
 )
 
-from app.case_bodies import BlocksGeometry, Body, Geometry
+from app.case_bodies import Body, GeneratedGeometry, Geometry
 from app.case_boundary import Boundary, Stage, boundary_problems, stage_problems
 from app.case_contact import Contact
 from app.case_errors import format_problem, problems_of
@@ -113,7 +113,7 @@ class Case(Model):
     def _names_of_bodies(cls, bodies: Any, info: ValidationInfo) -> Any:
         """The bodies are those of the generator; said before anything inside them is looked at."""
         geometry = info.data.get("geometry")
-        if isinstance(geometry, BlocksGeometry) and isinstance(bodies, Mapping):
+        if isinstance(geometry, GeneratedGeometry) and isinstance(bodies, Mapping):
             if problems := list(_name_problems(bodies, geometry.bodies)):
                 raise problems_error(problems)
         return bodies
@@ -123,7 +123,7 @@ class Case(Model):
     def _default_formulation(cls, bodies: dict[str, Body], info: ValidationInfo) -> dict[str, Body]:
         """Fill in the formulation that suits the elements, where they are known already."""
         geometry = info.data.get("geometry")
-        if not isinstance(geometry, BlocksGeometry):
+        if not isinstance(geometry, GeneratedGeometry):
             return bodies
         filled = {}
         for name, body in bodies.items():
@@ -149,7 +149,7 @@ class Case(Model):
         yield from self.geometry.problems(("geometry",))
         for name, body in self.bodies.items():
             yield from body.problems(("bodies", name))
-        if isinstance(self.geometry, BlocksGeometry):
+        if isinstance(self.geometry, GeneratedGeometry):
             yield from self._formulation_problems(self.geometry)
             yield from self._surface_problems(self.geometry)
         pairs: dict[frozenset[str], int] = {}
@@ -173,14 +173,14 @@ class Case(Model):
         """Largest eta_b/D of all contacts, Pa s/m; 0 without a film."""
         return max(contact.film_conductance for contact in self.contact)
 
-    def _formulation_problems(self, geometry: BlocksGeometry) -> Iterator[Problem]:
+    def _formulation_problems(self, geometry: GeneratedGeometry) -> Iterator[Problem]:
         for name, body in self.bodies.items():
             try:
                 body.formulation_for(geometry.cell)
             except ValueError as error:
                 yield Problem(("bodies", name, "formulation"), str(error), body.formulation)
 
-    def _surface_problems(self, geometry: BlocksGeometry) -> Iterator[Problem]:
+    def _surface_problems(self, geometry: GeneratedGeometry) -> Iterator[Problem]:
         named: list[tuple[Place, str]] = []
         for index, contact in enumerate(self.contact):
             named.append((("contact", index, "slave"), contact.slave))

@@ -13,10 +13,46 @@ from app.case_model import Count, Model, Place, Problem
 from app.quantities import Quantity
 
 if TYPE_CHECKING:
+    from geometry.cylinders import FlatBlock, HalfCylinder, LineContact
+    from geometry.gmsh_model import Shape
     from geometry.two_blocks import TwoBlocks
 
 Cell = Literal["quadrilateral", "triangle"]
 Formulation = Literal["q1", "q1-sri"]
+
+
+class GeneratedGeometry(Model):
+    """What all built-in generators have: one body on another, names known beforehand."""
+
+    bodies: ClassVar[tuple[str, ...]] = ("elastomer", "aluminium")
+    surfaces: ClassVar[tuple[str, ...]] = (
+        "elastomer_contact",
+        "aluminium_contact",
+        "top",
+        "bottom",
+        "elastomer_left",
+        "elastomer_right",
+        "aluminium_left",
+        "aluminium_right",
+    )
+
+    cell: Cell = Field(default="quadrilateral", description="shape of the elements")
+    thickness: Annotated[float, Quantity("m", gt=0.0)] = Field(
+        default=1.0, description="thickness of the plane-strain slab for which forces are reported"
+    )
+
+    @property
+    def extent(self) -> float:
+        """Largest extent of a body, m."""
+        raise NotImplementedError
+
+    def shape(self) -> Shape:
+        """What is meshed.
+
+        Raises:
+            ValueError: it cannot be meshed so; the message says why.
+        """
+        raise NotImplementedError
 
 
 class BlockSize(Model):
@@ -38,26 +74,10 @@ class BlockSize(Model):
     )
 
 
-class BlocksGeometry(Model):
+class BlocksGeometry(GeneratedGeometry):
     """Two rectangular blocks, one on the other, meshed by the built-in generator."""
 
-    bodies: ClassVar[tuple[str, ...]] = ("elastomer", "aluminium")
-    surfaces: ClassVar[tuple[str, ...]] = (
-        "elastomer_contact",
-        "aluminium_contact",
-        "top",
-        "bottom",
-        "elastomer_left",
-        "elastomer_right",
-        "aluminium_left",
-        "aluminium_right",
-    )
-
     kind: Literal["two-blocks"] = Field(description="which generator makes the mesh")
-    cell: Cell = Field(default="quadrilateral", description="shape of the elements")
-    thickness: Annotated[float, Quantity("m", gt=0.0)] = Field(
-        default=1.0, description="thickness of the plane-strain slab for which forces are reported"
-    )
     upper: BlockSize = Field(description='the upper block, body "elastomer"')
     lower: BlockSize = Field(description='the lower block, body "aluminium"')
     offset: Annotated[float, Quantity("m")] = Field(
@@ -70,7 +90,12 @@ class BlocksGeometry(Model):
         description="distance between the blocks at the start; 0 lets them touch exactly",
     )
 
-    def blocks(self) -> TwoBlocks:
+    @property
+    def extent(self) -> float:
+        """The wider block's width, m."""
+        return max(self.lower.width, self.upper.width)
+
+    def shape(self) -> TwoBlocks:
         """What the generator takes.
 
         Raises:
@@ -99,7 +124,7 @@ class BlocksGeometry(Model):
             yield Problem((*place, "offset"), reason, self.offset)
         if not found:
             try:
-                self.blocks()
+                self.shape()
             except ValueError as error:
                 yield Problem(place, str(error))
 
@@ -110,6 +135,124 @@ def _centred(data: dict[str, Any]) -> float:
     if not isinstance(upper, BlockSize) or not isinstance(lower, BlockSize):
         return 0.0
     return 0.5 * (lower.width - upper.width)
+
+
+_Width = Annotated[float, Quantity("m", gt=0.0)]
+
+
+class _ZoneSize(Model):
+    """How finely one body of a line contact is meshed, where it differs from the other."""
+
+    contact_width: _Width | None = Field(
+        default=None, description="width of this body's contact zone; default: geometry's"
+    )
+    contact_size: _Width | None = Field(
+        default=None, description="element width in this body's contact zone; default: geometry's"
+    )
+
+
+class CylinderSize(_ZoneSize):
+    """A cylinder, cut in half, of the line-contact generators."""
+
+    radius: _Width = Field(description="radius; the flat side of the half is the far side")
+
+
+class FlatSize(_ZoneSize):
+    """The block under a cylinder."""
+
+    width: _Width = Field(description="extent in x")
+    height: _Width = Field(description="extent in y")
+
+
+class _LineGeometry(GeneratedGeometry):
+    """What the two line-contact generators share."""
+
+    contact_width: _Width = Field(
+        description="width of the finely meshed contact zone around the first line of contact, "
+        "which is the contact surface: the contact must stay within it"
+    )
+    contact_size: _Width = Field(
+        description="largest element width in the contact zone, and height on its surface"
+    )
+    growth: Annotated[float, Quantity(ge=1.0, le=2.0)] = Field(
+        default=1.15, description="size of an element over that of its neighbour nearer the contact"
+    )
+
+    def sizes(self) -> tuple[tuple[str, CylinderSize], tuple[str, CylinderSize | FlatSize]]:
+        """The upper and the lower body, each with its key."""
+        raise NotImplementedError
+
+    @property
+    def extent(self) -> float:
+        """The larger body's width, m."""
+        return max(_width(size) for _, size in self.sizes())
+
+    def body(self, size: CylinderSize | FlatSize) -> HalfCylinder | FlatBlock:
+        """One body as the generator takes it.
+
+        Raises:
+            ValueError: it cannot be meshed so; the message says why.
+        """
+        from geometry.cylinders import FlatBlock, HalfCylinder
+
+        zone = (size.contact_width or self.contact_width, size.contact_size or self.contact_size)
+        if isinstance(size, CylinderSize):
+            return HalfCylinder(size.radius, *zone)
+        return FlatBlock(size.width, size.height, *zone)
+
+    def shape(self) -> LineContact:
+        """What the generator takes.
+
+        Raises:
+            ValueError: the bodies cannot be meshed so; the message says why.
+        """
+        from geometry.cylinders import LineContact
+
+        upper, lower = (self.body(size) for _, size in self.sizes())
+        return LineContact(upper, lower, self.growth, self.cell, *self.bodies)
+
+    def problems(self, place: Place) -> Iterator[Problem]:
+        """What is wrong with the bodies, `place` being this table's place in the case."""
+        wrong = False
+        for name, size in self.sizes():
+            try:
+                self.body(size)
+            except ValueError as error:
+                wrong = True
+                yield Problem((*place, name), str(error))
+        if not wrong:
+            try:
+                self.shape()
+            except ValueError as error:
+                yield Problem(place, str(error))
+
+
+def _width(size: CylinderSize | FlatSize) -> float:
+    return 2.0 * size.radius if isinstance(size, CylinderSize) else size.width
+
+
+class CylinderOnBlockGeometry(_LineGeometry):
+    """A half cylinder on a block, touching at x = y = 0."""
+
+    kind: Literal["cylinder-on-block"] = Field(description="which generator makes the mesh")
+    cylinder: CylinderSize = Field(description='the half cylinder above, body "elastomer"')
+    block: FlatSize = Field(description='the block below, body "aluminium"')
+
+    def sizes(self) -> tuple[tuple[str, CylinderSize], tuple[str, FlatSize]]:
+        """The cylinder and the block."""
+        return ("cylinder", self.cylinder), ("block", self.block)
+
+
+class TwoCylindersGeometry(_LineGeometry):
+    """A half cylinder on another with a parallel axis, touching at x = y = 0."""
+
+    kind: Literal["two-cylinders"] = Field(description="which generator makes the mesh")
+    upper: CylinderSize = Field(description='the half cylinder above, body "elastomer"')
+    lower: CylinderSize = Field(description='the half cylinder below, body "aluminium"')
+
+    def sizes(self) -> tuple[tuple[str, CylinderSize], tuple[str, CylinderSize]]:
+        """The upper and the lower cylinder."""
+        return ("upper", self.upper), ("lower", self.lower)
 
 
 class MeshGeometry(Model):
@@ -145,7 +288,10 @@ class MeshGeometry(Model):
         return iter(())
 
 
-Geometry = Annotated[BlocksGeometry | MeshGeometry, Field(discriminator="kind")]
+Geometry = Annotated[
+    BlocksGeometry | CylinderOnBlockGeometry | TwoCylindersGeometry | MeshGeometry,
+    Field(discriminator="kind"),
+]
 
 
 class _Body(Model):

@@ -34,6 +34,7 @@ OWN = (
     "fit.json",
     "fit.csv",
     "friction.toml",
+    "verification.md",
 )
 TEXT_COLUMNS = ("stage", "label")
 

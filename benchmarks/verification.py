@@ -3,8 +3,8 @@
 From the repository: ``python3 -m benchmarks.verification sfa`` (steady points of the sliding test
 against the closed form; ``--results DIR`` reads a finished sweep instead of running it),
 ``... stretch`` (how much of the difference the stretch of the sliding surface explains),
-``... blocks`` (block-slide against the reference forces) and ``... penalty`` (its forces as the
-penalty grows).
+``... blocks`` (block-slide against the reference forces), ``... penalty`` (its forces as the
+penalty grows) and ``... cylinders`` (line contact as mesh, penalty and stiffness of stick change).
 """
 
 from __future__ import annotations
@@ -20,16 +20,17 @@ from typing import Any
 import numpy as np
 
 from app.case import load_case
+from app.case_bodies import TwoCylindersGeometry
 from app.case_contact import FrictionMap
 from app.results import read_table
 from app.run import run_case
+from app.verification import percent
+from app.verification_contact import Profile, press, pressure_checks, traction_checks
+from app.verification_result import Check
+from app.verification_sliding import REFERENCE
 from benchmarks.run import ROOT, level_options, tribox
 from forms.closed_forms import Floats, effective_viscosity, film_fraction, threshold_speed
 from forms.friction_parameters import FrictionMapParameters
-
-# Forces in N for a slab of 1 mm by codes that enforce the constraint exactly: normal force after
-# pressing, tangential and normal force at the end.
-REFERENCE = {1: (0.9684, 0.1756, 0.8778), 2: (0.9617, 0.1743, 0.8717), 4: (0.9581, 0.1737, 0.8683)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,7 +169,7 @@ def block_row(name: str, level: int, options: Sequence[str], where: Path) -> str
     )
     deepest = max(row["max_penetration"] for row in rows)
     return (
-        f"| {name} | {values} | {deepest * 1e6:.2f} | {summary['newton_iterations']} "
+        f"| {name} | {values} | {deepest * 1e6:.3g} | {summary['newton_iterations']} "
         f"| {summary['attempts']} | {_unbalanced(rows):.1e} |"
     )
 
@@ -179,10 +180,42 @@ BLOCK_HEAD = (
 )
 
 
+def _errors(profile: Profile, checks: Sequence[Check]) -> str:
+    cells = (percent(check.error) for check in checks)
+    return f"{profile.exact.half_width / profile.size:.0f} | {' | '.join(cells)} |"
+
+
+def cylinder_tables() -> Iterator[str]:
+    """Markdown tables of line contact: mesh, meshes that do not match, stiffness of stick."""
+    pressure = "elements over a | a | p0 | largest p | rms | off the edges |"
+    yield f"| contact_size (µm) | {pressure}\n" + "|---" * 7 + "|"
+    for size in (28, 20, 14, 10, 7):
+        options = [f"geometry.contact_size={size} um"]
+        options.append(f"geometry.block.contact_size={1.3 * size} um")
+        profile = press("hertz-line", options)
+        yield f"| {size} | {_errors(profile, pressure_checks(profile))}"
+    yield f"\n| meshes | penalty_factor | {pressure}\n" + "|---" * 8 + "|"
+    for name, below in (("matching", 10), ("not matching", 13)):
+        for factor in (30, 10, 3, 1):
+            options = [f"contact.0.penalty_factor={factor}"]
+            options.append(f"geometry.lower.contact_size={below} um")
+            profile = press("hertz-two-cylinders", options)
+            yield f"| {name} | {factor} | {_errors(profile, pressure_checks(profile))}"
+    head = "elements over a | c | c by regime | rms | off the edges |"
+    yield f"\n| K_T h/G | {head}\n" + "|---" * 6 + "|"
+    case = load_case(ROOT / "cases" / "cattaneo-mindlin.toml")
+    assert isinstance(case.geometry, TwoCylindersGeometry)
+    unit = case.bodies["elastomer"].shear_modulus / case.geometry.contact_size
+    for factor in (1, 3, 10, 30, 100):
+        options = [f"contact.0.friction.K_T={factor * unit}"]
+        profile = press("cattaneo-mindlin", options)
+        yield f"| {factor} | {_errors(profile, traction_checks(profile))}"
+
+
 def main() -> None:
     """Print the tables asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("what", choices=("sfa", "stretch", "blocks", "penalty"))
+    parser.add_argument("what", choices=("sfa", "stretch", "blocks", "penalty", "cylinders"))
     parser.add_argument("--results", type=Path, help="a finished sweep of cases/sfa.toml")
     parser.add_argument("--level", type=int, action="append", choices=(1, 2, 4))
     chosen = parser.parse_args()
@@ -195,13 +228,16 @@ def main() -> None:
             print("\n".join(sliding_tables(directory)))
         elif chosen.what == "stretch":
             print("\n".join(stretch_lines()))
+        elif chosen.what == "cylinders":
+            for line in cylinder_tables():
+                print(line, flush=True)
         elif chosen.what == "blocks":
             print(BLOCK_HEAD.format("level"))
             for level in chosen.level or (1, 2):
                 print(block_row(str(level), level, [], where), flush=True)
         else:
             print(BLOCK_HEAD.format("penalty_factor"))
-            for factor in (1, 3, 10, 30, 100, 300):
+            for factor in (1, 3, 10, 30, 100, 300, 1000, 3000):
                 option = ["--set", f"contact.0.penalty_factor={factor}"]
                 print(block_row(str(factor), 1, option, where), flush=True)
 

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -42,6 +42,14 @@ class NamedGroups:
     bodies: dict[str, int]
     surfaces: dict[str, int]
     facet_counts: dict[str, int]
+
+
+class Shape(Protocol):
+    """A built-in geometry."""
+
+    def build(self) -> None:
+        """Draw, name and mesh it in the current gmsh model."""
+        ...
 
 
 @contextmanager
@@ -76,6 +84,35 @@ def gmsh_session(name: str) -> Iterator[ModuleType]:
             gmsh.model.remove()
             gmsh.model.setCurrent(previous)
             gmsh.option.setNumber("General.Terminal", terminal)
+
+
+def write_msh(shape: Shape, path: Path) -> None:
+    """Write a built-in geometry as a gmsh file of version 4.1; to be called on one process.
+
+    The file appears under its name only when it is complete.
+
+    Args:
+        shape: What to write.
+        path: The file, ending in ``.msh``, in an existing directory.
+
+    Raises:
+        ValueError: If the name does not end in ``.msh``.
+        FileNotFoundError: If the directory does not exist.
+    """
+    path = Path(path)
+    if path.suffix != ".msh":
+        raise ValueError(f"{path}: the name of a gmsh mesh file must end in .msh")
+    if not path.parent.is_dir():
+        raise FileNotFoundError(f"{path.parent}: no such directory")
+    partial = path.with_name(f".{path.stem}.partial.msh")
+    try:
+        with gmsh_session(type(shape).__name__) as gmsh:
+            shape.build()
+            gmsh.option.setNumber("Mesh.MshFileVersion", 4.1)
+            gmsh.write(str(partial))
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 def open_msh(gmsh: ModuleType, path: Path) -> None:

@@ -16,8 +16,14 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from geometry.compat import model_to_mesh
-from geometry.gmsh_model import MeshError, NamedGroups, gmsh_session, named_groups, open_msh
-from geometry.two_blocks import TwoBlocks, build
+from geometry.gmsh_model import (
+    MeshError,
+    NamedGroups,
+    Shape,
+    gmsh_session,
+    named_groups,
+    open_msh,
+)
 
 __all__ = ["MeshError", "NamedMesh", "bodies_sharing_nodes", "generate", "read"]
 
@@ -73,17 +79,17 @@ class NamedMesh:
         return np.asarray(self.facet_tags.find(self.surface_tag(name)), dtype=np.int32)
 
 
-def generate(blocks: TwoBlocks, comm: MPI.Comm) -> NamedMesh:
-    """Mesh two blocks on one process and distribute them; collective.
+def generate(shape: Shape, comm: MPI.Comm) -> NamedMesh:
+    """Mesh a built-in geometry on one process and distribute it; collective.
 
     Args:
-        blocks: The geometry.
+        shape: The geometry.
         comm: Communicator of the mesh.
 
     Returns:
-        The mesh, with the names of ``geometry.two_blocks.build``.
+        The mesh, with the names that the shape's ``build`` gives.
     """
-    return _load(lambda gmsh: build(blocks), "two blocks", comm)
+    return _load(lambda gmsh: shape.build(), type(shape).__name__, comm)
 
 
 def read(path: Path, comm: MPI.Comm) -> NamedMesh:

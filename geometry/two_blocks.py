@@ -8,9 +8,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from pathlib import Path
-
-from geometry.gmsh_model import gmsh_session
 
 MAX_CELLS = 10_000_000
 """More cells than this in one block are taken for a mistake in the element size."""
@@ -153,62 +150,29 @@ class TwoBlocks:
             return 0.5 * (self.lower.width - self.upper.width)
         return self.offset
 
+    def build(self) -> None:
+        """Draw and mesh the blocks in the current gmsh model.
 
-def build(blocks: TwoBlocks) -> None:
-    """Draw and mesh the blocks in the current gmsh model.
+        The physical groups are the two bodies and, with U and L for their names, the curves
+        ``U_contact``, ``L_contact``, ``top`` (of U), ``bottom`` (of L), ``U_left``, ``U_right``,
+        ``L_left`` and ``L_right``.
+        """
+        import gmsh
 
-    The physical groups are the two bodies and, with U and L for their names, the curves
-    ``U_contact``, ``L_contact``, ``top`` (of U), ``bottom`` (of L), ``U_left``, ``U_right``,
-    ``L_left`` and ``L_right``.
-
-    Args:
-        blocks: What to draw.
-    """
-    import gmsh
-
-    upper = _draw(blocks.upper, blocks.left(), blocks.gap, blocks.upper.height, blocks.cell)
-    lower = _draw(blocks.lower, 0.0, 0.0, -blocks.lower.height, blocks.cell)
-    gmsh.model.geo.synchronize()
-    pairs = ((blocks.upper_name, "top", upper), (blocks.lower_name, "bottom", lower))
-    for tag, (name, _, sides) in enumerate(pairs, start=1):
-        gmsh.model.addPhysicalGroup(2, [sides["face"]], tag, name)
-    # Tags of curves go on from those of the faces: no number means two things.
-    tag = len(pairs)
-    for name, far, sides in pairs:
-        for side in ("contact", "far", "left", "right"):
-            tag += 1
-            group = far if side == "far" else f"{name}_{side}"
-            gmsh.model.addPhysicalGroup(1, [sides[side]], tag, group)
-    gmsh.model.mesh.generate(2)
-
-
-def write_msh(blocks: TwoBlocks, path: Path) -> None:
-    """Write the blocks as a gmsh file of version 4.1; to be called on one process.
-
-    The file appears under its name only when it is complete.
-
-    Args:
-        blocks: What to write.
-        path: The file, ending in ``.msh``, in an existing directory.
-
-    Raises:
-        ValueError: If the name does not end in ``.msh``.
-        FileNotFoundError: If the directory does not exist.
-    """
-    path = Path(path)
-    if path.suffix != ".msh":
-        raise ValueError(f"{path}: the name of a gmsh mesh file must end in .msh")
-    if not path.parent.is_dir():
-        raise FileNotFoundError(f"{path.parent}: no such directory")
-    partial = path.with_name(f".{path.stem}.partial.msh")
-    try:
-        with gmsh_session("two blocks") as gmsh:
-            build(blocks)
-            gmsh.option.setNumber("Mesh.MshFileVersion", 4.1)
-            gmsh.write(str(partial))
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
+        upper = _draw(self.upper, self.left(), self.gap, self.upper.height, self.cell)
+        lower = _draw(self.lower, 0.0, 0.0, -self.lower.height, self.cell)
+        gmsh.model.geo.synchronize()
+        pairs = ((self.upper_name, "top", upper), (self.lower_name, "bottom", lower))
+        for tag, (name, _, sides) in enumerate(pairs, start=1):
+            gmsh.model.addPhysicalGroup(2, [sides["face"]], tag, name)
+        # Tags of curves go on from those of the faces: no number means two things.
+        tag = len(pairs)
+        for name, far, sides in pairs:
+            for side in ("contact", "far", "left", "right"):
+                tag += 1
+                group = far if side == "far" else f"{name}_{side}"
+                gmsh.model.addPhysicalGroup(1, [sides[side]], tag, group)
+        gmsh.model.mesh.generate(2)
 
 
 def _draw(block: Block, x: float, y: float, height: float, cell: str) -> dict[str, int]:

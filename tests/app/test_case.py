@@ -108,7 +108,7 @@ def test_block_slide_is_the_reference_problem():
 def test_defaults_that_follow_from_other_keys(film):
     case = load_case(film, [f"{MAP}.mu_d=0.12"])
     assert case.geometry.offset == 5e-4
-    assert case.geometry.blocks().left() == 5e-4
+    assert case.geometry.shape().left() == 5e-4
     assert case.bodies["elastomer"].formulation == "q1-sri"
     assert case.contact[0].penalty_factor == 30.0 and case.contact[0].penalty is None
     triangles = load_case(film, ["geometry.cell=triangle"])
@@ -336,7 +336,7 @@ MISTAKES = [
     ("bodies.aluminium.formulation=q2", 'formulation = "q2": must be "q1" or "q1-sri"'),
     ("bodies.aluminium={}", 'bodies.aluminium.material: missing; one of "neo-hookean", "hencky"'),
     ("bodies.elastomr.E=1", 'bodies.elastomr: no such body; did you mean "elastomer"?'),
-    ("geometry={}", 'geometry.kind: missing; one of "two-blocks", "file"'),
+    ("geometry={}", 'geometry.kind: missing; one of "two-blocks", "cylinder-on-block"'),
     ("geometry.kind=spheres", 'geometry.kind = "spheres": must be one of'),
     ("geometry.upper.elements=[3]", "geometry.upper.elements.1: missing entry"),
     ("geometry.lower.elements=[3, 2.5]", "elements.1 = 2.5: must be a whole number"),
@@ -489,8 +489,15 @@ def test_files_that_cannot_be_read(tmp_path):
 
 DOCUMENTED = {
     "Top level": ("",),
-    "`[geometry]`": ("BlocksGeometry", "MeshGeometry"),
+    "`[geometry]`": (
+        "BlocksGeometry",
+        "CylinderOnBlockGeometry",
+        "TwoCylindersGeometry",
+        "MeshGeometry",
+    ),
     "`upper` and `lower`": ("BlockSize",),
+    "`cylinder` and the `upper` and `lower` of two cylinders": ("CylinderSize",),
+    "`block`": ("FlatSize",),
     "`[bodies.NAME]`": ("NeoHookeanBody", "HenckyBody", "MooneyRivlinBody"),
     "`[[contact]]`": ("Contact",),
     "`[contact.film]`": ("Film",),

@@ -14,9 +14,9 @@ import pytest
 import ufl
 from mpi4py import MPI
 
-from geometry.gmsh_model import gmsh_session
+from geometry.gmsh_model import gmsh_session, write_msh
 from geometry.mesh import MeshError, bodies_sharing_nodes, generate, read
-from geometry.two_blocks import Block, TwoBlocks, build, write_msh
+from geometry.two_blocks import Block, TwoBlocks
 
 ROOT = Path(__file__).resolve().parents[2]
 BLOCKS = TwoBlocks(
@@ -147,7 +147,7 @@ def test_written_mesh_reads_back_the_same(tmp_path, cell):
 
 @pytest.mark.parametrize(("version", "save_all"), [(2.2, False), (4.0, False), (4.0, True)])
 def test_other_versions_of_the_format(msh, version, save_all):
-    named = read(msh(lambda: build(BLOCKS), version, save_all), MPI.COMM_SELF)
+    named = read(msh(lambda: BLOCKS.build(), version, save_all), MPI.COMM_SELF)
     assert measures(named) == pytest.approx(MEASURES, rel=1e-12)
 
 
@@ -217,17 +217,17 @@ def mixed_cells():
 
 
 def second_order():
-    build(BLOCKS)
+    BLOCKS.build()
     gmsh.model.mesh.setOrder(2)
 
 
 def lifted():
-    build(BLOCKS)
+    BLOCKS.build()
     gmsh.model.mesh.affineTransform([1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0.25])
 
 
 def tilted():
-    build(BLOCKS)
+    BLOCKS.build()
     gmsh.model.mesh.affineTransform([1, 0, 0, 0, 0, 1, 0, 0, 1, 0, 1, 0])
 
 
@@ -275,7 +275,7 @@ def facet_off_the_body():
     ("builder", "options", "said"),
     [
         (no_groups, {}, "no physical groups; name the bodies"),
-        (lambda: build(BLOCKS), {"version": 2.2, "save_all": True}, "save without Mesh.SaveAll"),
+        (lambda: BLOCKS.build(), {"version": 2.2, "save_all": True}, "save without Mesh.SaveAll"),
         (unnamed_group, {}, "physical group 12 .* has no name"),
         (forgotten_face, {"save_all": True}, "[0-9]+ cells are in no named body"),
         (two_groups, {}, "face 2 is in the physical groups 'all' and 'right'"),
@@ -308,7 +308,7 @@ def test_unusable_mesh_gets_one_line(msh, builder, options, said):
     ],
 )
 def test_two_bodies_of_one_name_are_refused(msh, version, said):
-    path = msh(lambda: build(BLOCKS), version)
+    path = msh(lambda: BLOCKS.build(), version)
     path.write_text(path.read_text().replace('"aluminium"', '"elastomer"'))
     with pytest.raises(MeshError, match=said):
         read(path, MPI.COMM_SELF)
@@ -336,7 +336,7 @@ def test_unusable_file_gets_one_line(tmp_path, name, text, said):
 @pytest.mark.parametrize("version", [2.2, 4.1])
 @pytest.mark.parametrize("share", [0.3, 0.6, 0.95])
 def test_truncated_file_gets_one_line(msh, version, share):
-    path = msh(lambda: build(BLOCKS), version)
+    path = msh(lambda: BLOCKS.build(), version)
     text = path.read_text()
     path.write_text(text[: int(share * len(text))])
     with pytest.raises(MeshError, match="gmsh cannot read it: ") as caught:

@@ -9,8 +9,8 @@ import gmsh
 import numpy as np
 import pytest
 
-from geometry.gmsh_model import gmsh_session
-from geometry.two_blocks import Block, TwoBlocks, build, write_msh
+from geometry.gmsh_model import gmsh_session, write_msh
+from geometry.two_blocks import Block, TwoBlocks
 
 UPPER = Block(1.0e-3, 0.5e-3, (4, 3))
 LOWER = Block(2.0e-3, 0.4e-3, (7, 2))
@@ -33,7 +33,7 @@ def model():
 
 
 def test_blocks_lie_where_they_should(model):
-    build(TwoBlocks(UPPER, LOWER, offset=0.35e-3, gap=0.1e-3))
+    TwoBlocks(UPPER, LOWER, offset=0.35e-3, gap=0.1e-3).build()
     upper, lower = group_points("elastomer", 2), group_points("aluminium", 2)
     np.testing.assert_allclose(upper.min(axis=0), [0.35e-3, 0.1e-3, 0.0], atol=1e-15)
     np.testing.assert_allclose(upper.max(axis=0), [1.35e-3, 0.6e-3, 0.0], atol=1e-15)
@@ -42,14 +42,14 @@ def test_blocks_lie_where_they_should(model):
 
 
 def test_upper_block_is_centred_without_offset(model):
-    build(TwoBlocks(UPPER, LOWER))
+    TwoBlocks(UPPER, LOWER).build()
     x = group_points("elastomer_contact", 1)
     np.testing.assert_allclose(x[[0, -1], 0], [0.5e-3, 1.5e-3], rtol=1e-12)
 
 
 @pytest.mark.parametrize(("cell", "factor"), [("quadrilateral", 1), ("triangle", 2)])
 def test_counts_of_cells_and_facets(model, cell, factor):
-    build(TwoBlocks(UPPER, LOWER, cell=cell))
+    TwoBlocks(UPPER, LOWER, cell=cell).build()
     assert list(model.mesh.getElementTypes(2)) == [TYPES[cell]]
     cells = model.mesh.getElementsByType(TYPES[cell])[0]
     assert len(cells) == factor * (4 * 3 + 7 * 2)
@@ -67,7 +67,7 @@ def test_counts_of_cells_and_facets(model, cell, factor):
 
 
 def test_surfaces_lie_on_their_sides(model):
-    build(TwoBlocks(UPPER, LOWER, gap=0.1e-3, upper_name="pad", lower_name="sheet"))
+    TwoBlocks(UPPER, LOWER, gap=0.1e-3, upper_name="pad", lower_name="sheet").build()
     sides = {
         "pad_contact": (1, 0.1e-3),
         "sheet_contact": (1, 0.0),
@@ -86,7 +86,7 @@ def test_surfaces_lie_on_their_sides(model):
 def test_touching_blocks_share_no_node(model, cell):
     # Equal widths and counts: every node of one contact side lies on one of the other.
     block = Block(1.0, 0.5, (4, 3))
-    build(TwoBlocks(block, block, cell=cell))
+    TwoBlocks(block, block, cell=cell).build()
     x = {name: group_points(f"{name}_contact", 1) for name in ("elastomer", "aluminium")}
     np.testing.assert_array_equal(x["elastomer"], x["aluminium"])
     nodes = [
@@ -101,7 +101,7 @@ def test_touching_blocks_share_no_node(model, cell):
 @pytest.mark.parametrize("grading", [1.0, 5.0, 0.25])
 def test_grading_is_a_progression_from_the_contact(model, scale, grading):
     block = Block(1.0 * scale, 0.5 * scale, (2, 8), grading=grading)
-    build(TwoBlocks(block, block))
+    TwoBlocks(block, block).build()
     for name in ("elastomer_left", "aluminium_right"):
         heights = np.diff(np.sort(np.abs(group_points(name, 1)[:, 1])))
         assert heights[-1] / heights[0] == pytest.approx(grading, rel=1e-6)
@@ -189,7 +189,7 @@ def test_session_leaves_gmsh_and_signals_as_found(capfd):
     before = signal.signal(signal.SIGINT, ours)
     try:
         with gmsh_session("test"):
-            build(TwoBlocks(UPPER, LOWER))
+            TwoBlocks(UPPER, LOWER).build()
             assert signal.getsignal(signal.SIGINT) is ours
         assert signal.getsignal(signal.SIGINT) is ours
     finally:
@@ -208,7 +208,7 @@ def test_session_inside_one_of_the_callers_own():
         gmsh.model.geo.addPoint(0.0, 0.0, 0.0, tag=17)
         gmsh.model.geo.synchronize()
         with gmsh_session("test"):
-            build(TwoBlocks(UPPER, LOWER))
+            TwoBlocks(UPPER, LOWER).build()
         assert gmsh.model.getCurrent() == "mine"
         assert gmsh.model.getEntities() == [(0, 17)]
         assert gmsh.option.getNumber("General.Terminal") == 1

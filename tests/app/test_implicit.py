@@ -1,0 +1,82 @@
+"""What the Newton iteration does where it does not simply converge."""
+
+import tomllib
+
+import pytest
+from mpi4py import MPI
+
+from app.case import Case
+from app.implicit import ImplicitStepper
+from app.model import build_model
+from app.simulation import Simulation
+
+# A soft cylinder on a soft block: half the contact zone closes in the first step, all of it with
+# points that open and close against each other's facets.
+CYLINDER = """
+title = "two soft bodies"
+[geometry]
+kind = "cylinder-on-block"
+thickness = "1 mm"
+contact_width = "0.7 mm"
+contact_size = "22 um"
+growth = 1.5
+cylinder = { radius = "10 mm" }
+block = { width = "20 mm", height = "10 mm", contact_size = "30 um" }
+[bodies.elastomer]
+material = "neo-hookean"
+E = "5 MPa"
+nu = 0.49
+[bodies.aluminium]
+material = "hencky"
+E = "5 MPa"
+nu = 0.49
+[[contact]]
+slave = "elastomer_contact"
+master = "aluminium_contact"
+friction = { law = "frictionless" }
+[[boundary]]
+surface = "bottom"
+displacement = { x = 0, y = 0 }
+[[boundary]]
+surface = "top"
+displacement = { x = 0, y = [["0 s", "0 mm"], ["1 s", "-0.013 mm"]] }
+[[stage]]
+name = "press"
+duration = "1 s"
+steps = 2
+"""
+
+
+class Quiet:
+    def __getattr__(self, name):
+        return lambda *args, **kwargs: None
+
+
+def pressed():
+    sim = Simulation(build_model(Case.model_validate(tomllib.loads(CYLINDER)), MPI.COMM_SELF))
+    sim.run(Quiet())
+    return sim
+
+
+def test_a_contact_that_spreads_fast_is_approached_with_a_soft_penalty(monkeypatch):
+    sim = pressed()
+    assert [row.attempts for row in sim.rows] == [1, 1]
+    assert sum(row.newton_iterations for row in sim.rows) < 60
+    stiff = sim.model.problem.contacts[0].penalty
+
+    # Without it the steps are cut; where they end is the same.
+    monkeypatch.setattr(ImplicitStepper, "_approach", lambda self: (0, -1))
+    cut = pressed()
+    assert sum(row.attempts for row in cut.rows) > len(cut.rows) > 2
+    assert cut.model.problem.contacts[0].penalty == stiff
+    assert sim.rows[-1].normal_force == pytest.approx(cut.rows[-1].normal_force, rel=1e-6)
+    assert sim.rows[-1].interface_energy == pytest.approx(cut.rows[-1].interface_energy, rel=1e-5)
+
+
+def test_softening_ends_with_its_block_even_when_it_fails():
+    problem = build_model(Case.model_validate(tomllib.loads(CYLINDER)), MPI.COMM_SELF).problem
+    stiff = problem.contacts[0].penalty
+    with pytest.raises(RuntimeError), problem.softened(0.1):
+        assert problem.contacts[0].penalty == pytest.approx(0.1 * stiff)
+        raise RuntimeError
+    assert problem.contacts[0].penalty == stiff
