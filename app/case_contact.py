@@ -338,8 +338,8 @@ class Contact(Model):
     slave: Text = Field(description="surface that carries the contact points (the softer body's)")
     master: Text = Field(description="surface the points are projected on")
     quadrature_degree: Count = Field(
-        default=3,
-        description="degree of the quadrature along slave facets; 3 means two points per segment",
+        default=9,
+        description="degree of the quadrature along slave facets; 9 means five points per segment",
     )
     penalty: Annotated[float, Quantity("Pa/m", gt=0.0)] | None = Field(
         default=None, description="normal stiffness K_N (or penalty_factor)"

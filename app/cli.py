@@ -218,10 +218,11 @@ def mesh(
     from mpi4py import MPI
 
     from app.case import load_case
+    from app.case_bodies import GeneratedGeometry
     from app.model import make_mesh
     from app.results import default_directory
+    from geometry.gmsh_model import write_msh
     from geometry.picture import save_picture
-    from geometry.two_blocks import write_msh
 
     case = load_case(case_file, overrides or [])
     default = default_directory(case_file)
@@ -232,8 +233,8 @@ def mesh(
             raise InputError(f"{path}: exists already; replace it with --force")
     named = make_mesh(case, MPI.COMM_SELF)
     directory.mkdir(parents=True, exist_ok=True)
-    if case.geometry.kind == "two-blocks":
-        write_msh(case.geometry.blocks(), msh)
+    if isinstance(case.geometry, GeneratedGeometry):
+        write_msh(case.geometry.shape(), msh)
         print(f"wrote {msh}")
     save_picture(named, picture, case.title)
     print(f"wrote {picture}")
@@ -297,6 +298,47 @@ def fit(
     from app.fit_run import run_fit
 
     run_fit(data, parameters, fixed or [], start or [], out, force)
+
+
+@cli.command()
+def bench(
+    what: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[LEVEL ...|law]", help="mesh levels (default: 1 2 4), or law"),
+    ] = None,
+    case: Annotated[
+        Path | None, typer.Option(help="case file to run (default: cases/block-slide.toml)")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="directory for bench.md and bench.json (default: print)")
+    ] = None,
+    repeat: Annotated[
+        int | None, typer.Option(min=1, help="runs of each level; the fastest is shown")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="replace files that are there")] = False,
+) -> None:
+    """Measure where the CPU time of a case goes, level by level: about a minute by default."""
+    from app.bench import run_bench
+
+    run_bench(what or [], case, out, repeat, force)
+
+
+@cli.command()
+def verify(
+    names: Annotated[
+        list[str] | None, typer.Argument(metavar="[NAME ...]", help="cases (default: all)")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="directory for a report with figures (default: none)")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="replace a report that is there")] = False,
+) -> None:
+    """Compute verification cases and compare them with closed forms; exit code 3 if one fails."""
+    from app.verification import run_verify
+
+    if _ranks_around() > 1:
+        raise InputError("verify runs on one rank")
+    run_verify(names or [], out, force)
 
 
 @cli.command()

@@ -4,36 +4,45 @@ from __future__ import annotations
 
 import time
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 
 class Stopwatch:
-    """Adds up the wall time of named parts; an inner part is taken out of the outer one.
+    """Adds up the time of named parts; an inner part is taken out of the outer one.
 
     Attributes:
-        seconds: wall time by part, s.
+        seconds: by part, s; calls: by part, how often it was begun.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, clock: Callable[[], float] = time.perf_counter) -> None:
+        """Read the time from ``clock``, s: by default the wall's."""
         self.seconds: dict[str, float] = defaultdict(float)
+        self.calls: dict[str, int] = defaultdict(int)
+        self._clock = clock
         self._open: list[str] = []
         self._since = 0.0
 
     @contextmanager
     def __call__(self, part: str) -> Iterator[None]:
         """Count the time inside the ``with`` block towards ``part``."""
-        self._switch(part)
+        self.begin(part)
         try:
             yield
         finally:
-            now = time.perf_counter()
-            self.seconds[self._open.pop()] += now - self._since
-            self._since = now
+            self.end()
 
-    def _switch(self, part: str) -> None:
-        now = time.perf_counter()
+    def begin(self, part: str) -> None:
+        """Count the time from here on towards ``part``."""
+        now = self._clock()
         if self._open:
             self.seconds[self._open[-1]] += now - self._since
+        self.calls[part] += 1
         self._open.append(part)
+        self._since = now
+
+    def end(self) -> None:
+        """Go on with what was counted before the part begun last."""
+        now = self._clock()
+        self.seconds[self._open.pop()] += now - self._since
         self._since = now
