@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from app.case import Case
-from app.case_bodies import BlocksGeometry
+from app.case_bodies import BlocksGeometry, GeneratedGeometry
 from app.case_boundary import Boundary
 from app.case_contact import Contact, FrictionMap
 from app.quantity_tables import TimeTable
@@ -105,6 +105,4 @@ def _driven_steps(case: Case) -> Iterator[tuple[float, float]]:
 def _size(case: Case) -> float:
     """A length of the model, m, that coordinates are rounded to."""
     geometry = case.geometry
-    if isinstance(geometry, BlocksGeometry):
-        return max(geometry.lower.width, geometry.upper.width)
-    return 1.0
+    return geometry.extent if isinstance(geometry, GeneratedGeometry) else 1.0

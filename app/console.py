@@ -10,17 +10,10 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from app.case_boundary import Stage
+from app.diagnosis import reason_of
 from app.implicit import StepResult
 from app.measure import Row
 from app.simulation import Leg, Observer, Simulation
-
-# PETSc's numbers for why Newton's method ended without a solution.
-REASONS = {
-    -3: "singular tangent",
-    -4: "an element is inverted, or the numbers overflow",
-    -5: "iterations used up",
-    -6: "no decrease along the search direction",
-}
 
 
 class Reporter(Observer):
@@ -62,6 +55,10 @@ class Reporter(Observer):
             if not self._console.is_terminal:
                 sys.stdout.flush()
 
+    def note(self, line: str) -> None:
+        """Log a line that somebody else prints."""
+        self._log.write(line + "\n")
+
     def step(self, simulation: Simulation, row: Row, result: StepResult) -> None:
         """One line of the step's forces and Newton iterations."""
         self.say(
@@ -89,7 +86,7 @@ class Reporter(Observer):
         """Say that a step is tried again shorter."""
         self.say(
             f"          step of {dt:.3g} s not solved after {result.iterations} iterations "
-            f"({REASONS.get(result.reason, f'reason {result.reason}')}): cut in two",
+            f"({reason_of(result)}): cut in two",
             always=False,
         )
 

@@ -16,6 +16,7 @@ import app.case_contact as case_contact
 from app.advice import highest_pressure, notes_on
 from app.case import Case
 from app.case_boundary import DRIVEN, Boundary
+from app.diagnosis import penalty_note
 from app.equilibrium import Equilibrium, Ints, Platen, Prescribed, component_dofs
 from app.errors import InputError
 from app.quantity_tables import TimeTable
@@ -154,8 +155,8 @@ def make_mesh(case: Case, comm: MPI.Comm) -> NamedMesh:
     """
     geometry = case.geometry
     try:
-        if isinstance(geometry, case_bodies.BlocksGeometry):
-            return generate(geometry.blocks(), comm)
+        if isinstance(geometry, case_bodies.GeneratedGeometry):
+            return generate(geometry.shape(), comm)
         named = read(Path(geometry.mesh), comm)
         if named.mesh.geometry.dim != 2 or named.mesh.topology.dim != 2:
             raise MeshError(f"{geometry.mesh}: a plane mesh (z = 0) is needed, this one is in 3D")
@@ -241,6 +242,9 @@ def _contact(
     stiffness = oedometric_modulus(softer) * count / length
     _check_overlap(f"contact.{index}", contact, surface, length / count)
     penalty = contact.penalty or (contact.penalty_factor or 0.0) * stiffness
+    note = penalty_note(index, penalty / stiffness)
+    if note is not None:
+        notes.append(note)
     tangential = TANGENTIAL_FACTOR * softer.shear_modulus * count / length
     # A pressure that the case prescribes says better than the body what is small.
     scale = min(softer.shear_modulus, highest_pressure(case) or np.inf)

@@ -105,7 +105,7 @@ class Recorder(Observer):
         """
         if simulation.step:
             self._output(simulation)
-        self.warnings.extend(self._deep_contacts())
+            self.warnings.extend(self._deep_contacts())
         self._fields.close()
         memory = self.comm.gather(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0)
         if self.first:
@@ -160,7 +160,7 @@ class Recorder(Observer):
                 )
 
     def _deep_contacts(self) -> Iterator[str]:
-        """A warning on each contact whose penalty let the bodies overlap noticeably."""
+        """A warning on each contact whose bodies overlap noticeably, or never pressed at all."""
         pairs = zip(self._deepest, self._facet, strict=True)
         for index, ((depth, time_, stage), length) in enumerate(pairs):
             if depth > PENETRATION * length:
@@ -170,6 +170,8 @@ class Recorder(Observer):
                     f"{PENETRATION:g} on the contact is noticeably too soft; raise the penalty "
                     "(penalty_factor) or refine the surface"
                 )
+            elif depth == 0.0:
+                yield f"contact.{index}: the bodies never pressed on each other"
 
     def _write_series(self) -> None:
         """Index of the contact files by time, as ParaView reads it."""

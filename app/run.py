@@ -56,12 +56,16 @@ def run_case(
             _run(simulation, recorder, Together(*told, interruption))
         if case.output.figures:
             draw_run(simulation, directory)
-        for warning in recorder.warnings[len(model.notes) :]:
-            if reporter:
-                reporter.say(f"warning: {warning}")
         if reporter:
+            _say_warnings(reporter, recorder)
             reporter.say(_closing_line(simulation), always=not quiet)
             reporter.say(f"results in {directory}", always=not quiet)
+    except SolutionError as error:
+        if reporter:
+            reporter.note(f"failed: {error}")
+            _say_warnings(reporter, recorder)
+            reporter.say(_saved_line(simulation, directory))
+        raise
     except KeyboardInterrupt:
         if reporter:
             reporter.say(f"interrupted; the results so far are in {directory}")
@@ -70,6 +74,24 @@ def run_case(
         if reporter:
             reporter.close()
     return simulation
+
+
+def _say_warnings(reporter: Reporter, recorder: Recorder) -> None:
+    """The warnings that came up during the run."""
+    for warning in recorder.warnings[len(recorder.model.notes) :]:
+        reporter.say(f"warning: {warning}")
+
+
+def _saved_line(simulation: Simulation, directory: Path) -> str:
+    """Where the last converged state of a failed run is."""
+    step = simulation.step
+    if step == 0:
+        return f"no step was solved, so {directory} holds no state"
+    return (
+        f"the last converged state, step {step} at time {simulation.time:.6g} s, is saved in "
+        f"{directory}: last output of fields.bp and stress.bp, contact/{step:06d}.vtu, and the "
+        "steps that led there in history.csv"
+    )
 
 
 def _closing_line(simulation: Simulation) -> str:
@@ -89,8 +111,8 @@ def _closing_line(simulation: Simulation) -> str:
 def _run(simulation: Simulation, recorder: Recorder, observer: Observer) -> None:
     try:
         simulation.run(observer)
-    except SolutionError:
-        recorder.close(simulation, "failed")
+    except SolutionError as error:
+        recorder.close(simulation, "failed", str(error))
         raise
     except KeyboardInterrupt:
         recorder.close(simulation, "interrupted")

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.case_boundary import Stage
+from app.diagnosis import body_adrift, explain, loose_directions, not_finite
 from app.errors import InputError, SolutionError
 from app.implicit import ImplicitOptions, ImplicitStepper, StepResult
 from app.ledger import Ledger
@@ -95,12 +96,15 @@ class Simulation:
         self._whole: list[int] = []
         self.measures: list[ContactMeasure] = []
         model.set_loads(0.0, 0.0)
-        options = ImplicitOptions(solver.tolerance, solver.max_iterations, solver.petsc)
+        options = ImplicitOptions(
+            solver.tolerance, solver.max_iterations, solver.linear, solver.petsc
+        )
         try:
             self.stepper = ImplicitStepper(model.problem, options)
         except ValueError as error:
             raise InputError(f"solver.petsc: {error}") from None
         self.ledger = Ledger(model.problem, self.stepper.x)
+        self._loose = loose_directions(model.problem)
 
     def run(self, observer: Observer) -> None:
         """Run all stages.
@@ -162,6 +166,7 @@ class Simulation:
                     self._give_up(leg, dt, result)
                 observer.cut(self, dt, result)
                 continue
+            self._measure(leg)
             self.time = start + end * leg.dt
             self.driven = driven + end * leg.dt * leg.velocity
             easy = result.iterations <= EASY_ITERATIONS
@@ -175,9 +180,6 @@ class Simulation:
     def _commit(
         self, leg: Leg, dt: float, result: StepResult, failures: int, observer: Observer
     ) -> None:
-        problem = self.model.problem
-        pairs = zip(problem.contacts, problem.trials, strict=True)
-        self.measures = [measure_contact(term, trial, problem.comm) for term, trial in pairs]
         self.stepper.commit()
         self.ledger.add(self.stepper.x, self.measures)
         self.step += 1
@@ -227,12 +229,27 @@ class Simulation:
             energy_error=ledger.error * t,
         )
 
+    def _measure(self, leg: Leg) -> None:
+        """Measure a solved step before it is committed; collective.
+
+        Raises:
+            SolutionError: a number is not finite, or a body has been moved that nothing holds.
+        """
+        problem = self.model.problem
+        pairs = zip(problem.contacts, problem.trials, strict=True)
+        measures = [measure_contact(term, trial, problem.comm) for term, trial in pairs]
+        wrong = not_finite(measures)
+        pressed = any(m.normal_force > problem.roundoff for m in (*self.measures, *measures))
+        if wrong is None and not pressed:
+            x, trial = self.stepper.x.array_r, self.stepper.trial.array_r
+            wrong = body_adrift(problem, self._loose, x, trial)
+        if wrong is not None:
+            raise SolutionError(f"stage {leg.label}, time {self.time:.6g} s: {wrong}")
+        self.measures = measures
+
     def _give_up(self, leg: Leg, dt: float, result: StepResult) -> None:
-        where = ", ".join(f"{c:.4g}" for c in self.model.problem.worst_place())
-        why = f"residual {result.residuals[-1]:.1e}" if result.residuals else "no residual"
+        why = explain(self.model.problem, result, self.stepper.x, self._loose)
         raise SolutionError(
             f"stage {leg.label}, time {self.time:.6g} s: no solution even with a step of "
-            f"{dt:.3g} s ({why} of the contact force after {result.iterations} iterations, largest "
-            f"at ({where}) m, undeformed); check the supports and loads there and any slip "
-            "weakening, try smaller steps (slip_step), a lower penalty or a finer mesh"
+            f"{dt:.3g} s: {why}"
         )

@@ -23,8 +23,10 @@ Floats = NDArray[np.float64]
 TINY = float(np.finfo(np.float64).tiny)
 
 # A point that slid before and now rests is at its threshold but for round-off; it sticks, on every
-# machine and in every rotated frame.
-ROUND_OFF = 1.0 + 1e-14
+# machine, in every rotated frame and in every system of units. Its slip is a difference of
+# coordinates: what rounding them leaves (2e-16 of a body's size) is much more, relative to the
+# elastic slip, than the rounding of the two lengths compared here.
+ROUND_OFF = 1.0 + 1e-10
 
 
 @dataclass(frozen=True, slots=True)

@@ -198,7 +198,9 @@ def test_a_body_that_nothing_holds_ends_with_code_3(tribox, case_file, film, tmp
     assert result.returncode == 3
     [line] = result.stderr.splitlines()
     assert re.fullmatch(
-        r"tribox: stage press, time 0 s: no solution .* at \(\S+, \S+\) m, .*check .*", line
+        r"tribox: stage press, time 0 s: no solution .* at \(\S+, \S+\) m, .*; body elastomer has "
+        r"no support in y and no contact presses on it; try a support .*",
+        line,
     )
     summary = json.loads((out / "summary.json").read_text())
     assert (summary["status"], summary["steps"]) == ("failed", 0)
