@@ -23,15 +23,42 @@ from pydantic import (
     model_validator,
 )
 
-from app.case_bodies import Body, GeneratedGeometry, Geometry
-from app.case_boundary import Boundary, Stage, boundary_problems, stage_problems
+from app.case_bodies import (
+    BlocksGeometry,
+    Body,
+    CylinderOnBlockGeometry,
+    GeneratedGeometry,
+    MeshGeometry,
+    TwoCylindersGeometry,
+    formulation_problems,
+    formulations,
+)
+from app.case_boundary import (
+    Boundary,
+    Stage,
+    boundary_problems,
+    order_problems,
+    stage_problems,
+)
 from app.case_contact import Contact
 from app.case_errors import format_problem, problems_of
 from app.case_keys import KeyPathError, apply_override, set_value
 from app.case_model import Model, Place, Problem, problems_error
 from app.case_run import Output, Solver, Sweep
+from app.case_space import BoxesGeometry, SphereGeometry
 from app.errors import InputError
 from app.toml_text import toml_text
+
+Geometry = Annotated[
+    BlocksGeometry
+    | CylinderOnBlockGeometry
+    | TwoCylindersGeometry
+    | BoxesGeometry
+    | SphereGeometry
+    | MeshGeometry,
+    Field(discriminator="kind"),
+]
+_NEEDS_EXPLICIT = 'goes with solver.kind = "explicit" only'
 
 
 class Case(Model):
@@ -125,12 +152,15 @@ class Case(Model):
         geometry = info.data.get("geometry")
         if not isinstance(geometry, GeneratedGeometry):
             return bodies
+        try:
+            chosen = formulations(bodies, geometry.cell)
+        except ValueError:
+            return bodies  # said with all that is wrong
         filled = {}
         for name, body in bodies.items():
             filled[name] = body
             if body.formulation is None:
-                formulation = body.formulation_for(geometry.cell)
-                filled[name] = body.model_copy(update={"formulation": formulation})
+                filled[name] = body.model_copy(update={"formulation": chosen[name]})
                 filled[name].model_fields_set.discard("formulation")
         return filled
 
@@ -159,9 +189,11 @@ class Case(Model):
             if first != index:
                 reason = f"this pair of surfaces is contact.{first} already"
                 yield Problem(("contact", index, "slave"), reason, contact.slave)
-        yield from boundary_problems(self.boundary, ("boundary",))
+        yield from boundary_problems(self.boundary, ("boundary",), self.geometry.built_section)
         yield from stage_problems(self.stage, self.boundary, ("stage",))
         yield from self.solver.problems(("solver",))
+        yield from order_problems(self.stage, self.solver.kind, ("stage",))
+        yield from self._inertia_problems()
         for index, stage in enumerate(self.stage):
             if stage.velocities and not stage.velocities_within(self.film_conductance):
                 reason = "leaves no velocity: the film stress eta_b V/D exceeds it at all of them"
@@ -169,16 +201,43 @@ class Case(Model):
                 yield Problem(place, reason, stage.film_stress_limit)
 
     @property
+    def is_explicit(self) -> bool:
+        """Whether a stage runs with explicit dynamics."""
+        return self.solver.kind == "explicit" and any(s.solver != "implicit" for s in self.stage)
+
+    def _inertia_problems(self) -> Iterator[Problem]:
+        """Bodies without mass in explicit dynamics, and inertia where there is none."""
+        for name, body in self.bodies.items():
+            if self.is_explicit and body.density is None:
+                reason = 'missing; explicit dynamics needs the mass of each body, in "kg/m^3"'
+                yield Problem(("bodies", name, "density"), reason)
+            if body.velocity is None:
+                continue
+            if not self.is_explicit:
+                yield Problem(("bodies", name, "velocity"), _NEEDS_EXPLICIT)
+            if self.geometry.built_section is not None:
+                place = ("bodies", name, "velocity")
+                yield from body.velocity.section_problems(self.geometry.built_section, place)
+        for index, boundary in enumerate(self.boundary):
+            for key in ("platen", "spring"):
+                table = getattr(boundary, key)
+                if not self.is_explicit and table is not None and table.mass > 0.0:
+                    yield Problem(("boundary", index, key, "mass"), _NEEDS_EXPLICIT, table.mass)
+
+    @property
     def film_conductance(self) -> float:
         """Largest eta_b/D of all contacts, Pa s/m; 0 without a film."""
         return max(contact.film_conductance for contact in self.contact)
 
     def _formulation_problems(self, geometry: GeneratedGeometry) -> Iterator[Problem]:
-        for name, body in self.bodies.items():
-            try:
-                body.formulation_for(geometry.cell)
-            except ValueError as error:
-                yield Problem(("bodies", name, "formulation"), str(error), body.formulation)
+        for name, reason in formulation_problems(self.bodies, geometry.cell):
+            place = ("bodies", name, "formulation")
+            yield Problem(place, reason, self.bodies[name].formulation)
+        second = any(body.formulation == "q2" for body in self.bodies.values())
+        for index, contact in enumerate(self.contact):
+            if trouble := contact.smoothing_problem(geometry.cell, 2 if second else 1):
+                where = ("contact", index, "smoothing_angle")
+                yield Problem(where, trouble, contact.smoothing_angle)
 
     def _surface_problems(self, geometry: GeneratedGeometry) -> Iterator[Problem]:
         named: list[tuple[Place, str]] = []
@@ -188,8 +247,9 @@ class Case(Model):
         for index, boundary in enumerate(self.boundary):
             named.append((("boundary", index, "surface"), boundary.surface))
         for place, name in named:
-            if name not in geometry.surfaces:
-                yield Problem(place, f"no such surface; {_hint(name, geometry.surfaces)}", name)
+            if name not in geometry.named_surfaces:
+                reason = f"no such surface; {_hint(name, geometry.named_surfaces)}"
+                yield Problem(place, reason, name)
 
     def _sweep_problems(self) -> Iterator[Problem]:
         """Each value must make a valid case, and a directory of its own."""

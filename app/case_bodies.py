@@ -2,23 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
-from pydantic import Field, ValidationInfo, field_serializer, field_validator
+from pydantic import (
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidationInfo,
+    field_serializer,
+    field_validator,
+    model_serializer,
+)
 from pydantic_core import PydanticCustomError
 
 from app.case_model import Count, Model, Place, Problem
 from app.quantities import Quantity
 
 if TYPE_CHECKING:
+    from forms.kinematics import Section
     from geometry.cylinders import FlatBlock, HalfCylinder, LineContact
     from geometry.gmsh_model import Shape
     from geometry.two_blocks import TwoBlocks
 
 Cell = Literal["quadrilateral", "triangle"]
-Formulation = Literal["q1", "q1-sri"]
+Formulation = Literal["q1", "q1-sri", "q2"]
+PlaneSection = Literal["plane-strain", "axisymmetric"]
+_SECTION = (
+    'what a mesh in the plane stands for: "plane-strain" (a slab) or "axisymmetric" (x is the '
+    "radius, x = 0 the axis; forces and energies are those of the whole body of revolution)"
+)
+_NO_SLAB = "goes with plane strain only: forces are those of the whole body"
 
 
 class GeneratedGeometry(Model):
@@ -36,10 +50,13 @@ class GeneratedGeometry(Model):
         "aluminium_right",
     )
 
-    cell: Cell = Field(default="quadrilateral", description="shape of the elements")
-    thickness: Annotated[float, Quantity("m", gt=0.0)] = Field(
-        default=1.0, description="thickness of the plane-strain slab for which forces are reported"
-    )
+    if TYPE_CHECKING:  # a field of each generator, after those its default depends on
+        cell: str
+
+    @property
+    def named_surfaces(self) -> tuple[str, ...]:
+        """The surfaces of this mesh."""
+        return self.surfaces
 
     @property
     def extent(self) -> float:
@@ -53,6 +70,39 @@ class GeneratedGeometry(Model):
             ValueError: it cannot be meshed so; the message says why.
         """
         raise NotImplementedError
+
+    @property
+    def built_section(self) -> Section:
+        """What the mesh stands for, known before it is made."""
+        raise NotImplementedError
+
+    def section_in(self, dim: int) -> Section:
+        """What the mesh stands for, ``dim`` being its dimension."""
+        return self.built_section
+
+    @property
+    def slab(self) -> float:
+        """Thickness of a plane-strain slab, m; 1 otherwise."""
+        return 1.0
+
+
+class PlaneGeometry(GeneratedGeometry):
+    """What the generators of plane meshes have."""
+
+    cell: Cell = Field(default="quadrilateral", description="shape of the elements")
+    thickness: Annotated[float, Quantity("m", gt=0.0)] = Field(
+        default=1.0, description="thickness of the plane-strain slab for which forces are reported"
+    )
+
+    @property
+    def built_section(self) -> Section:
+        """Plane strain."""
+        return "plane-strain"
+
+    @property
+    def slab(self) -> float:
+        """Thickness of the slab, m; 1 with axial symmetry."""
+        return self.thickness if self.built_section == "plane-strain" else 1.0
 
 
 class BlockSize(Model):
@@ -74,21 +124,33 @@ class BlockSize(Model):
     )
 
 
-class BlocksGeometry(GeneratedGeometry):
+class BlocksGeometry(PlaneGeometry):
     """Two rectangular blocks, one on the other, meshed by the built-in generator."""
 
     kind: Literal["two-blocks"] = Field(description="which generator makes the mesh")
+    section: PlaneSection = Field(default="plane-strain", description=_SECTION)
     upper: BlockSize = Field(description='the upper block, body "elastomer"')
     lower: BlockSize = Field(description='the lower block, body "aluminium"')
     offset: Annotated[float, Quantity("m")] = Field(
         default_factory=lambda data: _centred(data),
         description="x of the upper block's left side, from the lower block's left side; "
-        "default: the blocks are centred",
+        "default: the blocks are centred, with axial symmetry 0",
     )
     gap: Annotated[float, Quantity("m", ge=0.0)] = Field(
         default=0.0,
         description="distance between the blocks at the start; 0 lets them touch exactly",
     )
+
+    @property
+    def built_section(self) -> Section:
+        """As the case says."""
+        return self.section
+
+    @model_serializer(mode="wrap")
+    def _without_slab(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out the thickness where there is no slab."""
+        idle = ("thickness",) if self.section == "axisymmetric" else ()
+        return {key: value for key, value in handler(self).items() if key not in idle}
 
     @property
     def extent(self) -> float:
@@ -122,6 +184,13 @@ class BlocksGeometry(GeneratedGeometry):
             found = True
             reason = f"must lie between {low:g} m and {high:g} m, where the blocks overlap"
             yield Problem((*place, "offset"), reason, self.offset)
+        if self.section == "axisymmetric":
+            if "thickness" in self.model_fields_set:
+                yield Problem((*place, "thickness"), _NO_SLAB, self.thickness)
+            if self.offset < 0.0:
+                found = True
+                reason = "must be >= 0 m: x is the distance from the axis of symmetry"
+                yield Problem((*place, "offset"), reason, self.offset)
         if not found:
             try:
                 self.shape()
@@ -130,8 +199,10 @@ class BlocksGeometry(GeneratedGeometry):
 
 
 def _centred(data: dict[str, Any]) -> float:
-    """Offset of a centred upper block; 0 where the blocks themselves are wrong."""
+    """Offset of a centred upper block; 0 on the axis, or where the blocks themselves are wrong."""
     upper, lower = data.get("upper"), data.get("lower")
+    if data.get("section") == "axisymmetric":
+        return 0.0
     if not isinstance(upper, BlockSize) or not isinstance(lower, BlockSize):
         return 0.0
     return 0.5 * (lower.width - upper.width)
@@ -164,7 +235,7 @@ class FlatSize(_ZoneSize):
     height: _Width = Field(description="extent in y")
 
 
-class _LineGeometry(GeneratedGeometry):
+class _LineGeometry(PlaneGeometry):
     """What the two line-contact generators share."""
 
     contact_width: _Width = Field(
@@ -263,9 +334,35 @@ class MeshGeometry(Model):
         description="gmsh file (.msh), relative to the case file; the names of its physical "
         "groups are those of bodies and surfaces"
     )
-    thickness: Annotated[float, Quantity("m", gt=0.0)] = Field(
-        default=1.0, description="thickness of the plane-strain slab for which forces are reported"
+    section: PlaneSection | None = Field(
+        default=None, description=f"{_SECTION}; default: plane-strain"
     )
+    thickness: Annotated[float, Quantity("m", gt=0.0)] | None = Field(
+        default=None,
+        description="thickness of the plane-strain slab for which forces are reported; default 1 m",
+    )
+
+    @property
+    def slab(self) -> float:
+        """Thickness of a plane-strain slab, m; 1 otherwise."""
+        return 1.0 if self.thickness is None else self.thickness
+
+    @property
+    def built_section(self) -> Section | None:
+        """What the mesh stands for, as far as the case says."""
+        return self.section
+
+    def section_in(self, dim: int) -> Section:
+        """What the mesh stands for, ``dim`` being its dimension.
+
+        Raises:
+            ValueError: a key does not go with it; the message names it.
+        """
+        if dim == 3 and self.section is not None:
+            raise ValueError(f'section = "{self.section}": the mesh is in 3D; leave it out')
+        if dim == 3 and self.thickness is not None:
+            raise ValueError(f"thickness = {self.thickness:g} m: {_NO_SLAB}")
+        return "3D" if dim == 3 else self.section or "plane-strain"
 
     @field_validator("mesh", mode="before")
     @classmethod
@@ -284,14 +381,27 @@ class MeshGeometry(Model):
         return str(value)
 
     def problems(self, place: Place) -> Iterator[Problem]:
-        """Nothing more can be said before the mesh is read."""
-        return iter(())
+        """A slab without plane strain; no more can be said before the mesh is read."""
+        if self.section == "axisymmetric" and self.thickness is not None:
+            yield Problem((*place, "thickness"), _NO_SLAB, self.thickness)
 
 
-Geometry = Annotated[
-    BlocksGeometry | CylinderOnBlockGeometry | TwoCylindersGeometry | MeshGeometry,
-    Field(discriminator="kind"),
-]
+class BodyVelocity(Model):
+    """Velocity of a whole body when the first explicit stage begins."""
+
+    x: Annotated[float, Quantity("m/s")] = Field(default=0.0, description="velocity in x")
+    y: Annotated[float, Quantity("m/s")] = Field(default=0.0, description="velocity in y")
+    z: Annotated[float, Quantity("m/s")] = Field(
+        default=0.0, description="velocity in z; of bodies in space"
+    )
+
+    def section_problems(self, section: Section, place: Place) -> Iterator[Problem]:
+        """What does not go with bodies of this section, `place` being this table's place."""
+        if section != "3D" and self.z != 0.0:
+            yield Problem((*place, "z"), "there is no z in a mesh in the plane", self.z)
+        if section == "axisymmetric" and self.x != 0.0:
+            reason = "a body of revolution cannot be thrown off its axis: give y only"
+            yield Problem((*place, "x"), reason, self.x)
 
 
 class _Body(Model):
@@ -299,12 +409,17 @@ class _Body(Model):
 
     material: str = Field(description="strain energy of the body")
     density: Annotated[float, Quantity("kg/m^3", gt=0.0)] | None = Field(
-        default=None, description="mass per reference volume; needed only where inertia counts"
+        default=None, description="mass per reference volume; needed by explicit dynamics"
+    )
+    velocity: BodyVelocity | None = Field(
+        default=None,
+        description="velocity with which the body enters the first explicit stage; explicit only",
     )
     formulation: Formulation | None = Field(
         default=None,
-        description='element integration: "q1-sri" selective reduced, "q1" full; '
-        'default: "q1-sri" for quadrilaterals, "q1" for triangles',
+        description='displacement and integration of the elements: "q1-sri" first order, selective '
+        'reduced; "q1" first order, full; "q2" second order, full (all bodies then); default: '
+        '"q1-sri" for quadrilaterals and hexahedra, "q1" for triangles and tetrahedra',
     )
 
     def problems(self, place: Place) -> Iterator[Problem]:
@@ -312,14 +427,16 @@ class _Body(Model):
         return iter(())
 
     def formulation_for(self, cell: str) -> Formulation:
-        """The formulation for elements of this shape ("quadrilateral" or "triangle").
+        """The formulation for elements of this shape, of this body by itself.
 
         Raises:
-            ValueError: selective reduced integration was asked for on triangles.
+            ValueError: selective reduced integration was asked for on triangles or tetrahedra.
         """
-        if cell == "triangle" and self.formulation == "q1-sri":
-            raise ValueError('"q1-sri" needs quadrilaterals; use "q1" for triangles')
-        return self.formulation or ("q1" if cell == "triangle" else "q1-sri")
+        simplex = {"triangle": "triangles", "tetrahedron": "tetrahedra"}.get(cell)
+        if simplex is not None and self.formulation == "q1-sri":
+            needs = '"q1-sri" needs quadrilaterals or hexahedra'
+            raise ValueError(f'{needs}; use "q1" or "q2" for {simplex}')
+        return self.formulation or ("q1-sri" if simplex is None else "q1")
 
 
 class _Isotropic(_Body):
@@ -402,3 +519,33 @@ class MooneyRivlinBody(_Body):
 
 
 Body = Annotated[NeoHookeanBody | HenckyBody | MooneyRivlinBody, Field(discriminator="material")]
+
+
+def formulations(bodies: Mapping[str, Body], cell: str) -> dict[str, Formulation]:
+    """The formulation of each body for elements of this shape; "q2" of one is that of all.
+
+    Raises:
+        ValueError: see `formulation_problems`.
+    """
+    for _, reason in formulation_problems(bodies, cell):
+        raise ValueError(reason)
+    if any(body.formulation == "q2" for body in bodies.values()):
+        return dict.fromkeys(bodies, "q2")
+    return {name: body.formulation_for(cell) for name, body in bodies.items()}
+
+
+def formulation_problems(bodies: Mapping[str, Body], cell: str) -> Iterator[tuple[str, str]]:
+    """(body, reason) wherever a formulation does not go with the elements or another body's."""
+    second = [name for name, body in bodies.items() if body.formulation == "q2"]
+    for name, body in bodies.items():
+        try:
+            body.formulation_for(cell)
+        except ValueError as error:
+            yield name, str(error)
+            continue
+        if second and body.formulation not in (None, "q2"):
+            yield (
+                name,
+                f'bodies.{second[0]} has "q2", and one displacement of one order serves all '
+                'bodies; give all of them "q2", or none',
+            )

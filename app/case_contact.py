@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
     from forms.stribeck import StribeckParameters
 
 DEFAULT_PENALTY_FACTOR = 30.0
+_SMOOTHED = ("quadrilateral", "hexahedron")
+_PLURAL = {"triangle": "triangles", "tetrahedron": "tetrahedra"}
 PRESET_NAMES = ("paper-printed", "paper-swapped", "friction-map")
 
 _FILM_THICKNESS = Quantity("m", gt=0.0, name="film thickness")
@@ -337,9 +340,10 @@ class Contact(Model):
 
     slave: Text = Field(description="surface that carries the contact points (the softer body's)")
     master: Text = Field(description="surface the points are projected on")
-    quadrature_degree: Count = Field(
-        default=9,
-        description="degree of the quadrature along slave facets; 9 means five points per segment",
+    quadrature_degree: Count | None = Field(
+        default=None,
+        description="degree of the quadrature on slave facets; default 9 in the plane (five points "
+        "per segment), 5 in space",
     )
     penalty: Annotated[float, Quantity("Pa/m", gt=0.0)] | None = Field(
         default=None, description="normal stiffness K_N (or penalty_factor)"
@@ -350,6 +354,12 @@ class Contact(Model):
         ),
         description="K_N = penalty_factor * M/h, with the oedometric modulus M of the softer body "
         f"and the length h of a slave facet; default: {DEFAULT_PENALTY_FACTOR:g}, without penalty",
+    )
+    smoothing_angle: Annotated[float, Quantity("rad", gt=0.0, le=math.pi)] | None = Field(
+        default=None,
+        description="smooth the master: its normals become continuous across the sides of facets "
+        "whose normals differ by less than this angle; default: the facets as they are. First "
+        "order quadrilaterals or hexahedra only",
     )
     film: Film | None = Field(default=None, description="the film; needed by the friction-map law")
     friction: Friction = Field(description="the friction law and its parameters")
@@ -376,6 +386,21 @@ class Contact(Model):
             return 0.0
         wet = [D for D in self.film.thicknesses if friction.D_min < D]
         return friction.eta_b / min(wet) if wet else 0.0
+
+    def smoothing_problem(self, cell: str, degree: int) -> str | None:
+        """Why the master cannot be smoothed, if it is to be and cannot.
+
+        Args:
+            cell: of the mesh.
+            degree: of the displacements.
+        """
+        if self.smoothing_angle is None or (degree == 1 and cell in _SMOOTHED):
+            return None
+        found = f"on {_PLURAL.get(cell, cell)}" if cell not in _SMOOTHED else 'with "q2"'
+        return (
+            'needs first-order quadrilaterals or hexahedra (formulation "q1" or "q1-sri"); '
+            f"it does not work {found}"
+        )
 
     def problems(self, place: Place) -> Iterator[Problem]:
         """What does not fit together, `place` being this table's place in the case."""

@@ -7,7 +7,7 @@ import numpy as np
 from app.measure import turned_right
 from app.model import Model
 from forms.contact import ContactTerm, ContactTrial
-from geometry.projection import Floats
+from geometry.facets import Floats
 
 
 def contact_arrays(model: Model) -> dict[str, Floats] | None:
@@ -18,6 +18,8 @@ def contact_arrays(model: Model) -> dict[str, Floats] | None:
         ``position`` and ``reference`` (q, i), m; ``pair``; ``gap``, ``slip_increment``,
         ``slip_path``, ``film_thickness``, m; ``slip_rate``, m/s; ``pressure``,
         ``tangential_traction``, Pa; ``alpha``; ``regime``; ``dissipation``, J/m² in the last step.
+        In the plane slip and friction count positive to the right of the normal; in space they are
+        lengths, beside the vectors ``slip_vector``, m, and ``friction_traction``, Pa, (q, i).
         None on the others.
     """
     problem = model.problem
@@ -37,15 +39,14 @@ def contact_arrays(model: Model) -> dict[str, Floats] | None:
 def _arrays(index: int, term: ContactTerm, trial: ContactTrial) -> dict[str, Floats]:
     k, response = trial.kinematics, trial.response
     state = response.state
-    right = turned_right(k.normal)
-    slip = np.einsum("qi,qi->q", k.slip, right)
-    return {
+    slip, friction = _along(k.slip, k.normal), _along(response.traction, k.normal)
+    out = {
         "position": trial.position,
         "reference": term.surface.slave.position,
         "pair": np.full(len(k.gap), float(index)),
         "gap": np.where(trial.projection.on_surface, k.gap, np.nan),
         "pressure": trial.pressure,
-        "tangential_traction": np.einsum("qi,qi->q", response.traction, right),
+        "tangential_traction": friction,
         "slip_increment": slip,
         "slip_rate": np.where(trial.pressure > 0.0, slip / trial.dt, 0.0),
         "slip_path": state.slip_path,
@@ -54,3 +55,14 @@ def _arrays(index: int, term: ContactTerm, trial: ContactTrial) -> dict[str, Flo
         "regime": response.regime.astype(float),
         "dissipation": response.dissipation.total,
     }
+    if term.surface.dim == 3:
+        out |= {"slip_vector": k.slip, "friction_traction": response.traction}
+    return out
+
+
+def _along(vectors: Floats, normal: Floats) -> Floats:
+    """Vectors in the contact's plane as numbers (q,): signed in the plane, lengths in space."""
+    if normal.shape[1] == 2:
+        signed: Floats = np.einsum("qi,qi->q", vectors, turned_right(normal))
+        return signed
+    return np.linalg.norm(vectors, axis=1)

@@ -15,13 +15,12 @@ from petsc4py import PETSc
 from app.equilibrium import Equilibrium, Ints
 from app.implicit import StepResult
 from app.measure import ContactMeasure
-from forms.contact import ContactTerm
 from forms.friction_map import FrictionMap
 from forms.materials import oedometric_modulus
-from forms.solids import FULL_DEGREE
-from geometry.projection import Floats
+from geometry.facets import Floats
 
 COMPONENTS = ("x", "y", "z")
+GAUSS_DEGREE = 2  # of the points at which the volume ratio is looked at
 SQUEEZED = 0.2  # volume ratio J below which an element is said to be nearly collapsed
 # Penalties in units of M/h. Up to a thousand times the default Newton's method converges as ever;
 # from ten thousand times on it needs many more iterations, and rounding the coordinates begins to
@@ -152,7 +151,7 @@ def most_squeezed(problem: Equilibrium) -> Squeezed:
     mesh = problem.space.mesh
     dim = mesh.topology.dim
     cell = mesh.basix_cell()
-    points, _ = basix.make_quadrature(cell, FULL_DEGREE)
+    points, _ = basix.make_quadrature(cell, GAUSS_DEGREE)
     ratio = dolfinx.fem.Expression(ufl.det(ufl.Identity(dim) + ufl.grad(problem.u)), points)
     best: tuple[float, str, tuple[float, ...]] = (np.inf, "", ())
     for solid in problem.solids:
@@ -176,18 +175,10 @@ def place_text(place: Iterable[float]) -> str:
 # -- penalties ------------------------------------------------------------------------------------
 
 
-def facet_length(term: ContactTerm, comm: MPI.Comm) -> float:
-    """Mean length of a slave facet, m, undeformed; collective."""
-    slave = term.surface.slave
-    local = np.array([slave.weight.sum(), float(len(np.unique(slave.facet)))])
-    length, count = comm.allreduce(local)
-    return float(length / count)
-
-
 def penalty_factors(problem: Equilibrium) -> list[float]:
     """K_N h/M of each contact, M of the softest body, h a slave facet's length; collective."""
     softest = min(oedometric_modulus(solid.material) for solid in problem.solids)
-    return [t.penalty * facet_length(t, problem.comm) / softest for t in problem.contacts]
+    return [t.penalty * t.surface.facet_length / softest for t in problem.contacts]
 
 
 def penalty_note(index: int, factor: float) -> str | None:

@@ -1,7 +1,7 @@
 """The discrete equilibrium of all bodies, contacts and loads: residual, tangent and their pattern.
 
 Prescribed displacements are held by the unknowns themselves (their rows and columns are replaced by
-the identity). A rigid platen couples the displacements of an edge in one direction to one unknown
+the identity). A rigid platen couples a surface's displacements in one direction to one unknown
 with a given total force: the platen's unknowns are renumbered onto the first of them while the
 matrix is assembled, so one factorisation of one matrix serves, and Newton stays quadratic.
 """
@@ -15,18 +15,18 @@ from dataclasses import dataclass, field
 import dolfinx
 import dolfinx.fem.petsc
 import numpy as np
-import scipy.sparse
 import ufl
 from dolfinx import cpp as _cpp
 from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from app.contact_pattern import BlockPlaces, ContactWindow, coupled_nodes, widened
 from app.stopwatch import Stopwatch
 from forms.contact import ContactTerm, ContactTrial
 from forms.loads import FollowerPressure
 from forms.solids import Solid
-from geometry.projection import Floats
+from geometry.facets import Floats
 from geometry.surface import Longs
 
 Ints = NDArray[np.int32]
@@ -38,29 +38,40 @@ class Prescribed:
 
     Attributes:
         dofs: local scalar unknowns, owned by this rank.
-        value: their displacement today, m.
+        value: their displacement today, m: one for all, or one for each.
     """
 
     dofs: Ints
-    value: float = 0.0
+    value: float | Floats = 0.0
 
 
 @dataclass(slots=True)
 class Platen:
-    """One displacement for a whole edge, under a given total force.
+    """One displacement for a whole surface, under a given total force.
 
     Attributes:
-        dofs: local scalar unknowns of the edge, owned by this rank.
-        force: N per unit thickness, along the coordinate axis (negative: downwards).
-        all_dofs: global unknowns of the edge on all ranks, sorted; the first leads.
+        dofs: local scalar unknowns of the surface, owned by this rank.
+        force: N (in plane strain per unit thickness), along the coordinate axis (negative:
+            downwards).
+        stiffness: N/m, likewise, of a spring that draws the surface; end: m, displacement of its
+            far end.
+        mass: kg, likewise, that the surface carries beside its own.
+        all_dofs: global unknowns of the surface on all ranks, sorted; the first leads.
     """
 
     dofs: Ints
     force: float = 0.0
+    stiffness: float = 0.0
+    end: float = 0.0
+    mass: float = 0.0
     all_dofs: Longs = field(default_factory=lambda: np.empty(0, dtype=np.int64))
 
+    def pull(self, displacement: float) -> float:
+        """Total force on the edge displaced by ``displacement`` (m), N per unit thickness."""
+        return self.force + self.stiffness * (self.end - displacement)
+
     def gather(self, space: dolfinx.fem.FunctionSpace) -> None:
-        """Collect the edge's unknowns of all ranks; collective."""
+        """Collect the surface's unknowns of all ranks; collective."""
         first = space.dofmap.index_map.local_range[0] * space.dofmap.index_map_bs
         mine = self.dofs.astype(np.int64) + first
         self.all_dofs = np.unique(np.concatenate(space.mesh.comm.allgather(mine)))
@@ -128,9 +139,10 @@ class Equilibrium:
         self.reference_force = 0.0
         self._work = dolfinx.la.vector(self.space.dofmap.index_map, self.dim)
         self.pattern_changes = 0
+        self._known_places: list[BlockPlaces] = []  # of blocks added lately
         noise = sum(solid.roundoff_force() for solid in self.solids)
         self.roundoff = 4.0 * float(np.sqrt(self.comm.allreduce(noise)))
-        self._windows: list[tuple[NDArray[np.int32], NDArray[np.int32]]] = []
+        self._windows: list[ContactWindow | None] = [None] * len(self.contacts)
 
     # -- vectors ----------------------------------------------------------------------------
 
@@ -170,16 +182,22 @@ class Equilibrium:
         return values
 
     @contextmanager
-    def softened(self, share: float) -> Iterator[None]:
-        """Within a ``with`` block all penalties are this share of what they are."""
+    def softened(self, share: float, reach: float = 0.0) -> Iterator[None]:
+        """Within a ``with`` block all penalties are this share of what they are.
+
+        Args:
+            share: of the penalties.
+            reach: gap, in slave facets, up to which they pull as well.
+        """
         penalties = [term.penalty for term in self.contacts]
         try:
             for term, penalty in zip(self.contacts, penalties, strict=True):
                 term.penalty = share * penalty
+                term.reach = reach * term.surface.facet_length
             yield
         finally:
             for term, penalty in zip(self.contacts, penalties, strict=True):
-                term.penalty = penalty
+                term.penalty, term.reach = penalty, 0.0
 
     def commit(self) -> None:
         """Make the contacts evaluated last the state that the next step starts from."""
@@ -266,7 +284,7 @@ class Equilibrium:
         lead = self.comm.allreduce(float(at[leader]) if owner else 0.0, op=MPI.SUM)
         values[platen.dofs] = at[platen.dofs] - lead
         if owner:
-            values[leader] = total - platen.force
+            values[leader] = total - platen.pull(lead)
 
     def worst_place(self) -> tuple[float, ...]:
         """Where the largest out-of-balance force of the last evaluation is, m; collective."""
@@ -297,7 +315,8 @@ class Equilibrium:
         with self.timer("contact"):
             self.trials = [term.evaluate(x, self.dt) for term in self.contacts]
             self._keep_pattern(A)
-            blocks = [t.tangent(r) for t, r in zip(self.contacts, self.trials, strict=True)]
+            pairs = zip(self.contacts, self.trials, strict=True)
+            blocks = [group for term, trial in pairs for group in term.tangent(trial)]
         with self.timer("assembly"):
             A.zeroEntries()
             self._assemble_forms(A)
@@ -319,21 +338,23 @@ class Equilibrium:
 
     def _add_blocks(self, A: PETSc.Mat, nodes: Longs, blocks: Floats | None) -> None:
         """Add point blocks (q, m, i, n, j) (None: zeros, for the pattern) to global rows."""
-        q, m = nodes.shape
-        dofs = self._condensed(self._expand(nodes)).reshape(q, m * self.dim)
-        rows, inverse = np.unique(dofs, return_inverse=True)
-        inverse = inverse.reshape(dofs.shape)
-        row = np.repeat(inverse, m * self.dim, axis=1).reshape(-1)
-        column = np.tile(inverse, (1, m * self.dim)).reshape(-1)
-        values = np.zeros(len(row)) if blocks is None else blocks.reshape(-1)
-        csr = scipy.sparse.csr_matrix((values, (row, column)), shape=(len(rows), len(rows)))
+        places = self._places(nodes)
         A.setValuesIJV(
-            csr.indptr.astype(PETSc.IntType),
-            rows[csr.indices].astype(PETSc.IntType),
-            csr.data,
+            places.indptr.astype(PETSc.IntType),
+            self._condensed(places.columns).astype(PETSc.IntType),
+            places.add_up(blocks),
             addv=PETSc.InsertMode.ADD_VALUES,
-            rowmap=rows.astype(PETSc.IntType),
+            rowmap=self._condensed(places.rows).astype(PETSc.IntType),
         )
+
+    def _places(self, nodes: Longs) -> BlockPlaces:
+        """Places of blocks in the matrix: those of an earlier call while nodes stay the same."""
+        for places in self._known_places:
+            if np.array_equal(places.nodes, nodes):
+                return places
+        places = BlockPlaces(nodes, self.dim)
+        self._known_places = [places, *self._known_places[: 2 * len(self.contacts) - 1]]
+        return places
 
     def _follow_platens(self, A: PETSc.Mat) -> None:
         """Rows u_i − u_leader = 0 of the unknowns that follow a platen."""
@@ -348,24 +369,26 @@ class Equilibrium:
                 addv=PETSc.InsertMode.ADD_VALUES,
                 rowmap=rows,
             )
+            leader = int(platen.all_dofs[0])
+            if platen.stiffness and self.first <= leader < self.first + self.owned:
+                A.setValue(leader, leader, platen.stiffness, addv=PETSc.InsertMode.ADD_VALUES)
 
     # -- pattern ------------------------------------------------------------------------------
 
     def new_matrix(self, x: PETSc.Vec) -> PETSc.Mat:
         """The tangent's matrix with room for solids, platens and the contact at ``x``."""
         self.trials = [term.evaluate(x, self.dt) for term in self.contacts]
+        self._windows = [None] * len(self.contacts)
         A = dolfinx.fem.petsc.assemble_matrix(pattern_form(self.space))
         A.assemble()
         self._widen(A)
         return A
 
     def _keep_pattern(self, A: PETSc.Mat) -> None:
-        """Widen the pattern when a point's master facet has left its window; collective."""
+        """Widen the pattern when a contact has left its window; collective."""
         missing = False
-        for term, trial, (low, high) in zip(self.contacts, self.trials, self._windows, strict=True):
-            at = _window_positions(term, trial)
-            slave = term.surface.slave.facet
-            missing |= bool(np.any((at < low[slave, None]) | (at > high[slave, None])))
+        for term, trial, window in zip(self.contacts, self.trials, self._windows, strict=True):
+            missing |= window is None or not window.holds(term, trial)
         if self.comm.allreduce(missing, op=MPI.LOR):
             with self.timer("pattern"):
                 self._widen(A)
@@ -379,11 +402,10 @@ class Equilibrium:
         extra.setType(PETSc.Mat.Type.AIJ)
         extra.setUp()
         extra.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
-        self._windows = []
-        for term, trial in zip(self.contacts, self.trials, strict=True):
-            low, high = _windows(term, trial)
-            self._windows.append((low, high))
-            nodes = _window_nodes(term, low, high)
+        for index, (term, trial) in enumerate(zip(self.contacts, self.trials, strict=True)):
+            window = widened(self._windows[index], term, trial)
+            self._windows[index] = window
+            nodes = coupled_nodes(term, window)
             if len(nodes):
                 self._add_blocks(extra, nodes, None)
         if self.platens:
@@ -420,40 +442,3 @@ class Equilibrium:
         nodes = imap.local_to_global(np.arange(imap.size_local + imap.num_ghosts, dtype=np.int32))
         dofs = self._condensed(self._expand(nodes.astype(np.int64))).reshape(-1)
         return PETSc.LGMap().create(dofs.astype(PETSc.IntType), bsize=1, comm=self.comm)
-
-
-MARGIN = 3  # facets beyond those in use on either side that a window includes
-
-
-def _window_positions(term: ContactTerm, trial: ContactTrial) -> Ints:
-    """Chain positions (q, 2) of the facets each point touches, today and at the last step."""
-    chain = term.surface.polyline.chain
-    facets = np.stack([trial.projection.facet, term.state.facet], axis=1)
-    out: Ints = chain[facets]
-    return out
-
-
-def _windows(term: ContactTerm, trial: ContactTrial) -> tuple[Ints, Ints]:
-    """First and last chain position that each slave facet's window includes."""
-    at = _window_positions(term, trial)
-    slave = term.surface.slave.facet
-    count = int(slave.max()) + 1 if len(slave) else 0
-    last = len(term.surface.polyline.chain) - 1
-    low = np.full(count, last, dtype=np.int32)
-    high = np.zeros(count, dtype=np.int32)
-    np.minimum.at(low, slave, at.min(axis=1))
-    np.maximum.at(high, slave, at.max(axis=1))
-    return np.maximum(low - MARGIN, 0), np.minimum(high + MARGIN, last)
-
-
-def _window_nodes(term: ContactTerm, low: Ints, high: Ints) -> Longs:
-    """Global nodes (s, m) of each slave facet and of the master facets of its window."""
-    if not len(low):
-        return np.empty((0, 0), dtype=np.int64)
-    surface = term.surface
-    _, first = np.unique(surface.slave.facet, return_index=True)
-    width = int((high - low).max()) + 1
-    at = np.minimum(low[:, None] + np.arange(width), high[:, None])
-    facets = surface.polyline.at_position[at]
-    master = surface.master.nodes[surface.master.facets[facets]].reshape(len(low), -1)
-    return np.concatenate([surface.slave.nodes[first], master], axis=1)

@@ -7,10 +7,11 @@ cut and tried again from the same state. After easy steps the length grows back.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from app.equilibrium import Equilibrium
@@ -20,7 +21,10 @@ from app.predictor import Predictor
 PREFIX = "tribox_"
 _numbers = itertools.count()
 REUSE_SAFETY = 10.0  # margin in the estimate of what an iteration with the last tangent leaves
-SOFT_SHARE = 0.03  # of the penalties, with which a step that failed is approached
+# Share of the penalties, and gap in slave facets up to which they pull, with which a step that
+# failed is approached; and the same from a state in which nothing presses.
+APPROACH = ((0.03, 0.0),)
+SEARCH = ((1e-3, 2.0), (1e-3, 0.0), (0.03, 0.0))
 STALLED = 0.1  # relative residual below which a stalled line search is followed by whole steps
 STALL_WINDOW = 4  # iterations over which the residual must fall by a tenth not to count as stalled
 
@@ -78,7 +82,9 @@ class ImplicitStepper:
         self.residuals: list[float] = []
         self._largest_force = 0.0
         self._whole_steps = False
-        self._patient = False  # no next means is left: all iterations are used
+        self._touching = False  # whether anything pressed at the last converged state
+        # Whether no other means are left, so that a step in trouble uses all its iterations.
+        self._patient = not problem.contacts
         self.solver = LinearSolver(problem, self.x)
         self.snes = self._new_snes()
         self.solver.use(self.snes.getKSP())
@@ -164,10 +170,19 @@ class ImplicitStepper:
         start = self.trial.array_r.copy()
         more, reason = self._solve()
         iterations += more
-        if reason <= 0 and problem.contacts and not self._near():
-            self.trial.array[:] = start
-            more, reason = self._approach()
+        if reason <= 0 and not problem.contacts:
+            iterations += self.predictor.restart(self.x, self.trial)
+            more, reason = self._solve()
             iterations += more
+        elif reason <= 0 and not self._near():
+            self.trial.array[:] = start
+            more, reason = self._approach(APPROACH)
+            iterations += more
+            if reason <= 0 and not self._touching:
+                self.x.copy(self.trial)
+                self.trial.array[:] = problem.held_values(self.trial)
+                more, reason = self._approach(SEARCH)
+                iterations += more
         if reason > 0 and not problem.is_evaluated(self.trial):
             problem.residual(None, self.trial, self._residual)
         return StepResult(
@@ -202,18 +217,24 @@ class ImplicitStepper:
         """Whether the last iteration came so near that the bodies touch where they will."""
         return bool(self.residuals and self.residuals[-1] <= STALLED)
 
-    def _approach(self) -> tuple[int, int]:
+    def _approach(self, stages: Sequence[tuple[float, float]]) -> tuple[int, int]:
         """Solve with a soft contact first, and from there with the contact as it is.
 
         Where many points open or close at once, a stiff penalty makes Newton's method try one set
-        of them after another; a soft one lets it find the region.
+        of them after another; a soft one lets it find the region. Bodies that touch nowhere are
+        found by contacts that pull as well.
+
+        Args:
+            stages: share of the penalties, and the gap up to which they pull in slave facets.
         """
         self._patient = True
-        with self.problem.softened(SOFT_SHARE):
-            iterations, reason = self._solve()
-        if reason > 0:
-            more, reason = self._solve()
+        iterations = 0
+        for share, reach in (*stages, (1.0, 0.0)):
+            with self.problem.softened(share, reach):
+                more, reason = self._solve()
             iterations += more
+            if reason <= 0:
+                break
         self._patient = False
         return iterations, reason
 
@@ -232,6 +253,8 @@ class ImplicitStepper:
     def commit(self) -> None:
         """Accept the last attempt: unknowns, contact history and predictor."""
         self.predictor.commit(self.x, self.trial)
+        pressed = any(bool(trial.pressure.any()) for trial in self.problem.trials)
+        self._touching = self.problem.comm.allreduce(pressed, op=MPI.LOR)
         self.trial.copy(self.x)
         self.problem.commit()
         self._largest_force = max(self._largest_force, self.problem.reference_force)

@@ -1,26 +1,35 @@
-"""Numbers of a converged step: forces, film, energies. All are sums over ranks, per thickness."""
+"""Numbers of a converged step: forces, film, energies; sums over ranks."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
 from forms.contact import ContactTerm, ContactTrial
 from forms.friction import Regime
-from geometry.projection import Floats
+from geometry.facets import Floats
 
 
 @dataclass(slots=True)
 class ContactMeasure:
-    """One pair after a step, per unit thickness.
+    """One pair after a step, per unit thickness in plane strain, in all otherwise (N, not N/m).
+
+    "Along" is the way along the surface that signs are for: in the plane to the right of the
+    normal; in space the driven direction, or that of the friction where nothing is driven.
 
     Attributes:
         normal_force, drag: N/m; resultant of all tractions on the slave along the mean normal of
-            the contact, and against the direction right of it.
-        tangential_force: N/m; friction on the master along its surface, to the right. It leaves
-            out what the drag also holds: pressure on a surface that is not flat.
+            the contact, and against the way along it.
+        tangential_force: N/m; friction on the master along its surface. It leaves out what the drag
+            also holds: pressure on a surface that is not flat.
+        force, friction: N/m, vectors: resultant of all tractions on the slave, and of the friction
+            on the master. On an axisymmetric pair the radial parts cancel round the ring.
+        twist_moment: N m, of the friction on the master about the mean normal, through the centre
+            of pressure; 0 in the plane.
         area: m, closed reference area; stretch: mean da/dA of it; stick, viscous: shares of it,
             by regime.
         film: m, friction_coefficient: mean of μ(d); both weighted by pressure times area.
@@ -35,6 +44,9 @@ class ContactMeasure:
     normal_force: float
     drag: float
     tangential_force: float
+    force: tuple[float, ...]
+    friction: tuple[float, ...]
+    twist_moment: float
     area: float
     stretch: float
     stick: float
@@ -51,62 +63,158 @@ class ContactMeasure:
     worst: tuple[float, ...]
 
 
-def measure_contact(term: ContactTerm, trial: ContactTrial, comm: MPI.Comm) -> ContactMeasure:
-    """Measure one pair; collective."""
+def measure_contact(
+    term: ContactTerm,
+    trial: ContactTrial,
+    comm: MPI.Comm,
+    driven: Sequence[float] | None = None,
+) -> ContactMeasure:
+    """Measure one pair; collective.
+
+    Args:
+        term: the pair, before the trial is committed.
+        trial: a converged step.
+        comm: of all ranks.
+        driven: in space, direction in which boundaries are driven.
+    """
+    scalars = _summed(comm, {n: np.array([v]) for n, v in _scalars(term, trial).items()})
+    total = {name: float(value[0]) for name, value in scalars.items()}
+    area, force = total["closed"], total["load"]
+    vectors = _summed(comm, vector_integrals(term, trial))
+    k, parts = trial.kinematics, trial.response.dissipation
+    penetration = comm.allreduce(float(np.max(-k.gap, where=k.closed, initial=0.0)), op=MPI.MAX)
+    least, worst = _least(parts.total - parts.numerical, trial.position, comm)
+    return ContactMeasure(
+        **resultants(vectors, driven, term.surface.axisymmetric),
+        area=area,
+        stretch=_over(total["stretch"], area),
+        stick=_over(total["stick"], area),
+        viscous=_over(total["viscous"], area),
+        film=_over(total["film"], force),
+        friction_coefficient=_over(total["mu"], force),
+        penetration=penetration,
+        speed=_over(total["slip"], area) / trial.dt,
+        energy=total["energy"],
+        dissipated=total["dissipated"],
+        numerical=total["numerical"],
+        beyond=_over(total["beyond"], total["whole"]),
+        least_dissipation=least,
+        worst=worst,
+    )
+
+
+def _scalars(term: ContactTerm, trial: ContactTrial) -> dict[str, float]:
+    """This rank's integrals over the reference area."""
     k, response = trial.kinematics, trial.response
     weight = term.surface.slave.weight
     closed = np.where(trial.pressure > 0.0, weight, 0.0)
     regime, parts = response.regime, response.dissipation
     load = closed * trial.pressure
-    mu = term.law.coefficient(response.state)
-    sums = np.concatenate(
-        [
-            [
-                closed.sum(),
-                closed[regime == Regime.STICK].sum(),
-                closed[regime == Regime.VISCOUS].sum(),
-                load.sum(),
-                load @ trial.film,
-                load @ mu,
-                closed @ np.linalg.norm(k.slip, axis=1),
-                term.interface_energy(trial),
-                weight @ parts.total,
-                0.5 * (weight @ _dot(response.traction - term.state.friction_traction, k.slip)),
-                weight @ (~trial.projection.on_surface & (k.gap < 0.0)),
-                weight.sum(),
-                weight @ _dot(response.traction, turned_right(k.normal)),
-                closed @ trial.stretch,
-            ],
-            weight @ trial.traction,
-            closed @ k.normal,
-        ]
-    )
+    out = {
+        "closed": closed.sum(),
+        "stick": closed[regime == Regime.STICK].sum(),
+        "viscous": closed[regime == Regime.VISCOUS].sum(),
+        "load": load.sum(),
+        "film": load @ trial.film,
+        "mu": load @ term.law.coefficient(response.state),
+        "slip": closed @ np.linalg.norm(k.slip, axis=1),
+        "energy": term.interface_energy(trial),
+        "dissipated": weight @ parts.total,
+        "numerical": 0.5
+        * (weight @ _dot(response.traction - term.state.friction_traction, k.slip)),
+        "beyond": weight @ (~trial.projection.on_surface & (k.gap < 0.0)),
+        "whole": weight.sum(),
+        "stretch": closed @ trial.stretch,
+    }
+    return {name: float(value) for name, value in out.items()}
+
+
+def vector_integrals(term: ContactTerm, trial: ContactTrial) -> dict[str, Floats]:
+    """This rank's vector integrals (k, i) over the reference area, for :func:`resultants`.
+
+    They are the traction on the slave, N/m, the normals of the closed area, m, and the friction on
+    the master; in the plane its sum along the surface beside a 0; in space its moment about the
+    origin, the centre of pressure times the load, and the load beside two 0.
+    """
+    weight, normal = term.surface.slave.weight, trial.kinematics.normal
+    traction = trial.response.traction
+    out = {
+        "force": weight @ trial.traction,
+        "normal": np.where(trial.pressure > 0.0, weight, 0.0) @ normal,
+        "friction": weight @ traction,
+    }
+    if term.surface.dim == 2:
+        out["right"] = np.array([weight @ _dot(traction, turned_right(normal)), 0.0])
+    else:
+        load = weight * trial.pressure
+        out["moment"] = weight @ np.cross(trial.position, traction)
+        out["centre"] = load @ trial.position
+        out["load"] = np.array([load.sum(), 0.0, 0.0])
+    return out
+
+
+def resultants(
+    vectors: dict[str, Floats], driven: Sequence[float] | None, axisymmetric: bool
+) -> dict[str, Any]:
+    """Forces of a :class:`ContactMeasure`, by name.
+
+    Args:
+        vectors: :func:`vector_integrals`, summed over all ranks, or their means over time.
+        driven: in space, direction in which boundaries are driven.
+        axisymmetric: whether radial parts cancel round the ring.
+    """
+    if axisymmetric:
+        vectors = {n: v if n == "right" else v * np.array([0.0, 1.0]) for n, v in vectors.items()}
+    along = _Along(vectors, driven)
+    right = vectors.get("right")
+    friction = along.share(vectors["friction"]) if right is None else float(right[0])
+    return {
+        "normal_force": float(vectors["force"] @ along.normal),
+        "drag": -along.share(vectors["force"]),
+        "tangential_force": friction,
+        "force": tuple(map(float, vectors["force"])),
+        "friction": tuple(map(float, vectors["friction"])),
+        "twist_moment": _twist(vectors, along.normal),
+    }
+
+
+def _summed(comm: MPI.Comm, mine: dict[str, Floats]) -> dict[str, Floats]:
+    """The same vectors, summed over all ranks."""
+    sums = np.array(list(mine.values()), dtype=np.float64)
     total = np.empty_like(sums)
     comm.Allreduce(sums, total, op=MPI.SUM)
-    area, stick, viscous, force = total[:4]
-    dim = k.normal.shape[1]
-    normal_force, drag = _resultants(total[14 : 14 + dim], total[14 + dim :])
-    penetration = comm.allreduce(float(np.max(-k.gap, where=k.closed, initial=0.0)), op=MPI.MAX)
-    least, worst = _least(parts.total - parts.numerical, trial.position, comm)
-    return ContactMeasure(
-        normal_force=normal_force,
-        drag=drag,
-        tangential_force=float(total[12]),
-        area=float(area),
-        stretch=_over(total[13], area),
-        stick=_over(stick, area),
-        viscous=_over(viscous, area),
-        film=_over(total[4], force),
-        friction_coefficient=_over(total[5], force),
-        penetration=penetration,
-        speed=_over(total[6], area) / trial.dt,
-        energy=float(total[7]),
-        dissipated=float(total[8]),
-        numerical=float(total[9]),
-        beyond=_over(total[10], total[11]),
-        least_dissipation=least,
-        worst=worst,
-    )
+    return dict(zip(mine, total, strict=True))
+
+
+class _Along:
+    """Mean normal of a contact and the way along it that signs are for."""
+
+    def __init__(self, vectors: dict[str, Floats], driven: Sequence[float] | None) -> None:
+        normal = vectors["normal"]
+        length = float(np.linalg.norm(normal))
+        self.normal: Floats = (normal / length if length > 0.0 else 0.0 * normal).astype(np.float64)
+        self.way: Floats = np.zeros_like(normal)
+        if len(normal) == 2:
+            self.way = turned_right(self.normal[None])[0]
+            return
+        # A boundary that is driven straight into the contact says nothing about the way along it.
+        for way in ([] if driven is None else [np.asarray(driven)]) + [vectors["friction"]]:
+            along = way - (way @ self.normal) * self.normal
+            if np.linalg.norm(along) > 1e-6 * np.linalg.norm(way):
+                self.way = along / np.linalg.norm(along)
+                return
+
+    def share(self, force: Floats) -> float:
+        """Component of a force along the surface."""
+        return float(force @ self.way)
+
+
+def _twist(vectors: dict[str, Floats], normal: Floats) -> float:
+    """Moment of the friction about the normal through the centre of pressure, N m; 0 in a plane."""
+    if "load" not in vectors or vectors["load"][0] <= 0.0:
+        return 0.0
+    lever = np.cross(vectors["centre"] / vectors["load"][0], vectors["friction"])
+    return float((vectors["moment"] - lever) @ normal)
 
 
 def _dot(u: Floats, v: Floats) -> Floats:
@@ -116,15 +224,6 @@ def _dot(u: Floats, v: Floats) -> Floats:
 
 def _over(value: float, total: float) -> float:
     return float(value / total) if total > 0.0 else 0.0
-
-
-def _resultants(force: Floats, normal: Floats) -> tuple[float, float]:
-    """Normal resultant of the traction on the slave and the drag, N/m."""
-    length = float(np.linalg.norm(normal))
-    if length == 0.0:
-        return 0.0, 0.0
-    n: Floats = np.asarray(normal / length, dtype=np.float64)
-    return float(force @ n), float(-(force @ turned_right(n[None])[0]))
 
 
 def turned_right(normal: Floats) -> Floats:
@@ -148,7 +247,12 @@ class Row:
     without), ``effective_viscosity`` T D/(A V) with A the closed reference area, ``area_stretch``
     the mean da/dA of that area. ``energy_error`` is external work less strain, kinetic and
     interface energy and dissipation, these by the trapezoidal rule: ``numerical_dissipation`` is
-    what the dissipation of the backward Euler steps holds beyond it.
+    what the dissipation of the backward Euler steps holds beyond it. ``force`` is the resultant of
+    all tractions on the slave, ``friction`` that of the friction on the master, ``twist_moment``
+    its moment about the mean normal through the centre of pressure.
+
+    In an explicit run a row stands for many time steps: forces are means over them, the rest is as
+    it is at their end, ``dt`` is the length of one and ``attempts`` their number.
     """
 
     step: int
@@ -177,15 +281,24 @@ class Row:
     interface_energy: float
     dissipation: float
     numerical_dissipation: float
+    damping_dissipation: float
     external_work: float
     energy_error: float
+    force_x: float = 0.0
+    force_y: float = 0.0
+    force_z: float = 0.0
+    friction_x: float = 0.0
+    friction_y: float = 0.0
+    friction_z: float = 0.0
+    twist_moment: float = 0.0
 
 
+RESULTANTS = (*(f"{kind}_{i}" for kind in ("force", "friction") for i in "xyz"), "twist_moment")
 COLUMNS = tuple(f.name for f in fields(Row))
-# Columns that describe the physics alone. The energy error is left out: it is what remains of large
-# numbers that cancel, and is to be held against the external work.
+# Columns that describe the physics alone. The energy error and the resultants are left
+# out: they can be what remains of large numbers that cancel, and are to be held against those.
 PHYSICAL = tuple(
     name
     for name in COLUMNS
-    if name not in ("step", "stage", "newton_iterations", "attempts", "energy_error")
+    if name not in ("step", "stage", "newton_iterations", "attempts", "energy_error", *RESULTANTS)
 )

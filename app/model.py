@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -15,24 +14,27 @@ import app.case_bodies as case_bodies
 import app.case_contact as case_contact
 from app.advice import highest_pressure, notes_on
 from app.case import Case
-from app.case_boundary import DRIVEN, Boundary
+from app.case_boundary import COMPONENTS, solver_of
+from app.case_errors import format_problem
 from app.diagnosis import penalty_note
-from app.equilibrium import Equilibrium, Ints, Platen, Prescribed, component_dofs
+from app.equilibrium import Equilibrium, Ints
 from app.errors import InputError
-from app.quantity_tables import TimeTable
+from app.load_programs import ON_AXIS, Loads
 from forms.contact import ContactTerm
 from forms.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
 from forms.friction import FrictionLaw
 from forms.friction_map import FrictionMap
-from forms.loads import FollowerPressure, mean_normal, reference_area
+from forms.kinematics import Section
 from forms.materials import Hencky, Material, MooneyRivlin, NeoHookean, oedometric_modulus
-from forms.solids import Solid
+from forms.solids import DEGREE, Formulation, Solid
 from forms.stribeck import StribeckLaw
+from geometry.facets import Floats
 from geometry.mesh import MeshError, NamedMesh, bodies_sharing_nodes, generate, read
 from geometry.surface import ContactSurface, integration_facets
 
-COMPONENTS = ("x", "y")
 LOCKING = 50.0  # K/G (Poisson's ratio 0.49) from which linear triangles are said to lock
+# Degree of the quadrature on slave facets, by the dimension of space.
+QUADRATURE_DEGREE = {2: 9, 3: 5}
 OVERLAP = 0.01  # depth over facet length up to which bodies only touch at the start
 # Default stiffness of stick, in units of G/h (shear modulus of the softer body over the length of a
 # slave facet): stiff against the shear of the elements beside it, yet soft enough for the onset of
@@ -52,18 +54,22 @@ class Model:
         named: mesh with named bodies and surfaces.
         problem: residual and tangent of everything together.
         programs: each sets one load from (time, driven displacement), s and m.
-        thickness: m, of the plane-strain slab; the solver works per unit thickness.
+        section: what the mesh stands for.
+        thickness: m, of the plane-strain slab, per unit of which the solver works; 1 otherwise.
         notes: what the user should know before the run, one line each.
         film_onset: Pa, pressure at which the film is whole, for each contact (0 without a film).
+        platen_names: of the problem's platens, such as "top_x": surface and direction.
     """
 
     case: Case
     named: NamedMesh
     problem: Equilibrium
     programs: list[Callable[[float, float], None]] = field(default_factory=list)
+    section: Section = "plane-strain"
     thickness: float = 1.0
     notes: list[str] = field(default_factory=list)
     film_onset: list[float] = field(default_factory=list)
+    platen_names: list[str] = field(default_factory=list)
 
     def set_loads(self, time: float, driven: float) -> None:
         """Set every prescribed displacement and load to its value at ``time`` (s).
@@ -83,7 +89,11 @@ def build_model(case: Case, comm: MPI.Comm) -> Model:
         InputError: the mesh, or a name in the case, does not fit.
     """
     named = make_mesh(case, comm)
-    space = dolfinx.fem.functionspace(named.mesh, ("Lagrange", 1, (named.mesh.geometry.dim,)))
+    section = case.geometry.section_in(named.mesh.geometry.dim)
+    chosen = _formulations(case, named)
+    degree = max(DEGREE[formulation] for formulation in chosen.values())
+    element = ("Lagrange", degree, (named.mesh.geometry.dim,))
+    space = dolfinx.fem.functionspace(named.mesh, element)
     u = dolfinx.fem.Function(space, name="displacement")
     materials = {name: _material(body) for name, body in case.bodies.items()}
     solids = [
@@ -92,54 +102,81 @@ def build_model(case: Case, comm: MPI.Comm) -> Model:
             u,
             named.cells(name),
             materials[name],
-            _formulation(name, body, named),
+            chosen[name],
             body.density or 0.0,
+            section,
         )
         for name, body in case.bodies.items()
     ]
-    notes = notes_on(case) + list(_locking_bodies(named, materials))
+    notes = notes_on(case) + list(_locking_bodies(named, materials, degree))
     contacts = [
-        _contact(case, index, named, space, materials, notes) for index in range(len(case.contact))
+        _contact(case, index, named, space, section, materials, notes)
+        for index in range(len(case.contact))
     ]
-    thickness = case.geometry.thickness
-    loads = _Loads(named, u, thickness)
+    loads = Loads(named, u, section, case.geometry.slab)
     for boundary in case.boundary:
         loads.add(boundary)
     loads.check_corners()
     problem = Equilibrium(u, solids, contacts, loads.prescribed, loads.platens, loads.pressures)
-    notes += _loose_bodies(case, named)
+    if any(solver_of(stage, case.solver.kind) == "implicit" for stage in case.stage):
+        notes += _loose_bodies(case, named, section)
     onset = [
         term.law.parameters.film_onset_pressure if isinstance(term.law, FrictionMap) else 0.0
         for term in contacts
     ]
-    return Model(case, named, problem, loads.programs, thickness, notes, onset)
+    thickness = case.geometry.slab
+    names = loads.platen_names
+    return Model(case, named, problem, loads.programs, section, thickness, notes, onset, names)
 
 
-def _locking_bodies(named: NamedMesh, materials: dict[str, Material]) -> Iterator[str]:
-    """A line on each nearly incompressible body of linear triangles, which lock."""
-    if named.mesh.topology.cell_name() != "triangle":
+def body_dofs(model: Model, name: str) -> Ints:
+    """Owned local unknowns (n, i) of a body's nodes."""
+    space, dim = model.problem.space, model.problem.dim
+    nodes = np.unique(space.dofmap.list[model.named.cells(name)])
+    nodes = nodes[nodes < space.dofmap.index_map.size_local]
+    out: Ints = (nodes[:, None] * dim + np.arange(dim)).astype(np.int32)
+    return out
+
+
+def initial_velocity(model: Model) -> Floats:
+    """Velocity of the owned unknowns, m/s, as the bodies of the case say."""
+    velocity = np.zeros(model.problem.owned)
+    for name, body in model.case.bodies.items():
+        if body.velocity is not None:
+            components = [getattr(body.velocity, c) for c in COMPONENTS[: model.problem.dim]]
+            velocity[body_dofs(model, name)] = components
+    return velocity
+
+
+def _locking_bodies(named: NamedMesh, materials: dict[str, Material], degree: int) -> Iterator[str]:
+    """A line on each nearly incompressible body of linear triangles or tetrahedra, which lock."""
+    cure = {"triangle": ("triangles", "quadrilateral"), "tetrahedron": ("tetrahedra", "hexahedron")}
+    if degree > 1 or named.mesh.topology.cell_name() not in cure:
         return
+    plural, other = cure[named.mesh.topology.cell_name()]
     for name, material in materials.items():
         ratio = material.bulk_modulus / material.shear_modulus
         if ratio > LOCKING:
             yield (
-                f"body {name}: linear triangles lock with K/G = {ratio:.3g} and are far too stiff; "
-                'use cell = "quadrilateral" with formulation = "q1-sri"'
+                f"body {name}: linear {plural} lock with K/G = {ratio:.3g} and are far too stiff; "
+                f'use cell = "{other}" with formulation = "q1-sri", or formulation = "q2"'
             )
 
 
-def _loose_bodies(case: Case, named: NamedMesh) -> Iterator[str]:
+def _loose_bodies(case: Case, named: NamedMesh, section: Section) -> Iterator[str]:
     """A line on each body and direction that only contact holds; collective.
 
     A platen counts as a support where the bodies touch from the start, as they are meant to then.
+    A body of revolution cannot move away from its axis.
     """
     touching = getattr(case.geometry, "gap", 0.0) == 0.0
     held: dict[str, set[str]] = {name: set() for name in named.bodies}
     for boundary in case.boundary:
         found = {part for part, keys in boundary.prescribed() if touching or keys[0] != "platen"}
         held[_body_of(named, boundary.surface)] |= found
+    needed = ("y",) if section == "axisymmetric" else COMPONENTS[: named.mesh.geometry.dim]
     for name, directions in held.items():
-        for direction in COMPONENTS:
+        for direction in needed:
             if direction not in directions:
                 yield (
                     f"body {name}: no boundary prescribes a displacement in {direction}; "
@@ -158,10 +195,9 @@ def make_mesh(case: Case, comm: MPI.Comm) -> NamedMesh:
         if isinstance(geometry, case_bodies.GeneratedGeometry):
             return generate(geometry.shape(), comm)
         named = read(Path(geometry.mesh), comm)
-        if named.mesh.geometry.dim != 2 or named.mesh.topology.dim != 2:
-            raise MeshError(f"{geometry.mesh}: a plane mesh (z = 0) is needed, this one is in 3D")
         try:
             _check_names(case, named)
+            _check_section(case, named)
         except MeshError as error:
             raise MeshError(f"{error} (mesh {geometry.mesh})") from None
         glued = bodies_sharing_nodes(named)
@@ -196,11 +232,40 @@ def _check_names(case: Case, named: NamedMesh) -> None:
             raise MeshError(f'the mesh has a body "{name}", the case has no [bodies.{name}]')
 
 
-def _formulation(name: str, body: case_bodies.Body, named: NamedMesh) -> case_bodies.Formulation:
+def _check_section(case: Case, named: NamedMesh) -> None:
+    """See that what the case says of a mesh in the plane, or in space, goes with this mesh."""
     try:
-        return body.formulation_for(named.mesh.topology.cell_name())
+        section = case.geometry.section_in(named.mesh.geometry.dim)
     except ValueError as error:
-        raise InputError(f"bodies.{name}.formulation: {error}") from None
+        raise MeshError(f"geometry.{error}") from None
+    for index, boundary in enumerate(case.boundary):
+        for problem in boundary.section_problems(section, ("boundary", index)):
+            raise MeshError(format_problem(problem))
+    for name, body in case.bodies.items():
+        if body.velocity is not None:
+            for problem in body.velocity.section_problems(section, ("bodies", name, "velocity")):
+                raise MeshError(format_problem(problem))
+    if section == "axisymmetric":
+        x = named.mesh.geometry.x[:, 0]
+        low, high = float(x.min(initial=0.0)), float(x.max(initial=0.0))
+        low = named.mesh.comm.allreduce(low, op=MPI.MIN)
+        if low < -ON_AXIS * named.mesh.comm.allreduce(high, op=MPI.MAX):
+            raise MeshError(
+                f'geometry.section = "axisymmetric": the mesh reaches x = {low:g} m; x is the '
+                "distance from the axis of symmetry and must be >= 0 m"
+            )
+
+
+def _formulations(case: Case, named: NamedMesh) -> dict[str, Formulation]:
+    """The formulation of each body.
+
+    Raises:
+        InputError: one does not go with the elements or with another body's.
+    """
+    cell = named.mesh.topology.cell_name()
+    for name, reason in case_bodies.formulation_problems(case.bodies, cell):
+        raise InputError(f"bodies.{name}.formulation: {reason}")
+    return case_bodies.formulations(case.bodies, cell)
 
 
 def _material(body: case_bodies.Body) -> Material:
@@ -215,13 +280,26 @@ def _contact(
     index: int,
     named: NamedMesh,
     space: dolfinx.fem.FunctionSpace,
+    section: Section,
     materials: dict[str, Material],
     notes: list[str],
 ) -> ContactTerm:
     contact = case.contact[index]
     slave, master = named.facets(contact.slave), named.facets(contact.master)
+    reason = contact.smoothing_problem(
+        named.mesh.topology.cell_name(), space.element.basix_element.degree
+    )
+    if reason is not None:
+        raise InputError(f"contact.{index}.smoothing_angle: {reason}")
     try:
-        surface = ContactSurface(space, slave, master, contact.quadrature_degree)
+        surface = ContactSurface(
+            space,
+            slave,
+            master,
+            contact.quadrature_degree or QUADRATURE_DEGREE[named.mesh.geometry.dim],
+            section == "axisymmetric",
+            contact.smoothing_angle,
+        )
     except ValueError as error:
         raise InputError(f"contact.{index}: {error}") from None
     owners = [_body_of(named, name) for name in (contact.slave, contact.master)]
@@ -237,15 +315,14 @@ def _contact(
         )
     bodies = [materials[owner] for owner in owners]
     softer = min(bodies, key=oedometric_modulus)
-    local = np.array([surface.slave.weight.sum(), len(np.unique(surface.slave.facet))])
-    length, count = named.mesh.comm.allreduce(local)
-    stiffness = oedometric_modulus(softer) * count / length
-    _check_overlap(f"contact.{index}", contact, surface, length / count)
+    length = surface.facet_length
+    stiffness = oedometric_modulus(softer) / length
+    _check_overlap(f"contact.{index}", contact, surface, length)
     penalty = contact.penalty or (contact.penalty_factor or 0.0) * stiffness
     note = penalty_note(index, penalty / stiffness)
     if note is not None:
         notes.append(note)
-    tangential = TANGENTIAL_FACTOR * softer.shear_modulus * count / length
+    tangential = TANGENTIAL_FACTOR * softer.shear_modulus / length
     # A pressure that the case prescribes says better than the body what is small.
     scale = min(softer.shear_modulus, highest_pressure(case) or np.inf)
     law = _law(contact.friction, tangential, FILM_ONSET * scale)
@@ -264,7 +341,7 @@ def _check_overlap(
         length: m, mean length of a slave facet.
     """
     points, nodes = surface.slave.position, surface.master.position
-    at = surface.polyline.project(points, nodes, surface.polyline.candidates(points, nodes))
+    at = surface.project(points, nodes)
     local = float(np.max(-at.gap, where=at.on_surface, initial=0.0))
     depth = surface.space.mesh.comm.allreduce(local, op=MPI.MAX)
     if depth > OVERLAP * length:
@@ -308,117 +385,3 @@ def _body_of(named: NamedMesh, surface: str) -> str:
     if len(names) != 1:
         raise InputError(f'surface "{surface}" must lie on one body; it lies on {sorted(names)}')
     return names[0]
-
-
-@dataclass(frozen=True, slots=True)
-class _Hold:
-    """What decides a displacement component of a surface: equal sources agree at shared nodes."""
-
-    surface: str
-    component: int
-    source: object
-    dofs: Ints
-
-
-class _Loads:
-    """Collects what the boundaries prescribe, and the programs that move it."""
-
-    def __init__(self, named: NamedMesh, u: dolfinx.fem.Function, thickness: float) -> None:
-        self.named, self.u, self.thickness = named, u, thickness
-        self.prescribed: list[Prescribed] = []
-        self.platens: list[Platen] = []
-        self.pressures: list[FollowerPressure] = []
-        self.programs: list[Callable[[float, float], None]] = []
-        self._holds: list[_Hold] = []
-
-    def add(self, boundary: Boundary) -> None:
-        """Add one boundary."""
-        facets = self.named.facets(boundary.surface)
-        for component, value, source in _components(boundary):
-            self._prescribe(boundary.surface, facets, component, value, source)
-        if boundary.platen is not None:
-            self._platen(boundary, facets)
-        if boundary.pressure is not None:
-            load = FollowerPressure(self.u, facets)
-            self.pressures.append(load)
-            table = boundary.pressure
-            self.programs.append(lambda time, driven: load.set(table(time)))
-
-    def _prescribe(
-        self,
-        surface: str,
-        facets: Ints,
-        component: int,
-        value: Callable[[float, float], float],
-        source: object,
-    ) -> None:
-        held = Prescribed(component_dofs(self.u.function_space, facets, component))
-        self.prescribed.append(held)
-        self._holds.append(_Hold(surface, component, source, held.dofs))
-
-        def program(time: float, driven: float) -> None:
-            held.value = value(time, driven)
-
-        self.programs.append(program)
-
-    def check_corners(self) -> None:
-        """See that surfaces which share nodes do not prescribe different things there; collective.
-
-        Raises:
-            InputError: two boundaries disagree at a shared node.
-        """
-        mine = [
-            f'"{a.surface}" and "{b.surface}" share a node and both decide its displacement in '
-            f"{COMPONENTS[a.component]}, each in its own way; let one of them leave it out"
-            for a, b in itertools.combinations(self._holds, 2)
-            if a.component == b.component
-            and a.source != b.source
-            and np.intersect1d(a.dofs, b.dofs).size
-        ]
-        problems = sorted(set(itertools.chain(*self.named.mesh.comm.allgather(mine))))
-        if problems:
-            raise InputError(f"boundary: {problems[0]}")
-
-    def _platen(self, boundary: Boundary, facets: Ints) -> None:
-        assert boundary.platen is not None
-        component = COMPONENTS.index(boundary.platen.direction)
-        mesh = self.named.mesh
-        platen = Platen(component_dofs(self.u.function_space, facets, component))
-        self.platens.append(platen)
-        self._holds.append(_Hold(boundary.surface, component, object(), platen.dofs))
-        outward = mean_normal(mesh, facets, component)
-        if abs(outward) < 1e-6:
-            raise InputError(
-                f'boundary "{boundary.surface}": platen.direction = "{boundary.platen.direction}" '
-                "is tangential to the surface; a platen presses along its normal"
-            )
-        inward = -float(np.sign(outward))
-        if boundary.platen.pressure is not None:
-            table, scale = boundary.platen.pressure, inward * reference_area(mesh, facets)
-        else:
-            assert boundary.platen.force is not None
-            table, scale = boundary.platen.force, inward / self.thickness
-
-        def program(time: float, driven: float) -> None:
-            platen.force = scale * table(time)
-
-        self.programs.append(program)
-
-
-def _components(
-    boundary: Boundary,
-) -> Iterator[tuple[int, Callable[[float, float], float], object]]:
-    """Prescribed components, their value at (time, driven displacement), and what says so."""
-    for index, name in enumerate(COMPONENTS):
-        moved = getattr(boundary.displacement, name, None)
-        if moved == DRIVEN:
-            yield index, lambda time, driven: driven, DRIVEN
-        elif isinstance(moved, TimeTable):
-            yield index, _of_time(moved.__call__), moved
-        speed = getattr(boundary.velocity, name, None)
-        if isinstance(speed, TimeTable):
-            yield index, _of_time(speed.integral), ("velocity", speed)
-
-
-def _of_time(value: Callable[[float], float]) -> Callable[[float, float], float]:
-    return lambda time, driven: value(time)

@@ -16,7 +16,7 @@ from petsc4py import PETSc
 
 from app.equilibrium import Equilibrium
 from app.linear_solver import LinearSolver
-from geometry.projection import Floats
+from geometry.facets import Floats
 
 HIGHEST_ORDER = 3  # of the polynomial through the last states
 CORRECTIONS = 3  # with the tangent factorised last, from the last state itself
@@ -49,6 +49,7 @@ class Predictor:
         # Converged states along the path: (parameter, owned unknowns), the latest last.
         self._path: list[tuple[float, Floats]] = []
         self._residual = problem.new_vector()
+        self._kept = problem.new_vector()
         self._step = problem.new_vector()
 
     def predict(self, x: PETSc.Vec, trial: PETSc.Vec) -> int:
@@ -80,8 +81,16 @@ class Predictor:
         best = trial.array_r.copy()
         x.copy(trial)
         trial.array[:] = self.problem.held_values(trial)
-        if not self._correct(trial, self._residual_norm(trial), CORRECTIONS) < norm:
+        untouched = self._residual_norm(trial)
+        self._keep_residual()
+        if not self._correct(trial, untouched, CORRECTIONS) < norm:
             trial.array[:] = best
+
+    def restart(self, x: PETSc.Vec, trial: PETSc.Vec) -> int:
+        """Put the linear step from ``x`` into ``trial``, whatever the path was; collective."""
+        x.copy(trial)
+        self._carry(x, self._driving(x).held, trial)
+        return 1
 
     def commit(self, x: PETSc.Vec, trial: PETSc.Vec) -> None:
         """Take the step from ``x`` to the converged ``trial`` into the path."""
@@ -115,6 +124,7 @@ class Predictor:
             if not now < norm:
                 break
             best, norm = trial.array_r.copy(), now
+            self._keep_residual()
         trial.array[:] = best
         return norm
 
@@ -122,23 +132,27 @@ class Predictor:
         """Correct with the tangent factorised last while it pays; returns the residual's norm.
 
         Args:
-            trial: the start.
-            norm: of the residual there.
+            trial: the start; its residual is the one kept last.
+            norm: of that residual.
             times: corrections at most.
         """
         for _ in range(times if self.solver.direct else 0):
             if not np.isfinite(norm) or norm == 0.0:
                 break
             before = trial.array_r.copy()
-            self._residual_norm(trial)
-            solved = self.solver.solve(self._residual, self._step)
+            solved = self.solver.solve(self._kept, self._step)
             trial.axpy(-1.0, self._step)
             now = self._residual_norm(trial)
             if not solved or not now < WORTHWHILE * norm:
                 trial.array[:] = before
                 break
             norm = now
+            self._keep_residual()
         return norm
+
+    def _keep_residual(self) -> None:
+        """Keep the residual evaluated last, that of the best start so far."""
+        self._kept, self._residual = self._residual, self._kept
 
     def _residual_norm(self, trial: PETSc.Vec) -> float:
         if not np.isfinite(trial.norm()):  # what a singular factor leaves: nothing to evaluate
@@ -150,9 +164,8 @@ class Predictor:
     def _driving(self, x: PETSc.Vec) -> Drive:
         """Increments from the converged state to today's prescribed values and loads."""
         problem = self.problem
-        loads = np.array(
-            [p.force for p in problem.platens] + [float(p.value.value) for p in problem.pressures]
-        )
+        pulls = [platen.pull(0.0) for platen in problem.platens]
+        loads = np.array(pulls + [float(load.value.value) for load in problem.pressures])
         held = (problem.held_values(x) - x.array_r)[problem.held_dofs()]
         return Drive(held, loads - self._loads if len(self._loads) else loads, loads)
 

@@ -22,6 +22,8 @@ from app.verification_contact import (
 )
 from app.verification_result import Check, Verification
 from app.verification_sliding import block_slide, film_sliding, friction_law, penalty
+from app.verification_space import isotropy, patch_space
+from app.verification_sphere import curved_sliding, hertz_point, sphere_twist
 
 CASES: dict[str, Callable[[], Verification]] = {
     "friction-law": friction_law,
@@ -33,6 +35,11 @@ CASES: dict[str, Callable[[], Verification]] = {
     "hertz-two-cylinders": hertz_two_cylinders,
     "cattaneo-mindlin": cattaneo_mindlin,
     "mindlin-reversal": mindlin_reversal,
+    "isotropy": isotropy,
+    "patch-space": patch_space,
+    "hertz-point": hertz_point,
+    "sphere-twist": sphere_twist,
+    "curved-sliding": curved_sliding,
 }
 """The verification cases by name, quick ones first."""
 

@@ -27,7 +27,7 @@ def block_compression(overrides: Sequence[str] = ()) -> Verification:
     (down,) = (b.displacement.y for b in case.boundary if b.surface == "top" and b.displacement)
     assert down is not None and not isinstance(down, str)
     stretch = np.array([1.0 + down(row.time) / block.height for row in simulation.rows])
-    area = block.width * geometry.thickness
+    area = block.width * geometry.slab
     nominal = np.array([-row.normal_force for row in simulation.rows]) / area
     exact = np.array([plane_strain_stress(s, modulus) for s in stretch])
     pressure = cell_pressures(simulation)

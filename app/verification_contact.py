@@ -98,7 +98,7 @@ def press(name: str, overrides: Sequence[str] = ()) -> Profile:
     closed = arrays["pressure"] > 0.0
     if closed[0] or closed[-1]:
         raise ValueError("the contact reaches the end of the contact zone; widen contact_width")
-    row, thickness = simulation.rows[-1], case.geometry.thickness
+    row, thickness = simulation.rows[-1], case.geometry.slab
     load = row.normal_force / thickness
     friction = case.contact[0].friction
     mu = friction.mu if isinstance(friction, Coulomb) else 0.0
@@ -109,7 +109,7 @@ def press(name: str, overrides: Sequence[str] = ()) -> Profile:
         pressure=p,
         traction=arrays["tangential_traction"][closed],
         sticks=arrays["regime"][closed] == Regime.STICK,
-        exact=LineContact(load, _radius(case), _modulus(case)),
+        exact=LineContact(load, _radius(case), case_modulus(case)),
         share=shares[-1],
         peak=max(shares),
         mu=mu,
@@ -135,7 +135,7 @@ def _depth(case: Case) -> float:
     return min(geometry.upper.radius, geometry.lower.radius)
 
 
-def _modulus(case: Case) -> float:
+def case_modulus(case: Case) -> float:
     """E* from the shear and bulk moduli of both bodies, Pa."""
     pairs = []
     for body in case.bodies.values():

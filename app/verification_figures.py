@@ -7,7 +7,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 
-from app.figures import COLOURS, MARKERS, STYLE, save
+from app.figure_style import COLOURS, MARKERS, STYLE, save
 from app.verification_result import Panel, Verification
 
 

@@ -1,45 +1,99 @@
-"""Compiles the forms of every material, formulation and cell shape into FFCx's cache."""
+"""Compiles the forms of the usual materials, formulations and cells, and the C sources."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from forms.kinematics import Section
+    from forms.solids import Formulation
+    from geometry.gmsh_model import Shape
+
+
+@dataclass(frozen=True, slots=True)
+class _Group:
+    """Forms that go together.
+
+    Attributes:
+        cell: shape of the cells.
+        section: what the mesh stands for.
+        formulations: each is compiled with every material.
+        degrees: of the quadrature at the contact.
+    """
+
+    cell: str
+    section: Section
+    formulations: tuple[Formulation, ...]
+    degrees: tuple[int, ...]
+
+
+# Second-order elements and what else is rare are compiled when first used.
+GROUPS = (
+    _Group("quadrilateral", "plane-strain", ("q1", "q1-sri"), (3, 5, 9)),
+    _Group("triangle", "plane-strain", ("q1",), (3, 5, 9)),
+    _Group("quadrilateral", "axisymmetric", ("q1-sri",), ()),
+    _Group("hexahedron", "3D", ("q1-sri",), (3,)),
+    _Group("tetrahedron", "3D", ("q1",), (3,)),
+)
 
 
 def compile_forms() -> Iterator[str]:
-    """Compile all forms a case can ask for; yields a line on each group."""
+    """Compile the C sources and the forms of `GROUPS`; yields a line on each."""
+    from forms.compiled import SOURCES, library
+
+    for source in SOURCES:
+        yield f"{source} " + ("compiled" if library(source) else "not compiled: no C compiler")
+    for group in GROUPS:
+        yield from _compile(group)
+
+
+def _compile(group: _Group) -> Iterator[str]:
     import dolfinx
     import numpy as np
     from mpi4py import MPI
 
     from app.equilibrium import pattern_form
     from app.fields import StressField
+    from forms.inertia import mass_form
     from forms.loads import FollowerPressure, mean_normal, reference_area
     from forms.materials import Hencky, MooneyRivlin, NeoHookean
     from forms.solids import Solid
     from geometry.mesh import generate
-    from geometry.surface import point_operators
-    from geometry.two_blocks import Block, TwoBlocks
+    from geometry.surface import point_operator
 
     materials = (NeoHookean(1.0, 2.0), MooneyRivlin(0.4, 0.1, 2.0), Hencky(1.0, 2.0))
-    block = Block(width=1.0, height=1.0, elements=(2, 2))
-    for cell in (dolfinx.mesh.CellType.quadrilateral, dolfinx.mesh.CellType.triangle):
-        # From gmsh, as every case: another mesh's coordinate element would give other forms.
-        mesh = generate(TwoBlocks(block, block, cell=cell.name), MPI.COMM_SELF).mesh
-        space = dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (2,)))
-        u = dolfinx.fem.Function(space)
-        cells = np.arange(mesh.topology.index_map(2).size_local, dtype=np.int32)
-        quadrilateral = cell == dolfinx.mesh.CellType.quadrilateral
-        for material in materials:
-            for formulation in ("q1", "q1-sri") if quadrilateral else ("q1",):
-                solid = Solid("warm", u, cells, material, formulation)
-                StressField(u, [solid])
-                yield f"{cell.name} {type(material).__name__} {formulation}"
-        mesh.topology.create_connectivity(1, 2)
-        facets = dolfinx.mesh.exterior_facet_indices(mesh.topology)
-        pattern_form(space)
-        FollowerPressure(u, facets)
-        reference_area(mesh, facets)
-        mean_normal(mesh, facets, 0)
-        for degree in (1, 3, 5, 7, 9):
-            point_operators(space, facets, degree)
-        yield f"{cell.name} loads and contact points"
+    # From gmsh, as every case: another mesh's coordinate element would give other forms.
+    mesh = generate(_shape(group.cell), MPI.COMM_SELF).mesh
+    dim = mesh.geometry.dim
+    space = dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (dim,)))
+    u = dolfinx.fem.Function(space)
+    cells = np.arange(mesh.topology.index_map(dim).size_local, dtype=np.int32)
+    for material in materials:
+        for formulation in group.formulations:
+            solid = Solid("warm", u, cells, material, formulation, section=group.section)
+            StressField(u, [solid])
+            mass_form(space, solid)
+            yield f"{group.cell} {group.section} {type(material).__name__} {formulation}"
+    mesh.topology.create_connectivity(dim - 1, dim)
+    facets = dolfinx.mesh.exterior_facet_indices(mesh.topology)
+    pattern_form(space)
+    FollowerPressure(u, facets, group.section)
+    reference_area(mesh, facets, group.section)
+    mean_normal(mesh, facets, 0)
+    for degree in group.degrees:
+        point_operator(space, facets, degree)
+    yield f"{group.cell} {group.section} loads and contact points"
+
+
+def _shape(cell: str) -> Shape:
+    """Two small blocks or boxes of these cells."""
+    from geometry.two_blocks import Block, TwoBlocks
+    from geometry.two_boxes import Box, TwoBoxes
+
+    if cell in ("quadrilateral", "triangle"):
+        block = Block(width=1.0, height=1.0, elements=(2, 2))
+        return TwoBlocks(block, block, cell=cell)
+    box = Box(1.0, 1.0, 1.0, elements=(2, 2, 2))
+    return TwoBoxes(box, box, cell=cell)

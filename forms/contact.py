@@ -16,19 +16,19 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.sparse
 from petsc4py import PETSc
 
-from forms.contact_kinematics import Anchor, ContactKinematics, relate
+from forms.contact_kinematics import Anchor, ContactKinematics, Variations, relate, vary
 from forms.film import FilmThickness, film_thickness
 from forms.friction import FrictionLaw, FrictionResponse, FrictionState
-from geometry.projection import (
-    Floats,
-    Ints,
-    Projection,
-    segment_shape,
-    segment_shape_derivative,
-)
+from geometry.closest_point import solve_small
+from geometry.facets import Floats, Ints, unit_normals
+from geometry.projection import Projection
 from geometry.surface import ContactSurface, Longs
+
+# Entries of point blocks that must be saved for a second group of them to pay for its overhead.
+WORTH_FOLDING = 50_000
 
 
 @dataclass(slots=True)
@@ -62,6 +62,8 @@ class ContactTrial:
         film: (q,), m: D at that pressure.
         traction: (q, i), Pa, on the slave: t = t_N n − T, per reference area.
         response: the law's; its derivative for the pressure holds that through the film too.
+        anchor: the last converged step's places, moved by today's master; None where nobody will
+            ask for the tangent.
     """
 
     position: Floats
@@ -73,6 +75,7 @@ class ContactTrial:
     traction: Floats
     response: FrictionResponse
     dt: float
+    anchor: Anchor | None = None
 
 
 class ContactTerm:
@@ -80,6 +83,8 @@ class ContactTerm:
 
     Attributes:
         state: the committed :class:`ContactState`; changed by :meth:`commit` only.
+        penalty: K_N, Pa/m.
+        reach: m, 0 but while a first contact is sought: up to this gap the penalty also pulls.
     """
 
     def __init__(
@@ -104,11 +109,12 @@ class ContactTerm:
         self.law = law
         self.penalty = penalty
         self.rate_dependent = True
+        self.reach = 0.0
         q = len(surface.slave.weight)
         self.film = film_thickness(film)
         self.film.at(np.zeros(q))  # Refuses a field that is not one of these points.
         points, nodes = surface.slave.position, surface.master.position
-        at = surface.polyline.project(points, nodes, surface.polyline.candidates(points, nodes))
+        at = surface.project(points, nodes)
         self.state = ContactState(
             facet=at.facet,
             xi=at.xi,
@@ -119,7 +125,7 @@ class ContactTerm:
             friction=law.initial_state(q, surface.dim),
             friction_traction=np.zeros((q, surface.dim)),
         )
-        self._last: tuple[tuple[float, bool, float], Floats, Floats, ContactTrial] | None = None
+        self._last: tuple[tuple[float, ...], Floats, Floats, ContactTrial] | None = None
 
     def evaluate(self, x: PETSc.Vec, dt: float) -> ContactTrial:
         """The contact at the displacements ``x`` (m) after a step of ``dt`` (s); collective.
@@ -127,7 +133,7 @@ class ContactTerm:
         Nothing is changed; the evaluation of the same ``x`` twice in a row costs one gather.
         """
         slave, master = self.surface.displacements(x)
-        key = (dt, self.rate_dependent, self.penalty)
+        key = (dt, self.rate_dependent, self.penalty, self.reach)
         if self._last is not None and self._last[0] == key:
             _, last_slave, last_master, trial = self._last
             if np.array_equal(slave, last_slave) and np.array_equal(master, last_master):
@@ -137,23 +143,17 @@ class ContactTerm:
         return trial
 
     def _evaluate(self, slave: Floats, master: Floats, dt: float) -> ContactTrial:
-        polyline = self.surface.polyline
         points = self.surface.slave_positions(slave)
         nodes = self.surface.master.position + master
-        today = polyline.project(points, nodes, polyline.candidates(points, nodes))
-        kinematics = relate(points, today, self._anchor(nodes))
-        pressure = self.penalty * np.where(kinematics.closed, np.maximum(-kinematics.gap, 0.0), 0.0)
+        today = self.surface.project(points, nodes)
+        anchor = self.anchor(nodes)
+        kinematics = relate(points, today, anchor, self.reach)
+        pull = np.inf if self.reach > 0.0 else 0.0  # what a closed point may pull with
+        depth = np.where(kinematics.closed, np.maximum(-kinematics.gap, -pull), 0.0)
+        spring = self.penalty * depth
+        pressure = np.maximum(spring, 0.0)
         film, d_film = self.film.at(pressure)
-        # State.friction holds the elastic slip of the last step; today's law sees it transported.
-        response = self.law.update(
-            kinematics.slip,
-            dt,
-            pressure,
-            film,
-            replace(self.state.friction, elastic_slip=kinematics.elastic_slip),
-            area_stretch=self.state.stretch,
-            rate_dependent=self.rate_dependent,
-        )
+        response = self.respond(kinematics, dt, pressure, film)
         if d_film.any():
             through_film = d_film[:, None] * response.d_traction_d_film
             response = replace(
@@ -166,17 +166,35 @@ class ContactTerm:
             kinematics=kinematics,
             pressure=pressure,
             film=film,
-            traction=pressure[:, None] * kinematics.normal - response.traction,
+            traction=spring[:, None] * kinematics.normal - response.traction,
             response=response,
             dt=dt,
+            anchor=anchor,
         )
 
-    def _anchor(self, nodes: Floats) -> Anchor:
+    def respond(
+        self, kinematics: ContactKinematics, dt: float, pressure: Floats, film: Floats
+    ) -> FrictionResponse:
+        """The law's answer to today's kinematics and pressure (q,), Pa, at film thickness (q,), m.
+
+        The committed state holds the elastic slip of the last step; the law sees it transported.
+        """
+        return self.law.update(
+            kinematics.slip,
+            dt,
+            pressure,
+            film,
+            replace(self.state.friction, elastic_slip=kinematics.elastic_slip),
+            area_stretch=self.state.stretch,
+            rate_dependent=self.rate_dependent,
+        )
+
+    def anchor(self, nodes: Floats) -> Anchor:
+        """What the last converged step left, moved by the master's ``nodes`` (n, i), m, today."""
         state = self.state
-        ends = nodes[self.surface.master.facets[state.facet]]
-        tangents = np.einsum("qba,qai->qbi", segment_shape_derivative(state.xi), ends)
+        foot, tangents = self.surface.target.places(state.facet, state.xi, nodes)
         return Anchor(
-            foot=np.einsum("qa,qai->qi", segment_shape(state.xi), ends),
+            foot=foot,
             slip_image=np.einsum("qb,qbi->qi", state.slip_components, tangents),
             slip_length=state.slip_length,
             gap=state.gap,
@@ -187,11 +205,11 @@ class ContactTerm:
         at = trial.projection
         slip = trial.response.state.elastic_slip
         metric = np.einsum("qai,qbi->qab", at.tangents, at.tangents)
-        covariant = np.einsum("qai,qi->qa", at.tangents, slip)
+        covariant = np.einsum("qai,qi->qa", at.tangents, _on_facet(slip, at))
         self.state = ContactState(
             facet=at.facet,
             xi=at.xi,
-            slip_components=np.linalg.solve(metric, covariant[..., None])[..., 0],
+            slip_components=solve_small(metric, covariant),
             slip_length=np.linalg.norm(slip, axis=1),
             gap=np.where(at.on_surface, at.gap, np.inf),
             stretch=trial.stretch,
@@ -200,67 +218,106 @@ class ContactTerm:
         )
         self._last = None
 
+    def adopt(self, state: ContactState) -> None:
+        """Go on from a state that was found by other means than :meth:`evaluate`."""
+        self.state = state
+        self._last = None
+
     def nodal_forces(self, trial: ContactTrial) -> tuple[Longs, Floats]:
         """Global nodes (q, m) and the residual −Gᵀ(w t) there (q, m, i), N per unit thickness."""
         slave = self.surface.slave
         at = trial.projection
-        shape = np.concatenate([slave.shape, -segment_shape(at.xi)], axis=1)
+        master = self.surface.target.weights(at.facet, at.xi)
+        shape = np.concatenate([slave.shape, -master], axis=1)
         nodes = np.concatenate([slave.nodes, self._master_nodes(at.facet)], axis=1)
         force = -(slave.weight[:, None] * trial.traction)
         return nodes, shape[:, :, None] * force[:, None, :]
 
     def _master_nodes(self, facet: Ints) -> Longs:
-        nodes: Longs = self.surface.master.nodes[self.surface.master.facets[facet]]
+        nodes: Longs = self.surface.master.nodes[self.surface.target.stencil[facet]]
         return nodes
 
-    def traction_variation(self, trial: ContactTrial) -> Floats:
-        """∂t/∂z (q, i, r·j) with t = t_N n − T, through gap, normal, slip and elastic slip."""
-        k, r = trial.kinematics, trial.response
-        d_pressure = np.where(k.closed, -self.penalty, 0.0)[:, None] * k.d_gap
-        out: Floats = (k.normal - r.d_traction_d_pressure)[:, :, None] * d_pressure[:, None, :]
-        out += trial.pressure[:, None, None] * k.d_normal
-        out -= r.d_traction_d_slip @ k.d_slip
-        out -= r.d_traction_d_elastic @ k.d_elastic
-        return out
+    def traction_variation(self, trial: ContactTrial, take: Longs) -> tuple[Floats, Variations]:
+        """∂t/∂z (p, i, r·j) of the closed points ``take`` (p,), and that of their kinematics.
 
-    def tangent(self, trial: ContactTrial) -> tuple[Longs, Floats]:
-        """Global nodes (q, m) and the blocks K_c = −Gᵀ C G (q, m, i, n, j) of closed points.
+        t = t_N n − T changes through gap, normal, slip and elastic slip.
+        """
+        assert trial.anchor is not None
+        v = vary(trial.position[take], trial.projection.of(take), trial.anchor.of(take))
+        r, normal = trial.response, trial.kinematics.normal[take]
+        d_pressure = -self.penalty * v.d_gap
+        out: Floats = (normal - r.d_traction_d_pressure[take])[:, :, None] * d_pressure[:, None, :]
+        out += trial.pressure[take][:, None, None] * v.d_normal
+        out -= r.d_traction_d_slip[take] @ v.d_slip
+        out -= r.d_traction_d_elastic[take] @ v.d_elastic
+        return out, v
 
-        Open points contribute nothing and are left out of both arrays.
+    def tangent(self, trial: ContactTrial) -> list[tuple[Longs, Floats]]:
+        """Global nodes (p, m) and the blocks K_c = −Gᵀ C G (p, m, i, n, j) of closed points.
+
+        Points with the same nodes are added up where that saves much, and points that are still on
+        the master facet of the last step need its nodes once only, so there may be two groups of
+        blocks. Open points contribute nothing and are left out.
         """
         take = np.nonzero(trial.kinematics.closed)[0]
+        size = self.surface.target.stencil.shape[1] * self.surface.dim
+        stayed = trial.projection.facet[take] == self.state.facet[take]
+        if 5 * np.count_nonzero(stayed) * size**2 < WORTH_FOLDING:
+            return [self._blocks(trial, take)] if len(take) else []
+        parts = [(take[stayed], True), (take[~stayed], False)]
+        return [
+            _added_up(self._point_facets(trial, part), *self._blocks(trial, part, folded))
+            for part, folded in parts
+            if len(part)
+        ]
+
+    def _blocks(
+        self, trial: ContactTrial, take: Longs, folded: bool = False
+    ) -> tuple[Longs, Floats]:
+        """Nodes and blocks of points; ``folded``: their facet is still that of the last step."""
         rows, nodes = self._generalised_rows(trial, take)
-        q, dim = len(take), self.surface.dim
-        coordinates = rows.shape[1]
+        if folded:
+            m = self.surface.target.stencil.shape[1]
+            rows[:, :, -2 * m : -m] += rows[:, :, -m:]
+            rows, nodes = rows[:, :, :-m], nodes[:, :-m]
+        q, coordinates, m = rows.shape
+        dim = self.surface.dim
         weight = self.surface.slave.weight[take]
-        load = np.zeros((q, coordinates, dim, coordinates * dim))
-        load[:, 0] = weight[:, None, None] * self.traction_variation(trial)[take]
+        # Rows c and d carry no virtual work: they are left out of the left product.
+        load = np.empty((q, coordinates - 2, dim, coordinates * dim))
+        d_traction, v = self.traction_variation(trial, take)
+        load[:, 0] = weight[:, None, None] * d_traction
         moved = weight[:, None] * trial.traction[take]
-        d_xi = trial.kinematics.d_xi[take]
-        load[:, 1:-2] = -moved[:, None, :, None] * d_xi[:, :, None, :]
-        # Rows c and d carry no virtual work: leave them out of the left product.
-        left = np.einsum("qrm,qris->qmis", rows[:, :-2], load[:, :-2], optimize=True)
-        left = left.reshape(q, rows.shape[2] * dim, coordinates, dim)
-        blocks = -np.einsum("qasj,qsn->qanj", left, rows, optimize=True)
-        return nodes, blocks.reshape(q, rows.shape[2], dim, rows.shape[2], dim)
+        load[:, 1:] = -moved[:, None, :, None] * v.d_xi[:, :, None, :]
+        left = rows[:, :-2].transpose(0, 2, 1) @ load.reshape(q, coordinates - 2, -1)
+        left = left.reshape(q, m * dim, coordinates, dim).transpose(0, 1, 3, 2)
+        blocks = -(left.reshape(q, m * dim * dim, coordinates) @ rows)
+        return nodes, blocks.reshape(q, m, dim, dim, m).transpose(0, 1, 2, 4, 3)
+
+    def _point_facets(self, trial: ContactTrial, take: Longs) -> Longs:
+        """Number (p,) of the facets that a point couples: its own, today's and the last step's."""
+        masters = np.int64(len(self.surface.master.facets))
+        slave, before = self.surface.slave.facet[take], self.state.facet[take]
+        return (slave * masters + trial.projection.facet[take]) * masters + before
 
     def _generalised_rows(self, trial: ContactTrial, take: Longs) -> tuple[Floats, Longs]:
         """Coefficients (q, r, m) of z = (a, b_α, c, d) on the nodes (q, m) of each point."""
         slave, state = self.surface.slave, self.state
+        target = self.surface.target
         xi, facet = trial.projection.xi[take], trial.projection.facet[take]
         mine = slave.shape[take]
         count, a = mine.shape
-        surface = xi.shape[1]
-        rows = np.zeros((count, 3 + surface, a + 4))
-        now, before = slice(a, a + 2), slice(a + 2, a + 4)
+        surface, m = xi.shape[1], target.stencil.shape[1]
+        rows = np.zeros((count, 3 + surface, a + 2 * m))
+        now, before = slice(a, a + m), slice(a + m, a + 2 * m)
         rows[:, 0, :a] = mine
-        rows[:, 0, now] = -segment_shape(xi)
-        rows[:, 1 : 1 + surface, now] = segment_shape_derivative(xi)
+        rows[:, 0, now] = -target.weights(facet, xi)
+        rows[:, 1 : 1 + surface, now] = target.slopes(facet, xi)
         rows[:, -2, :a] = mine
-        rows[:, -2, before] = -segment_shape(state.xi[take])
-        rows[:, -1, before] = np.einsum(
-            "qb,qba->qa", state.slip_components[take], segment_shape_derivative(state.xi[take])
-        )
+        last = state.facet[take], state.xi[take]
+        rows[:, -2, before] = -target.weights(*last)
+        components = state.slip_components[take]
+        rows[:, -1, before] = np.einsum("qb,qbm->qm", components, target.slopes(*last))
         nodes = np.concatenate(
             [slave.nodes[take], self._master_nodes(facet), self._master_nodes(state.facet[take])],
             axis=1,
@@ -272,3 +329,35 @@ class ContactTerm:
         pressed = 0.5 * trial.pressure**2 / self.penalty
         stored = self.law.stored_energy(trial.response.state)
         return float(self.surface.slave.weight @ (pressed + stored))
+
+
+def _on_facet(slip: Floats, at: Projection) -> Floats:
+    """Vectors (q, i) in the facets' planes whose images in the plane across n are ``slip`` (q, i).
+
+    Where the projection is clamped, n is not the facet's normal n_f: q = g_e − n (n_f·g_e)/(n_f·n)
+    gives (I − n⊗n) q = g_e again. A normal almost in the facet's plane is let be.
+    """
+    rows = np.nonzero(at.clamped)[0]
+    if not len(rows):
+        return slip
+    out = slip.copy()
+    n, facet = at.normal[rows], unit_normals(at.tangents[rows])
+    between = np.einsum("qi,qi->q", n, facet)
+    share = np.where(
+        np.abs(between) > 0.1,
+        np.einsum("qi,qi->q", slip[rows], facet) / np.where(between == 0.0, 1.0, between),
+        0.0,
+    )
+    out[rows] -= share[:, None] * n
+    return out
+
+
+def _added_up(key: Longs, nodes: Longs, blocks: Floats) -> tuple[Longs, Floats]:
+    """Nodes (p, m) and blocks (p, m, i, n, j) of points with the same ``key`` (q,), added up."""
+    _, first, group = np.unique(key, return_index=True, return_inverse=True)
+    ones, points = np.ones(len(key)), np.arange(len(key))
+    adding = scipy.sparse.csr_matrix((ones, (group.reshape(-1), points)))
+    # The order of the axes in memory, so that nothing is copied.
+    plain = blocks.transpose(0, 1, 2, 4, 3)
+    added = (adding @ plain.reshape(len(key), -1)).reshape(len(first), *plain.shape[1:])
+    return nodes[first], added.transpose(0, 1, 2, 4, 3)

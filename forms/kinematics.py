@@ -1,54 +1,151 @@
-"""Finite-strain kinematics in plane strain, as UFL expressions."""
+"""Finite-strain kinematics in plane strain, of bodies of revolution and in space, in UFL."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import ufl
 
 Expr = Any  # UFL is untyped
 
+Section = Literal["plane-strain", "axisymmetric", "3D"]
+"""What a mesh stands for: a slab's section, the half section of a body of revolution about the
+axis x = 0 (x the radius, y along the axis), or the whole body."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlanePart:
+    """The in-plane part of a deformation that leaves the normal of the plane where it is.
+
+    Attributes:
+        stretch: λ₃ across the plane: one in plane strain, the hoop stretch of a body of revolution.
+        J, I1: det and tr FᵀF of the in-plane part.
+    """
+
+    stretch: Expr
+    J: Expr
+    I1: Expr
+
 
 @dataclass(frozen=True, slots=True)
 class Kinematics:
-    """A plane deformation and its invariants, the out-of-plane stretch being λ₃.
+    """A deformation and its invariants.
 
     Attributes:
-        F: in-plane deformation gradient (i, j), a UFL variable.
-        stretch: λ₃, one in plane strain.
-        plane_J, plane_I1: det and tr FᵀF of the in-plane part.
-        J: det of the whole deformation gradient.
-        I1, I2: tr C and ½((tr C)² − tr C²) of the three-dimensional C = FᵀF.
+        F: deformation gradient (i, j), a UFL variable; of a plane the in-plane part.
+        J: det of the whole, three-dimensional deformation gradient.
+        I1, I2: tr C and ½((tr C)² − tr C²) of the three-dimensional C = FᵀF. In space these and J
+            are UFL variables, and all that a material may depend on.
+        plane: the in-plane part; None in space.
     """
 
     F: Expr
-    stretch: Expr
-    plane_J: Expr
-    plane_I1: Expr
     J: Expr
     I1: Expr
     I2: Expr
+    plane: PlanePart | None
 
 
-def plane_strain(u: Expr, stretch: Expr = 1.0) -> Kinematics:
-    """Kinematics of the in-plane displacement ``u`` (m).
+def section_of(dim: int, section: Section | None) -> Section:
+    """The section of a mesh in ``dim`` dimensions, plane strain unless said otherwise.
+
+    Raises:
+        ValueError: a section in the plane of a mesh in space, or the other way round.
+    """
+    if section is None:
+        return "plane-strain" if dim == 2 else "3D"
+    if (dim == 3) != (section == "3D"):
+        raise ValueError(f"a mesh in {dim}D cannot be taken for {section}")
+    return section
+
+
+def kinematics(u: Expr, section: Section, stretch: Expr = None) -> Kinematics:
+    """Kinematics of the displacement ``u`` (m).
 
     Args:
         u: displacement.
-        stretch: out-of-plane stretch; another value than one, or a UFL variable of value one, is
-            for derivatives with respect to it, which give the out-of-plane stress.
+        section: what the mesh stands for.
+        stretch: UFL variable in the place of the stretch across the plane and of its value, for
+            derivatives with respect to it, which give the stress across the plane.
     """
-    F = ufl.variable(ufl.Identity(2) + ufl.grad(u))
+    if section == "3D":
+        return spatial(u)
+    return _plane(u, stretch_across(u, section) if stretch is None else stretch)
+
+
+def stretch_across(u: Expr, section: Section) -> Expr:
+    """λ₃ across the plane: 1 in plane strain, 1 + u_x/x of a body of revolution."""
+    return 1.0 if section == "plane-strain" else 1.0 + u[0] / radius(u)
+
+
+def radius(u: Expr) -> Expr:
+    """Distance from the axis, m, reference."""
+    return ufl.SpatialCoordinate(ufl.domain.extract_unique_domain(u))[0]
+
+
+def circumference(mesh: Any, section: Section, u: Expr = None) -> Expr:
+    """Extent across the plane that a point of the section stands for; 1 without axial symmetry.
+
+    Args:
+        mesh: the mesh.
+        section: what it stands for.
+        u: displacement, for the extent in the deformed body.
+
+    Returns:
+        2πx, or 2π(x + u_x), m.
+    """
+    if section != "axisymmetric":
+        return 1.0
+    x = ufl.SpatialCoordinate(mesh)[0]
+    return 2.0 * ufl.pi * (x if u is None else x + u[0])
+
+
+def plane_strain(u: Expr, stretch: Expr = 1.0) -> Kinematics:
+    """Kinematics of the in-plane displacement ``u`` (m) with the stretch across the plane."""
+    return _plane(u, stretch)
+
+
+def axisymmetric(u: Expr) -> Kinematics:
+    """Kinematics of a body of revolution: ``u`` (m) radial and axial."""
+    return _plane(u, stretch_across(u, "axisymmetric"))
+
+
+def centre_kinematics(u: Expr, section: Section) -> Kinematics:
+    """Kinematics from which the volume of a cell is taken at its centre.
+
+    A ring's cell of width h at the radius R has its volume's centroid at R + h²/(12 R). An axial
+    stress acts there, a hoop stress at R: only so do both work as they do in the whole of a
+    rectangular cell, also next to the axis, where half the width lies between them. The in-plane
+    gradient is therefore carried to the centroid by its own derivative.
+    """
+    if section != "axisymmetric":
+        return kinematics(u, section)
+    edges = ufl.Jacobian(ufl.domain.extract_unique_domain(u))
+    away = ufl.dot(edges, edges[0, :]) / (12.0 * radius(u))
+    gradient = ufl.Identity(2) + ufl.grad(u) + ufl.dot(ufl.grad(ufl.grad(u)), away)
+    return _plane(u, stretch_across(u, section), gradient)
+
+
+def _plane(u: Expr, stretch: Expr, gradient: Expr = None) -> Kinematics:
+    F = ufl.variable(ufl.Identity(2) + ufl.grad(u) if gradient is None else gradient)
     plane_J = ufl.det(F)
     plane_I1 = ufl.inner(F, F)
     # Eigenvalues of C: those of the in-plane part, with product J₂², and λ₃².
     return Kinematics(
         F=F,
-        stretch=stretch,
-        plane_J=plane_J,
-        plane_I1=plane_I1,
         J=plane_J * stretch,
         I1=plane_I1 + stretch**2,
         I2=plane_I1 * stretch**2 + plane_J**2,
+        plane=PlanePart(stretch, plane_J, plane_I1),
     )
+
+
+def spatial(u: Expr) -> Kinematics:
+    """Kinematics of the displacement ``u`` (m) in space."""
+    F = ufl.variable(ufl.Identity(3) + ufl.grad(u))
+    # I2 is the sum of squares of all cofactors: no cancellation as in (tr C)² − tr C².
+    cofactors = ufl.cofac(F)
+    invariants = (ufl.det(F), ufl.inner(F, F), ufl.inner(cofactors, cofactors))
+    J, I1, I2 = (ufl.variable(invariant) for invariant in invariants)
+    return Kinematics(F=F, J=J, I1=I1, I2=I2, plane=None)

@@ -12,9 +12,10 @@ from typing import Any, Protocol
 
 import ufl
 
-from forms.kinematics import Kinematics
+from forms.kinematics import Kinematics, PlanePart
 
 Expr = Any
+LOGARITHM_TERMS = 10  # of the series for the logarithmic strain in space
 
 
 class Material(Protocol):
@@ -99,9 +100,9 @@ class MooneyRivlin:
 class Hencky:
     """W = G |dev ln U|² + K/2 (ln J)², the quadratic energy of the logarithmic strain.
 
-    The in-plane logarithmic stretches h₁, h₂ follow from J₂ = exp(h₁ + h₂) and
+    In a plane the logarithmic stretches h₁, h₂ follow from J₂ = exp(h₁ + h₂) and
     y = tr C₂/(2 J₂) = cosh(h₁ − h₂) without eigenvalues: |dev ln U|² = ((h₁ − h₂)² + (ln J₂)²)/2 +
-    h₃² − (ln J)²/3.
+    h₃² − (ln J)²/3. In space see `_squared_logarithm`.
     """
 
     shear_modulus: float
@@ -113,11 +114,40 @@ class Hencky:
 
     def energy(self, k: Kinematics, c: dict[str, Expr]) -> tuple[Expr, Expr]:
         """See the class."""
-        log_j, plane_log_j = ufl.ln(k.J), ufl.ln(k.plane_J)
-        excess = k.plane_I1 / (2.0 * k.plane_J) - 1.0
-        in_plane = 0.5 * (_squared_arcosh(excess) + plane_log_j**2)
-        distortion = c["G"] * (in_plane + ufl.ln(k.stretch) ** 2 - log_j**2 / 3.0)
-        return distortion, 0.5 * c["K"] * log_j**2
+        log_j = ufl.ln(k.J)
+        deviator = _squared_logarithm(k) if k.plane is None else _plane_deviator(k.plane, log_j)
+        return c["G"] * deviator, 0.5 * c["K"] * log_j**2
+
+
+def _plane_deviator(plane: PlanePart, log_j: Expr) -> Expr:
+    """|dev ln U|² of a deformation that leaves the normal of the plane where it is."""
+    excess = plane.I1 / (2.0 * plane.J) - 1.0
+    in_plane = 0.5 * (_squared_arcosh(excess) + ufl.ln(plane.J) ** 2)
+    return in_plane + ufl.ln(plane.stretch) ** 2 - log_j**2 / 3.0
+
+
+def _squared_logarithm(k: Kinematics) -> Expr:
+    """|dev ln U|² in space, smooth where stretches coincide: no eigenvalues are taken.
+
+    With C̄ = J^(−2/3) C and Z = (C̄ − I)(C̄ + I)⁻¹, dev ln U = artanh Z, and artanh(z)² is the
+    series Σ_k (z²)ᵏ/k Σ_{j≤k} 1/(2j − 1). By the characteristic polynomial of C̄ the invariants of
+    Z are (Ī2 − Ī1, 6 − Ī1 − Ī2, Ī1 − Ī2)/(Ī1 + Ī2 + 2); from those of Z² the traces of its powers
+    follow (Newton's identities). The terms left out are below 1e-12 of the sum while each principal
+    stretch of the isochoric part, or its inverse, is at most 1.3; 2e-9 at 1.5 and 1e-5 at 2.
+    """
+    I1, I2 = k.J ** (-2.0 / 3.0) * k.I1, k.J ** (-4.0 / 3.0) * k.I2
+    below = I1 + I2 + 2.0
+    even, odd = (I1 + I2 - 6.0) / below, ((I2 - I1) / below) ** 2
+    e1, e2, e3 = 2.0 * even + odd, even**2 + 2.0 * odd, odd
+    powers = [e1, e1**2 - 2.0 * e2]
+    powers.append(e1 * powers[1] - e2 * e1 + 3.0 * e3)
+    while len(powers) < LOGARITHM_TERMS:
+        powers.append(e1 * powers[-1] - e2 * powers[-2] + e3 * powers[-3])
+    factor, total = 0.0, 0.0
+    for n, power in enumerate(powers, start=1):
+        factor += 1.0 / (2 * n - 1)
+        total = total + factor / n * power
+    return total
 
 
 def _squared_arcosh(x: Expr) -> Expr:

@@ -1,4 +1,4 @@
-"""A picture of a plane mesh: bodies in colour, named surfaces drawn and labelled."""
+"""A picture of a mesh: bodies in colour, named surfaces drawn and labelled."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ import numpy.typing as npt
 from matplotlib import color_sequences
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
+from mpi4py import MPI
 
-from geometry.mesh import MeshError, NamedMesh
+from geometry.mesh import NamedMesh
+from geometry.picture_space import draw_space
 
 MAX_CELLS_OUTLINED = 200_000
 """Cells beyond which their edges are left out: they would only blacken the picture."""
@@ -47,13 +49,12 @@ def save_picture(named: NamedMesh, path: Path, title: str = "", dpi: int = 150) 
     that touch can be told apart.
 
     Args:
-        named: A mesh in the plane.
+        named: The mesh.
         path: The file.
         title: Heading of the picture.
         dpi: Dots per inch of a bitmap.
 
     Raises:
-        MeshError: If the mesh is not plane.
         FileNotFoundError: If the directory does not exist.
     """
     path = Path(path)
@@ -74,17 +75,17 @@ def draw(named: NamedMesh, title: str = "") -> Figure | None:
     """Draw the mesh; collective.
 
     Args:
-        named: A mesh in the plane.
+        named: The mesh; of one in space the outer facets are drawn.
         title: Heading of the picture.
 
     Returns:
         The figure on the first process, None on the others.
-
-    Raises:
-        MeshError: If the mesh is not plane.
     """
-    if named.mesh.geometry.dim != 2:
-        raise MeshError("a picture can be drawn of meshes in the plane only")
+    if named.mesh.geometry.dim == 3:
+        x = named.mesh.geometry.x
+        low = named.mesh.comm.allreduce(x.min(axis=0, initial=np.inf), op=MPI.MIN)
+        high = named.mesh.comm.allreduce(x.max(axis=0, initial=-np.inf), op=MPI.MAX)
+        return draw_space(named, title, *length_unit(float((high - low).max())))
     parts = named.mesh.comm.gather(_local_outline(named), root=0)
     if parts is None:
         return None
@@ -139,7 +140,7 @@ def _figure(outline: _Outline, title: str) -> Figure:
     """The whole picture, at a scale that leaves room for the labels beside the bodies."""
     corners = np.concatenate([c.reshape(-1, 2) for c in outline.cells.values()])
     low, high = corners.min(axis=0), corners.max(axis=0)
-    factor, unit = _length_unit(float((high - low).max()))
+    factor, unit = length_unit(float((high - low).max()))
     centre, span = 0.5 * (low + high) * factor, (high - low) * factor
     per_inch = max(span[0] / BODY_WIDTH, span[1] / BODY_HEIGHT)
     rows = max(span[1] / per_inch + 0.5, LABEL_PITCH * (len(outline.segments) / 2 + 2))
@@ -236,7 +237,7 @@ def _label_point(drawn: Points, side: int) -> Points:
     return np.asarray(middles[np.argmin(((middles - target) ** 2).sum(axis=1))])
 
 
-def _length_unit(size: float) -> tuple[float, str]:
+def length_unit(size: float) -> tuple[float, str]:
     """The factor from m to a unit in which ``size`` has a few digits, and its name."""
     for factor, unit in ((1.0, "m"), (1e3, "mm"), (1e6, "µm")):
         if size * factor >= 1.0:

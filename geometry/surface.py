@@ -3,7 +3,7 @@
 The slave points come from a facet submesh with a quadrature space; UFL assembles once the operator
 S = ∫ t̂·v dΓ₀ between that space and the displacement space, whose rows hold the shape functions of
 each point, so that any displacement element and any order of points on a facet is right by
-construction. The master surface is a fixed list of nodes and segments. Both are replicated where
+construction. The master surface is a fixed list of nodes and facets. Both are replicated where
 they are needed by a single PETSc scatter per evaluation, so the mesh may be partitioned anywhere.
 """
 
@@ -20,7 +20,8 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from geometry.projection import Floats, Ints, Polyline, facet_normal
+from geometry.facets import FacetShape, Floats, Ints, facet_shape, unit_normals
+from geometry.projection import FacetSurface, Projection
 
 Longs = NDArray[np.int64]
 
@@ -32,10 +33,11 @@ class SlavePoints:
     Attributes:
         nodes: (q, a) global node (displacement block) numbers that move each point.
         shape: (q, a) shape functions there.
-        shape_derivative: (q, a) their derivative along the facet, per reference length, 1/m.
-        weight: (q,), m: quadrature weight times reference facet measure (per unit thickness in 2D).
+        shape_derivative: (q, α, a) their derivatives along ``tangents``, per reference length, 1/m.
+        weight: (q,) quadrature weight times reference facet measure: m (per unit thickness) in the
+            plane, m² in space and with axial symmetry (the whole ring 2πR).
         position: (q, i), m, reference.
-        tangent: (q, i) unit tangents of the facets, reference.
+        tangents: (q, α, i) orthonormal tangents of the facets, reference.
         facet: (q,) number of the slave facet, for counting pairs of facets.
     """
 
@@ -44,7 +46,7 @@ class SlavePoints:
     shape_derivative: Floats
     weight: Floats
     position: Floats
-    tangent: Floats
+    tangents: Floats
     facet: Ints
 
 
@@ -54,17 +56,23 @@ class MasterFacets:
 
     Attributes:
         nodes: (n,) global node (displacement block) numbers.
-        facets: (f, 2) rows into ``nodes``, the body to the right of first → second.
+        facets: (f, a) rows into ``nodes``, ordered so that the normal points out of the body.
         position: (n, i), m, reference.
+        shape: of all facets.
     """
 
     nodes: Longs
     facets: Ints
     position: Floats
+    shape: FacetShape
 
 
 class ContactSurface:
-    """Slave points and master facets of one pair, and the positions of both today."""
+    """Slave points and master facets of one pair, and the positions of both today.
+
+    Attributes:
+        facet_length: m, mean length of the slave facets.
+    """
 
     def __init__(
         self,
@@ -72,23 +80,35 @@ class ContactSurface:
         slave_facets: NDArray[np.int32],
         master_facets: NDArray[np.int32],
         quadrature_degree: int,
+        axisymmetric: bool = False,
+        crease: float | None = None,
     ) -> None:
         """Collect both surfaces; collective.
 
         Args:
-            space: blocked vector Lagrange space of the displacement.
+            space: blocked vector Lagrange space of the displacement, of degree 1 or 2.
             slave_facets: local facets (owned and ghosts) of the slave surface.
             master_facets: local facets (owned and ghosts) of the master surface.
-            quadrature_degree: degree integrated exactly on a straight slave facet.
+            quadrature_degree: degree integrated exactly on an affine slave facet.
+            axisymmetric: whether x is the distance from an axis of symmetry; weights then are those
+                of whole rings, and forces totals.
+            crease: rad; a smooth master, but for sides where its facets' normals differ by more.
+                None: the facets as they are.
 
         Raises:
-            ValueError: on every rank, if a surface has no facet or folds onto itself.
+            ValueError: on every rank, if a surface has no facet or folds onto itself, the
+                displacement has another degree, or the master cannot be made smooth.
         """
         self.space = space
         self.dim = space.mesh.geometry.dim
-        self.slave = _slave_points(space, slave_facets, quadrature_degree)
-        self.master = _master_facets(space, master_facets)
-        self.polyline = Polyline(self.master.facets, self.master.position)
+        self.axisymmetric = axisymmetric
+        self.facet_length = facet_length(space.mesh, slave_facets)
+        self.shape = displacement_facet(space)
+        self.slave = _slave_points(space, self.shape, slave_facets, quadrature_degree)
+        if axisymmetric:
+            self.slave.weight *= 2.0 * np.pi * self.slave.position[:, 0]
+        self.master = _master_facets(space, self.shape, master_facets)
+        self.target = FacetSurface(self.shape, self.master.facets, self.master.position, crease)
         needed = np.unique(self.slave.nodes)
         self._slave_rows = np.searchsorted(needed, self.slave.nodes)
         self._slave_count = len(needed)
@@ -112,34 +132,91 @@ class ContactSurface:
         slave = values[: self._slave_count]
         return slave[self._slave_rows], values[self._slave_count :].copy()
 
+    def project(self, points: Floats, nodes: Floats) -> Projection:
+        """Closest points on the master, on today's nodes (n, i), m, of the points (q, i), m."""
+        return self.target.project(points, nodes)
+
     def slave_positions(self, displacement: Floats) -> Floats:
         """Current positions (q, i) of the slave points from nodal displacements (q, a, i)."""
         moved: Floats = np.einsum("qa,qai->qi", self.slave.shape, displacement)
         return self.slave.position + moved
 
     def slave_stretch(self, displacement: Floats) -> Floats:
-        """Area stretch da/dA (q,) of the slave surface from nodal displacements (q, a, i)."""
-        grad = np.einsum("qa,qai->qi", self.slave.shape_derivative, displacement)
-        stretch: Floats = np.linalg.norm(self.slave.tangent + grad, axis=1)
+        """Area stretch da/dA (q,) of the slave surface from nodal displacements (q, a, i).
+
+        The current tangents t_α = T_α + ∂u/∂T_α span the area |t_1| or |t_1 × t_2|; a ring also
+        grows by r/R.
+        """
+        grad = np.einsum("qba,qai->qbi", self.slave.shape_derivative, displacement)
+        now = self.slave.tangents + grad
+        stretch: Floats = _measure(now)
+        if self.axisymmetric:
+            stretch *= self.slave_positions(displacement)[:, 0] / self.slave.position[:, 0]
         return stretch
 
 
-def facet_nodes(space: dolfinx.fem.FunctionSpace, facets: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Local nodes (f, a) of the displacement space on each local facet, in closure order."""
+def _measure(tangents: Floats) -> Floats:
+    """Length (q,) of one tangent, or area of the parallelogram of two, (q, α, i)."""
+    if tangents.shape[1] == 1:
+        out: Floats = np.linalg.norm(tangents[:, 0], axis=1)
+        return out
+    return np.linalg.norm(np.cross(tangents[:, 0], tangents[:, 1]), axis=1)
+
+
+def displacement_facet(space: dolfinx.fem.FunctionSpace) -> FacetShape:
+    """Shape of the facets of a displacement space.
+
+    Raises:
+        ValueError: neither the first nor the second degree, or a cell without such facets.
+    """
     mesh = space.mesh
+    facet = dolfinx.cpp.mesh.cell_entity_type(mesh.topology.cell_type, mesh.topology.dim - 1, 0)
+    degree = space.element.basix_element.degree
+    if degree > 2:
+        raise ValueError(f"contact takes displacements of degree 1 or 2, not {degree}")
+    return facet_shape(dolfinx.cpp.mesh.to_string(facet), degree)
+
+
+def _cells_of(
+    mesh: dolfinx.mesh.Mesh, facets: NDArray[np.int32]
+) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
+    """Cell of each exterior facet, and the facet's number in it."""
     tdim = mesh.topology.dim
     mesh.topology.create_connectivity(tdim - 1, tdim)
     mesh.topology.create_connectivity(tdim, tdim - 1)
-    cell = mesh.topology.connectivity(tdim - 1, tdim)
-    facet = mesh.topology.connectivity(tdim, tdim - 1)
+    to_cell = mesh.topology.connectivity(tdim - 1, tdim)
+    to_facet = mesh.topology.connectivity(tdim, tdim - 1)
+    cells = to_cell.array[to_cell.offsets[facets]]
+    per_cell = dolfinx.cpp.mesh.cell_num_entities(mesh.topology.cell_type, tdim - 1)
+    table = to_facet.array.reshape(-1, per_cell)[cells]
+    return cells, np.argmax(table == facets[:, None], axis=1)
+
+
+def facet_nodes(space: dolfinx.fem.FunctionSpace, facets: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Local nodes (f, a) of the displacement space on each local exterior facet, closure order."""
+    tdim = space.mesh.topology.dim
+    cells, local = _cells_of(space.mesh, facets)
     layout = space.dofmap.dof_layout
-    count = len(layout.entity_closure_dofs(tdim - 1, 0))
-    nodes = np.empty((len(facets), count), dtype=np.int32)
-    for row, f in enumerate(facets):  # once, at set-up
-        c = cell.links(f)[0]
-        local = int(np.nonzero(facet.links(c) == f)[0][0])
-        nodes[row] = space.dofmap.cell_dofs(c)[layout.entity_closure_dofs(tdim - 1, local)]
+    per_cell = dolfinx.cpp.mesh.cell_num_entities(space.mesh.topology.cell_type, tdim - 1)
+    closure = np.array([layout.entity_closure_dofs(tdim - 1, i) for i in range(per_cell)])
+    nodes: NDArray[np.int32] = np.take_along_axis(
+        space.dofmap.list[cells], closure[local].astype(np.int64), axis=1
+    )
     return nodes
+
+
+def facet_length(mesh: dolfinx.mesh.Mesh, facets: NDArray[np.int32]) -> float:
+    """Mean length of facets, m; in space the side of a square or of half a square; collective.
+
+    Args:
+        mesh: the mesh.
+        facets: local facets, owned and ghosts.
+    """
+    dim = mesh.topology.dim
+    mesh.topology.create_connectivity(dim - 1, 0)
+    longest = mesh.h(dim - 1, _owned(mesh, facets))
+    total, count = mesh.comm.allreduce(np.array([longest.sum(), float(len(longest))]))
+    return float(total / count / np.sqrt(dim - 1))
 
 
 def _owned(mesh: dolfinx.mesh.Mesh, facets: NDArray[np.int32]) -> NDArray[np.int32]:
@@ -160,14 +237,13 @@ def integration_facets(mesh: dolfinx.mesh.Mesh, facets: NDArray[np.int32]) -> ND
     return np.asarray(pairs, dtype=np.int32).reshape(-1)
 
 
-def point_operators(
+def point_operator(
     space: dolfinx.fem.FunctionSpace, facets: NDArray[np.int32], degree: int
-) -> tuple[PETSc.Mat, PETSc.Mat, Ints, Floats]:
-    """Sᵀ and its derivative along the facet, rows the points of the facet submesh.
+) -> tuple[PETSc.Mat, Ints]:
+    """Sᵀ = ∫ t̂·u dΓ₀, rows the points of the facet submesh, blocked.
 
     Returns:
-        ∫ t̂·u dΓ₀ and ∫ t̂·∂u/∂s dΓ₀ (blocked rows), the submesh cell of each owned point (q,),
-        and the unit tangents (q, i) along which s is measured.
+        The matrix, and the local facet of the mesh that each owned point (q,) lies on.
     """
     mesh = space.mesh
     fdim = mesh.topology.dim - 1
@@ -184,123 +260,123 @@ def point_operators(
         subdomain_data=[(1, integration_facets(mesh, facets))],
         metadata={"quadrature_degree": degree},
     )(1)
-    test, trial = ufl.TestFunction(points), ufl.TrialFunction(space)
-    n = ufl.FacetNormal(mesh)
-    along = ufl.as_vector((-n[1], n[0]))
-    forms = (
-        ufl.inner(trial, test) * ds,
-        ufl.inner(ufl.dot(ufl.grad(trial), along), test) * ds,
-    )
-    matrices = []
-    for form in forms:
-        compiled = dolfinx.fem.form(form, entity_maps={sub: to_sub})
-        matrix = dolfinx.fem.petsc.assemble_matrix(compiled)
-        matrix.assemble()
-        matrices.append(matrix)
-    tangent = dolfinx.fem.petsc.assemble_vector(
-        dolfinx.fem.form(ufl.inner(along, test) * ds, entity_maps={sub: to_sub})
-    )
+    form = ufl.inner(ufl.TrialFunction(space), ufl.TestFunction(points)) * ds
+    matrix = dolfinx.fem.petsc.assemble_matrix(dolfinx.fem.form(form, entity_maps={sub: to_sub}))
+    matrix.assemble()
     owned = points.dofmap.index_map.size_local
     per_facet = points.dofmap.dof_layout.num_dofs
     cell = np.empty(owned, dtype=np.int32)
     table = points.dofmap.list[: sub.topology.index_map(fdim).size_local]
     cell[table.reshape(-1)] = np.repeat(np.arange(len(table), dtype=np.int32), per_facet)
-    weighted = tangent.array_r[: owned * dim].reshape(-1, dim).copy()
-    tangent.destroy()
-    return matrices[0], matrices[1], cell, weighted
+    return matrix, np.asarray(to_parent, dtype=np.int32)[cell]
 
 
-def _rows(matrix: PETSc.Mat, dim: int) -> tuple[Longs, Longs, Floats]:
-    """First component of each owned point: (row pointer, node numbers, values)."""
+def _rows(matrix: PETSc.Mat, nodes: Longs, dim: int) -> Floats:
+    """Values (q, a) of the first component of each owned point at the given nodes (q, a)."""
     indptr, indices, values = matrix.getValuesCSR()
     count = np.diff(indptr)[::dim]
-    take = np.concatenate(
-        [np.arange(a, b) for a, b in zip(indptr[:-1:dim], indptr[1::dim], strict=True)]
-        or [np.empty(0, dtype=int)]
-    )
-    keep = indices[take] % dim == 0
-    owner = np.repeat(np.arange(len(count)), count)[keep]
-    pointer = np.concatenate([[0], np.cumsum(np.bincount(owner, minlength=len(count)))])
-    return pointer, indices[take][keep].astype(np.int64) // dim, values[take][keep]
+    row = np.repeat(np.arange(len(count)), count)
+    start = np.repeat(indptr[:-1:dim] - np.cumsum(count) + count, count)
+    take = start + np.arange(len(row))
+    width = np.int64(matrix.getSize()[1])
+    key = row * width + indices[take]
+    order = np.argsort(key)
+    wanted = np.arange(len(nodes))[:, None] * width + dim * nodes
+    found: Floats = values[take][order][np.searchsorted(key, wanted, sorter=order)]
+    return found
 
 
 def _slave_points(
-    space: dolfinx.fem.FunctionSpace, facets: NDArray[np.int32], degree: int
+    space: dolfinx.fem.FunctionSpace, form: FacetShape, facets: NDArray[np.int32], degree: int
 ) -> SlavePoints:
     mesh = space.mesh
     _require_facets(mesh, facets, "slave")
-    shape, derivative, cell, tangent = point_operators(space, facets, degree)
-    dim = mesh.geometry.dim
-    pointer, nodes, values = _rows(shape, dim)
-    _, _, slopes = _rows(derivative, dim)
-    shape.destroy()
-    derivative.destroy()
-    count = len(space.dofmap.dof_layout.entity_closure_dofs(mesh.topology.dim - 1, 0))
-    points = len(pointer) - 1
-    width = len(nodes) // points if points else count
-    # Each row also holds the nodes of the cell off the facet, with values of round-off.
-    table = np.abs(values).reshape(points, width)
-    pick = np.sort(np.argsort(-table, axis=1)[:, :count], axis=1)
-    row = np.arange(points)[:, None]
-    values, slopes, nodes = (a.reshape(points, width)[row, pick] for a in (values, slopes, nodes))
+    operator, facet = point_operator(space, facets, degree)
+    distinct, number = np.unique(facet, return_inverse=True)
+    local = facet_nodes(space, distinct)[number].reshape(len(facet), form.count)
+    nodes = space.dofmap.index_map.local_to_global(local.reshape(-1)).reshape(local.shape)
+    values = _rows(operator, nodes, mesh.geometry.dim)
+    operator.destroy()
     weight = values.sum(axis=1)
-    coordinates = _coordinates(space, nodes)
+    shape = values / weight[:, None]
+    corners = space.tabulate_dof_coordinates()[:, : mesh.geometry.dim][local]
+    # Shape functions reproduce the reference coordinates: so each point's are known, in the order
+    # in which the operator has the points.
+    derivative = form.first(shape @ form.points)
+    tangents, derivative = _orthonormal(np.einsum("qba,qai->qbi", derivative, corners), derivative)
     return SlavePoints(
-        nodes=nodes,
-        shape=values / weight[:, None],
-        shape_derivative=slopes / weight[:, None],
+        nodes=nodes.astype(np.int64),
+        shape=shape,
+        shape_derivative=derivative,
         weight=weight,
-        position=np.einsum("qa,qai->qi", values / weight[:, None], coordinates),
-        tangent=tangent / weight[:, None],
-        facet=cell,
+        position=np.einsum("qa,qai->qi", shape, corners),
+        tangents=tangents,
+        facet=number.reshape(-1).astype(np.int32),
     )
 
 
-def _coordinates(space: dolfinx.fem.FunctionSpace, nodes: Longs) -> Floats:
-    """Reference positions (…, i) of global nodes that this rank owns or has as ghosts."""
-    imap = space.dofmap.index_map
-    local = np.arange(imap.size_local + imap.num_ghosts, dtype=np.int32)
-    known = imap.local_to_global(local)
-    order = np.argsort(known)
-    at = order[np.searchsorted(known, nodes, sorter=order)]
-    positions: Floats = space.tabulate_dof_coordinates()[at][..., : space.mesh.geometry.dim]
-    return positions
+def _orthonormal(tangents: Floats, derivative: Floats) -> tuple[Floats, Floats]:
+    """Gram–Schmidt on tangents (q, α, i), with the same combinations of derivatives (q, α, a)."""
+    tangents, derivative = tangents.copy(), derivative.copy()
+    if tangents.shape[1] == 2:
+        first = np.einsum("qi,qi->q", tangents[:, 0], tangents[:, 0])
+        share = (np.einsum("qi,qi->q", tangents[:, 0], tangents[:, 1]) / first)[:, None]
+        tangents[:, 1] -= share * tangents[:, 0]
+        derivative[:, 1] -= share * derivative[:, 0]
+    length = np.linalg.norm(tangents, axis=2)[..., None]
+    return tangents / length, derivative / length
 
 
-def _master_facets(space: dolfinx.fem.FunctionSpace, facets: NDArray[np.int32]) -> MasterFacets:
+def _master_facets(
+    space: dolfinx.fem.FunctionSpace, shape: FacetShape, facets: NDArray[np.int32]
+) -> MasterFacets:
     mesh = space.mesh
     _require_facets(mesh, facets, "master")
-    mine = _owned(mesh, facets)
-    local = facet_nodes(space, mine)
-    if local.shape[1] != 2:
-        raise ValueError("master surfaces take straight two-node segments (first-order elements)")
-    position = space.tabulate_dof_coordinates()[:, : mesh.geometry.dim][local]
-    tdim = mesh.topology.dim
-    cell = mesh.topology.connectivity(tdim - 1, tdim)
-    cells = np.array([cell.links(f)[0] for f in mine], dtype=np.int32)
-    inside = dolfinx.mesh.compute_midpoints(mesh, tdim, cells)[:, : mesh.geometry.dim]
-    outward = facet_normal(position[:, 1] - position[:, 0])
-    flip = np.einsum("fi,fi->f", inside - position[:, 0], outward) > 0.0
-    local[flip] = local[flip][:, ::-1]
-    position[flip] = position[flip][:, ::-1]
+    local, position = _outward(space, shape, _owned(mesh, facets))
     glob = space.dofmap.index_map.local_to_global(local.reshape(-1).astype(np.int32))
-    gathered = mesh.comm.allgather((glob.reshape(-1, 2), position))
+    gathered = mesh.comm.allgather((glob.reshape(local.shape), position))
     nodes = np.concatenate([g for g, _ in gathered])
     where = np.concatenate([p for _, p in gathered])
-    # Sorted by place, so that the numbering does not depend on the partition.
-    middle = where.mean(axis=1)
-    order = np.lexsort(middle.T[::-1])
+    order = _by_place(where[:, : shape.corners].mean(axis=1))
     nodes, where = nodes[order], where[order]
     unique, first, inverse = np.unique(nodes.reshape(-1), return_index=True, return_inverse=True)
-    table = inverse.reshape(nodes.shape).astype(np.int32)
-    for column, word in ((0, "start"), (1, "end")):
-        if len(np.unique(table[:, column])) != len(table):
-            raise ValueError(f"the master surface branches: two of its facets {word} at one node")
     return MasterFacets(
         nodes=unique.astype(np.int64),
-        facets=table,
+        facets=inverse.reshape(nodes.shape).astype(np.int32),
         position=where.reshape(-1, where.shape[-1])[first],
+        shape=shape,
     )
+
+
+def _outward(
+    space: dolfinx.fem.FunctionSpace, shape: FacetShape, facets: NDArray[np.int32]
+) -> tuple[NDArray[np.int32], Floats]:
+    """Local nodes (f, a) of facets and their positions (f, a, i), ordered for outward normals."""
+    mesh = space.mesh
+    dim = mesh.geometry.dim
+    local = facet_nodes(space, facets)
+    position = space.tabulate_dof_coordinates()[:, :dim][local]
+    cells, _ = _cells_of(mesh, facets)
+    inside = dolfinx.mesh.compute_midpoints(mesh, mesh.topology.dim, cells)[:, :dim]
+    middle = np.mean(shape.points[: shape.corners], axis=0)
+    tangents = np.einsum("ba,fai->fbi", shape.first(middle[None])[0], position)
+    away = np.einsum("a,fai->fi", shape.values(middle[None])[0], position) - inside
+    flip = np.einsum("fi,fi->f", away, unit_normals(tangents)) < 0.0
+    # The mirror image of the reference domain: 1 − ξ in the plane, ξ¹ and ξ² exchanged in space.
+    mirrored = 1.0 - shape.points if shape.directions == 1 else shape.points[:, ::-1]
+    apart = np.linalg.norm(shape.points[None] - mirrored[:, None], axis=2)
+    order = np.argmin(apart, axis=1)
+    local[flip] = local[flip][:, order]
+    position[flip] = position[flip][:, order]
+    return local, position
+
+
+def _by_place(middle: Floats) -> NDArray[np.int64]:
+    """Order of facets by their middles (f, i), which no round-off of the partition can change."""
+    size = float(np.ptp(middle, axis=0).max()) or 1.0
+    # An offset keeps round numbers away from the boundaries of rounding.
+    steps = np.floor((middle - middle.min(axis=0)) / (1e-8 * size) + 0.3183)
+    return np.lexsort(steps.T[::-1])
 
 
 def _require_facets(mesh: dolfinx.mesh.Mesh, facets: NDArray[np.int32], side: str) -> None:

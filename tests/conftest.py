@@ -18,6 +18,7 @@ from forms.contact import ContactTerm
 from forms.friction import FrictionLaw
 from forms.materials import Material, NeoHookean
 from forms.solids import Solid
+from geometry.facets import FacetShape, facet_shape
 from geometry.mesh import NamedMesh, generate
 from geometry.surface import ContactSurface
 from geometry.two_blocks import Block, TwoBlocks
@@ -106,3 +107,41 @@ def _collect() -> Iterator[None]:
     """Free PETSc's objects before the next test makes more."""
     yield
     gc.collect()
+
+
+def make_sheet(
+    cell: str, degree: int, count: tuple[int, ...], height: Callable[..., np.ndarray]
+) -> tuple[FacetShape, np.ndarray, np.ndarray]:
+    """A surface over the unit interval or square, its normal upwards.
+
+    Args:
+        cell, degree: of the facets.
+        count: facets (in the plane) or squares (in space) along each axis; two triangles each.
+        height: of the surface over the coordinates, one argument for each.
+
+    Returns:
+        The shape, the facets (f, a) and the nodes (n, i).
+    """
+    shape = facet_shape(cell, degree)
+    lines = [np.linspace(0.0, 1.0, degree * n + 1) for n in count]
+    grid = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, len(count))
+    nodes = np.column_stack([grid, height(*grid.T)])
+    starts = np.stack(np.meshgrid(*map(np.arange, count), indexing="ij"), axis=-1)
+    starts = degree * starts.reshape(-1, 1, len(count))
+    local = np.rint(degree * shape.points).astype(int)
+    places = [starts + local]
+    if cell == "triangle":
+        places.append(starts + degree - local)
+    size = [degree * n + 1 for n in count]
+    at = np.concatenate(places)
+    facets = np.ravel_multi_index(tuple(np.moveaxis(at, -1, 0)), size)
+    if cell == "interval":
+        # The body lies to the right of a segment from left to right: upwards is its left.
+        assert (np.diff(nodes[facets[:, :2], 0], axis=1) > 0.0).all()
+    return shape, facets.astype(np.int32), nodes
+
+
+@pytest.fixture(scope="session")
+def sheet() -> Callable[..., tuple[FacetShape, np.ndarray, np.ndarray]]:
+    """Makes surfaces of facets without a mesh."""
+    return make_sheet

@@ -250,7 +250,7 @@ def test_open_points_carry_nothing_and_are_left_out_of_the_tangent(pair):
     np.testing.assert_array_equal(closed, trial.kinematics.gap < 0.0)
     assert not trial.traction[~closed].any()
     assert (trial.response.regime[~closed] == Regime.OPEN).all()
-    nodes, blocks_ = term.tangent(trial)
+    ((nodes, blocks_),) = term.tangent(trial)
     assert len(nodes) == len(blocks_) == np.count_nonzero(closed)
     assert nodes.shape[1] == blocks_.shape[1] == 2 + 4
 
@@ -261,7 +261,7 @@ def test_touching_points_have_a_stiffness_but_no_pressure(pair):
     term = term_of(blocks, coulomb(0.3))
     trial = term.evaluate(blocks.displaced(still, still), 1.0)
     assert not trial.pressure.any()
-    nodes, stiffness = term.tangent(trial)
+    ((nodes, stiffness),) = term.tangent(trial)
     assert len(nodes) == len(term.surface.slave.weight)
     vertical = sum(block[:2, 1, :2, 1].sum() for block in stiffness)
     assert vertical == pytest.approx(PENALTY, rel=1e-10)
@@ -288,7 +288,7 @@ def test_frictionless_tangent_is_symmetric(pair):
     blocks = pair()
     term = term_of(blocks, FrictionlessLaw())
     x = blocks.displaced(summed(bent(0.08), shifted(0.03, -0.06)), bent(0.08))
-    _, stiffness = term.tangent(term.evaluate(x, 1.0))
+    ((_, stiffness),) = term.tangent(term.evaluate(x, 1.0))
     q, m = stiffness.shape[:2]
     square = stiffness.reshape(q, 2 * m, 2 * m)
     np.testing.assert_allclose(square, square.transpose(0, 2, 1), rtol=0, atol=1e-12)

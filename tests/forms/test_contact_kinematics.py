@@ -1,13 +1,26 @@
 """Contact kinematics: every variation against central differences, and objectivity."""
 
+from dataclasses import fields
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from forms.contact_kinematics import Anchor, relate
-from geometry.projection import Polyline, Projection, segment_shape, segment_shape_derivative
+from forms.contact_kinematics import Anchor, relate, vary
+from geometry.facets import facet_shape
+from geometry.projection import FacetSurface, Projection
+
+SEGMENT = facet_shape("interval", 1)
 
 KINKED = np.array([[0.0, 0.0], [1.0, 0.31], [2.1, -0.12], [2.9, 0.33], [4.0, 0.2], [5.0, 0.6]])
 RNG = np.random.default_rng(11)
+
+
+def related(points, today, anchor):
+    """Kinematics and their variations in one."""
+    both = (relate(points, today, anchor), vary(points, today, anchor))
+    return SimpleNamespace(**{f.name: getattr(k, f.name) for k in both for f in fields(k)})
+
 
 
 class Scene:
@@ -23,19 +36,19 @@ class Scene:
         self.facet, self.xi = facet, xi
         self.components, self.length, self.gap = components, length, gap
         chain = np.stack([np.arange(len(nodes) - 1), np.arange(1, len(nodes))], axis=1)
-        self.line = Polyline(chain.astype(np.int32), self.nodes)
+        self.line = FacetSurface(SEGMENT, chain.astype(np.int32), self.nodes)
 
     def at(self, points, nodes):
-        today = self.line.project(points, nodes, self.line.candidates(points, nodes))
+        today = self.line.project(points, nodes)
         ends = nodes[self.line.facets[self.facet]]
-        tangents = np.einsum("qba,qai->qbi", segment_shape_derivative(self.xi), ends)
+        tangents = np.einsum("qba,qai->qbi", SEGMENT.first(self.xi), ends)
         anchor = Anchor(
-            foot=np.einsum("qa,qai->qi", segment_shape(self.xi), ends),
+            foot=np.einsum("qa,qai->qi", SEGMENT.values(self.xi), ends),
             slip_image=np.einsum("qb,qbi->qi", self.components, tangents),
             slip_length=self.length,
             gap=self.gap,
         )
-        return today, relate(points, today, anchor)
+        return today, related(points, today, anchor)
 
     def now(self):
         return self.at(self.points, self.nodes)
@@ -44,9 +57,9 @@ class Scene:
         """z = (a, b, c, d) of a variation of points and nodes, (q, 4 i)."""
         here = d_nodes[self.line.facets[today.facet]]
         there = d_nodes[self.line.facets[self.facet]]
-        a = d_points - np.einsum("qa,qai->qi", segment_shape(today.xi), here)
+        a = d_points - np.einsum("qa,qai->qi", SEGMENT.values(today.xi), here)
         b = here[:, 1] - here[:, 0]
-        c = d_points - np.einsum("qa,qai->qi", segment_shape(self.xi), there)
+        c = d_points - np.einsum("qa,qai->qi", SEGMENT.values(self.xi), there)
         d = self.components * (there[:, 1] - there[:, 0])
         return np.concatenate([a, b, c, d], axis=1)
 
@@ -251,7 +264,7 @@ class Triangle:
             slip_length=self.length,
             gap=self.gap,
         )
-        return today, relate(points, today, anchor)
+        return today, related(points, today, anchor)
 
     def coordinates(self, today, d_points, d_nodes):
         d_tau = d_nodes[1:] - d_nodes[0]

@@ -397,3 +397,49 @@ def test_same_on_one_and_two_ranks(msh):
     assert two["cells"] == one["cells"] == 97
     assert two["glued"] == [[], [["left", "right"]]]
     assert one["glued"] == [[], [("left", "right")]]
+
+
+# --- in space -------------------------------------------------------------------------------------
+
+
+def cubes(apart):
+    """Two unit cubes one on the other, with common nodes or not, each with a surface."""
+    occ = gmsh.model.occ
+    boxes = [(3, occ.addBox(0, y, 0, 1, 1, 1)) for y in (0, 1)]
+    if not apart:
+        occ.fragment(boxes[:1], boxes[1:])
+    occ.synchronize()
+    for name, (_, tag) in zip(("lower", "upper"), boxes, strict=True):
+        group(3, [tag], name)
+        [face] = [
+            face
+            for _, face in gmsh.model.getBoundary([(3, tag)], oriented=False)
+            if np.ptp(gmsh.model.getBoundingBox(2, face)[1::3]) < 1e-3
+            and abs(gmsh.model.occ.getCenterOfMass(2, face)[1] - 1.0) > 0.5
+        ]
+        group(2, [face], f"{name}_far")
+    gmsh.option.setNumber("Mesh.MeshSizeMax", 0.6)
+    gmsh.model.mesh.generate(3)
+
+
+@pytest.mark.parametrize("apart", [True, False])
+def test_bodies_in_space_that_share_nodes_are_found(msh, apart):
+    named = read(msh(lambda: cubes(apart)), MPI.COMM_SELF)
+    assert named.mesh.geometry.dim == 3 and named.mesh.topology.cell_name() == "tetrahedron"
+    assert measures(named) == pytest.approx(dict.fromkeys([*named.bodies, *named.surfaces], 1.0))
+    assert bodies_sharing_nodes(named) == ([] if apart else [("lower", "upper")])
+
+
+def test_wedges_are_refused(msh):
+    def wedges():
+        geo = gmsh.model.geo
+        corners = [geo.addPoint(x, y, 0.0, 1.0) for x, y in ((0, 0), (1, 0), (0, 1))]
+        lines = [geo.addLine(corners[i], corners[(i + 1) % 3]) for i in range(3)]
+        face = geo.addPlaneSurface([geo.addCurveLoop(lines)])
+        _, volume, *_ = geo.extrude([(2, face)], 0, 0, 1, numElements=[1], recombine=True)
+        geo.synchronize()
+        group(3, [volume[1]], "body")
+        gmsh.model.mesh.generate(3)
+
+    with pytest.raises(MeshError, match="cells are of the kind Prism 6; allowed are triangle"):
+        read(msh(wedges), MPI.COMM_SELF)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 
@@ -16,9 +17,10 @@ from matplotlib.image import imread
 from matplotlib.text import Text
 from mpi4py import MPI
 
-from geometry.mesh import MeshError, NamedMesh, generate
+from geometry.mesh import NamedMesh, generate
 from geometry.picture import draw, save_picture
 from geometry.two_blocks import Block, TwoBlocks
+from geometry.two_boxes import Box, TwoBoxes
 
 ROOT = Path(__file__).resolve().parents[2]
 BLOCKS = TwoBlocks(Block(1.0e-3, 0.5e-3, (8, 4)), Block(2.0e-3, 0.4e-3, (13, 5)))
@@ -83,16 +85,40 @@ def test_saved_picture_is_an_image_and_nothing_else_is_left(tmp_path):
     assert len(np.unique(image.reshape(-1, image.shape[2]), axis=0)) > 20
 
 
-def test_mesh_in_space_and_missing_directory_are_refused(tmp_path):
-    cube = dolfinx.mesh.create_unit_cube(MPI.COMM_SELF, 1, 1, 1)
-    tags = [
-        dolfinx.mesh.meshtags(cube, dim, np.empty(0, np.int32), np.empty(0, np.int32))
-        for dim in (3, 2)
-    ]
-    with pytest.raises(MeshError, match="in the plane only"):
-        draw(NamedMesh(cube, *tags, {}, {}))
+def test_missing_directory_is_refused(tmp_path):
     with pytest.raises(FileNotFoundError, match="none: no such directory"):
         save_picture(generate(BLOCKS, MPI.COMM_SELF), tmp_path / "none" / "mesh.png")
+
+
+@pytest.mark.parametrize(("cell", "factor"), [("hexahedron", 1), ("tetrahedron", 2)])
+def test_outer_facets_of_a_mesh_in_space(cell, factor, tmp_path):
+    """Every outer facet once, in the colour of its surface, y upwards and z towards the viewer."""
+    boxes = TwoBoxes(Box(1e-3, 0.5e-3, 0.6e-3, (4, 2, 3)), Box(2e-3, 0.4e-3, 1e-3, (5, 2, 3)))
+    named = generate(replace(boxes, cell=cell), MPI.COMM_SELF)
+    figure = draw(named, "Boxes")
+    axes = figure.axes[0]
+    labels = [handle.get_text() for handle in figure.legends[0].get_texts()]
+    counts = {label.split(": ")[0]: int(label.split(": ")[1]) for label in labels}
+    assert counts["elastomer_contact"] == factor * 12 and counts["bottom"] == factor * 15
+    assert counts["elastomer_front"] == factor * 8 and counts["aluminium_left"] == factor * 6
+    assert sum(counts.values()) == factor * (2 * (12 + 6 + 8) + 2 * (15 + 6 + 10))
+    assert "other facets" not in counts
+    [facets] = axes.collections
+    assert len(facets.get_facecolor()) == sum(counts.values())
+    assert len(np.unique(facets.get_facecolor(), axis=0)) == len(counts)
+    assert axes.get_zlim() == pytest.approx((-0.4, 0.5)) and axes.get_xlabel() == "x (mm)"
+    assert axes.get_ylim() == pytest.approx((-1.0, 0.0))
+    save_picture(named, tmp_path / "mesh.png")
+    assert imread(tmp_path / "mesh.png").shape[1] > 1000
+
+
+def test_facets_of_no_named_surface_are_drawn_too():
+    cube = dolfinx.mesh.create_unit_cube(MPI.COMM_SELF, 2, 1, 1)
+    none = np.empty(0, np.int32)
+    cells = dolfinx.mesh.meshtags(cube, 3, np.arange(12, dtype=np.int32), np.ones(12, np.int32))
+    facets = dolfinx.mesh.meshtags(cube, 2, none, none)
+    figure = draw(NamedMesh(cube, cells, facets, {"body": 1}, {}))
+    assert [t.get_text() for t in figure.legends[0].get_texts()] == ["other facets: 20"]
 
 
 def facts(comm):

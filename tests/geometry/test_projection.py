@@ -5,25 +5,23 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from geometry.projection import (
-    Polyline,
-    facet_normal,
-    segment_shape,
-    segment_shape_derivative,
-)
+from geometry.facets import facet_shape, unit_normals
+from geometry.projection import FacetSurface
+
+SEGMENT = facet_shape("interval", 1)
 
 
 def polyline(nodes, order=None):
     """A chain through ``nodes`` with the body to its right, its facets in the given order."""
     facets = np.stack([np.arange(len(nodes) - 1), np.arange(1, len(nodes))], axis=1)
     facets = facets.astype(np.int32)
-    return Polyline(facets if order is None else facets[order], np.asarray(nodes))
+    return FacetSurface(SEGMENT, facets if order is None else facets[order], np.asarray(nodes))
 
 
 def project(line, points, nodes):
     points = np.atleast_2d(np.asarray(points, dtype=float))
     nodes = np.asarray(nodes, dtype=float)
-    return line.project(points, nodes, line.candidates(points, nodes))
+    return line.project(points, nodes)
 
 
 def distances(points, nodes):
@@ -182,21 +180,20 @@ def test_no_contact_past_the_ends():
 def test_two_separate_chains():
     """A master in two pieces: the gap between them has no surface."""
     nodes = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.5], [3.0, 0.5]])
-    line = Polyline(np.array([[2, 3], [0, 1]], dtype=np.int32), nodes)
+    line = FacetSurface(SEGMENT, np.array([[2, 3], [0, 1]], dtype=np.int32), nodes)
     at = project(line, [[0.5, 0.1], [2.5, 0.1], [1.2, 0.0]], nodes)
     np.testing.assert_array_equal(at.facet, [1, 0, 1])
     np.testing.assert_allclose(at.gap[:2], [0.1, -0.4], rtol=1e-14)
     np.testing.assert_array_equal(at.on_surface, [True, True, False])
-    assert sorted(line.chain) == [0, 1]
+    assert line.neighbours.nnz == 2
 
 
-def test_chain_follows_the_neighbours_whatever_the_numbering():
+def test_neighbours_whatever_the_numbering():
     rng = np.random.default_rng(2)
     nodes = np.stack([np.arange(9.0), np.zeros(9)], axis=1)
     order = rng.permutation(8)
-    line = polyline(nodes, order)
-    np.testing.assert_array_equal(line.chain, order)
-    np.testing.assert_array_equal(line.chain[line.at_position], np.arange(8))
+    near = np.abs(order[:, None] - order[None]) <= 1
+    np.testing.assert_array_equal(polyline(nodes, order).neighbours.toarray(), near)
 
 
 def test_closed_chain_has_no_end():
@@ -204,12 +201,12 @@ def test_closed_chain_has_no_end():
     nodes = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     facets = np.stack([np.arange(12), (np.arange(12) + 1) % 12], axis=1).astype(np.int32)
     # Clockwise, the body lies to the right: inside.
-    line = Polyline(facets, nodes)
+    line = FacetSurface(SEGMENT, facets, nodes)
     points = np.random.default_rng(3).normal(size=(40, 2))
     at = project(line, points / np.linalg.norm(points, axis=1)[:, None] * 1.1, nodes)
     assert at.on_surface.all()
     assert (at.gap > 0.0).all()
-    assert sorted(line.chain) == list(range(12))
+    assert (line.neighbours.sum(axis=1) == 3).all()
 
 
 def test_turning_the_facets_round_turns_the_normal():
@@ -219,18 +216,12 @@ def test_turning_the_facets_round_turns_the_normal():
     other = project(polyline(nodes[::-1].copy()), points, nodes[::-1])
     np.testing.assert_allclose(other.normal, -one.normal, rtol=1e-14)
     np.testing.assert_allclose(other.gap, -one.gap, rtol=1e-14)
-    assert (facet_normal(np.array([[1.0, 0.0]])) == [[0.0, 1.0]]).all()
+    assert (unit_normals(np.array([[[1.0, 0.0]]])) == [[0.0, 1.0]]).all()
 
 
 def test_no_points():
     nodes = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
     line = polyline(nodes)
     none = np.empty((0, 2))
-    at = line.project(none, nodes, line.candidates(none, nodes))
+    at = line.project(none, nodes)
     assert at.gap.shape == (0,) and at.normal.shape == (0, 2) and at.tangents.shape == (0, 1, 2)
-
-
-def test_shape_functions():
-    xi = np.array([[0.0], [0.25], [1.0]])
-    np.testing.assert_allclose(segment_shape(xi), [[1, 0], [0.75, 0.25], [0, 1]])
-    np.testing.assert_allclose(segment_shape_derivative(xi), [[[-1, 1]]] * 3)

@@ -1,0 +1,228 @@
+"""Shapes of surface facets: shape functions, their derivatives, and the sides of each shape.
+
+Axis letters: a nodes of a facet, i space, α, β surface directions (one in the plane, two in space),
+p any number of places. A facet is ȳ(ξ) = Σ_a N_a(ξ) y_a over its reference domain: the unit
+interval, the unit square, or the triangle ξ ≥ 0, η ≥ 0, ξ + η ≤ 1. Nodes are in the order of a
+Lagrange element of the same cell: corners first, then edges, then the interior.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+import basix
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int32]
+Bools = NDArray[np.bool_]
+
+# Corners of each side, so that they follow the boundary with the domain on the left.
+SIDES = {
+    "interval": ((0,), (1,)),
+    "triangle": ((0, 1), (1, 2), (2, 0)),
+    "quadrilateral": ((0, 1), (1, 3), (3, 2), (2, 0)),
+}
+
+
+# Largest Σ_a |N_a| over the domain.
+_CUBIC = 1.63114
+_LEBESGUE = {
+    **{(cell, 1): 1.0 for cell in SIDES},
+    ("interval", 2): 1.25,
+    ("triangle", 2): 5.0 / 3.0,
+    ("quadrilateral", 2): 1.25**2,
+    ("interval", 3): _CUBIC,
+    ("quadrilateral", 3): _CUBIC**2,
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Side:
+    """One side of a facet: an edge of a face, or an end of a segment.
+
+    Attributes:
+        shape: of the edge; None for a point.
+        nodes: the facet's nodes on it, in the order of ``shape``.
+        origin: (α,) where the side begins in the facet's reference domain.
+        direction: (α,) from there to its end; zero for a point.
+    """
+
+    shape: FacetShape | None
+    nodes: tuple[int, ...]
+    origin: Floats
+    direction: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FacetShape:
+    """A Lagrange facet.
+
+    Attributes:
+        cell: "interval", "triangle" or "quadrilateral"; degree: 1, 2 or 3.
+        points: (a, α) reference coordinates of the nodes.
+        corners: number of corner nodes; they come first.
+        sides: of the facet.
+        corner_directions: (corners, α, α) from each corner along its sides in the reference domain,
+            the first along the side that begins there.
+    """
+
+    cell: str
+    degree: int
+    points: Floats
+    corners: int
+    sides: tuple[Side, ...]
+    corner_directions: Floats
+    _powers: Ints = field(repr=False)
+    _coefficients: Floats = field(repr=False)
+
+    @property
+    def count(self) -> int:
+        """Number of nodes."""
+        return len(self.points)
+
+    @property
+    def directions(self) -> int:
+        """Number of surface directions α."""
+        return int(self.points.shape[1])
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether all second derivatives vanish: straight segments and plane triangles."""
+        return self.degree == 1 and self.cell != "quadrilateral"
+
+    @property
+    def lebesgue(self) -> float:
+        """Bound on Σ_a |N_a|: how much further than its nodes a facet can lie or move."""
+        return _LEBESGUE[self.cell, self.degree]
+
+    def values(self, xi: Floats) -> Floats:
+        """Shape functions (p, a) at the reference coordinates ``xi`` (p, α)."""
+        if self.count == 2:
+            return np.concatenate([1.0 - xi, xi], axis=-1)
+        return self._monomials(xi, ()) @ self._coefficients
+
+    def first(self, xi: Floats) -> Floats:
+        """First derivatives (p, α, a) at ``xi`` (p, α)."""
+        out = np.empty((*xi.shape, self.count))
+        if self.count == 2:
+            out[..., 0] = -1.0
+            out[..., 1] = 1.0
+            return out
+        for alpha in range(self.directions):  # one or two
+            out[..., alpha, :] = self._monomials(xi, (alpha,)) @ self._coefficients
+        return out
+
+    def second(self, xi: Floats) -> Floats:
+        """Second derivatives (p, α, β, a) at ``xi`` (p, α)."""
+        size = self.directions
+        out = np.zeros((*xi.shape[:-1], size, size, self.count))
+        if self.is_flat:
+            return out
+        for alpha in range(size):
+            for beta in range(size):
+                out[..., alpha, beta, :] = self._monomials(xi, (alpha, beta)) @ self._coefficients
+        return out
+
+    def excess(self, xi: Floats) -> Floats:
+        """How far (p,) each of ``xi`` (p, α) lies outside the reference domain; ≤ 0 inside."""
+        least: Floats = np.max(-xi, axis=-1)
+        if self.cell == "triangle":
+            return np.maximum(least, np.sum(xi, axis=-1) - 1.0)
+        return np.maximum(least, np.max(xi, axis=-1) - 1.0)
+
+    def _monomials(self, xi: Floats, derivatives: tuple[int, ...]) -> Floats:
+        """Monomials (p, m), differentiated for each direction in ``derivatives``."""
+        return _monomials(xi, self._powers, derivatives)
+
+
+def _monomials(xi: Floats, powers: Ints, derivatives: tuple[int, ...]) -> Floats:
+    """Products Π_α d/dξ^α… (ξ^α)^m of the (m, α) ``powers`` at ``xi`` (p, α): (p, m)."""
+    out = np.ones((*xi.shape[:-1], len(powers)))
+    for alpha in range(powers.shape[1]):
+        x = xi[..., alpha]
+        order = derivatives.count(alpha)
+        columns = [_power(x, m, order) for m in range(int(powers.max()) + 1)]
+        out *= np.stack([columns[m] for m in powers[:, alpha]], axis=-1)
+    return out
+
+
+def _power(x: Floats, exponent: int, order: int) -> Floats:
+    """The derivative of a given order of x to an exponent."""
+    factor = 1.0
+    for k in range(order):
+        factor *= exponent - k
+    out = np.full_like(x, factor)
+    for _ in range(max(exponent - order, 0)):
+        out *= x
+    return out
+
+
+@lru_cache
+def facet_shape(cell: str, degree: int) -> FacetShape:
+    """The Lagrange facet of a degree on a cell.
+
+    Args:
+        cell: "interval", "triangle" or "quadrilateral".
+        degree: 1 or 2, or 3 on intervals and quadrilaterals.
+
+    Raises:
+        ValueError: another cell or degree.
+    """
+    if cell not in SIDES or (cell, degree) not in _LEBESGUE:
+        raise ValueError(f"no facets of degree {degree} on a {cell}")
+    element = basix.create_element(
+        basix.ElementFamily.P, basix.CellType[cell], degree, basix.LagrangeVariant.equispaced
+    )
+    points = np.asarray(element.points, dtype=np.float64)
+    grid = np.stack(np.meshgrid(*[np.arange(degree + 1)] * points.shape[1]), axis=-1)
+    powers = grid.reshape(-1, points.shape[1]).astype(np.int32)
+    if cell == "triangle":
+        powers = powers[powers.sum(axis=1) <= degree]
+    corners = {"interval": 2, "triangle": 3, "quadrilateral": 4}[cell]
+    coefficients: Floats = np.linalg.inv(_monomials(points, powers, ())).astype(np.float64)
+    return FacetShape(
+        cell=cell,
+        degree=degree,
+        points=points,
+        corners=corners,
+        sides=tuple(_side(points, ends, degree) for ends in SIDES[cell]),
+        corner_directions=_corner_directions(points[:corners], SIDES[cell]),
+        _powers=powers,
+        _coefficients=coefficients,
+    )
+
+
+def _side(points: Floats, ends: tuple[int, ...], degree: int) -> Side:
+    """The side between two corners, or a point."""
+    if len(ends) == 1:
+        return Side(None, ends, points[ends[0]], np.zeros(points.shape[1]))
+    start, direction = points[ends[0]], points[ends[1]] - points[ends[0]]
+    edge = facet_shape("interval", degree)
+    apart = np.linalg.norm(points[:, None] - start - edge.points * direction, axis=2)
+    return Side(edge, tuple(map(int, np.argmin(apart, axis=0))), start, direction)
+
+
+def _corner_directions(corners: Floats, sides: tuple[tuple[int, ...], ...]) -> Floats:
+    """Reference directions (corners, α, α) from each corner along the sides that meet there."""
+    if corners.shape[1] == 1:
+        return np.array([[[1.0]], [[-1.0]]])
+    out = np.empty((len(corners), 2, 2))
+    for start, end in sides:
+        out[start, 0] = corners[end] - corners[start]
+        out[end, 1] = corners[start] - corners[end]
+    return out
+
+
+def unit_normals(tangents: Floats) -> Floats:
+    """Unit normals (…, i) of tangents (…, α, i): τ turned left by 90°, or τ_1 × τ_2."""
+    normal: Floats
+    if tangents.shape[-2] == 1:
+        tau = tangents[..., 0, :]
+        normal = np.stack([-tau[..., 1], tau[..., 0]], axis=-1)
+    else:
+        normal = np.cross(tangents[..., 0, :], tangents[..., 1, :]).astype(np.float64)
+    unit: Floats = normal / np.linalg.norm(normal, axis=-1)[..., None]
+    return unit

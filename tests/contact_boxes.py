@@ -1,0 +1,159 @@
+"""Two boxes that do not match at their interface, in the plane or in space, and their contact.
+
+The upper box is the slave; in space it is turned against the lower one. They are moved by functions
+that bend and warp the facets. There is no solid: the contact's own forces and blocks are summed up
+densely.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import basix.ufl
+import dolfinx
+import numpy as np
+import ufl
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from forms.contact import ContactTerm
+from geometry.surface import ContactSurface
+
+GAP = 0.05
+PENALTY = 50.0
+SHAPES = {
+    "T3": ("triangle", 1),
+    "Q4": ("quadrilateral", 1),
+    "T6": ("triangle", 2),
+    "Q9": ("quadrilateral", 2),
+    "tet4": ("tetrahedron", 1),
+    "hex8": ("hexahedron", 1),
+    "tet10": ("tetrahedron", 2),
+    "hex27": ("hexahedron", 2),
+}
+
+
+def box(cell, count, low, high):
+    """Corners and cells of a box, (n, i) and (c, v)."""
+    kind = dolfinx.mesh.CellType[cell]
+    if len(low) == 2:
+        mesh = dolfinx.mesh.create_rectangle(MPI.COMM_SELF, [low, high], count, kind)
+    else:
+        mesh = dolfinx.mesh.create_box(MPI.COMM_SELF, [low, high], count, kind)
+    return mesh.geometry.x[:, : len(low)], mesh.geometry.dofmap.astype(np.int64)
+
+
+@lru_cache
+def two_boxes(cell, fine, master=None, parallel=False):
+    """A small box above a larger one with a gap, in one mesh, and the facets that face each other.
+
+    Args:
+        cell: of the mesh; fine: whether the slave has more facets than the master or fewer.
+        master: facets along each side of the master; parallel: over all ranks.
+
+    Returns:
+        The mesh, the slave's and the master's facets.
+    """
+    dim = 2 if cell in ("triangle", "quadrilateral") else 3
+    many = (5, 4) if fine else (2, 3)
+    upper = box(cell, [*many[: dim - 1], 1], [0.3] * (dim - 1) + [GAP], [0.8] * (dim - 1) + [0.5])
+    ends = [1.0, 1.1][: dim - 1]
+    wide = [master or 3, master or 2][: dim - 1]
+    lower = box(cell, [*wide, 1], [0.0] * (dim - 1) + [-0.5], [*ends, 0.0])
+    x = np.concatenate([upper[0], lower[0]])
+    middle = upper[0].mean(axis=0)
+    if dim == 3:  # the slave's facets lie askew over the master's
+        turn = np.array([[np.cos(0.4), -np.sin(0.4)], [np.sin(0.4), np.cos(0.4)]])
+        x[: len(upper[0]), :2] = (upper[0] - middle)[:, :2] @ turn.T + middle[:2]
+    cells = np.concatenate([upper[1], lower[1] + len(upper[0])])
+    comm = MPI.COMM_WORLD if parallel else MPI.COMM_SELF
+    if comm.rank > 0:
+        cells, x = cells[:0], x[:0]
+    domain = ufl.Mesh(basix.ufl.element("Lagrange", cell, 1, shape=(dim,)))
+    mesh = dolfinx.mesh.create_mesh(comm, cells, x, domain)
+    slave, master = (
+        dolfinx.mesh.locate_entities_boundary(
+            mesh, dim - 1, lambda X, h=h: np.isclose(X[dim - 1], h)
+        )
+        for h in (GAP, 0.0)
+    )
+    return mesh, slave, master
+
+
+class Scene:
+    """One contact of two boxes and a way to move them."""
+
+    def __init__(
+        self, shape, law, degree=3, fine=False, film=0.0, master=None, parallel=False, **options
+    ):
+        cell, order = SHAPES[shape]
+        mesh, slave, master = two_boxes(cell, fine, master, parallel)
+        self.dim = mesh.geometry.dim
+        self.space = dolfinx.fem.functionspace(mesh, ("Lagrange", order, (self.dim,)))
+        self.surface = ContactSurface(self.space, slave, master, degree, **options)
+        self.term = ContactTerm(self.surface, law, PENALTY, film)
+        self.where = self.space.tabulate_dof_coordinates()[:, : self.dim]
+        self.size = self.where.size
+
+    def vector(self, shift, bend, phase, upper_only=0.0):
+        """Unknowns: both bodies bent and warped, the upper one shifted, and bent a bit more."""
+        x, y, z = self.where[:, 0], self.where[:, self.dim - 2], self.where[:, -1]
+        values = np.zeros_like(self.where)
+        values[:, -1] = bend * np.sin(4.1 * x + phase) * np.cos(3.3 * y - 0.3) * (1.0 - 0.3 * z)
+        values[:, 0] += 0.3 * bend * np.cos(2.7 * y + x - phase)
+        upper = z > 0.5 * GAP
+        values[upper] += np.asarray(shift, dtype=float)
+        values[upper, -1] += upper_only * np.sin(9.0 * x[upper] + y[upper])
+        return self._unknowns(values)
+
+    def moved(self, motion, depth=0.02):
+        """Unknowns: the upper box pressed in by ``depth`` and moved by a function of place."""
+        values = np.zeros_like(self.where)
+        upper = self.where[:, -1] > 0.5 * GAP
+        values[upper] = motion(self.where[upper])
+        values[upper, -1] -= GAP + depth
+        return self._unknowns(values)
+
+    def _unknowns(self, values):
+        """Owned unknowns from displacements (n, i) of all local nodes."""
+        owned = self.space.dofmap.index_map.size_local
+        comm = self.space.mesh.comm
+        out = PETSc.Vec().createMPI((self.dim * owned, None), bsize=self.dim, comm=comm)
+        out.array[:] = values[:owned].reshape(-1)
+        return out
+
+    def residual(self, x, dt=1.0):
+        trial = self.term.evaluate(x, dt)
+        nodes, values = self.term.nodal_forces(trial)
+        out = np.zeros((len(self.where), self.dim))
+        np.add.at(out, nodes.reshape(-1), values.reshape(-1, self.dim))
+        return out.reshape(-1), trial
+
+    def tangent(self, x, dt=1.0):
+        out = np.zeros((self.size, self.size))
+        for nodes, blocks in self.term.tangent(self.term.evaluate(x, dt)):
+            dofs = (nodes[..., None] * self.dim + np.arange(self.dim)).reshape(len(nodes), -1)
+            blocks = blocks.reshape(len(nodes), dofs.shape[1], dofs.shape[1])
+            np.add.at(out, (dofs[:, :, None], dofs[:, None, :]), blocks)
+        return out
+
+    def error(self, x, steps=(1e-5, 2e-6)):
+        """Largest difference of K d from central differences over the largest entry.
+
+        In random directions, the best of some steps: truncation and round-off are both bounded so.
+        """
+        K = self.tangent(x)
+        rng = np.random.default_rng(0)
+        moved, worst = x.copy(), 0.0
+        for _ in range(2):
+            d = rng.normal(size=self.size)
+            found = []
+            for h in steps:
+                sides = []
+                for sign in (2.0, 1.0, -1.0, -2.0):
+                    moved.array[:] = x.array_r + sign * h * d
+                    sides.append(self.residual(moved)[0])
+                slope = (8.0 * (sides[1] - sides[2]) - (sides[0] - sides[3])) / (12.0 * h)
+                found.append(np.abs(K @ d - slope).max() / np.abs(slope).max())
+            worst = max(worst, min(found))
+        return worst
