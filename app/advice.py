@@ -11,6 +11,7 @@ from app.case import Case
 from app.case_bodies import BlocksGeometry, GeneratedGeometry
 from app.case_boundary import Boundary
 from app.case_contact import Contact, FrictionMap
+from app.legs import Inertia, Leg
 from app.quantity_tables import TimeTable
 from forms.friction_checks import threshold_speed_warning, uniqueness_warning
 
@@ -32,6 +33,32 @@ def notes_on(case: Case) -> list[str]:
     ]
 
 
+STIFF_PENALTY = 10.0  # penalty_factor above which an explicit run pays for it
+REST = 1e-3  # kinetic over strain energy up to which a relaxed body counts as at rest
+
+
+def notes_on_inertia(case: Case, leg: Leg, inertia: Inertia) -> Iterator[str]:
+    """Warnings after an explicit leg: scaled mass that is felt, and bodies not at rest.
+
+    Args:
+        case: what was run; leg: the part that has ended.
+        leg: see case.
+        inertia: kinetic against strain energy over it.
+    """
+    limit = case.solver.kinetic_limit
+    if case.solver.mass_scaling is not None and inertia.ratio > limit:
+        yield (
+            f"stage {leg.label}: kinetic energy is {inertia.ratio:.2g} of the strain energy, above "
+            f"kinetic_limit = {limit:g}: the scaled mass is felt (less mass_scaling, a longer ramp "
+            "or a lower velocity)"
+        )
+    if leg.stage.relax and inertia.last > REST:
+        yield (
+            f"stage {leg.label}: not at rest at its end, kinetic energy is {inertia.last:.2g} of "
+            "the strain energy (longer duration)"
+        )
+
+
 def _pressures(boundary: Boundary) -> Iterator[tuple[str, TimeTable]]:
     if boundary.pressure is not None:
         yield "pressure", boundary.pressure
@@ -40,6 +67,11 @@ def _pressures(boundary: Boundary) -> Iterator[tuple[str, TimeTable]]:
 
 
 def _notes_on_contact(case: Case, contact: Contact) -> Iterator[str]:
+    if case.is_explicit and (contact.penalty_factor or 0.0) > STIFF_PENALTY:
+        yield (
+            f"penalty_factor = {contact.penalty_factor:g} shortens explicit steps and lets nodes "
+            "chatter; 1 to 3 is stiff enough for most"
+        )
     if not isinstance(contact.friction, FrictionMap) or contact.film is None:
         return
     yield from _notes_on_weakening(case, contact.friction)

@@ -28,7 +28,7 @@ DEFAULT_CASE = ROOT / "cases" / "block-slide.toml"
 LEVELS = (1, 2, 4)
 HIGHEST = 64
 # Other benchmarks by name: the module whose ``lines()`` measures and yields the report's lines.
-NAMED = {"law": "app.bench_law"}
+NAMED = {"law": "app.bench_law", "explicit": "app.bench_explicit"}
 # What MPI, once started in this process, has put into the environment must not reach another.
 OF_MPI = ("PMIX_", "OMPI_COMM_WORLD", "OMPI_UNIVERSE", "PMI_")
 

@@ -46,10 +46,10 @@ PROBES = {
     "app.equilibrium:Equilibrium._assemble_forms": "solid tangent",
     "app.equilibrium:Equilibrium.strain_energy": "solid residual",
     "geometry.surface:ContactSurface.displacements": "kinematics",
-    "geometry.projection:Polyline.candidates": "search",
-    "geometry.projection:Polyline.project": "projection",
+    "geometry.facet_search:FacetSearch.pairs": "search",
+    "geometry.projection:FacetSurface.project": "projection",
     "forms.contact:relate": "kinematics",
-    "forms.contact:ContactTerm._anchor": "kinematics",
+    "forms.contact:ContactTerm.anchor": "kinematics",
     "forms.contact:ContactTerm.tangent": "tangent blocks",
     "forms.contact:ContactTerm.nodal_forces": "nodal forces",
     "app.equilibrium:Equilibrium._contact_forces": "merge into the residual",
@@ -229,7 +229,8 @@ def one_factorisation(simulation: Simulation) -> float:
     """CPU seconds of one analysis and factorisation of the last tangent, MUMPS as it comes."""
     from petsc4py import PETSc
 
-    tangent = simulation.stepper.snes.getJacobian()[0]
+    assert simulation.implicit is not None
+    tangent = simulation.implicit.snes.getJacobian()[0]
     fastest = float("inf")
     for _ in range(REPEATS):
         pc = PETSc.PC().create(simulation.model.problem.comm)

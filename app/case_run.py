@@ -7,7 +7,12 @@ import re
 from collections.abc import Iterator
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, PlainValidator
+from pydantic import (
+    Field,
+    PlainValidator,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+)
 from pydantic_core import PydanticCustomError
 
 from app.case_model import Count, CountOrZero, Flag, Model, Place, Problem, Text
@@ -29,11 +34,46 @@ PetscValue = Annotated[
 ]
 
 
+class MassScaling(Model):
+    """Mass added so that an explicit step may be longer."""
+
+    kind: Literal["uniform", "limiting"] = Field(
+        default="limiting",
+        description='"uniform" raises every density by a factor, "limiting" adds mass only to the '
+        "elements that would ask for a shorter step than `step`",
+    )
+    factor: Annotated[float, Quantity(ge=1.0)] | None = Field(
+        default=None, description="factor of all densities; with uniform"
+    )
+    step: Annotated[float, Quantity("s", gt=0.0)] | None = Field(
+        default=None,
+        description="time step, before step_safety, that the mass has to allow; needed with "
+        "limiting, instead of a factor with uniform",
+    )
+
+    def problems(self, place: Place) -> Iterator[Problem]:
+        """What does not fit together, `place` being this table's place in the case."""
+        if self.kind == "limiting":
+            if self.factor is not None:
+                reason = 'goes with kind = "uniform" only; limiting elements need step'
+                yield Problem((*place, "factor"), reason, self.factor)
+            elif self.step is None:
+                yield Problem((*place, "step"), 'missing; the step to reach, such as "1e-7 s"')
+        elif (self.factor is None) == (self.step is None):
+            found = "neither" if self.step is None else "both"
+            yield Problem(place, f"give either factor or step, found {found}")
+
+
+EXPLICIT_KEYS = ("step_safety", "damping", "mass_scaling", "viscous", "kinetic_limit")
+
+
 class Solver(Model):
     """How the equations are solved."""
 
     kind: Literal["implicit", "explicit"] = Field(
-        default="implicit", description='time integration; "explicit" is not available yet'
+        default="implicit",
+        description="time integration: implicit quasi-static, or explicit dynamic (stages may "
+        "choose for themselves)",
     )
     tolerance: Annotated[float, Quantity(gt=0.0, lt=1.0)] = Field(
         default=1e-8,
@@ -51,10 +91,41 @@ class Solver(Model):
         default={}, description='PETSc options, passed through: name without "-", and value'
     )
 
+    step_safety: Annotated[float, Quantity(gt=0.0, le=1.0)] = Field(
+        default=0.9, description="time step over the stable step; explicit only"
+    )
+    damping: Annotated[float, Quantity("1/s", ge=0.0)] = Field(
+        default=0.0,
+        description="c of the mass-proportional damping force c m v; explicit only",
+    )
+    mass_scaling: MassScaling | None = Field(
+        default=None, description="mass added for a longer step; explicit only"
+    )
+    viscous: Literal["semi-implicit", "bounded"] = Field(
+        default="semi-implicit",
+        description="the film's viscous stress: solved for at each point, so that it does not "
+        "limit the step, or explicit and in the bound of the step; explicit only",
+    )
+    kinetic_limit: Annotated[float, Quantity(gt=0.0)] = Field(
+        default=0.05,
+        description="kinetic over strain energy above which a run with scaled mass warns; "
+        "explicit only",
+    )
+
+    @model_serializer(mode="wrap")
+    def _without_idle_keys(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out the keys that an implicit run has no use for."""
+        idle = () if self.kind == "explicit" else EXPLICIT_KEYS
+        return {key: value for key, value in handler(self).items() if key not in idle}
+
     def problems(self, place: Place) -> Iterator[Problem]:
-        """What is not available, `place` being this table's place in the case."""
-        if self.kind == "explicit":
-            yield Problem((*place, "kind"), 'not available yet; use "implicit"', self.kind)
+        """What does not fit together, `place` being this table's place in the case."""
+        if self.kind == "implicit":
+            for key in EXPLICIT_KEYS:
+                if key in self.model_fields_set:
+                    yield Problem((*place, key), 'goes with kind = "explicit" only')
+        elif self.mass_scaling is not None:
+            yield from self.mass_scaling.problems((*place, "mass_scaling"))
 
 
 class Output(Model):

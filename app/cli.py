@@ -7,6 +7,7 @@ import os
 import shutil
 import sys
 import traceback
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -182,9 +183,11 @@ def _see_that_it_builds(case: Case) -> list[str]:
     """Find what shows only once mesh and case are put together; the notes on it."""
     from mpi4py import MPI
 
+    from app.explicit_legs import notes_on_steps
     from app.model import build_model
 
-    return build_model(case, MPI.COMM_SELF).notes
+    model = build_model(case, MPI.COMM_SELF)
+    return [*model.notes, *notes_on_steps(model)]
 
 
 @cli.command()
@@ -304,7 +307,10 @@ def fit(
 def bench(
     what: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[LEVEL ...|law]", help="mesh levels (default: 1 2 4), or law"),
+        typer.Argument(
+            metavar="[LEVEL ...|law|explicit]",
+            help="mesh levels (default: 1 2 4), or law, or explicit",
+        ),
     ] = None,
     case: Annotated[
         Path | None, typer.Option(help="case file to run (default: cases/block-slide.toml)")
@@ -354,8 +360,11 @@ def test(context: typer.Context) -> None:
     """Run the test suite; further words go to pytest."""
     root = Path(__file__).resolve().parent.parent
     os.chdir(root)
-    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", *context.args]
-    os.execv(sys.executable, command)
+    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider"]
+    if not context.args and find_spec("xdist") is not None:
+        # All of it: two files at a time. What starts MPI waits its turn for the cores.
+        command += ["-n", "2", "--dist", "loadfile"]
+    os.execv(sys.executable, [*command, *context.args])
 
 
 @cli.command(hidden=True)

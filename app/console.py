@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import time
 from pathlib import Path
 
 from rich.console import Console
@@ -11,13 +12,19 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from app.case_boundary import Stage
 from app.diagnosis import reason_of
+from app.explicit_legs import Interval
 from app.implicit import StepResult
+from app.legs import Leg
 from app.measure import Row
-from app.simulation import Leg, Observer, Simulation
+from app.simulation import Observer, Simulation
+
+LINE_EVERY = 2.0  # s between two lines on an explicit run
 
 
 class Reporter(Observer):
     """Prints one line per step, or moves a bar on a terminal; keeps all lines in the log.
+
+    An explicit run, with its many steps, has a line every two seconds.
 
     Only the first rank makes one; the others use a plain :class:`Observer`.
     """
@@ -34,6 +41,7 @@ class Reporter(Observer):
         self._console = Console(highlight=False, soft_wrap=True)
         self._quiet = quiet
         self._bar: Progress | None = None
+        self._pace = _Pace()
         if sys.stdout.isatty() and not quiet and "OMPI_COMM_WORLD_SIZE" not in os.environ:
             self._bar = Progress(
                 TextColumn("{task.description}"),
@@ -59,16 +67,45 @@ class Reporter(Observer):
         """Log a line that somebody else prints."""
         self._log.write(line + "\n")
 
-    def step(self, simulation: Simulation, row: Row, result: StepResult) -> None:
-        """One line of the step's forces and Newton iterations."""
+    def step(self, simulation: Simulation, row: Row, result: StepResult | Interval) -> None:
+        """One line of the step's forces and Newton iterations; or, now and then, of a row."""
+        if isinstance(result, Interval):
+            if self._pace.is_due():
+                self._explicit_line(simulation, row, result)
+            return
         self.say(
             f"step {row.step:4d}  {row.stage:<10s} t {row.time:.6g} s  V {row.velocity:.3g} m/s  "
             f"N {row.normal_force:.5g} N  T {row.tangential_force:.5g} N  "
             f"Newton {row.newton_iterations} (residual {result.residuals[-1]:.1e})",
             always=False,
         )
+        self._move_bar(row.stage, row.step)
+
+    def within(self, simulation: Simulation, leg: Leg, steps: int) -> None:
+        """A line where no row has come for a while."""
+        if self._pace.is_due():
+            speed = self._pace.speed(steps)
+            self.say(
+                f"time step {steps}  {leg.stage.name:<10s} t {simulation.time:.8g} s  "
+                f"{speed:.0f} steps/s",
+                always=False,
+            )
+            self._move_bar(f"{leg.label}, {speed:.0f} steps/s", simulation.step)
+
+    def _explicit_line(self, simulation: Simulation, row: Row, interval: Interval) -> None:
+        speed = self._pace.speed(interval.total)
+        self.say(
+            f"row {row.step:4d}  {row.stage:<10s} t {row.time:.8g} s  V {row.velocity:.3g} m/s  "
+            f"N {row.normal_force:.5g} N  T {row.tangential_force:.5g} N  "
+            f"E_kin/E_strain {interval.kinetic_ratio:.1e}  time step {interval.total} of "
+            f"{interval.dt:.3g} s, {speed:.0f} steps/s",
+            always=False,
+        )
+        self._move_bar(f"{row.stage}, {speed:.0f} steps/s", row.step)
+
+    def _move_bar(self, text: str, step: int) -> None:
         if self._bar is not None:
-            self._bar.update(self._task, description=row.stage, step=row.step)
+            self._bar.update(self._task, description=text, step=step)
 
     def leg(self, simulation: Simulation, leg: Leg, row: Row, steady: bool | None) -> None:
         """One line of what the leg ended with."""
@@ -97,16 +134,43 @@ class Reporter(Observer):
         self._log.close()
 
 
+class _Pace:
+    """Says when the next line is due, and how fast the steps have come since the last one."""
+
+    def __init__(self) -> None:
+        self._last = self._since = time.monotonic()
+        self._steps = 0
+
+    def is_due(self) -> bool:
+        now = time.monotonic()
+        due = now - self._last > LINE_EVERY
+        if due:
+            self._last = now
+        return due
+
+    def speed(self, steps: int) -> float:
+        """Steps per second since the last call, the run having made ``steps``."""
+        now = time.monotonic()
+        pace = (steps - self._steps) / max(now - self._since, 1e-9)
+        self._since, self._steps = now, steps
+        return pace
+
+
 class Together(Observer):
     """Several observers as one, told in order."""
 
     def __init__(self, *observers: Observer) -> None:
         self.observers = observers
 
-    def step(self, simulation: Simulation, row: Row, result: StepResult) -> None:
+    def step(self, simulation: Simulation, row: Row, result: StepResult | Interval) -> None:
         """Pass on."""
         for observer in self.observers:
             observer.step(simulation, row, result)
+
+    def within(self, simulation: Simulation, leg: Leg, steps: int) -> None:
+        """Pass on."""
+        for observer in self.observers:
+            observer.within(simulation, leg, steps)
 
     def leg(self, simulation: Simulation, leg: Leg, row: Row, steady: bool | None) -> None:
         """Pass on."""

@@ -16,31 +16,12 @@ from numpy.typing import NDArray
 
 from app.case import Case, load_case
 from app.case_contact import FrictionMap
+from app.figure_style import COLOURS, MARKERS, STYLE, columns, save
+from app.motion_figures import draw_phases
 from app.results import read_table
 from forms.closed_forms import effective_viscosity, steady_traction, threshold_speed
 from forms.friction_parameters import FrictionMapParameters
-from geometry.projection import Floats
-
-COLOURS = ("#1b6ca8", "#d1495b", "#2e8b57", "#8d5fa8", "#e08e1b", "#555555")
-MARKERS = ("o", "s", "^", "D", "v", "P")
-STYLE = {
-    "font.size": 10,
-    "axes.grid": True,
-    "grid.alpha": 0.3,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "legend.frameon": False,
-    "figure.dpi": 150,
-}
-
-
-def save(figure: Figure, path: Path) -> None:
-    """Write a PNG under a temporary name and rename it."""
-    part = path.with_suffix(".part.png")
-    figure.savefig(part, bbox_inches="tight")
-    plt.close(figure)
-    part.replace(path)
-
+from geometry.facets import Floats
 
 # -- one run --------------------------------------------------------------------------------------
 
@@ -59,6 +40,7 @@ def draw_history(directory: Path) -> None:
         save(_forces(rows), figures / "history.png")
         save(_energies(rows), figures / "energy.png")
         case = load_case(directory / "case.toml")
+        draw_phases(case, directory)
         steady = [leg for leg in _legs(directory) if leg["steady"] is not None]
         if steady and isinstance(case.contact[0].friction, FrictionMap):
             _draw_film([_series(case, steady)], figures)
@@ -71,10 +53,6 @@ def _legs(directory: Path) -> list[dict[str, Any]]:
         return []
     legs: list[dict[str, Any]] = json.loads(summary.read_text(encoding="utf-8"))["legs"]
     return legs
-
-
-def _columns(rows: list[dict[str, Any]], *names: str) -> list[Floats]:
-    return [np.array([row[name] for row in rows]) for name in names]
 
 
 def _mark_stages(axes: Axes, rows: list[dict[str, Any]], named: bool) -> None:
@@ -104,7 +82,7 @@ def _mark_stages(axes: Axes, rows: list[dict[str, Any]], named: bool) -> None:
 
 def _forces(rows: list[dict[str, Any]]) -> Figure:
     figure, (top, bottom) = plt.subplots(2, 1, figsize=(7, 5.4), sharex=True)
-    step, normal, tangential, friction = _columns(
+    step, normal, tangential, friction = columns(
         rows, "step", "normal_force", "tangential_force", "friction_coefficient"
     )
     top.plot(step, normal, color=COLOURS[0], label="normal force")
@@ -122,22 +100,26 @@ def _forces(rows: list[dict[str, Any]]) -> Figure:
 
 def _energies(rows: list[dict[str, Any]]) -> Figure:
     figure, axes = plt.subplots(figsize=(7, 4))
-    step, work, strain, interface, dissipated, numerical, error = _columns(
+    step, strain, interface, dissipated, numerical, kinetic, damping, error = columns(
         rows,
         "step",
-        "external_work",
         "strain_energy",
         "interface_energy",
         "dissipation",
         "numerical_dissipation",
+        "kinetic_energy",
+        "damping_dissipation",
         "energy_error",
     )
-    axes.plot(step, work, color="k", lw=2.5, alpha=0.35, label="external work")
-    stack = (strain, interface, dissipated - numerical)
-    axes.stackplot(
-        step, *stack, labels=("strain", "interface", "dissipated"), colors=COLOURS, alpha=0.6
-    )
-    largest = float(np.max(np.abs(work))) or 1.0
+    parts = {"strain": strain, "interface": interface, "dissipated": dissipated - numerical}
+    parts |= {"kinetic": kinetic} if kinetic.any() else {}
+    parts |= {"damped": damping} if damping.any() else {}
+    supplied = sum(parts.values()) + error
+    thrown = abs(supplied - columns(rows, "external_work")[0]).max() > 1e-9 * abs(supplied).max()
+    name = "external work" + " and initial kinetic energy" * bool(thrown)
+    axes.plot(step, supplied, color="k", lw=2.5, alpha=0.35, label=name)
+    axes.stackplot(step, *parts.values(), labels=list(parts), colors=COLOURS, alpha=0.6)
+    largest = float(np.max(np.abs(supplied))) or 1.0
     axes.plot(step, error, color=COLOURS[1], lw=1, label="not accounted for")
     axes.set_title(
         f"largest gap between work and its uses: {np.max(np.abs(error)) / largest:.1e} of the work",
@@ -176,7 +158,7 @@ class Series:
 def _series(case: Case, legs: Iterable[dict[str, Any]], label: str = "") -> Series:
     contact = case.contact[0]
     assert isinstance(contact.friction, FrictionMap) and contact.film is not None
-    speed, viscosity, tangential, normal, area, mu, steady = _columns(
+    speed, viscosity, tangential, normal, area, mu, steady = columns(
         sorted(legs, key=lambda leg: abs(leg["velocity"])),
         *("velocity", "effective_viscosity", "tangential_force", "normal_force"),
         *("contact_area", "mu", "steady"),
@@ -231,7 +213,7 @@ def _sweep_ends(case: Case, rows: list[dict[str, Any]]) -> Figure:
     last = {row["label"]: row for row in rows}
     figure, axes = plt.subplots(figsize=(6, 3.6))
     at = np.arange(len(last))
-    normal, tangential = _columns(list(last.values()), "normal_force", "tangential_force")
+    normal, tangential = columns(list(last.values()), "normal_force", "tangential_force")
     axes.bar(at - 0.2, normal, 0.4, color=COLOURS[0], label="normal")
     axes.bar(at + 0.2, tangential, 0.4, color=COLOURS[1], label="tangential")
     axes.set_xticks(at, [label.split("=", 1)[-1] for label in last])

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from app.figures import COLOURS, MARKERS, STYLE, save
+from app.figure_style import COLOURS, MARKERS, STYLE, save
 from app.fit import FitResult
 from app.fit_data import TribometerData
 from app.fit_model import friction

@@ -9,7 +9,9 @@ from typing import Self
 
 from mpi4py import MPI
 
+from app.explicit_legs import Interval
 from app.implicit import StepResult
+from app.legs import Leg
 from app.measure import Row
 from app.simulation import Observer, Simulation
 
@@ -42,7 +44,11 @@ class Interruption(Observer):
     ) -> None:
         self._restore()
 
-    def step(self, simulation: Simulation, row: Row, result: StepResult) -> None:
+    def step(self, simulation: Simulation, row: Row, result: StepResult | Interval) -> None:
+        """Stop here if any rank has been asked to."""
+        self._look()
+
+    def within(self, simulation: Simulation, leg: Leg, steps: int) -> None:
         """Stop here if any rank has been asked to."""
         self._look()
 

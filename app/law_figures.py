@@ -12,7 +12,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
-from app.figures import STYLE
+from app.figure_style import STYLE
 from forms.friction_map import Floats, FrictionMap
 from forms.friction_parameters import FrictionMapParameters, Reentry
 from forms.stribeck import StribeckParameters

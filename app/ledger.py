@@ -10,7 +10,7 @@ from petsc4py import PETSc
 
 from app.equilibrium import Equilibrium
 from app.measure import ContactMeasure
-from geometry.projection import Floats
+from geometry.facets import Floats
 
 
 @dataclass(slots=True)
@@ -41,6 +41,21 @@ class Work:
         return float(comm.allreduce(float(mean @ (other.position - self.position))))
 
 
+@dataclass(frozen=True, slots=True)
+class EnergyFlow:
+    """What happened to the energy over a stretch of explicit steps, J/m, all ranks together.
+
+    Attributes:
+        work: of supports, platens and pressures on the bodies.
+        damping: taken by mass-proportional damping, and by relaxation.
+        kinetic: kinetic energy at the end.
+    """
+
+    work: float
+    damping: float
+    kinetic: float
+
+
 class Ledger:
     """Adds up work and dissipation over a run and holds them against the stored energy.
 
@@ -49,6 +64,7 @@ class Ledger:
             dissipation: the traction at the end of a step times the slip, less the trapezoidal
             rule. It falls in proportion to the step.
         strain, interface: J/m, stored today, less what was stored at the start.
+        kinetic: J/m, of today; damping: J/m taken by mass-proportional damping and relaxation.
     """
 
     def __init__(self, problem: Equilibrium, x: PETSc.Vec) -> None:
@@ -60,22 +76,43 @@ class Ledger:
         self._last = Work.at(problem, x.array_r)
         self._start = (problem.strain_energy(), self._interface())
         self.work = self.dissipation = self.numerical = 0.0
-        self.strain = self.interface = 0.0
+        self.strain = self.interface = self.kinetic = self.damping = 0.0
+        self._thrown = 0.0
+
+    def throw(self, kinetic: float) -> None:
+        """Enter the kinetic energy (J/m) that the bodies are given at the start of their motion."""
+        self.kinetic = self._thrown = kinetic
+
+    def add_interval(self, measures: Sequence[ContactMeasure], flow: EnergyFlow) -> None:
+        """Enter a stretch of explicit steps that ends at the displacement spread last; collective.
+
+        Args:
+            measures: of the contacts, with what they dissipated over the stretch.
+            flow: what else happened to the energy.
+        """
+        self.work += flow.work
+        self.damping += flow.damping
+        self.kinetic = flow.kinetic
+        self._enter_contacts(measures)
+
+    def _enter_contacts(self, measures: Sequence[ContactMeasure]) -> None:
+        self.strain = self.problem.strain_energy() - self._start[0]
+        self.interface = sum(m.energy for m in measures) - self._start[1]
+        self.dissipation += sum(m.dissipated for m in measures)
+        self.numerical += sum(m.numerical for m in measures)
 
     def add(self, x: PETSc.Vec, measures: Sequence[ContactMeasure]) -> None:
         """Enter the converged step that was evaluated last, at ``x``; collective."""
         now = Work.at(self.problem, x.array_r)
         self.work += self._last.until(now, self.problem.comm)
         self._last = now
-        self.strain = self.problem.strain_energy() - self._start[0]
-        self.interface = sum(m.energy for m in measures) - self._start[1]
-        self.dissipation += sum(m.dissipated for m in measures)
-        self.numerical += sum(m.numerical for m in measures)
+        self._enter_contacts(measures)
 
     @property
     def error(self) -> float:
         """External work that is neither stored nor dissipated, by the trapezoidal rule, J/m."""
-        return self.work - self.strain - self.interface - (self.dissipation - self.numerical)
+        stored = self.strain + self.interface + self.kinetic - self._thrown
+        return self.work - stored - (self.dissipation - self.numerical) - self.damping
 
     def _interface(self) -> float:
         pairs = zip(self.problem.contacts, self.problem.trials, strict=True)

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from app.figures import COLOURS, STYLE, save
+from app.figure_style import COLOURS, STYLE, save
 from app.map import Curve, FrictionMapResult
 from app.map_setup import MapSetup
 from app.material_point import Track

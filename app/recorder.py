@@ -16,16 +16,18 @@ import meshio
 import numpy as np
 from petsc4py import PETSc
 
+from app.advice import notes_on_inertia
 from app.case import resolved_toml
 from app.contact_output import contact_arrays
-from app.diagnosis import facet_length
+from app.explicit_legs import Interval
 from app.fields import FieldWriter
 from app.implicit import StepResult
+from app.legs import Leg
 from app.measure import Row
 from app.model import Model
-from app.results import write_history, write_json, write_text
-from app.simulation import Leg, Observer, Simulation
-from geometry.projection import Floats
+from app.results import write_history, write_json, write_table, write_text
+from app.simulation import Observer, Simulation
+from geometry.facets import Floats
 
 TINY = 1e-30  # J/m², below any dissipation
 # Largest penetration, relative to the length of a slave facet, from which on it is warned of. The
@@ -58,7 +60,7 @@ class Recorder(Observer):
         self._thin = False
         self._left: set[str] = set()
         contacts = model.problem.contacts
-        self._facet = [facet_length(term, self.comm) for term in contacts]
+        self._facet = [term.surface.facet_length for term in contacts]
         self._deepest = [(0.0, 0.0, "")] * len(contacts)
         self.warnings: list[str] = list(model.notes)
         if self.first:
@@ -68,7 +70,7 @@ class Recorder(Observer):
         self._fields = FieldWriter(model.problem.u, model.problem.solids, directory)
         self._last_output = -1
 
-    def step(self, simulation: Simulation, row: Row, result: StepResult) -> None:
+    def step(self, simulation: Simulation, row: Row, result: StepResult | Interval) -> None:
         """Write the outputs that are due and look for a negative dissipation."""
         if self.every and row.step % self.every == 0:
             self._output(simulation)
@@ -89,6 +91,8 @@ class Recorder(Observer):
                 f"stage {leg.label}: the mean contact pressure {pressure:.3g} Pa is near or below "
                 f"film_onset_pressure = {onset:.3g} Pa, so the film carries less than eta_b V/D"
             )
+        if simulation.explicit is not None:
+            self.warnings += notes_on_inertia(self.model.case, leg, simulation.explicit.inertia[-1])
         if steady is False:
             self.warnings.append(
                 f"stage {leg.label}: not steady after {leg.stage.max_steps} steps "
@@ -107,12 +111,17 @@ class Recorder(Observer):
             self._output(simulation)
             self.warnings.extend(self._deep_contacts())
         self._fields.close()
+        explicit = {} if simulation.explicit is None else simulation.explicit.summary()
         memory = self.comm.gather(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0)
         if self.first:
             write_history(self.directory / "history.csv", simulation.rows)
+            if simulation.explicit is not None:
+                motion = simulation.explicit.motion
+                write_table(self.directory / "motion.csv", motion.columns, motion.rows)
             self._write_series()
             summary = self._summary(simulation, status, memory or [])
-            write_json(self.directory / "summary.json", summary | {"failure": failure})
+            parts = {"explicit": explicit} if explicit else {}
+            write_json(self.directory / "summary.json", summary | parts | {"failure": failure})
 
     def rescue(self, simulation: Simulation) -> None:
         """Write the history after an error of this rank alone; not collective."""
@@ -189,14 +198,14 @@ class Recorder(Observer):
         problem = self.model.problem
         wall = time.perf_counter() - self._started
         timings = {key: round(value, 4) for key, value in simulation.stepper.seconds().items()}
-        largest = max((abs(row.external_work) for row in rows), default=0.0)
+        largest = max((max(abs(r.external_work), r.kinetic_energy) for r in rows), default=0.0)
         return {
             "title": self.model.case.title,
             "status": status,
             "warnings": self.warnings,
             "steps": len(rows),
             "newton_iterations": sum(row.newton_iterations for row in rows),
-            "factorisations": simulation.stepper.solver.assembled,
+            "factorisations": simulation.implicit.solver.assembled if simulation.implicit else 0,
             "attempts": sum(row.attempts for row in rows),
             "energy_error_relative": rows[-1].energy_error / largest if largest else 0.0,
             "penalty": [term.penalty for term in problem.contacts],

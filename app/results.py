@@ -18,6 +18,7 @@ OWN = (
     "case.toml",
     "summary.json",
     "history.csv",
+    "motion.csv",
     "log.txt",
     "fields.bp",
     "stress.bp",

@@ -10,6 +10,7 @@ from mpi4py import MPI
 from app.case import Case
 from app.console import Reporter, Together
 from app.errors import InputError, SolutionError
+from app.explicit_legs import notes_on_steps
 from app.interruption import Interruption
 from app.model import build_model
 from app.recorder import Recorder
@@ -43,15 +44,18 @@ def run_case(
     """
     on_first(comm, lambda: check_free(directory, force))
     model = build_model(case, comm)
+    steps = notes_on_steps(model)
     simulation = Simulation(model)
     on_first(comm, lambda: prepare(directory))
     recorder = Recorder(model, directory)
     reporter = Reporter(directory / "log.txt", case.stage, quiet) if comm.rank == 0 else None
     told: list[Observer] = [reporter, recorder] if reporter else [recorder]
     try:
-        for note in model.notes:
-            if reporter:
+        if reporter:
+            for note in model.notes:
                 reporter.say(f"note: {note}")
+            for note in steps:
+                reporter.say(f"note: {note}", always=not quiet)
         with Interruption(comm) as interruption:
             _run(simulation, recorder, Together(*told, interruption))
         if case.output.figures:
@@ -100,11 +104,16 @@ def _closing_line(simulation: Simulation) -> str:
     deepest = max(row.max_penetration for row in rows)
     film = rows[-1].film_thickness
     depth = f"{deepest:.3g} m" + (f" = {deepest / film:.2g} D" if film > 0.0 else "")
-    work = max(abs(row.external_work) for row in rows)
+    work = max(max(abs(row.external_work), row.kinetic_energy) for row in rows)
     gap = abs(rows[-1].energy_error) / work if work > 0.0 else 0.0
+    explicit = simulation.explicit
+    counted = f"{sum(row.newton_iterations for row in rows)} Newton iterations"
+    if explicit is not None:
+        counted += f", {explicit.steps} time steps"
     return (
-        f"{len(rows)} steps, {sum(row.newton_iterations for row in rows)} Newton iterations, "
-        f"largest penetration {depth}, energy balanced to {gap:.1e} of the external work"
+        f"{len(rows)} steps, {counted}, "
+        f"largest penetration {depth}, energy balanced to {gap:.1e}"
+        f" of the {'work or kinetic energy' if explicit else 'external work'}"
     )
 
 

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from app.case_boundary import Stage
+from app.case_boundary import solver_of
 from app.diagnosis import body_adrift, explain, loose_directions, not_finite
 from app.errors import InputError, SolutionError
+from app.explicit import ExplicitStepper
+from app.explicit_legs import ExplicitLegs, Interval
 from app.implicit import ImplicitOptions, ImplicitStepper, StepResult
 from app.ledger import Ledger
+from app.legs import Leg, legs_of
 from app.measure import ContactMeasure, Row, measure_contact
 from app.model import Model
 
@@ -19,51 +21,14 @@ STEADY_WINDOW = 3  # steps over which the tangential force must hold still
 EASY_ITERATIONS = 6  # up to here a cut step may grow back
 
 
-@dataclass(frozen=True, slots=True)
-class Leg:
-    """A stretch of a stage with one velocity and one length of step.
-
-    Attributes:
-        stage: the stage it belongs to.
-        velocity: m/s, of driven boundaries.
-        dt: s, the step asked for.
-        steps: number of such steps; None: until steady.
-    """
-
-    stage: Stage
-    velocity: float
-    dt: float
-    steps: int | None
-
-    @property
-    def label(self) -> str:
-        """Name for messages and results."""
-        return (
-            f"{self.stage.name} {self.velocity:g} m/s" if self.stage.velocities else self.stage.name
-        )
-
-
-def legs_of(stage: Stage, film_conductance: float = 0.0) -> Iterator[Leg]:
-    """The legs of a stage: one for each velocity, or one for its duration.
-
-    Args:
-        stage: the stage.
-        film_conductance: largest eta_b/D, Pa s/m, for the limit on the film's stress.
-    """
-    for velocity in stage.velocities_within(film_conductance):
-        assert stage.slip_step is not None
-        yield Leg(stage, velocity, stage.slip_step / abs(velocity), None)
-    if not stage.velocities:
-        assert stage.duration is not None
-        dt = stage.duration / stage.steps
-        yield Leg(stage, stage.velocity or 0.0, dt, stage.steps)
-
-
 class Observer:
     """What wants to know of a run; the default does nothing."""
 
-    def step(self, simulation: Simulation, row: Row, result: StepResult) -> None:
-        """A step has converged and is committed; collective."""
+    def step(self, simulation: Simulation, row: Row, result: StepResult | Interval) -> None:
+        """A step has converged and is committed, or an explicit interval is over; collective."""
+
+    def within(self, simulation: Simulation, leg: Leg, steps: int) -> None:
+        """Called now and then between two rows of an explicit run, after ``steps``; collective."""
 
     def leg(self, simulation: Simulation, leg: Leg, row: Row, steady: bool | None) -> None:
         """A leg has ended; ``steady`` is None where nobody asked for it; collective."""
@@ -76,11 +41,16 @@ class Simulation:
     """One case being run.
 
     Attributes:
-        model: what is solved; stepper: how; ledger: its energies.
+        model: what is solved; ledger: its energies.
+        implicit: the stepper of implicit stages; None without any.
+        explicit: what carries explicit stages; None before the first of them.
         time: s; driven: m, displacement of driven boundaries; step: converged steps so far.
         rows: the history.
         measures: the contacts after the last step.
     """
+
+    implicit: ImplicitStepper | None
+    explicit: ExplicitLegs | None
 
     def __init__(self, model: Model) -> None:
         """Make ready to start; collective.
@@ -94,17 +64,31 @@ class Simulation:
         self.step = 0
         self.rows: list[Row] = []
         self._whole: list[int] = []
+        self._leg_start = 0.0
         self.measures: list[ContactMeasure] = []
         model.set_loads(0.0, 0.0)
-        options = ImplicitOptions(
-            solver.tolerance, solver.max_iterations, solver.linear, solver.petsc
-        )
-        try:
-            self.stepper = ImplicitStepper(model.problem, options)
-        except ValueError as error:
-            raise InputError(f"solver.petsc: {error}") from None
-        self.ledger = Ledger(model.problem, self.stepper.x)
         self._loose = loose_directions(model.problem)
+        self.implicit = self.explicit = None
+        start = model.problem.new_vector()
+        self.ledger = Ledger(model.problem, start)
+        if any(solver_of(stage, solver.kind) == "implicit" for stage in model.case.stage):
+            options = ImplicitOptions(
+                solver.tolerance, solver.max_iterations, solver.linear, solver.petsc
+            )
+            try:
+                self.implicit = ImplicitStepper(model.problem, options)
+            except ValueError as error:
+                raise InputError(f"solver.petsc: {error}") from None
+        else:
+            self.explicit = ExplicitLegs(self, start.array_r)
+
+    @property
+    def stepper(self) -> ImplicitStepper | ExplicitStepper:
+        """What makes the steps at present."""
+        if self.explicit is not None:
+            return self.explicit.stepper
+        assert self.implicit is not None
+        return self.implicit
 
     def run(self, observer: Observer) -> None:
         """Run all stages.
@@ -113,13 +97,25 @@ class Simulation:
             SolutionError: a step failed however short it was made; the state is the last
                 converged one.
         """
-        for stage in self.model.case.stage:
+        case, velocity = self.model.case, 0.0
+        for stage in case.stage:
             for contact in self.model.problem.contacts:
                 contact.rate_dependent = stage.rate_dependent
-            for leg in legs_of(stage, self.model.case.film_conductance):
-                self._run_leg(leg, observer)
+            run_leg = self._run_leg
+            if solver_of(stage, case.solver.kind) == "explicit":
+                run_leg = self._explicit_legs().run_leg
+            for leg in legs_of(stage, case.film_conductance, velocity):
+                run_leg(leg, observer)
+                velocity = leg.velocity
+
+    def _explicit_legs(self) -> ExplicitLegs:
+        """What carries explicit stages; it takes over where the implicit ones ended."""
+        if self.explicit is None:
+            self.explicit = ExplicitLegs(self, self.stepper.x.array_r)
+        return self.explicit
 
     def _run_leg(self, leg: Leg, observer: Observer) -> None:
+        self._leg_start = self.time
         if leg.steps is not None:
             for _ in range(leg.steps):
                 self._advance(leg, observer)
@@ -129,17 +125,19 @@ class Simulation:
         steady = False
         for count in range(1, leg.stage.max_steps + 1):
             self._advance(leg, observer)
-            steady = count >= leg.stage.min_steps and self._steady(leg)
+            steady = count >= leg.stage.min_steps and self.is_steady(leg, self._whole)
             if steady:
                 break
         observer.leg(self, leg, self.rows[-1], steady)
 
-    def _steady(self, leg: Leg) -> bool:
+    def is_steady(self, leg: Leg, whole: Sequence[int]) -> bool:
         """Whether the tangential force has held still over the last steps of this leg.
 
-        A step made in pieces counts as one: its last piece is compared.
+        Args:
+            leg: the leg.
+            whole: numbers of the leg's rows; of a step made in pieces only the last.
         """
-        ends = self._whole[-STEADY_WINDOW - 1 :]
+        ends = whole[-STEADY_WINDOW - 1 :]
         if len(ends) <= STEADY_WINDOW:
             return False
         force = np.array([self.rows[end].tangential_force for end in ends])
@@ -151,13 +149,16 @@ class Simulation:
 
         The pieces end exactly where the whole step would have.
         """
+        assert self.implicit is not None
         start, driven = self.time, self.driven
+        since = start - self._leg_start
         done, piece, failures, wasted = 0.0, 1.0, 0, 0
         while done < 1.0:
             end = min(1.0, done + piece)
-            self.model.set_loads(start + end * leg.dt, driven + end * leg.dt * leg.velocity)
+            moved = driven + leg.travel(since + end * leg.dt) - leg.travel(since)
+            self.model.set_loads(start + end * leg.dt, moved)
             dt = (end - done) * leg.dt
-            result = self.stepper.attempt(dt)
+            result = self.implicit.attempt(dt)
             if not result.converged:
                 failures += 1
                 wasted += result.iterations
@@ -168,7 +169,7 @@ class Simulation:
                 continue
             self._measure(leg)
             self.time = start + end * leg.dt
-            self.driven = driven + end * leg.dt * leg.velocity
+            self.driven = moved
             easy = result.iterations <= EASY_ITERATIONS
             result.iterations += wasted
             self._commit(leg, dt, result, failures, observer)
@@ -180,14 +181,27 @@ class Simulation:
     def _commit(
         self, leg: Leg, dt: float, result: StepResult, failures: int, observer: Observer
     ) -> None:
-        self.stepper.commit()
+        assert self.implicit is not None
+        self.implicit.commit()
         self.ledger.add(self.stepper.x, self.measures)
+        self.add_row(leg, dt, result, failures + 1, observer)
+
+    def add_row(
+        self,
+        leg: Leg,
+        dt: float,
+        result: StepResult | Interval,
+        attempts: int,
+        observer: Observer,
+    ) -> None:
+        """Add a row of the present measures and energies to the history and tell of it."""
         self.step += 1
-        row = self._row(leg, dt, result, failures + 1)
+        iterations = result.iterations if isinstance(result, StepResult) else 0
+        row = self._row(leg, dt, iterations, attempts)
         self.rows.append(row)
         observer.step(self, row, result)
 
-    def _row(self, leg: Leg, dt: float, result: StepResult, attempts: int) -> Row:
+    def _row(self, leg: Leg, dt: float, iterations: int, attempts: int) -> Row:
         t, ledger, all_ = self.model.thickness, self.ledger, self.measures
         normal = sum(m.normal_force for m in all_)
         tangential = sum(m.tangential_force for m in all_)
@@ -218,15 +232,17 @@ class Simulation:
             stick_fraction=mean(lambda m: m.stick),
             viscous_fraction=mean(lambda m: m.viscous),
             max_penetration=max((m.penetration for m in all_), default=0.0),
-            newton_iterations=result.iterations,
+            newton_iterations=iterations,
             attempts=attempts,
             strain_energy=ledger.strain * t,
-            kinetic_energy=0.0,
+            kinetic_energy=ledger.kinetic * t,
             interface_energy=ledger.interface * t,
             dissipation=ledger.dissipation * t,
             numerical_dissipation=ledger.numerical * t,
+            damping_dissipation=ledger.damping * t,
             external_work=ledger.work * t,
             energy_error=ledger.error * t,
+            **self._resultants(),
         )
 
     def _measure(self, leg: Leg) -> None:
@@ -237,15 +253,36 @@ class Simulation:
         """
         problem = self.model.problem
         pairs = zip(problem.contacts, problem.trials, strict=True)
-        measures = [measure_contact(term, trial, problem.comm) for term, trial in pairs]
+        driven = self.driven_direction()
+        measures = [measure_contact(term, trial, problem.comm, driven) for term, trial in pairs]
         wrong = not_finite(measures)
         pressed = any(m.normal_force > problem.roundoff for m in (*self.measures, *measures))
         if wrong is None and not pressed:
-            x, trial = self.stepper.x.array_r, self.stepper.trial.array_r
+            assert self.implicit is not None
+            x, trial = self.implicit.x.array_r, self.implicit.trial.array_r
             wrong = body_adrift(problem, self._loose, x, trial)
         if wrong is not None:
             raise SolutionError(f"stage {leg.label}, time {self.time:.6g} s: {wrong}")
         self.measures = measures
+
+    def driven_direction(self) -> list[float] | None:
+        """Direction of the first driven boundary, None without."""
+        for boundary in self.model.case.boundary:
+            components = boundary.driven_components()
+            if components and boundary.displacement is not None:
+                share = boundary.displacement.driven_share
+                axes = "xyz"[: self.model.problem.dim]
+                return [share(axis) if axis in components else 0.0 for axis in axes]
+        return None
+
+    def _resultants(self) -> dict[str, float]:
+        """Columns of force vectors and of the twisting moment, summed over the pairs."""
+        t, out = self.model.thickness, {}
+        for kind in ("force", "friction"):
+            vectors = [getattr(m, kind) for m in self.measures]
+            for axis, values in zip("xyz", zip(*vectors, strict=True), strict=False):
+                out[f"{kind}_{axis}"] = sum(values) * t
+        return {**out, "twist_moment": sum(m.twist_moment for m in self.measures) * t}
 
     def _give_up(self, leg: Leg, dt: float, result: StepResult) -> None:
         why = explain(self.model.problem, result, self.stepper.x, self._loose)

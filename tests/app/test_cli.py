@@ -47,7 +47,7 @@ BLOCK_MISTAKES = {
     "not a number": ("mu = 0.2", "mu = nan", ["contact.0.friction.mu"]),
     "no such surface": ('surface = "top"', 'surface = "tpo"', ["boundary.1.surface", '"top"']),
     "no TOML": ("[[contact]]", "[[contact]", ["not valid TOML"]),
-    "explicit": ("[output]", '[solver]\nkind = "explicit"\n[output]', ["solver.kind"]),
+    "explicit": ("[output]", '[solver]\nkind = "explicit"\n[output]', ["elastomer.density"]),
 }
 FILM_MISTAKES = {
     "no viscosity": ('K_T = "1e12 Pa/m"', 'K_T = "1e12 Pa/m"\neta_b = "0 Pa*s"', ["eta_b"]),

@@ -242,22 +242,23 @@ def without_normal_of_pressure(patch):
     """t_N δn left out."""
     whole = ContactTerm.traction_variation
 
-    def less(self, trial):
-        return whole(self, trial) - trial.pressure[:, None, None] * trial.kinematics.d_normal
+    def less(self, trial, take):
+        d_traction, v = whole(self, trial, take)
+        return d_traction - trial.pressure[take][:, None, None] * v.d_normal, v
 
     patch.setattr(ContactTerm, "traction_variation", less)
 
 
 def changed_kinematics(patch, change):
     """Contact kinematics whose variations went through ``change``."""
-    whole = forms.contact.relate
+    whole = forms.contact.vary
 
     def less(points, today, anchor):
-        k = whole(points, today, anchor)
-        change(k, points, today, anchor)
-        return k
+        variations = whole(points, today, anchor)
+        change(variations, points, today, anchor)
+        return variations
 
-    patch.setattr(forms.contact, "relate", less)
+    patch.setattr(forms.contact, "vary", less)
 
 
 def without(name):
@@ -280,7 +281,7 @@ def without_normal_of(name):
                     "_vary_in_plane",
                     lambda n, v, d_normal: np.zeros_like(d_normal),
                 )
-                less = forms.contact_kinematics.relate(*arguments)
+                less = forms.contact_kinematics.vary(*arguments)
             getattr(k, name)[:] = getattr(less, name)
 
         changed_kinematics(patch, change)
@@ -310,12 +311,12 @@ def without_derivative(name):
     def switch(patch):
         whole = ContactTerm.traction_variation
 
-        def less(self, trial):
+        def less(self, trial, take):
             table = getattr(trial.response, name)
             kept = table.copy()
             table[:] = 0.0
             try:
-                return whole(self, trial)
+                return whole(self, trial, take)
             finally:
                 table[:] = kept
 

@@ -17,7 +17,6 @@ from mpi4py import MPI
 
 from app.case import Case
 from app.diagnosis import (
-    facet_length,
     loose_directions,
     most_squeezed,
     penalty_factors,
@@ -218,7 +217,7 @@ def test_absurd_penalties_are_noted_before_the_run(block, penalty, said):
 
 def test_penalty_factor_is_that_of_the_case(block):
     problem = build_model(Case.model_validate(plain(block)), MPI.COMM_SELF).problem
-    assert facet_length(problem.contacts[0], problem.comm) == pytest.approx(1e-4, rel=1e-12)
+    assert problem.contacts[0].surface.facet_length == pytest.approx(1e-4, rel=1e-12)
     assert penalty_factors(problem) == pytest.approx([30.0], rel=1e-12)
 
 

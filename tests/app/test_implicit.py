@@ -2,6 +2,7 @@
 
 import tomllib
 
+import numpy as np
 import pytest
 from mpi4py import MPI
 
@@ -65,7 +66,7 @@ def test_a_contact_that_spreads_fast_is_approached_with_a_soft_penalty(monkeypat
     stiff = sim.model.problem.contacts[0].penalty
 
     # Without it the steps are cut; where they end is the same.
-    monkeypatch.setattr(ImplicitStepper, "_approach", lambda self: (0, -1))
+    monkeypatch.setattr(ImplicitStepper, "_approach", lambda self, stages: (0, -1))
     cut = pressed()
     assert sum(row.attempts for row in cut.rows) > len(cut.rows) > 2
     assert cut.model.problem.contacts[0].penalty == stiff
@@ -80,3 +81,21 @@ def test_softening_ends_with_its_block_even_when_it_fails():
         assert problem.contacts[0].penalty == pytest.approx(0.1 * stiff)
         raise RuntimeError
     assert problem.contacts[0].penalty == stiff
+
+
+def test_a_force_finds_the_other_body_from_the_first_touch():
+    """Nothing is closed at the start, and no support holds the cylinder up."""
+    data = tomllib.loads(CYLINDER)
+    data["boundary"][1] = {
+        "surface": "top",
+        "displacement": {"x": 0},
+        "platen": {"direction": "y", "force": [["0 s", "0 N"], ["1 s", "0.05 N"]]},
+    }
+    sim = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
+    sim.run(Quiet())
+    assert [row.attempts for row in sim.rows] == [1, 1]
+    assert [row.normal_force for row in sim.rows] == pytest.approx([0.025, 0.05], rel=1e-6)
+    # None of the pull is left in the solution.
+    (term,), (trial,) = sim.model.problem.contacts, sim.model.problem.trials
+    assert term.reach == 0.0
+    np.testing.assert_array_equal(trial.traction[trial.pressure == 0.0], 0.0)

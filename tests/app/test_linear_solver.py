@@ -51,6 +51,68 @@ def test_krylov_and_direct_agree():
     assert spent[1] <= spent[0] + 2 * len(direct.rows)
 
 
+BOXES = """
+[geometry]
+kind = "two-boxes"
+upper = { width = "1 mm", height = "0.5 mm", depth = "1 mm", elements = [4, 2, 4] }
+lower = { width = "1.5 mm", height = "0.5 mm", depth = "1.5 mm", elements = [6, 2, 6] }
+[bodies.elastomer]
+material = "neo-hookean"
+E = "5 MPa"
+nu = 0.49
+[bodies.aluminium]
+material = "neo-hookean"
+E = "70 GPa"
+nu = 0.33
+[[contact]]
+slave = "elastomer_contact"
+master = "aluminium_contact"
+friction = { law = "coulomb", mu = 0.2 }
+[[boundary]]
+surface = "bottom"
+displacement = { x = 0, y = 0, z = 0 }
+[[boundary]]
+surface = "top"
+displacement = { x = [["1 s", "0 mm"], ["2 s", "0.1 mm"]], z = 0 }
+platen = { direction = "y", pressure = [["0 s", "0 MPa"], ["1 s", "0.4 MPa"]] }
+[[stage]]
+name = "press"
+duration = "1 s"
+steps = 2
+[[stage]]
+name = "slide"
+duration = "1 s"
+steps = 1
+"""
+
+
+def test_nearly_incompressible_in_space_with_friction_and_a_platen():
+    """The multigrid neither breaks down nor creeps: the force is right, and no step is cut."""
+    data = tomllib.loads(BOXES)
+    data["solver"] = {"linear": "direct"}
+    direct = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
+    data["solver"] = {"linear": "krylov"}
+    sim = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
+    counts = []
+
+    def count(ksp, iteration, norm):
+        counts.append(iteration)
+
+    sim.stepper.solver.ksp.setMonitor(count)
+
+    class Quiet:
+        def __getattr__(self, name):
+            return lambda *args, **kwargs: None
+
+    sim.run(Quiet())
+    direct.run(Quiet())
+    assert [row.attempts for row in sim.rows] == [1, 1, 1]
+    assert 5 < max(counts) < 60
+    assert sim.rows[-1].normal_force == pytest.approx(0.4, rel=1e-4)
+    for a, b in zip(sim.rows, direct.rows, strict=True):
+        assert a.tangential_force == pytest.approx(b.tangential_force, rel=1e-5, abs=1e-8)
+
+
 def test_auto_factorises_up_to_a_number_of_unknowns():
     class Size:
         def __init__(self, size, dim):

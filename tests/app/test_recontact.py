@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 import tomllib
 from itertools import pairwise
 from pathlib import Path
@@ -160,7 +161,9 @@ def test_block_slides_over_the_edges_of_a_coarse_master(block, tmp_path, degrees
     rows: list[Row] = run.rows
     assert rows[-1].time == pytest.approx(2.0, rel=1e-12)
     assert cuts <= 4 and sum(row.newton_iterations for row in rows) <= 600
-    assert rows[-1].friction_coefficient == pytest.approx(0.2, rel=5e-3)
+    # Normals that differ by up to the angle of the edge add up to less than the sum of the loads.
+    ratio = rows[-1].friction_coefficient / 0.2
+    assert 0.999 < ratio < 1.001 / math.cos(math.radians(degrees))
     assert all(b.dissipation >= a.dissipation for a, b in pairwise(rows))
     # The surface is no longer flat: pressure, too, pushes along it.
     assert max(abs(row.drag - row.tangential_force) for row in rows) > 2e-3

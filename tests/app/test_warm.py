@@ -37,7 +37,14 @@ def test_runs_compile_nothing_that_has_not_been_compiled(block, film):
     full = tomllib.loads(film)
     full["bodies"]["elastomer"]["formulation"] = "q1"
     full["contact"][0]["quadrature_degree"] = 5
-    for data in (*cases, triangles, full):
+    ring = tomllib.loads(block.replace('thickness = "1 mm"', 'section = "axisymmetric"'))
+    ring["boundary"][1]["displacement"]["x"] = 0
+    boxes = tomllib.loads(block.replace('thickness = "1 mm"', ""))
+    boxes["geometry"]["kind"] = "two-boxes"
+    for name in ("upper", "lower"):
+        boxes["geometry"][name] |= {"depth": "1 mm", "elements": [2, 1, 2]}
+    tetrahedra = {**boxes, "geometry": {**boxes["geometry"], "cell": "tetrahedron"}}
+    for data in (*cases, triangles, full, ring, boxes, tetrahedra):
         model = build_model(Case.model_validate(data), MPI.COMM_SELF)
         StressField(model.problem.u, model.problem.solids).update()
     assert compiled() == before

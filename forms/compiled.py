@@ -1,0 +1,86 @@
+"""Compiles the package's C sources on first use and keeps the libraries in FFCx's cache.
+
+FFCx needs a C compiler anyway. Where there is none, or it fails, :func:`library` answers None and
+the callers use DOLFINx's generated kernels instead.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import hashlib
+import os
+import platform
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+
+import dolfinx
+
+SOURCES = ("plane_kernel.c", "plane_contact.c", "leapfrog.c")
+FLAGS = ("-std=gnu11", "-O3", "-fno-math-errno", "-fPIC", "-shared", "-w")
+
+
+@functools.cache
+def library(name: str) -> ctypes.CDLL | None:
+    """The library of the source ``name`` beside this module; None where it cannot be had.
+
+    Args:
+        name: file name of a C source in this directory.
+    """
+    source = Path(__file__).with_name(name)
+    key = hashlib.sha256(source.read_bytes())
+    key.update(" ".join((*FLAGS, platform.machine())).encode())
+    file = f"libtribox_{source.stem}_{key.hexdigest()[:24]}.so"
+    for directory in filter(_trusted, _caches()):
+        built = directory / file
+        loaded = _load(built)
+        if loaded is None and _build(source, built):
+            loaded = _load(built)
+        if loaded is not None:
+            return loaded
+    return None
+
+
+def _trusted(directory: Path) -> bool:
+    """Whether nobody but this user and the administrator can have made a directory."""
+    return not directory.exists() or directory.stat().st_uid in (0, os.getuid())
+
+
+def _load(file: Path) -> ctypes.CDLL | None:
+    """The library in a file; None where there is none, or not one of this system."""
+    try:
+        return ctypes.CDLL(str(file)) if file.exists() else None
+    except OSError:
+        return None
+
+
+def _caches() -> tuple[Path, Path]:
+    """Where libraries are kept: with FFCx's, or where anybody may write."""
+    options: dict[str, str] = dolfinx.jit.get_options()
+    ours = Path(tempfile.gettempdir()) / f"tribox-{os.getuid()}"
+    return Path(options["cache_dir"]).expanduser(), ours
+
+
+def _build(source: Path, target: Path) -> bool:
+    """Compile ``source`` into ``target``, complete or not at all; whether it worked."""
+    compiler = next(filter(None, map(shutil.which, (os.environ.get("CC", "cc"), "gcc"))), None)
+    if compiler is None:
+        return False
+    try:
+        target.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=target.parent) as scratch:
+            made = Path(scratch) / target.name
+            done = subprocess.run(
+                [compiler, *FLAGS, "-o", str(made), str(source), "-lm"],
+                capture_output=True,
+                check=False,
+            )
+            if done.returncode != 0:
+                return False
+            made.chmod(0o755)
+            made.replace(target)
+    except OSError:  # a cache that cannot be written
+        return False
+    return True

@@ -1,0 +1,108 @@
+"""What a case says of a mesh of the user's own, held against the mesh itself."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from mpi4py import MPI
+
+from app.case import load_case
+from app.errors import InputError
+from app.model import build_model
+from geometry.gmsh_model import write_msh
+from geometry.two_blocks import Block, TwoBlocks
+from geometry.two_boxes import Box, TwoBoxes
+
+BODIES = """
+[bodies.elastomer]
+material = "neo-hookean"
+E = "5 MPa"
+nu = 0.495
+[bodies.aluminium]
+material = "hencky"
+E = "70 GPa"
+nu = 0.33
+[[contact]]
+slave = "elastomer_contact"
+master = "aluminium_contact"
+friction = { law = "coulomb", mu = 0.2 }
+[[boundary]]
+surface = "bottom"
+displacement = { x = 0, y = 0 }
+[[boundary]]
+surface = "top"
+displacement = { y = [["0 s", "0 mm"], ["1 s", "-0.05 mm"]] }
+[[stage]]
+name = "press"
+duration = "1 s"
+"""
+SHAPES = {
+    "boxes": TwoBoxes(Box(1e-3, 1e-3, 1e-3, (2, 2, 2)), Box(2e-3, 1e-3, 2e-3, (2, 2, 2))),
+    "tetrahedra": TwoBoxes(
+        Box(1e-3, 1e-3, 1e-3, (2, 2, 2)), Box(2e-3, 1e-3, 2e-3, (2, 2, 2)), cell="tetrahedron"
+    ),
+    "blocks": TwoBlocks(Block(1e-3, 1e-3, (2, 2)), Block(2e-3, 1e-3, (2, 2)), 0.0),
+    "astride": TwoBlocks(Block(1e-3, 1e-3, (2, 2)), Block(2e-3, 1e-3, (2, 2)), -0.5e-3),
+}
+
+
+@pytest.fixture
+def model(tmp_path: Path):
+    """Builds the model of a shape written to a file, with lines for [geometry]."""
+
+    def build(shape: str, geometry: str = "", *overrides: str):
+        write_msh(SHAPES[shape], tmp_path / "mesh.msh")
+        path = tmp_path / "case.toml"
+        path.write_text(f'[geometry]\nmesh = "mesh.msh"\n{geometry}\n{BODIES}')
+        return build_model(load_case(path, list(overrides)), MPI.COMM_SELF)
+
+    return build
+
+
+def test_meshes_in_space_and_of_revolution(model):
+    made = model("boxes", "", "boundary.0.displacement.z=0")
+    assert (made.section, made.thickness, made.problem.dim) == ("3D", 1.0, 3)
+    assert {note[:14] for note in made.notes} == {"body elastomer"}
+    assert sum("in x" in note or "in z" in note for note in made.notes) == 2
+    ring = model("blocks", 'section = "axisymmetric"')
+    assert (ring.section, ring.thickness) == ("axisymmetric", 1.0)
+    assert all(solid.section == "axisymmetric" for solid in ring.problem.solids)
+    assert not any("in x" in note for note in ring.notes)
+    slab = model("blocks", 'thickness = "2 mm"', "boundary.1.displacement.x=0")
+    assert (slab.section, slab.thickness) == ("plane-strain", 2e-3)
+    assert model("blocks").thickness == 1.0
+
+
+def test_linear_tetrahedra_that_lock_are_pointed_out(model):
+    assert any("linear tetrahedra lock" in note for note in model("tetrahedra").notes)
+    second = model("tetrahedra", "", "bodies.elastomer.formulation=q2")
+    assert not any("lock" in note for note in second.notes)
+    assert second.problem.space.dofmap.index_map.size_global == 2 * 5**3
+
+
+@pytest.mark.parametrize(
+    ("shape", "geometry", "overrides", "said"),
+    [
+        ("boxes", 'thickness = "1 mm"', [], "geometry.thickness = 0.001 m: goes with plane strain"),
+        ("boxes", 'section = "axisymmetric"', [], 'geometry.section = "axisymmetric": the mesh is'),
+        ("astride", 'section = "axisymmetric"', [], "the mesh reaches x = -0.0005 m; x is the"),
+        ("blocks", "", ["boundary.0.displacement.z=0"], "there is no z in a mesh in the plane"),
+        (
+            "tetrahedra",
+            "",
+            ["bodies.elastomer.formulation=q1-sri"],
+            'bodies.elastomer.formulation: "q1-sri" needs quadrilaterals or hexahedra',
+        ),
+        (
+            "blocks",
+            "",
+            ["bodies.elastomer.formulation=q2", "bodies.aluminium.formulation=q1"],
+            'bodies.aluminium.formulation: bodies.elastomer has "q2"',
+        ),
+    ],
+)
+def test_what_does_not_go_with_the_mesh_is_named(model, shape, geometry, overrides, said):
+    with pytest.raises(InputError) as error:
+        model(shape, geometry, *overrides)
+    assert said in str(error.value) and "\n" not in str(error.value)
