@@ -256,5 +256,5 @@ def test_bench_is_a_command(tribox):
     done = tribox("bench", "no-level")
     assert done.returncode == 2
     assert done.stderr.strip() == (
-        'tribox: bench: "no-level" is neither a mesh level (1 to 64) nor one of: law'
+        'tribox: bench: "no-level" is neither a mesh level (1 to 64) nor one of: law, explicit'
     )

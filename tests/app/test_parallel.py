@@ -67,7 +67,7 @@ def test_ranks_refuse_together_with_one_line(tribox, case_file, block, tmp_path)
 
 
 def test_ranks_give_up_together(tribox, case_file, film, tmp_path):
-    text = film.replace('thickness = "1 mm"', 'thickness = "1 mm"\ngap = "0.05 mm"', 1)
+    text = film.replace('thickness = "1 mm"', 'thickness = "1 mm"\ngap = "50 mm"', 1)
     result = tribox(
         *("run", case_file(text), "--out", tmp_path / "out"),
         *("--set", "solver.min_step_fraction=0.6", "--set", "solver.max_iterations=5"),
