@@ -262,4 +262,3 @@ class ImplicitStepper:
     def seconds(self) -> dict[str, float]:
         """Seconds of this rank so far in each part of the solution, from assembly to solve."""
         return dict(self.problem.timer.seconds)
-

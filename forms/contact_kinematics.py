@@ -46,7 +46,6 @@ class Anchor:
     slip_length: Floats
     gap: Floats
 
-
     def of(self, take: Longs) -> Anchor:
         """The same of the points ``take`` (p,)."""
         return Anchor(

@@ -22,7 +22,6 @@ def related(points, today, anchor):
     return SimpleNamespace(**{f.name: getattr(k, f.name) for k in both for f in fields(k)})
 
 
-
 class Scene:
     """Points against a kinked master, with an anchor from an earlier step on the same facets.
 
