@@ -7,7 +7,6 @@ import os
 import shutil
 import sys
 import traceback
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -360,11 +359,8 @@ def test(context: typer.Context) -> None:
     """Run the test suite; further words go to pytest."""
     root = Path(__file__).resolve().parent.parent
     os.chdir(root)
-    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider"]
-    if not context.args and find_spec("xdist") is not None:
-        # All of it: two files at a time. What starts MPI waits its turn for the cores.
-        command += ["-n", "2", "--dist", "loadfile"]
-    os.execv(sys.executable, [*command, *context.args])
+    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", *context.args]
+    os.execv(sys.executable, command)
 
 
 @cli.command(hidden=True)

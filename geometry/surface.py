@@ -102,9 +102,9 @@ class ContactSurface:
         self.space = space
         self.dim = space.mesh.geometry.dim
         self.axisymmetric = axisymmetric
-        self.facet_length = facet_length(space.mesh, slave_facets)
         self.shape = displacement_facet(space)
         self.slave = _slave_points(space, self.shape, slave_facets, quadrature_degree)
+        self.facet_length = facet_length(space.mesh, slave_facets)
         if axisymmetric:
             self.slave.weight *= 2.0 * np.pi * self.slave.position[:, 0]
         self.master = _master_facets(space, self.shape, master_facets)
