@@ -170,19 +170,10 @@ class ImplicitStepper:
         start = self.trial.array_r.copy()
         more, reason = self._solve()
         iterations += more
-        if reason <= 0 and not problem.contacts:
-            iterations += self.predictor.restart(self.x, self.trial)
-            more, reason = self._solve()
-            iterations += more
-        elif reason <= 0 and not self._near():
+        if reason <= 0:
             self.trial.array[:] = start
-            more, reason = self._approach(APPROACH)
+            more, reason = self._other_ways(reason)
             iterations += more
-            if reason <= 0 and not self._touching:
-                self.x.copy(self.trial)
-                self.trial.array[:] = problem.held_values(self.trial)
-                more, reason = self._approach(SEARCH)
-                iterations += more
         if reason > 0 and not problem.is_evaluated(self.trial):
             problem.residual(None, self.trial, self._residual)
         return StepResult(
@@ -194,6 +185,26 @@ class ImplicitStepper:
             reason=reason,
             residuals=self.residuals,
         )
+
+    def _other_ways(self, reason: int) -> tuple[int, int]:
+        """Solve from ``trial``, the predicted start, where Newton's method failed from there.
+
+        Args:
+            reason: why it failed; returned where there is no other way.
+        """
+        if not self.problem.contacts:
+            started = self.predictor.restart(self.x, self.trial)
+            more, reason = self._solve()
+            return started + more, reason
+        if self._near():
+            return 0, reason
+        iterations, reason = self._approach(APPROACH)
+        if reason <= 0 and not self._touching:
+            self.x.copy(self.trial)
+            self.trial.array[:] = self.problem.held_values(self.trial)
+            more, reason = self._approach(SEARCH)
+            iterations += more
+        return iterations, reason
 
     def _solve(self) -> tuple[int, int]:
         """Newton iterations with line search; where that stalls, on with whole steps.

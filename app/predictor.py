@@ -73,8 +73,11 @@ class Predictor:
 
         Past a kink of the path (the last points stop sticking, say) the extrapolation is no help,
         while the tangent factorised last, of the new branch, knows where to go from ``x`` itself.
+        An iterative solver has nothing at hand that would be cheaper than an iteration.
         """
         extrapolated = self._extrapolate(trial, ratio)
+        if not self.solver.direct:
+            return
         norm = self._correct(trial, extrapolated, 1)
         if norm <= WORTHWHILE * extrapolated:
             return
@@ -136,7 +139,7 @@ class Predictor:
             norm: of that residual.
             times: corrections at most.
         """
-        for _ in range(times if self.solver.direct else 0):
+        for _ in range(times):
             if not np.isfinite(norm) or norm == 0.0:
                 break
             before = trial.array_r.copy()

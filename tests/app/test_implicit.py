@@ -9,7 +9,7 @@ from mpi4py import MPI
 from app.case import Case
 from app.implicit import ImplicitStepper
 from app.model import build_model
-from app.simulation import Simulation
+from app.simulation import Observer, Simulation
 
 # A soft cylinder on a soft block: half the contact zone closes in the first step, all of it with
 # points that open and close against each other's facets.
@@ -48,14 +48,9 @@ steps = 2
 """
 
 
-class Quiet:
-    def __getattr__(self, name):
-        return lambda *args, **kwargs: None
-
-
 def pressed():
     sim = Simulation(build_model(Case.model_validate(tomllib.loads(CYLINDER)), MPI.COMM_SELF))
-    sim.run(Quiet())
+    sim.run(Observer())
     return sim
 
 
@@ -92,7 +87,7 @@ def test_a_force_finds_the_other_body_from_the_first_touch():
         "platen": {"direction": "y", "force": [["0 s", "0 N"], ["1 s", "0.05 N"]]},
     }
     sim = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
-    sim.run(Quiet())
+    sim.run(Observer())
     assert [row.attempts for row in sim.rows] == [1, 1]
     assert [row.normal_force for row in sim.rows] == pytest.approx([0.025, 0.05], rel=1e-6)
     # None of the pull is left in the solution.

@@ -9,7 +9,7 @@ from mpi4py import MPI
 from app.case import Case
 from app.linear_solver import DIRECT, DIRECT_LIMIT, KRYLOV, linear_options, rigid_modes
 from app.model import build_model
-from app.simulation import Simulation
+from app.simulation import Observer, Simulation
 from tests.app.conftest import BLOCK
 
 
@@ -31,11 +31,7 @@ def simulated(linear):
     data["solver"] = {"linear": linear, "tolerance": 1e-10}
     sim = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
 
-    class Quiet:
-        def __getattr__(self, name):
-            return lambda *args, **kwargs: None
-
-    sim.run(Quiet())
+    sim.run(Observer())
     return sim
 
 
@@ -100,12 +96,8 @@ def test_nearly_incompressible_in_space_with_friction_and_a_platen():
 
     sim.stepper.solver.ksp.setMonitor(count)
 
-    class Quiet:
-        def __getattr__(self, name):
-            return lambda *args, **kwargs: None
-
-    sim.run(Quiet())
-    direct.run(Quiet())
+    sim.run(Observer())
+    direct.run(Observer())
     assert [row.attempts for row in sim.rows] == [1, 1, 1]
     assert 5 < max(counts) < 60
     assert sim.rows[-1].normal_force == pytest.approx(0.4, rel=1e-4)

@@ -10,7 +10,7 @@ from mpi4py import MPI
 from app.case import Case
 from app.model import build_model
 from app.predictor import Predictor, lagrange_weights
-from app.simulation import Simulation
+from app.simulation import Observer, Simulation
 from tests.app.conftest import BLOCK
 
 
@@ -33,8 +33,8 @@ def simulation(**changes):
     return Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
 
 
-class Quiet:
-    """An observer that keeps what it is told."""
+class Results(Observer):
+    """Keeps what it is told of the steps."""
 
     def __init__(self):
         self.results = []
@@ -42,12 +42,9 @@ class Quiet:
     def step(self, simulation, row, result):
         self.results.append(result)
 
-    def __getattr__(self, name):
-        return lambda *args, **kwargs: None
-
 
 def run(sim):
-    seen = Quiet()
+    seen = Results()
     sim.run(seen)
     return seen.results
 

@@ -63,6 +63,7 @@ def along(text: str, path: list[tuple[float, float, float]]) -> dict:
         "y": [[t, y * MM] for t, _, y in path],
     }
     data["stage"] = [{"name": name, "duration": 1.0, "steps": 6} for name in STAGES]
+    data["contact"][0]["quadrature_degree"] = 3  # the bounds below are those of two points a facet
     return data
 
 
@@ -74,7 +75,7 @@ def lifted(block) -> tuple[Simulation, int]:
 def test_lift_off_and_re_contact_need_no_tuning(lifted):
     run, cuts = lifted
     assert cuts == 0
-    assert max(row.newton_iterations for row in run.rows) <= 15
+    assert max(row.newton_iterations for row in run.rows) <= 12
 
 
 def test_nothing_acts_while_the_contact_is_open(lifted):
@@ -161,9 +162,11 @@ def test_block_slides_over_the_edges_of_a_coarse_master(block, tmp_path, degrees
     rows: list[Row] = run.rows
     assert rows[-1].time == pytest.approx(2.0, rel=1e-12)
     assert cuts <= 4 and sum(row.newton_iterations for row in rows) <= 600
-    # Normals that differ by up to the angle of the edge add up to less than the sum of the loads.
-    ratio = rows[-1].friction_coefficient / 0.2
-    assert 0.999 < ratio < 1.001 / math.cos(math.radians(degrees))
+    # All points slide: mu times their loads, whose resultant is less where normals differ.
+    (term,), (trial,) = run.model.problem.contacts, run.model.problem.committed
+    load = float(term.surface.slave.weight @ trial.pressure) * MM
+    assert rows[-1].tangential_force == pytest.approx(0.2 * load, rel=5e-3)
+    assert load == pytest.approx(rows[-1].normal_force, rel=1.0 - math.cos(math.radians(degrees)))
     assert all(b.dissipation >= a.dissipation for a, b in pairwise(rows))
     # The surface is no longer flat: pressure, too, pushes along it.
     assert max(abs(row.drag - row.tangential_force) for row in rows) > 2e-3
