@@ -126,14 +126,15 @@ def sliding(
     G, K = shear_and_bulk(5e6, 0.45)
     upper = Block(WIDTH, WIDTH / 2, (round(40 * refine), round(20 * refine)))
     lower = Block(2 * WIDTH, WIDTH / 2, (round(61 * refine), round(15 * refine)))
-    named = generate(TwoBlocks(upper, lower, WIDTH / 2), MPI.COMM_WORLD)
+    pair = ("elastomer_contact", "aluminium_contact")
+    named = generate(TwoBlocks(upper, lower, WIDTH / 2), MPI.COMM_WORLD, [pair])
     space = dolfinx.fem.functionspace(named.mesh, ("Lagrange", 1, (2,)))
     u = dolfinx.fem.Function(space)
     solids = [
         Solid("elastomer", u, named.cells("elastomer"), NeoHookean(G, K), formulation, 1100.0),
         Solid("aluminium", u, named.cells("aluminium"), NeoHookean(10 * G, 10 * K), "q1", 2700.0),
     ]
-    slave, master = (named.facets(f"{body}_contact") for body in ("elastomer", "aluminium"))
+    slave, master = (named.facets(name) for name in pair)
     h = WIDTH / round(40 * refine)
     law = law_of(friction, 10.0 * G / h)
     surface = ContactSurface(space, slave, master, QUADRATURE_DEGREE[2])

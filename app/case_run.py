@@ -87,6 +87,10 @@ class Solver(Model):
         default="auto",
         description="linear solver: MUMPS, or GMRES with algebraic multigrid; auto: by size",
     )
+    partition: Literal["contact", "cells"] = Field(
+        default="contact",
+        description="what ranks share out evenly: cells and slave facets, or cells only",
+    )
     petsc: dict[Text, PetscValue] = Field(
         default={}, description='PETSc options, passed through: name without "-", and value'
     )

@@ -8,6 +8,7 @@ from app.measure import turned_right
 from app.model import Model
 from forms.contact import ContactTerm, ContactTrial
 from geometry.facets import Floats
+from geometry.surface import order_by_place
 
 
 def contact_arrays(model: Model) -> dict[str, Floats] | None:
@@ -32,7 +33,8 @@ def contact_arrays(model: Model) -> dict[str, Floats] | None:
         return None
     parts = [arrays for rank in gathered for arrays in rank]
     joined = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    order = np.lexsort((*joined["reference"].T[::-1], joined["pair"]))
+    order = order_by_place(joined["reference"])
+    order = order[np.argsort(joined["pair"][order], kind="stable")]
     return {name: values[order] for name, values in joined.items()}
 
 

@@ -127,7 +127,8 @@ def _energies(rows: list[dict[str, Any]]) -> Figure:
     )
     axes.set_xlabel("step")
     axes.set_ylabel("energy (J)")
-    axes.legend(loc="upper left", fontsize=8)
+    # Below: areas and lines may fill all of the axes.
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.15), ncols=3, fontsize=8)
     return figure
 
 

@@ -28,6 +28,7 @@ from forms.kinematics import Section
 from forms.materials import Hencky, Material, MooneyRivlin, NeoHookean, oedometric_modulus
 from forms.solids import DEGREE, Formulation, Solid
 from forms.stribeck import StribeckLaw
+from geometry import metis
 from geometry.facets import Floats
 from geometry.mesh import MeshError, NamedMesh, bodies_sharing_nodes, generate, read
 from geometry.surface import ContactSurface, integration_facets
@@ -109,6 +110,10 @@ def build_model(case: Case, comm: MPI.Comm) -> Model:
         for name, body in case.bodies.items()
     ]
     notes = notes_on(case) + list(_locking_bodies(named, materials, degree))
+    if comm.size > 1 and case.solver.partition == "contact" and not metis.is_available():
+        notes.append(
+            "METIS (libmetis.so.5) is not installed: slave facets may be on few of the ranks"
+        )
     contacts = [
         _contact(case, index, named, space, section, materials, notes)
         for index in range(len(case.contact))
@@ -191,10 +196,12 @@ def make_mesh(case: Case, comm: MPI.Comm) -> NamedMesh:
         InputError: no such file, body or surface, or bodies that are glued together.
     """
     geometry = case.geometry
+    shared = case.solver.partition == "contact"
+    contacts = [(contact.slave, contact.master) for contact in case.contact] if shared else []
     try:
         if isinstance(geometry, case_bodies.GeneratedGeometry):
-            return generate(geometry.shape(), comm)
-        named = read(Path(geometry.mesh), comm)
+            return generate(geometry.shape(), comm, contacts)
+        named = read(Path(geometry.mesh), comm, contacts)
         try:
             _check_names(case, named)
             _check_section(case, named)

@@ -112,14 +112,14 @@ class Recorder(Observer):
             self.warnings.extend(self._deep_contacts())
         self._fields.close()
         explicit = {} if simulation.explicit is None else simulation.explicit.summary()
-        memory = self.comm.gather(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0)
+        shares = self.comm.gather(self._share())
         if self.first:
             write_history(self.directory / "history.csv", simulation.rows)
             if simulation.explicit is not None:
                 motion = simulation.explicit.motion
                 write_table(self.directory / "motion.csv", motion.columns, motion.rows)
             self._write_series()
-            summary = self._summary(simulation, status, memory or [])
+            summary = self._summary(simulation, status, shares or [])
             parts = {"explicit": explicit} if explicit else {}
             write_json(self.directory / "summary.json", summary | parts | {"failure": failure})
 
@@ -193,7 +193,19 @@ class Recorder(Observer):
             f"{sets}\n  </Collection>\n</VTKFile>\n",
         )
 
-    def _summary(self, simulation: Simulation, status: str, memory: list[float]) -> dict[str, Any]:
+    def _share(self) -> dict[str, Any]:
+        """What this rank has of the work."""
+        topology = self.model.named.mesh.topology
+        terms = self.model.problem.contacts
+        return {
+            "memory_MiB": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0, 1),
+            "cells": topology.index_map(topology.dim).size_local,
+            "contact_points": sum(len(term.surface.slave.weight) for term in terms),
+        }
+
+    def _summary(
+        self, simulation: Simulation, status: str, shares: list[dict[str, Any]]
+    ) -> dict[str, Any]:
         rows = simulation.rows
         problem = self.model.problem
         wall = time.perf_counter() - self._started
@@ -219,7 +231,7 @@ class Recorder(Observer):
             "dofs": int(problem.space.dofmap.index_map.size_global * problem.dim),
             "ranks": self.comm.size,
             "seconds": {"run": round(wall, 4), **timings},
-            "memory_MiB_per_rank": [round(m, 1) for m in memory],
+            **{f"{part}_per_rank": [share[part] for share in shares] for part in shares[0]},
             "versions": {
                 "tribox": _version(),
                 "dolfinx": dolfinx.__version__,

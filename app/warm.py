@@ -34,8 +34,8 @@ GROUPS = (
     _Group("quadrilateral", "plane-strain", ("q1", "q1-sri"), (3, 5, 9)),
     _Group("triangle", "plane-strain", ("q1",), (3, 5, 9)),
     _Group("quadrilateral", "axisymmetric", ("q1-sri",), ()),
-    _Group("hexahedron", "3D", ("q1-sri",), (3,)),
-    _Group("tetrahedron", "3D", ("q1",), (3,)),
+    _Group("hexahedron", "3D", ("q1-sri",), (5,)),
+    _Group("tetrahedron", "3D", ("q1",), (5,)),
 )
 
 

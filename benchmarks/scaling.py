@@ -209,15 +209,17 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("levels", type=int, nargs="+")
     parser.add_argument("--nu", type=float, default=0.45)
     parser.add_argument("--linear", default="krylov")
+    parser.add_argument("--partition", choices=("contact", "cells"), default="contact")
     parser.add_argument("--steps", type=int, nargs=2, default=(2, 3))
     parser.add_argument("--petsc", nargs="*", type=setting, default=[], metavar="NAME=VALUE")
     parser.add_argument("--out", type=Path, help="file that a line per level is added to")
     given = parser.parse_args(arguments)
     comm = MPI.COMM_WORLD
     for level in given.levels:
-        solver = {"linear": given.linear, "petsc": dict(given.petsc)}
+        solver = {key: getattr(given, key) for key in ("linear", "partition")}
+        solver["petsc"] = dict(given.petsc)
         case = case_of(level, given.nu, tuple(given.steps), solver)
-        label = {"level": level, "nu": given.nu, "petsc": dict(given.petsc)}
+        label = {"level": level, "nu": given.nu, **solver}
         lines = account(case, comm, label).lines
         if comm.rank == 0 and given.out:
             with given.out.open("a") as file:

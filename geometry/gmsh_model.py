@@ -6,7 +6,7 @@ commands that need no mesh do not load it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,12 +33,14 @@ class NamedGroups:
 
     Attributes:
         dim: Dimension of the cells, 2 or 3.
+        cell_vertices: Number of vertices of a cell.
         bodies: Physical tag of each named group of cells.
         surfaces: Physical tag of each named group of facets.
         facet_counts: Number of facets of each named group of facets.
     """
 
     dim: int
+    cell_vertices: int
     bodies: dict[str, int]
     surfaces: dict[str, int]
     facet_counts: dict[str, int]
@@ -182,7 +184,30 @@ def named_groups(gmsh: ModuleType, source: str) -> NamedGroups:
     if dim == 2:
         _check_plane(gmsh, source)
     counts = {name: _check_facets(gmsh, dim, tag, name, source) for name, tag in surfaces.items()}
-    return NamedGroups(dim, bodies, surfaces, counts)
+    kind = gmsh.model.mesh.getElementTypes(dim)[0]
+    vertices = int(gmsh.model.mesh.getElementProperties(kind)[3])
+    return NamedGroups(dim, vertices, bodies, surfaces, counts)
+
+
+def vertices_and_facets(
+    gmsh: ModuleType, dim: int, tags: Iterable[int]
+) -> tuple[npt.NDArray[np.float64], list[npt.NDArray[np.int64]]]:
+    """Where the vertices are, and the facets of some surfaces.
+
+    Args:
+        gmsh: The module, from ``gmsh_session``, after ``named_groups``.
+        dim: Dimension of the cells.
+        tags: Physical tags of the surfaces.
+
+    Returns:
+        Positions (n, dim) in m, and for each surface the vertices (f, v) of its facets, as rows of
+        the positions: the numbers that DOLFINx gives the vertices on input.
+    """
+    numbers, x, _ = gmsh.model.mesh.getNodes()
+    position = np.empty((len(numbers), dim))
+    position[np.asarray(numbers, dtype=np.int64) - 1] = np.reshape(x, (-1, 3))[:, :dim]
+    facets = [np.concatenate(_facets(gmsh, dim, tag)) - 1 for tag in tags]
+    return position, facets
 
 
 def _msh_version(path: Path) -> str | None:
@@ -274,9 +299,8 @@ def _check_cells(gmsh: ModuleType, dim: int, source: str) -> None:
 
 def _check_facets(gmsh: ModuleType, dim: int, tag: int, name: str, source: str) -> int:
     """Facets of a surface must be of one kind and listed once; returns their number."""
-    rows: list[npt.NDArray[np.int64]] = []
     for entity in gmsh.model.getEntitiesForPhysicalGroup(dim - 1, tag):
-        types, _, nodes = gmsh.model.mesh.getElements(dim - 1, entity)
+        types = gmsh.model.mesh.getElementTypes(dim - 1, entity)
         if len(types) == 0:
             raise MeshError(
                 f"{source}: surface {name!r} contains {_ENTITY[dim - 1]} {entity}, "
@@ -284,7 +308,7 @@ def _check_facets(gmsh: ModuleType, dim: int, tag: int, name: str, source: str) 
             )
         if len(types) > 1:
             raise MeshError(f"{source}: surface {name!r} has facets of several kinds")
-        rows.append(_rows(gmsh, types[0], nodes[0]))
+    rows = _facets(gmsh, dim, tag)
     if len({r.shape[1] for r in rows}) > 1:
         raise MeshError(f"{source}: surface {name!r} has facets of several kinds")
     facets = np.concatenate(rows)
@@ -292,6 +316,15 @@ def _check_facets(gmsh: ModuleType, dim: int, tag: int, name: str, source: str) 
     if repeated:
         raise MeshError(f"{source}: {repeated} facets of surface {name!r} are listed twice")
     return len(facets)
+
+
+def _facets(gmsh: ModuleType, dim: int, tag: int) -> list[npt.NDArray[np.int64]]:
+    """Node tags (f, v) of a surface's facets, for each of its entities; each has one kind only."""
+    rows = []
+    for entity in gmsh.model.getEntitiesForPhysicalGroup(dim - 1, tag):
+        types, _, nodes = gmsh.model.mesh.getElements(dim - 1, entity)
+        rows.append(_rows(gmsh, types[0], nodes[0]))
+    return rows
 
 
 def _check_plane(gmsh: ModuleType, source: str) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -15,7 +15,8 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from geometry.compat import model_to_mesh
+from geometry import metis
+from geometry.compat import CellPartitioner, cell_partitioner, model_to_mesh
 from geometry.gmsh_model import (
     MeshError,
     NamedGroups,
@@ -23,9 +24,13 @@ from geometry.gmsh_model import (
     gmsh_session,
     named_groups,
     open_msh,
+    vertices_and_facets,
 )
+from geometry.partition import share_out
 
 __all__ = ["MeshError", "NamedMesh", "bodies_sharing_nodes", "generate", "read"]
+
+Contacts = Sequence[tuple[str, str]]  # names of the slave and the master surface of each pair
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,20 +84,22 @@ class NamedMesh:
         return np.asarray(self.facet_tags.find(self.surface_tag(name)), dtype=np.int32)
 
 
-def generate(shape: Shape, comm: MPI.Comm) -> NamedMesh:
+def generate(shape: Shape, comm: MPI.Comm, contacts: Contacts = ()) -> NamedMesh:
     """Mesh a built-in geometry on one process and distribute it; collective.
 
     Args:
         shape: The geometry.
         comm: Communicator of the mesh.
+        contacts: Pairs whose slave facets are shared out evenly, like the cells; without any (or
+            without METIS) only the cells are.
 
     Returns:
         The mesh, with the names that the shape's ``build`` gives.
     """
-    return _load(lambda gmsh: shape.build(), type(shape).__name__, comm)
+    return _load(lambda gmsh: shape.build(), type(shape).__name__, comm, contacts)
 
 
-def read(path: Path, comm: MPI.Comm) -> NamedMesh:
+def read(path: Path, comm: MPI.Comm, contacts: Contacts = ()) -> NamedMesh:
     """Read a gmsh file (``.msh``, version 2 or 4) on one process and distribute it; collective.
 
     Every cell must be in a named physical group (a body); named groups of facets become surfaces,
@@ -102,6 +109,7 @@ def read(path: Path, comm: MPI.Comm) -> NamedMesh:
     Args:
         path: The file.
         comm: Communicator of the mesh.
+        contacts: As in ``generate``; names that the file does not have are passed over.
 
     Returns:
         The mesh with the file's names.
@@ -109,7 +117,7 @@ def read(path: Path, comm: MPI.Comm) -> NamedMesh:
     Raises:
         MeshError: On all processes, if the file cannot be used; the message names it.
     """
-    return _load(lambda gmsh: open_msh(gmsh, Path(path)), str(path), comm)
+    return _load(lambda gmsh: open_msh(gmsh, Path(path)), str(path), comm, contacts)
 
 
 def bodies_sharing_nodes(named: NamedMesh) -> list[tuple[str, str]]:
@@ -140,24 +148,45 @@ def bodies_sharing_nodes(named: NamedMesh) -> list[tuple[str, str]]:
     ]
 
 
-def _load(fill: Callable[[ModuleType], None], source: str, comm: MPI.Comm) -> NamedMesh:
+def _load(
+    fill: Callable[[ModuleType], None], source: str, comm: MPI.Comm, contacts: Contacts
+) -> NamedMesh:
     """Fill a gmsh model on the first process, check it there, and distribute it."""
     with ExitStack() as stack:
-        model, groups, problem = None, None, None
+        gmsh, groups, problem = None, None, None
         if comm.rank == 0:
             try:
                 gmsh = stack.enter_context(gmsh_session(source))
                 fill(gmsh)
                 groups = named_groups(gmsh, source)
-                model = gmsh.model
             except Exception as error:
                 problem = error
         groups = _agreed(comm, groups, problem)
-        mesh, cell_tags, facet_tags = model_to_mesh(model, comm, 0, gdim=groups.dim)
+        model = None if gmsh is None else gmsh.model
+        partitioner = _partitioner(gmsh, groups, comm, contacts)
+        mesh, cell_tags, facet_tags = model_to_mesh(model, comm, 0, groups.dim, partitioner)
     mesh.topology.create_entities(groups.dim - 1)
     named = NamedMesh(mesh, cell_tags, facet_tags, groups.bodies, groups.surfaces)
     _check_facets_found(named, groups, source)
     return named
+
+
+def _partitioner(
+    gmsh: ModuleType | None, groups: NamedGroups, comm: MPI.Comm, contacts: Contacts
+) -> CellPartitioner | None:
+    """Shares out cells and slave facets; None where DOLFINx's own will do; collective."""
+    known = [pair for pair in contacts if groups.surfaces.keys() >= set(pair)]
+    if comm.size == 1 or not known or not comm.bcast(metis.is_available(), root=0):
+        return None
+
+    def parts_of(vertices: npt.NDArray[np.int64], parts: int) -> npt.NDArray[np.int32]:
+        assert gmsh is not None, "the cells are where the model is"
+        tags = [groups.surfaces[name] for pair in known for name in pair]
+        position, facets = vertices_and_facets(gmsh, groups.dim, tags)
+        pairs = list(zip(facets[::2], facets[1::2], strict=True))
+        return share_out(vertices.reshape(-1, groups.cell_vertices), position, pairs, parts)
+
+    return cell_partitioner(parts_of)
 
 
 def _agreed(comm: MPI.Comm, groups: NamedGroups | None, problem: Exception | None) -> NamedGroups:

@@ -337,7 +337,7 @@ def _master_facets(
     gathered = mesh.comm.allgather((glob.reshape(local.shape), position))
     nodes = np.concatenate([g for g, _ in gathered])
     where = np.concatenate([p for _, p in gathered])
-    order = _by_place(where[:, : shape.corners].mean(axis=1))
+    order = order_by_place(where[:, : shape.corners].mean(axis=1))
     nodes, where = nodes[order], where[order]
     unique, first, inverse = np.unique(nodes.reshape(-1), return_index=True, return_inverse=True)
     return MasterFacets(
@@ -371,11 +371,11 @@ def _outward(
     return local, position
 
 
-def _by_place(middle: Floats) -> NDArray[np.int64]:
-    """Order of facets by their middles (f, i), which no round-off of the partition can change."""
-    size = float(np.ptp(middle, axis=0).max()) or 1.0
+def order_by_place(position: Floats) -> NDArray[np.int64]:
+    """Order of points (q, i), by x first, which no round-off of the partition can change."""
+    size = float(np.ptp(position, axis=0).max()) or 1.0
     # An offset keeps round numbers away from the boundaries of rounding.
-    steps = np.floor((middle - middle.min(axis=0)) / (1e-8 * size) + 0.3183)
+    steps = np.floor((position - position.min(axis=0)) / (1e-8 * size) + 0.3183)
     return np.lexsort(steps.T[::-1])
 
 

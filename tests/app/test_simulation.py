@@ -251,6 +251,9 @@ def test_results_agree_with_the_history(block, tmp_path):
     assert {"assembly", "contact", "linear solve", "run"} <= set(summary["seconds"])
     assert {"tribox", "dolfinx", "petsc"} <= set(summary["versions"])
     assert summary["memory_MiB_per_rank"][0] > 10.0
+    (cells,), (points,) = summary["cells_per_rank"], summary["contact_points_per_rank"]
+    assert cells == run.model.named.mesh.topology.index_map(2).size_global
+    assert points == 2 * len(run.model.named.facets("elastomer_contact"))
 
     assert [time for time, _ in outputs(out)] == [row["time"] for row in rows]
     assert (out / "fields.bp" / "md.idx").stat().st_size > 0

@@ -344,6 +344,15 @@ def test_truncated_file_gets_one_line(msh, version, share):
     assert "\n" not in str(caught.value)
 
 
+def contact_shares(comm):
+    """Cells and slave facets of this rank, of a mesh that contact is shared out for."""
+    pairs = [("elastomer_contact", "aluminium_contact"), ("no", "such surface")]
+    named = generate(BLOCKS, comm, pairs)
+    maps = [named.mesh.topology.index_map(dim) for dim in (2, 1)]
+    slaves = named.facets("elastomer_contact")
+    return maps[0].size_local, int(np.count_nonzero(slaves < maps[1].size_local))
+
+
 def facts(path, comm):
     """What must not depend on the number of processes, and every process's error."""
     named, strip = generate(BLOCKS, comm), read(path, comm)
@@ -353,6 +362,7 @@ def facts(path, comm):
         "measures": measures(named),
         "strip": measures(strip),
         "cells": named.mesh.topology.index_map(2).size_global,
+        "shares": [comm.allgather(share) for share in contact_shares(comm)],
         "glued": [bodies_sharing_nodes(named), bodies_sharing_nodes(strip)],
         "errors": comm.gather(str(caught.value)),
     }
@@ -395,6 +405,11 @@ def test_same_on_one_and_two_ranks(msh):
     for key in ("measures", "strip"):
         assert two[key] == pytest.approx(one[key], rel=1e-12)
     assert two["cells"] == one["cells"] == 97
+    # Contact is shared out as evenly as cells are.
+    assert one["shares"] == [[97], [8]]
+    cells, slaves = two["shares"]
+    assert sum(cells) == 97 and min(cells) >= 46
+    assert slaves == [4, 4]
     assert two["glued"] == [[], [["left", "right"]]]
     assert one["glued"] == [[], [("left", "right")]]
 
