@@ -65,4 +65,5 @@ COPY app app
 RUN python3 -B -m app warm && chmod -R a+rX /var/cache/tribox/fenics && rm -rf /tmp/*
 
 COPY . .
+RUN python3 -m compileall -q app forms geometry
 ENTRYPOINT ["tini", "--", "tribox"]

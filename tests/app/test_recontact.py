@@ -147,26 +147,49 @@ def write_mesh(path: Path, degrees: float) -> None:
     gmsh.finalize()
 
 
-@pytest.mark.parametrize("degrees", [2.0, 10.0, -2.0, -10.0])
-def test_block_slides_over_the_edges_of_a_coarse_master(block, tmp_path, degrees):
-    """Corners and points pass convex and concave edges with the default settings."""
+def over_the_edges(block: str, tmp_path: Path, degrees: float, mu: float) -> tuple[Simulation, int]:
+    """The block pressed, and slid over the edges by more than its length; and how many cuts."""
     write_mesh(tmp_path / "ridge.msh", degrees)
     data = copy.deepcopy(tomllib.loads(block))
     data["geometry"] = {"kind": "file", "mesh": str(tmp_path / "ridge.msh"), "thickness": MM}
+    data["contact"][0]["friction"]["mu"] = mu
     data["boundary"][1]["displacement"]["x"] = [[1.0, 0.0], [2.0, 1.4 * MM]]
     data["stage"] = [
         {"name": "press", "duration": 1.0, "steps": 4},
         {"name": "slide", "duration": 1.0, "steps": 28},
     ]
     run, cuts = simulate(data)
+    assert run.rows[-1].time == pytest.approx(2.0, rel=1e-12)
+    assert all(b.dissipation >= a.dissipation for a, b in pairwise(run.rows))
+    return run, cuts
+
+
+def load_of(run: Simulation) -> float:
+    """Sum of what the points carry along their normals, N."""
+    (term,), (trial,) = run.model.problem.contacts, run.model.problem.committed
+    return float(term.surface.slave.weight @ trial.pressure) * MM
+
+
+@pytest.mark.parametrize("degrees", [2.0, 10.0, -2.0, -10.0])
+def test_block_slides_over_the_edges_of_a_coarse_master(block, tmp_path, degrees):
+    """Corners and points pass convex and concave edges with the default settings."""
+    run, cuts = over_the_edges(block, tmp_path, degrees, 0.2)
     rows: list[Row] = run.rows
-    assert rows[-1].time == pytest.approx(2.0, rel=1e-12)
     assert cuts <= 4 and sum(row.newton_iterations for row in rows) <= 600
     # All points slide: mu times their loads, whose resultant is less where normals differ.
-    (term,), (trial,) = run.model.problem.contacts, run.model.problem.committed
-    load = float(term.surface.slave.weight @ trial.pressure) * MM
+    load = load_of(run)
     assert rows[-1].tangential_force == pytest.approx(0.2 * load, rel=5e-3)
     assert load == pytest.approx(rows[-1].normal_force, rel=1.0 - math.cos(math.radians(degrees)))
-    assert all(b.dissipation >= a.dissipation for a, b in pairwise(rows))
     # The surface is no longer flat: pressure, too, pushes along it.
     assert max(abs(row.drag - row.tangential_force) for row in rows) > 2e-3
+
+
+@pytest.mark.parametrize("degrees", [10.0, 15.0])
+def test_block_is_dragged_over_a_ridge_by_much_friction(block, tmp_path, degrees):
+    """Parts of it catch, let go and catch again; few steps need to be cut."""
+    run, cuts = over_the_edges(block, tmp_path, degrees, 0.5)
+    assert cuts <= 6
+    slid = [row for row in run.rows if row.stage == "slide"][8:]
+    assert max(row.stick_fraction for row in slid) > 0.1
+    assert 0.3 < min(row.friction_coefficient for row in slid)
+    assert run.rows[-1].tangential_force < 0.5 * load_of(run)
