@@ -45,6 +45,8 @@ def share_out(cells: Longs, position: Floats, contacts: Sequence[Pair], parts: i
     Raises:
         geometry.metis.PartitionError: METIS is missing or failed.
     """
+    if parts >= len(cells):
+        return np.arange(len(cells), dtype=np.int32)
     incidence = _incidence(cells, len(position))
     dim = position.shape[1]
     # Cells that share as many vertices as the least face has are neighbours.
@@ -55,6 +57,8 @@ def share_out(cells: Longs, position: Floats, contacts: Sequence[Pair], parts: i
         (slaves, here), (masters, there) = (
             _cells_behind(facets, incidence, position) for facets in pair
         )
+        if not len(slaves) or not len(masters):
+            continue  # facets of no cell are reported later, by the surface's name
         weights.append(np.bincount(slaves, minlength=len(cells)).astype(np.int32))
         beside = masters[cKDTree(there).query(here)[1]]
         edges = np.full(len(slaves), TOUCHING, dtype=np.int32)

@@ -116,6 +116,16 @@ def test_facets_of_no_cell_are_passed_over():
     odd = np.concatenate([slave, [[slave[0, 0], master[0, 0]]]])
     found = parts.shared_out(2, [(odd, master)])
     np.testing.assert_array_equal(found, parts.shared_out(2))
+    none = odd[-1:]
+    np.testing.assert_array_equal(parts.shared_out(2, [(none, none)]), parts.shared_out(2, []))
+
+
+def test_more_parts_than_cells():
+    """A part may be empty."""
+    block = Block(1.0, 1.0, (2, 1))
+    parts = Parts(TwoBlocks(block, block))
+    for count in (4, 12):
+        assert sorted(parts.shared_out(count)) == [0, 1, 2, 3]
 
 
 def test_vertices_are_numbered_as_dolfinx_does():
