@@ -68,6 +68,8 @@ def run(
         arguments += ["--force"] * force + ([] if part is None else ["--part", str(part)])
         if shutil.which("mpirun") is None:
             raise InputError(f"--np {np}: there is no mpirun here")
+        # Open MPI refuses more ranks than cores otherwise, with a page of advice.
+        os.environ.setdefault("PRTE_MCA_rmaps_default_mapping_policy", ":oversubscribe")
         os.execvp(
             "mpirun",
             ["mpirun", "-n", str(np), sys.executable, "-m", "mpi4py", "-m", "app", *arguments],
@@ -200,9 +202,11 @@ def check(case_file: CaseFile, overrides: Overrides = None) -> None:
             print(line, file=sys.stderr)
         raise typer.Exit(2)
     case = load_case(case_file, overrides or [])
+    notes: dict[str, None] = {}  # the values of a sweep share most of theirs
     for single in [part for _, part in case.sweep_cases()] or [case]:
-        for note in _see_that_it_builds(single):
-            print(f"note: {note}")
+        notes |= dict.fromkeys(_see_that_it_builds(single))
+    for note in notes:
+        print(f"note: {note}")
     runs = len(case.sweep_cases()) or 1
     print(f"{case_file}: correct ({runs} run{'s' * (runs > 1)}, {len(case.stage)} stages)")
 

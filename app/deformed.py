@@ -19,6 +19,7 @@ from geometry.picture_space import add_facets, facet_polygons, frame, outer_face
 
 BODY_COLOURS = ("#d8c3a5", "#b8c4ce")
 SLENDER = 6.0  # width over height from which the picture is stretched
+FRAME = 2.6  # width over height of the frame round the bodies, at most
 
 
 def draw_deformed(model: Model, path: Path) -> None:
@@ -93,6 +94,11 @@ def _figure(bodies: dict[str, Floats], points: dict[str, Floats], title: str) ->
         top.plot([], [], "s", color=colour, label=name)
     top.autoscale_view()
     if not slender:
+        # Both frames share x, so equal scales change the limits of y: of tall bodies they would cut
+        # off the ends.
+        middle = 0.5e3 * (corners[:, 0].min() + corners[:, 0].max())
+        half = 0.525e3 * max(width, FRAME * height)
+        top.set_xlim(middle - half, middle + half)
         top.set_aspect("equal", adjustable="datalim")
     top.grid(False)
     pressed = points["pressure"] > 0.0

@@ -28,6 +28,8 @@ SQUEEZED = 0.2  # volume ratio J below which an element is said to be nearly col
 STIFF_PENALTY = 3e4
 SOFT_PENALTY = 0.1
 SUPPORT = "a support there (displacement), or a load that keeps it in contact"
+NEARLY = 1e-5  # residual over the contact force below which a step has all but converged
+ON_EDGE = 1e-6  # reference distance from the edge of a facet below which a point is on it
 ADRIFT = 1e-6  # share of the largest displacement by which a body moves that nothing holds
 
 # PETSc's numbers for why Newton's method ended without a solution.
@@ -69,13 +71,16 @@ class Loose:
 
 
 def loose_directions(problem: Equilibrium) -> list[Loose]:
-    """The directions in which contact or a platen alone holds a body; collective."""
+    """The directions in which contact or a platen alone holds a body; collective.
+
+    A body of revolution cannot move away from its axis: it has to widen for that.
+    """
     table = problem.space.dofmap.list
     held, found = problem.held_dofs(), []
     for solid in problem.solids:
         nodes = np.unique(table[solid.cells])
         nodes = nodes[nodes < problem.owned // problem.dim]
-        for component in range(problem.dim):
+        for component in range(1 if solid.section == "axisymmetric" else 0, problem.dim):
             here = bool(np.isin(nodes * problem.dim + component, held).any())
             if not problem.comm.allreduce(here, op=MPI.LOR):
                 found.append(Loose(solid.name, component, nodes))
@@ -220,10 +225,13 @@ def explain(
         f"{reason_of(result)}, residual {residual} of the contact force after {result.iterations} "
         f"iterations, largest at {place_text(problem.worst_place())}, undeformed"
     )
+    nearly = bool(result.residuals) and result.residuals[-1] < NEARLY
+    edges = list(_of_edges(problem)) if nearly else []
     findings = [
         *_of_supports(problem, loose),
         *_of_elements(problem, converged),
         *_of_penalties(problem),
+        *edges,
     ] or list(_of_weakening(problem))
     trials = [what for _, what in findings]
     trials.append("smaller steps (steps, slip_step) or a finer mesh")
@@ -265,3 +273,18 @@ def _of_weakening(problem: Equilibrium) -> Findings:
     for index, term in enumerate(problem.contacts):
         if isinstance(term.law, FrictionMap) and not term.law.parameters.friction.constant:
             yield f"contact.{index}: friction falls with the slip and may snap", "a lower B"
+
+
+def _of_edges(problem: Equilibrium) -> Findings:
+    """Pressed points on edges of the master, where its normal jumps, and the residual with it."""
+    for index, (term, trial) in enumerate(zip(problem.contacts, problem.trials, strict=True)):
+        target = term.surface.target
+        edge = target.shape.excess(trial.projection.xi) > -ON_EDGE
+        here = bool(np.any(edge & (trial.pressure > 0.0)))
+        if problem.comm.allreduce(here, op=MPI.LOR):
+            yield (
+                f"contact.{index}: points rest on edges between facets of the master, where the "
+                "normal jumps and the residual may not fall further",
+                "smoothing_angle for that contact (quadrilaterals, hexahedra), meshes whose nodes "
+                "do not line up, or a larger solver.tolerance",
+            )

@@ -199,6 +199,17 @@ class Equilibrium:
             for term, penalty in zip(self.contacts, penalties, strict=True):
                 term.penalty, term.reach = penalty, 0.0
 
+    @contextmanager
+    def settled(self) -> Iterator[None]:
+        """Within a ``with`` block points stay on their facets of the last evaluation at edges."""
+        try:
+            for term, trial in zip(self.contacts, self.trials, strict=True):
+                term.kept = trial.projection.facet
+            yield
+        finally:
+            for term in self.contacts:
+                term.kept = None
+
     def commit(self) -> None:
         """Make the contacts evaluated last the state that the next step starts from."""
         self.committed = list(self.trials)

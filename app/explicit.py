@@ -18,6 +18,7 @@ import dolfinx
 import numpy as np
 from mpi4py import MPI
 
+from app.diagnosis import place_text
 from app.equilibrium import Equilibrium
 from app.explicit_options import ExplicitOptions, MassScaling
 from app.free_motion import FreeMotion
@@ -148,18 +149,21 @@ class ExplicitStepper:
         """Make a step of ``dt`` (s) under today's loads, and commit it; collective.
 
         Raises:
-            ExplicitError: an element is turned inside out, or the energy runs away.
+            ExplicitError: an element is turned inside out, and the displacements are again those
+                before this step; or the energy runs away.
         """
         timer = self.problem.timer
         with timer("motion"):
             self._move(dt)
         sound = self._forces(dt)
         with timer("motion"):
+            if not sound:
+                error = folded(self.problem, self.time + dt)
+                self._take_back(dt)
+                raise error
             self._last_dt = dt
             self.time += dt
             self.steps += 1
-            if not sound:
-                raise folded(self.problem, self.time)
             for contact in self.contacts:
                 contact.commit()
             self.problem.committed = self.problem.trials
@@ -185,6 +189,11 @@ class ExplicitStepper:
             place[part.dofs] = part.value
         self._travel = place[self._held] - before
         self.v[self._held] = self._travel / dt
+        self._u.update_ghosts()
+
+    def _take_back(self, dt: float) -> None:
+        """Return to the displacements before the last step, those of the committed contacts."""
+        self._u.owned -= dt * self.v
         self._u.update_ghosts()
 
     def _leapfrog(self, mean: float, dt: float) -> None:
@@ -327,8 +336,7 @@ class ExplicitStepper:
     def limit(self) -> str:
         """What limits the step, and where, by the last estimate; collective if there is none."""
         found = self._estimate or self.estimate()
-        where = ", ".join(f"{c:.4g}" for c in found.place)
-        return f"{found.reason} at ({where}) m"
+        return f"{found.reason} at {place_text(found.place)}"
 
     def seconds(self) -> dict[str, float]:
         """Seconds of this rank so far in each part of the steps."""

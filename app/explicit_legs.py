@@ -187,9 +187,12 @@ class ExplicitLegs:
         return count, left / count
 
     def _advance(self, leg: Leg, dt: float, time: float) -> None:
+        before = self.stepper.steps
         try:
             self.stepper.advance(dt)
         except ExplicitError as error:
+            # What is saved is the last state without a folded element.
+            self.simulation.time = time if self.stepper.steps > before else time - dt
             raise SolutionError(
                 f"stage {leg.label}, time {time:.9g} s: {error}; check the loads and the mesh "
                 "there, try a smaller step_safety or a higher penalty"

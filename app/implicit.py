@@ -26,6 +26,8 @@ REUSE_SAFETY = 10.0  # margin in the estimate of what an iteration with the last
 APPROACH = ((0.03, 0.0),)
 SEARCH = ((1e-3, 2.0), (1e-3, 0.0), (0.03, 0.0))
 STALLED = 0.1  # relative residual below which a stalled line search is followed by whole steps
+KINKED = 1e-5  # relative residual from which on an iteration gains far more than GAIN, or wavers
+GAIN = 4.0
 STALL_WINDOW = 4  # iterations over which the residual must fall by a tenth not to count as stalled
 
 
@@ -82,6 +84,7 @@ class ImplicitStepper:
         self.residuals: list[float] = []
         self._largest_force = 0.0
         self._whole_steps = False
+        self._settling = False  # whether points keep to their facets
         self._touching = False  # whether anything pressed at the last converged state
         # Whether no other means are left, so that a step in trouble uses all its iterations.
         self._patient = not problem.contacts
@@ -153,12 +156,21 @@ class ImplicitStepper:
             return PETSc.SNES.ConvergedReason.CONVERGED_FNORM_RELATIVE
         if iteration >= self.options.max_iterations:
             return PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT
+        if self._wavers():
+            return PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH
         recent = self.residuals[-STALL_WINDOW - 1 :]
         stalled = len(recent) > STALL_WINDOW and recent[-1] > 0.9 * recent[0]
         hopeless = recent[-1] <= STALLED or not self._patient
         if stalled and hopeless and not self._whole_steps:
             return PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH
         return None
+
+    def _wavers(self) -> bool:
+        """Whether the iteration is so near that it should gain far more than it does."""
+        if self._settling or self._whole_steps or len(self.residuals) < 2:
+            return False
+        before, now = self.residuals[-2:]
+        return now <= KINKED and now * GAIN > before
 
     def attempt(self, dt: float) -> StepResult:
         """Try a step of ``dt`` (s) under today's loads; commits nothing; collective."""
@@ -215,6 +227,9 @@ class ImplicitStepper:
         """
         self.residuals = []
         iterations, reason = self._iterate()
+        if reason <= 0 and self._near(KINKED):
+            more, reason = self._settle()
+            iterations += more
         if reason > 0 or not self._near():
             return iterations, reason
         self._whole_steps = True
@@ -224,9 +239,22 @@ class ImplicitStepper:
         self._whole_steps = False
         return iterations + more, reason
 
-    def _near(self) -> bool:
+    def _settle(self) -> tuple[int, int]:
+        """Newton iterations in which points do not leave their facets for a neighbour at once.
+
+        The normals of two facets differ, however little, and with them the forces. A point that
+        belongs on the edge between them is pushed from each onto the other, for ever.
+        """
+        self.residuals = []
+        self._settling = True
+        with self.problem.settled():
+            iterations, reason = self._iterate()
+        self._settling = False
+        return iterations, reason
+
+    def _near(self, least: float = STALLED) -> bool:
         """Whether the last iteration came so near that the bodies touch where they will."""
-        return bool(self.residuals and self.residuals[-1] <= STALLED)
+        return bool(self.residuals and self.residuals[-1] <= least)
 
     def _approach(self, stages: Sequence[tuple[float, float]]) -> tuple[int, int]:
         """Solve with a soft contact first, and from there with the contact as it is.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -20,6 +20,14 @@ from app.diagnosis import penalty_note
 from app.equilibrium import Equilibrium, Ints
 from app.errors import InputError
 from app.load_programs import ON_AXIS, Loads
+from app.model_notes import (
+    body_of,
+    large_mesh,
+    locking_bodies,
+    loose_bodies,
+    notes_on_ranks,
+    notes_on_surfaces,
+)
 from forms.contact import ContactTerm
 from forms.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
 from forms.friction import FrictionLaw
@@ -28,12 +36,10 @@ from forms.kinematics import Section
 from forms.materials import Hencky, Material, MooneyRivlin, NeoHookean, oedometric_modulus
 from forms.solids import DEGREE, Formulation, Solid
 from forms.stribeck import StribeckLaw
-from geometry import metis
 from geometry.facets import Floats
 from geometry.mesh import MeshError, NamedMesh, bodies_sharing_nodes, generate, read
-from geometry.surface import ContactSurface, integration_facets
+from geometry.surface import ContactSurface, facet_length
 
-LOCKING = 50.0  # K/G (Poisson's ratio 0.49) from which linear triangles are said to lock
 # Degree of the quadrature on slave facets, by the dimension of space.
 QUADRATURE_DEGREE = {2: 9, 3: 5}
 OVERLAP = 0.01  # depth over facet length up to which bodies only touch at the start
@@ -109,11 +115,8 @@ def build_model(case: Case, comm: MPI.Comm) -> Model:
         )
         for name, body in case.bodies.items()
     ]
-    notes = notes_on(case) + list(_locking_bodies(named, materials, degree))
-    if comm.size > 1 and case.solver.partition == "contact" and not metis.is_available():
-        notes.append(
-            "METIS (libmetis.so.5) is not installed: slave facets may be on few of the ranks"
-        )
+    notes = notes_on(case) + list(locking_bodies(named, materials, degree))
+    notes += [*large_mesh(case, named), *notes_on_ranks(case, named)]
     contacts = [
         _contact(case, index, named, space, section, materials, notes)
         for index in range(len(case.contact))
@@ -124,7 +127,7 @@ def build_model(case: Case, comm: MPI.Comm) -> Model:
     loads.check_corners()
     problem = Equilibrium(u, solids, contacts, loads.prescribed, loads.platens, loads.pressures)
     if any(solver_of(stage, case.solver.kind) == "implicit" for stage in case.stage):
-        notes += _loose_bodies(case, named, section)
+        notes += loose_bodies(case, named, section)
     onset = [
         term.law.parameters.film_onset_pressure if isinstance(term.law, FrictionMap) else 0.0
         for term in contacts
@@ -151,42 +154,6 @@ def initial_velocity(model: Model) -> Floats:
             components = [getattr(body.velocity, c) for c in COMPONENTS[: model.problem.dim]]
             velocity[body_dofs(model, name)] = components
     return velocity
-
-
-def _locking_bodies(named: NamedMesh, materials: dict[str, Material], degree: int) -> Iterator[str]:
-    """A line on each nearly incompressible body of linear triangles or tetrahedra, which lock."""
-    cure = {"triangle": ("triangles", "quadrilateral"), "tetrahedron": ("tetrahedra", "hexahedron")}
-    if degree > 1 or named.mesh.topology.cell_name() not in cure:
-        return
-    plural, other = cure[named.mesh.topology.cell_name()]
-    for name, material in materials.items():
-        ratio = material.bulk_modulus / material.shear_modulus
-        if ratio > LOCKING:
-            yield (
-                f"body {name}: linear {plural} lock with K/G = {ratio:.3g} and are far too stiff; "
-                f'use cell = "{other}" with formulation = "q1-sri", or formulation = "q2"'
-            )
-
-
-def _loose_bodies(case: Case, named: NamedMesh, section: Section) -> Iterator[str]:
-    """A line on each body and direction that only contact holds; collective.
-
-    A platen counts as a support where the bodies touch from the start, as they are meant to then.
-    A body of revolution cannot move away from its axis.
-    """
-    touching = getattr(case.geometry, "gap", 0.0) == 0.0
-    held: dict[str, set[str]] = {name: set() for name in named.bodies}
-    for boundary in case.boundary:
-        found = {part for part, keys in boundary.prescribed() if touching or keys[0] != "platen"}
-        held[_body_of(named, boundary.surface)] |= found
-    needed = ("y",) if section == "axisymmetric" else COMPONENTS[: named.mesh.geometry.dim]
-    for name, directions in held.items():
-        for direction in needed:
-            if direction not in directions:
-                yield (
-                    f"body {name}: no boundary prescribes a displacement in {direction}; "
-                    "only contact holds it there"
-                )
 
 
 def make_mesh(case: Case, comm: MPI.Comm) -> NamedMesh:
@@ -309,7 +276,7 @@ def _contact(
         )
     except ValueError as error:
         raise InputError(f"contact.{index}: {error}") from None
-    owners = [_body_of(named, name) for name in (contact.slave, contact.master)]
+    owners = [body_of(named, name) for name in (contact.slave, contact.master)]
     if oedometric_modulus(materials[owners[0]]) > 10.0 * oedometric_modulus(materials[owners[1]]):
         notes.append(
             f"contact.{index}: the slave {contact.slave} is on the stiffer body {owners[0]}; the "
@@ -324,7 +291,10 @@ def _contact(
     softer = min(bodies, key=oedometric_modulus)
     length = surface.facet_length
     stiffness = oedometric_modulus(softer) / length
-    _check_overlap(f"contact.{index}", contact, surface, length)
+    distance = _checked_distance(f"contact.{index}", contact, surface, length)
+    notes += notes_on_surfaces(
+        f"contact.{index}", contact, (length, facet_length(named.mesh, master)), distance
+    )
     penalty = contact.penalty or (contact.penalty_factor or 0.0) * stiffness
     note = penalty_note(index, penalty / stiffness)
     if note is not None:
@@ -336,9 +306,9 @@ def _contact(
     return ContactTerm(surface, law, penalty, contact.film.film() if contact.film else 0.0)
 
 
-def _check_overlap(
+def _checked_distance(
     place: str, contact: case_contact.Contact, surface: ContactSurface, length: float
-) -> None:
+) -> float:
     """Refuse surfaces that overlap, or face away from each other, before anything has moved.
 
     Args:
@@ -346,16 +316,26 @@ def _check_overlap(
         contact: what the case says.
         surface: its surfaces.
         length: m, mean length of a slave facet.
+
+    Returns:
+        Their distance, m; infinite if no slave point is above the master.
     """
     points, nodes = surface.slave.position, surface.master.position
     at = surface.project(points, nodes)
     local = float(np.max(-at.gap, where=at.on_surface, initial=0.0))
     depth = surface.space.mesh.comm.allreduce(local, op=MPI.MAX)
     if depth > OVERLAP * length:
+        smooth = (
+            "; a smooth master bulges beyond its facets where flats and arcs meet: leave a gap, or "
+            "lower smoothing_angle"
+        )
         raise InputError(
             f"{place}: {contact.slave} starts {depth:.3g} m inside {contact.master} (or faces away "
             "from it); the bodies may touch at the start, not overlap"
+            + (smooth if contact.smoothing_angle is not None else "")
         )
+    nearest = float(np.min(np.abs(at.gap), where=at.on_surface, initial=np.inf))
+    return float(surface.space.mesh.comm.allreduce(nearest, op=MPI.MIN))
 
 
 def _law(friction: case_contact.Friction, stiffness: float, onset: float) -> FrictionLaw:
@@ -378,17 +358,3 @@ def _law(friction: case_contact.Friction, stiffness: float, onset: float) -> Fri
     if isinstance(friction, case_contact.OwnLaw):
         return friction.friction_law()
     return FrictionlessLaw()
-
-
-def _body_of(named: NamedMesh, surface: str) -> str:
-    """The body that a surface belongs to; collective."""
-    mesh = named.mesh
-    pairs = integration_facets(mesh, named.facets(surface)).reshape(-1, 2)
-    tags = {
-        int(tag) for tag in named.cell_tags.values[np.isin(named.cell_tags.indices, pairs[:, 0])]
-    }
-    found = set().union(*mesh.comm.allgather(tags))
-    names = [name for name, tag in named.bodies.items() if tag in found]
-    if len(names) != 1:
-        raise InputError(f'surface "{surface}" must lie on one body; it lies on {sorted(names)}')
-    return names[0]

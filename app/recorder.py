@@ -128,6 +128,11 @@ class Recorder(Observer):
         if self.first:
             write_history(self.directory / "history.csv", simulation.rows)
 
+    @property
+    def last_output(self) -> tuple[float, str]:
+        """Time, s, and file of contact points of the last output; there must be one."""
+        return self._outputs[-1]
+
     def _output(self, simulation: Simulation) -> None:
         if simulation.step == self._last_output:
             return

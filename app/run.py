@@ -68,7 +68,7 @@ def run_case(
         if reporter:
             reporter.note(f"failed: {error}")
             _say_warnings(reporter, recorder)
-            reporter.say(_saved_line(simulation, directory))
+            reporter.say(_saved_line(simulation, recorder, directory))
         raise
     except KeyboardInterrupt:
         if reporter:
@@ -86,15 +86,17 @@ def _say_warnings(reporter: Reporter, recorder: Recorder) -> None:
         reporter.say(f"warning: {warning}")
 
 
-def _saved_line(simulation: Simulation, directory: Path) -> str:
+def _saved_line(simulation: Simulation, recorder: Recorder, directory: Path) -> str:
     """Where the last converged state of a failed run is."""
     step = simulation.step
     if step == 0:
         return f"no step was solved, so {directory} holds no state"
+    # An explicit run fails between two rows; its last output may be that of the row before.
+    time, points = recorder.last_output
+    what = "converged" if simulation.explicit is None else "sound"
     return (
-        f"the last converged state, step {step} at time {simulation.time:.6g} s, is saved in "
-        f"{directory}: last output of fields.bp and stress.bp, contact/{step:06d}.vtu, and the "
-        "steps that led there in history.csv"
+        f"the last {what} state, step {step} at time {time:.6g} s, is saved in {directory}: last "
+        f"output of fields.bp and stress.bp, {points}, and the steps that led there in history.csv"
     )
 
 

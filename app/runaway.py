@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from mpi4py import MPI
 
+from app.diagnosis import place_text
 from app.equilibrium import Equilibrium
 from forms.materials import oedometric_modulus
 from geometry.facets import Floats
@@ -24,8 +25,7 @@ class ExplicitError(Exception):
 
     def __init__(self, reason: str, place: tuple[float, ...], time: float) -> None:
         """Say what happened, where and when."""
-        where = ", ".join(f"{c:.4g}" for c in place)
-        super().__init__(f"{reason} at ({where}) m, undeformed")
+        super().__init__(f"{reason} at {place_text(place)}, undeformed")
         self.reason, self.place, self.time = reason, place, time
 
 

@@ -85,6 +85,8 @@ class ContactTerm:
         state: the committed :class:`ContactState`; changed by :meth:`commit` only.
         penalty: K_N, Pa/m.
         reach: m, 0 but while a first contact is sought: up to this gap the penalty also pulls.
+        kept: (q,) master facets that the points do not leave for a neighbour at once; None but
+            while the points on edges are settled.
     """
 
     def __init__(
@@ -110,6 +112,7 @@ class ContactTerm:
         self.penalty = penalty
         self.rate_dependent = True
         self.reach = 0.0
+        self.kept: Ints | None = None
         q = len(surface.slave.weight)
         self.film = film_thickness(film)
         self.film.at(np.zeros(q))  # Refuses a field that is not one of these points.
@@ -133,7 +136,7 @@ class ContactTerm:
         Nothing is changed; the evaluation of the same ``x`` twice in a row costs one gather.
         """
         slave, master = self.surface.displacements(x)
-        key = (dt, self.rate_dependent, self.penalty, self.reach)
+        key = (dt, self.rate_dependent, self.penalty, self.reach, id(self.kept))
         if self._last is not None and self._last[0] == key:
             _, last_slave, last_master, trial = self._last
             if np.array_equal(slave, last_slave) and np.array_equal(master, last_master):
@@ -145,7 +148,7 @@ class ContactTerm:
     def _evaluate(self, slave: Floats, master: Floats, dt: float) -> ContactTrial:
         points = self.surface.slave_positions(slave)
         nodes = self.surface.master.position + master
-        today = self.surface.project(points, nodes)
+        today = self.surface.project(points, nodes, self.kept)
         anchor = self.anchor(nodes)
         kinematics = relate(points, today, anchor, self.reach)
         pull = np.inf if self.reach > 0.0 else 0.0  # what a closed point may pull with

@@ -22,12 +22,13 @@ class PairStiffness:
     """
 
     def __init__(self, contact: ExplicitContact) -> None:
-        """Ask the law for its stiffness and its largest viscosity at rest and in motion."""
+        """Ask the law for its stiffness at rest and its largest viscosity in motion; collective."""
         self.contact = contact
         term = contact.term
         self.normal = term.penalty
-        self.tangential = elastic_stiffness(term)
-        self.viscosity = term.surface.space.mesh.comm.allreduce(largest_viscosity(term), op=MPI.MAX)
+        comm = term.surface.space.mesh.comm
+        self.tangential = comm.allreduce(elastic_stiffness(term), op=MPI.MAX)
+        self.viscosity = comm.allreduce(largest_viscosity(term), op=MPI.MAX)
         self._values = np.zeros((len(contact.exchange.nodes), term.surface.dim))
 
     def add(self, w: NodalVector, out: NodalVector, viscous: bool) -> None:
@@ -50,7 +51,7 @@ class PairStiffness:
 
 
 def elastic_stiffness(term: ContactTerm) -> float:
-    """Largest stiffness against slip of a point at rest, Pa/m."""
+    """Largest stiffness against slip of any point of this rank at rest, Pa/m."""
     q, dim = len(term.surface.slave.weight), term.surface.dim
     if q == 0:
         return 0.0
@@ -67,7 +68,7 @@ def elastic_stiffness(term: ContactTerm) -> float:
 
 
 def largest_viscosity(term: ContactTerm) -> float:
-    """Largest viscous traction per slip speed of any point, Pa s/m, by trying out the law."""
+    """Largest viscous traction per slip speed of any point of this rank, Pa s/m, by trials."""
     q, dim = len(term.surface.slave.weight), term.surface.dim
     largest, stretch = 0.0, term.state.stretch
     for speed, level in itertools.product(PROBES, _pressures(term)) if q else ():

@@ -46,7 +46,7 @@ def closest_points(shape: FacetShape, nodes: Floats, points: Floats) -> Closest:
     """
     if shape.count == 2:
         return _on_segment(nodes, points)
-    xi, found = _stationary(shape, nodes, points)
+    xi, found = stationary_points(shape, nodes, points)
     found &= shape.excess(xi) <= SEAM
     out = Closest(xi, np.empty(len(xi)), np.full(len(xi), INTERIOR, dtype=np.int32))
     apart = points - np.einsum("pa,pai->pi", shape.values(xi), nodes)
@@ -93,8 +93,10 @@ def _on_side(number: int, side: Side, nodes: Floats, points: Floats) -> Closest:
     return Closest(side.origin + along.xi * side.direction, along.squared, entity.astype(np.int32))
 
 
-def _stationary(shape: FacetShape, nodes: Floats, points: Floats) -> tuple[Floats, Bools]:
+def stationary_points(shape: FacetShape, nodes: Floats, points: Floats) -> tuple[Floats, Bools]:
     """Coordinates (p, α) where the distance is least inside or near the domain, and whether found.
+
+    That of a flat facet may be anywhere in its plane.
 
     Newton's method for min ½ |x − ȳ(ξ)|² from the nearest of some samples, with the Gauss–Newton
     matrix where the Hessian is not positive definite, and halved steps where they lead away.

@@ -183,9 +183,12 @@ def named_groups(gmsh: ModuleType, source: str) -> NamedGroups:
     _check_cells(gmsh, dim, source)
     if dim == 2:
         _check_plane(gmsh, source)
-    counts = {name: _check_facets(gmsh, dim, tag, name, source) for name, tag in surfaces.items()}
     kind = gmsh.model.mesh.getElementTypes(dim)[0]
     vertices = int(gmsh.model.mesh.getElementProperties(kind)[3])
+    corners = np.unique(np.asarray(gmsh.model.mesh.getElementsByType(kind)[1], dtype=np.int64))
+    counts = {
+        name: _check_facets(gmsh, dim, tag, name, source, corners) for name, tag in surfaces.items()
+    }
     return NamedGroups(dim, vertices, bodies, surfaces, counts)
 
 
@@ -297,8 +300,24 @@ def _check_cells(gmsh: ModuleType, dim: int, source: str) -> None:
         raise MeshError(f"{source}: {folded} cells are folded or without extent")
 
 
-def _check_facets(gmsh: ModuleType, dim: int, tag: int, name: str, source: str) -> int:
-    """Facets of a surface must be of one kind and listed once; returns their number."""
+def _check_facets(
+    gmsh: ModuleType,
+    dim: int,
+    tag: int,
+    name: str,
+    source: str,
+    corners: npt.NDArray[np.int64],
+) -> int:
+    """Facets of a surface must be of one kind, on cells and listed once; returns their number.
+
+    Args:
+        gmsh: The module.
+        dim: Dimension of the cells.
+        tag: Of the surface.
+        name: Of the surface.
+        source: What the messages call the model.
+        corners: (n,) tags of the nodes of all cells, sorted.
+    """
     for entity in gmsh.model.getEntitiesForPhysicalGroup(dim - 1, tag):
         types = gmsh.model.mesh.getElementTypes(dim - 1, entity)
         if len(types) == 0:
@@ -312,6 +331,13 @@ def _check_facets(gmsh: ModuleType, dim: int, tag: int, name: str, source: str) 
     if len({r.shape[1] for r in rows}) > 1:
         raise MeshError(f"{source}: surface {name!r} has facets of several kinds")
     facets = np.concatenate(rows)
+    # Nodes that are of no cell would make DOLFINx abort the program.
+    adrift = int(np.count_nonzero(~np.isin(facets, corners).all(axis=1)))
+    if adrift:
+        raise MeshError(
+            f"{source}: {adrift} of the {len(facets)} facets of surface {name!r} are not on the "
+            f"boundary of any cell; is their {_ENTITY[dim]} in a physical group?"
+        )
     repeated = _repeated(facets)
     if repeated:
         raise MeshError(f"{source}: {repeated} facets of surface {name!r} are listed twice")

@@ -13,11 +13,12 @@ import numpy as np
 import scipy.sparse
 from numpy.typing import NDArray
 
-from geometry.closest_point import CORNER, INTERIOR, closest_points
+from geometry.closest_point import CORNER, INTERIOR, closest_points, stationary_points
 from geometry.facet_search import TIE, FacetSearch
 from geometry.facets import Bools, FacetShape, Floats, Ints, unit_normals
 from geometry.smoothing import smooth_patches
 
+KEPT = 1e-4  # reference distance past the edge of a facet up to which a point may be kept on it
 _TOUCHING = 1e-12  # distance over facet size below which x − ȳ has no direction
 
 
@@ -122,7 +123,7 @@ class FacetSurface:
         self.neighbours = (incidence @ incidence.T).tocsr()
         self.neighbours.data[:] = 1
 
-    def project(self, points: Floats, nodes: Floats) -> Projection:
+    def project(self, points: Floats, nodes: Floats, kept: Ints | None = None) -> Projection:
         """Closest points on the whole surface.
 
         Of facets equally close the first is taken, one that holds the point inside before one that
@@ -131,6 +132,8 @@ class FacetSurface:
         Args:
             points: (q, i), m, current: slave points.
             nodes: (n, i), m, current: master nodes.
+            kept: (q,) facets that the points stay on as long as they are next to no more than
+                ``KEPT`` past an edge, as if it went on there.
         """
         controls = self._controls(nodes)
         point, facet = self.search.pairs(points, controls)
@@ -145,7 +148,13 @@ class FacetSurface:
         rank = facet.astype(np.int64) + np.where(pair.entity == INTERIOR, 0, len(self.facets))
         rank = np.where(tie, rank, 2 * len(self.facets))
         best = np.nonzero(rank == np.minimum.reduceat(rank, start)[point])[0]
-        return self._at(points, controls, facet[best], pair.xi[best], pair.entity[best])
+        facet, xi, entity = facet[best], pair.xi[best], pair.entity[best]
+        if kept is not None:
+            there, found = stationary_points(self.shape, controls[kept], points)
+            stays = found & (self.shape.excess(there) <= KEPT)
+            facet, entity = np.where(stays, kept, facet), np.where(stays, INTERIOR, entity)
+            xi = np.where(stays[:, None], there, xi)
+        return self._at(points, controls, facet, xi, entity)
 
     def places(self, facet: Ints, xi: Floats, nodes: Floats) -> tuple[Floats, Floats]:
         """Points ȳ (q, i) and tangents (q, α, i) of material places, on today's nodes (n, i)."""

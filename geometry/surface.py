@@ -132,9 +132,15 @@ class ContactSurface:
         slave = values[: self._slave_count]
         return slave[self._slave_rows], values[self._slave_count :].copy()
 
-    def project(self, points: Floats, nodes: Floats) -> Projection:
-        """Closest points on the master, on today's nodes (n, i), m, of the points (q, i), m."""
-        return self.target.project(points, nodes)
+    def project(self, points: Floats, nodes: Floats, kept: Ints | None = None) -> Projection:
+        """Closest points on the master, on today's nodes (n, i), m, of the points (q, i), m.
+
+        Args:
+            points: see above.
+            nodes: see above.
+            kept: (q,) facets that the points do not leave for a neighbour at once.
+        """
+        return self.target.project(points, nodes, kept)
 
     def slave_positions(self, displacement: Floats) -> Floats:
         """Current positions (q, i) of the slave points from nodal displacements (q, a, i)."""

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import tomllib
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from mpi4py import MPI
 
 from app.case import Case
-from app.deformed import _deformed_cells, _deformed_facets, draw_deformed
+from app.deformed import _deformed_cells, _deformed_facets, _figure, draw_deformed
 from app.model import Model, build_model
 from app.simulation import Observer, Simulation
 
@@ -71,3 +72,21 @@ def test_picture_in_space(block, tmp_path):
     simulation.run(Observer())
     draw_deformed(simulation.model, tmp_path / "deformed.png")
     assert (tmp_path / "deformed.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(("width", "height"), [(1.0, 3.0), (1.0, 0.6), (5.0, 1.0), (20.0, 1.0)])
+def test_picture_shows_the_bodies_whole(width, height):
+    """Neither tall nor long bodies are cut off at the edges of the frame."""
+    corners = np.array([[0.0, -height], [width, -height], [width, 0.0], [0.0, 0.0]])[None]
+    points = {
+        "position": np.array([[0.0, 0.0], [width, 0.0]]),
+        "pressure": np.array([1e6, 2e6]),
+        "tangential_traction": np.zeros(2),
+        "pair": np.zeros(2),
+    }
+    figure = _figure({"body": corners}, points, "title")
+    figure.draw_without_rendering()
+    (left, right), (low, high) = figure.axes[0].get_xlim(), figure.axes[0].get_ylim()
+    plt.close(figure)
+    assert left < 0.0 and right > 1e3 * width
+    assert low < -1e3 * height and high > 0.0

@@ -352,7 +352,7 @@ def test_check_says_how_many_steps_a_stage_takes(tribox, case_file):
 
 def test_an_element_turned_inside_out_ends_with_code_3(tribox, case_file, tmp_path):
     out = tmp_path / "out"
-    throw = ("--set", "bodies.elastomer.velocity.y=-300 m/s")
+    throw = ("--set", "bodies.elastomer.velocity.y=-300 m/s", "--set", "output.fields_every=0")
     done = tribox("run", case_file(THROWN), "--out", out, *throw)
     assert done.returncode == 3, done.stdout + done.stderr
     [line] = done.stderr.splitlines()
@@ -360,6 +360,12 @@ def test_an_element_turned_inside_out_ends_with_code_3(tribox, case_file, tmp_pa
         r"tribox: stage fly, time \S+ s: an element has been turned inside out at \(.+\) m", line
     )
     assert json.loads((out / "summary.json").read_text())["status"] == "failed"
+    saved = re.search(
+        r"the last sound state, step (\d+) at time (\S+) s, is saved .*, (\S+),", done.stdout
+    )
+    failed = re.search(r"time (\S+) s: an element", line)
+    assert saved and failed and float(saved[2]) < float(failed[1])
+    assert (out / saved[3]).is_file()
 
 
 def test_runaway_energy_stops_the_run(monkeypatch):

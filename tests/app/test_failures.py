@@ -17,15 +17,17 @@ from mpi4py import MPI
 
 from app.case import Case
 from app.diagnosis import (
+    explain,
     loose_directions,
     most_squeezed,
     penalty_factors,
     place_text,
 )
 from app.errors import SolutionError
+from app.implicit import StepResult
 from app.model import build_model
 from app.run import run_case
-from app.simulation import Simulation
+from app.simulation import Observer, Simulation
 from forms.coulomb import CoulombLaw, CoulombParameters
 
 # Give up soon: what is tested is how.
@@ -289,3 +291,64 @@ def test_loose_directions(pair):
 def test_places_are_read_without_roundoff():
     assert place_text((6e-4, 2.776e-21)) == "(0.0006, 0) m"
     assert place_text((0.0, 0.0)) == "(0, 0) m"
+
+
+@pytest.mark.parametrize(
+    ("residual", "shift", "said"),
+    [(3e-8, 0.03, True), (3e-8, 0.0, False), (0.3, 0.03, False)],
+)
+def test_a_residual_that_edges_of_the_master_keep_up_is_explained(pair, residual, shift, said):
+    """Points in the middle of slave facets stand on nodes of the master, or 0.03 beside them."""
+    made = pair(upper=(5, 2), lower=(10, 2))
+    problem = made.problem(LAW)
+    x = made.displaced(lambda x: x * 0.0 + [shift, -0.01], lambda x: x * 0.0)
+    problem.residual(None, x, problem.new_vector())
+    result = StepResult(False, 30, 30, -5, [residual])
+    assert ("rest on edges between facets" in explain(problem, result, x, [])) is said
+
+
+RING = """
+[geometry]
+kind = "two-blocks"
+section = "axisymmetric"
+gap = "0.1 mm"
+offset = "1 mm"
+upper = { width = "2 mm", height = "1 mm", elements = [3, 2] }
+lower = { width = "4 mm", height = "1 mm", elements = [5, 2] }
+[bodies.elastomer]
+material = "neo-hookean"
+E = "5 MPa"
+nu = 0.45
+[bodies.aluminium]
+material = "hencky"
+E = "70 GPa"
+nu = 0.33
+[[contact]]
+slave = "elastomer_contact"
+master = "aluminium_contact"
+friction = { law = "coulomb", mu = 0.2 }
+[[boundary]]
+surface = "bottom"
+displacement = { y = 0 }
+[[boundary]]
+surface = "top"
+displacement = { y = 0 }
+[[boundary]]
+surface = "elastomer_right"
+pressure = [["0 s", "0 MPa"], ["1 s", "0.1 MPa"]]
+[[stage]]
+name = "squeeze"
+duration = "1 s"
+steps = 1
+"""
+
+
+def test_a_body_of_revolution_may_shrink_before_it_touches():
+    """Its radial displacement is no drift: pressed from outside it is held by its hoop stress."""
+    simulation = Simulation(build_model(Case.model_validate(tomllib.loads(RING)), MPI.COMM_SELF))
+    assert {
+        (one.body, one.component) for one in loose_directions(simulation.model.problem)
+    } == set()
+    simulation.run(Observer())
+    assert simulation.rows[-1].normal_force == 0.0
+    assert simulation.rows[-1].external_work > 0.0

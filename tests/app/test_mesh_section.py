@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -44,6 +47,11 @@ SHAPES = {
     ),
     "blocks": TwoBlocks(Block(1e-3, 1e-3, (2, 2)), Block(2e-3, 1e-3, (2, 2)), 0.0),
     "astride": TwoBlocks(Block(1e-3, 1e-3, (2, 2)), Block(2e-3, 1e-3, (2, 2)), -0.5e-3),
+}
+SHAPES |= {
+    "in millimetres": TwoBlocks(Block(1.0, 1.0, (2, 2)), Block(2.0, 1.0, (3, 2)), 0.0),
+    "apart": TwoBlocks(Block(1e-3, 1e-3, (2, 2)), Block(2e-3, 1e-3, (3, 2)), 0.0, gap=2e-3),
+    "coarse": TwoBlocks(Block(1e-3, 1e-3, (2, 2)), Block(2e-3, 1e-3, (20, 2)), 0.0),
 }
 
 
@@ -106,3 +114,53 @@ def test_what_does_not_go_with_the_mesh_is_named(model, shape, geometry, overrid
     with pytest.raises(InputError) as error:
         model(shape, geometry, *overrides)
     assert said in str(error.value) and "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("shape", "said"),
+    [
+        ("in millimetres", r"mesh \S+mesh.msh: 2 m long; coordinates are taken as metres"),
+        ("apart", "contact.0: elastomer_contact and aluminium_contact start 0.002 m apart"),
+        ("coarse", "contact.0: the facets of the slave elastomer_contact are 5 times as long as"),
+    ],
+)
+def test_a_mesh_that_may_not_be_meant_so_is_pointed_out(model, shape, said):
+    assert sum(bool(re.match(said, note)) for note in model(shape).notes) == 1
+    assert not any(re.match(said, note) for note in model("blocks").notes)
+
+
+def test_a_smooth_master_that_bulges_into_the_slave_is_named(model, monkeypatch):
+    monkeypatch.setattr("app.model.OVERLAP", -1.0)  # bodies that touch overlap too much already
+    with pytest.raises(InputError, match=r"may touch at the start, not overlap$"):
+        model("blocks")
+    with pytest.raises(InputError, match="not overlap; a smooth master bulges"):
+        model("blocks", "", "contact.0.smoothing_angle=30 deg")
+
+
+RANKS = """
+import sys
+from pathlib import Path
+from mpi4py import MPI
+from app.case import load_case
+from app.model import build_model
+notes = build_model(load_case(Path(sys.argv[1])), MPI.COMM_WORLD).notes
+assert len(set(map(tuple, MPI.COMM_WORLD.allgather(notes)))) == 1
+if MPI.COMM_WORLD.rank == 0:
+    print(*notes, sep="\\n")
+"""
+
+
+@pytest.mark.mpi
+def test_ranks_agree_on_what_there_is_to_say(model, environment, tmp_path):
+    notes = model("in millimetres").notes
+    command = ["mpirun", "--oversubscribe", "-n", "3", sys.executable, "-m", "mpi4py", "-c", RANKS]
+    done = subprocess.run(
+        [*command, str(tmp_path / "case.toml")],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines() == notes

@@ -271,6 +271,27 @@ def facet_off_the_body():
     with_curve([1, 2, 3, 4])
 
 
+def facet_across_the_body():
+    """A surface along a diagonal that is no side of a cell."""
+    face, curve = gmsh.model.addDiscreteEntity(2), gmsh.model.addDiscreteEntity(1)
+    gmsh.model.mesh.addNodes(2, face, [1, 2, 3, 4], [0, 0, 0, 1, 0, 0, 1, 1, 0, 0, 1, 0])
+    gmsh.model.mesh.addElementsByType(face, 3, [1], [1, 2, 3, 4])
+    gmsh.model.mesh.addElementsByType(curve, 1, [2, 3], [1, 2, 1, 3])
+    group(2, [face], "body")
+    group(1, [curve], "side")
+
+
+def body_without_a_group():
+    """Two blocks of which only the lower is a body; the upper one's surface has a name."""
+    rectangles = [gmsh.model.occ.addRectangle(0, y, 0, 1, 1) for y in (0, 2)]
+    gmsh.model.occ.synchronize()
+    curves = [[t for _, t in gmsh.model.getBoundary([(2, r)], oriented=False)] for r in rectangles]
+    group(2, rectangles[1:], "body")
+    group(1, curves[0], "forgotten")
+    group(1, curves[1], "side")
+    gmsh.model.mesh.generate(2)
+
+
 @pytest.mark.parametrize(
     ("builder", "options", "said"),
     [
@@ -289,6 +310,8 @@ def facet_off_the_body():
         (doubled_cell, {}, "1 cells are listed twice"),
         (doubled_facet, {}, "1 facets of surface 'side' are listed twice"),
         (facet_off_the_body, {}, "1 of the 2 facets of surface 'side' are not on the boundary"),
+        (facet_across_the_body, {}, "1 of the 2 facets of surface 'side' are not on the boundary"),
+        (body_without_a_group, {}, "the [0-9]+ facets of surface 'forgotten' .* is their face in"),
     ],
 )
 def test_unusable_mesh_gets_one_line(msh, builder, options, said):

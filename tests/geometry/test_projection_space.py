@@ -7,7 +7,7 @@ import pytest
 
 from geometry.facet_search import FacetSearch
 from geometry.facets import facet_shape, unit_normals
-from geometry.projection import FacetSurface, Projection
+from geometry.projection import KEPT, FacetSurface, Projection
 
 SPACE = [("triangle", 1), ("quadrilateral", 1), ("triangle", 2), ("quadrilateral", 2)]
 ALL = [("interval", 2), *SPACE]
@@ -173,6 +173,36 @@ def test_gap_is_continuous_on_a_walk_over_everything(sheet, kind):
         step = np.linalg.norm(np.diff(path, axis=0), axis=1).max()
         assert at.clamped.any()
         assert np.abs(np.diff(at.gap)).max() <= step * (1.0 + 1e-9)
+
+
+@pytest.mark.parametrize("kind", [("interval", 1), *ALL], ids=ids)
+def test_a_point_may_be_kept_on_its_facet_just_past_an_edge(sheet, kind):
+    """As if the facet went on; not further than ``KEPT``."""
+    surface, nodes = surface_of(sheet, kind, (6, 5))
+    rng = np.random.default_rng(8)
+    dim = nodes.shape[1]
+    points = rng.uniform(0.2, 0.8, (4000, dim))
+    points[:, -1] = hilly(*points[:, :-1].T) - 1e-3
+    usual = surface.project(points, nodes)
+    again = surface.project(points, nodes, usual.facet)
+    np.testing.assert_array_equal(again.facet, usual.facet)
+    np.testing.assert_allclose(again.xi[~usual.clamped], usual.xi[~usual.clamped], atol=1e-11)
+
+    for past, stays in ((0.5 * KEPT, True), (2.0 * KEPT, False)):
+        edge = np.array([[0.5, -past]] if dim == 3 else [[-past]])
+        facet = np.arange(len(surface.facets), dtype=np.int32)
+        inside = surface.shape.values(np.broadcast_to(edge, (len(facet), dim - 1)))
+        slope = surface.shape.first(np.broadcast_to(edge, (len(facet), dim - 1)))
+        mine = nodes[surface.facets]
+        below = unit_normals(np.einsum("qba,qai->qbi", slope, mine))
+        there = np.einsum("qa,qai->qi", inside, mine) - 1e-4 * below
+        at = surface.project(there, nodes, facet)
+        assert (at.facet == facet).mean() == (1.0 if stays else pytest.approx(0.0, abs=0.35))
+        if stays:
+            np.testing.assert_allclose(at.xi, np.broadcast_to(edge, at.xi.shape), atol=1e-7)
+            np.testing.assert_allclose(at.gap, -1e-4, rtol=1e-6)
+            assert not at.clamped.any()
+        np.testing.assert_array_less(surface.shape.excess(at.xi), KEPT)
 
 
 @pytest.mark.parametrize("kind", ALL, ids=ids)
