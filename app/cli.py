@@ -7,6 +7,7 @@ import os
 import shutil
 import sys
 import traceback
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -363,8 +364,10 @@ def test(context: typer.Context) -> None:
     """Run the test suite; further words go to pytest."""
     root = Path(__file__).resolve().parent.parent
     os.chdir(root)
-    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", *context.args]
-    os.execv(sys.executable, command)
+    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider"]
+    if not context.args and find_spec("xdist") is not None:
+        command += ["-n", "2", "--dist", "loadfile"]  # all of it: two files at a time
+    os.execv(sys.executable, [*command, *context.args])
 
 
 @cli.command(hidden=True)

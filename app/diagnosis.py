@@ -229,6 +229,7 @@ def explain(
     edges = list(_of_edges(problem)) if nearly else []
     findings = [
         *_of_supports(problem, loose),
+        *_of_ends(problem),
         *_of_elements(problem, converged),
         *_of_penalties(problem),
         *edges,
@@ -249,6 +250,17 @@ def _of_supports(problem: Equilibrium, loose: Iterable[Loose]) -> Findings:
     if not (tried and before):
         for one in loose:
             yield f"{one.text} and no contact presses on it", SUPPORT
+
+
+def _of_ends(problem: Equilibrium) -> Findings:
+    """A point that leaves the master loses its force at once: there may be no equilibrium."""
+    for index, (now, before) in enumerate(zip(problem.trials, problem.committed, strict=False)):
+        off = (before.pressure > 0.0) & ~now.projection.on_surface
+        local = np.array([np.count_nonzero(off), np.count_nonzero(now.pressure)])
+        count, pressing = problem.comm.allreduce(local)
+        if count and pressing:
+            what = f"points that pressed slide off the end of the master ({count})"
+            yield f"contact.{index}: {what}", "a master surface that reaches further"
 
 
 def _of_elements(problem: Equilibrium, converged: PETSc.Vec) -> Findings:

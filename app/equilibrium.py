@@ -210,6 +210,17 @@ class Equilibrium:
             for term in self.contacts:
                 term.kept = None
 
+    @contextmanager
+    def yielding(self) -> Iterator[None]:
+        """Within a ``with`` block friction is a load: bodies slide on one another freely."""
+        try:
+            for term in self.contacts:
+                term.yielding = True
+            yield
+        finally:
+            for term in self.contacts:
+                term.yielding = False
+
     def commit(self) -> None:
         """Make the contacts evaluated last the state that the next step starts from."""
         self.committed = list(self.trials)

@@ -3,7 +3,8 @@
 Where the loads continue in proportion, the path of the last converged states is continued by the
 polynomial that leaves the least residual, and corrected once with the tangent factorised last
 (a substitution, no factorisation). Where they do not, one solve with the tangent at the last state
-carries the new prescribed displacements into the bodies.
+carries the new prescribed displacements into the bodies; where that leaves much, a second one,
+without the stiffness of friction, lets them slide.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from geometry.facets import Floats
 
 HIGHEST_ORDER = 3  # of the polynomial through the last states
 CORRECTIONS = 3  # with the tangent factorised last, from the last state itself
+FAR_OFF = 0.5  # residual, relative to the contact or reaction force, of a start that is no good
 WORTHWHILE = 0.5  # share of the residual that a correction must leave at most to be kept
 
 
@@ -63,7 +65,7 @@ class Predictor:
         ratio = self._proportion(drive)
         if ratio is None:
             self._carry(x, drive.held, trial)
-            return 1
+            return 1 + self._slide(x, drive.held, trial)
         if ratio > 0.0 and len(self._path) > 1:
             self._continue(x, trial, ratio)
         return 0
@@ -88,6 +90,40 @@ class Predictor:
         self._keep_residual()
         if not self._correct(trial, untouched, CORRECTIONS) < norm:
             trial.array[:] = best
+
+    def _slide(self, x: PETSc.Vec, held: Floats, trial: PETSc.Vec) -> int:
+        """Put the step without friction's stiffness into ``trial``, if that is far off.
+
+        The tangent at ``x`` knows nothing of the slip to come: a body that is moved on by much
+        more than its contact holds is sheared by all of it, down to elements that turn inside
+        out, and Newton's method takes many damped iterations to undo that, the more the finer the
+        mesh. With the friction of ``x`` as a load the body slides along as a whole, and only the
+        change of that friction is left. The start that leaves less is kept.
+
+        Args:
+            x: last converged state.
+            held: increments of the prescribed displacements, m.
+            trial: the linear step with all of the tangent.
+
+        Returns:
+            The number of factorisations it took.
+        """
+        rubbing = self._rubbing()
+        left = self._residual_norm(trial)
+        if not rubbing or left <= FAR_OFF * self.problem.reference_force:
+            return 0
+        held_fast = trial.array_r.copy()
+        x.copy(trial)
+        with self.problem.yielding():
+            self._carry(x, held, trial)
+        if np.isfinite(left) and not self._residual_norm(trial) < left:
+            trial.array[:] = held_fast
+        return 1
+
+    def _rubbing(self) -> bool:
+        """Whether friction resists at any point of the contacts evaluated last; collective."""
+        mine = any(bool(t.response.d_traction_d_slip.any()) for t in self.problem.trials)
+        return bool(self.problem.comm.allreduce(mine, op=MPI.LOR))
 
     def restart(self, x: PETSc.Vec, trial: PETSc.Vec) -> int:
         """Put the linear step from ``x`` into ``trial``, whatever the path was; collective."""

@@ -33,7 +33,7 @@ CASE = """
 [geometry]
 kind = "two-boxes"
 cell = "hexahedron"
-offset = ["0.25 mm", "0.25 mm"]
+offset = ["OFFSET mm", "0.25 mm"]
 
 [bodies.elastomer]
 material = "neo-hookean"
@@ -57,7 +57,7 @@ displacement = { x = 0, y = 0, z = 0 }
 surface = "top"
 
 [boundary.displacement]
-x = [["1 s", "0 mm"], ["2 s", "0.05 mm"]]
+x = [["1 s", "0 mm"], ["2 s", "SLIDE mm"]]
 y = [["0 s", "0 mm"], ["1 s", "-0.04 mm"]]
 z = 0
 
@@ -73,7 +73,14 @@ PARTS = ("assembly", "contact", "pattern", "preconditioner", "factorisation", "l
 MEBIBYTE = 2**20
 
 
-def case_of(level: int, nu: float, steps: tuple[int, int], solver: dict[str, Any]) -> Case:
+def case_of(
+    level: int,
+    nu: float,
+    steps: tuple[int, int],
+    solver: dict[str, Any],
+    slide: float = 0.05,
+    offset: float = 0.25,
+) -> Case:
     """The case with ``level`` elements along the elastomer and half as many again below.
 
     Args:
@@ -81,8 +88,10 @@ def case_of(level: int, nu: float, steps: tuple[int, int], solver: dict[str, Any
         nu: Poisson's ratio of the elastomer.
         steps: of pressing and of sliding.
         solver: the case's table of that name.
+        slide: mm, way of the elastomer's top.
+        offset: mm, from the aluminium's edge to the elastomer's; 0.5 − ``offset`` is left to slide.
     """
-    data = tomllib.loads(CASE)
+    data = tomllib.loads(CASE.replace("SLIDE", str(slide)).replace("OFFSET", str(offset)))
     upper, lower = (level, level // 2, level), (3 * level // 2, level // 2, 3 * level // 2)
     for name, width, counts in (("upper", "1 mm", upper), ("lower", "1.5 mm", lower)):
         box = {"width": width, "height": "0.5 mm", "depth": width, "elements": list(counts)}
@@ -211,6 +220,8 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--linear", default="krylov")
     parser.add_argument("--partition", choices=("contact", "cells"), default="contact")
     parser.add_argument("--steps", type=int, nargs=2, default=(2, 3))
+    parser.add_argument("--slide", type=float, default=0.05, help="mm")
+    parser.add_argument("--offset", type=float, default=0.25, help="mm")
     parser.add_argument("--petsc", nargs="*", type=setting, default=[], metavar="NAME=VALUE")
     parser.add_argument("--out", type=Path, help="file that a line per level is added to")
     given = parser.parse_args(arguments)
@@ -218,8 +229,9 @@ def main(arguments: list[str] | None = None) -> None:
     for level in given.levels:
         solver = {key: getattr(given, key) for key in ("linear", "partition")}
         solver["petsc"] = dict(given.petsc)
-        case = case_of(level, given.nu, tuple(given.steps), solver)
-        label = {"level": level, "nu": given.nu, **solver}
+        motion = {"slide": given.slide, "offset": given.offset}
+        case = case_of(level, given.nu, tuple(given.steps), solver, **motion)
+        label = {"level": level, "nu": given.nu, **motion, **solver}
         lines = account(case, comm, label).lines
         if comm.rank == 0 and given.out:
             with given.out.open("a") as file:

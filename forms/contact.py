@@ -87,6 +87,7 @@ class ContactTerm:
         reach: m, 0 but while a first contact is sought: up to this gap the penalty also pulls.
         kept: (q,) master facets that the points do not leave for a neighbour at once; None but
             while the points on edges are settled.
+        yielding: False but while a sliding step is predicted: friction is a load without stiffness.
     """
 
     def __init__(
@@ -113,6 +114,7 @@ class ContactTerm:
         self.rate_dependent = True
         self.reach = 0.0
         self.kept: Ints | None = None
+        self.yielding = False
         q = len(surface.slave.weight)
         self.film = film_thickness(film)
         self.film.at(np.zeros(q))  # Refuses a field that is not one of these points.
@@ -136,7 +138,14 @@ class ContactTerm:
         Nothing is changed; the evaluation of the same ``x`` twice in a row costs one gather.
         """
         slave, master = self.surface.displacements(x)
-        key = (dt, self.rate_dependent, self.penalty, self.reach, id(self.kept))
+        key = (
+            dt,
+            self.rate_dependent,
+            self.penalty,
+            self.reach,
+            self.kept is not None,
+            self.yielding,
+        )
         if self._last is not None and self._last[0] == key:
             _, last_slave, last_master, trial = self._last
             if np.array_equal(slave, last_slave) and np.array_equal(master, last_master):
@@ -162,6 +171,8 @@ class ContactTerm:
             response = replace(
                 response, d_traction_d_pressure=response.d_traction_d_pressure + through_film
             )
+        if self.yielding:
+            response = _without_stiffness(response)
         return ContactTrial(
             position=points,
             stretch=self.surface.slave_stretch(slave),
@@ -332,6 +343,17 @@ class ContactTerm:
         pressed = 0.5 * trial.pressure**2 / self.penalty
         stored = self.law.stored_energy(trial.response.state)
         return float(self.surface.slave.weight @ (pressed + stored))
+
+
+def _without_stiffness(response: FrictionResponse) -> FrictionResponse:
+    """The same traction, as a load that does not change with motion and pressure."""
+    none = np.zeros_like(response.d_traction_d_slip)
+    return replace(
+        response,
+        d_traction_d_slip=none,
+        d_traction_d_elastic=none,
+        d_traction_d_pressure=np.zeros_like(response.d_traction_d_pressure),
+    )
 
 
 def _on_facet(slip: Floats, at: Projection) -> Floats:

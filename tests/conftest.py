@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import fcntl
 import gc
-from collections.abc import Callable, Iterator
+import os
+import signal
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache
+from pathlib import Path
 
 import dolfinx
 import numpy as np
@@ -23,6 +28,9 @@ from geometry.mesh import NamedMesh, generate
 from geometry.surface import ContactSurface
 from geometry.two_blocks import Block, TwoBlocks
 
+TESTS = Path(__file__).parent
+# Two processes may want a form at once: s that one waits for the other's compiler.
+dolfinx.jit.DOLFINX_DEFAULT_JIT_OPTIONS["timeout"] = (300, "Timeout for JIT compilation")
 Motion = Callable[[np.ndarray], np.ndarray]
 SOFT = NeoHookean(shear_modulus=1.0, bulk_modulus=5.0)
 STIFF = NeoHookean(shear_modulus=3.0, bulk_modulus=8.0)
@@ -102,11 +110,52 @@ def pair() -> Callable[..., Pair]:
     return make_pair
 
 
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
+    """Where two files are tested at a time, a test that starts ranks has the cores to itself.
+
+    Ranks, which wait for each other at every step, come to nothing beside a process that computes.
+    """
+    if "PYTEST_XDIST_WORKER" not in os.environ:
+        return (yield)
+    ranks = item.get_closest_marker("mpi") is not None
+    kind = fcntl.LOCK_EX if ranks else fcntl.LOCK_SH
+    # Who waits for the cores keeps the gate, or those who share them would never be done.
+    with _locked(TESTS, fcntl.LOCK_EX) as gate, _locked(TESTS / "app", kind):
+        if not ranks:
+            fcntl.flock(gate, fcntl.LOCK_UN)
+        return (yield)
+
+
+@contextmanager
+def _locked(path: Path, kind: int) -> Iterator[int]:
+    """Holds a lock on a directory, which need not be writable; yields its descriptor."""
+    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        fcntl.flock(descriptor, kind)
+        yield descriptor
+    finally:
+        os.close(descriptor)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Say nothing of what hypothesis looks for among the objects that are frozen below."""
+    config.addinivalue_line("filterwarnings", "ignore:It looks like .register_random. was passed")
+
+
+def pytest_collection_finish() -> None:
+    """Leave the million objects of the imports out of the collections between tests."""
+    gc.collect()
+    gc.freeze()
+
+
 @pytest.fixture(autouse=True)
 def _collect() -> Iterator[None]:
-    """Free PETSc's objects before the next test makes more."""
+    """Free PETSc's objects before the next test makes more; see that Ctrl-C is left as it was."""
+    before = signal.getsignal(signal.SIGINT)
     yield
     gc.collect()
+    assert signal.getsignal(signal.SIGINT) == before, "the test keeps Ctrl-C for itself"
 
 
 def make_sheet(

@@ -5,10 +5,14 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import warnings
 from collections.abc import Callable
 from pathlib import Path
+from typing import TextIO
 
 import pytest
+
+from app.cli import main
 
 ROOT = Path(__file__).parents[2]
 
@@ -107,6 +111,68 @@ figures = false
 fields_every = 0
 """
 
+# A layer pressed by the implicit solver and slid on its film by the explicit one.
+SLID = """
+title = "small explicit sliding"
+[geometry]
+kind = "two-blocks"
+thickness = "1 mm"
+upper = { width = "0.6 mm", height = "0.05 mm", elements = [9, 2] }
+lower = { width = "1 mm", height = "0.2 mm", elements = [13, 2] }
+[bodies.elastomer]
+material = "mooney-rivlin"
+C10 = "0.738 MPa"
+C01 = "0.184 MPa"
+K = "0.1 GPa"
+density = 1100
+[bodies.aluminium]
+material = "hencky"
+E = "70 GPa"
+nu = 0.33
+density = 2700
+[[contact]]
+slave = "elastomer_contact"
+master = "aluminium_contact"
+penalty_factor = 1
+film = { thickness = "30 nm" }
+[contact.friction]
+law = "friction-map"
+preset = "friction-map"
+mu_s = 0.12
+mu_d = 0.10
+A_d = "0.2 um"
+B = "1e6 1/m"
+K_T = "1e12 Pa/m"
+alpha = 0.5
+eta_b = "0.02 Pa*s"
+V_star = "1 m/s"
+V_star_at = "30 nm"
+[[boundary]]
+surface = "bottom"
+displacement = { x = 0, y = 0 }
+[[boundary]]
+surface = "top"
+displacement = { x = "driven" }
+platen = { direction = "y", pressure = [["0 s", "0 MPa"], ["1 s", "0.5 MPa"]] }
+[[stage]]
+name = "press"
+duration = "1 s"
+steps = 2
+rate_dependent = false
+solver = "implicit"
+[[stage]]
+name = "slide"
+velocity = "0.2 m/s"
+duration = "20 us"
+steps = 10
+[solver]
+kind = "explicit"
+tolerance = 1e-11
+[output]
+fields_every = 0
+figures = false
+"""
+
 
 @pytest.fixture(scope="session")
 def block() -> str:
@@ -140,23 +206,38 @@ def environment() -> dict[str, str]:
         for key, value in os.environ.items()
         if not key.startswith(("PMIX_", "OMPI_COMM_WORLD", "OMPI_UNIVERSE", "PMI_"))
     }
-    return kept | {"PYTHONPATH": str(ROOT), "MPLBACKEND": "Agg", "OMP_NUM_THREADS": "1"}
+    kept |= {"PYTHONPATH": str(ROOT), "MPLBACKEND": "Agg", "OMP_NUM_THREADS": "1"}
+    # Ranks that wait give way to those that work, where there are fewer cores than ranks.
+    return kept | {"OMPI_MCA_mpi_yield_when_idle": "1"}
 
 
 @pytest.fixture
 def tribox(
-    tmp_path: Path, environment: dict[str, str]
+    tmp_path: Path,
+    environment: dict[str, str],
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
 ) -> Callable[..., subprocess.CompletedProcess[str]]:
-    """Runs tribox with arguments in an empty directory of its own, waiting until it ends."""
+    """Runs tribox with arguments in an empty directory of its own, waiting until it ends.
+
+    A process of its own takes a second for imports alone. So the command is called in this one,
+    unless it is to run on ranks or to replace or start processes: that is to be asked for.
+    """
     home = tmp_path / "home"
     home.mkdir()
 
     def run(
-        *words: object, ranks: int | None = None, timeout: float = 120.0
+        *words: object, ranks: int | None = None, process: bool = False, timeout: float = 120.0
     ) -> subprocess.CompletedProcess[str]:
+        arguments = [str(word) for word in words]
+        if ranks is None and not process:
+            assert "--np" not in arguments, "it would replace this process"
+            monkeypatch.chdir(home)
+            monkeypatch.setattr(sys, "argv", ["tribox", *arguments])
+            return _call(capfd)
         start = [] if ranks is None else ["mpirun", "--oversubscribe", "-n", str(ranks)]
         return subprocess.run(
-            [*start, sys.executable, "-m", "app", *map(str, words)],
+            [*start, sys.executable, "-m", "app", *arguments],
             cwd=home,
             env=environment,
             capture_output=True,
@@ -168,18 +249,27 @@ def tribox(
     return run
 
 
-@pytest.fixture(scope="session")
-def sfa(tmp_path_factory: pytest.TempPathFactory, environment: dict[str, str]) -> Path:
-    """Results of cases/sfa.toml, swept over four thicknesses by the command line."""
-    directory = tmp_path_factory.mktemp("sfa") / "sfa"
-    case = ROOT / "cases" / "sfa.toml"
-    done = subprocess.run(
-        [sys.executable, "-m", "app", "run", str(case), "--out", str(directory)],
-        cwd=directory.parent,
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=500.0,
-    )
-    assert done.returncode == 0, done.stderr
-    return directory
+def _call(capfd: pytest.CaptureFixture[str]) -> subprocess.CompletedProcess[str]:
+    """Call the command line with ``sys.argv`` as if it were a process of its own."""
+    capfd.readouterr()
+    with warnings.catch_warnings(), pytest.raises(SystemExit) as ended:
+        # Those that Python prints are printed: pytest would keep them.
+        for category in (DeprecationWarning, PendingDeprecationWarning, ResourceWarning):
+            warnings.simplefilter("ignore", category)
+        warnings.showwarning = _warn
+        main()
+    done = capfd.readouterr()
+    code = ended.value.code
+    assert code is None or isinstance(code, int)
+    return subprocess.CompletedProcess(sys.argv, code or 0, done.out, done.err)
+
+
+def _warn(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,
+    line: str | None = None,
+) -> None:
+    sys.stderr.write(warnings.formatwarning(message, category, filename, lineno, line))

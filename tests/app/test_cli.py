@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+import sys
 from pathlib import Path
 
 import gmsh
@@ -78,6 +79,19 @@ def test_wrong_case_is_one_line_and_check_finds_the_same(
     assert snapshot(tmp_path) == before
 
 
+@pytest.mark.parametrize(
+    "words", [["frobnicate"], ["check", "nowhere.toml"], ["map", "--out", "there"], ["schema"]]
+)
+def test_a_process_does_as_the_call_does(tribox, tmp_path, words):
+    """Most tests here call the command; what its users start is a process."""
+    (tmp_path / "home" / "there").mkdir()
+    (tmp_path / "home" / "there" / "mine.txt").write_text("mine")
+    called, started = tribox(*words), tribox(*words, process=True)
+    assert (called.returncode, called.stdout) == (started.returncode, started.stdout)
+    assert called.stderr == started.stderr
+    assert called.returncode == (0 if words == ["schema"] else 2)
+
+
 @pytest.mark.parametrize("command", ["run", "check", "mesh"])
 def test_missing_case_file(tribox, command):
     result = tribox(command, "nowhere.toml")
@@ -88,7 +102,7 @@ def test_missing_case_file(tribox, command):
 
 @pytest.mark.parametrize("words", [["frobnicate"], ["run"], ["run", "a.toml", "--np", "0"]])
 def test_wrong_usage_is_code_2(tribox, words):
-    result = tribox(*words)
+    result = tribox(*words, process=True)
     assert result.returncode == 2
     assert "Error: " in result.stderr and "Traceback" not in result.stderr
 
@@ -303,6 +317,20 @@ def test_plot_draws_again(tribox, case_file, block, tmp_path):
     assert_refused(tribox("plot", tmp_path / "nowhere"), "nowhere")
 
 
+@pytest.mark.parametrize("found", [True, False])
+@pytest.mark.parametrize("words", [(), ("tests/forms", "-k", "tangent")])
+def test_all_tests_run_two_files_at_a_time(tribox, monkeypatch, found, words):
+    started = []
+    monkeypatch.setattr("os.execv", lambda program, command: started.append(command))
+    monkeypatch.setattr("app.cli.find_spec", lambda name: object() if found else None)
+    assert tribox("test", *words).returncode == 0
+    [command] = started
+    assert command[:3] == [sys.executable, "-m", "pytest"]
+    assert command[len(command) - len(words) :] == [*words]
+    assert ("-n" in command) == (found and not words)
+    assert Path.cwd() == Path(__file__).parents[2]
+
+
 # -- a run ----------------------------------------------------------------------------------------
 
 REQUIRED = (
@@ -316,7 +344,7 @@ REQUIRED = (
 def test_run_prints_plain_lines_while_it_goes_and_changes_by_set(tribox, case_file, film, tmp_path):
     out = tmp_path / "out"
     override = ("--set", "contact.0.film.thickness=20 nm", "--set", "output.figures=true")
-    result = tribox("run", case_file(film), "--out", out, *override)
+    result = tribox("run", case_file(film), "--out", out, *override, process=True)
     assert result.returncode == 0 and result.stderr == "", result.stderr
     assert "\x1b" not in result.stdout and "\r" not in result.stdout
     lines = result.stdout.splitlines()
@@ -346,7 +374,8 @@ def test_run_prints_plain_lines_while_it_goes_and_changes_by_set(tribox, case_fi
 def test_sweep_collates_its_parts(tribox, case_file, block, tmp_path):
     text = block + '[sweep]\nkey = "contact.0.friction.mu"\nvalues = [0.1, 0.3]\n'
     out = tmp_path / "out"
-    result = tribox("run", case_file(text), "--out", out, "--set", "output.figures=true")
+    figures = ("--set", "output.figures=true")
+    result = tribox("run", case_file(text), "--out", out, *figures, process=True)
     assert result.returncode == 0, result.stderr
     rows = read_table(out / "sweep.csv")
     labels = ["mu=0.1", "mu=0.3"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -11,10 +10,15 @@ from pathlib import Path
 import dolfinx
 import numpy as np
 import pytest
+from mpi4py import MPI
 
 from app.equilibrium import Equilibrium
 from app.measure import measure_contact
 from forms.coulomb import CoulombLaw, CoulombParameters
+from geometry.mesh import generate
+from geometry.two_blocks import Block, TwoBlocks
+from tests.app.test_linear_solver import linear_step
+from tests.conftest import Pair
 from tests.contact_boxes import Scene
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -56,34 +60,48 @@ def facts(shape, parallel):
     return found, points
 
 
+SHAPES = ("hex8", "tet4")
 RANKS = """
 import json, sys
 from mpi4py import MPI
 sys.path.insert(0, sys.argv[1])
-from tests.app.test_contact_ranks import facts
-found = facts(sys.argv[2], True)
+from tests.app.test_contact_ranks import SHAPES, facts, step_facts
+found = {shape: facts(shape, True) for shape in SHAPES}
+found["step"] = step_facts(MPI.COMM_WORLD)
 if MPI.COMM_WORLD.rank == 0:
     print(json.dumps(found))
 """
 
 
-@pytest.mark.mpi
-@pytest.mark.parametrize("shape", ["hex8", "tet4"])
-def test_forces_and_tangent_do_not_depend_on_the_ranks(shape):
-    one, (count,) = facts(shape, False)
-    environment = {
-        key: value
-        for key, value in os.environ.items()
-        if not key.startswith(("PMIX_", "OMPI_COMM_WORLD", "OMPI_UNIVERSE", "PMI_"))
-    }
+def step_facts(comm):
+    """A linear step of two blocks: a rank knows its own unknowns by their global numbers."""
+    blocks = TwoBlocks(Block(1.0, 0.5, (6, 2)), Block(2.0, 0.5, (7, 2)), offset=0.47)
+    return linear_step(Pair(generate(blocks, comm)), 1e-4)
+
+
+@pytest.fixture(scope="module")
+def on_three_ranks(environment):
+    """The facts of each shape, all from one start of MPI."""
     command = ["mpirun", "--oversubscribe", "-n", "3", sys.executable, "-m", "mpi4py", "-c", RANKS]
     done = subprocess.run(
-        [*command, ROOT, shape], capture_output=True, text=True, timeout=120, env=environment
+        [*command, ROOT], capture_output=True, text=True, timeout=120, env=environment
     )
     assert done.returncode == 0, done.stderr
-    three, points = json.loads(done.stdout)
+    return json.loads(done.stdout)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("shape", SHAPES)
+def test_forces_and_tangent_do_not_depend_on_the_ranks(shape, on_three_ranks):
+    one, (count,) = facts(shape, False)
+    three, points = on_three_ranks[shape]
     assert sum(points) == count
     assert min(points) == 0, points
     assert one["friction"][0] > 0.01 and 0.0 < one["stick"] < 1.0
     for name, value in one.items():
         np.testing.assert_allclose(three[name], value, rtol=1e-10, atol=1e-13, err_msg=name)
+
+
+@pytest.mark.mpi
+def test_a_linear_step_does_not_depend_on_the_ranks(on_three_ranks):
+    assert on_three_ranks["step"] == pytest.approx(step_facts(MPI.COMM_SELF), rel=1e-9)

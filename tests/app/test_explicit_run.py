@@ -1,4 +1,4 @@
-"""Explicit runs as a user sees them: rows, files, failures, ranks, damping and relaxation."""
+"""Explicit runs as a user sees them: rows, files, failures, damping and relaxation."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from mpi4py import MPI
 from app.case import Case
 from app.errors import SolutionError
 from app.explicit import ExplicitStepper
-from app.measure import PHYSICAL
 from app.model import build_model
 from app.motion_figures import draw_overlay
 from app.results import read_table
 from app.run import run_case
 from app.simulation import Observer, Simulation
+from tests.app.conftest import SLID
 
 # A block thrown obliquely on aluminium: it touches, slides, and flies off again.
 THROWN = """
@@ -64,69 +64,6 @@ kind = "explicit"
 fields_every = 0
 figures = false
 """
-
-# A layer pressed by the implicit solver and slid on its film by the explicit one.
-SLID = """
-title = "small explicit sliding"
-[geometry]
-kind = "two-blocks"
-thickness = "1 mm"
-upper = { width = "0.6 mm", height = "0.05 mm", elements = [9, 2] }
-lower = { width = "1 mm", height = "0.2 mm", elements = [13, 2] }
-[bodies.elastomer]
-material = "mooney-rivlin"
-C10 = "0.738 MPa"
-C01 = "0.184 MPa"
-K = "0.1 GPa"
-density = 1100
-[bodies.aluminium]
-material = "hencky"
-E = "70 GPa"
-nu = 0.33
-density = 2700
-[[contact]]
-slave = "elastomer_contact"
-master = "aluminium_contact"
-penalty_factor = 1
-film = { thickness = "30 nm" }
-[contact.friction]
-law = "friction-map"
-preset = "friction-map"
-mu_s = 0.12
-mu_d = 0.10
-A_d = "0.2 um"
-B = "1e6 1/m"
-K_T = "1e12 Pa/m"
-alpha = 0.5
-eta_b = "0.02 Pa*s"
-V_star = "1 m/s"
-V_star_at = "30 nm"
-[[boundary]]
-surface = "bottom"
-displacement = { x = 0, y = 0 }
-[[boundary]]
-surface = "top"
-displacement = { x = "driven" }
-platen = { direction = "y", pressure = [["0 s", "0 MPa"], ["1 s", "0.5 MPa"]] }
-[[stage]]
-name = "press"
-duration = "1 s"
-steps = 2
-rate_dependent = false
-solver = "implicit"
-[[stage]]
-name = "slide"
-velocity = "0.2 m/s"
-duration = "20 us"
-steps = 10
-[solver]
-kind = "explicit"
-tolerance = 1e-11
-[output]
-fields_every = 0
-figures = false
-"""
-SAME = 1e-9  # of each column's largest value
 
 
 def simulate(data: dict | str, observer: Observer | None = None) -> Simulation:
@@ -402,32 +339,3 @@ def test_a_long_interval_can_be_interrupted(case_file, environment, tmp_path):
     summary = json.loads((out / "summary.json").read_text())
     assert (summary["status"], summary["steps"]) == ("interrupted", 2)
     assert summary["explicit"]["time_steps"] > 100
-
-
-# -- ranks ----------------------------------------------------------------------------------------
-
-
-@pytest.mark.mpi
-@pytest.mark.slow
-def test_a_thousand_steps_do_not_depend_on_the_ranks(tribox, case_file, tmp_path):
-    path = case_file(SLID)
-    histories, motions = {}, {}
-    for ranks in (1, 2, 3):
-        out = tmp_path / f"{ranks}"
-        done = tribox("run", path, "--out", out, "--set", "stage.1.duration=13 us", ranks=ranks)
-        assert done.returncode == 0, done.stderr
-        histories[ranks] = read_table(out / "history.csv")
-        motions[ranks] = read_table(out / "motion.csv")
-    assert sum(row["attempts"] for row in histories[1][2:]) > 1000
-    # The aluminium hardly moves: its velocity is round-off beside that of the layer.
-    assert_same(motions, [name for name in motions[1][0] if not name.startswith("aluminium")])
-    assert_same(histories, PHYSICAL)
-
-
-def assert_same(tables: dict[int, list[dict]], names) -> None:
-    """Columns of the tables of 2 and 3 ranks are those of one."""
-    for ranks in (2, 3):
-        for name in names:
-            mine, theirs = (np.array([row[name] for row in tables[k]]) for k in (ranks, 1))
-            apart = np.max(np.abs(mine - theirs))
-            assert apart <= SAME * np.max(np.abs(theirs)), (name, ranks)

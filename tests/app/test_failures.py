@@ -80,6 +80,15 @@ def wedged(block: str, film: str) -> dict:
     return data
 
 
+def overrun(block: str, film: str) -> dict:
+    """A body is slid over the end of the other, where its points lose their force at once."""
+    data = plain(block)
+    data["geometry"]["upper"]["elements"] = [30, 8]
+    data["geometry"]["lower"] = {"width": 1.5e-3, "height": 5e-4, "elements": [45, 4]}
+    data["boundary"][1]["displacement"]["x"] = [[1.0, 0.0], [2.0, 4e-4]]
+    return data
+
+
 SUPPORT = "try a support there (displacement), or a load that keeps it in contact"
 HOPELESS = {
     unsupported: ("press", "body aluminium has no support in x and no contact presses", SUPPORT),
@@ -87,6 +96,7 @@ HOPELESS = {
     stiff: ("press", "contact.0: the penalty is 3e+07 times", "try the default penalty"),
     collapsing: ("press", "has nearly collapsed (volume ratio 0.", "try less load"),
     wedged: ("slide", "has nearly collapsed (volume ratio 0.", "try less load"),
+    overrun: ("slide", "slide off the end of the master", "a master surface that reaches further"),
 }
 
 
@@ -116,6 +126,7 @@ def test_hopeless_problem_says_why_and_keeps_its_last_state(block, film, tmp_pat
     time = float(rows[-1]["time"]) if rows else 0.0
     assert text.startswith(f"stage {stage}, time {time:.6g} s: ")
     assert what in text and cure in text and "\n" not in text
+    assert ("off the end" in text) is (problem is overrun)
     summary = json.loads((out / "summary.json").read_text())
     assert (summary["status"], summary["failure"]) == ("failed", text)
     assert summary["steps"] == len(rows)
@@ -126,7 +137,7 @@ def test_hopeless_problem_says_why_and_keeps_its_last_state(block, film, tmp_pat
         assert np.nanmax(-points["gap"]) == pytest.approx(deepest, rel=1e-12) and deepest > 0.0
         moved = last_displacement(out)
         assert np.all(np.isfinite(moved)) and 1e-7 < np.max(np.abs(moved)) < 2e-3
-    assert bool(rows) is (problem in (lifted, collapsing, wedged))
+    assert bool(rows) is (problem in (lifted, collapsing, wedged, overrun))
 
 
 def test_saved_state_is_the_last_converged_one(monkeypatch, block, tmp_path):

@@ -1,4 +1,4 @@
-"""Results do not depend on the number of ranks, and ranks fail together."""
+"""The command line on several ranks: it starts them, and they fail and stop together."""
 
 from __future__ import annotations
 
@@ -32,28 +32,19 @@ def differences(mine: list[dict], theirs: list[dict]) -> dict[str, float]:
     return found
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", ["block", "film"])
-def test_history_does_not_depend_on_the_ranks(request, tribox, case_file, tmp_path, kind):
-    path = case_file(request.getfixturevalue(kind))
-    histories = {}
-    for ranks in (1, 2, 3):
+def test_np_starts_the_ranks_itself(tribox, case_file, block, tmp_path):
+    path, histories = case_file(block), []
+    for ranks, options in ((1, {}), (2, {"process": True}), (3, {"ranks": 3})):
         out = tmp_path / f"{ranks}"
-        result = tribox("run", path, "--out", out, *TIGHT, ranks=ranks)
+        words = ("--np", 2) if ranks == 2 else ()
+        result = tribox("run", path, "--out", out, *TIGHT, *words, **options)
         assert result.returncode == 0, result.stderr
         assert json.loads((out / "summary.json").read_text())["ranks"] == ranks
-        histories[ranks] = read_table(out / "history.csv")
-    for ranks in (2, 3):
-        apart = differences(histories[ranks], histories[1])
-        assert {k: v for k, v in apart.items() if v > SAME} == {}, ranks
-
-
-def test_np_starts_the_ranks_itself(tribox, case_file, block, tmp_path):
-    out = tmp_path / "out"
-    result = tribox("run", case_file(block), "--np", 2, "--out", out, "--set", "stage.1.steps=1")
-    assert result.returncode == 0, result.stderr
-    assert json.loads((out / "summary.json").read_text())["ranks"] == 2
-    assert result.stdout.count("step    1 ") == 1
+        assert result.stdout.count("step    1 ") == 1
+        histories.append(read_table(out / "history.csv"))
+    for history in histories[1:]:
+        apart = differences(history, histories[0])
+        assert {k: v for k, v in apart.items() if v > SAME} == {}
 
 
 def test_ranks_refuse_together_with_one_line(tribox, case_file, block, tmp_path):

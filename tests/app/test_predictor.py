@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+import app.predictor
 from app.case import Case
+from app.legs import legs_of
 from app.model import build_model
 from app.predictor import Predictor, lagrange_weights
 from app.simulation import Observer, Simulation
@@ -93,3 +95,62 @@ def test_the_path_is_continued_through_uneven_steps():
     assert all(result.residuals[0] < 2e-2 for result in results[3:]), [
         result.residuals[0] for result in results
     ]
+
+
+def pressed(**slide):
+    """The small block after its first stage."""
+    sim = simulation(**slide)
+    for leg in legs_of(sim.model.case.stage[0], None, 0.0):
+        sim._run_leg(leg, Observer())
+    return sim
+
+
+def test_a_body_that_sticks_is_not_predicted_to_slide(monkeypatch):
+    """A good start costs one factorisation; where both are tried, the better one stays."""
+    sim = pressed()
+    stepper = sim.implicit
+    sim.model.set_loads(1.001, 1.5e-7)
+    trial = stepper.problem.new_vector()
+    assert stepper.predictor.predict(stepper.x, trial) == 1
+    start = trial.array_r.copy()
+    monkeypatch.setattr(app.predictor, "FAR_OFF", 0.0)
+    assert stepper.predictor.predict(stepper.x, trial) == 2
+    np.testing.assert_array_equal(trial.array_r, start)
+
+
+def test_sliding_start_moves_the_body_as_a_whole(monkeypatch):
+    """The foot of the upper body moves by as much as its top, where friction would hold it."""
+    sim = pressed()
+    stepper, problem = sim.implicit, sim.model.problem
+    sim.model.set_loads(2.0, 1.5e-4)
+    trial = problem.new_vector()
+    foot = np.unique(problem.contacts[0].surface.slave.nodes)
+
+    def moved():
+        return (trial.array_r - stepper.x.array_r).reshape(-1, 2)[foot, 0]
+
+    assert stepper.predictor.predict(stepper.x, trial) == 2
+    np.testing.assert_allclose(moved(), 1.5e-4, rtol=0.15)
+    monkeypatch.setattr(Predictor, "_rubbing", lambda self: False)
+    assert stepper.predictor.predict(stepper.x, trial) == 1
+    assert np.abs(moved() - 1.5e-4).max() > 0.5e-4
+
+
+def test_yielding_friction_is_a_load_and_only_within_its_block():
+    sim = pressed()
+    problem, x = sim.model.problem, sim.implicit.x
+    force, same = problem.new_vector(), problem.new_vector()
+
+    def stiffness():
+        return np.abs(problem.trials[0].response.d_traction_d_slip).max()
+
+    problem.residual(None, x, force)
+    assert stiffness() > 0.0
+    assert np.abs(problem.trials[0].response.traction).max() > 0.0
+    with pytest.raises(RuntimeError), problem.yielding():
+        problem.residual(None, x, same)
+        assert stiffness() == 0.0
+        raise RuntimeError
+    np.testing.assert_array_equal(same.array_r, force.array_r)
+    problem.residual(None, x, same)
+    assert stiffness() > 0.0

@@ -111,7 +111,7 @@ FACETS = (6, 2, 2, 6)
 def write_mesh(path: Path, degrees: float) -> None:
     """A block of 10 x 5 cells on a wider one whose top has a ridge (or groove: negative)."""
     rise = 0.3 * np.tan(np.radians(degrees))
-    gmsh.initialize()
+    gmsh.initialize(interruptible=False)  # or it would take Ctrl-C from all that follows
     gmsh.option.setNumber("General.Terminal", 0)
     geo = gmsh.model.geo
     low = [geo.addPoint(x, -0.5, 0.0) for x in KINKS]

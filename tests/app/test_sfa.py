@@ -1,14 +1,21 @@
-"""cases/sfa.toml: steady points on the closed form, and the paper's four claims."""
+"""cases/sfa.toml: steady points on the closed form, the paper's four claims, and the figures."""
 
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
+import matplotlib.pyplot as plt
+import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
+from app import figures
 from app.case import load_case
 from app.results import read_table
 from forms.closed_forms import effective_viscosity, film_fraction, threshold_speed
@@ -65,6 +72,22 @@ class Point:
         pressure = self.row["normal_force"] / self.row["contact_area"]
         arguments = (self.speed, self.thickness, pressure, self.row["mu"], self.parameters)
         return float(effective_viscosity(*arguments))
+
+
+@pytest.fixture(scope="module")
+def sfa(tmp_path_factory: pytest.TempPathFactory, environment: dict[str, str]) -> Path:
+    """Results of cases/sfa.toml, swept over four thicknesses by the command line."""
+    directory = tmp_path_factory.mktemp("sfa") / "sfa"
+    done = subprocess.run(
+        [sys.executable, "-m", "app", "run", str(CASE), "--out", str(directory)],
+        cwd=directory.parent,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=500.0,
+    )
+    assert done.returncode == 0, done.stderr
+    return directory
 
 
 @pytest.fixture(scope="module")
@@ -200,3 +223,63 @@ def test_one_command_gives_tables_and_figures(sfa, points):
         assert (part / "fields.bp" / "md.idx").stat().st_size > 0
         assert {p.name for p in (part / "figures").iterdir()} >= {"history.png", "deformed.png"}
         assert list((part / "contact").glob("*.vtu"))
+
+
+# -- figures --------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def drawn(monkeypatch) -> Iterator[dict[str, Figure]]:
+    """Figures by file name, kept instead of written."""
+    kept: dict[str, Figure] = {}
+    monkeypatch.setattr(figures, "save", lambda figure, path: kept.update({path.name: figure}))
+    yield kept
+    plt.close("all")
+
+
+def test_sweep_figures_show_the_steady_points(sfa, drawn):
+    case = load_case(sfa / "case.toml")
+    figures.draw_sweep(case, sfa)
+    assert {"effective_viscosity.png", "friction_map.png"} <= set(drawn)
+    rows = [row for row in read_table(sfa / "sweep.csv") if row["steady"] >= 0]
+    parts = case.sweep_cases()
+
+    left, right = drawn["effective_viscosity.png"].axes[:2]
+    assert {left.get_xscale(), left.get_yscale(), right.get_xscale()} == {"log"}
+    for axes, scaled in ((left, False), (right, True)):
+        points = [line for line in axes.lines if line.get_label().startswith("D = ")]
+        assert len(points) == len(parts)
+        for line, (label, single) in zip(points, parts, strict=True):
+            mine = [row for row in rows if row["label"] == label]
+            scale = 1.0 / single.contact[0].film.thickness if scaled else 1.0
+            x, y = line.get_data()
+            assert x == pytest.approx([row["velocity"] * scale for row in mine])
+            assert y == pytest.approx([row["effective_viscosity"] for row in mine])
+    laws = [single.contact[0] for _, single in parts]
+    stars = {
+        round(float(threshold_speed(c.film.thickness, c.friction.parameters())), 9)
+        for c in laws
+        if c.film.thickness < c.friction.D_max
+    }
+    marks = {round(x[0], 9) for line in left.lines if len(set(x := line.get_xdata())) == 1}
+    assert stars <= marks
+
+    [plane] = drawn["friction_map.png"].axes
+    shown = [line.get_ydata() for line in plane.lines if line.get_marker() in ("o", "s")]
+    shown = np.sort(np.concatenate(shown)) * 1e6
+    tractions = [abs(row["tangential_force"]) / row["contact_area"] for row in rows]
+    assert shown == pytest.approx(sorted(tractions))
+
+
+def test_history_figures_show_the_history(sfa, drawn):
+    part = sfa / "thickness=30nm"
+    figures.draw_history(part)
+    rows = read_table(part / "history.csv")
+    top, bottom = drawn["history.png"].axes
+    curves = {line.get_label(): line.get_ydata() for line in top.lines}
+    assert curves["normal force"] == pytest.approx([row["normal_force"] for row in rows])
+    assert curves["tangential force"] == pytest.approx([row["tangential_force"] for row in rows])
+    assert bottom.get_ylabel() == "T/N (-)"
+    [axes] = drawn["energy.png"].axes
+    curves = {line.get_label(): line.get_ydata() for line in axes.lines}
+    assert curves["external work"] == pytest.approx([row["external_work"] for row in rows])
