@@ -384,8 +384,7 @@ def main() -> None:
     try:
         cli(prog_name="tribox")
     except TriboxError as error:
-        if os.environ.get("OMPI_COMM_WORLD_RANK", "0") == "0":
-            print(f"tribox: {error}", file=sys.stderr)
+        _say_once(f"tribox: {error}")
         sys.exit(error.exit_code)
     except Exception:
         # One rank that dies alone would leave the others waiting for it for ever.
@@ -396,8 +395,14 @@ def main() -> None:
 
         MPI.COMM_WORLD.Abort(1)
     except KeyboardInterrupt:
-        print("tribox: interrupted; the results so far are saved", file=sys.stderr)
+        _say_once("tribox: interrupted; the results so far are saved")
         sys.exit(130)
+
+
+def _say_once(line: str) -> None:
+    """Print a line to standard error, on the first rank only."""
+    if os.environ.get("OMPI_COMM_WORLD_RANK", "0") == "0":
+        print(line, file=sys.stderr)
 
 
 if __name__ == "__main__":

@@ -110,7 +110,8 @@ def _figure(bodies: dict[str, Floats], points: dict[str, Floats], title: str) ->
         zorder=3,
     )
     figure.colorbar(marks, ax=top, label="contact pressure (MPa)")
-    top.legend(loc="upper right", fontsize=8)
+    # Below: bodies may fill all of the frame.
+    top.legend(loc="upper center", bbox_to_anchor=(0.5, -0.02), ncols=len(bodies), fontsize=8)
     stretched = " (vertical scale stretched)" if slender else ""
     top.set_title(f"{title}\ndeformed{stretched}", fontsize=9)
     top.set_ylabel("y (mm)")

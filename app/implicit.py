@@ -278,11 +278,18 @@ class ImplicitStepper:
         return iterations, reason
 
     def _iterate(self) -> tuple[int, int]:
-        """Let SNES solve from the present trial; (iterations, converged reason)."""
-        with self.problem.timer("linear solve"):  # assembly and factorisation take themselves out
-            self.snes.solve(None, self.trial)
-        self.solver.forget_failure()
-        return self.snes.getIterationNumber(), self.snes.getConvergedReason()
+        """Let SNES solve from the present trial; (iterations, converged reason).
+
+        After a linear solve that failed it goes on once with a new preconditioner.
+        """
+        iterations = 0
+        for _ in range(1 if self.solver.direct else 2):
+            with self.problem.timer("linear solve"):  # the other parts take themselves out
+                self.snes.solve(None, self.trial)
+            iterations += self.snes.getIterationNumber()
+            if self.solver.forget_failure():
+                break
+        return iterations, self.snes.getConvergedReason()
 
     def _search(self, kind: str | None) -> None:
         """Use a kind of line search; None: the one of the case."""

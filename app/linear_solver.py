@@ -29,7 +29,7 @@ KRYLOV: dict[str, str | float | bool] = {
     "ksp_type": "fgmres",
     # Newton's method gains three digits an iteration where it converges: more would be wasted.
     "ksp_rtol": 1e-3,
-    "ksp_max_it": 500,
+    "ksp_max_it": 200,
     "ksp_gmres_restart": 60,
     "pc_type": "gamg",
     # One symmetric sweep of Gauss-Seidel within each rank: it needs no bounds of eigenvalues,
@@ -63,6 +63,12 @@ def rigid_modes(position: Floats) -> Floats:
     return np.stack(modes)
 
 
+# Iterations, over those of the first solve with a preconditioner (at least FEW), from which it is
+# made from nothing: smoothed aggregation keeps its coarse spaces while the pattern stays, and
+# points that stuck may slip by now.
+WORN, FEW = 2, 10
+
+
 class LinearSolver:
     """Solves with the tangent of the state it was last assembled at.
 
@@ -80,6 +86,7 @@ class LinearSolver:
         self.matrix = problem.new_matrix(x)
         self.assembled = 0
         self._pattern = problem.pattern_changes
+        self._fresh: int | None = None  # iterations of the first solve with a new preconditioner
         self._ksp: PETSc.KSP | None = None
         self._near: PETSc.NullSpace | None = None
 
@@ -168,9 +175,19 @@ class LinearSolver:
         self.assembled += 1
         if self._near is not None:
             self.matrix.setNearNullSpace(self._near)
-        if self._pattern != self.problem.pattern_changes:
+        if self._pattern != self.problem.pattern_changes or self._worn():
             self._pattern = self.problem.pattern_changes
             self.ksp.reset()
+            self._fresh = None
         self.ksp.setOperators(self.matrix)
         with self.problem.timer("factorisation" if self.direct else "preconditioner"):
             self.ksp.setUp()
+
+    def _worn(self) -> bool:
+        """Whether the last solve took far more iterations than the preconditioner's first."""
+        last = self.ksp.getIterationNumber()
+        if self.direct or last == 0:
+            return False
+        if self._fresh is None:
+            self._fresh = max(last, FEW)
+        return last > WORN * self._fresh

@@ -302,3 +302,9 @@ PHYSICAL = tuple(
     for name in COLUMNS
     if name not in ("step", "stage", "newton_iterations", "attempts", "energy_error", *RESULTANTS)
 )
+
+
+def energy_gap(rows: Sequence[Row]) -> float:
+    """Last energy error over the largest external work or kinetic energy of the run; 0 without."""
+    largest = max((max(abs(row.external_work), row.kinetic_energy) for row in rows), default=0.0)
+    return rows[-1].energy_error / largest if largest > 0.0 else 0.0

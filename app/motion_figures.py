@@ -37,7 +37,7 @@ def draw_phase(rows: list[dict[str, Any]], name: str, path: Path) -> None:
     """
     time, force, speed = columns(rows, "time", f"{name}_force", f"{name}_v")
     with plt.rc_context(STYLE):
-        figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4))
+        figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
         left.plot((time - time[0]) * 1e3, force, color=COLOURS[0], lw=1)
         left.set_xlabel("time since the first explicit row (ms)")
         left.set_ylabel("force in the spring (N)")

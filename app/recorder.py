@@ -23,7 +23,7 @@ from app.explicit_legs import Interval
 from app.fields import FieldWriter
 from app.implicit import StepResult
 from app.legs import Leg
-from app.measure import Row
+from app.measure import Row, energy_gap
 from app.model import Model
 from app.results import write_history, write_json, write_table, write_text
 from app.simulation import Observer, Simulation
@@ -34,6 +34,7 @@ TINY = 1e-30  # J/m², below any dissipation
 # default penalty leaves 0.005 in cases/block-slide.toml; on blocks of 10 elements the forces are
 # 0.1 % too small at 0.001 and 1.2 % at 0.009, in proportion.
 PENETRATION = 0.02
+UNBALANCED = 0.05  # energy error over the work from which a run is warned of
 HISTORY_EVERY = 2.0  # s between two rewrites of history.csv while running
 
 
@@ -110,6 +111,7 @@ class Recorder(Observer):
         if simulation.step:
             self._output(simulation)
             self.warnings.extend(self._deep_contacts())
+            self.warnings.extend(_unbalanced(simulation))
         self._fields.close()
         explicit = {} if simulation.explicit is None else simulation.explicit.summary()
         shares = self.comm.gather(self._share())
@@ -215,7 +217,6 @@ class Recorder(Observer):
         problem = self.model.problem
         wall = time.perf_counter() - self._started
         timings = {key: round(value, 4) for key, value in simulation.stepper.seconds().items()}
-        largest = max((max(abs(r.external_work), r.kinetic_energy) for r in rows), default=0.0)
         return {
             "title": self.model.case.title,
             "status": status,
@@ -224,7 +225,7 @@ class Recorder(Observer):
             "newton_iterations": sum(row.newton_iterations for row in rows),
             "factorisations": simulation.implicit.solver.assembled if simulation.implicit else 0,
             "attempts": sum(row.attempts for row in rows),
-            "energy_error_relative": rows[-1].energy_error / largest if largest else 0.0,
+            "energy_error_relative": energy_gap(rows),
             "penalty": [term.penalty for term in problem.contacts],
             "film_onset_pressure": self.model.film_onset,
             "penetration_over_facet": [
@@ -245,6 +246,17 @@ class Recorder(Observer):
                 "python": platform.python_version(),
             },
         }
+
+
+def _unbalanced(simulation: Simulation) -> Iterator[str]:
+    """A warning on a run whose energies do not add up."""
+    gap = abs(energy_gap(simulation.rows))
+    if gap > UNBALANCED:
+        yield (
+            f"energy is balanced only to {gap:.2g} of the work: the steps are too long for what "
+            "happens in them (smaller steps), or facets of a curved master catch (a finer master, "
+            "or smoothing_angle)"
+        )
 
 
 def _penetration_over_film(row: Row) -> float | None:

@@ -12,6 +12,7 @@ from app.console import Reporter, Together
 from app.errors import InputError, SolutionError
 from app.explicit_legs import notes_on_steps
 from app.interruption import Interruption
+from app.measure import energy_gap
 from app.model import build_model
 from app.recorder import Recorder
 from app.results import check_free, prepare
@@ -104,17 +105,15 @@ def _closing_line(simulation: Simulation) -> str:
     """Steps, iterations, penetration and energy balance of a finished run."""
     rows = simulation.rows
     deepest = max(row.max_penetration for row in rows)
-    film = rows[-1].film_thickness
-    depth = f"{deepest:.3g} m" + (f" = {deepest / film:.2g} D" if film > 0.0 else "")
-    work = max(max(abs(row.external_work), row.kinetic_energy) for row in rows)
-    gap = abs(rows[-1].energy_error) / work if work > 0.0 else 0.0
+    films = [row.max_penetration / row.film_thickness for row in rows if row.film_thickness > 0.0]
+    depth = f"{deepest:.3g} m" + (f" = {max(films):.2g} D" if films else "")
     explicit = simulation.explicit
     counted = f"{sum(row.newton_iterations for row in rows)} Newton iterations"
     if explicit is not None:
         counted += f", {explicit.steps} time steps"
     return (
         f"{len(rows)} steps, {counted}, "
-        f"largest penetration {depth}, energy balanced to {gap:.1e}"
+        f"largest penetration {depth}, energy balanced to {abs(energy_gap(rows)):.1e}"
         f" of the {'work or kinetic energy' if explicit else 'external work'}"
     )
 

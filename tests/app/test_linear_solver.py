@@ -10,6 +10,7 @@ from petsc4py import PETSc
 
 from app.case import Case
 from app.equilibrium import Equilibrium
+from app.implicit import ImplicitStepper
 from app.linear_solver import (
     DIRECT,
     DIRECT_LIMIT,
@@ -282,3 +283,68 @@ def test_multigrid_is_told_the_rigid_motions_of_the_bodies(pair, dim, count):
     for mode in modes:
         solver.matrix.mult(mode, image)
         assert image.norm() < 1e-12 * solver.matrix.norm()
+
+
+class Solves:
+    """Stands for PETSc's solver after solves of so many iterations."""
+
+    def __init__(self, iterations):
+        self.iterations = iter(iterations)
+
+    def getIterationNumber(self):
+        return next(self.iterations)
+
+    def getType(self):
+        return "fgmres"
+
+
+@pytest.mark.parametrize(
+    ("iterations", "worn"),
+    [
+        ((12, 20, 24, 25), [False, False, False, True]),
+        # A few iterations more or less say nothing.
+        ((3, 8, 20, 21), [False, False, False, True]),
+        # Before the first solve there is nothing to compare with.
+        ((0, 15, 30, 31), [False, False, False, True]),
+    ],
+)
+def test_a_preconditioner_is_worn_when_it_takes_twice_as_long(pair, iterations, worn):
+    solver = LinearSolver(pair().problem(None), pair().problem(None).new_vector())
+    solver._ksp = Solves(iterations)
+    assert [solver._worn() for _ in iterations] == worn
+
+
+def test_a_linear_solve_that_fails_is_tried_with_a_new_preconditioner(monkeypatch):
+    def other_means(*arguments):
+        raise AssertionError("there was no need of a softer contact, or of whole steps")
+
+    monkeypatch.setattr(ImplicitStepper, "_search", other_means)
+    monkeypatch.setattr(ImplicitStepper, "_approach", other_means)
+    data = tomllib.loads(BLOCK)
+    data["solver"] = {"linear": "krylov", "petsc": {"ksp_rtol": 1e-8}}
+    runs = []
+    for failing in (None, 4):
+        sim = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
+        test = FailsOnce(failing)
+        sim.stepper.solver.ksp.setConvergenceTest(test)
+        sim.run(Observer())
+        assert test.failed is (failing is not None)
+        assert {row.attempts for row in sim.rows} == {1}
+        runs.append(sim.rows[-1])
+    assert runs[0].tangential_force == pytest.approx(runs[1].tangential_force, rel=1e-6)
+
+
+class FailsOnce:
+    """Convergence by 1e-8, but for one solve, which gives up at once."""
+
+    def __init__(self, failing):
+        self.failing, self.solves, self.failed, self.start = failing, 0, False, 0.0
+
+    def __call__(self, ksp, iteration, norm):
+        reasons = PETSc.KSP.ConvergedReason
+        if iteration == 0:
+            self.solves, self.start = self.solves + 1, norm
+        if self.solves == self.failing and not self.failed:
+            self.failed = True
+            return reasons.DIVERGED_MAX_IT
+        return reasons.CONVERGED_RTOL if norm <= 1e-8 * self.start else None
