@@ -108,9 +108,10 @@ class Predictor:
         Returns:
             The number of factorisations it took.
         """
-        rubbing = self._rubbing()
+        if not self._rubbing():
+            return 0
         left = self._residual_norm(trial)
-        if not rubbing or left <= FAR_OFF * self.problem.reference_force:
+        if left <= FAR_OFF * self.problem.reference_force:
             return 0
         held_fast = trial.array_r.copy()
         x.copy(trial)

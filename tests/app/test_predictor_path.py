@@ -32,6 +32,7 @@ class Known:
         self.load, self.held = 0.0, np.zeros(2)
         self.platens = [SimpleNamespace(pull=lambda displacement: self.load)]
         self.pressures: list[SimpleNamespace] = []
+        self.trials: list[SimpleNamespace] = []
         self.direct, self.works, self.share, self.reach = True, True, 1.0, np.inf
         self.seen: list[np.ndarray] = []
         self.solves = self.steps = 0
