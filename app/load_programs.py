@@ -20,6 +20,7 @@ from geometry.facets import Floats
 from geometry.mesh import NamedMesh
 
 ON_AXIS = 1e-9  # distance over the largest radius up to which a node lies on the axis of symmetry
+FLAT = 0.99  # mean normal component from which a surface counts as flat and across the direction
 TANGENTIAL = 1e-6  # mean normal component below which a direction runs along the surface
 
 Motion = Callable[[float, float], float | Floats]
@@ -42,6 +43,7 @@ class Loads:
     Attributes:
         prescribed, platens, pressures: for the equilibrium.
         platen_names: of the platens, such as "top_x": surface and direction.
+        notes: what the user should know of them, one line each.
         programs: each sets one load from (time, driven displacement), s and m.
     """
 
@@ -60,6 +62,7 @@ class Loads:
         self.prescribed: list[Prescribed] = []
         self.platens: list[Platen] = []
         self.platen_names: list[str] = []
+        self.notes: list[str] = []
         self.pressures: list[FollowerPressure] = []
         self.programs: list[Callable[[float, float], None]] = []
         self._holds: list[_Hold] = []
@@ -148,6 +151,12 @@ class Loads:
             raise InputError(
                 f'boundary "{boundary.surface}": platen.direction = "{boundary.platen.direction}" '
                 "is tangential to the surface; a platen presses along its normal"
+            )
+        if abs(outward) < FLAT:
+            self.notes.append(
+                f'boundary "{boundary.surface}": the platen\'s surface is curved or oblique (mean '
+                f"normal {abs(outward):.2g} along {boundary.platen.direction}): all of it moves as "
+                "one along that direction, and a pressure counts on all of its area"
             )
         inward = -float(np.sign(outward))
         if boundary.platen.pressure is not None:

@@ -125,6 +125,7 @@ def build_model(case: Case, comm: MPI.Comm) -> Model:
     for boundary in case.boundary:
         loads.add(boundary)
     loads.check_corners()
+    notes += loads.notes
     problem = Equilibrium(u, solids, contacts, loads.prescribed, loads.platens, loads.pressures)
     if any(solver_of(stage, case.solver.kind) == "implicit" for stage in case.stage):
         notes += loose_bodies(case, named, section)

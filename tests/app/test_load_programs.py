@@ -15,6 +15,7 @@ from app.case_boundary import Boundary
 from app.equilibrium import Equilibrium
 from app.errors import InputError
 from app.load_programs import Loads
+from geometry.cylinders import FlatBlock, HalfCylinder, LineContact
 from geometry.mesh import NamedMesh, generate
 from geometry.two_blocks import Block, TwoBlocks
 from geometry.two_boxes import Box, TwoBoxes
@@ -192,3 +193,22 @@ def test_held_values_of_an_array_enter_residual_and_unknowns():
     np.testing.assert_allclose(f.array[problem.held_dofs()], -wanted[problem.held_dofs()])
     largest = x.comm.tompi4py().allreduce(np.abs(wanted).max(initial=0.0), op=MPI.MAX)
     assert largest > 0.05
+
+
+@pytest.mark.parametrize(
+    ("surface", "said"),
+    [
+        ("top", []),
+        ("elastomer_contact", ["is curved or oblique (mean normal 0.", "moves as one along that"]),
+    ],
+)
+def test_a_platen_on_a_curved_surface_is_noted(surface, said):
+    half, flat = HalfCylinder(10.0, 9.9, 2.0), FlatBlock(20.0, 10.0, 9.9, 2.0)
+    named = generate(LineContact(half, flat), MPI.COMM_SELF)
+    u = dolfinx.fem.Function(dolfinx.fem.functionspace(named.mesh, ("Lagrange", 1, (2,))))
+    loads = Loads(named, u, "plane-strain", 1.0)
+    platen = {"direction": "y", "pressure": 1e3}
+    loads.add(Boundary.model_validate({"surface": surface, "platen": platen}))
+    assert len(loads.notes) == bool(said)
+    for part in said:
+        assert part in loads.notes[0]
