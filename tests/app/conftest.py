@@ -111,6 +111,41 @@ figures = false
 fields_every = 0
 """
 
+# Boxes pressed by a platen and slid, in space.
+BOXES = """
+[geometry]
+kind = "two-boxes"
+upper = { width = "1 mm", height = "0.5 mm", depth = "1 mm", elements = [4, 2, 4] }
+lower = { width = "1.5 mm", height = "0.5 mm", depth = "1.5 mm", elements = [6, 2, 6] }
+[bodies.elastomer]
+material = "neo-hookean"
+E = "5 MPa"
+nu = 0.49
+[bodies.aluminium]
+material = "neo-hookean"
+E = "70 GPa"
+nu = 0.33
+[[contact]]
+slave = "elastomer_contact"
+master = "aluminium_contact"
+friction = { law = "coulomb", mu = 0.2 }
+[[boundary]]
+surface = "bottom"
+displacement = { x = 0, y = 0, z = 0 }
+[[boundary]]
+surface = "top"
+displacement = { x = [["1 s", "0 mm"], ["2 s", "0.1 mm"]], z = 0 }
+platen = { direction = "y", pressure = [["0 s", "0 MPa"], ["1 s", "0.4 MPa"]] }
+[[stage]]
+name = "press"
+duration = "1 s"
+steps = 2
+[[stage]]
+name = "slide"
+duration = "1 s"
+steps = 1
+"""
+
 # A layer pressed by the implicit solver and slid on its film by the explicit one.
 SLID = """
 title = "small explicit sliding"

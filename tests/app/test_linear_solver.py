@@ -22,7 +22,7 @@ from app.linear_solver import (
 from app.model import build_model
 from app.simulation import Observer, Simulation
 from forms.solids import Solid
-from tests.app.conftest import BLOCK
+from tests.app.conftest import BLOCK, BOXES
 from tests.app.test_equilibrium import coulomb
 from tests.conftest import SOFT
 from tests.contact_boxes import two_boxes
@@ -60,41 +60,6 @@ def test_krylov_and_direct_agree():
     # An inexact solve costs Newton's method little: its tolerance is below what a step gains.
     spent = [sum(row.newton_iterations for row in sim.rows) for sim in (direct, krylov)]
     assert spent[1] <= spent[0] + 2 * len(direct.rows)
-
-
-BOXES = """
-[geometry]
-kind = "two-boxes"
-upper = { width = "1 mm", height = "0.5 mm", depth = "1 mm", elements = [4, 2, 4] }
-lower = { width = "1.5 mm", height = "0.5 mm", depth = "1.5 mm", elements = [6, 2, 6] }
-[bodies.elastomer]
-material = "neo-hookean"
-E = "5 MPa"
-nu = 0.49
-[bodies.aluminium]
-material = "neo-hookean"
-E = "70 GPa"
-nu = 0.33
-[[contact]]
-slave = "elastomer_contact"
-master = "aluminium_contact"
-friction = { law = "coulomb", mu = 0.2 }
-[[boundary]]
-surface = "bottom"
-displacement = { x = 0, y = 0, z = 0 }
-[[boundary]]
-surface = "top"
-displacement = { x = [["1 s", "0 mm"], ["2 s", "0.1 mm"]], z = 0 }
-platen = { direction = "y", pressure = [["0 s", "0 MPa"], ["1 s", "0.4 MPa"]] }
-[[stage]]
-name = "press"
-duration = "1 s"
-steps = 2
-[[stage]]
-name = "slide"
-duration = "1 s"
-steps = 1
-"""
 
 
 def test_nearly_incompressible_in_space_with_friction_and_a_platen():
