@@ -14,8 +14,7 @@ import numpy as np
 import scipy.sparse
 
 from forms.contact import ContactTerm, ContactTrial
-from geometry.facets import Floats, Ints
-from geometry.surface import Longs
+from geometry.facets import Floats, Ints, Longs
 
 # Rings of neighbouring master facets beyond those in use that a window includes, by the number of
 # surface directions: in space every ring costs far more entries.

@@ -13,7 +13,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from app.equilibrium import Equilibrium, Ints
-from app.implicit import StepResult
+from app.implicit import KINKED, StepResult
 from app.measure import ContactMeasure
 from forms.friction_map import FrictionMap
 from forms.materials import oedometric_modulus
@@ -28,7 +28,6 @@ SQUEEZED = 0.2  # volume ratio J below which an element is said to be nearly col
 STIFF_PENALTY = 3e4
 SOFT_PENALTY = 0.1
 SUPPORT = "a support there (displacement), or a load that keeps it in contact"
-NEARLY = 1e-5  # residual over the contact force below which a step has all but converged
 ON_EDGE = 1e-6  # reference distance from the edge of a facet below which a point is on it
 ADRIFT = 1e-6  # share of the largest displacement by which a body moves that nothing holds
 
@@ -225,7 +224,7 @@ def explain(
         f"{reason_of(result)}, residual {residual} of the contact force after {result.iterations} "
         f"iterations, largest at {place_text(problem.worst_place())}, undeformed"
     )
-    nearly = bool(result.residuals) and result.residuals[-1] < NEARLY
+    nearly = bool(result.residuals) and result.residuals[-1] <= KINKED
     edges = list(_of_edges(problem)) if nearly else []
     findings = [
         *_of_supports(problem, loose),

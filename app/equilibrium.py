@@ -26,8 +26,7 @@ from app.stopwatch import Stopwatch
 from forms.contact import ContactTerm, ContactTrial
 from forms.loads import FollowerPressure
 from forms.solids import Solid
-from geometry.facets import Floats
-from geometry.surface import Longs
+from geometry.facets import Floats, Longs
 
 Ints = NDArray[np.int32]
 

@@ -38,6 +38,10 @@ KRYLOV: dict[str, str | float | bool] = {
     "mg_levels_ksp_max_it": 1,
     "mg_levels_pc_type": "sor",
 }
+# Iterations, over those of the first solve with a preconditioner (at least FEW), from which it is
+# made from nothing: smoothed aggregation keeps its coarse spaces while the pattern stays, and
+# points that stuck may slip by now.
+WORN, FEW = 2, 10
 
 
 def linear_options(problem: Equilibrium, kind: Linear) -> dict[str, str | float | bool]:
@@ -61,12 +65,6 @@ def rigid_modes(position: Floats) -> Floats:
             mode[:, i], mode[:, j] = position[:, j], -position[:, i]
             modes.append(mode)
     return np.stack(modes)
-
-
-# Iterations, over those of the first solve with a preconditioner (at least FEW), from which it is
-# made from nothing: smoothed aggregation keeps its coarse spaces while the pattern stays, and
-# points that stuck may slip by now.
-WORN, FEW = 2, 10
 
 
 class LinearSolver:

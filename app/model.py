@@ -21,7 +21,6 @@ from app.equilibrium import Equilibrium, Ints
 from app.errors import InputError
 from app.load_programs import ON_AXIS, Loads
 from app.model_notes import (
-    body_of,
     large_mesh,
     locking_bodies,
     loose_bodies,
@@ -184,6 +183,7 @@ def make_mesh(case: Case, comm: MPI.Comm) -> NamedMesh:
             f'{geometry.mesh}: bodies "{first}" and "{second}" share nodes, so they cannot slide; '
             "mesh them apart (no common points between the bodies)"
         )
+    _check_owners(case, named)
     return named
 
 
@@ -205,6 +205,17 @@ def _check_names(case: Case, named: NamedMesh) -> None:
     for name in named.bodies:
         if name not in case.bodies:
             raise MeshError(f'the mesh has a body "{name}", the case has no [bodies.{name}]')
+
+
+def _check_owners(case: Case, named: NamedMesh) -> None:
+    """See that every surface in use lies on one body; collective."""
+    pairs = [(contact.slave, contact.master) for contact in case.contact]
+    used = [name for pair in pairs for name in pair] + [part.surface for part in case.boundary]
+    for surface in dict.fromkeys(used):
+        try:
+            named.body_of(surface)
+        except MeshError as error:
+            raise InputError(str(error)) from None
 
 
 def _check_section(case: Case, named: NamedMesh) -> None:
@@ -277,7 +288,7 @@ def _contact(
         )
     except ValueError as error:
         raise InputError(f"contact.{index}: {error}") from None
-    owners = [body_of(named, name) for name in (contact.slave, contact.master)]
+    owners = [named.body_of(name) for name in (contact.slave, contact.master)]
     if oedometric_modulus(materials[owners[0]]) > 10.0 * oedometric_modulus(materials[owners[1]]):
         notes.append(
             f"contact.{index}: the slave {contact.slave} is on the stiffer body {owners[0]}; the "

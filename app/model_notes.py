@@ -11,12 +11,10 @@ import app.case_bodies as case_bodies
 from app.case import Case
 from app.case_boundary import COMPONENTS
 from app.case_contact import Contact
-from app.errors import InputError
 from forms.kinematics import Section
 from forms.materials import Material
 from geometry import metis
 from geometry.mesh import NamedMesh
-from geometry.surface import integration_facets
 
 LOCKING = 50.0  # K/G (Poisson's ratio 0.49) from which linear triangles are said to lock
 APART = 2.0  # distance over facet length from which bodies are said to start apart
@@ -68,7 +66,7 @@ def loose_bodies(case: Case, named: NamedMesh, section: Section) -> Iterator[str
     held: dict[str, set[str]] = {name: set() for name in named.bodies}
     for boundary in case.boundary:
         found = {part for part, keys in boundary.prescribed() if touching or keys[0] != "platen"}
-        held[body_of(named, boundary.surface)] |= found
+        held[named.body_of(boundary.surface)] |= found
     needed = ("y",) if section == "axisymmetric" else COMPONENTS[: named.mesh.geometry.dim]
     for name, directions in held.items():
         for direction in needed:
@@ -99,17 +97,3 @@ def notes_on_surfaces(
             f"{place}: the facets of the slave {contact.slave} are {slave / master:.2g} times as "
             f"long as those of {contact.master}, whose shape they cannot follow; refine the slave"
         )
-
-
-def body_of(named: NamedMesh, surface: str) -> str:
-    """The body that a surface belongs to; collective."""
-    mesh = named.mesh
-    pairs = integration_facets(mesh, named.facets(surface)).reshape(-1, 2)
-    tags = {
-        int(tag) for tag in named.cell_tags.values[np.isin(named.cell_tags.indices, pairs[:, 0])]
-    }
-    found = set().union(*mesh.comm.allgather(tags))
-    names = [name for name, tag in named.bodies.items() if tag in found]
-    if len(names) != 1:
-        raise InputError(f'surface "{surface}" must lie on one body; it lies on {sorted(names)}')
-    return names[0]

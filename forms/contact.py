@@ -23,9 +23,9 @@ from forms.contact_kinematics import Anchor, ContactKinematics, Variations, rela
 from forms.film import FilmThickness, film_thickness
 from forms.friction import FrictionLaw, FrictionResponse, FrictionState
 from geometry.closest_point import solve_small
-from geometry.facets import Floats, Ints, unit_normals
+from geometry.facets import Floats, Ints, Longs, unit_normals
 from geometry.projection import Projection
-from geometry.surface import ContactSurface, Longs
+from geometry.surface import ContactSurface
 
 # Entries of point blocks that must be saved for a second group of them to pay for its overhead.
 WORTH_FOLDING = 50_000

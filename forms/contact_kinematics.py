@@ -20,12 +20,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from geometry.facets import Bools, Floats
+from geometry.facets import Bools, Floats, Longs
 from geometry.projection import Projection
-
-Longs = NDArray[np.int64]
 
 TOUCHING = 1e-9  # gap, relative to a master facet's size, up to which a point touches
 

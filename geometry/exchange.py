@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from geometry.facets import Floats
-from geometry.surface import ContactSurface, Longs
+from geometry.facets import Floats, Longs
+from geometry.surface import ContactSurface
 
 
 class NodalVector:

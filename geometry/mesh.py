@@ -27,6 +27,7 @@ from geometry.gmsh_model import (
     vertices_and_facets,
 )
 from geometry.partition import share_out
+from geometry.surface import integration_facets
 
 __all__ = ["MeshError", "NamedMesh", "bodies_sharing_nodes", "generate", "read"]
 
@@ -82,6 +83,22 @@ class NamedMesh:
             MeshError: If there is no such surface.
         """
         return np.asarray(self.facet_tags.find(self.surface_tag(name)), dtype=np.int32)
+
+    def body_of(self, surface: str) -> str:
+        """The body that a surface lies on; collective.
+
+        Raises:
+            MeshError: On all processes, if there is no such surface, or not one body behind it.
+        """
+        cells = integration_facets(self.mesh, self.facets(surface))[::2]
+        mine = set(self.cell_tags.values[np.isin(self.cell_tags.indices, cells)].tolist())
+        found = set().union(*self.mesh.comm.allgather(mine))
+        names = [name for name, tag in self.bodies.items() if tag in found]
+        if len(names) != 1:
+            raise MeshError(
+                f'surface "{surface}" must lie on one body; it lies on {", ".join(names) or "none"}'
+            )
+        return names[0]
 
 
 def generate(shape: Shape, comm: MPI.Comm, contacts: Contacts = ()) -> NamedMesh:

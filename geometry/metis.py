@@ -14,14 +14,14 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse
 
-Ints = npt.NDArray[np.int32]
+from geometry.facets import Ints
 
 _LIBRARY = "libmetis.so.5"
 _OPTIONS = 40  # METIS_NOPTIONS
 _OK = 1  # METIS_OK
 # METIS's manual: recursive bisection gives better parts up to eight, and takes longer beyond.
 _FEW = 8
-_POINTER = npt.NDArray[np.int32] | npt.NDArray[np.float32] | None
+_Array = Ints | npt.NDArray[np.float32] | None
 
 
 class PartitionError(RuntimeError):
@@ -55,7 +55,7 @@ def partition(graph: scipy.sparse.csr_matrix, weights: Ints, parts: int, slack: 
     few = parts <= _FEW
     solve = library.METIS_PartGraphRecursive if few else library.METIS_PartGraphKway
     out, cut = np.zeros(count, dtype=np.int32), np.zeros(1, dtype=np.int32)
-    arrays: list[_POINTER] = [
+    arrays: list[_Array] = [
         np.array([count], dtype=np.int32),
         np.array([constraints], dtype=np.int32),
         graph.indptr.astype(np.int32),

@@ -14,14 +14,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 import scipy.sparse
 from scipy.spatial import cKDTree
 
 from geometry import metis
-from geometry.facets import Floats, Ints
+from geometry.facets import Floats, Ints, Longs
 
-Longs = npt.NDArray[np.int64]
 Pair = tuple[Longs, Longs]  # vertices (f, v) of the slave and of the master facets of a contact
 
 # An edge between touching cells: cutting one costs the tangent's entries of a slave and a master

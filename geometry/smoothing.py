@@ -24,12 +24,10 @@ from typing import TypeAlias
 
 import numpy as np
 import scipy.sparse
-from numpy.typing import NDArray
 
-from geometry.facets import Bools, FacetShape, Floats, Ints, facet_shape, unit_normals
+from geometry.facets import Bools, FacetShape, Floats, Ints, Longs, facet_shape, unit_normals
 
 Sparse: TypeAlias = scipy.sparse.csr_matrix
-Longs = NDArray[np.int64]
 
 
 @dataclass(slots=True)

@@ -20,10 +20,8 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from geometry.facets import FacetShape, Floats, Ints, facet_shape, unit_normals
+from geometry.facets import FacetShape, Floats, Ints, Longs, facet_shape, unit_normals
 from geometry.projection import FacetSurface, Projection
-
-Longs = NDArray[np.int64]
 
 
 @dataclass(slots=True)

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import gmsh
 import pytest
 from mpi4py import MPI
 
@@ -53,6 +54,21 @@ SHAPES |= {
     "apart": TwoBlocks(Block(1e-3, 1e-3, (2, 2)), Block(2e-3, 1e-3, (3, 2)), 0.0, gap=2e-3),
     "coarse": TwoBlocks(Block(1e-3, 1e-3, (2, 2)), Block(2e-3, 1e-3, (20, 2)), 0.0),
 }
+
+
+class Astride:
+    """The blocks, with a surface that is partly on each."""
+
+    def build(self) -> None:
+        SHAPES["blocks"].build()
+        groups = gmsh.model.getPhysicalGroups(1)
+        sides = [(d, t) for d, t in groups if gmsh.model.getPhysicalName(d, t).endswith("_right")]
+        curves = [c for d, t in sides for c in gmsh.model.getEntitiesForPhysicalGroup(d, t)]
+        gmsh.model.removePhysicalGroups(sides)
+        gmsh.model.addPhysicalGroup(1, curves, name="both")
+
+
+SHAPES["one surface"] = Astride()
 
 
 @pytest.fixture
@@ -107,6 +123,12 @@ def test_linear_tetrahedra_that_lock_are_pointed_out(model):
             "",
             ["bodies.elastomer.formulation=q2", "bodies.aluminium.formulation=q1"],
             'bodies.aluminium.formulation: bodies.elastomer has "q2"',
+        ),
+        (
+            "one surface",
+            "",
+            ["boundary.1.surface=both"],
+            'surface "both" must lie on one body; it lies on elastomer, aluminium',
         ),
     ],
 )
