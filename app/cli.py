@@ -16,7 +16,7 @@ import typer
 from app.errors import InputError, SolutionError, TriboxError
 
 if TYPE_CHECKING:
-    from app.case import Case
+    from app.case.case import Case
 
 cli = typer.Typer(
     add_completion=False,
@@ -51,8 +51,8 @@ def run(
     ] = None,
 ) -> None:
     """Run a case, or every value of its sweep, and write results and figures."""
-    from app.case import load_case
-    from app.results import check_free, default_directory
+    from app.case.case import load_case
+    from app.results.directory import check_free, default_directory
 
     case = load_case(case_file, overrides or [])
     directory = out or default_directory(case_file)
@@ -75,7 +75,7 @@ def run(
             "mpirun",
             ["mpirun", "-n", str(np), sys.executable, "-m", "mpi4py", "-m", "app", *arguments],
         )
-    from app.run import run_case
+    from app.run.run import run_case
 
     run_case(case, directory, force=force)
 
@@ -120,9 +120,9 @@ def _run_sweep(
     jobs: int | None,
     ranks: int,
 ) -> None:
-    from app.case import resolved_toml
-    from app.results import check_free, prepare, write_text
-    from app.sweep import Part, collate, cores, part_command, run_side_by_side
+    from app.case.case import resolved_toml
+    from app.results.directory import check_free, prepare, write_text
+    from app.run.sweep import Part, collate, cores, part_command, run_side_by_side
 
     if ranks > 1:
         _run_sweep_together(case, directory, force)
@@ -148,10 +148,10 @@ def _run_sweep_together(case: Case, directory: Path, force: bool) -> None:
     """All ranks of one mpirun take the values one after the other."""
     from mpi4py import MPI
 
-    from app.case import resolved_toml
-    from app.results import check_free, prepare, write_text
-    from app.run import on_first, run_case
-    from app.sweep import collate
+    from app.case.case import resolved_toml
+    from app.results.directory import check_free, prepare, write_text
+    from app.run.run import on_first, run_case
+    from app.run.sweep import collate
 
     def make_ready() -> None:
         check_free(directory, force)
@@ -175,7 +175,7 @@ def _run_sweep_together(case: Case, directory: Path, force: bool) -> None:
 
 def _draw_sweep(case: Case, directory: Path) -> None:
     if case.output.figures:
-        from app.figures import draw_sweep
+        from app.figures.history import draw_sweep
 
         (directory / "figures").mkdir(exist_ok=True)
         draw_sweep(case, directory)
@@ -185,8 +185,8 @@ def _see_that_it_builds(case: Case) -> list[str]:
     """Find what shows only once mesh and case are put together; the notes on it."""
     from mpi4py import MPI
 
-    from app.explicit_legs import notes_on_steps
-    from app.model import build_model
+    from app.build.model import build_model
+    from app.simulation.explicit_stage import notes_on_steps
 
     model = build_model(case, MPI.COMM_SELF)
     return [*model.notes, *notes_on_steps(model)]
@@ -195,7 +195,7 @@ def _see_that_it_builds(case: Case) -> list[str]:
 @cli.command()
 def check(case_file: CaseFile, overrides: Overrides = None) -> None:
     """Check a case file without running it; every problem is one line."""
-    from app.case import check_case, load_case
+    from app.case.case import check_case, load_case
 
     problems = check_case(case_file, overrides or [])
     if problems:
@@ -224,12 +224,12 @@ def mesh(
     """Write a case's mesh (.msh) and a picture of it with the names of bodies and surfaces."""
     from mpi4py import MPI
 
-    from app.case import load_case
-    from app.case_bodies import GeneratedGeometry
-    from app.model import make_mesh
-    from app.results import default_directory
-    from geometry.gmsh_model import write_msh
-    from geometry.picture import save_picture
+    from app.build.model import make_mesh
+    from app.case.bodies import GeneratedGeometry
+    from app.case.case import load_case
+    from app.results.directory import default_directory
+    from geometry.meshes.gmsh_model import write_msh
+    from geometry.pictures.plane import save_picture
 
     case = load_case(case_file, overrides or [])
     default = default_directory(case_file)
@@ -252,8 +252,8 @@ def plot(
     directory: Annotated[Path, typer.Argument(metavar="DIR", help="results directory")],
 ) -> None:
     """Draw the figures of a results directory again from its files."""
-    from app.case import load_case
-    from app.figures import draw_history, draw_sweep
+    from app.case.case import load_case
+    from app.figures.history import draw_history, draw_sweep
 
     if not directory.is_dir():
         raise InputError(f"{directory}: not a results directory")
@@ -277,7 +277,7 @@ def map_(
     force: Annotated[bool, typer.Option("--force", help="replace results that are there")] = False,
 ) -> None:
     """Map the friction law of a case at material points: tables and figures, in seconds."""
-    from app.map_run import run_map
+    from app.friction_map.run import run_map
 
     run_map(case_file, overrides or [], out, force)
 
@@ -302,7 +302,7 @@ def fit(
     force: Annotated[bool, typer.Option("--force", help="replace results that are there")] = False,
 ) -> None:
     """Calibrate parameters of the friction-map law to tribometer data."""
-    from app.fit_run import run_fit
+    from app.fit.run import run_fit
 
     run_fit(data, parameters, fixed or [], start or [], out, force)
 
@@ -328,7 +328,7 @@ def bench(
     force: Annotated[bool, typer.Option("--force", help="replace files that are there")] = False,
 ) -> None:
     """Measure where the CPU time of a case goes, level by level: about a minute by default."""
-    from app.bench import run_bench
+    from app.bench.bench import run_bench
 
     run_bench(what or [], case, out, repeat, force)
 
@@ -344,7 +344,7 @@ def verify(
     force: Annotated[bool, typer.Option("--force", help="replace a report that is there")] = False,
 ) -> None:
     """Compute verification cases and compare them with closed forms; exit code 3 if one fails."""
-    from app.verification import run_verify
+    from app.verify.report import run_verify
 
     if _ranks_around() > 1:
         raise InputError("verify runs on one rank")
@@ -354,7 +354,7 @@ def verify(
 @cli.command()
 def schema() -> None:
     """Print the JSON schema of case files."""
-    from app.case import json_schema
+    from app.case.case import json_schema
 
     print(json.dumps(json_schema(), indent=2, ensure_ascii=False))
 
@@ -371,9 +371,9 @@ def test(context: typer.Context) -> None:
 
 
 @cli.command(hidden=True)
-def warm() -> None:
+def precompile() -> None:
     """Compile every form into the cache, so that the first run need not."""
-    from app.warm import compile_forms
+    from app.precompile import compile_forms
 
     for line in compile_forms():
         print(line, flush=True)

@@ -15,12 +15,12 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from app.case import Case, load_case
-from app.measure import Row
-from app.motion_figures import draw_overlay
-from app.results import read_table
-from app.run import run_case
-from app.simulation import Simulation
+from app.case.case import Case, load_case
+from app.figures.phase_plots import draw_overlay
+from app.results.directory import read_table
+from app.run.run import run_case
+from app.simulation.contact_resultants import Row
+from app.simulation.simulation import Simulation
 from benchmarks.run import ROOT
 
 CASE = ROOT / "cases" / "sfa-explicit.toml"
@@ -45,7 +45,7 @@ def run(case: Case) -> Simulation:
         return run_case(case, Path(scratch) / "out", quiet=True)
 
 
-def legs(rows: Sequence[dict[str, Any]]) -> dict[float, dict[str, Any]]:
+def load_steps(rows: Sequence[dict[str, Any]]) -> dict[float, dict[str, Any]]:
     """The last row at each velocity."""
     return {row["velocity"]: row for row in rows if row["velocity"]}
 
@@ -89,7 +89,7 @@ def agreement_lines(figure: Path) -> Iterator[str]:
                 rows.append(read_table(Path(scratch) / name / "history.csv"))
         film = label.split("=")[1]
         pairs[f"D = {film}"] = (rows[1], rows[0])
-        ends = [legs(table) for table in rows]
+        ends = [load_steps(table) for table in rows]
         for speed, row in ends[0].items():
             reference = ends[1][speed]["tangential_force"]
             off = row["tangential_force"] / reference - 1.0

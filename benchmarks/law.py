@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import argparse
 
-from app.bench_law import lines
+from app.bench.law import lines
 
 
 def main() -> None:

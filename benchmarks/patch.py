@@ -21,12 +21,12 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from app.case import load_case
+from app.build.model import build_model
+from app.case.case import load_case
 from app.errors import SolutionError
-from app.fields import StressField
-from app.model import build_model
-from app.simulation import Observer, Simulation
-from geometry.mesh import NamedMesh
+from app.results.fields import StressField
+from app.simulation.simulation import Observer, Simulation
+from geometry.meshes.mesh import NamedMesh
 
 PRESSURE = 1e5  # Pa, a fiftieth of the elastomer's modulus
 CASE = """

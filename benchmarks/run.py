@@ -10,15 +10,15 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-import app.bench
-from app.case import load_case
+import app.bench.bench
+from app.case.case import load_case
 
-ROOT = app.bench.ROOT
+ROOT = app.bench.bench.ROOT
 
 
 def level_options(level: int) -> list[str]:
     """Options of ``tribox run`` that refine the block-slide problem ``level`` times."""
-    return app.bench.level_options(load_case(app.bench.DEFAULT_CASE), level)
+    return app.bench.bench.level_options(load_case(app.bench.bench.DEFAULT_CASE), level)
 
 
 def tribox(case: str, out: Path, options: Sequence[str]) -> None:

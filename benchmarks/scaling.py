@@ -22,12 +22,12 @@ from typing import Any
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from app.case import Case
-from app.implicit import ImplicitStepper, StepResult
-from app.measure import Row
-from app.model import build_model
-from app.simulation import Observer, Simulation
-from app.stopwatch import Stopwatch
+from app.build.model import build_model
+from app.case.case import Case
+from app.equilibrium.timers import Stopwatch
+from app.implicit.stepper import ImplicitStepper, StepResult
+from app.simulation.contact_resultants import Row
+from app.simulation.simulation import Observer, Simulation
 
 CASE = """
 [geometry]

@@ -12,9 +12,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from app.verification import percent
-from app.verification_space import MISMATCHES, SLAVE_FACETS, PatchErrors, patch_errors
-from app.verification_sphere import SECTION, SMOOTH, jumps, press_sphere, roll
+from app.verify.report import percent
+from app.verify.space import MISMATCHES, SLAVE_FACETS, PatchErrors, patch_errors
+from app.verify.sphere import SECTION, SMOOTH, jumps, press_sphere, roll
 
 DEGREES = (1, 3, 5, 7, 9, 11)
 COARSER = 7  # slave facets along x and z under which the master has up to 1.5 times as many

@@ -19,18 +19,23 @@ from typing import Any
 
 import numpy as np
 
-from app.case import load_case
-from app.case_bodies import TwoCylindersGeometry
-from app.case_contact import FrictionMap
-from app.results import read_table
-from app.run import run_case
-from app.verification import percent
-from app.verification_contact import Profile, press, pressure_checks, traction_checks
-from app.verification_result import Check
-from app.verification_sliding import REFERENCE
+from app.case.bodies import TwoCylindersGeometry
+from app.case.case import load_case
+from app.case.contact import FrictionMap
+from app.results.directory import read_table
+from app.run.run import run_case
+from app.verify.contact import Profile, press, pressure_checks, traction_checks
+from app.verify.report import percent
+from app.verify.result import Check
+from app.verify.sliding import REFERENCE
 from benchmarks.run import ROOT, level_options, tribox
-from forms.closed_forms import Floats, effective_viscosity, film_fraction, threshold_speed
-from forms.friction_parameters import FrictionMapParameters
+from forms.closed_forms.homogeneous_sliding import (
+    Floats,
+    effective_viscosity,
+    film_fraction,
+    threshold_speed,
+)
+from forms.friction.parameters import FrictionMapParameters
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,15 +18,15 @@ import pytest
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from app.equilibrium import Equilibrium, Prescribed, component_dofs
-from forms.contact import ContactTerm
-from forms.friction import FrictionLaw
-from forms.materials import Material, NeoHookean
-from forms.solids import Solid
-from geometry.facets import FacetShape, facet_shape
-from geometry.mesh import NamedMesh, generate
-from geometry.surface import ContactSurface
-from geometry.two_blocks import Block, TwoBlocks
+from app.equilibrium.equilibrium import Equilibrium, Prescribed, component_dofs
+from forms.bodies.materials import Material, NeoHookean
+from forms.bodies.solid import Solid
+from forms.contact.penalty import ContactTerm
+from forms.friction.law import FrictionLaw
+from geometry.generators.two_blocks import Block, TwoBlocks
+from geometry.meshes.mesh import NamedMesh, generate
+from geometry.surfaces.facets import FacetShape, facet_shape
+from geometry.surfaces.surface import ContactSurface
 
 TESTS = Path(__file__).parent
 # Two processes may want a form at once: s that one waits for the other's compiler.

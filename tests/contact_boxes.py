@@ -16,8 +16,8 @@ import ufl
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from forms.contact import ContactTerm
-from geometry.surface import ContactSurface
+from forms.contact.penalty import ContactTerm
+from geometry.surfaces.surface import ContactSurface
 
 GAP = 0.05
 PENALTY = 50.0

@@ -12,6 +12,21 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
+COPIES = [
+    line for line in (ROOT / "Dockerfile").read_text().splitlines() if line.startswith("COPY ")
+]
+# Of the files that the image is made from, one of each place.
+SOURCES = (
+    "forms/bodies/solid.py",
+    "forms/native/plane_kernel.c",
+    "geometry/meshes/mesh.py",
+    "app/__init__.py",
+    "app/errors.py",
+    "app/precompile.py",
+    "app/equilibrium/equilibrium.py",
+    "app/results/__init__.py",
+    "app/results/fields.py",
+)
 
 # Records each call, one argument per line. Images are files in $STATE/images; what else happens
 # is decided by the environment.
@@ -104,8 +119,8 @@ def machine(tmp_path: Path) -> Machine:
     for name in ("tribox", "Dockerfile", ".dockerignore"):
         shutil.copy(ROOT / name, made.checkout)
     shutil.copytree(ROOT / "docker", made.checkout / "docker")
-    for name in ("forms/solids.py", "app/cli.py", "cases/sfa.toml"):
-        (made.checkout / name).parent.mkdir(exist_ok=True)
+    for name in (*SOURCES, "app/cli.py", "cases/sfa.toml"):
+        (made.checkout / name).parent.mkdir(parents=True, exist_ok=True)
         (made.checkout / name).write_text("title = 'a'\n")
     for name in ("python3", "apt-get", "apt-config"):
         made.install(name, ABSENT)
@@ -235,7 +250,7 @@ def test_image_is_made_once(docker: Machine) -> None:
     [
         ("Dockerfile", True),
         ("docker/entry", True),
-        ("forms/solids.py", True),
+        *((source, True) for source in SOURCES),
         ("app/cli.py", False),
         ("cases/sfa.toml", False),
     ],
@@ -248,6 +263,23 @@ def test_only_dependencies_and_forms_make_it_anew(docker: Machine, name: str, an
     docker.launch("check")
     assert (image_of(docker.container()) != before) == anew
     assert len(docker.calls_of("build")) == 1 + anew
+
+
+@pytest.mark.parametrize("name", ["app/precompile.py", "geometry", ".dockerignore"])
+def test_a_source_of_the_image_that_is_missing_is_named(docker: Machine, name: str) -> None:
+    path, builds = docker.checkout / name, docker.calls_of("build")
+    shutil.rmtree(path) if path.is_dir() else path.unlink()
+    done = docker.launch("check")
+    assert done.returncode == 2
+    assert f"{name} is missing; the image is made from it" in done.stderr
+    assert docker.calls_of("build") == builds
+
+
+def test_every_source_of_the_image_is_in_the_checkout() -> None:
+    copied = [line.split()[1:-1] for line in COPIES if line.split()[1:-1] != ["."]]
+    assert {source for sources in copied for source in sources} > {"forms", "docker/entry"}
+    for source in (source for sources in copied for source in sources):
+        assert (ROOT / source).exists(), source
 
 
 def test_failed_build_is_one_line_and_the_log(machine: Machine) -> None:
@@ -267,7 +299,7 @@ def test_base_that_cannot_be_pulled_is_made(machine: Machine) -> None:
     base = "BASE=localhost/tribox-base:trixie"
     assert base in values(machine.calls_of("build")[0], "--build-arg")
     # The next image is built on the same one.
-    (machine.checkout / "forms/solids.py").write_text("# other forms\n")
+    (machine.checkout / "forms/bodies/solid.py").write_text("# other forms\n")
     machine.launch("check")
     assert len(machine.calls_of("mmdebstrap")) == 1
     assert base in values(machine.calls_of("build")[1], "--build-arg")

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from app.cli import cli
-from app.measure import COLUMNS
-from app.results import OWN
+from app.results.directory import OWN
+from app.simulation.contact_resultants import COLUMNS
 
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"
@@ -60,7 +60,7 @@ def test_the_picture_on_top_is_small_enough():
 def test_every_column_and_array_is_explained():
     text = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
     explained = set(re.findall(r"`([a-zA-Z_.]+)`", text))
-    source = (ROOT / "app" / "contact_output.py").read_text(encoding="utf-8")
+    source = (ROOT / "app" / "results" / "contact_points.py").read_text(encoding="utf-8")
     arrays = set(re.findall(r'^ {8}"(\w+)": ', source, re.MULTILINE))
     assert {"pressure", "alpha", "regime"} <= arrays
     assert arrays | set(COLUMNS) | {"label", "steady"} <= explained
@@ -74,7 +74,7 @@ def test_every_file_of_a_results_directory_is_explained():
 
 def test_every_key_of_the_summary_is_explained():
     text = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
-    source = (ROOT / "app" / "recorder.py").read_text(encoding="utf-8")
+    source = (ROOT / "app" / "results" / "recorder.py").read_text(encoding="utf-8")
     body = source.split("def _summary")[1].split("\ndef ")[0]
     keys = set(re.findall(r'"(\w+)":', body))
     assert {"title", "status", "seconds"} <= keys

@@ -12,8 +12,8 @@ import gmsh
 import meshio
 import pytest
 
-from app.case import load_case
-from app.results import read_table
+from app.case.case import load_case
+from app.results.directory import read_table
 
 LENGTH = 1e-3
 

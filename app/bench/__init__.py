@@ -1,0 +1,1 @@
+"""``tribox bench``: where the time goes."""

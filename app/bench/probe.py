@@ -1,0 +1,255 @@
+"""``tribox run``, with the CPU time of its parts taken.
+
+``python -m app.bench.probe REPORT CASE ...`` runs the command as it is, in this process, with the
+functions named in :data:`FRAME` and :data:`PROBES` replaced by timed ones, and writes what it
+measured to the file REPORT (JSON). The parts of the solution count only inside an attempt at a
+step; whatever else happens belongs to the part around it, and what belongs to none is "imports":
+the start of Python, its imports, the reading of the case. The clock is that of the process's CPU
+time, user and system.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import resource
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import partial, wraps
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from app.equilibrium.timers import Stopwatch
+
+if TYPE_CHECKING:
+    from app.simulation.simulation import Simulation
+
+# Function, as module and name in it, and the part of the run it counts for.
+FRAME = {
+    "app.run.run:build_model": "set-up",
+    "app.run.run:Simulation.__init__": "set-up",
+    "app.run.run:Recorder.__init__": "set-up",
+    "app.run.run:Recorder.step": "output",
+    "app.run.run:Recorder.load_step": "output",
+    "app.run.run:Recorder.close": "output",
+    "app.run.run:draw_run": "figures",
+    "app.run.run:Simulation.run": "between steps",
+    "app.implicit.stepper:ImplicitStepper.attempt": "rest of solver",
+}
+# The same inside an attempt at a step.
+PROBES = {
+    "app.equilibrium.equilibrium:Equilibrium._assembled": "solid residual",
+    "app.equilibrium.equilibrium:Equilibrium._assemble_forms": "solid tangent",
+    "app.equilibrium.equilibrium:Equilibrium.strain_energy": "solid residual",
+    "geometry.surfaces.surface:ContactSurface.displacements": "kinematics",
+    "geometry.surfaces.facet_search:FacetSearch.pairs": "search",
+    "geometry.surfaces.projection:FacetSurface.project": "projection",
+    "forms.contact.penalty:relate": "kinematics",
+    "forms.contact.penalty:ContactTerm.anchor": "kinematics",
+    "forms.contact.penalty:ContactTerm.tangent": "tangent blocks",
+    "forms.contact.penalty:ContactTerm.nodal_forces": "nodal forces",
+    "app.equilibrium.equilibrium:Equilibrium._contact_forces": "merge into the residual",
+    "app.equilibrium.equilibrium:Equilibrium._add_blocks": "merge into the matrix",
+}
+# Parts that the solution itself tells apart, and those of PETSc's events.
+TIMED = {
+    "assembly": "held rows",
+    "contact": "rest of contact",
+    "pattern": "pattern",
+    "factorisation": "numeric factorisation",
+    "preconditioner": "numeric factorisation",
+    "linear solve": "rest of solver",
+}
+EVENTS = {
+    "MatLUFactorSym": "symbolic factorisation",
+    "MatCholFctrSym": "symbolic factorisation",
+    "MatLUFactorNum": "numeric factorisation",
+    "MatCholFctrNum": "numeric factorisation",
+    "PCSetUp": "numeric factorisation",
+    "KSPSolve": "solve",
+}
+REPEATS = 3  # of the single factorisation; the fastest counts
+
+
+@dataclass(slots=True)
+class Probe:
+    """Stopwatch of CPU time whose inner parts count only while a step is attempted.
+
+    Attributes:
+        watch: where the seconds add up; inside: whether a step is being attempted.
+    """
+
+    watch: Stopwatch = field(default_factory=lambda: Stopwatch(time.process_time))
+    inside: bool = False
+
+    @property
+    def seconds(self) -> dict[str, float]:
+        """CPU seconds by part."""
+        return self.watch.seconds
+
+    @contextmanager
+    def __call__(self, part: str) -> Iterator[None]:
+        """Stand in for the stopwatch of the solution."""
+        self.begin(TIMED.get(part, part))
+        try:
+            yield
+        finally:
+            self.end()
+
+    def begin(self, part: str) -> None:
+        """Count towards ``part`` from here on, inside an attempt."""
+        if self.inside:
+            self.watch.begin(part)
+
+    def end(self) -> None:
+        """Go on with the part around."""
+        if self.inside:
+            self.watch.end()
+
+    def timed(self, function: Callable[..., Any], part: str) -> Callable[..., Any]:
+        """``function``, counted towards ``part`` inside an attempt."""
+
+        @wraps(function)
+        def call(*args: Any, **keywords: Any) -> Any:
+            self.begin(part)
+            try:
+                return function(*args, **keywords)
+            finally:
+                self.end()
+
+        return call
+
+    def framed(self, function: Callable[..., Any], part: str) -> Callable[..., Any]:
+        """``function``, counted towards ``part`` wherever it is called; an attempt opens probes."""
+
+        @wraps(function)
+        def call(*args: Any, **keywords: Any) -> Any:
+            with self.watch(part):
+                self.inside = part == "rest of solver"
+                try:
+                    return function(*args, **keywords)
+                finally:
+                    self.inside = False
+
+        return call
+
+
+def replace(where: str, wrap: Callable[[Callable[..., Any]], Callable[..., Any]]) -> None:
+    """Replace the function at "module:name" or "module:class.name".
+
+    Raises:
+        AttributeError: there is none; the tables above must name what the program has.
+    """
+    module, _, name = where.partition(":")
+    owner: Any = importlib.import_module(module)
+    *outer, last = name.split(".")
+    for step in outer:
+        owner = getattr(owner, step)
+    setattr(owner, last, wrap(getattr(owner, last)))
+
+
+def install(probe: Probe) -> list[Simulation]:
+    """Put the probes in; the list returned will hold the simulation once it has been made."""
+    import app.equilibrium.equilibrium
+    import app.run.run
+
+    for where, part in FRAME.items():
+        replace(where, partial(probe.framed, part=part))
+    for where, part in PROBES.items():
+        replace(where, partial(probe.timed, part=part))
+    app.equilibrium.equilibrium.Stopwatch = lambda: probe  # type: ignore[attr-defined,assignment,misc]
+    made: list[Simulation] = []
+
+    def keep(function: Callable[..., Any]) -> Callable[..., Any]:
+        def call(simulation: Simulation, *args: Any, **keywords: Any) -> Any:
+            made.append(simulation)
+            laws = {type(term.law) for term in simulation.model.problem.contacts}
+            for law in laws:
+                law.update = probe.timed(law.update, "law")  # type: ignore[method-assign]
+            return function(simulation, *args, **keywords)
+
+        return call
+
+    replace("app.simulation.simulation:Simulation.run", keep)
+    return made
+
+
+def measure(case: Sequence[str]) -> dict[str, Any]:
+    """Run ``tribox run`` with the words ``case`` and return what the report holds."""
+    from app.cli import cli
+    from app.equilibrium.petsc_events import events
+
+    probe = Probe()
+    made = install(probe)
+    probe.seconds["imports"] = time.process_time()
+    with probe.watch("imports"), events(EVENTS, probe.begin, probe.end):
+        cli(["run", *case], prog_name="tribox", standalone_mode=False)
+    ran = time.process_time()
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    (simulation,) = made
+    once = one_factorisation(simulation)
+    rows = simulation.rows
+    return {
+        "dofs": simulation.model.problem.new_vector().getSize(),
+        "steps": len(rows),
+        "attempts": sum(row.attempts for row in rows),
+        "iterations": sum(row.newton_iterations for row in rows),
+        "gross": most_in_gross_sliding(simulation),
+        "seconds": dict(probe.seconds),
+        "calls": dict(probe.watch.calls),
+        "memory": peak,
+        "factorisation": once,
+        "afterwards": time.process_time() - ran,
+    }
+
+
+def most_in_gross_sliding(simulation: Simulation) -> int:
+    """Most Newton iterations in a step that all points slid through; 0 without such a step.
+
+    The step before must have slid from its beginning, too: the predictor repeats it.
+    """
+    rows = simulation.rows
+    slid = [row.contact_area > 0.0 and row.stick_fraction == 0.0 for row in rows]
+    whole = [a and b for a, b in pairwise(slid)]
+    return max(
+        (
+            row.newton_iterations
+            for row, before, now in zip(rows[2:], whole, whole[1:], strict=False)
+            if before and now
+        ),
+        default=0,
+    )
+
+
+def one_factorisation(simulation: Simulation) -> float:
+    """CPU seconds of one analysis and factorisation of the last tangent, MUMPS as it comes."""
+    from petsc4py import PETSc
+
+    assert simulation.implicit is not None
+    tangent = simulation.implicit.snes.getJacobian()[0]
+    fastest = float("inf")
+    for _ in range(REPEATS):
+        pc = PETSc.PC().create(simulation.model.problem.comm)
+        pc.setOptionsPrefix("bench_")
+        pc.setType("lu")
+        pc.setFactorSolverType("mumps")
+        pc.setOperators(tangent)
+        started = time.process_time()
+        pc.setUp()
+        fastest = min(fastest, time.process_time() - started)
+        pc.destroy()
+    return fastest
+
+
+def main() -> None:
+    """Measure one command and write the report."""
+    report, *case = sys.argv[1:]
+    Path(report).write_text(json.dumps(measure(case), indent=1), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""From a case to what is solved: mesh, bodies, contacts, loads, and notes on them."""

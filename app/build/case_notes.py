@@ -1,0 +1,140 @@
+"""What may surprise in a case that is correct: lines for the person who runs it."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+
+import numpy as np
+
+from app.case.bodies import BlocksGeometry, GeneratedGeometry
+from app.case.boundary import Boundary
+from app.case.case import Case
+from app.case.contact import Contact, FrictionMap
+from app.case.time_tables import TimeTable
+from app.simulation.load_steps import Inertia, LoadStep
+from forms.friction.checks import threshold_speed_warning, uniqueness_warning
+
+THICK = 1e-5  # m, film thickness that is surely a slip of units
+
+
+def notes_on(case: Case) -> list[str]:
+    """Notes on a case before it runs, one line each."""
+    notes = [
+        f"boundary.{index}.{key}: falls to {min(table.values):g} Pa: below zero it pulls"
+        for index, boundary in enumerate(case.boundary)
+        for key, table in _pressures(boundary)
+        if min(table.values) < 0.0
+    ]
+    return notes + [
+        f"contact.{index}: {note}"
+        for index, contact in enumerate(case.contact)
+        for note in _notes_on_contact(case, contact)
+    ]
+
+
+STIFF_PENALTY = 10.0  # penalty_factor above which an explicit run pays for it
+REST = 1e-3  # kinetic over strain energy up to which a relaxed body counts as at rest
+
+
+def notes_on_inertia(case: Case, load_step: LoadStep, inertia: Inertia) -> Iterator[str]:
+    """Warnings after an explicit load step: scaled mass that is felt, and bodies not at rest.
+
+    Args:
+        case: what was run; load_step: the part that has ended.
+        load_step: see case.
+        inertia: kinetic against strain energy over it.
+    """
+    limit = case.solver.kinetic_limit
+    if case.solver.mass_scaling is not None and inertia.ratio > limit:
+        yield (
+            f"stage {load_step.label}: kinetic energy is {inertia.ratio:.2g} of the strain "
+            f"energy, above kinetic_limit = {limit:g}: the scaled mass is felt (less mass_scaling, "
+            "a longer ramp or a lower velocity)"
+        )
+    if load_step.stage.relax and inertia.last > REST:
+        yield (
+            f"stage {load_step.label}: not at rest at its end, kinetic energy is "
+            f"{inertia.last:.2g} of the strain energy (longer duration)"
+        )
+
+
+def _pressures(boundary: Boundary) -> Iterator[tuple[str, TimeTable]]:
+    if boundary.pressure is not None:
+        yield "pressure", boundary.pressure
+    if boundary.platen is not None and boundary.platen.pressure is not None:
+        yield "platen.pressure", boundary.platen.pressure
+
+
+def _notes_on_contact(case: Case, contact: Contact) -> Iterator[str]:
+    if case.is_explicit and (contact.penalty_factor or 0.0) > STIFF_PENALTY:
+        yield (
+            f"penalty_factor = {contact.penalty_factor:g} shortens explicit steps and lets nodes "
+            "chatter; 1 to 3 is stiff enough for most"
+        )
+    if not isinstance(contact.friction, FrictionMap) or contact.film is None:
+        return
+    yield from _notes_on_weakening(case, contact.friction)
+    if max(contact.film.thicknesses) > THICK:
+        yield (
+            f"film thickness D = {max(contact.film.thicknesses):.3g} m: the law is one of thin "
+            "films (nanometres to about a micrometre)"
+        )
+    parameters, film = contact.friction.parameters(), np.array(contact.film.thicknesses)
+    pressure = highest_pressure(case)
+    if pressure > 0.0:
+        note = uniqueness_warning(parameters, pressure, film)
+        if note:
+            yield note
+    steps = list(_driven_steps(case))
+    if steps:
+        note = threshold_speed_warning(
+            parameters,
+            film,
+            position_error=sys.float_info.epsilon * _size(case),
+            dt=min(dt for _, dt in steps),
+            slowest=min(speed for speed, _ in steps),
+        )
+        if note:
+            yield note
+
+
+def _notes_on_weakening(case: Case, friction: FrictionMap) -> Iterator[str]:
+    """Weakening that does nothing, and weakening that lets patches of the contact snap."""
+    fall = friction.mu_s - friction.mu_d
+    if fall > 0.0 and friction.B == 0.0:
+        yield f"mu_d = {friction.mu_d:g} has no effect while B = 0: friction stays at mu_s"
+    if not isinstance(case.geometry, BlocksGeometry):
+        return
+    upper = case.bodies[case.geometry.bodies[0]].shear_modulus / case.geometry.upper.height
+    slope = highest_pressure(case) * fall * friction.B
+    if slope > upper:
+        yield (
+            f"slip weakening p (mu_s - mu_d) B = {slope:.3g} Pa/m is steeper than the upper "
+            f"block's shear stiffness G/height = {upper:.3g} Pa/m: the onset of slip can snap, "
+            "and a quasi-static step through it may have no solution (lower B)"
+        )
+
+
+def highest_pressure(case: Case) -> float:
+    """The highest pressure that a boundary prescribes, Pa; 0 if none does."""
+    tables = [table for boundary in case.boundary for _, table in _pressures(boundary)]
+    return max((max(table.values) for table in tables), default=0.0)
+
+
+def _driven_steps(case: Case) -> Iterator[tuple[float, float]]:
+    """(speed in m/s, step in s) of every driven load step that feels its rate."""
+    for stage in case.stage:
+        if not stage.rate_dependent:
+            continue
+        for velocity in stage.velocities_within(case.film_conductance):
+            assert stage.slip_step is not None
+            yield abs(velocity), stage.slip_step / abs(velocity)
+        if stage.velocity and stage.duration is not None:
+            yield abs(stage.velocity), stage.duration / stage.steps
+
+
+def _size(case: Case) -> float:
+    """A length of the model, m, that coordinates are rounded to."""
+    geometry = case.geometry
+    return geometry.extent if isinstance(geometry, GeneratedGeometry) else 1.0

@@ -1,0 +1,418 @@
+"""The `[[boundary]]` and `[[stage]]` tables of a case file: what is held, pressed and moved."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
+
+from app.case.quantities import Quantity
+from app.case.table import Count, Flag, Model, Place, Problem, Text
+from app.case.time_tables import Program, TimeTable
+
+if TYPE_CHECKING:
+    from forms.bodies.kinematics import Section
+
+COMPONENTS = ("x", "y", "z")
+Component = Literal["x", "y", "z"]
+DRIVEN = "driven"
+_STEADY_KEYS = (
+    "slip_step",
+    "min_steps",
+    "max_steps",
+    "steady_tolerance",
+    "film_stress_limit",
+)
+
+_Displacement = Annotated[TimeTable | Literal["driven"], Program("m", word=DRIVEN)]
+_Velocity = Annotated[TimeTable, Program("m/s")]
+_Pressure = Annotated[TimeTable, Program("Pa")]
+_Force = Annotated[TimeTable, Program("N")]
+_Angle = Annotated[TimeTable, Program("rad")]
+_Length = Annotated[float, Quantity("m")]
+_Weight = Annotated[float, Quantity()]
+_Mass = Annotated[float, Quantity("kg", ge=0.0)]
+_MASS = "mass the surface carries beside its own, for the given thickness; explicit only"
+
+
+class Displacement(Model):
+    """Prescribed components of the displacement."""
+
+    x: _Displacement | None = Field(
+        default=None,
+        description='displacement in x, or "driven": moved with the velocity of the stage',
+    )
+    y: _Displacement | None = Field(
+        default=None,
+        description='displacement in y, or "driven": moved with the velocity of the stage',
+    )
+    z: _Displacement | None = Field(
+        default=None,
+        description='displacement in z, in 3D, or "driven": moved with the velocity of the stage',
+    )
+    direction: tuple[_Weight, ...] | None = Field(
+        default=None,
+        description="direction [x, y] or [x, y, z] in which the driven components together move "
+        "with the velocity of the stage; default: each moves with it",
+    )
+
+    def driven_components(self) -> tuple[str, ...]:
+        """Components that move with the velocity of the stage."""
+        return tuple(c for c in COMPONENTS if getattr(self, c) == DRIVEN)
+
+    def driven_share(self, component: str) -> float:
+        """Displacement of a driven component over the driven displacement."""
+        if self.direction is None:
+            return 1.0
+        return self.direction[COMPONENTS.index(component)] / math.hypot(*self.direction)
+
+    def problems(self, place: Place) -> Iterator[Problem]:
+        """A direction that does not go with what is driven."""
+        if self.direction is None:
+            return
+        here, found = (*place, "direction"), list(self.direction)
+        driven = self.driven_components()
+        if len(self.direction) not in (2, 3):
+            yield Problem(here, "must be two components in the plane, three in space", found)
+        elif not any(self.direction):
+            yield Problem(here, "must not be zero in all components", found)
+        elif not driven:
+            reason = 'says where driven components move, and none is: give { x = "driven", ... }'
+            yield Problem(here, reason, found)
+        else:
+            for component, weight in zip(COMPONENTS, self.direction, strict=False):
+                if weight and component not in driven:
+                    reason = f'{component} is not driven: give {component} = "driven", or 0 here'
+                    yield Problem(here, reason, found)
+            if len(self.direction) == 2 and "z" in driven:
+                yield Problem(here, "has no component z, which is driven", found)
+
+
+class Velocity(Model):
+    """Prescribed components of the velocity; they are integrated in time."""
+
+    x: _Velocity | None = Field(default=None, description="velocity in x")
+    y: _Velocity | None = Field(default=None, description="velocity in y")
+    z: _Velocity | None = Field(default=None, description="velocity in z, in 3D")
+
+
+class Platen(Model):
+    """A rigid platen glued to the surface in one direction: one displacement, a given force."""
+
+    direction: Component = Field(description="direction in which the platen moves")
+    pressure: _Pressure | None = Field(
+        default=None, description="force over reference area, > 0 presses into the body (or force)"
+    )
+    force: _Force | None = Field(
+        default=None,
+        description="total force, > 0 presses into the body (or pressure); in plane strain on the "
+        "slab of the given thickness",
+    )
+    mass: _Mass = Field(default=0.0, description=_MASS)
+
+
+class Spring(Model):
+    """A surface moved as one in one direction, drawn by a spring whose far end is moved."""
+
+    direction: Component = Field(description="direction in which the surface moves as one")
+    stiffness: Annotated[float, Quantity("N/m", gt=0.0)] = Field(
+        description="of the spring, for the slab of the given thickness"
+    )
+    end: _Displacement = Field(
+        description='displacement of the spring\'s far end, or "driven": moved with the velocity '
+        "of the stage"
+    )
+    mass: _Mass = Field(default=0.0, description=_MASS)
+
+
+class Rotation(Model):
+    """A rigid rotation of a surface; displacements along the axis are left to other keys."""
+
+    angle: _Angle = Field(description="angle, against the clock seen from the axis's arrow head")
+    axis: Component = Field(
+        default="z", description="direction of the axis; in the plane it is z, across the plane"
+    )
+    centre: tuple[_Length, ...] | None = Field(
+        default=None,
+        description="a point on the axis, [x, y] or [x, y, z], undeformed; default: the origin",
+    )
+
+    def decided(self) -> tuple[str, ...]:
+        """The two components that a rotation prescribes."""
+        return tuple(c for c in COMPONENTS if c != self.axis)
+
+    def problems(self, place: Place) -> Iterator[Problem]:
+        """A centre that is no point."""
+        if self.centre is not None and len(self.centre) not in (2, 3):
+            reason = "must be two coordinates in the plane, three in space"
+            yield Problem((*place, "centre"), reason, list(self.centre))
+
+
+class Boundary(Model):
+    """What is done to one named surface."""
+
+    surface: Text = Field(description="name of the surface")
+    displacement: Displacement | None = Field(default=None, description="prescribed displacement")
+    velocity: Velocity | None = Field(default=None, description="prescribed velocity")
+    platen: Platen | None = Field(default=None, description="rigid platen with a given force")
+    spring: Spring | None = Field(
+        default=None, description="spring that draws the surface, moved as one"
+    )
+    pressure: _Pressure | None = Field(
+        default=None,
+        description="pressure normal to the deformed surface, > 0 presses into the body",
+    )
+
+    rotation: Rotation | None = Field(default=None, description="rigid rotation of the surface")
+
+    def prescribed(self) -> Iterator[tuple[str, tuple[str, ...]]]:
+        """Components (x, y, z) that this boundary decides, each with the keys that do it."""
+        for key, table in (("displacement", self.displacement), ("velocity", self.velocity)):
+            for component in COMPONENTS:
+                if table is not None and getattr(table, component) is not None:
+                    yield component, (key, component)
+        if self.platen is not None:
+            yield self.platen.direction, ("platen", "direction")
+        if self.rotation is not None:
+            for component in self.rotation.decided():
+                yield component, ("rotation",)
+        if self.spring is not None:
+            yield self.spring.direction, ("spring", "direction")
+
+    def driven_components(self) -> tuple[str, ...]:
+        """Components that move with the velocity of the stage."""
+        return () if self.displacement is None else self.displacement.driven_components()
+
+    def driven_keys(self) -> Iterator[tuple[str, ...]]:
+        """The keys that say "driven"."""
+        for component in self.driven_components():
+            yield "displacement", component
+        if self.spring is not None and self.spring.end == DRIVEN:
+            yield "spring", "end"
+
+    def problems(self, place: Place) -> Iterator[Problem]:
+        """What does not fit together, `place` being this table's place in the case."""
+        if not any(self.prescribed()) and self.pressure is None:
+            reason = (
+                "does nothing; give displacement, velocity, platen, spring, rotation or pressure"
+            )
+            yield Problem(place, reason)
+        platen = self.platen
+        if platen is not None and (platen.pressure is None) == (platen.force is None):
+            found = "neither" if platen.force is None else "both"
+            yield Problem((*place, "platen"), f"give either pressure or force, found {found}")
+        if self.displacement is not None:
+            yield from self.displacement.problems((*place, "displacement"))
+        if self.rotation is not None:
+            yield from self.rotation.problems((*place, "rotation"))
+
+    def section_problems(self, section: Section, place: Place) -> Iterator[Problem]:
+        """What does not go with what the mesh stands for."""
+        dim = 3 if section == "3D" else 2
+        rotation = self.rotation
+        direction = None if self.displacement is None else self.displacement.direction
+        if dim == 2:
+            for component, keys in self.prescribed():
+                if component == "z" and keys != ("rotation",):
+                    yield Problem((*place, *keys), "there is no z in a mesh in the plane")
+        if direction is not None and len(direction) != dim:
+            reason = f"must have {dim} components in this mesh"
+            yield Problem((*place, "displacement", "direction"), reason, list(direction))
+        if rotation is None:
+            return
+        if rotation.centre is not None and len(rotation.centre) != dim:
+            reason = f"must have {dim} coordinates in this mesh"
+            yield Problem((*place, "rotation", "centre"), reason, list(rotation.centre))
+        if section == "axisymmetric":
+            yield Problem((*place, "rotation"), "does not go with axial symmetry")
+        elif dim == 2 and rotation.axis != "z":
+            reason = "the axis of a rotation in the plane is z"
+            yield Problem((*place, "rotation", "axis"), reason, rotation.axis)
+
+
+def boundary_problems(
+    boundaries: Sequence[Boundary], place: Place, section: Section | None = None
+) -> Iterator[Problem]:
+    """What is wrong with the boundaries, each by itself, together, and with the mesh if known."""
+    decided: dict[tuple[str, str], str] = {}
+    for index, boundary in enumerate(boundaries):
+        yield from boundary.problems((*place, index))
+        if section is not None:
+            yield from boundary.section_problems(section, (*place, index))
+        for component, keys in boundary.prescribed():
+            here = (*place, index, *keys)
+            name = ".".join(map(str, here))
+            first = decided.setdefault((boundary.surface, component), name)
+            if first != name:
+                reason = f'"{boundary.surface}" is already moved in {component} by {first}'
+                yield Problem(here, reason)
+
+
+class Stage(Model):
+    """One part of the run: a duration, or a list of velocities each held until steady."""
+
+    name: Text = Field(description="name of the stage in results and messages")
+    duration: Annotated[float, Quantity("s", gt=0.0)] | None = Field(
+        default=None, description="length of the stage (or velocities)"
+    )
+    steps: Count = Field(default=10, description="number of equal steps; with duration")
+    velocity: Annotated[float, Quantity("m/s")] | None = Field(
+        default=None, description="velocity of driven boundaries; with duration"
+    )
+    velocities: tuple[Annotated[float, Quantity("m/s", nonzero=True)], ...] = Field(
+        default=(),
+        description="velocities of driven boundaries, one after the other, each until the "
+        "tangential force is steady (or duration)",
+    )
+    slip_step: Annotated[float, Quantity("m", gt=0.0)] | None = Field(
+        default=None, description="driven displacement in one step; needed with velocities"
+    )
+    min_steps: Count = Field(
+        default=5, description="fewest steps at each velocity; with velocities"
+    )
+    max_steps: Count = Field(
+        default=200, description="most steps at each velocity; with velocities"
+    )
+    steady_tolerance: Annotated[float, Quantity(gt=0.0)] = Field(
+        default=1e-4,
+        description="relative change of the tangential force per step, over the last 3 steps, "
+        "below which it is steady; with velocities",
+    )
+    film_stress_limit: Annotated[float, Quantity("Pa", gt=0.0)] | None = Field(
+        default=None,
+        description="velocities at which the film stress eta_b V/D of a contact would exceed this "
+        "are left out; with velocities",
+    )
+    rate_dependent: Flag = Field(
+        default=True, description="whether the film and velocity effects act in this stage"
+    )
+    solver: Literal["implicit", "explicit"] | None = Field(
+        default=None,
+        description="time integration of this stage; default: that of [solver]. Implicit stages "
+        "come before explicit ones",
+    )
+    ramp: Annotated[float, Quantity("s", ge=0.0)] = Field(
+        default=0.0,
+        description="time in which driven boundaries change smoothly to their new velocity, at "
+        "the start of the stage and of each of its velocities",
+    )
+    relax: Flag = Field(
+        default=False,
+        description="bring the bodies to rest: all velocities are set to zero at each peak of the "
+        "kinetic energy (dynamic relaxation); explicit only",
+    )
+
+    @property
+    def is_driven(self) -> bool:
+        """Whether driven boundaries move in this stage."""
+        return bool(self.velocities) or self.velocity is not None
+
+    def velocities_within(self, film_conductance: float) -> tuple[float, ...]:
+        """The velocities (m/s) that the limit on the film's stress leaves.
+
+        Args:
+            film_conductance: Pa s/m, largest eta_b/D of all contacts; 0 without a film.
+        """
+        if self.film_stress_limit is None:
+            return self.velocities
+        limit = self.film_stress_limit
+        return tuple(v for v in self.velocities if film_conductance * abs(v) <= limit)
+
+    @model_serializer(mode="wrap")
+    def _without_idle_keys(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out the keys that mean nothing in this kind of stage."""
+        idle = (
+            ("duration", "steps", "velocity") if self.velocities else ("velocities", *_STEADY_KEYS)
+        )
+        return {key: value for key, value in handler(self).items() if key not in idle}
+
+    def problems(self, place: Place) -> Iterator[Problem]:
+        """What does not fit together, `place` being this table's place in the case."""
+        given = self.model_fields_set
+        if "velocities" in given and not self.velocities:
+            yield Problem((*place, "velocities"), "must hold at least one velocity", [])
+        elif not self.velocities and self.duration is None:
+            yield Problem(place, "give either duration (with steps) or velocities (with slip_step)")
+        elif self.velocities:
+            for key in ("duration", "steps", "velocity"):
+                if key in given:
+                    reason = "does not go with velocities, whose stages last until steady"
+                    yield Problem((*place, key), reason)
+            if self.slip_step is None:
+                reason = 'missing; velocities need the displacement in one step, such as "0.5 um"'
+                yield Problem((*place, "slip_step"), reason)
+            if self.max_steps < self.min_steps:
+                reason = f"must be >= min_steps = {self.min_steps}"
+                yield Problem((*place, "max_steps"), reason, self.max_steps)
+        else:
+            for key in _STEADY_KEYS:
+                if key in given:
+                    yield Problem((*place, key), "goes with velocities only, not with duration")
+            if self.duration is not None and self.ramp > self.duration:
+                reason = f"must be <= duration = {self.duration:g} s"
+                yield Problem((*place, "ramp"), reason, self.ramp)
+        if self.relax and self.is_driven:
+            yield Problem((*place, "relax"), "does not go with a velocity: nothing comes to rest")
+        if self.ramp and not self.is_driven:
+            yield Problem((*place, "ramp"), "goes with velocity or velocities only", self.ramp)
+
+
+def stage_problems(
+    stages: Sequence[Stage], boundaries: Sequence[Boundary], place: Place
+) -> Iterator[Problem]:
+    """What is wrong with the stages, each by itself and together; else with the boundaries."""
+    found: list[Problem] = []
+    names: set[str] = set()
+    for index, stage in enumerate(stages):
+        found.extend(stage.problems((*place, index)))
+        if stage.name in names:
+            reason = "two stages have this name"
+            found.append(Problem((*place, index, "name"), reason, stage.name))
+        names.add(stage.name)
+    yield from found or _driving_problems(stages, boundaries, place)
+
+
+def solver_of(stage: Stage, default: str) -> str:
+    """Time integration of a stage, `default` being that of [solver]."""
+    return stage.solver or default
+
+
+def order_problems(stages: Sequence[Stage], default: str, place: Place) -> Iterator[Problem]:
+    """Implicit stages after explicit ones, and explicit means in implicit stages."""
+    last = ""
+    for index, stage in enumerate(stages):
+        kind = solver_of(stage, default)
+        if stage.solver == "explicit" and default == "implicit":
+            reason = 'needs solver.kind = "explicit", which may leave stages "implicit"'
+            yield Problem((*place, index, "solver"), reason, stage.solver)
+            return
+        if kind == "implicit" and last == "explicit":
+            reason = f'"implicit" cannot follow the explicit stage {stages[index - 1].name}'
+            yield Problem((*place, index, "solver"), reason, stage.solver)
+        if kind == "implicit" and stage.relax:
+            reason = "goes with explicit stages only: an implicit step ends in equilibrium"
+            yield Problem((*place, index, "relax"), reason)
+        last = kind
+
+
+def _driving_problems(
+    stages: Sequence[Stage], boundaries: Sequence[Boundary], place: Place
+) -> Iterator[Problem]:
+    """Velocities without a driven boundary, or the other way round."""
+    movers: list[Place] = [
+        ("boundary", index, *keys)
+        for index, boundary in enumerate(boundaries)
+        for keys in boundary.driven_keys()
+    ]
+    moving = [index for index, stage in enumerate(stages) if stage.is_driven]
+    if moving and not movers:
+        key = "velocities" if stages[moving[0]].velocities else "velocity"
+        reason = (
+            'moves nothing: no boundary has displacement = { x = "driven" } (or y, z), or a spring'
+        )
+        yield Problem((*place, moving[0], key), reason)
+    if movers and not moving:
+        reason = "never moves: no stage has velocity or velocities"
+        yield Problem(movers[0], reason, DRIVEN)

@@ -1,0 +1,396 @@
+"""Case files: TOML, read, completed with defaults, checked as a whole, in SI.
+
+`load_case` is what a program needs; `Case` documents itself through `json_schema` and the page on
+case files in the documentation.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+from pydantic import (
+    Field,
+    PrivateAttr,
+    Strict,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
+
+from app.case.bodies import (
+    BlocksGeometry,
+    Body,
+    CylinderOnBlockGeometry,
+    GeneratedGeometry,
+    MeshGeometry,
+    TwoCylindersGeometry,
+    formulation_problems,
+    formulations,
+)
+from app.case.boundary import (
+    Boundary,
+    Stage,
+    boundary_problems,
+    order_problems,
+    stage_problems,
+)
+from app.case.contact import Contact
+from app.case.generators_3d import BoxesGeometry, SphereGeometry
+from app.case.overrides import KeyPathError, apply_override, set_value
+from app.case.solver import Output, Solver, Sweep
+from app.case.table import Model, Place, Problem, problems_error
+from app.case.toml_writer import toml_text
+from app.case.validation import format_problem, problems_of
+from app.errors import InputError
+
+Geometry = Annotated[
+    BlocksGeometry
+    | CylinderOnBlockGeometry
+    | TwoCylindersGeometry
+    | BoxesGeometry
+    | SphereGeometry
+    | MeshGeometry,
+    Field(discriminator="kind"),
+]
+_NEEDS_EXPLICIT = 'goes with solver.kind = "explicit" only'
+
+
+class Case(Model):
+    """One case: everything that defines a run, in SI, complete and free of contradictions.
+
+    The attributes are the tables of the case file. Two cases are equal if these are; where they
+    were read from does not count.
+    """
+
+    title: Annotated[str, Strict()] = Field(
+        default="", description="what the case is about, in one line"
+    )
+    geometry: Geometry = Field(description="shapes and mesh")
+    bodies: dict[str, Body] = Field(
+        min_length=1, description="material and element formulation of each body, [bodies.NAME]"
+    )
+    contact: tuple[Contact, ...] = Field(
+        min_length=1, description="pairs of surfaces that may touch, [[contact]]"
+    )
+    boundary: tuple[Boundary, ...] = Field(
+        min_length=1, description="what is held, moved and pressed, [[boundary]]"
+    )
+    stage: tuple[Stage, ...] = Field(
+        min_length=1, description="the parts of the run, one after the other, [[stage]]"
+    )
+    solver: Solver = Field(default=Solver(), description="how the equations are solved")
+    output: Output = Field(default=Output(), description="what is written beside the history")
+    sweep: Sweep | None = Field(default=None, description="one key that is run with several values")
+
+    _source: Path | None = PrivateAttr(None)
+
+    @property
+    def source(self) -> Path | None:
+        """The file this case was read from; None for a case made in Python."""
+        return self._source
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Case) and self.__dict__ == other.__dict__
+
+    def sweep_cases(self) -> list[tuple[str, Case]]:
+        """The cases of the sweep, each with a label such as "thickness=10nm".
+
+        Returns:
+            (label, case without sweep) for each value; empty without a sweep.
+        """
+        if self.sweep is None:
+            return []
+        return [
+            (label, self._rebuilt(self._swept_data(value)))
+            for label, value in zip(self.sweep.labels, self.sweep.values, strict=True)
+        ]
+
+    def _rebuilt(self, data: dict[str, Any]) -> Case:
+        """Another case, with file names seen from the same place.
+
+        Raises:
+            ValidationError: the data are wrong.
+        """
+        return Case.model_validate(data, context={"source": self._source})
+
+    def _swept_data(self, value: object) -> dict[str, Any]:
+        """What the user has given, with one value of the sweep; defaults are derived anew."""
+        assert self.sweep is not None
+        data = self.model_dump(mode="json", exclude_unset=True, exclude={"sweep"})
+        set_value(data, self.sweep.key, value)
+        return data
+
+    @model_validator(mode="before")
+    @classmethod
+    def _mesh_is_a_kind(cls, data: Any) -> Any:
+        """`mesh = "file.msh"` alone says what kind of geometry it is."""
+        geometry = data.get("geometry") if isinstance(data, Mapping) else None
+        if isinstance(geometry, Mapping) and "mesh" in geometry and "kind" not in geometry:
+            return {**data, "geometry": {"kind": "file", **geometry}}
+        return data
+
+    @field_validator("bodies", mode="before")
+    @classmethod
+    def _names_of_bodies(cls, bodies: Any, info: ValidationInfo) -> Any:
+        """The bodies are those of the generator; said before anything inside them is looked at."""
+        geometry = info.data.get("geometry")
+        if isinstance(geometry, GeneratedGeometry) and isinstance(bodies, Mapping):
+            if problems := list(_name_problems(bodies, geometry.bodies)):
+                raise problems_error(problems)
+        return bodies
+
+    @field_validator("bodies", mode="after")
+    @classmethod
+    def _default_formulation(cls, bodies: dict[str, Body], info: ValidationInfo) -> dict[str, Body]:
+        """Fill in the formulation that suits the elements, where they are known already."""
+        geometry = info.data.get("geometry")
+        if not isinstance(geometry, GeneratedGeometry):
+            return bodies
+        try:
+            chosen = formulations(bodies, geometry.cell)
+        except ValueError:
+            return bodies  # said with all that is wrong
+        filled = {}
+        for name, body in bodies.items():
+            filled[name] = body
+            if body.formulation is None:
+                filled[name] = body.model_copy(update={"formulation": chosen[name]})
+                filled[name].model_fields_set.discard("formulation")
+        return filled
+
+    @model_validator(mode="after")
+    def _fits_together(self, info: ValidationInfo) -> Self:
+        self._source = (info.context or {}).get("source")
+        problems = list(self._problems())
+        if not problems and self.sweep is not None:
+            problems = list(self._sweep_problems())
+        if problems:
+            raise problems_error(problems)
+        return self
+
+    def _problems(self) -> Iterator[Problem]:
+        """What no table can see alone."""
+        yield from self.geometry.problems(("geometry",))
+        for name, body in self.bodies.items():
+            yield from body.problems(("bodies", name))
+        if isinstance(self.geometry, GeneratedGeometry):
+            yield from self._formulation_problems(self.geometry)
+            yield from self._surface_problems(self.geometry)
+        pairs: dict[frozenset[str], int] = {}
+        for index, contact in enumerate(self.contact):
+            yield from contact.problems(("contact", index))
+            first = pairs.setdefault(frozenset((contact.slave, contact.master)), index)
+            if first != index:
+                reason = f"this pair of surfaces is contact.{first} already"
+                yield Problem(("contact", index, "slave"), reason, contact.slave)
+        yield from boundary_problems(self.boundary, ("boundary",), self.geometry.built_section)
+        yield from stage_problems(self.stage, self.boundary, ("stage",))
+        yield from self.solver.problems(("solver",))
+        yield from order_problems(self.stage, self.solver.kind, ("stage",))
+        yield from self._inertia_problems()
+        for index, stage in enumerate(self.stage):
+            if stage.velocities and not stage.velocities_within(self.film_conductance):
+                reason = "leaves no velocity: the film stress eta_b V/D exceeds it at all of them"
+                place = ("stage", index, "film_stress_limit")
+                yield Problem(place, reason, stage.film_stress_limit)
+
+    @property
+    def is_explicit(self) -> bool:
+        """Whether a stage runs with explicit dynamics."""
+        return self.solver.kind == "explicit" and any(s.solver != "implicit" for s in self.stage)
+
+    def _inertia_problems(self) -> Iterator[Problem]:
+        """Bodies without mass in explicit dynamics, and inertia where there is none."""
+        for name, body in self.bodies.items():
+            if self.is_explicit and body.density is None:
+                reason = 'missing; explicit dynamics needs the mass of each body, in "kg/m^3"'
+                yield Problem(("bodies", name, "density"), reason)
+            if body.velocity is None:
+                continue
+            if not self.is_explicit:
+                yield Problem(("bodies", name, "velocity"), _NEEDS_EXPLICIT)
+            if self.geometry.built_section is not None:
+                place = ("bodies", name, "velocity")
+                yield from body.velocity.section_problems(self.geometry.built_section, place)
+        for index, boundary in enumerate(self.boundary):
+            for key in ("platen", "spring"):
+                table = getattr(boundary, key)
+                if not self.is_explicit and table is not None and table.mass > 0.0:
+                    yield Problem(("boundary", index, key, "mass"), _NEEDS_EXPLICIT, table.mass)
+
+    @property
+    def film_conductance(self) -> float:
+        """Largest eta_b/D of all contacts, Pa s/m; 0 without a film."""
+        return max(contact.film_conductance for contact in self.contact)
+
+    def _formulation_problems(self, geometry: GeneratedGeometry) -> Iterator[Problem]:
+        for name, reason in formulation_problems(self.bodies, geometry.cell):
+            place = ("bodies", name, "formulation")
+            yield Problem(place, reason, self.bodies[name].formulation)
+        second = any(body.formulation == "q2" for body in self.bodies.values())
+        for index, contact in enumerate(self.contact):
+            if trouble := contact.smoothing_problem(geometry.cell, 2 if second else 1):
+                where = ("contact", index, "smoothing_angle")
+                yield Problem(where, trouble, contact.smoothing_angle)
+
+    def _surface_problems(self, geometry: GeneratedGeometry) -> Iterator[Problem]:
+        named: list[tuple[Place, str]] = []
+        for index, contact in enumerate(self.contact):
+            named.append((("contact", index, "slave"), contact.slave))
+            named.append((("contact", index, "master"), contact.master))
+        for index, boundary in enumerate(self.boundary):
+            named.append((("boundary", index, "surface"), boundary.surface))
+        for place, name in named:
+            if name not in geometry.named_surfaces:
+                reason = f"no such surface; {_hint(name, geometry.named_surfaces)}"
+                yield Problem(place, reason, name)
+
+    def _sweep_problems(self) -> Iterator[Problem]:
+        """Each value must make a valid case, and a directory of its own."""
+        assert self.sweep is not None
+        labels = self.sweep.labels
+        for index, (label, value) in enumerate(zip(labels, self.sweep.values, strict=True)):
+            place = ("sweep", "values", index)
+            if label in labels[:index]:
+                yield Problem(place, "is in the list twice", value)
+            try:
+                data = self._swept_data(value)
+                self._rebuilt(data)
+            except KeyPathError as error:
+                yield Problem(("sweep", "key"), str(error), self.sweep.key)
+                return
+            except ValidationError as error:
+                problem = problems_of(error, Case, data)[0]
+                if not problem.place:  # An unknown key, which no value can cure.
+                    yield Problem(("sweep", "key"), problem.reason, self.sweep.key)
+                    return
+                yield Problem(place, _seen_from(self.sweep.key, problem), value)
+
+
+def _seen_from(key: str, problem: Problem) -> str:
+    """The reason of a problem in a swept case; with its place, if that is not the swept key."""
+    return problem.reason if ".".join(map(str, problem.place)) == key else format_problem(problem)
+
+
+def _name_problems(bodies: Mapping[str, Any], names: Sequence[str]) -> Iterator[Problem]:
+    for name in bodies:
+        if name not in names:
+            yield Problem((name,), f"no such body; {_hint(name, names)}")
+    for name in names:
+        if name not in bodies:
+            yield Problem((name,), "missing; material and formulation of this body")
+
+
+def _hint(name: str, known: Sequence[str]) -> str:
+    near = difflib.get_close_matches(name, known, n=1)
+    return f'did you mean "{near[0]}"?' if near else f"there are {', '.join(known)}"
+
+
+def load_case(path: Path, overrides: Sequence[str] = ()) -> Case:
+    """Read a case file.
+
+    Args:
+        path: the file.
+        overrides: "dotted.key=value" texts that replace or add values; list entries by number
+            ("contact.0.film.thickness=10 nm"). The value is TOML if it can be, else text.
+
+    Raises:
+        InputError: the file cannot be read or the case is wrong. The message is the first
+            problem; `check_case` lists all.
+    """
+    case = _read(Path(path), overrides)
+    if isinstance(case, Case):
+        return case
+    more = f" (and {len(case) - 1} more; tribox check lists them)" if len(case) > 1 else ""
+    raise InputError(case[0] + more)
+
+
+def check_case(path: Path, overrides: Sequence[str] = ()) -> list[str]:
+    """All that is wrong with a case file, one line each; empty if it can be run.
+
+    Args:
+        path: the file.
+        overrides: as for `load_case`.
+    """
+    case = _read(Path(path), overrides)
+    return [] if isinstance(case, Case) else case
+
+
+def _read(path: Path, overrides: Sequence[str]) -> Case | list[str]:
+    """The case, or lines on what is wrong with it."""
+    try:
+        data = _read_toml(path)
+        for override in overrides:
+            apply_override(data, override)
+    except InputError as error:
+        return [str(error)]
+    try:
+        return Case.model_validate(data, context={"source": path})
+    except ValidationError as error:
+        return [f"{path}: {format_problem(p)}" for p in problems_of(error, Case, data)]
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: not a text file in UTF-8") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    except tomllib.TOMLDecodeError as error:
+        match = re.fullmatch(r"(.*) \(at line (\d+), column (\d+)\)", str(error))
+        line, reason = (f":{match[2]}", f"{match[1]} (column {match[3]})") if match else ("", error)
+        raise InputError(f"{path}{line}: not valid TOML: {reason}") from None
+
+
+def resolved_toml(case: Case) -> str:
+    """The case as a file, with every default and unit written out; it reads back to an equal case.
+
+    With a sweep, keys that were not given are written as comments: the swept key may decide them,
+    so that fixing them would make another case.
+    """
+    data = case.model_dump(mode="json", exclude_none=True)
+    given = case.model_dump(mode="json", exclude_unset=True) if case.sweep is not None else None
+    return toml_text(data, given)
+
+
+def json_schema() -> dict[str, Any]:
+    """JSON schema of a case file, with unit and meaning in the description of each key."""
+    schema = Case.model_json_schema()
+    # A preset may supply these; only the program itself can tell.
+    map_ = schema["$defs"]["FrictionMap"]
+    map_["required"] = [key for key in map_["required"] if key in ("mu_s", "K_T")]
+    schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
+    _tidy(schema)
+    return schema
+
+
+def _tidy(node: Any) -> None:
+    """Take out null, which TOML cannot say, and put units into descriptions."""
+    if isinstance(node, list):
+        for item in node:
+            _tidy(item)
+    if not isinstance(node, dict):
+        return
+    for item in node.values():
+        _tidy(item)
+    choices = [item for item in node.get("anyOf", []) if item != {"type": "null"}]
+    if len(choices) == 1 and len(node["anyOf"]) == 2:
+        del node["anyOf"]
+        node.update({key: value for key, value in choices[0].items() if key not in node})
+    elif choices:
+        node["anyOf"] = choices
+    if "default" in node and node["default"] is None:
+        del node["default"]
+    if isinstance(node.get("title"), str) and "$defs" not in node:
+        del node["title"]  # Only the key's name once more.
+    if "description" in node and node.get("x-unit", "1") != "1":
+        node["description"] = f"{node['description']} [{node['x-unit']}]"

@@ -1,0 +1,274 @@
+"""Quantities that follow a table in user input: programs over time, values over another quantity.
+
+`Program("Pa")` annotates a pydantic field that may change with time: a quantity, a table
+`[[time, value], ...]`, or `{ table = [...], ramp = "smooth" }`; it becomes a `TimeTable`.
+`NumberOrTable` is a number or a table over any quantity.
+"""
+
+from __future__ import annotations
+
+import bisect
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema
+
+from app.case.quantities import Quantity, QuantityError, format_quantity, parse_quantity
+from app.case.table import ABSENT
+
+Row = tuple[float, float]
+"""One row of a table: an argument (such as a time) and a value, both SI."""
+
+
+RAMPS = ("linear", "smooth")
+
+
+def smooth_step(share: float) -> float:
+    """6 s⁵ − 15 s⁴ + 10 s³, s in [0, 1]: from 0 to 1, velocity and acceleration 0 at both ends."""
+    s = min(max(share, 0.0), 1.0)
+    return s * s * s * (10.0 + s * (6.0 * s - 15.0))
+
+
+def smooth_step_integral(share: float) -> float:
+    """Integral of `smooth_step` from 0 to ``share``: s⁶ − 3 s⁵ + 5/2 s⁴, and s − 1/2 past 1."""
+    s = min(max(share, 0.0), 1.0)
+    return s**4 * (2.5 + s * (s - 3.0)) + max(share - 1.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class TimeTable:
+    """A function of time through given points, held before the first and after the last.
+
+    Attributes:
+        times: s, strictly increasing, at least one.
+        values: one SI value per time.
+        smooth: between two points, follow `smooth_step` instead of a straight line.
+    """
+
+    times: tuple[float, ...]
+    values: tuple[float, ...]
+    smooth: bool = False
+
+    def __post_init__(self) -> None:
+        if not self.times or len(self.times) != len(self.values):
+            raise ValueError("a time table needs one value for each time, and at least one")
+        if any(b <= a for a, b in zip(self.times, self.times[1:], strict=False)):
+            raise ValueError("the times of a time table must increase")
+        if not all(map(math.isfinite, self.times + self.values)):
+            raise ValueError("the times and values of a time table must be finite")
+
+    @classmethod
+    def constant(cls, value: float) -> TimeTable:
+        """The same value (SI) at all times."""
+        return cls((0.0,), (float(value),))
+
+    def __call__(self, time: float) -> float:
+        """Value in SI at `time` in s."""
+        if self.smooth and self.times[0] < time < self.times[-1]:
+            at = bisect.bisect_right(self.times, time) - 1
+            low, rise = self.values[at], self.values[at + 1] - self.values[at]
+            share = (time - self.times[at]) / (self.times[at + 1] - self.times[at])
+            return low + rise * smooth_step(share)
+        return float(np.interp(time, self.times, self.values))
+
+    def integral(self, time: float) -> float:
+        """Exact integral from 0 to `time` (s, >= 0), such as the displacement of a velocity."""
+        if self.smooth:
+            return self._antiderivative(time) - self._antiderivative(0.0)
+        knots = np.array([0.0, *(t for t in self.times if 0.0 < t < time), time])
+        heights = np.interp(knots, self.times, self.values)
+        return float(np.sum(0.5 * (heights[1:] + heights[:-1]) * np.diff(knots)))
+
+    def _antiderivative(self, time: float) -> float:
+        """Integral of the smooth function from the first of its times to ``time`` (s)."""
+        first, last = self.times[0], self.times[-1]
+        total = self.values[0] * min(time - first, 0.0) + self.values[-1] * max(time - last, 0.0)
+        for at, (start, end) in enumerate(pairwise(self.times)):
+            inside = min(max(time - start, 0.0), end - start)
+            rise, share = self.values[at + 1] - self.values[at], inside / (end - start)
+            total += self.values[at] * inside + rise * (end - start) * smooth_step_integral(share)
+        return total
+
+
+def _parse_rows(rows: Sequence[object], first: Quantity, second: Quantity) -> tuple[Row, ...]:
+    """The rows of a table `[[first, second], ...]`, the first column increasing.
+
+    Raises:
+        PydanticCustomError: with the place inside the table as context.
+    """
+    if not rows:
+        raise _at((), rows, "a table needs at least one row")
+    parsed: list[Row] = []
+    for index, row in enumerate(rows):
+        if not isinstance(row, list | tuple) or len(row) != 2:
+            raise _at((index,), row, f"must be a pair [{first.name}, {second.name}]")
+        pair = []
+        for column, quantity in enumerate((first, second)):
+            try:
+                pair.append(quantity.parse(row[column]))
+            except QuantityError as error:
+                raise _at((index, column), row[column], str(error)) from None
+        if parsed and pair[0] <= parsed[-1][0]:
+            raise _at((index, 0), row[0], f"the {first.name} must increase from row to row")
+        parsed.append((pair[0], pair[1]))
+    return tuple(parsed)
+
+
+def _at(place: tuple[int | str, ...], found: object, reason: str) -> PydanticCustomError:
+    """Error at a place inside a field's value."""
+    context = {"reason": reason, "at": place, "found": found}
+    return PydanticCustomError("quantity", "{reason}", context)
+
+
+def _rows_as_text(
+    rows: Sequence[Row], first: Quantity, second: Quantity
+) -> list[list[str | float]]:
+    return [[format_quantity(a, first.unit), format_quantity(b, second.unit)] for a, b in rows]
+
+
+def _table_schema(unit: str) -> JsonSchemaValue:
+    """JSON schema of a quantity or a table of pairs."""
+    entry = {"type": ["number", "string"]}
+    pair = {"type": "array", "minItems": 2, "maxItems": 2, "items": entry}
+    table = {"type": "array", "minItems": 1, "items": pair}
+    return {"anyOf": [{"type": "number"}, {"type": "string"}, table], "x-unit": unit or "1"}
+
+
+_TIME = Quantity("s", name="time")
+
+
+@dataclass(frozen=True, slots=True)
+class Program:
+    """Pydantic annotation of a `TimeTable` field: a quantity or a table `[[time, value], ...]`.
+
+    Attributes:
+        unit: SI unit of the values.
+        word: a word the field accepts too, and keeps as text (such as "driven").
+    """
+
+    unit: str
+    word: str | None = None
+
+    def parse(self, value: object) -> TimeTable | str:
+        """The table of a quantity or of `[[time, value], ...]`, or the accepted word.
+
+        Raises:
+            PydanticCustomError: with the place inside the table as context.
+        """
+        if isinstance(value, TimeTable):
+            return value
+        if self.word is not None and value == self.word:
+            return self.word
+        if isinstance(value, Mapping):
+            return self._parse_ramped(value)
+        if isinstance(value, list | tuple):
+            rows = _parse_rows(value, _TIME, Quantity(self.unit))
+            if len(rows) == 1:
+                return TimeTable.constant(rows[0][1])
+            return TimeTable(tuple(t for t, _ in rows), tuple(v for _, v in rows))
+        try:
+            return TimeTable.constant(parse_quantity(value, self.unit))
+        except QuantityError as error:
+            reason = f"{error}, or a table [[time, value], ...]"
+            reason += f', or "{self.word}"' if self.word is not None else ""
+            raise _at((), value, reason) from None
+
+    def _parse_ramped(self, value: Mapping[Any, Any]) -> TimeTable:
+        """The table of `{ table = [[time, value], ...], ramp = "smooth" }`."""
+        for key in value:
+            if key not in ("table", "ramp"):
+                raise _at((), ABSENT, f'unknown key "{key}"; valid keys: table, ramp')
+        rows, ramp = value.get("table"), value.get("ramp", "linear")
+        if not isinstance(rows, list | tuple):
+            raise _at(("table",), ABSENT if rows is None else rows, "must be [[time, value], ...]")
+        if ramp not in RAMPS:
+            raise _at(("ramp",), ramp, 'must be "linear" or "smooth"')
+        try:
+            table = self.parse(rows)
+        except PydanticCustomError as error:
+            context = error.context or {}
+            raise _at(("table", *context["at"]), context["found"], context["reason"]) from None
+        assert isinstance(table, TimeTable)
+        return replace(table, smooth=ramp == "smooth")
+
+    def _serialise(self, value: TimeTable | str) -> object:
+        if isinstance(value, str):
+            return value
+        if len(value.times) == 1:
+            return format_quantity(value.values[0], self.unit)
+        rows = list(zip(value.times, value.values, strict=True))
+        text = _rows_as_text(rows, _TIME, Quantity(self.unit))
+        return {"table": text, "ramp": "smooth"} if value.smooth else text
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        return core_schema.no_info_plain_validator_function(
+            self.parse,
+            serialization=core_schema.plain_serializer_function_ser_schema(
+                self._serialise, when_used="json"
+            ),
+        )
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        schema = _table_schema(self.unit)
+        ramp = {"enum": list(RAMPS)}
+        ramped = {"type": "object", "properties": {"table": schema["anyOf"][2], "ramp": ramp}}
+        schema["anyOf"].append({**ramped, "required": ["table"], "additionalProperties": False})
+        return schema
+
+
+@dataclass(frozen=True, slots=True)
+class NumberOrTable:
+    """Pydantic annotation of a plain number, or a table of it over another quantity.
+
+    The field is a float, or the rows `((argument, value), ...)` with increasing arguments.
+
+    Attributes:
+        argument: the quantity of the first column.
+        value: the quantity of the number, or of the second column.
+    """
+
+    argument: Quantity
+    value: Quantity
+
+    def parse(self, value: object) -> float | tuple[Row, ...]:
+        """The number, or the rows.
+
+        Raises:
+            PydanticCustomError: with the place inside the table as context.
+        """
+        if isinstance(value, list | tuple):
+            return _parse_rows(value, self.argument, self.value)
+        try:
+            return self.value.parse(value)
+        except QuantityError as error:
+            raise _at((), value, str(error)) from None
+
+    def _serialise(self, value: float | tuple[Row, ...]) -> object:
+        if isinstance(value, tuple):
+            return _rows_as_text(value, self.argument, self.value)
+        return format_quantity(value, self.value.unit)
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        return core_schema.no_info_plain_validator_function(
+            self.parse,
+            serialization=core_schema.plain_serializer_function_ser_schema(
+                self._serialise, when_used="json"
+            ),
+        )
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        return _table_schema(self.value.unit)

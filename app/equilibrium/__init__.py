@@ -1,0 +1,1 @@
+"""The discrete equilibrium of all bodies, contacts and loads, without a solver."""

@@ -1,0 +1,179 @@
+"""Which entries of the tangent the contact of one pair may fill, now and in the steps to come.
+
+Axis letters: s slave facets, f master facets, n nodes, q slave points. A slave facet couples with
+the master facets that its points touch, today and at the last step; those two couple with each
+other. Room is made for neighbours too, so that a sliding body does not need a new pattern, with a
+new symbolic factorisation, at every step. The room only grows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse
+
+from forms.contact.penalty import ContactTerm, ContactTrial
+from geometry.surfaces.facets import Floats, Ints, Longs
+
+# Rings of neighbouring master facets beyond those in use that a window includes, by the number of
+# surface directions: in space every ring costs far more entries.
+MARGIN = {1: 3, 2: 1}
+NEAR = 2.0  # typical facet sizes up to which an open point counts as about to touch
+
+
+@dataclass(slots=True)
+class ContactWindow:
+    """Pairs of facets that the tangent's pattern has room for.
+
+    Attributes:
+        touching: (s, f) sparse, slave facets against master facets.
+        together: (f, f) sparse, master facets that one point touches now and at the last step.
+        rings: (f, f) sparse, the neighbours that room is made for.
+    """
+
+    touching: scipy.sparse.csr_matrix
+    together: scipy.sparse.csr_matrix
+    rings: scipy.sparse.csr_matrix
+
+    def holds(self, term: ContactTerm, trial: ContactTrial) -> bool:
+        """Whether the tangent of a trial fits in."""
+        closed = trial.kinematics.closed
+        slave = term.surface.slave.facet[closed]
+        today, before = trial.projection.facet[closed], term.state.facet[closed]
+        moved = today != before
+        return (
+            _contains(self.touching, slave, today)
+            and _contains(self.touching, slave[moved], before[moved])
+            and _contains(self.together, today[moved], before[moved])
+        )
+
+
+def _contains(table: scipy.sparse.csr_matrix, row: Ints, column: Ints) -> bool:
+    """Whether all entries are present; the indices of ``table`` are sorted."""
+    width = np.int64(table.shape[1])
+    rows = np.repeat(np.arange(table.shape[0], dtype=np.int64), np.diff(table.indptr))
+    keys = np.append(rows * width + table.indices, -1)
+    wanted = row * width + column
+    return bool(np.all(keys[np.searchsorted(keys[:-1], wanted)] == wanted))
+
+
+def widened(window: ContactWindow | None, term: ContactTerm, trial: ContactTrial) -> ContactWindow:
+    """A window that holds the last one, the facets in use today, and rings of their neighbours."""
+    surface = term.surface
+    near = trial.projection.gap <= NEAR * surface.target.search.slack
+    near = trial.kinematics.closed | (near & trial.projection.on_surface)
+    slave = surface.slave.facet[near]
+    today, before = trial.projection.facet[near], term.state.facet[near]
+    facets = len(surface.master.facets)
+    count = int(surface.slave.facet.max(initial=-1)) + 1
+    if window is None:
+        rings = _rings(surface.target.neighbours, MARGIN[surface.shape.directions])
+    else:
+        rings = window.rings
+    used = _table(np.tile(slave, 2), np.concatenate([today, before]), (count, facets))
+    touching = _present(used @ rings)
+    pairs = _table(today, before, (facets, facets))
+    pairs = _present(rings @ (pairs + pairs.T) @ rings + rings)
+    if window is not None:
+        touching = _present(touching + window.touching)
+        pairs = _present(pairs + window.together)
+    inside = np.bincount(touching.indices, minlength=facets) > 0
+    keep = scipy.sparse.diags(inside.astype(np.int32), dtype=np.int32)
+    return ContactWindow(touching, _present(keep @ pairs @ keep), rings)
+
+
+def _rings(neighbours: scipy.sparse.csr_matrix, count: int) -> scipy.sparse.csr_matrix:
+    """Facets within ``count`` rings of each facet."""
+    out = neighbours
+    for _ in range(count - 1):
+        out = _present(out @ neighbours)
+    return out
+
+
+def _table(row: Ints, column: Ints, shape: tuple[int, int]) -> scipy.sparse.csr_matrix:
+    return _present(
+        scipy.sparse.csr_matrix((np.ones(len(row), dtype=np.int32), (row, column)), shape=shape)
+    )
+
+
+def _present(matrix: scipy.sparse.spmatrix) -> scipy.sparse.csr_matrix:
+    """The same pattern filled with ones, indices sorted."""
+    out = scipy.sparse.csr_matrix(matrix)
+    out.eliminate_zeros()
+    out.sum_duplicates()
+    out.data = np.ones_like(out.data)
+    return out
+
+
+class BlockPlaces:
+    """Where blocks that couple the nodes of each point go in a sparse matrix of unknowns.
+
+    Finding the places takes far longer than adding up the blocks in them, and they stay the same
+    as long as the points keep their nodes.
+
+    Attributes:
+        nodes: (q, m) global nodes of the points.
+        indptr, columns: rows of the matrix, sorted by node; unknowns are global.
+        rows: global unknown of each of these rows.
+    """
+
+    def __init__(self, nodes: Longs, dim: int) -> None:
+        """Find the places of blocks (q, m, i, n, j), with ``dim`` unknowns i and j at a node."""
+        self.nodes = nodes
+        distinct, number = np.unique(nodes, return_inverse=True)
+        number = number.reshape(nodes.shape)
+        count = len(distinct)
+        key = number[:, :, None] * count + number[:, None, :]
+        pairs, place = np.unique(key.reshape(-1), return_inverse=True)
+        row, column = np.divmod(pairs, max(count, 1))
+        width = np.bincount(row, minlength=count)
+        first = np.cumsum(width) - width
+        axes = np.arange(dim)
+        lengths = np.repeat(dim * width, dim)
+        self.indptr = np.append(0, np.cumsum(lengths))
+        self.rows = (distinct[:, None] * dim + axes).reshape(-1)
+        # Entry (i, j) of a pair of nodes: its row's start, then its place among the row's columns.
+        start = (
+            self.indptr[:-1].reshape(count, dim)[row]
+            + dim * (np.arange(len(row)) - first[row])[:, None]
+        )
+        entries = start[:, :, None] + axes
+        self.columns = np.empty(self.indptr[-1], dtype=np.int64)
+        self.columns[entries] = (distinct[column][:, None] * dim + axes)[:, None, :]
+        # (q, m, n, i, j), as the pairs have them, to (q, m, i, n, j).
+        shape = (*key.shape, dim, dim)
+        self._entry = entries[place.reshape(-1)].reshape(shape).transpose(0, 1, 3, 2, 4).reshape(-1)
+
+    def add_up(self, blocks: Floats | None) -> Floats:
+        """Values of the matrix's entries from blocks (q, m, i, n, j); None: zeros."""
+        if blocks is None:
+            return np.zeros(len(self.columns))
+        summed = np.bincount(self._entry, blocks.reshape(-1), len(self.columns))
+        return np.asarray(summed, dtype=np.float64)
+
+
+def coupled_nodes(term: ContactTerm, window: ContactWindow) -> Longs:
+    """Pairs (p, 2) of global nodes that a window couples; each pair once."""
+    surface = term.surface
+    if not window.touching.nnz:
+        return np.empty((0, 2), dtype=np.int64)
+    _, first = np.unique(surface.slave.facet, return_index=True)
+    mine = surface.slave.nodes[first]
+    others = surface.master.nodes[surface.target.stencil]
+    nodes = np.unique(np.concatenate([mine.reshape(-1), others.reshape(-1)]))
+    slaves = _incidence(np.searchsorted(nodes, mine), len(nodes))
+    masters = _incidence(np.searchsorted(nodes, others), len(nodes))
+    active = np.diff(window.touching.indptr) > 0
+    slaves = scipy.sparse.diags(active.astype(np.int32), dtype=np.int32) @ slaves
+    across = slaves.T @ (window.touching @ masters)
+    pattern = slaves.T @ slaves + across + across.T + masters.T @ (window.together @ masters)
+    upper = scipy.sparse.triu(_present(pattern), k=1, format="coo")
+    return np.stack([nodes[upper.row], nodes[upper.col]], axis=1)
+
+
+def _incidence(table: Longs, count: int) -> scipy.sparse.csr_matrix:
+    """Facets (f, a) against nodes."""
+    indptr = np.arange(0, table.size + 1, table.shape[1])
+    ones = np.ones(table.size, dtype=np.int32)
+    return _present(scipy.sparse.csr_matrix((ones, table.reshape(-1), indptr), (len(table), count)))

@@ -1,0 +1,1 @@
+"""Explicit dynamics: central differences with lumped masses."""

@@ -1,0 +1,134 @@
+"""Accelerations from forces: lumped masses, supports that hold, platens that move as one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from mpi4py import MPI
+
+from app.equilibrium.equilibrium import Ints, Platen
+from geometry.surfaces.exchange import NodalVector, SurfaceExchange
+from geometry.surfaces.facets import Floats
+
+
+class LumpedDynamics:
+    """From forces to accelerations.
+
+    A platen is a rigid edge: its unknowns share the sum of the forces and of the masses, to which
+    it adds a mass of its own.
+
+    Attributes:
+        mass: (n,), kg per unit thickness, owned unknowns; a platen's own mass is on its leader.
+        inverse: (n,), 1/mass, 0 at held unknowns.
+        platens: the platens; platen_mass: (p,), kg, their summed masses.
+        platen_acceleration: (p,), m/s², of the last call of :meth:`accelerate`, on all ranks.
+    """
+
+    def __init__(
+        self,
+        mass: Floats,
+        constrained: Ints,
+        platens: Sequence[Platen],
+        first: int,
+        dim: int,
+        comm: MPI.Comm,
+    ) -> None:
+        """Sum the platens' masses; collective.
+
+        Args:
+            mass: (n,) lumped mass of the owned unknowns.
+            constrained: owned unknowns that follow a program.
+            platens: rigid edges.
+            first: global number of the first owned unknown.
+            dim: unknowns per node.
+            comm: of the mesh.
+        """
+        self.mass, self.first, self.dim = mass.copy(), first, dim
+        self.platens, self.comm = list(platens), comm
+        for platen in self.platens:
+            leader = int(platen.all_dofs[0]) - first if len(platen.all_dofs) else -1
+            if 0 <= leader < len(mass):
+                self.mass[leader] += platen.mass
+        self.inverse: Floats = np.asarray(1.0 / self.mass, dtype=np.float64)
+        self.inverse[constrained] = 0.0
+        self.platen_mass = self.sums(self.mass)
+        self._negative = -self.inverse
+        self.no_pull: Floats = np.zeros(len(self.platens))
+        self.platen_acceleration: Floats = self.no_pull
+
+    def sums(self, values: Floats) -> Floats:
+        """Sum of ``values`` (n,) over each platen's unknowns (p,); collective."""
+        local = np.array([values[p.dofs].sum() for p in self.platens])
+        return self._summed(local)
+
+    def _summed(self, local: Floats) -> Floats:
+        if self.comm.size == 1:
+            return local
+        total = np.empty_like(local)
+        self.comm.Allreduce(local, total, op=MPI.SUM)
+        return total
+
+    def accelerate(self, residual: Floats, pull: Floats, out: Floats, valid: bool = True) -> bool:
+        """Accelerations −r/m (n,) into ``out``, m/s²; collective.
+
+        Args:
+            residual: (n,), N, internal and contact forces less the pressures'.
+            pull: (p,), N, what draws each platen.
+            out: accelerations.
+            valid: whether this rank has nothing to complain of.
+
+        Returns:
+            Whether no rank has.
+        """
+        np.multiply(residual, self._negative, out=out)
+        if not self.platens and self.comm.size == 1:
+            return valid
+        local = np.array([residual[p.dofs].sum() for p in self.platens] + [float(not valid)])
+        total = self._summed(local)
+        self.platen_acceleration = (pull - total[:-1]) / self.platen_mass
+        for platen, value in zip(self.platens, self.platen_acceleration, strict=True):
+            out[platen.dofs] = value
+        return bool(total[-1] == 0.0)
+
+    def touched(self, pairs: Iterable[SurfaceExchange], scratch: NodalVector) -> Ints | None:
+        """Owned unknowns that the pairs' loads can reach; None if a platen's is one; collective.
+
+        Args:
+            pairs: nodes of the contact pairs.
+            scratch: overwritten.
+        """
+        scratch.owned[:] = 0.0
+        for pair in pairs:
+            pair.add(np.ones((len(pair.nodes), self.dim)), scratch)
+        found = np.nonzero(scratch.owned)[0].astype(np.int32)
+        meets = any(np.intersect1d(found, platen.dofs).size for platen in self.platens)
+        return None if self.comm.allreduce(meets, op=MPI.LOR) else found
+
+    def accelerate_again(
+        self, residual: Floats, pull: Floats, touched: Ints | None, out: Floats
+    ) -> None:
+        """Renew the accelerations after the residual has changed at ``touched``; collective."""
+        if touched is None:
+            self.accelerate(residual, pull, out)
+        else:
+            out[touched] = residual[touched] * self._negative[touched]
+
+    def dot(self, a: Floats, b: Floats) -> float:
+        """Inner product aᵀM b over all ranks; collective."""
+        return float(self.comm.allreduce(float(np.dot(a * self.mass, b)), op=MPI.SUM))
+
+    def project(self, w: Floats) -> Floats:
+        """``w`` (n,) made a motion that the supports allow; collective."""
+        out: Floats = np.where(self.inverse > 0.0, w, 0.0)
+        means = self.sums(self.mass * out) / self.platen_mass
+        for platen, mean in zip(self.platens, means, strict=True):
+            out[platen.dofs] = mean
+        return out
+
+    def add_springs(self, w: Floats, out: Floats) -> None:
+        """Add the forces of the platens' springs stretched by ``w`` (n,) to ``out``."""
+        for platen in self.platens:
+            leader = int(platen.all_dofs[0]) - self.first if len(platen.all_dofs) else -1
+            if 0 <= leader < len(w):
+                out[leader] += platen.stiffness * w[leader]

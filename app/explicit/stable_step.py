@@ -1,0 +1,267 @@
+"""The stable time step of central differences, from the largest eigenvalue of M⁻¹K.
+
+K is the stiffness of the bodies, of the penalty and of the elastic slip. Its action on a vector is
+a difference of internal forces, so no matrix is made. Lanczos' iteration in the inner product of M
+finds the largest eigenvalue λ from below; the residual of its Ritz vector is added, so that the
+step 2/√λ errs on the safe side. Explicit viscous forces C v, at the velocity of the last half step,
+are stable while 4 M − Δt² K − 2 Δt C is positive: Δt follows from the vector for which that form
+vanishes first.
+
+A node that meets the penalty for a single step leaves with up to ω² Δt² − 1 times its speed, ω its
+frequency on the penalty alone. Linear stability allows ω Δt = 2, at which contacts that open and
+close gain energy with every rebound; the bound taken here is ω Δt ≤ √2, where that factor is one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import dolfinx
+import numpy as np
+from mpi4py import MPI
+
+from app.explicit.lumped_dynamics import LumpedDynamics
+from forms.bodies.internal_force import InternalForce
+from forms.contact.stiffness import PairStiffness
+from geometry.surfaces.exchange import NodalVector
+from geometry.surfaces.facets import Floats
+
+FIRST, AGAIN = 40, 12  # iterations of Lanczos from nothing, and from the last vector
+NUDGE = 1e-5  # of the smallest cell: how far nodes are moved for differences of forces
+
+
+@dataclass(frozen=True, slots=True)
+class StableStep:
+    """Stable steps, s.
+
+    Attributes:
+        limit: of everything together: above it the motion grows without bound.
+        elements: of the bodies alone; penalty: with contact and springs; viscous: with the film's
+            explicit viscous stress too (the same as ``penalty`` where that is semi-implicit).
+        closing: √2 over the highest frequency of the nodes on the penalty alone.
+        reason: what limits the step.
+        place: where the fastest oscillation is, m, undeformed.
+    """
+
+    limit: float
+    elements: float
+    penalty: float
+    viscous: float
+    closing: float
+    reason: str
+    place: tuple[float, ...]
+
+
+@dataclass(slots=True)
+class Mode:
+    """The fastest oscillation found.
+
+    Attributes:
+        value: 1/s², upper estimate of the eigenvalue; vector: (n,), of unit mass norm.
+    """
+
+    value: float
+    vector: Floats
+
+
+class Stiffness:
+    """Actions of K and C on vectors of the unknowns, by differences of forces."""
+
+    def __init__(
+        self,
+        dynamics: LumpedDynamics,
+        internal: InternalForce,
+        u: NodalVector,
+        space: dolfinx.fem.FunctionSpace,
+        pairs: Sequence[PairStiffness],
+    ) -> None:
+        """Make ready; collective.
+
+        Args:
+            dynamics: masses and supports.
+            internal: the bodies' forces.
+            u: today's displacements.
+            space: of the displacement.
+            pairs: the contacts' stiffness and viscosity.
+        """
+        self.dynamics, self._internal, self._u, self.pairs = dynamics, internal, u, pairs
+        self._moved, self._force = NodalVector(space), NodalVector(space)
+        mesh = space.mesh
+        cells = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)
+        smallest = float(mesh.h(mesh.topology.dim, cells).min(initial=np.inf))
+        self.smallest = float(dynamics.comm.allreduce(smallest, op=MPI.MIN))
+        self._reach = NUDGE * self.smallest
+
+    def bodies(self, w: Floats) -> Floats:
+        """K w of the bodies (n,), w a direction (n,); collective."""
+        most = self.dynamics.comm.allreduce(float(np.abs(w).max(initial=0.0)), op=MPI.MAX)
+        out: Floats = np.zeros_like(w)
+        if not most > 0.0:
+            return out
+        h = self._reach / most
+        for sign in (1.0, -1.0):
+            self._moved.owned[:] = self._u.owned + sign * h * w
+            self._moved.update_ghosts()
+            self._internal.evaluate(self._moved.array, self._force.array)
+            self._force.collect_ghosts()
+            out += sign * self._force.owned
+        return out / (2.0 * h)
+
+    def contacts(self, w: Floats, viscous: bool = False) -> Floats:
+        """K w of contact and springs, or C w of the film, (n,); collective."""
+        self._moved.owned[:] = w
+        self._force.owned[:] = 0.0
+        for pair in self.pairs:
+            pair.add(self._moved, self._force, viscous)
+        if not viscous:
+            self.dynamics.add_springs(w, self._force.owned)
+        return self._force.owned.copy()
+
+
+def largest(
+    dynamics: LumpedDynamics, apply: Callable[[Floats], Floats], start: Floats, iterations: int
+) -> Mode:
+    """Largest eigenvalue of M⁻¹A by Lanczos' iteration; collective.
+
+    Args:
+        dynamics: masses; held unknowns do not move, platens move as one.
+        apply: w to A w, A symmetric, on the owned unknowns.
+        start: (n,) start vector, of any size.
+        iterations: most steps of the iteration.
+    """
+    q = dynamics.project(start)
+    norm = np.sqrt(dynamics.dot(q, q))
+    if not norm > 0.0:
+        return Mode(0.0, q)
+    basis = [q / norm]
+    alpha: list[float] = []
+    beta: list[float] = []
+    z = np.empty_like(q)
+    for _ in range(iterations):
+        dynamics.accelerate(apply(basis[-1]), dynamics.no_pull, z)
+        np.negative(z, out=z)
+        alpha.append(dynamics.dot(basis[-1], z))
+        for previous in basis:  # in full, twice the cost of none and free of ghosts
+            z -= dynamics.dot(previous, z) * previous
+        norm = float(np.sqrt(dynamics.dot(z, z)))
+        values, vectors = _tridiagonal(alpha, beta)
+        beta.append(norm)
+        missed = norm * abs(vectors[-1, -1])
+        if missed <= 1e-3 * values[-1] or norm <= 1e-12 * abs(values[-1]):
+            break
+        basis.append(z / norm)
+    ritz = sum(c * b for c, b in zip(vectors[:, -1], basis, strict=False))
+    return Mode(float(values[-1] + missed), np.asarray(ritz))
+
+
+def _tridiagonal(alpha: list[float], beta: list[float]) -> tuple[Floats, Floats]:
+    matrix = np.diag(alpha) + np.diag(beta, 1) + np.diag(beta, -1)
+    values, vectors = np.linalg.eigh(matrix)
+    return values, vectors
+
+
+class StableSteps:
+    """Estimates the stable step, again and again as the bodies deform."""
+
+    def __init__(self, stiffness: Stiffness, space: dolfinx.fem.FunctionSpace, film: bool) -> None:
+        """Make ready.
+
+        Args:
+            stiffness: K and C.
+            space: of the displacement.
+            film: whether viscous stresses are explicit, and so in the bound.
+        """
+        self._stiffness, self._space, self._film = stiffness, space, film
+        self._bodies: Mode | None = None
+        self._whole: Mode | None = None
+        self._contact: Mode | None = None
+        self._noise = self._seed()
+
+    def estimate(self) -> StableStep:
+        """The stable step of today's configuration; collective."""
+        s = self._stiffness
+        self._bodies = self._largest(s.bodies, self._bodies)
+        elements, mode = _step_of(self._bodies.value), self._bodies
+        penalty = elements
+        if s.pairs or any(p.stiffness for p in s.dynamics.platens):
+            mode = self._whole = self._largest(lambda w: s.bodies(w) + s.contacts(w), self._whole)
+            penalty = _step_of(mode.value)
+        closing = np.inf
+        if s.pairs:
+            self._contact = self._largest(s.contacts, self._contact)
+            closing = float(np.sqrt(0.5)) * _step_of(self._contact.value)
+        viscous = penalty
+        if self._film:
+            viscous, mode = self._with_film(penalty, mode)
+        reason = "the elements" if penalty > 0.99 * elements else "the contact's stiffness"
+        if viscous < 0.99 * penalty:
+            reason = "the film's viscous stress"
+        if closing < 0.99 * viscous:
+            assert self._contact is not None
+            reason, mode = "the contact's opening and closing", self._contact
+        limit = min(viscous, closing)
+        return StableStep(limit, elements, penalty, viscous, closing, reason, self._place(mode))
+
+    def _seed(self) -> Floats:
+        """A rough vector (n,), m, that depends on the places of the nodes, not on the ranks."""
+        dynamics = self._stiffness.dynamics
+        dim = dynamics.dim
+        where = self._space.tabulate_dof_coordinates()[: len(dynamics.mass) // dim, :dim]
+        phase = where @ np.array([12.9898, 78.233, 37.719][:dim]) / self._stiffness.smallest
+        out: Floats = np.sin(phase[:, None] + 1.7 * np.arange(dim)).reshape(-1)
+        return out
+
+    def _largest(self, apply: Callable[[Floats], Floats], last: Mode | None) -> Mode:
+        """Begin with the last vector and some noise, which excites whatever else there is."""
+        dynamics = self._stiffness.dynamics
+        noise = dynamics.project(self._noise)
+        if last is None:
+            return largest(dynamics, apply, noise, FIRST)
+        noise *= 0.1 / np.sqrt(dynamics.dot(noise, noise))
+        return largest(dynamics, apply, last.vector + noise, AGAIN)
+
+    def _with_film(self, step: float, mode: Mode) -> tuple[float, Mode]:
+        """Step Δt at which 4 M − Δt² K − 2 Δt C ceases to be positive, and where it does."""
+        s = self._stiffness
+        noise = s.dynamics.project(self._noise)
+        noise *= 0.1 / np.sqrt(s.dynamics.dot(noise, noise))
+        for _ in range(10):
+            now = step
+            mode = largest(
+                s.dynamics,
+                lambda w, now=now: (  # type: ignore[misc]
+                    s.bodies(w) + s.contacts(w) + (2.0 / now) * s.contacts(w, viscous=True)
+                ),
+                mode.vector + noise,
+                FIRST,
+            )
+            w = mode.vector
+            c = float(
+                s.dynamics.comm.allreduce(float(w @ s.contacts(w, viscous=True)), op=MPI.SUM)
+            ) / s.dynamics.dot(w, w)
+            k = max(mode.value - 2.0 * c / now, 0.0)
+            # The root of Δt² k + 2 Δt c = 4 without a difference of near numbers.
+            step = 4.0 / (c + np.sqrt(c * c + 4.0 * k)) if c + k > 0.0 else np.inf
+            if abs(step - now) <= 1e-4 * now:
+                break
+        return float(step), mode
+
+    def _place(self, mode: Mode) -> tuple[float, ...]:
+        """Where a mode moves most, m, undeformed; collective."""
+        dynamics = self._stiffness.dynamics
+        moving = dynamics.mass * mode.vector**2
+        mine: tuple[float, tuple[float, ...]] = (-1.0, ())
+        if len(moving):
+            at = int(np.argmax(moving))
+            where = self._space.tabulate_dof_coordinates()[at // dynamics.dim, : dynamics.dim]
+            mine = (float(moving[at]), tuple(map(float, where)))
+        place: tuple[float, ...] = max(dynamics.comm.allgather(mine))[1]
+        return place
+
+
+def _step_of(value: float) -> float:
+    """2/√λ, s; 0 where λ is not a number."""
+    if np.isnan(value):
+        return 0.0
+    return 2.0 / float(np.sqrt(value)) if value > 0.0 else np.inf

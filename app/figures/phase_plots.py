@@ -1,0 +1,80 @@
+"""Figures of explicit runs: phase plots of sprung surfaces, histories of several runs overlaid."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+
+from app.case.case import Case
+from app.figures.style import COLOURS, STYLE, columns, save
+from app.results.directory import read_table
+
+
+def draw_phases(case: Case, directory: Path) -> None:
+    """A phase plot of each sprung surface, ``phase.png`` or, of several, ``phase-NAME.png``."""
+    table = directory / "motion.csv"
+    names = [
+        f"{boundary.surface}_{boundary.spring.direction}"
+        for boundary in case.boundary
+        if boundary.spring is not None
+    ]
+    if names and table.is_file():
+        rows = read_table(table)
+        for name in names:
+            picture = "phase.png" if len(names) == 1 else f"phase-{name}.png"
+            draw_phase(rows, name, directory / "figures" / picture)
+
+
+def draw_phase(rows: list[dict[str, Any]], name: str, path: Path) -> None:
+    """Draw the phase plot of a sprung surface: its velocity against the force in the spring.
+
+    Args:
+        rows: of ``motion.csv``.
+        name: of the surface there, such as "top_x".
+        path: the picture.
+    """
+    time, force, speed = columns(rows, "time", f"{name}_force", f"{name}_v")
+    with plt.rc_context(STYLE):
+        figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
+        left.plot((time - time[0]) * 1e3, force, color=COLOURS[0], lw=1)
+        left.set_xlabel("time since the first explicit row (ms)")
+        left.set_ylabel("force in the spring (N)")
+        right.plot(force, speed, color=COLOURS[1], lw=0.8)
+        right.set_xlabel("force in the spring (N)")
+        right.set_ylabel("velocity of the surface (m/s)")
+        save(figure, path)
+
+
+def draw_overlay(
+    runs: dict[str, tuple[list[dict[str, Any]], list[dict[str, Any]]]], path: Path
+) -> None:
+    """Draw the tangential force of runs made by both solvers over the driven displacement.
+
+    An explicit row is a mean over its interval and is drawn at the middle of it.
+
+    Args:
+        runs: by what to call them, rows of the implicit history (dots) and the explicit (a line).
+        path: the picture.
+    """
+    with plt.rc_context(STYLE):
+        figure, axes = plt.subplots(figsize=(7, 4.4))
+        for number, (label, (implicit, explicit)) in enumerate(runs.items()):
+            colour = COLOURS[number % len(COLOURS)]
+            at, force, speed = columns(
+                implicit, "driven_displacement", "tangential_force", "velocity"
+            )
+            driven = speed != 0.0
+            axes.semilogy(at[driven] * 1e6, force[driven], "o", ms=4, mfc="none", color=colour)
+            at, force, speed = columns(
+                explicit, "driven_displacement", "tangential_force", "velocity"
+            )
+            middle, driven = 0.5 * (at[1:] + at[:-1]), speed[1:] != 0.0
+            axes.semilogy(middle[driven] * 1e6, force[1:][driven], color=colour, label=label)
+        axes.plot([], [], "o", color="0.4", mfc="none", label="implicit")
+        axes.plot([], [], "-", color="0.4", label="explicit")
+        axes.set_xlabel("driven displacement (µm)")
+        axes.set_ylabel("tangential force (N)")
+        axes.legend(fontsize=8)
+        save(figure, path)

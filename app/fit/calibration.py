@@ -1,0 +1,399 @@
+r"""Calibration: least squares of the logarithms of measured and computed friction.
+
+.. math:: r_i = \sqrt{w_i}\, (\ln T(x; D_i, V_i, p_i, s_i) - \ln T_i)
+
+over the logarithms x of the parameters (for alpha of :math:`\alpha/(1 - \alpha)`), so that errors
+and intervals are relative. The threshold speed is not searched that way: where alpha switches over
+a narrow width, only the order of V* among the measured speeds matters and the residual is flat in
+between. Each gap between two speeds is tried, and the interval of V* is made of gaps.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.stats import f as f_distribution
+
+from app.errors import InputError
+from app.fit.data import TribometerData
+from app.fit.judgement import (
+    CONFIDENCE,
+    NOISE,
+    Judgement,
+    at_bound_warnings,
+    interval,
+    star_warning,
+)
+from app.fit.model import RANGES, Coordinate, friction, with_values
+from forms.friction.parameters import FrictionMapParameters
+
+Floats = NDArray[np.float64]
+
+MOST_GAPS = 40
+"""Gaps of V* that are tried at first; then those beside the best."""
+ROWS_FOR_SLOPE = 3
+"""Rows within the transition from which on V* has an interval from the Jacobian."""
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """One parameter of the fit.
+
+    Attributes:
+        coordinate: Which.
+        value: SI.
+        low: Lower end of the confidence interval, SI; None: open.
+        high: Upper end.
+        warning: Why the data do not determine it, if they do not.
+    """
+
+    coordinate: Coordinate
+    value: float
+    low: float | None
+    high: float | None
+    warning: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class FitResult:
+    """What a fit found.
+
+    Attributes:
+        parameters: The calibrated law.
+        estimates: One for each coordinate.
+        traction: (n,), Pa, of the law, for the rows of the data.
+        scatter: Standard deviation of the logarithm of the friction.
+        degrees: Rows less parameters.
+        singular_values: Of the Jacobian with columns of unit length, relative to the largest.
+        correlation: (c, c), of the coordinates ``correlated``.
+        correlated: Names of the coordinates that have a slope.
+    """
+
+    parameters: FrictionMapParameters
+    estimates: tuple[Estimate, ...]
+    traction: Floats
+    scatter: float
+    degrees: int
+    singular_values: tuple[float, ...]
+    correlation: Floats
+    correlated: tuple[str, ...]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the data do not determine, a line each."""
+        return tuple(e.warning for e in self.estimates if e.warning)
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """A minimum.
+
+    Attributes:
+        x: (c,), search coordinates.
+        residual: (n,), weighted.
+        jacobian: (n, c), or (n, c - 1) where V* was held.
+        at_bound: (c,), whether the search ended at a bound.
+        free: Whether V* was varied; else it was held.
+    """
+
+    x: Floats
+    residual: Floats
+    jacobian: Floats
+    at_bound: NDArray[np.bool_]
+    free: bool
+
+    @property
+    def squares(self) -> float:
+        """Sum of the squares of the residual."""
+        return float(self.residual @ self.residual)
+
+
+class Calibration:
+    """The search for the parameters of one data set.
+
+    Attributes:
+        data: Measured friction.
+        base: Everything that is not fitted.
+        coordinates: What is.
+        star: Which of the coordinates is the threshold speed (V_star or gamma), if any.
+    """
+
+    def __init__(
+        self,
+        data: TribometerData,
+        base: FrictionMapParameters,
+        coordinates: Sequence[Coordinate],
+        starts: Mapping[str, float] | None = None,
+    ) -> None:
+        """Set up the search.
+
+        Args:
+            data: Measured friction.
+            base: Everything that is not fitted.
+            coordinates: What is.
+            starts: Values to start from, by key, SI.
+
+        Raises:
+            InputError: There are not more rows than parameters.
+        """
+        self.data, self.base, self.coordinates = data, base, tuple(coordinates)
+        self._starts = dict(starts or {})
+        self._slip_start: Floats | None = None
+        keys = [c.key for c in self.coordinates]
+        self.star = next((i for i, key in enumerate(keys) if key in ("V_star", "gamma")), None)
+        self._mu_s = keys.index("mu_s") if {"mu_s", "mu_d"} <= set(keys) else None
+        self._mu_d = keys.index("mu_d") if self._mu_s is not None else None
+        if len(data) <= len(self.coordinates):
+            raise InputError(
+                f"too few data: {len(data)} rows for {len(self.coordinates)} parameters "
+                f"({', '.join(c.name for c in self.coordinates)}); at least one row more is needed"
+            )
+
+    # -- search coordinates ------------------------------------------------------------------------
+
+    def _values(self, x: Floats) -> list[float]:
+        """Parameters of search coordinates: V* in place of gamma, mu_d/mu_s in place of mu_d."""
+        values = [c.to_value(float(u)) for c, u in zip(self.coordinates, x, strict=True)]
+        if self._mu_s is not None and self._mu_d is not None:
+            values[self._mu_d] = values[self._mu_s] * math.exp(min(float(x[self._mu_d]), 0.0))
+        if self.star is not None and self.coordinates[self.star].key == "gamma":
+            eta = next(
+                (v for c, v in zip(self.coordinates, values, strict=True) if c.key == "eta_b"),
+                self.base.eta_b,
+            )
+            # V* at D_max, so that gamma is eta_b V*^2 whatever the films of the data are.
+            values[self.star] = eta * math.exp(2.0 * float(x[self.star]))
+        return values
+
+    def parameters(self, x: Floats) -> FrictionMapParameters:
+        """The law at search coordinates."""
+        return with_values(self.base, self.coordinates, self._values(x))
+
+    def _bounds(self) -> tuple[Floats, Floats]:
+        limits = [list(c.limits) for c in self.coordinates]
+        for i, c in enumerate(self.coordinates):
+            if c.key == "gamma":
+                limits[i] = [math.log(RANGES["V_star"].lowest), math.log(RANGES["V_star"].highest)]
+            elif c.key == "mu_d":
+                if self._mu_s is not None:
+                    limits[i] = [math.log(1e-4), 0.0]
+                else:
+                    limits[i][1] = math.log(self.base.mu_s)
+            elif c.key == "mu_s" and self._mu_d is None and self.base.mu_d is not None:
+                limits[i][0] = math.log(max(self.base.mu_d, RANGES["mu_s"].lowest))
+        low, high = np.array(limits).T
+        return low, high
+
+    def _residual(self, x: Floats) -> Floats:
+        computed = friction(self.parameters(x), self.data)
+        ratio = np.maximum(computed, 1e-300) / self.data.traction
+        return np.asarray(np.sqrt(self.data.weight) * np.log(ratio))
+
+    # -- starts ------------------------------------------------------------------------------------
+
+    def _first(self) -> Iterator[Floats]:
+        """Starting points: guesses from the data, and several for the start of the weakening."""
+        low, high = self._bounds()
+        x = np.array([self._guess(c) for c in self.coordinates])
+        keys = [c.key for c in self.coordinates]
+        if self._slip_start is not None:
+            for key in ("A_d", "B", "K_T"):
+                if key in keys:
+                    x[keys.index(key)] = self._slip_start[keys.index(key)]
+            yield np.clip(x, low + 1e-9, high - 1e-9)
+            return
+        slips = self.data.slip[~self.data.steady]
+        variants = [x]
+        if "A_d" in keys and "A_d" not in self._starts and slips.size:
+            variants = []
+            for share in (0.02, 0.1, 0.3):
+                A_d = share * float(slips.max())
+                at = x.copy()
+                at[keys.index("A_d")] = math.log(A_d)
+                if "B" in keys and "B" not in self._starts:
+                    at[keys.index("B")] = math.log(1.0 / A_d)
+                variants.append(at)
+        for at in variants:
+            yield np.clip(at, low + 1e-9, high - 1e-9)
+
+    def _guess(self, c: Coordinate) -> float:
+        """Search coordinate to start from."""
+        if c.key in self._starts and c.key not in ("gamma", "mu_d"):
+            return c.to_search(self._starts[c.key])
+        data = self.data
+        ratio = data.traction / data.pressure
+        if c.key == "mu_d":
+            mu_s = self._starts.get("mu_s", float(ratio.max()))
+            mu_d = self._starts.get("mu_d", 0.8 * mu_s)
+            return math.log(min(mu_d / mu_s, 1.0)) if self._mu_s is not None else math.log(mu_d)
+        if c.key == "mu_s":
+            dry = data.thickness <= self.base.D_min
+            return math.log(float((ratio[dry] if dry.any() else ratio).max()))
+        if c.key == "eta_b":
+            wet = data.thickness > self.base.D_min
+            viscosity = (data.traction * data.thickness / data.velocity)[wet]
+            return math.log(float(viscosity.min())) if viscosity.size else math.log(0.1)
+        if c.key == "alpha":
+            rows = data.thickness == c.film
+            slow = float(ratio[rows][np.argmin(data.velocity[rows])])
+            mu = max(self._starts.get("mu_s", float(ratio.max())), self.base.mu_dynamic)
+            return c.to_search(min(max(1.0 - slow / mu, 0.02), 1.0 - 1e-6))
+        if c.key == "gamma":
+            return math.log(RANGES["V_star"].start)
+        return c.to_search(RANGES[c.key].start)
+
+    # -- search ------------------------------------------------------------------------------------
+
+    def _minimum(
+        self, start: Floats, held: float | None, within: tuple[float, float] | None = None
+    ) -> Found:
+        """Least squares from a start; V* stays at ``held`` if given, or ``within`` (logarithms)."""
+        low, high = self._bounds()
+        x = start.copy()
+        if within is not None and self.star is not None:
+            low[self.star], high[self.star] = within
+        vary = np.ones(len(x), dtype=np.bool_)
+        if held is not None and self.star is not None:
+            x[self.star], vary[self.star] = held, False
+
+        def residual(y: Floats) -> Floats:
+            at = x.copy()
+            at[vary] = y
+            return self._residual(at)
+
+        if not vary.any():
+            at_bound = np.zeros(len(x), dtype=np.bool_)
+            return Found(x, self._residual(x), np.zeros((len(self.data), 0)), at_bound, False)
+        found = least_squares(
+            residual, x[vary], jac="2-point", bounds=(low[vary], high[vary]), max_nfev=100,
+            xtol=1e-9, ftol=1e-10, gtol=1e-10,
+        )  # fmt: skip
+        x[vary] = found.x
+        at_bound = np.zeros(len(x), dtype=np.bool_)
+        at_bound[vary] = np.minimum(found.x - low[vary], high[vary] - found.x) < 1e-6
+        if self.star is not None:
+            at_bound[self.star] = False  # Its ends are judged by the gaps.
+        return Found(x, found.fun, found.jac, at_bound, held is None)
+
+    def _best(self, held: float | None) -> Found:
+        return min((self._minimum(x, held) for x in self._first()), key=lambda one: one.squares)
+
+    def _reduced_speeds(self) -> Floats:
+        """Logarithms of the V* at which each row would be right at it, sorted, without repeats."""
+        D, V = self.data.thickness, self.data.velocity
+        rows = (D > self.base.D_min) & (D < self.base.D_max)
+        reduced = np.log(V[rows] * np.sqrt(D[rows] / self._reference))
+        return np.asarray(np.unique(np.round(reduced, 9)))
+
+    @property
+    def _reference(self) -> float:
+        """m, film thickness at which the search coordinate of V* holds."""
+        return self.base.D_max if self.base.V_star_at is None else self.base.V_star_at
+
+    def _in_transition(self, star: float) -> int:
+        """Number of rows whose speed lies within the transition."""
+        ratio = np.exp(self._reduced_speeds() - star)
+        return int(np.sum(np.abs(ratio - 1.0) < self.base.transition_width))
+
+    def _search_star(self, speeds: Floats) -> tuple[Found, float | None, float | None]:
+        """Best minimum over the gaps between reduced speeds, and the interval of ln V*."""
+        edges, clear = self._gaps(speeds)
+        tried: dict[int, Found] = {}
+        # What slip does is all but independent of V*: its start is found once.
+        self._slip_start = self._best(0.5 * float(speeds[0] + speeds[-1])).x
+        wanted = [clear[i] for i in np.unique(np.linspace(0, len(clear) - 1, MOST_GAPS, dtype=int))]
+        while wanted:
+            tried |= {gap: self._in_gap(edges, gap, gap in clear) for gap in wanted}
+            inside = self._as_good(tried)
+            beside = {gap + step for gap in inside for step in (-1, 1)}
+            wanted = sorted(beside & set(range(len(edges) - 1)) - tried.keys())
+        low, high = min(inside), max(inside) + 1
+        # A row inside the transition can be fitted by V* alone: that is no reason to prefer it.
+        plain = [gap for gap in inside if not tried[gap].free]
+        best = min(plain or inside, key=lambda gap: tried[gap].squares)
+        return (
+            tried[best],
+            float(edges[low]) if low > 0 else None,
+            float(edges[high]) if high < len(edges) - 1 else None,
+        )
+
+    def _gaps(self, speeds: Floats) -> tuple[Floats, list[int]]:
+        """Edges of intervals of ln V* in which the same rows lie below, at and above it.
+
+        Returns:
+            The edges, and the intervals without any row in the transition, by number.
+        """
+        width = self.base.transition_width
+        both = np.concatenate([speeds - math.log1p(width), speeds - math.log1p(-width)])
+        ends = np.unique(np.round(both, 9))
+        edges = np.concatenate([[ends[0] - 2.0], ends, [ends[-1] + 2.0]])
+        middles = 0.5 * (edges[1:] + edges[:-1])
+        clear = [gap for gap, at in enumerate(middles) if not self._in_transition(float(at))]
+        return edges, clear
+
+    def _in_gap(self, edges: Floats, gap: int, clear: bool) -> Found:
+        """The minimum with V* in one interval: in its middle, or anywhere in it if not clear."""
+        low, high = float(edges[gap]), float(edges[gap + 1])
+        one = self._best(0.5 * (low + high))
+        return one if clear else self._minimum(one.x, None, (low, high))
+
+    def _as_good(self, tried: Mapping[int, Found]) -> list[int]:
+        """The intervals that the data do not rule out beside the best (F test)."""
+        degrees = len(self.data) - len(self.coordinates)
+        least = min(one.squares for one in tried.values())
+        # Of data without scatter, round-off would choose: some scatter is assumed at least.
+        variance = max(least / degrees, NOISE**2)
+        limit = least + float(f_distribution.ppf(CONFIDENCE, 1, degrees)) * variance
+        return [gap for gap, one in tried.items() if one.squares <= limit]
+
+    def run(self) -> FitResult:
+        """Search, and judge what was found."""
+        if self.star is None:
+            return self._judged(self._best(None), None)
+        speeds = self._reduced_speeds()
+        if not speeds.size:
+            name = self.coordinates[self.star].name
+            raise InputError(f"{name}: no row has a film between D_min and D_max to fit it to")
+        found, low, high = self._search_star(speeds)
+        if found.free and self._in_transition(float(found.x[self.star])) >= ROWS_FOR_SLOPE:
+            return self._judged(found, None)
+        return self._judged(found, (low, high))
+
+    def _judged(self, found: Found, star: tuple[float | None, float | None] | None) -> FitResult:
+        """The result, with V* between the ends ``star`` (logarithms) unless it has a slope."""
+        judgement = Judgement(self, found, star is not None)
+        degrees = len(self.data) - len(self.coordinates)
+        scatter = math.sqrt(found.squares / degrees)
+        names = [c.name for c in self.coordinates]
+        bound = at_bound_warnings(names, found.at_bound)
+        estimates = []
+        for c, value in zip(self.coordinates, self._values(found.x), strict=True):
+            if c.name in judgement.names:
+                half = judgement.half_width(c.name, scatter, degrees)
+                low, high = interval(c, value, half)
+                warning = judgement.warning(c.name, scatter, degrees) or bound.get(c.name)
+            else:
+                assert star is not None and self.star is not None
+                scale = value / math.exp(float(found.x[self.star]))
+                if c.key == "gamma":
+                    scale /= math.exp(float(found.x[self.star]))
+                power = 2.0 if c.key == "gamma" else 1.0
+                low, high = (None if end is None else scale * math.exp(power * end) for end in star)
+                warning = star_warning(c.name, *star)
+            estimates.append(Estimate(c, value, low, high, warning))
+        parameters = self.parameters(found.x)
+        return FitResult(
+            parameters=parameters,
+            estimates=tuple(estimates),
+            traction=friction(parameters, self.data),
+            scatter=scatter,
+            degrees=degrees,
+            singular_values=judgement.singular_values(),
+            correlation=judgement.correlation(),
+            correlated=judgement.names,
+        )

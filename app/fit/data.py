@@ -1,0 +1,204 @@
+"""Tribometer data: a CSV file with units in its header, in SI."""
+
+from __future__ import annotations
+
+import csv
+import difflib
+import math
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.case.quantities import Quantity, QuantityError, parse_quantity
+from app.errors import InputError
+
+Floats = NDArray[np.float64]
+
+COLUMNS: dict[str, Quantity] = {
+    "thickness": Quantity("m", ge=0.0),
+    "velocity": Quantity("m/s", gt=0.0),
+    "pressure": Quantity("Pa", gt=0.0),
+    "load": Quantity("N", gt=0.0),
+    "area": Quantity("m^2", gt=0.0),
+    "traction": Quantity("Pa", gt=0.0),
+    "force": Quantity("N", gt=0.0),
+    "friction_coefficient": Quantity("", gt=0.0),
+    "effective_viscosity": Quantity("Pa*s", gt=0.0),
+    "slip": Quantity("m", gt=0.0),
+    "weight": Quantity("", gt=0.0),
+}
+OBSERVED = ("traction", "force", "friction_coefficient", "effective_viscosity")
+CONSTANTS = ("thickness", "velocity", "pressure", "load", "area")
+"""Columns that one value may stand for."""
+_HEADER = re.compile(r"\s*([^\[\]]+?)\s*(?:\[([^\[\]]*)\])?\s*")
+
+
+@dataclass(frozen=True, slots=True)
+class TribometerData:
+    """Measured friction; every array is (n,).
+
+    Attributes:
+        thickness: m, film thickness D.
+        velocity: m/s.
+        pressure: Pa, load per area.
+        traction: Pa, friction force per area.
+        slip: m, distance slid since rest; NaN where sliding was steady.
+        weight: Of the squared residual.
+        observed: Name of the column that the traction was found from.
+    """
+
+    thickness: Floats
+    velocity: Floats
+    pressure: Floats
+    traction: Floats
+    slip: Floats
+    weight: Floats
+    observed: str
+
+    def __len__(self) -> int:
+        return len(self.traction)
+
+    @property
+    def steady(self) -> NDArray[np.bool_]:
+        """(n,), rows without a slip."""
+        return np.isnan(self.slip)
+
+
+def read_data(path: Path, constants: Mapping[str, float] | None = None) -> TribometerData:
+    """Read a data file.
+
+    Lines that begin with "#" are comments. The header names columns of ``COLUMNS`` with their unit,
+    as in "velocity [mm/s]". The slip may be left empty in a row of steady sliding.
+
+    Args:
+        path: The file.
+        constants: Columns of ``CONSTANTS`` that the file does not have, SI.
+
+    Raises:
+        InputError: A column, a unit or a value is wrong; the message names the line.
+    """
+    lines = list(_records(path))
+    if not lines:
+        raise InputError(f"{path}: is empty; the first line names the columns")
+    (number, header), rows = lines[0], lines[1:]
+    columns = [_column(path, number, text) for text in header]
+    names = [name for name, _ in columns]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"{path}:{number}: column {name} is there twice")
+    if not rows:
+        raise InputError(f"{path}: has no data below the header")
+    for line, row in rows:
+        if len(row) != len(columns):
+            reason = f"has {len(row)} values for {len(columns)} columns of the header"
+            raise InputError(f"{path}:{line}: {reason}")
+    table: dict[str, Floats] = {
+        name: np.array([_value(path, line, row[i], name, unit) for line, row in rows])
+        for i, (name, unit) in enumerate(columns)
+    }
+    for name, value in (constants or {}).items():
+        if name in table:
+            raise InputError(f"{path}: column {name} is in the file, so --fix {name} cannot be")
+        table[name] = np.full(len(rows), value)
+    return _assembled(path, table, [line for line, _ in rows])
+
+
+def _records(path: Path) -> Iterator[tuple[int, list[str]]]:
+    """Line number and cells of each line that is neither empty nor a comment."""
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: not a text file in UTF-8") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    for number, line in enumerate(text.splitlines(), start=1):
+        if line.strip() and not line.lstrip().startswith("#"):
+            yield number, next(csv.reader([line]))
+
+
+def _column(path: Path, line: int, text: str) -> tuple[str, str]:
+    """Name of a column and its unit as written."""
+    match = _HEADER.fullmatch(text)
+    name = match[1] if match else text.strip()
+    if match is None or name not in COLUMNS:
+        near = difflib.get_close_matches(name, COLUMNS, n=1)
+        hint = f'did you mean "{near[0]}"?' if near else f"there are {', '.join(COLUMNS)}"
+        raise InputError(f'{path}:{line}: no such column "{text.strip()}"; {hint}')
+    unit, written = COLUMNS[name].unit, match[2]
+    if not unit:
+        if written in (None, "", "-", "1"):
+            return name, ""
+    elif not written:
+        raise InputError(f'{path}:{line}: column {name} needs its unit, as in "{name} [{unit}]"')
+    try:
+        parse_quantity(f"1 {written}", unit)
+    except QuantityError as error:
+        raise InputError(f"{path}:{line}: column {name}: {error}") from None
+    return name, written or ""
+
+
+def _value(path: Path, line: int, cell: str, name: str, unit: str) -> float:
+    text = cell.strip()
+    if name == "slip" and not text:
+        return math.nan
+    try:
+        float(text)
+    except ValueError:
+        raise InputError(f'{path}:{line}: {name} = "{text}": must be a number') from None
+    try:
+        return COLUMNS[name].parse(f"{text} {unit}")
+    except QuantityError as error:
+        raise InputError(f"{path}:{line}: {name} = {text}: {error}") from None
+
+
+def _assembled(path: Path, table: dict[str, Floats], lines: list[int]) -> TribometerData:
+    """Pressure and traction from what there is."""
+    seen = [name for name in OBSERVED if name in table]
+    if len(seen) != 1:
+        found = " and ".join(seen) if seen else "none"
+        raise InputError(f"{path}: needs one column of {', '.join(OBSERVED)}; found {found}")
+    for name in ("thickness", "velocity"):
+        if name not in table:
+            raise _missing(path, name)
+    if ("pressure" in table) == ("load" in table):
+        found = "both" if "load" in table else "neither"
+        raise InputError(f"{path}: needs either pressure, or load with area; found {found}")
+    if "area" not in table and ("load" in table or seen[0] == "force"):
+        raise _missing(path, "area")
+    ones = np.ones(len(lines))
+    area = table.get("area", ones)
+    pressure = table["pressure"] if "pressure" in table else table["load"] / area
+    D, V, observed = table["thickness"], table["velocity"], table[seen[0]]
+    if seen[0] == "effective_viscosity" and (D == 0.0).any():
+        line = lines[int(np.argmax(D == 0.0))]
+        raise InputError(f"{path}:{line}: thickness = 0: a dry contact has no effective viscosity")
+    to_traction: dict[str, NDArray[Any]] = {
+        "traction": ones,
+        "force": 1.0 / area,
+        "friction_coefficient": pressure,
+        "effective_viscosity": V / np.where(D > 0.0, D, 1.0),
+    }
+    return TribometerData(
+        thickness=D,
+        velocity=V,
+        pressure=pressure,
+        traction=observed * to_traction[seen[0]],
+        slip=table.get("slip", math.nan * ones),
+        weight=table.get("weight", ones),
+        observed=seen[0],
+    )
+
+
+def _missing(path: Path, name: str) -> InputError:
+    unit = COLUMNS[name].unit
+    return InputError(
+        f'{path}: column {name} is missing; add "{name} [{unit}]", or one value for all rows with '
+        f'--fix "{name}=VALUE {unit}"'
+    )

@@ -1,0 +1,141 @@
+"""Figure of tribometer data and the law fitted to them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from app.figures.style import COLOURS, MARKERS, STYLE, save
+from app.fit.calibration import FitResult
+from app.fit.data import TribometerData
+from app.fit.model import friction
+from forms.closed_forms.homogeneous_sliding import threshold_speed
+from forms.friction.parameters import FrictionMapParameters
+
+Floats = NDArray[np.float64]
+
+AXES = {
+    "traction": "friction per area F/A (kPa)",
+    "force": "friction per area F/A (kPa)",
+    "friction_coefficient": "friction coefficient F/L (-)",
+    "effective_viscosity": "effective viscosity F D/(A V) (Pa s)",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class _Group:
+    """Rows that one line of the law goes through."""
+
+    rows: NDArray[np.intp]
+    thickness: float
+    pressure: float
+    velocity: float | None
+    """m/s, for rows over slip."""
+    label: str
+
+
+def draw_fit(data: TribometerData, result: FitResult, figures: Path) -> None:
+    """Draw ``fit.png``: data and law over velocity, or over slip, and the residuals."""
+    kinds = [over for over in (True, False) if (data.steady == over).any()]
+    with plt.rc_context(STYLE):
+        figure, panels = plt.subplots(
+            2, len(kinds), figsize=(7.2 * len(kinds), 6.4), sharex="col", squeeze=False,
+            height_ratios=[2.6, 1.0],
+        )  # fmt: skip
+        for column, steady in enumerate(kinds):
+            _panel(panels[0, column], panels[1, column], data, result, steady)
+        _title(figure, data, result)
+        save(figure, figures / "fit.png")
+
+
+def _title(figure: Figure, data: TribometerData, result: FitResult) -> None:
+    text = f"{len(data)} rows; lines: fitted law; scatter {result.scatter:.2%}"
+    if result.warnings:
+        names = ", ".join(e.coordinate.name for e in result.estimates if e.warning)
+        text += f"\nnot determined: {names}"
+    figure.suptitle(text, fontsize=9, y=0.93)
+
+
+def _panel(top: Axes, bottom: Axes, data: TribometerData, result: FitResult, steady: bool) -> None:
+    residual = np.log(data.traction / result.traction)
+    for number, group in enumerate(_groups(data, steady)):
+        colour = COLOURS[number % len(COLOURS)]
+        marker = MARKERS[number % len(MARKERS)]
+        x = data.velocity[group.rows] if steady else data.slip[group.rows] * 1e6
+        y = _shown(data, data.traction[group.rows], group.rows)
+        top.plot(x, y, marker, ms=4.5, mfc="none", color=colour, label=group.label)
+        bottom.plot(x, residual[group.rows], marker, ms=4, mfc="none", color=colour)
+        _line(top, data, result.parameters, group, colour)
+    _finish(top, bottom, data, steady)
+
+
+def _finish(top: Axes, bottom: Axes, data: TribometerData, steady: bool) -> None:
+    top.set_yscale("log" if steady else "linear")
+    top.set_xscale("log" if steady else "linear")
+    if not steady:
+        top.set_ylim(bottom=0.0)
+    top.set_ylabel(AXES[data.observed])
+    top.legend(fontsize=8, frameon=True, framealpha=0.9, edgecolor="none")
+    bottom.axhline(0.0, color="k", lw=0.8)
+    bottom.set_ylabel("ln(data/law)")
+    bottom.set_xlabel("sliding velocity V (m/s)" if steady else "slip (μm)")
+    largest = float(np.max(np.abs(bottom.get_ylim())))
+    bottom.set_ylim(-largest, largest)
+
+
+def _groups(data: TribometerData, steady: bool) -> Iterator[_Group]:
+    """Rows of one film and load; over slip, of one velocity too."""
+    chosen = np.flatnonzero(data.steady == steady)
+    several_loads = len(np.unique(data.pressure[chosen])) > 1
+    several_speeds = not steady and len(np.unique(data.velocity[chosen])) > 1
+    keys = [
+        (data.thickness[i], data.pressure[i], 0.0 if steady else data.velocity[i]) for i in chosen
+    ]
+    for D, p, V in sorted(set(keys)):
+        rows = chosen[[key == (D, p, V) for key in keys]]
+        label = f"D = {D * 1e9:g} nm" if D > 0.0 else "dry (D = 0)"
+        label += f", L/A = {p / 1e6:g} MPa" if several_loads else ""
+        label += f", V = {V:g} m/s" if several_speeds else ""
+        yield _Group(rows, float(D), float(p), None if steady else float(V), label)
+
+
+def _line(
+    axes: Axes, data: TribometerData, parameters: FrictionMapParameters, group: _Group, colour: str
+) -> None:
+    """The fitted law through a group."""
+    if group.velocity is None:
+        V = data.velocity[group.rows]
+        velocity = np.asarray(np.geomspace(V.min() / 1.3, V.max() * 1.3, 600), dtype=np.float64)
+        slip: Floats = np.full(600, np.nan)
+    else:
+        slip = np.asarray(np.linspace(0.0, data.slip[group.rows].max() * 1.03, 601)[1:], np.float64)
+        velocity = np.full(600, group.velocity)
+    ones = np.ones(600)
+    curve = TribometerData(
+        thickness=group.thickness * ones, velocity=velocity, pressure=group.pressure * ones,
+        traction=ones, slip=slip, weight=ones, observed=data.observed,
+    )  # fmt: skip
+    shown = _shown(curve, friction(parameters, curve), np.arange(600))
+    if group.velocity is not None:
+        axes.plot(slip * 1e6, shown, color=colour, lw=1)
+        return
+    star = float(threshold_speed(group.thickness, parameters))
+    if group.thickness < parameters.D_max:  # No line across the fall at V*.
+        shown[np.abs(velocity / star - 1.0) <= max(parameters.transition_width, 0.01)] = np.nan
+    axes.plot(velocity, shown, color=colour, lw=1)
+
+
+def _shown(data: TribometerData, traction: Floats, rows: NDArray[np.intp]) -> Floats:
+    """Traction in terms of what was observed."""
+    if data.observed == "friction_coefficient":
+        return np.asarray(traction / data.pressure[rows])
+    if data.observed == "effective_viscosity":
+        return np.asarray(traction * data.thickness[rows] / data.velocity[rows])
+    return np.asarray(traction / 1e3)

@@ -1,0 +1,159 @@
+"""What a fit is worth: confidence intervals, and parameters that the data do not determine."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import t as t_distribution
+
+from app.fit.model import Coordinate
+
+if TYPE_CHECKING:
+    from app.fit.calibration import Calibration, Found
+
+Floats = NDArray[np.float64]
+
+INSENSITIVE = 1e-4
+"""Change of the friction's logarithm per change of the parameter's, below which there is none."""
+ALIKE = 3e-3
+"""Share of a parameter's effect that no other can have, below which they are one."""
+CONFIDENCE = 0.95
+BROAD = math.log(10.0)
+"""Half-width of an interval, in logarithms, from which on the parameter is not determined."""
+NOISE = 1e-3
+"""Scatter that is assumed at least when asking whether data determine a parameter."""
+
+
+class Judgement:
+    """Slopes of the friction for the parameters at a minimum, and what follows from them.
+
+    Attributes:
+        names: Coordinates that have a slope.
+        slopes: (n, c), of the weighted residual for the logarithm of each parameter (for alpha of
+            alpha/(1 - alpha)), all others held.
+        own: (c,), length of the part of each column that the others cannot make up.
+    """
+
+    def __init__(self, calibration: Calibration, found: Found, bracketed: bool) -> None:
+        """Take the Jacobian of the search to the parameters themselves."""
+        coordinates = calibration.coordinates
+        varied = [i for i in range(len(coordinates)) if found.free or i != calibration.star]
+        columns = {coordinates[i].key: found.jacobian[:, n] for n, i in enumerate(varied)}
+        full = {coordinates[i].name: found.jacobian[:, n].copy() for n, i in enumerate(varied)}
+        if {"mu_s", "mu_d"} <= full.keys():  # Searched as mu_d/mu_s.
+            full["mu_s"] -= full["mu_d"]
+        if "gamma" in full:  # Searched as V*, with gamma = eta_b V*^2.
+            full["gamma"] *= 0.5
+            if "eta_b" in full:
+                full["eta_b"] -= 0.5 * columns["gamma"]
+        if bracketed and calibration.star is not None:
+            full.pop(coordinates[calibration.star].name, None)
+        self.names = tuple(full)
+        n = len(calibration.data)
+        self.slopes = np.array(list(full.values())).T if full else np.zeros((n, 0))
+        self._partners = [self._others(i) for i in range(len(full))]
+        self.own = np.array([own for own, _ in self._partners])
+
+    def _others(self, i: int) -> tuple[float, int | None]:
+        """Length of column i beyond what the others make up, and the column most like it."""
+        column = self.slopes[:, i]
+        others = np.delete(self.slopes, i, axis=1)
+        lengths = np.linalg.norm(others, axis=0)
+        if not lengths.any():
+            return float(np.linalg.norm(column)), None
+        unit = others / np.where(lengths > 0.0, lengths, 1.0)
+        share, *_ = np.linalg.lstsq(unit, column, rcond=1e-10)
+        most = int(np.argmax(np.abs(share)))
+        return float(np.linalg.norm(column - unit @ share)), most + (most >= i)
+
+    def half_width(self, name: str, scatter: float, degrees: int) -> float:
+        """Half of the confidence interval in logarithms; infinite without any slope."""
+        own = float(self.own[self.names.index(name)])
+        quantile = float(t_distribution.ppf(0.5 + 0.5 * CONFIDENCE, degrees))
+        return quantile * scatter / own if own > 0.0 else math.inf
+
+    def warning(self, name: str, scatter: float, degrees: int) -> str | None:
+        """Why the data do not determine a parameter; None if they do."""
+        i = self.names.index(name)
+        rows = math.sqrt(len(self.slopes))
+        length, own = float(np.linalg.norm(self.slopes[:, i])), float(self.own[i])
+        if length < INSENSITIVE * rows:
+            return f"{name}: the data cannot determine it: the friction hardly depends on it"
+        partner = self._partners[i][1]
+        if own < ALIKE * length and partner is not None:
+            other = self.names[partner]
+            return (
+                f"{name}: the data cannot determine it: a change of {other} has the same effect; "
+                f"fix one of the two, or add data that tell them apart"
+            )
+        half = self.half_width(name, max(scatter, NOISE), degrees)
+        if half > BROAD:
+            return (
+                f"{name}: the data cannot determine it: the interval spans a factor of "
+                f"{_factor(half)} either way"
+            )
+        return None
+
+    def singular_values(self) -> tuple[float, ...]:
+        """Of the slopes with columns of unit length, relative to the largest."""
+        if not self.names:
+            return ()
+        lengths = np.linalg.norm(self.slopes, axis=0)
+        values = np.linalg.svd(self.slopes / np.where(lengths > 0.0, lengths, 1.0))[1]
+        return tuple(float(v) for v in values / values[0]) if values[0] > 0.0 else ()
+
+    def correlation(self) -> Floats:
+        """(c, c), of the estimates; of the pseudo-inverse where it does not exist."""
+        covariance = np.linalg.pinv(self.slopes.T @ self.slopes, hermitian=True)
+        scale = np.sqrt(np.diag(covariance))
+        scale = np.where(scale > 0.0, scale, 1.0)
+        return np.asarray(covariance / np.outer(scale, scale))
+
+
+def _factor(half: float) -> str:
+    return f"{math.exp(half):.2g}" if half < 50.0 else "more than 1e20"
+
+
+def interval(
+    coordinate: Coordinate, value: float, half: float
+) -> tuple[float | None, float | None]:
+    """Ends of a confidence interval of half-width ``half`` in logarithms; None: open."""
+    if half > 50.0:
+        return None, None
+    at = coordinate.to_search(value)
+    return coordinate.to_value(at - half), coordinate.to_value(at + half)
+
+
+def star_warning(name: str, low: float | None, high: float | None) -> str | None:
+    """Why the data do not determine the threshold speed; None if they do.
+
+    Args:
+        name: Of the parameter.
+        low: Logarithm of the lower end of V*'s interval; None: open.
+        high: Upper end.
+    """
+    if low is None and high is None:
+        return f"{name}: the data cannot determine it: they fit with every threshold speed"
+    if low is None:
+        return f"{name}: the data cannot determine it: none need lie below the threshold speed"
+    if high is None:
+        return f"{name}: the data cannot determine it: none need lie above the threshold speed"
+    if high - low > 2.0 * BROAD:
+        return (
+            f"{name}: the data cannot determine it: the interval spans a factor of "
+            f"{_factor(0.5 * (high - low))} either way"
+        )
+    return None
+
+
+def at_bound_warnings(names: Sequence[str], at_bound: NDArray[np.bool_]) -> dict[str, str]:
+    """Lines on parameters that ended at a bound of the search."""
+    return {
+        name: f"{name}: the search ended at its bound, so the value is none of the data's"
+        for name, hit in zip(names, at_bound, strict=True)
+        if hit
+    }

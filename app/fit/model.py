@@ -1,0 +1,180 @@
+r"""What a fit varies: coordinates of the search, and the friction they give.
+
+Rows with a slip are one step of the law from rest: for a path in one direction at constant speed
+backward Euler is exact, whatever its length. Rows without are steady sliding, where the
+coefficient of friction has come down to mu_d (where B > 0).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.errors import InputError
+from app.fit.data import TribometerData
+from forms.closed_forms.homogeneous_sliding import presliding_length
+from forms.friction.film_map import at_rest
+from forms.friction.friction_map import FrictionMap
+from forms.friction.parameters import FrictionMapParameters
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Range:
+    """Where a parameter is searched, SI: lowest, highest and usual value; its unit."""
+
+    unit: str
+    lowest: float
+    highest: float
+    start: float
+
+
+RANGES: dict[str, Range] = {
+    "mu_s": Range("", 1e-6, 10.0, 0.15),
+    "mu_d": Range("", 1e-6, 10.0, 0.1),
+    "A_d": Range("m", 1e-10, 1.0, 1e-6),
+    "B": Range("1/m", 1e-1, 1e12, 1e6),
+    "K_T": Range("Pa/m", 1e6, 1e18, 1e12),
+    "eta_b": Range("Pa*s", 1e-7, 1e5, 0.1),
+    "alpha": Range("", 1e-8, 1.0 - 1e-8, 0.5),
+    "beta": Range("", 1e-8, 1e3, 1.0),
+    "V_star": Range("m/s", 1e-15, 1e3, 1e-3),
+    "gamma": Range("N/s", 1e-45, 1e20, 1e-10),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Coordinate:
+    """One direction of the search.
+
+    Attributes:
+        name: Of the parameter, such as "mu_s" or "alpha at 10 nm".
+        key: Of the parameters.
+        film: m, for alpha: the film thickness that it belongs to; None: all.
+    """
+
+    name: str
+    key: str
+    film: float | None = None
+
+    @property
+    def bounded(self) -> bool:
+        """Whether it is a share between 0 and 1, searched by the logarithm of a/(1 - a)."""
+        return self.key == "alpha"
+
+    def to_search(self, value: float) -> float:
+        """Logarithm, or that of a/(1 - a)."""
+        return math.log(value / (1.0 - value)) if self.bounded else math.log(value)
+
+    def to_value(self, x: float) -> float:
+        """Reverts ``to_search``."""
+        return 1.0 / (1.0 + math.exp(-x)) if self.bounded else math.exp(x)
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Bounds of the search."""
+        limits = RANGES[self.key]
+        return self.to_search(limits.lowest), self.to_search(limits.highest)
+
+
+def coordinates(names: Sequence[str], data: TribometerData, base: FrictionMapParameters) -> tuple[
+    Coordinate, ...
+]:  # fmt: skip
+    """The coordinates of the parameters to fit; alpha has one for each film in between.
+
+    Raises:
+        InputError: There is no film, or are too many, to fit alpha to.
+    """
+    found: list[Coordinate] = []
+    for name in names:
+        if name != "alpha":
+            found.append(Coordinate(name, name))
+            continue
+        inside = (data.thickness > base.D_min) & (data.thickness < base.D_max)
+        films = sorted({float(D) for D in data.thickness[inside]})
+        if not films:
+            raise InputError("alpha: no row has a film between D_min and D_max to fit it to")
+        if len(films) > 10:
+            raise InputError(
+                f"alpha: the data have {len(films)} film thicknesses, and alpha is fitted to each; "
+                "fit beta instead"
+            )
+        several = len(films) > 1
+        found += [
+            Coordinate(f"alpha at {D * 1e9:g} nm" if several else "alpha", "alpha", D)
+            for D in films
+        ]
+    return tuple(found)
+
+
+def with_values(
+    base: FrictionMapParameters, coordinates: Sequence[Coordinate], values: Sequence[float]
+) -> FrictionMapParameters:
+    """The parameters with the values of some coordinates, SI."""
+    changes: dict[str, Any] = {}
+    table: list[tuple[float, float]] = []
+    for coordinate, value in zip(coordinates, values, strict=True):
+        if coordinate.key == "alpha":
+            assert coordinate.film is not None
+            table.append((coordinate.film, value))
+        else:
+            changes[coordinate.key] = value
+    if table:
+        changes["alpha"] = tuple(table) if len(table) > 1 else table[0][1]
+    return dataclasses.replace(base, **changes)
+
+
+def friction(parameters: FrictionMapParameters, data: TribometerData) -> Floats:
+    """Traction of every row, (n,), Pa."""
+    # Neither a memory of alpha nor a lag in it has a part in sliding at one speed.
+    parameters = dataclasses.replace(parameters, switch="implicit", reentry="literal")
+    out = np.empty(len(data))
+    steady = data.steady
+    if steady.any():
+        settled = _settled(parameters)
+        rows = _rows(data, steady)
+        lengths = presliding_length(
+            rows.pressure, settled.mu_s, 1.0 - at_rest(settled, rows.thickness).solid, settled
+        )
+        slip = np.where(np.isfinite(lengths), 10.0 * lengths, 1.0)
+        out[steady] = _one_step(settled, rows, slip)
+    if not steady.all():
+        rows = _rows(data, ~steady)
+        out[~steady] = _one_step(parameters, rows, rows.slip)
+    return out
+
+
+def _settled(parameters: FrictionMapParameters) -> FrictionMapParameters:
+    """The parameters with the coefficient of friction of steady sliding."""
+    mu = parameters.mu_s if parameters.B == 0.0 else parameters.mu_dynamic
+    return dataclasses.replace(parameters, mu_s=mu, mu_d=mu, B=0.0)
+
+
+def _rows(data: TribometerData, rows: NDArray[np.bool_]) -> TribometerData:
+    picked: Mapping[str, Any] = {
+        field.name: getattr(data, field.name)[rows]
+        for field in dataclasses.fields(data)
+        if field.name != "observed"
+    }
+    return TribometerData(**picked, observed=data.observed)
+
+
+def _one_step(parameters: FrictionMapParameters, data: TribometerData, slip: Floats) -> Floats:
+    """Traction after a slip from rest, at the speed of each row, (n,), Pa."""
+    law = FrictionMap(parameters)
+    state = law.initial_state(len(data), 1)
+    # One time step for all rows, short against the time that each has slid; the slip before it
+    # is put into the state as elastic slip, which the step then releases as it would have been.
+    dt = 1e-3 * float(np.min(slip / data.velocity))
+    step = data.velocity * dt
+    state.elastic_slip = (slip - step)[:, None]
+    state.closed = np.ones(len(data), dtype=np.bool_)
+    response = law.update(step[:, None], dt, data.pressure, data.thickness, state)
+    return np.asarray(response.traction[:, 0], dtype=np.float64)

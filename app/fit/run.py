@@ -1,0 +1,397 @@
+"""What ``tribox fit`` does, from data and options to files."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from app.case.contact import FrictionMap
+from app.case.overrides import apply_override
+from app.case.quantities import QuantityError, parse_quantity
+from app.case.toml_writer import toml_text
+from app.errors import InputError
+from app.fit.calibration import Calibration, FitResult
+from app.fit.data import COLUMNS, CONSTANTS, TribometerData, read_data
+from app.fit.judgement import CONFIDENCE
+from app.fit.model import RANGES, coordinates
+from app.friction_map.run import keep_input, suffixed_directory
+from app.friction_map.setup import validated_contact
+from app.results.directory import check_free, prepare, write_json, write_table, write_text
+from forms.friction.parameters import FrictionMapParameters
+
+ASSUMED: dict[str, Any] = {
+    "preset": "friction-map",
+    "mu_s": 0.1,
+    "K_T": "1e12 Pa/m",
+    "V_star": "1 mm/s",
+    "V_star_at": "10 nm",
+}
+"""What is neither fitted nor fixed."""
+WEAKENING = ("mu_d", "A_d", "B")
+EXCLUSIVE = (("alpha", "beta"), ("V_star", "gamma"))
+FIXABLE = tuple(key for key in FrictionMap.model_fields if key not in ("law", "switch", "reentry"))
+TOLD = (
+    *("mu_s", "A_d", "B", "K_T", "eta_b", "D_min", "D_max", "alpha", "beta", "V_star"),
+    *("V_star_at", "gamma", "transition_width", "flow_rule"),
+)
+"""Keys whose assumed values are told."""
+IDLE = ("preset", "switch", "reentry", "reset_slip_on_opening", "zeta", "eta_inf", "barus")
+"""Keys that are not written out where they have their default."""
+BAD_SCATTER = 0.3
+FIT_COLUMNS = (
+    "thickness [m]",
+    "velocity [m/s]",
+    "pressure [Pa]",
+    "slip [m]",
+    "traction [Pa]",
+    "fitted_traction [Pa]",
+    "weight [-]",
+    "log_residual [-]",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class FitSetup:
+    """A fit as asked for.
+
+    Attributes:
+        data: Measured friction.
+        names: Parameters to fit.
+        fixed: Keys of the law given by the user, as written.
+        base: The law with everything that is not fitted.
+        friction: The same as a table of a case file.
+        starts: By key, SI.
+    """
+
+    data: TribometerData
+    names: tuple[str, ...]
+    fixed: dict[str, Any]
+    base: FrictionMapParameters
+    friction: FrictionMap
+    starts: dict[str, float]
+
+    @property
+    def assumed(self) -> dict[str, Any]:
+        """What was neither fitted nor fixed, as in a case file."""
+        dump = self.friction.model_dump(mode="json", exclude_none=True)
+        hidden = {"law", "preset", *self.names, *self.fixed, *_displaced(self.names)}
+        if "mu_d" not in (*self.names, *self.fixed):
+            hidden |= {*WEAKENING}  # mu_d follows mu_s.
+        if "V_star" in self.names:
+            hidden.add("V_star_at")
+        return {key: dump[key] for key in TOLD if key in dump and key not in hidden}
+
+
+def run_fit(
+    data_file: Path,
+    parameters: str | None,
+    fixed: Sequence[str],
+    start: Sequence[str],
+    out: Path | None,
+    force: bool,
+) -> FitResult:
+    """Fit, and write numbers, figure and a section for case files.
+
+    Args:
+        data_file: CSV file.
+        parameters: Names with commas; None: those that the columns suggest.
+        fixed: "key=value" texts of the law, or of columns that the file does not have.
+        start: "key=value" texts.
+        out: Results directory; None: ``results/DATA-fit``.
+        force: Whether to replace results.
+
+    Raises:
+        InputError: Data, options or directory are not usable; nothing is changed then.
+    """
+    setup = fit_setup(data_file, parameters, fixed, start)
+    directory = out or suffixed_directory(data_file, "fit")
+    keep_input(directory, data_file)
+    check_free(directory, force)
+    chosen = coordinates(setup.names, setup.data, setup.base)
+    result = Calibration(setup.data, setup.base, chosen, setup.starts).run()
+    prepare(directory)
+    write_json(directory / "fit.json", numbers(setup, result, data_file))
+    write_table(directory / "fit.csv", FIT_COLUMNS, _rows(setup.data, result))
+    write_text(directory / "friction.toml", friction_section(setup, result, data_file))
+    from app.fit.figures import draw_fit
+
+    (directory / "figures").mkdir()
+    draw_fit(setup.data, result, directory / "figures")
+    for line in report(setup, result):
+        print(line)
+    print(f"results in {directory}")
+    return result
+
+
+# -- options --------------------------------------------------------------------------------------
+
+
+def fit_setup(
+    data_file: Path, parameters: str | None, fixed: Sequence[str], start: Sequence[str]
+) -> FitSetup:
+    """Read data and options; arguments and errors are those of ``run_fit``."""
+    given = _settings(fixed, "--fix", (*FIXABLE, *CONSTANTS))
+    constants = {key: _column_value(key, given.pop(key)) for key in CONSTANTS if key in given}
+    data = read_data(data_file, constants)
+    names = _names(parameters) if parameters else None
+    if names is None:
+        names = tuple(name for name in _suggested(data, given) if name not in given)
+    _check_names(names, given)
+    friction, base = _base(names, given, data)
+    starts = {
+        key: _start(key, value, names)
+        for key, value in _settings(start, "--start", tuple(RANGES)).items()
+    }
+    return FitSetup(data, names, given, base, friction, starts)
+
+
+def _settings(items: Sequence[str], option: str, known: Sequence[str]) -> dict[str, Any]:
+    """Values of "key=value" texts, as TOML if they are that."""
+    found: dict[str, Any] = {}
+    for item in items:
+        key = item.partition("=")[0].strip()
+        if "=" in item and key not in known:
+            raise InputError(f"{option} {item}: no such key; {_hint(key, known)}")
+        apply_override(found, item)
+    return found
+
+
+def _hint(name: str, known: Sequence[str]) -> str:
+    near = difflib.get_close_matches(name, known, n=1)
+    return f'did you mean "{near[0]}"?' if near else f"there are {', '.join(known)}"
+
+
+def _column_value(key: str, value: object) -> float:
+    try:
+        return COLUMNS[key].parse(value)
+    except QuantityError as error:
+        raise InputError(f"--fix {key} = {value}: {error}") from None
+
+
+def _start(key: str, value: object, names: Sequence[str]) -> float:
+    if key not in names:
+        raise InputError(f"--start {key}: is not fitted; fitted are {', '.join(names)}")
+    if key in ("V_star", "gamma"):
+        raise InputError(f"--start {key}: needs no start, every gap between velocities is tried")
+    limits = RANGES[key]
+    try:
+        number = parse_quantity(value, limits.unit)
+    except QuantityError as error:
+        raise InputError(f"--start {key} = {value}: {error}") from None
+    if not limits.lowest < number < limits.highest:
+        raise InputError(
+            f"--start {key} = {value}: must lie between {limits.lowest:g} and "
+            f"{limits.highest:g} {limits.unit}".rstrip()
+        )
+    return number
+
+
+def _names(parameters: str) -> tuple[str, ...]:
+    names = tuple(name.strip() for name in parameters.split(",") if name.strip())
+    if not names:
+        raise InputError(f'--parameters "{parameters}": names none; there are {", ".join(RANGES)}')
+    for name in names:
+        if name not in RANGES:
+            raise InputError(f'--parameters: no such parameter "{name}"; {_hint(name, [*RANGES])}')
+        if names.count(name) > 1:
+            raise InputError(f"--parameters: {name} is there twice")
+    return names
+
+
+def _suggested(data: TribometerData, given: Mapping[str, Any]) -> Iterator[str]:
+    """What data of this kind can tell at best."""
+    lowest = _length(given.get("D_min", 0.0), "D_min")
+    highest = _length(given.get("D_max", 250e-9), "D_max")
+    yield "mu_s"
+    if not data.steady.all():
+        yield from WEAKENING
+    D = data.thickness[data.steady]
+    if ((D > lowest) & (D < highest)).any():
+        if "beta" not in given:
+            yield "alpha"
+        if "gamma" not in given:
+            yield "V_star"
+    if (D > lowest).any():
+        yield "eta_b"
+
+
+def _length(value: object, key: str) -> float:
+    try:
+        return parse_quantity(value, "m")
+    except QuantityError as error:
+        raise InputError(f"--fix {key} = {value}: {error}") from None
+
+
+def _check_names(names: Sequence[str], given: Mapping[str, Any]) -> None:
+    for name in names:
+        if name in given:
+            raise InputError(f"{name}: is fitted, so --fix {name} cannot be")
+    for first, second in EXCLUSIVE:
+        both = {*names, *given} & {first, second}
+        if len(both) == 2:
+            raise InputError(f"{first}, {second}: only one of the two can be fitted or fixed")
+    if not names:
+        raise InputError("--fix: holds every parameter, so nothing is left to fit")
+    if {"A_d", "B"} & {*names} and "mu_d" not in (*names, *given):
+        raise InputError("A_d, B: have no effect without mu_d; fit it too, or give --fix mu_d=...")
+
+
+def _displaced(names: Sequence[str]) -> tuple[str, ...]:
+    """Keys that go with the fitted ones."""
+    return ("V_star", "V_star_at") if "gamma" in names else ()
+
+
+def _base(
+    names: Sequence[str], given: Mapping[str, Any], data: TribometerData
+) -> tuple[FrictionMap, FrictionMapParameters]:
+    """The law before the fit: what is given over what is assumed, and a value for the rest."""
+    table: dict[str, Any] = {"law": "friction-map", **ASSUMED}
+    if "gamma" in given or "gamma" in names:
+        del table["V_star"], table["V_star_at"]
+    if {"mu_d", *WEAKENING} & {*names, *given}:
+        table |= {"A_d": "1 um", "B": "1e6 1/m"}
+    table |= given
+    for name in names:
+        table[name] = RANGES[name].start
+    if "mu_s" in names and "mu_d" in given:
+        table["mu_s"] = 1.2 * _number("mu_d", given["mu_d"]) + 1e-3
+    if "mu_d" in names and "mu_s" not in names:
+        table["mu_d"] = 0.8 * _number("mu_s", table["mu_s"])
+    film = float(max(data.thickness.max(), 1e-9))
+    if "V_star" in names and "V_star_at" not in given and (data.thickness > 0.0).any():
+        table["V_star_at"] = float(data.thickness[data.thickness > 0.0].min())
+    contact = {"slave": "a", "master": "b", "film": {"thickness": film}, "friction": table}
+    try:
+        friction = validated_contact(contact).friction
+    except InputError as error:
+        raise InputError(str(error).replace("contact.0.friction.", "--fix ")) from None
+    assert isinstance(friction, FrictionMap)
+    base = friction.parameters()
+    if "mu_d" not in (*names, *given):
+        base = dataclasses.replace(base, mu_d=None)
+    return friction, base
+
+
+def _number(key: str, value: object) -> float:
+    try:
+        return parse_quantity(value, "")
+    except QuantityError as error:
+        raise InputError(f"--fix {key} = {value}: {error}") from None
+
+
+# -- results --------------------------------------------------------------------------------------
+
+
+def numbers(setup: FitSetup, result: FitResult, data_file: Path) -> dict[str, Any]:
+    """What ``fit.json`` holds."""
+    return {
+        "data": data_file.name,
+        "rows": len(setup.data),
+        "observed": setup.data.observed,
+        "parameters": {
+            e.coordinate.name: {
+                "value": e.value,
+                "low": e.low,
+                "high": e.high,
+                "unit": RANGES[e.coordinate.key].unit,
+                "determined": e.warning is None,
+            }
+            for e in result.estimates
+        },
+        "confidence": CONFIDENCE,
+        "scatter": result.scatter,
+        "degrees_of_freedom": result.degrees,
+        "fixed": setup.fixed,
+        "assumed": setup.assumed,
+        "warnings": list(result.warnings),
+        "singular_values": list(result.singular_values),
+        "correlation": {
+            "names": list(result.correlated),
+            "matrix": result.correlation.tolist(),
+        },
+    }
+
+
+def friction_section(setup: FitSetup, result: FitResult, data_file: Path) -> str:
+    """A `[contact.friction]` section of a case file with the calibrated law."""
+    dump = setup.friction.model_dump(mode="json", exclude_none=True)
+    idle = {key for key in IDLE if key not in setup.fixed}
+    table = {key: _plain(value) for key, value in dump.items() if key not in idle}
+    fitted: dict[str, Any] = {key: getattr(result.parameters, key) for key in setup.names}
+    for key in setup.names:
+        value = fitted[key]
+        if isinstance(value, tuple):
+            table[key] = [[f"{film:.12g} m", _rounded(entry, 10)] for film, entry in value]
+        else:
+            number, unit = _rounded(value, 10 if key == "alpha" else 6), RANGES[key].unit
+            table[key] = f"{number:.10g} {unit}" if unit else number
+    if "mu_d" not in (*setup.names, *setup.fixed):
+        table.pop("mu_d", None)
+    comments = [
+        f"# fitted to {data_file.name}: {len(setup.data)} rows, scatter {result.scatter:.2%}; in "
+        "brackets 95 % intervals",
+        *(f"# {_line(e)}" for e in result.estimates),
+        *(f"# NOT DETERMINED: {line}" for line in result.warnings),
+        *([f"# assumed: {', '.join(setup.assumed)}"] if setup.assumed else []),
+    ]
+    return "\n".join(comments) + "\n" + toml_text({"contact": {"friction": table}})
+
+
+def _plain(value: Any) -> Any:
+    """A quantity as people write it: "1e+12 Pa/m" and not "1000000000000.0 Pa/m"."""
+    if isinstance(value, list):
+        return [_plain(item) for item in value]
+    if not isinstance(value, str) or " " not in value:
+        return value
+    number, unit = value.split(" ", 1)
+    return f"{float(number):.12g} {unit}"
+
+
+def _rounded(value: float, digits: int) -> float:
+    return float(f"{value:.{digits}g}")
+
+
+def _line(estimate: Any) -> str:
+    """Such as "eta_b = 0.503 Pa*s (0.489 to 0.517)"."""
+    unit = RANGES[estimate.coordinate.key].unit
+    digits = 6 if estimate.coordinate.key == "alpha" else 4
+    ends = ["?" if end is None else f"{end:.{digits}g}" for end in (estimate.low, estimate.high)]
+    shown = f"{estimate.value:.{digits}g} {unit}".strip()
+    return f"{estimate.coordinate.name} = {shown} ({ends[0]} to {ends[1]})"
+
+
+def report(setup: FitSetup, result: FitResult) -> Iterator[str]:
+    """Lines for the terminal."""
+    yield (
+        f"{len(setup.data)} rows, {result.degrees} degrees of freedom, scatter "
+        f"{result.scatter:.2%}; 95 % intervals:"
+    )
+    for estimate in result.estimates:
+        yield f"  {_line(estimate)}"
+    for line in result.warnings:
+        yield f"warning: {line}"
+    if result.scatter > BAD_SCATTER:
+        yield f"warning: scatter of {result.scatter:.0%}: the law does not describe these data"
+    if setup.assumed:
+        shown = ", ".join(setup.assumed)
+        yield f"note: assumed, neither fitted nor fixed (values in friction.toml): {shown}"
+
+
+def _rows(data: TribometerData, result: FitResult) -> Iterator[list[Any]]:
+    for i in range(len(data)):
+        slip = float(data.slip[i])
+        yield [
+            float(data.thickness[i]),
+            float(data.velocity[i]),
+            float(data.pressure[i]),
+            "" if math.isnan(slip) else slip,
+            float(data.traction[i]),
+            float(result.traction[i]),
+            float(data.weight[i]),
+            math.log(float(data.traction[i] / result.traction[i])),
+        ]

@@ -1,0 +1,1 @@
+"""``tribox map``: the friction law at material points, without bodies."""

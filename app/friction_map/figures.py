@@ -1,0 +1,307 @@
+"""Figures of the friction map at material points."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from app.figures.style import COLOURS, STYLE, save
+from app.friction_map.material_point import Track
+from app.friction_map.material_tests import Curve, FrictionMapResult
+from app.friction_map.setup import MapSetup
+from forms.closed_forms.homogeneous_sliding import steady_traction, threshold_speed
+
+Floats = NDArray[np.float64]
+
+MARKER_SIZE = 4.0
+
+
+def draw_map(setup: MapSetup, result: FrictionMapResult, figures: Path) -> None:
+    """Draw all figures of a map into a directory that exists."""
+    with plt.rc_context(STYLE):
+        save(_by_film(setup, result.by_film), figures / "friction_map_thickness.png")
+        save(_by_load(setup, result.by_load), figures / "friction_map_load.png")
+        save(_viscosity(setup, result.by_film), figures / "effective_viscosity.png")
+        save(_stribeck(setup, result.by_film), figures / "stribeck.png")
+        save(_weakening(setup, result.weakening), figures / "slip_weakening.png")
+        films = result.films or setup.films[:1]
+        save(_start_stop(setup, result.start_stop, films), figures / "start_stop.png")
+        save(_jump(setup, result.jump, films), figures / "velocity_jump.png")
+
+
+# -- steady sliding -------------------------------------------------------------------------------
+
+
+def _colour(number: int) -> str:
+    return COLOURS[number % len(COLOURS)]
+
+
+def _film_label(setup: MapSetup, film: float) -> str:
+    p = setup.parameters
+    if film <= p.D_min:
+        return "dry (D ≤ D_min)" if film > 0.0 else "dry (D = 0)"
+    return f"D = {film * 1e9:g} nm" + (" ≥ D_max" if film >= p.D_max else "")
+
+
+def _star(setup: MapSetup, film: float) -> float:
+    """V*, m/s; infinite where it plays no part."""
+    between = setup.parameters.D_min < film < setup.parameters.D_max
+    return float(threshold_speed(film, setup.parameters)) if between else np.inf
+
+
+def _closed_form(setup: MapSetup, curve: Curve, speed: Floats) -> Floats:
+    """Traction in closed form, Pa, with a gap at V* so that no line is drawn across the fall."""
+    traction = steady_traction(speed, curve.film, curve.pressure, curve.mu[0], setup.parameters)
+    out = np.array(traction, dtype=np.float64)
+    jump = int(np.searchsorted(speed, _star(setup, curve.film)))
+    if 0 < jump < len(speed):
+        out[jump - 1] = np.nan
+    return out
+
+
+def _fine(speeds: Floats) -> Floats:
+    return np.asarray(np.geomspace(speeds[0], speeds[-1], 3000), dtype=np.float64)
+
+
+def _dots(axes: Axes, x: Floats, y: NDArray[Any], colour: str, label: str) -> None:
+    axes.plot(x, y, "o", ms=MARKER_SIZE, mfc="none", color=colour, label=label)
+
+
+def _explain(axes: Axes, star: bool) -> None:
+    text = "circles: law stepped to steady sliding; lines: closed form"
+    axes.set_title(text + ("; dotted: V*" if star else ""), fontsize=8.5)
+
+
+def _mark_stars(setup: MapSetup, axes: Axes, curves: Sequence[Curve]) -> bool:
+    """Dotted lines at the threshold speeds that lie within the map."""
+    shown = False
+    for number, curve in enumerate(curves):
+        star = _star(setup, curve.film)
+        if curve.speed[0] < star < curve.speed[-1]:
+            axes.axvline(star, color=_colour(number), ls=":", lw=1, zorder=0)
+            shown = True
+    return shown
+
+
+def _legend(axes: Axes, place: str, title: str | None = None) -> None:
+    axes.legend(
+        fontsize=8, loc=place, title=title, title_fontsize=8, frameon=True, framealpha=0.9,
+        edgecolor="none",
+    )  # fmt: skip
+
+
+def _log_log(axes: Axes) -> None:
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+
+
+def _by_film(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
+    figure, axes = plt.subplots(figsize=(7, 5))
+    _log_log(axes)
+    fine = _fine(setup.speeds)
+    for number, curve in enumerate(curves):
+        colour = _colour(number)
+        axes.plot(fine, _closed_form(setup, curve, fine) / 1e3, color=colour, lw=1)
+        _dots(axes, curve.speed, curve.traction / 1e3, colour, _film_label(setup, curve.film))
+    _explain(axes, _mark_stars(setup, axes, curves))
+    axes.set_xlabel("sliding velocity V (m/s)")
+    axes.set_ylabel("friction per area F/A (kPa)")
+    _legend(axes, "lower right", f"load L/A = {setup.pressure / 1e6:g} MPa")
+    return figure
+
+
+def _by_load(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
+    figure, axes = plt.subplots(figsize=(7, 5))
+    _log_log(axes)
+    fine = _fine(setup.speeds)
+    for number, curve in enumerate(curves):
+        colour = _colour(number)
+        label = f"L/A = {curve.pressure / 1e6:.3g} MPa"
+        axes.plot(fine, _closed_form(setup, curve, fine) / 1e3, color=colour, lw=1)
+        _dots(axes, curve.speed, curve.traction / 1e3, colour, label)
+    _explain(axes, False)
+    star = _star(setup, setup.film)
+    if setup.speeds[0] < star < setup.speeds[-1]:
+        axes.axvline(star, color="0.4", ls=":", lw=1, zorder=0)
+        axes.annotate(
+            "V*", (star, 1.0), xycoords=("data", "axes fraction"), xytext=(-3, -2),
+            textcoords="offset points", ha="right", va="top", fontsize=9, color="0.3",
+        )  # fmt: skip
+    axes.set_xlabel("sliding velocity V (m/s)")
+    axes.set_ylabel("friction per area F/A (kPa)")
+    _legend(axes, "upper left", _film_label(setup, setup.film))
+    return figure
+
+
+def _viscosity(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
+    figure, axes = plt.subplots(figsize=(7, 5))
+    _log_log(axes)
+    fine = _fine(setup.speeds)
+    for number, curve in enumerate(curves):
+        if curve.film <= setup.parameters.D_min:
+            continue  # No film, no viscosity.
+        colour = _colour(number)
+        line = _closed_form(setup, curve, fine) * curve.film / fine
+        axes.plot(fine, line, color=colour, lw=1)
+        _dots(axes, curve.speed, curve.viscosity, colour, _film_label(setup, curve.film))
+    _explain(axes, _mark_stars(setup, axes, curves))
+    eta = setup.parameters.eta_b
+    axes.axhline(eta, color="k", lw=0.8, ls="--", zorder=0)
+    axes.annotate(
+        f"$\\eta_b$ = {eta:g} Pa s", (0.02, eta), xycoords=("axes fraction", "data"),
+        xytext=(0, -5), textcoords="offset points", va="top", fontsize=8,
+    )  # fmt: skip
+    lowest = min(float(c.viscosity.min()) for c in curves if c.film > setup.parameters.D_min)
+    axes.set_ylim(bottom=min(0.2 * eta, 0.7 * lowest))
+    axes.set_xlabel("sliding velocity V (m/s)")
+    axes.set_ylabel("effective viscosity F D/(A V) (Pa s)")
+    _legend(axes, "upper right", f"load L/A = {setup.pressure / 1e6:g} MPa")
+    return figure
+
+
+def _stribeck(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
+    """Friction over the paper's A V eta_b/D, the force a Newtonian film would drag with."""
+    figure, axes = plt.subplots(figsize=(7, 5))
+    _log_log(axes)
+    eta, fine = setup.parameters.eta_b, _fine(setup.speeds)
+    for number, curve in enumerate(curves):
+        if curve.film <= setup.parameters.D_min:
+            axes.axhline(curve.traction[0] / 1e3, color=_colour(number), lw=1.2, ls="-.",
+                         label=f"{_film_label(setup, curve.film)}: Coulomb")  # fmt: skip
+            continue
+        colour, scale = _colour(number), eta / curve.film / 1e3
+        line = _closed_form(setup, curve, fine) / 1e3
+        axes.plot(fine * scale, line, color=colour, lw=1)
+        label = _film_label(setup, curve.film)
+        _dots(axes, curve.speed * scale, curve.traction / 1e3, colour, label)
+    low, high = axes.get_xlim()
+    ends = np.array([low, high])
+    axes.plot(ends, ends, color="k", lw=0.8, ls="--", label="Newtonian: F = A V η_b/D")
+    axes.set_xlim(low, high)
+    _explain(axes, False)
+    axes.set_xlabel("viscous force of the bulk fluid per area, (A V η_b/D)/A (kPa)")
+    axes.set_ylabel("friction per area F/A (kPa)")
+    _legend(axes, "lower right", f"load L/A = {setup.pressure / 1e6:g} MPa")
+    return figure
+
+
+# -- in time --------------------------------------------------------------------------------------
+
+
+def _weakening(setup: MapSetup, track: Track) -> Figure:
+    p = setup.parameters
+    figure, axes = plt.subplots(figsize=(7, 4.4))
+    end = float(track.slip_path[-1, 0]) or p.mu_s * setup.pressure / p.K_T
+    path = np.asarray(np.linspace(0.0, end, 2000), dtype=np.float64)
+    mu = p.friction.coefficient(path)
+    # Slip is permanent slip and the elastic deformation of the asperities, mu p/K_T.
+    slip = np.concatenate([[0.0], path + mu * setup.pressure / p.K_T])
+    axes.plot(slip * 1e6, np.concatenate([[0.0], mu]), color=COLOURS[0], lw=1, label="closed form")
+    axes.plot(
+        track.slip[::4, 0] * 1e6, track.traction[::4, 0] / setup.pressure, "o", ms=MARKER_SIZE,
+        mfc="none", color=COLOURS[1], label="law stepped from rest",
+    )  # fmt: skip
+    axes.axhline(p.mu_s, color="0.5", lw=0.8, ls="--", zorder=0)
+    axes.annotate(f"μ_s = {p.mu_s:g}", (1.0, p.mu_s), xycoords=("axes fraction", "data"),
+                  xytext=(0, 3), textcoords="offset points", ha="right", fontsize=8)  # fmt: skip
+    if p.mu_dynamic < p.mu_s:
+        axes.axhline(p.mu_dynamic, color="0.5", lw=0.8, ls="--", zorder=0)
+        axes.annotate(f"μ_d = {p.mu_dynamic:g}", (1.0, p.mu_dynamic),
+                      xycoords=("axes fraction", "data"), xytext=(0, -3),
+                      textcoords="offset points", ha="right", va="top", fontsize=8)  # fmt: skip
+    axes.set_ylim(0.0, 1.15 * p.mu_s or 1.0)
+    axes.set_xlim(left=0.0)
+    axes.set_title(
+        f"dry contact under {setup.pressure / 1e6:g} MPa; the rise is elastic, over μp/K_T",
+        fontsize=8.5,
+    )
+    axes.set_xlabel("slip (μm)")
+    axes.set_ylabel("coefficient of friction F/L (-)")
+    axes.legend(loc="lower right", fontsize=8)
+    return figure
+
+
+def _phases(track: Track) -> list[tuple[str, int, int]]:
+    """Name, first and one past the last step of each phase."""
+    starts = [i for i, name in enumerate(track.phase) if i == 0 or name != track.phase[i - 1]]
+    ends = [*starts[1:], len(track.phase)]
+    return [(track.phase[a], a, b) for a, b in zip(starts, ends, strict=True)]
+
+
+def _name_phases(axes: Axes, track: Track, x: Floats) -> None:
+    """Lines between the phases and their names above the axes."""
+    edges = np.concatenate([[0.0], x])
+    for name, first, last in _phases(track):
+        if first:
+            axes.axvline(edges[first], color="0.6", lw=0.8, ls=":", zorder=0)
+        axes.annotate(
+            name, (0.5 * (edges[first] + edges[last]), 1.0), xycoords=("data", "axes fraction"),
+            xytext=(0, 3), textcoords="offset points", ha="center", fontsize=8, color="0.3",
+        )  # fmt: skip
+
+
+def _start_stop(setup: MapSetup, track: Track, films: tuple[float, ...]) -> Figure:
+    """Traction and velocity over time, one panel for each film: the sizes differ by far."""
+    figure, panels = plt.subplots(
+        len(films) + 1, 1, figsize=(7, 1.3 + 1.45 * len(films)), sharex=True,
+        height_ratios=[*(1.0 for _ in films), 0.55],
+    )  # fmt: skip
+    unit, factor = _time_unit(track.time[-1])
+    time = track.time * factor
+    for q, (axes, film) in enumerate(zip(panels[:-1], films, strict=True)):
+        _traction_panel(axes, setup, film, time, track.traction[:, q], _colour(q + 1))
+        for _, first, _ in _phases(track)[1:]:
+            axes.axvline(time[first - 1], color="0.6", lw=0.8, ls=":", zorder=0)
+    _name_phases(panels[0], track, time)
+    speed = np.concatenate([[0.0], track.speed[:, 0]])
+    panels[-1].step(np.concatenate([[0.0], time]), speed * 1e6, color="0.25", where="pre", lw=1.2)
+    panels[-1].set_ylabel("V (μm/s)", fontsize=8)
+    panels[-1].set_xlabel(f"time ({unit})")
+    figure.align_ylabels(panels)
+    return figure
+
+
+def _traction_panel(
+    axes: Axes, setup: MapSetup, film: float, x: Floats, traction: Floats, colour: str
+) -> None:
+    largest = float(np.max(np.abs(traction)))
+    unit, scale = ("kPa", 1e-3) if largest >= 1e3 else ("Pa", 1.0)
+    axes.plot(
+        np.concatenate([[0.0], x]), np.concatenate([[0.0], traction]) * scale, color=colour, lw=1.3
+    )
+    axes.set_ylabel(f"D = {film * 1e9:g} nm\nF/A ({unit})", fontsize=8)
+    axes.margins(y=0.12)
+
+
+def _time_unit(longest: float) -> tuple[str, float]:
+    for unit, factor in (("s", 1.0), ("ms", 1e3), ("μs", 1e6)):
+        if longest * factor >= 1.0:
+            return unit, factor
+    return "ns", 1e9
+
+
+def _jump(setup: MapSetup, track: Track, films: tuple[float, ...]) -> Figure:
+    """Traction over slip: time would hide the fast phase."""
+    figure, panels = plt.subplots(
+        len(films), 1, figsize=(7, 0.9 + 1.5 * len(films)), sharex=True, squeeze=False
+    )
+    slip = track.slip[:, 0] * 1e6
+    named = [f"{name}\n{track.speed[first, 0]:.2g} m/s" for name, first, _ in _phases(track)]
+    spans = _phases(track)
+    names = [label for label, (_, a, b) in zip(named, spans, strict=True) for _ in range(b - a)]
+    for q, (axes, film) in enumerate(zip(panels[:, 0], films, strict=True)):
+        _traction_panel(axes, setup, film, slip, track.traction[:, q], _colour(q + 1))
+        for _, first, _ in spans[1:]:
+            axes.axvline(slip[first - 1], color="0.6", lw=0.8, ls=":", zorder=0)
+    _name_phases(panels[0, 0], replace(track, phase=tuple(names)), slip)
+    panels[-1, 0].set_xlabel("slip (μm)")
+    figure.align_ylabels(panels[:, 0])
+    return figure

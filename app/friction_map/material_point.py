@@ -1,0 +1,174 @@
+"""Material points: a friction law stepped through given slip, pressure and film, without bodies.
+
+Axis letters: n steps, q points; the slip is along one line, so its vectors have one component.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from forms.friction.law import FrictionLaw, FrictionState
+
+Floats = NDArray[np.float64]
+
+FIRST_SLIP = 1e-9
+"""m, first step on the way to steady sliding: short against any pre-sliding length."""
+GROWTH = 1.4
+"""Ratio of a step to the one before, on the way to steady sliding."""
+STEPS_IN_A_ROW = 3
+"""Steps over which the traction must not change any more."""
+
+
+@dataclass(frozen=True, slots=True)
+class Phase:
+    """Part of a program: equal steps at given speeds.
+
+    Attributes:
+        name: What the points do, such as "rest".
+        duration: s, > 0.
+        steps: Number of equal steps.
+        speed: (q,) or a number, m/s, slip speed; its sign is the direction.
+        pressure: (q,) or a number, Pa, contact pressure, 0 is open.
+        film: (q,) or a number, m, film thickness.
+        rate_dependent: Whether time counts; without, slip is all that matters.
+    """
+
+    name: str
+    duration: float
+    steps: int
+    speed: ArrayLike
+    pressure: ArrayLike
+    film: ArrayLike
+    rate_dependent: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """What the points went through, one row per step.
+
+    Attributes:
+        phase: (n,), name of the phase.
+        time: (n,), s, at the end of the step.
+        slip: (n, q), m, sum of all slip increments.
+        speed: (n, q), m/s.
+        traction: (n, q), Pa, in the direction of positive slip.
+        slip_path: (n, q), m, length of the permanent slip.
+        alpha: (n, q), film fraction.
+        mu: (n, q), coefficient of friction at the slip path reached.
+        regime: (n, q), codes of ``forms.friction.law.Regime``.
+        dissipated: (n, q), J/m^2 in the step.
+    """
+
+    phase: tuple[str, ...]
+    time: Floats
+    slip: Floats
+    speed: Floats
+    traction: Floats
+    slip_path: Floats
+    alpha: Floats
+    mu: Floats
+    regime: NDArray[np.int8]
+    dissipated: Floats
+
+
+def follow(law: FrictionLaw, phases: Sequence[Phase], points: int) -> Track:
+    """Step a law through phases, all points side by side, from a state without history.
+
+    Args:
+        law: The law.
+        phases: One after the other.
+        points: Number q of points; what a phase gives as a number holds for all of them.
+
+    Raises:
+        ValueError: An array of a phase does not fit q points.
+    """
+    state = law.initial_state(points, 1)
+    names, time = [], [0.0]
+    columns: list[tuple[NDArray[np.generic], ...]] = []
+    for phase in phases:
+        speed, pressure, film = (
+            np.broadcast_to(np.asarray(value, dtype=np.float64), (points,)).copy()
+            for value in (phase.speed, phase.pressure, phase.film)
+        )
+        dt = phase.duration / phase.steps
+        for _ in range(phase.steps):
+            response = law.update(
+                (speed * dt)[:, None], dt, pressure, film, state,
+                rate_dependent=phase.rate_dependent,
+            )  # fmt: skip
+            state = response.state
+            names.append(phase.name)
+            time.append(time[-1] + dt)
+            columns.append((
+                speed * dt, speed, response.traction[:, 0], state.slip_path, state.alpha,
+                law.coefficient(state), response.regime, response.dissipation.total,
+            ))  # fmt: skip
+    slip, *others = (np.array(column) for column in zip(*columns, strict=True))
+    return Track(tuple(names), np.array(time[1:]), np.cumsum(slip, axis=0), *others)
+
+
+@dataclass(frozen=True, slots=True)
+class Steady:
+    """Steady sliding of q points at one speed.
+
+    Attributes:
+        traction: (q,), Pa.
+        mu: (q,), coefficient of friction at the slip reached.
+        alpha: (q,), film fraction.
+        regime: (q,), codes of ``forms.friction.law.Regime``.
+        slip: m, distance slid until all points were steady (or given up).
+        steady: (q,), whether the traction had stopped changing.
+    """
+
+    traction: Floats
+    mu: Floats
+    alpha: Floats
+    regime: NDArray[np.int8]
+    slip: float
+    steady: NDArray[np.bool_]
+
+
+def slide_to_steady(
+    law: FrictionLaw,
+    speed: float,
+    pressure: Floats,
+    film: Floats,
+    *,
+    tolerance: float = 1e-6,
+    least_slip: float = 1e-3,
+    most_slip: float = 100.0,
+) -> Steady:
+    """Slide points at one speed, in growing steps, until their traction stays the same.
+
+    A point is steady when its traction has changed by less than the tolerance in each of the last
+    steps, each longer than the one before by a fixed ratio: a slow creep towards the end value
+    does not pass for steady.
+
+    Args:
+        law: The law.
+        speed: m/s, > 0.
+        pressure: (q,), Pa.
+        film: (q,), m.
+        tolerance: Largest relative change of the traction in one step.
+        least_slip: m, distance to slide at least; it must exceed the law's pre-sliding length.
+        most_slip: m, distance after which the points count as not steady.
+    """
+    state: FrictionState = law.initial_state(len(film), 1)
+    step, slid = FIRST_SLIP, 0.0
+    before: Floats = np.zeros(len(film))
+    calm: NDArray[np.int64] = np.zeros(len(film), dtype=np.int64)
+    while True:
+        response = law.update(np.full((len(film), 1), step), step / speed, pressure, film, state)
+        state, traction = response.state, response.traction[:, 0]
+        slid += step
+        change = np.abs(traction - before) <= tolerance * np.abs(traction)
+        calm = np.where(change, calm + 1, 0)
+        steady = calm >= STEPS_IN_A_ROW
+        if (slid > least_slip and bool(steady.all())) or slid > most_slip:
+            break
+        before, step = traction, step * GROWTH
+    return Steady(traction, law.coefficient(state), state.alpha, response.regime, slid, steady)

@@ -1,0 +1,82 @@
+"""What ``tribox map`` does, from case file to figures."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from app.errors import InputError
+from app.friction_map.material_tests import compute_map, summary, write_map
+from app.friction_map.setup import law_notes, map_setup
+from app.results.directory import check_free, default_directory, prepare
+
+BUILT_IN = Path("built-in.toml")
+"""Names the results of a map without a case."""
+
+
+def run_map(
+    case_file: Path | None, overrides: Sequence[str], out: Path | None, force: bool
+) -> Path:
+    """Map a law and write tables and figures.
+
+    Args:
+        case_file: The case; None: built-in parameters.
+        overrides: "key=value" texts.
+        out: Results directory; None: the default, ``results/CASE-map``.
+        force: Whether to replace results.
+
+    Returns:
+        The results directory.
+
+    Raises:
+        InputError: The case or the directory is not usable; nothing is changed then.
+    """
+    setup = map_setup(case_file, overrides)
+    directory = out or suffixed_directory(case_file or BUILT_IN, "map")
+    keep_input(directory, case_file)
+    check_free(directory, force)
+    started = time.perf_counter()
+    result = compute_map(setup)
+    seconds = time.perf_counter() - started
+    prepare(directory)
+    write_map(setup, result, directory, seconds)
+    # Drawing starts a library that takes longer than the map.
+    from app.friction_map.figures import draw_map
+
+    (directory / "figures").mkdir()
+    draw_map(setup, result, directory / "figures")
+    _tell(directory, law_notes(setup), summary(setup, result, seconds))
+    return directory
+
+
+def suffixed_directory(source: Path, suffix: str) -> Path:
+    """The default directory of a command beside ``run``: ``results/SOURCE-suffix``."""
+    default = default_directory(source)
+    return default.with_name(f"{default.name}-{suffix}")
+
+
+def keep_input(directory: Path, source: Path | None) -> None:
+    """Refuse a results directory that holds the input: it would be cleared.
+
+    Raises:
+        InputError: It does.
+    """
+    if source is not None and directory.resolve() in source.resolve().parents:
+        raise InputError(
+            f"{directory}: holds {source.name}, which is read; name another directory for the "
+            "results with --out"
+        )
+
+
+def _tell(directory: Path, notes: Sequence[str], numbers: dict[str, Any]) -> None:
+    for note in notes:
+        print(f"note: {note}")
+    print(
+        f"{numbers['points']} steady states in {numbers['seconds']} s, within "
+        f"{numbers['largest_deviation_from_closed_form']:.1e} of the closed form"
+    )
+    if numbers["points_not_steady"]:
+        print(f"warning: {numbers['points_not_steady']} of them are not steady yet")
+    print(f"results in {directory}")

@@ -1,0 +1,224 @@
+"""What ``tribox map`` looks at: a law, film thicknesses, loads and speeds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from app.case.case import Case, load_case
+from app.case.contact import Contact, Film, FrictionMap
+from app.case.overrides import apply_override
+from app.case.validation import format_problem, problems_of
+from app.errors import InputError
+from forms.closed_forms.homogeneous_sliding import crossover_speed, threshold_speed
+from forms.friction.parameters import FrictionMapParameters
+
+Floats = NDArray[np.float64]
+
+PRESSURE = 3.0e6
+"""Pa, the paper's pressure, where a case does not say one."""
+LOAD_FACTORS = (0.1, 0.3, 1.0, 3.0)
+FILM_SHARES = (0.04, 0.12, 0.72, 1.0)
+"""Of D_max: 10, 30, 180 and 250 nm for the paper's 250 nm."""
+SPEEDS = (1e-8, 1e-1)
+SPEEDS_PER_DECADE = 8
+
+ASSUMED: dict[str, Any] = {
+    "law": "friction-map",
+    "preset": "friction-map",
+    "mu_s": 0.11,
+    "mu_d": 0.10,
+    "A_d": "1 um",
+    "B": "5e5 1/m",
+    "K_T": "1e12 Pa/m",
+    "V_star": "1 mm/s",
+    "V_star_at": "10 nm",
+}
+"""Friction without a case: a preset, and values the paper does not print as in cases/sfa.toml."""
+
+
+@dataclass(frozen=True, slots=True)
+class MapSetup:
+    """What is mapped.
+
+    Attributes:
+        title: For the figures.
+        friction: As the case file says it.
+        parameters: Of the law.
+        films: m, film thicknesses D of F(V; D), rising.
+        film: m, film thickness of F(V; L).
+        pressure: Pa, load per area of F(V; D).
+        loads: Pa, loads per area of F(V; L), rising.
+        speeds: (v,), m/s, rising.
+        notes: What was assumed, a line each.
+    """
+
+    title: str
+    friction: FrictionMap
+    parameters: FrictionMapParameters
+    films: tuple[float, ...]
+    film: float
+    pressure: float
+    loads: tuple[float, ...]
+    speeds: Floats
+    notes: tuple[str, ...]
+
+    @property
+    def between(self) -> tuple[float, ...]:
+        """The film thicknesses with asperities and film side by side, D_min < D < D_max."""
+        p = self.parameters
+        return tuple(D for D in self.films if p.D_min < D < p.D_max)
+
+
+def map_setup(case_file: Path | None, overrides: Sequence[str] = ()) -> MapSetup:
+    """The setup of a case, or the built-in one.
+
+    Args:
+        case_file: The case; None: the built-in parameters.
+        overrides: "key=value" texts, as for a run; without a case only keys of contact.0.
+
+    Raises:
+        InputError: The case is wrong, or has no friction-map law.
+    """
+    if case_file is None:
+        contact = _built_in(overrides)
+        assert isinstance(contact.friction, FrictionMap) and contact.film is not None
+        note = (
+            "no case: preset friction-map with assumed mu_s, mu_d, A_d, B, K_T, V_star; "
+            f"{PRESSURE / 1e6:g} MPa as in the paper"
+        )
+        return _setup("built-in parameters", contact.friction, contact.film, (), None, note)
+    case = load_case(case_file, overrides)
+    contact = case.contact[0]
+    if not isinstance(contact.friction, FrictionMap) or contact.film is None:
+        raise InputError(
+            f'{case_file}: contact.0.friction.law is "{contact.friction.law}"; tribox map draws '
+            'the law "friction-map"'
+        )
+    pressure = _case_pressure(case)
+    note = "" if pressure else f"the case gives no pressure: {PRESSURE / 1e6:g} MPa assumed"
+    title, swept = case.title or case_file.stem, _swept_films(case, pressure or PRESSURE)
+    return _setup(title, contact.friction, contact.film, swept, pressure, note)
+
+
+def _setup(
+    title: str,
+    friction: FrictionMap,
+    lubricant: Film,
+    swept: tuple[float, ...],
+    pressure: float | None,
+    note: str,
+) -> MapSetup:
+    parameters = friction.parameters()
+    load = pressure or PRESSURE
+    film = _thickness(lubricant, load)
+    films = swept or _films(parameters, film)
+    inside = [D for D in films if parameters.D_min < D < parameters.D_max]
+    if not parameters.D_min < film < parameters.D_max and inside:
+        film = inside[0]
+    return MapSetup(
+        title=title,
+        friction=friction,
+        parameters=parameters,
+        films=tuple(sorted({*films, parameters.D_min})),
+        film=film,
+        pressure=load,
+        loads=tuple(factor * load for factor in LOAD_FACTORS),
+        speeds=_speeds(parameters, films, load),
+        notes=(note,) if note else (),
+    )
+
+
+def _speeds(parameters: FrictionMapParameters, films: tuple[float, ...], load: float) -> Floats:
+    """The usual range, further up where film and friction drag alike only there."""
+    wet = [D for D in films if parameters.D_min < D]
+    crossover = crossover_speed(np.array(wet), load, parameters.mu_dynamic, parameters.eta_b)
+    low, high = SPEEDS[0], max(SPEEDS[1], float(np.max(crossover, initial=0.0)))
+    count = int(np.ceil(np.log10(high / low))) * SPEEDS_PER_DECADE + 1
+    return np.asarray(np.geomspace(low, high, count), dtype=np.float64)
+
+
+def _thickness(film: Film, pressure: float) -> float:
+    """Of a film that may depend on the pressure, m."""
+    thickness = film.thickness
+    return thickness if isinstance(thickness, float) else film.at(pressure)
+
+
+def _films(parameters: FrictionMapParameters, own: float) -> tuple[float, ...]:
+    """The film of the contact, and shares of D_max that are not close to it."""
+    lowest, highest = parameters.D_min, parameters.D_max
+    shares = [float(f"{lowest + share * (highest - lowest):.6g}") for share in FILM_SHARES]
+    apart = [D for D in shares if abs(D - own) > 1e-3 * highest]
+    return tuple(sorted({*apart, own}))
+
+
+def _swept_films(case: Case, pressure: float) -> tuple[float, ...]:
+    if case.sweep is None or case.sweep.key != "contact.0.film.thickness":
+        return ()
+    films = [part.contact[0].film for _, part in case.sweep_cases()]
+    return tuple(sorted(_thickness(film, pressure) for film in films if film is not None))
+
+
+def _case_pressure(case: Case) -> float | None:
+    """Highest pressure prescribed on a platen or a surface, if it is above 0."""
+    tables = [boundary.pressure for boundary in case.boundary]
+    tables += [boundary.platen.pressure for boundary in case.boundary if boundary.platen]
+    values = [value for table in tables if table is not None for value in table.values]
+    return max(values, default=0.0) or None
+
+
+def _built_in(overrides: Sequence[str]) -> Contact:
+    data: dict[str, Any] = {
+        "contact": [
+            {
+                "slave": "elastomer",
+                "master": "aluminium",
+                "film": {"thickness": "10 nm"},
+                "friction": dict(ASSUMED),
+            }
+        ]
+    }
+    for override in overrides:
+        if not override.strip().startswith(("contact.0.film.", "contact.0.friction.")):
+            raise InputError(
+                f'"{override}": without a case, --set changes keys of contact.0.film and '
+                "contact.0.friction"
+            )
+        apply_override(data, override)
+    return validated_contact(data["contact"][0])
+
+
+def validated_contact(data: dict[str, Any]) -> Contact:
+    """A `[[contact]]` table on its own.
+
+    Raises:
+        InputError: It is wrong; the message is the first problem.
+    """
+    try:
+        contact = Contact.model_validate(data)
+    except ValidationError as error:
+        first = problems_of(error, Contact, data)[0]
+        placed = replace(first, place=("contact", 0, *first.place))
+        raise InputError(format_problem(placed)) from None
+    for problem in contact.problems(("contact", 0)):
+        raise InputError(format_problem(problem))
+    return contact
+
+
+def law_notes(setup: MapSetup) -> list[str]:
+    """The setup's notes, and what is odd about the threshold speed."""
+    notes = list(setup.notes)
+    if setup.between:
+        highest = float(np.max(threshold_speed(np.array(setup.between), setup.parameters)))
+        if highest < setup.speeds[0]:
+            notes.append(
+                f"V* is {highest:.2g} m/s at most, below every speed of the map: the film carries "
+                "all (alpha = 1) throughout"
+            )
+    return notes

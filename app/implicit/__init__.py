@@ -1,0 +1,1 @@
+"""Quasi-static implicit steps: predictor, Newton's method, linear solver."""

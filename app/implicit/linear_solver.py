@@ -1,0 +1,191 @@
+"""The tangent's matrix, and the linear solver that works with it.
+
+Direct (MUMPS) up to a number of unknowns, above it flexible GMRES with smoothed aggregation (GAMG).
+Friction makes the tangent unsymmetric, and contact joins the bodies within the matrix, so that both
+solvers see all of it.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from petsc4py import PETSc
+
+from app.equilibrium.equilibrium import Equilibrium
+from geometry.surfaces.facets import Floats
+
+Linear = Literal["auto", "direct", "krylov"]
+# Unknowns up to which "auto" factorises, by the dimension of space: a factorisation takes about
+# n^1.5 operations in the plane and n^2 in space, and n log n and n^(4/3) words of memory. In space
+# both take the same time at about 10 000; beyond it the margin is for using a factor again.
+DIRECT_LIMIT = {2: 2_000_000, 3: 20_000}
+DIRECT: dict[str, str | float | bool] = {
+    "ksp_type": "preonly",
+    "pc_type": "lu",
+    "pc_factor_mat_solver_type": "mumps",
+}
+KRYLOV: dict[str, str | float | bool] = {
+    "ksp_type": "fgmres",
+    # Newton's method gains three digits an iteration where it converges: more would be wasted.
+    "ksp_rtol": 1e-3,
+    "ksp_max_it": 200,
+    "ksp_gmres_restart": 60,
+    "pc_type": "gamg",
+    # One symmetric sweep of Gauss-Seidel within each rank: it needs no bounds of eigenvalues,
+    # and did not fail at a Poisson's ratio of 0.49, where incomplete factorisation did.
+    "mg_levels_ksp_type": "richardson",
+    "mg_levels_ksp_max_it": 1,
+    "mg_levels_pc_type": "sor",
+}
+# Iterations, over those of the first solve with a preconditioner (at least FEW), from which it is
+# made from nothing: smoothed aggregation keeps its coarse spaces while the pattern stays, and
+# points that stuck may slip by now.
+WORN, FEW = 2, 10
+
+
+def linear_options(problem: Equilibrium, kind: Linear) -> dict[str, str | float | bool]:
+    """PETSc options of the linear solver that a case asks for."""
+    if kind == "auto":
+        kind = "direct" if problem.size <= DIRECT_LIMIT[problem.dim] else "krylov"
+    return DIRECT if kind == "direct" else KRYLOV
+
+
+def rigid_modes(position: Floats) -> Floats:
+    """Displacements (m, n, i) of rigid motions of nodes at ``position`` (n, i), small rotations.
+
+    Smoothed aggregation restricts them to its aggregates, which lie within a body: the modes of
+    all bodies together are thus the modes of each.
+    """
+    count, dim = position.shape
+    modes = [np.broadcast_to(np.eye(dim)[i], (count, dim)) for i in range(dim)]
+    for i in range(dim):
+        for j in range(i):
+            mode = np.zeros((count, dim))
+            mode[:, i], mode[:, j] = position[:, j], -position[:, i]
+            modes.append(mode)
+    return np.stack(modes)
+
+
+class LinearSolver:
+    """Solves with the tangent of the state it was last assembled at.
+
+    The matrix is factorised, or its preconditioner made, when it has been assembled: further
+    solves with it cost a substitution only.
+
+    Attributes:
+        matrix: the tangent, supports and platens included.
+        assembled: how often it was assembled, and so factorised.
+    """
+
+    def __init__(self, problem: Equilibrium, x: PETSc.Vec) -> None:
+        """Make room for the tangent at ``x``; collective."""
+        self.problem = problem
+        self.matrix = problem.new_matrix(x)
+        self.assembled = 0
+        self._pattern = problem.pattern_changes
+        self._fresh: int | None = None  # iterations of the first solve with a new preconditioner
+        self._ksp: PETSc.KSP | None = None
+        self._near: PETSc.NullSpace | None = None
+
+    def use(self, ksp: PETSc.KSP) -> None:
+        """Solve with ``ksp``, whose operators this matrix becomes."""
+        self._ksp = ksp
+        ksp.setOperators(self.matrix)
+        if not self.direct:
+            self._near = self._near_nullspace()
+
+    @property
+    def direct(self) -> bool:
+        """Whether a solve with the matrix at hand is a substitution: cheap beside a new matrix."""
+        return bool(self.ksp.getType() == PETSc.KSP.Type.PREONLY)
+
+    def _near_nullspace(self) -> PETSc.NullSpace:
+        """Rigid motions, orthonormal, for smoothed aggregation; collective."""
+        problem = self.problem
+        nodes = problem.owned // problem.dim
+        position = problem.space.tabulate_dof_coordinates()[:nodes, : problem.dim]
+        total = problem.comm.allreduce(position.sum(axis=0))
+        modes = rigid_modes(position - total / (problem.size / problem.dim))
+        vectors: list[PETSc.Vec] = []
+        for mode in modes:
+            vector = problem.new_vector()
+            vector.array[:] = mode.reshape(-1)
+            for other in vectors:
+                vector.axpy(-vector.dot(other), other)
+            vector.normalize()
+            vectors.append(vector)
+        return PETSc.NullSpace().create(vectors=vectors, comm=problem.comm)
+
+    @property
+    def ksp(self) -> PETSc.KSP:
+        """PETSc's solver."""
+        assert self._ksp is not None, "use() comes first"
+        return self._ksp
+
+    def assemble(self, x: PETSc.Vec) -> None:
+        """Assemble the exact tangent at ``x``; collective."""
+        self.problem.jacobian(None, x, self.matrix, self.matrix)
+        self._changed()
+
+    def solve_from(self, x: PETSc.Vec, rhs: PETSc.Vec, increment: PETSc.Vec) -> bool:
+        """Solve with the tangent at ``x`` for an increment that meets prescribed values.
+
+        Args:
+            x: state, m.
+            rhs: out-of-balance forces with the sign of loads; changed.
+            increment: holds what is prescribed, at the held unknowns; the rest is found.
+
+        Returns:
+            Whether the solution is to be trusted.
+        """
+        problem = self.problem
+        problem.assemble_tangent(x, self.matrix)
+        rows = problem.constrained_dofs() + problem.first
+        self.matrix.zeroRowsColumns(rows, 1.0, x=increment, b=rhs)
+        self._changed()
+        return self.solve(rhs, increment)
+
+    def solve(self, rhs: PETSc.Vec, solution: PETSc.Vec) -> bool:
+        """Solve with the tangent assembled last; returns whether it worked."""
+        with self.problem.timer("linear solve"):
+            self.ksp.solve(rhs, solution)
+        return self.forget_failure()
+
+    def forget_failure(self) -> bool:
+        """Drop a factorisation that failed, over which the next solve would stumble.
+
+        Returns:
+            False if the last solve failed.
+        """
+        if self.ksp.getConvergedReason() >= 0:
+            return True
+        self.ksp.reset()
+        self.ksp.setOperators(self.matrix)
+        return False
+
+    def _changed(self) -> None:
+        """Take note of new entries, and of a new pattern.
+
+        PETSc exchanges the matrix's inside on an addition with another pattern and does not see
+        by itself that the factorisation's analysis is out of date.
+        """
+        self.assembled += 1
+        if self._near is not None:
+            self.matrix.setNearNullSpace(self._near)
+        if self._pattern != self.problem.pattern_changes or self._worn():
+            self._pattern = self.problem.pattern_changes
+            self.ksp.reset()
+            self._fresh = None
+        self.ksp.setOperators(self.matrix)
+        with self.problem.timer("factorisation" if self.direct else "preconditioner"):
+            self.ksp.setUp()
+
+    def _worn(self) -> bool:
+        """Whether the last solve took far more iterations than the preconditioner's first."""
+        last = self.ksp.getIterationNumber()
+        if self.direct or last == 0:
+            return False
+        if self._fresh is None:
+            self._fresh = max(last, FEW)
+        return last > WORN * self._fresh

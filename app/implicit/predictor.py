@@ -1,0 +1,258 @@
+"""Where the Newton iteration of a step starts.
+
+Where the loads continue in proportion, the path of the last converged states is continued by the
+polynomial that leaves the least residual, and corrected once with the tangent factorised last
+(a substitution, no factorisation). Where they do not, one solve with the tangent at the last state
+carries the new prescribed displacements into the bodies; where that leaves much, a second one,
+without the stiffness of friction, lets them slide.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from app.equilibrium.equilibrium import Equilibrium
+from app.implicit.linear_solver import LinearSolver
+from geometry.surfaces.facets import Floats
+
+HIGHEST_ORDER = 3  # of the polynomial through the last states
+CORRECTIONS = 3  # with the tangent factorised last, from the last state itself
+FAR_OFF = 0.5  # residual, relative to the contact or reaction force, of a start that is no good
+WORTHWHILE = 0.5  # share of the residual that a correction must leave at most to be kept
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """What pushes a step forward.
+
+    Attributes:
+        constrained: increments of this rank's prescribed displacements, m.
+        loads: increments of the platens' forces and the pressures; total: their values.
+    """
+
+    constrained: Floats
+    loads: Floats
+    total: Floats
+
+
+class Predictor:
+    """Remembers the converged states of a path and continues it."""
+
+    def __init__(self, problem: Equilibrium, solver: LinearSolver) -> None:
+        """Begin without a path; collective."""
+        self.problem = problem
+        self.solver = solver
+        self._drive: Drive | None = None
+        self._loads: Floats = np.empty(0)
+        # Converged states along the path: (parameter, owned unknowns), the latest last.
+        self._path: list[tuple[float, Floats]] = []
+        self._residual = problem.new_vector()
+        self._kept = problem.new_vector()
+        self._step = problem.new_vector()
+
+    def predict(self, x: PETSc.Vec, trial: PETSc.Vec) -> int:
+        """Put a start into ``trial`` for the step from ``x``; collective.
+
+        Returns:
+            The number of factorisations it took.
+        """
+        x.copy(trial)
+        drive = self._driving(x)
+        ratio = self._proportion(drive)
+        if ratio is None:
+            self._carry(x, drive.constrained, trial)
+            return 1 + self._slide(x, drive.constrained, trial)
+        if ratio > 0.0 and len(self._path) > 1:
+            self._continue(x, trial, ratio)
+        return 0
+
+    def _continue(self, x: PETSc.Vec, trial: PETSc.Vec, ratio: float) -> None:
+        """Put the better of two starts into ``trial``, which holds the last converged state ``x``.
+
+        Past a kink of the path (the last points stop sticking, say) the extrapolation is no help,
+        while the tangent factorised last, of the new branch, knows where to go from ``x`` itself.
+        An iterative solver has nothing at hand that would be cheaper than an iteration.
+        """
+        extrapolated = self._extrapolate(trial, ratio)
+        if not self.solver.direct:
+            return
+        norm = self._correct(trial, extrapolated, 1)
+        if norm <= WORTHWHILE * extrapolated:
+            return
+        best = trial.array_r.copy()
+        x.copy(trial)
+        trial.array[:] = self.problem.constrained_values(trial)
+        untouched = self._residual_norm(trial)
+        self._keep_residual()
+        if not self._correct(trial, untouched, CORRECTIONS) < norm:
+            trial.array[:] = best
+
+    def _slide(self, x: PETSc.Vec, constrained: Floats, trial: PETSc.Vec) -> int:
+        """Put the step without friction's stiffness into ``trial``, if that is far off.
+
+        The tangent at ``x`` knows nothing of the slip to come: a body that is moved on by much
+        more than its contact holds is sheared by all of it, down to elements that turn inside
+        out, and Newton's method takes many damped iterations to undo that, the more the finer the
+        mesh. With the friction of ``x`` as a load the body slides along as a whole, and only the
+        change of that friction is left. The start that leaves less is kept.
+
+        Args:
+            x: last converged state.
+            constrained: increments of the prescribed displacements, m.
+            trial: the linear step with all of the tangent.
+
+        Returns:
+            The number of factorisations it took.
+        """
+        if not self._rubbing():
+            return 0
+        left = self._residual_norm(trial)
+        if left <= FAR_OFF * self.problem.reference_force:
+            return 0
+        held_fast = trial.array_r.copy()
+        x.copy(trial)
+        with self.problem.yielding():
+            self._carry(x, constrained, trial)
+        if np.isfinite(left) and not self._residual_norm(trial) < left:
+            trial.array[:] = held_fast
+        return 1
+
+    def _rubbing(self) -> bool:
+        """Whether friction resists at any point of the contacts evaluated last; collective."""
+        mine = any(bool(t.response.d_traction_d_slip.any()) for t in self.problem.trials)
+        return bool(self.problem.comm.allreduce(mine, op=MPI.LOR))
+
+    def restart(self, x: PETSc.Vec, trial: PETSc.Vec) -> int:
+        """Put the linear step from ``x`` into ``trial``, whatever the path was; collective."""
+        x.copy(trial)
+        self._carry(x, self._driving(x).constrained, trial)
+        return 1
+
+    def commit(self, x: PETSc.Vec, trial: PETSc.Vec) -> None:
+        """Take the step from ``x`` to the converged ``trial`` into the path."""
+        drive = self._driving(x)
+        ratio = self._proportion(drive) if self._drive is not None else None
+        if ratio is None or ratio == 0.0 or len(self._path) < 2:
+            self._path = [(0.0, x.array_r.copy()), (1.0, trial.array_r.copy())]
+        else:
+            states = self._path[-HIGHEST_ORDER:]
+            self._path = [*states, (self._ahead(ratio), trial.array_r.copy())]
+        self._drive, self._loads = drive, drive.total
+
+    def _ahead(self, ratio: float) -> float:
+        """Parameter of the path after a step ``ratio`` times as long as the last."""
+        (before, _), (last, _) = self._path[-2:]
+        return last + ratio * (last - before)
+
+    def _extrapolate(self, trial: PETSc.Vec, ratio: float) -> float:
+        """Continue the path by the polynomial of least residual; returns its norm.
+
+        A low order comes first: where it leaves less than the next, the path has a kink.
+        """
+        at = self._ahead(ratio)
+        best, norm = trial.array_r.copy(), np.inf
+        for order in range(1, len(self._path)):
+            states = self._path[-order - 1 :]
+            weights = lagrange_weights(np.array([s for s, _ in states]), at)
+            trial.array[:] = sum(w * values for w, (_, values) in zip(weights, states, strict=True))
+            trial.array[:] = self.problem.constrained_values(trial)
+            now = self._residual_norm(trial)
+            if not now < norm:
+                break
+            best, norm = trial.array_r.copy(), now
+            self._keep_residual()
+        trial.array[:] = best
+        return norm
+
+    def _correct(self, trial: PETSc.Vec, norm: float, times: int) -> float:
+        """Correct with the tangent factorised last while it pays; returns the residual's norm.
+
+        Args:
+            trial: the start; its residual is the one kept last.
+            norm: of that residual.
+            times: corrections at most.
+        """
+        for _ in range(times):
+            if not np.isfinite(norm) or norm == 0.0:
+                break
+            before = trial.array_r.copy()
+            solved = self.solver.solve(self._kept, self._step)
+            trial.axpy(-1.0, self._step)
+            now = self._residual_norm(trial)
+            if not solved or not now < WORTHWHILE * norm:
+                trial.array[:] = before
+                break
+            norm = now
+            self._keep_residual()
+        return norm
+
+    def _keep_residual(self) -> None:
+        """Keep the residual evaluated last, that of the best start so far."""
+        self._kept, self._residual = self._residual, self._kept
+
+    def _residual_norm(self, trial: PETSc.Vec) -> float:
+        if not np.isfinite(trial.norm()):  # what a singular factor leaves: nothing to evaluate
+            return np.inf
+        self.problem.residual(None, trial, self._residual)
+        norm: float = self._residual.norm()
+        return norm
+
+    def _driving(self, x: PETSc.Vec) -> Drive:
+        """Increments from the converged state to today's prescribed values and loads."""
+        problem = self.problem
+        pulls = [platen.pull(0.0) for platen in problem.platens]
+        loads = np.array(pulls + [float(load.value.value) for load in problem.pressures])
+        constrained = (problem.constrained_values(x) - x.array_r)[problem.constrained_dofs()]
+        return Drive(constrained, loads - self._loads if len(self._loads) else loads, loads)
+
+    def _proportion(self, drive: Drive) -> float | None:
+        """Factor by which ``drive`` continues the last one; None where it does not."""
+        last = self._drive or Drive(0.0 * drive.constrained, 0.0 * drive.loads, drive.total)
+        local = np.array(
+            [
+                drive.constrained @ last.constrained,
+                last.constrained @ last.constrained,
+                drive.constrained @ drive.constrained,
+            ]
+        )
+        cross, before, now = self._sum(local)
+        if before == 0.0 and now == 0.0:
+            cross, before = drive.loads @ last.loads, last.loads @ last.loads
+            now = drive.loads @ drive.loads
+            if now == 0.0:
+                return 0.0
+        ratio = cross / before if before > 0.0 else 0.0
+        missed = drive.constrained - ratio * last.constrained
+        lag = drive.loads - ratio * last.loads
+        scale = float(drive.total @ drive.total)
+        same = bool(self._sum(np.array([missed @ missed]))[0] <= 1e-18 * max(now, before))
+        same = same and bool(lag @ lag <= 1e-18 * scale)
+        return ratio if same and ratio > 0.0 else None
+
+    def _carry(self, x: PETSc.Vec, constrained: Floats, trial: PETSc.Vec) -> None:
+        """Linear step from the converged state that meets the prescribed displacements."""
+        problem, increment = self.problem, self._step
+        problem.residual(None, x, self._residual)
+        self._residual.scale(-1.0)
+        increment.set(0.0)
+        increment.array[problem.constrained_dofs()] = constrained
+        self.solver.solve_from(x, self._residual, increment)
+        trial.axpy(1.0, increment)
+        trial.array[:] = problem.constrained_values(trial)
+
+    def _sum(self, local: Floats) -> Floats:
+        total = np.empty_like(local)
+        self.problem.comm.Allreduce(local, total, op=MPI.SUM)
+        return total
+
+
+def lagrange_weights(nodes: Floats, at: float) -> Floats:
+    """Weights (n,) of the values at distinct ``nodes`` (n,) in their polynomial's value ``at``."""
+    own = np.eye(len(nodes), dtype=bool)
+    factors = (at - nodes[None, :]) / np.where(own, 1.0, nodes[:, None] - nodes[None, :])
+    weights: Floats = np.prod(np.where(own, 1.0, factors), axis=1)
+    return weights

@@ -1,0 +1,104 @@
+"""Compiles the forms of the usual materials, formulations and cells, and the C sources."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from forms.bodies.kinematics import Section
+    from forms.bodies.solid import Formulation
+    from geometry.meshes.gmsh_model import Shape
+
+
+@dataclass(frozen=True, slots=True)
+class _Group:
+    """Forms that go together.
+
+    Attributes:
+        cell: shape of the cells.
+        section: what the mesh stands for.
+        formulations: each is compiled with every material.
+        degrees: of the quadrature at the contact.
+    """
+
+    cell: str
+    section: Section
+    formulations: tuple[Formulation, ...]
+    degrees: tuple[int, ...]
+
+
+# Second-order elements and what else is rare are compiled when first used.
+GROUPS = (
+    _Group("quadrilateral", "plane-strain", ("q1", "q1-sri"), (3, 5, 9)),
+    _Group("triangle", "plane-strain", ("q1",), (3, 5, 9)),
+    _Group("quadrilateral", "axisymmetric", ("q1-sri",), ()),
+    _Group("hexahedron", "3D", ("q1-sri",), (5,)),
+    _Group("tetrahedron", "3D", ("q1",), (5,)),
+)
+
+
+def compile_forms() -> Iterator[str]:
+    """Compile the C sources and the forms of `GROUPS`; yields a line on each."""
+    from forms.native.libraries import SOURCES, library
+
+    for source in SOURCES:
+        yield f"{source} " + ("compiled" if library(source) else "not compiled: no C compiler")
+    for group in GROUPS:
+        yield from _compile(group)
+
+
+def _compile(group: _Group) -> Iterator[str]:
+    import dolfinx
+    import numpy as np
+    from mpi4py import MPI
+
+    from app.equilibrium.equilibrium import pattern_form
+    from app.results.fields import StressField
+    from forms.bodies.loads import FollowerPressure, mean_normal, reference_area
+    from forms.bodies.lumped_mass import mass_form
+    from forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean
+    from forms.bodies.solid import Solid
+    from geometry.meshes.mesh import generate
+    from geometry.surfaces.surface import point_operator
+
+    materials = (NeoHookean(1.0, 2.0), MooneyRivlin(0.4, 0.1, 2.0), Hencky(1.0, 2.0))
+    # From gmsh, as every case: another mesh's coordinate element would give other forms.
+    mesh = generate(_shape(group.cell), MPI.COMM_SELF).mesh
+    dim = mesh.geometry.dim
+    space = dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (dim,)))
+    u = dolfinx.fem.Function(space)
+    cells = np.arange(mesh.topology.index_map(dim).size_local, dtype=np.int32)
+    for material in materials:
+        for formulation in group.formulations:
+            solid = Solid("sample", u, cells, material, formulation, section=group.section)
+            StressField(u, [solid])
+            mass_form(space, solid)
+            yield f"{group.cell} {group.section} {type(material).__name__} {formulation}"
+    mesh.topology.create_connectivity(dim - 1, dim)
+    facets = dolfinx.mesh.exterior_facet_indices(mesh.topology)
+    pattern_form(space)
+    FollowerPressure(u, facets, group.section)
+    reference_area(mesh, facets, group.section)
+    mean_normal(mesh, facets, 0)
+    for degree in group.degrees:
+        point_operator(space, facets, degree)
+    yield f"{group.cell} {group.section} loads and contact points"
+
+
+def _shape(cell: str) -> Shape:
+    """Two small blocks or boxes of these cells."""
+    from geometry.generators.two_blocks import Block, TwoBlocks
+    from geometry.generators.two_boxes import Box, TwoBoxes
+
+    if cell in ("quadrilateral", "triangle"):
+        block = Block(width=1.0, height=1.0, elements=(2, 2))
+        return TwoBlocks(block, block, cell=cell)
+    box = Box(1.0, 1.0, 1.0, elements=(2, 2, 2))
+    return TwoBoxes(box, box, cell=cell)
+
+
+if __name__ == "__main__":
+    for line in compile_forms():
+        print(line, flush=True)

@@ -1,0 +1,157 @@
+"""Results directories: what is in them, and how files get there without loss."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import shutil
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import astuple
+from pathlib import Path
+from typing import Any
+
+from app.errors import InputError
+from app.simulation.contact_resultants import COLUMNS, Row
+
+OWN = (
+    "case.toml",
+    "summary.json",
+    "history.csv",
+    "motion.csv",
+    "log.txt",
+    "fields.bp",
+    "stress.bp",
+    "contact.pvd",
+    "contact",
+    "figures",
+    "sweep.csv",
+    "mesh.msh",
+    "friction_map.csv",
+    "load_map.csv",
+    "slip_weakening.csv",
+    "start_stop.csv",
+    "velocity_jump.csv",
+    "fit.json",
+    "fit.csv",
+    "friction.toml",
+    "verification.md",
+)
+TEXT_COLUMNS = ("stage", "label")
+
+
+def default_directory(case_file: Path) -> Path:
+    """Where the results of a case go if nobody says: ``results/CASE``."""
+    root = os.environ.get("TRIBOX_RESULTS", "results")
+    return Path(root) / case_file.stem
+
+
+def check_free(directory: Path, force: bool) -> None:
+    """See that results may be written; changes nothing.
+
+    Raises:
+        InputError: the directory holds results (or anything else) and ``force`` is not given, or
+            holds files that are not results, which are never removed.
+    """
+    try:
+        taken = directory.exists() and not directory.is_dir()
+    except OSError as error:
+        raise InputError(f"{directory}: not a usable name ({error.strerror or error})") from None
+    if taken:
+        raise InputError(f"{directory}: is a file; the results need a directory")
+    present = sorted(p.name for p in directory.iterdir()) if directory.is_dir() else []
+    if not present:
+        return
+    if not force:
+        raise InputError(
+            f"{directory}: holds results already; name another directory with --out, or replace "
+            "them with --force"
+        )
+    labels = _sweep_labels(directory)
+    foreign = [name for name in present if not _is_own(name, labels)]
+    if foreign:
+        raise InputError(
+            f"{directory}: holds {foreign[0]}, which is no result of tribox, so --force does not "
+            "clear it; name another directory with --out"
+        )
+
+
+def prepare(directory: Path) -> None:
+    """Make the directory and clear old results from it, after :func:`check_free`.
+
+    Raises:
+        InputError: it cannot be made or written.
+    """
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        for path in list(directory.iterdir()):
+            if path.is_dir():
+                shutil.rmtree(path)
+            else:
+                path.unlink()
+        probe = directory / ".writable"
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise InputError(f"{directory}: cannot be written ({error.strerror or error})") from None
+
+
+def _is_own(name: str, labels: Sequence[str]) -> bool:
+    """Whether a name in a results directory is one of a result, or of a value of its sweep."""
+    return name.removesuffix(".part") in OWN or name in labels
+
+
+def _sweep_labels(directory: Path) -> tuple[str, ...]:
+    """Names of a sweep's sub-directories, from the case file beside them; none without one."""
+    from app.case.case import load_case
+
+    try:
+        case = load_case(directory / "case.toml")
+    except InputError:
+        return ()
+    return case.sweep.labels if case.sweep is not None else ()
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file under a temporary name and rename it."""
+    part = path.with_name(path.name + ".part")
+    part.write_text(text, encoding="utf-8")
+    part.replace(path)
+
+
+def write_json(path: Path, data: Mapping[str, Any]) -> None:
+    """Write a JSON file, as :func:`write_text`."""
+    write_text(path, json.dumps(data, indent=2, allow_nan=False) + "\n")
+
+
+def write_table(path: Path, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+    """Write a CSV file, as :func:`write_text`; numbers with all their digits."""
+    part = path.with_name(path.name + ".part")
+    with part.open("w", newline="", encoding="utf-8") as stream:
+        out = csv.writer(stream, lineterminator="\n")
+        out.writerow(columns)
+        out.writerows([repr(v) if isinstance(v, float) else v for v in row] for row in rows)
+    part.replace(path)
+
+
+def write_history(path: Path, rows: Sequence[Row]) -> None:
+    """Write ``history.csv``."""
+    write_table(path, COLUMNS, (astuple(row) for row in rows))
+
+
+def read_table(path: Path) -> list[dict[str, Any]]:
+    """Rows of a CSV file written here, numbers as floats.
+
+    Raises:
+        InputError: no such file.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8") as stream:
+            return [
+                {key: value if key in TEXT_COLUMNS else float(value) for key, value in row.items()}
+                for row in csv.DictReader(stream)
+            ]
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file; is this a results directory?") from None
+    except (TypeError, ValueError):
+        raise InputError(f"{path}: is cut off or not a table of tribox") from None

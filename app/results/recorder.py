@@ -1,0 +1,288 @@
+"""Writes a run into its results directory: history, fields, contact points, summary."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import platform
+import resource
+import time
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import dolfinx
+import meshio
+import numpy as np
+from petsc4py import PETSc
+
+from app.build.case_notes import notes_on_inertia
+from app.build.model import Model
+from app.case.case import resolved_toml
+from app.implicit.stepper import StepResult
+from app.results.contact_points import contact_arrays
+from app.results.directory import write_history, write_json, write_table, write_text
+from app.results.fields import FieldWriter
+from app.simulation.contact_resultants import Row, energy_gap
+from app.simulation.explicit_stage import Interval
+from app.simulation.load_steps import LoadStep
+from app.simulation.simulation import Observer, Simulation
+from geometry.surfaces.facets import Floats
+
+TINY = 1e-30  # J/m², below any dissipation
+# Largest penetration, relative to the length of a slave facet, from which on it is warned of. The
+# default penalty leaves 0.005 in cases/block-slide.toml; on blocks of 10 elements the forces are
+# 0.1 % too small at 0.001 and 1.2 % at 0.009, in proportion.
+PENETRATION = 0.02
+UNBALANCED = 0.05  # energy error over the work from which a run is warned of
+HISTORY_EVERY = 2.0  # s between two rewrites of history.csv while running
+
+
+class Recorder(Observer):
+    """Observer that writes files; all ranks take part, the first one writes.
+
+    Attributes:
+        directory: results directory, ready to be written.
+        load_steps: what each load step ended with, for the summary.
+    """
+
+    def __init__(self, model: Model, directory: Path) -> None:
+        """Open the outputs and write the resolved case; collective."""
+        self.model = model
+        self.directory = directory
+        self.comm = model.problem.comm
+        self.first = self.comm.rank == 0
+        self.load_steps: list[dict[str, Any]] = []
+        self.every = model.case.output.fields_every
+        self._outputs: list[tuple[float, str]] = []
+        self._written = time.monotonic()
+        self._started = time.perf_counter()
+        self._warned = False
+        self._thin = False
+        self._left: set[str] = set()
+        contacts = model.problem.contacts
+        self._facet = [term.surface.facet_length for term in contacts]
+        self._deepest = [(0.0, 0.0, "")] * len(contacts)
+        self.warnings: list[str] = list(model.notes)
+        if self.first:
+            write_text(directory / "case.toml", resolved_toml(model.case))
+            (directory / "contact").mkdir()
+        self.comm.barrier()
+        self._fields = FieldWriter(model.problem.u, model.problem.solids, directory)
+        self._last_output = -1
+
+    def step(self, simulation: Simulation, row: Row, result: StepResult | Interval) -> None:
+        """Write the outputs that are due and look for a negative dissipation."""
+        if self.every and row.step % self.every == 0:
+            self._output(simulation)
+        self._watch(simulation, row)
+        if self.first and time.monotonic() - self._written > HISTORY_EVERY:
+            write_history(self.directory / "history.csv", simulation.rows)
+            self._written = time.monotonic()
+
+    def load_step(
+        self, simulation: Simulation, load_step: LoadStep, row: Row, steady: bool | None
+    ) -> None:
+        """Write the fields at the end of a load step and keep its last row."""
+        self._output(simulation)
+        self.load_steps.append({"label": load_step.label, "steady": steady, **asdict(row)})
+        onset = max(self.model.film_onset, default=0.0)
+        pressure = row.normal_force / row.contact_area if row.contact_area > 0.0 else np.inf
+        if load_step.stage.rate_dependent and onset > 0.1 * pressure and not self._thin:
+            self._thin = True
+            self.warnings.append(
+                f"stage {load_step.label}: the mean contact pressure {pressure:.3g} Pa is near or "
+                f"below film_onset_pressure = {onset:.3g} Pa, so the film carries less than "
+                "eta_b V/D"
+            )
+        if simulation.explicit is not None:
+            self.warnings += notes_on_inertia(
+                self.model.case, load_step, simulation.explicit.inertia[-1]
+            )
+        if steady is False:
+            self.warnings.append(
+                f"stage {load_step.label}: not steady after {load_step.stage.max_steps} steps "
+                "(raise max_steps, slip_step or steady_tolerance)"
+            )
+
+    def close(self, simulation: Simulation, status: str, failure: str | None = None) -> None:
+        """Write history and summary; after a failure also the last state; collective.
+
+        Args:
+            simulation: at its last converged step.
+            status: done, interrupted or failed.
+            failure: why it failed.
+        """
+        if simulation.step:
+            self._output(simulation)
+            self.warnings.extend(self._deep_contacts())
+            self.warnings.extend(_unbalanced(simulation))
+        self._fields.close()
+        explicit = {} if simulation.explicit is None else simulation.explicit.summary()
+        shares = self.comm.gather(self._share())
+        if self.first:
+            write_history(self.directory / "history.csv", simulation.rows)
+            if simulation.explicit is not None:
+                motion = simulation.explicit.motion
+                write_table(self.directory / "motion.csv", motion.columns, motion.rows)
+            self._write_series()
+            summary = self._summary(simulation, status, shares or [])
+            parts = {"explicit": explicit} if explicit else {}
+            write_json(self.directory / "summary.json", summary | parts | {"failure": failure})
+
+    def rescue(self, simulation: Simulation) -> None:
+        """Write the history after an error of this rank alone; not collective."""
+        if self.first:
+            write_history(self.directory / "history.csv", simulation.rows)
+
+    @property
+    def last_output(self) -> tuple[float, str]:
+        """Time, s, and file of contact points of the last output; there must be one."""
+        return self._outputs[-1]
+
+    def _output(self, simulation: Simulation) -> None:
+        if simulation.step == self._last_output:
+            return
+        self._last_output = simulation.step
+        with self.model.problem.timer("output"):
+            self.model.problem.spread(simulation.stepper.x)
+            self._fields.write(simulation.time)
+            name = f"contact/{simulation.step:06d}.vtu"
+            points = contact_arrays(self.model)
+            if points is not None:
+                _write_points(self.directory / name, points)
+            self._outputs.append((simulation.time, name))
+
+    def _watch(self, simulation: Simulation, row: Row) -> None:
+        """Warn once of a negative dissipation beyond round-off, and of running off the master.
+
+        The deepest penetration is kept for a warning at the end.
+        """
+        for index, measure in enumerate(simulation.resultants):
+            deepest = (measure.penetration, row.time, row.stage)
+            self._deepest[index] = max(self._deepest[index], deepest)
+        for contact, measure in zip(self.model.case.contact, simulation.resultants, strict=True):
+            if measure.beyond > 0.0 and contact.master not in self._left:
+                self._left.add(contact.master)
+                self.warnings.append(
+                    f"{contact.slave} runs past the end of {contact.master}: no contact there "
+                    f"(first at time {row.time:.6g} s, stage {row.stage})"
+                )
+            if self._warned or measure.area <= 0.0 or not measure.worst:
+                continue
+            scale = abs(row.dissipation) + abs(row.external_work) + abs(row.interface_energy)
+            allowed = max(1e-12 * scale / (measure.area * self.model.thickness), TINY)
+            if measure.least_dissipation < -allowed:
+                self._warned = True
+                where = ", ".join(f"{c:.4g}" for c in measure.worst)
+                self.warnings.append(
+                    f"negative dissipation {measure.least_dissipation:.3g} J/m² at ({where}) m, "
+                    f"time {row.time:.6g} s, stage {row.stage}"
+                )
+
+    def _deep_contacts(self) -> Iterator[str]:
+        """A warning on each contact whose bodies overlap noticeably, or never pressed at all."""
+        pairs = zip(self._deepest, self._facet, strict=True)
+        for index, ((depth, time_, stage), length) in enumerate(pairs):
+            if depth > PENETRATION * length:
+                yield (
+                    f"contact.{index}: penetration up to {depth:.3g} m, {depth / length:.2g} of a "
+                    f"slave facet's length (time {time_:.6g} s, stage {stage}): from "
+                    f"{PENETRATION:g} on the contact is noticeably too soft; raise the penalty "
+                    "(penalty_factor) or refine the surface"
+                )
+            elif depth == 0.0:
+                yield f"contact.{index}: the bodies never pressed on each other"
+
+    def _write_series(self) -> None:
+        """Index of the contact files by time, as ParaView reads it."""
+        sets = "\n".join(
+            f'    <DataSet timestep="{t!r}" file="{name}"/>' for t, name in self._outputs
+        )
+        write_text(
+            self.directory / "contact.pvd",
+            '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n'
+            f"{sets}\n  </Collection>\n</VTKFile>\n",
+        )
+
+    def _share(self) -> dict[str, Any]:
+        """What this rank has of the work."""
+        topology = self.model.named.mesh.topology
+        terms = self.model.problem.contacts
+        return {
+            "memory_MiB": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0, 1),
+            "cells": topology.index_map(topology.dim).size_local,
+            "contact_points": sum(len(term.surface.slave.weight) for term in terms),
+        }
+
+    def _summary(
+        self, simulation: Simulation, status: str, shares: list[dict[str, Any]]
+    ) -> dict[str, Any]:
+        rows = simulation.rows
+        problem = self.model.problem
+        wall = time.perf_counter() - self._started
+        timings = {key: round(value, 4) for key, value in simulation.stepper.seconds().items()}
+        return {
+            "title": self.model.case.title,
+            "status": status,
+            "warnings": self.warnings,
+            "steps": len(rows),
+            "newton_iterations": sum(row.newton_iterations for row in rows),
+            "factorisations": simulation.implicit.solver.assembled if simulation.implicit else 0,
+            "attempts": sum(row.attempts for row in rows),
+            "energy_error_relative": energy_gap(rows),
+            "penalty": [term.penalty for term in problem.contacts],
+            "film_onset_pressure": self.model.film_onset,
+            "penetration_over_facet": [
+                depth / length
+                for (depth, _, _), length in zip(self._deepest, self._facet, strict=True)
+            ],
+            "penetration_over_film": [_penetration_over_film(row) for row in rows[-1:]],
+            "load_steps": self.load_steps,
+            "dofs": int(problem.space.dofmap.index_map.size_global * problem.dim),
+            "ranks": self.comm.size,
+            "seconds": {"run": round(wall, 4), **timings},
+            **{f"{part}_per_rank": [share[part] for share in shares] for part in shares[0]},
+            "versions": {
+                "tribox": _version(),
+                "dolfinx": dolfinx.__version__,
+                "petsc": ".".join(map(str, PETSc.Sys.getVersion())),
+                "numpy": np.__version__,
+                "python": platform.python_version(),
+            },
+        }
+
+
+def _unbalanced(simulation: Simulation) -> Iterator[str]:
+    """A warning on a run whose energies do not add up."""
+    gap = abs(energy_gap(simulation.rows))
+    if gap > UNBALANCED:
+        yield (
+            f"energy is balanced only to {gap:.2g} of the work: the steps are too long for what "
+            "happens in them (smaller steps), or facets of a curved master catch (a finer master, "
+            "or smoothing_angle)"
+        )
+
+
+def _penetration_over_film(row: Row) -> float | None:
+    return row.max_penetration / row.film_thickness if row.film_thickness > 0.0 else None
+
+
+def _version() -> str:
+    from app import __version__
+
+    try:
+        return importlib.metadata.version("tribox")
+    except importlib.metadata.PackageNotFoundError:
+        return __version__
+
+
+def _write_points(path: Path, arrays: dict[str, Floats]) -> None:
+    """Contact points as vertices with data, ``position`` being where they are."""
+    position = arrays.pop("position")
+    points = np.zeros((len(position), 3))
+    points[:, : position.shape[1]] = position
+    vertices = [("vertex", np.arange(len(points))[:, None])]
+    part = path.with_suffix(".part.vtu")
+    meshio.Mesh(points, vertices, point_data=arrays).write(part)
+    part.replace(path)

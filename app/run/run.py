@@ -1,0 +1,160 @@
+"""Runs a case into a results directory: what ``tribox run`` does, callable from Python."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from mpi4py import MPI
+
+from app.build.model import build_model
+from app.case.case import Case
+from app.errors import InputError, SolutionError
+from app.results.directory import check_free, prepare
+from app.results.recorder import Recorder
+from app.run.interruption import Interruption
+from app.run.progress import Reporter, Together
+from app.simulation.contact_resultants import energy_gap
+from app.simulation.explicit_stage import notes_on_steps
+from app.simulation.simulation import Observer, Simulation
+
+
+def run_case(
+    case: Case,
+    directory: Path,
+    *,
+    force: bool = False,
+    quiet: bool = False,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+) -> Simulation:
+    """Run one case (without its sweep) and write its results; collective.
+
+    Args:
+        case: what to run.
+        directory: results directory; made if missing.
+        force: replace results that are there.
+        quiet: print warnings and errors only.
+        comm: ranks that work together.
+
+    Returns:
+        The finished simulation: ``rows`` is the history, ``model`` what was solved.
+
+    Raises:
+        InputError: the case, the mesh or the directory cannot be used; nothing has been changed.
+        SolutionError: a step could not be solved; the state before it has been saved.
+    """
+    on_first(comm, lambda: check_free(directory, force))
+    model = build_model(case, comm)
+    steps = notes_on_steps(model)
+    simulation = Simulation(model)
+    on_first(comm, lambda: prepare(directory))
+    recorder = Recorder(model, directory)
+    reporter = Reporter(directory / "log.txt", case.stage, quiet) if comm.rank == 0 else None
+    told: list[Observer] = [reporter, recorder] if reporter else [recorder]
+    try:
+        if reporter:
+            for note in model.notes:
+                reporter.say(f"note: {note}")
+            for note in steps:
+                reporter.say(f"note: {note}", always=not quiet)
+        with Interruption(comm) as interruption:
+            _run(simulation, recorder, Together(*told, interruption))
+        if case.output.figures:
+            draw_run(simulation, directory)
+        if reporter:
+            _say_warnings(reporter, recorder)
+            reporter.say(_closing_line(simulation), always=not quiet)
+            reporter.say(f"results in {directory}", always=not quiet)
+    except SolutionError as error:
+        if reporter:
+            reporter.note(f"failed: {error}")
+            _say_warnings(reporter, recorder)
+            reporter.say(_saved_line(simulation, recorder, directory))
+        raise
+    except KeyboardInterrupt:
+        if reporter:
+            reporter.say(f"interrupted; the results so far are in {directory}")
+        raise
+    finally:
+        if reporter:
+            reporter.close()
+    return simulation
+
+
+def _say_warnings(reporter: Reporter, recorder: Recorder) -> None:
+    """The warnings that came up during the run."""
+    for warning in recorder.warnings[len(recorder.model.notes) :]:
+        reporter.say(f"warning: {warning}")
+
+
+def _saved_line(simulation: Simulation, recorder: Recorder, directory: Path) -> str:
+    """Where the last converged state of a failed run is."""
+    step = simulation.step
+    if step == 0:
+        return f"no step was solved, so {directory} holds no state"
+    # An explicit run fails between two rows; its last output may be that of the row before.
+    time, points = recorder.last_output
+    what = "converged" if simulation.explicit is None else "sound"
+    return (
+        f"the last {what} state, step {step} at time {time:.6g} s, is saved in {directory}: last "
+        f"output of fields.bp and stress.bp, {points}, and the steps that led there in history.csv"
+    )
+
+
+def _closing_line(simulation: Simulation) -> str:
+    """Steps, iterations, penetration and energy balance of a finished run."""
+    rows = simulation.rows
+    deepest = max(row.max_penetration for row in rows)
+    films = [row.max_penetration / row.film_thickness for row in rows if row.film_thickness > 0.0]
+    depth = f"{deepest:.3g} m" + (f" = {max(films):.2g} D" if films else "")
+    explicit = simulation.explicit
+    counted = f"{sum(row.newton_iterations for row in rows)} Newton iterations"
+    if explicit is not None:
+        counted += f", {explicit.steps} time steps"
+    return (
+        f"{len(rows)} steps, {counted}, "
+        f"largest penetration {depth}, energy balanced to {abs(energy_gap(rows)):.1e}"
+        f" of the {'work or kinetic energy' if explicit else 'external work'}"
+    )
+
+
+def _run(simulation: Simulation, recorder: Recorder, observer: Observer) -> None:
+    try:
+        simulation.run(observer)
+    except SolutionError as error:
+        recorder.close(simulation, "failed", str(error))
+        raise
+    except KeyboardInterrupt:
+        recorder.close(simulation, "interrupted")
+        raise
+    except BaseException:
+        # An error of one rank alone: the others are not here, so nothing collective may follow.
+        recorder.rescue(simulation)
+        raise
+    recorder.close(simulation, "done")
+
+
+def draw_run(simulation: Simulation, directory: Path) -> None:
+    """Draw the figures of a finished run; collective."""
+    from app.figures.deformed import draw_deformed
+    from app.figures.history import draw_history
+
+    with simulation.model.problem.timer("figures"):
+        figures = directory / "figures"
+        if simulation.model.problem.comm.rank == 0:
+            figures.mkdir(exist_ok=True)
+            draw_history(directory)
+        draw_deformed(simulation.model, figures / "deformed.png")
+
+
+def on_first(comm: MPI.Comm, action: Callable[[], None]) -> None:
+    """Do something on the first rank; if it raises, raise on all."""
+    problem: str | None = None
+    if comm.rank == 0:
+        try:
+            action()
+        except InputError as error:
+            problem = str(error)
+    problem = comm.bcast(problem)
+    if problem is not None:
+        raise InputError(problem)

@@ -1,0 +1,124 @@
+"""Runs the values of a sweep, side by side where cores allow, and collates what they gave."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from app.case.case import Case
+from app.errors import InputError, SolutionError, TriboxError
+from app.results.directory import write_json, write_table
+from app.simulation.contact_resultants import COLUMNS
+
+INTERRUPTED = 130  # exit code of a run that was stopped by Ctrl-C
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """One value of a sweep: its label, the command that runs it, and where its results go."""
+
+    label: str
+    command: list[str]
+    directory: Path
+
+
+def run_side_by_side(parts: Sequence[Part], jobs: int, say: Callable[[str], None]) -> None:
+    """Run all parts as processes, at most ``jobs`` at a time; their lines come labelled.
+
+    Raises:
+        InputError: all parts that failed were refused.
+        SolutionError: a part failed; the others have been run.
+        TriboxError: a part could not be started or ended oddly.
+    """
+    lock = threading.Lock()
+    waiting = list(parts)
+    codes: dict[str, int] = {}
+
+    def work() -> None:
+        while True:
+            with lock:
+                if not waiting:
+                    return
+                part = waiting.pop(0)
+            codes[part.label] = _run_part(part, say, lock)
+            if codes[part.label] == INTERRUPTED:
+                with lock:
+                    waiting.clear()
+
+    threads = [threading.Thread(target=work) for _ in range(min(jobs, len(parts)))]
+    for thread in threads:
+        thread.start()
+    try:
+        for thread in threads:
+            thread.join()
+    except KeyboardInterrupt:
+        # The terminal has told the running parts too: they save what they have; none follows.
+        with lock:
+            waiting.clear()
+        for thread in threads:
+            thread.join()
+        raise
+    if INTERRUPTED in codes.values():
+        raise KeyboardInterrupt
+    failed = {label: code for label, code in codes.items() if code != 0}
+    if failed:
+        names = ", ".join(failed)
+        codes_found = set(failed.values())
+        kind: type[TriboxError] = SolutionError if 3 in codes_found else TriboxError
+        if codes_found == {2}:
+            kind = InputError
+        raise kind(f"{len(failed)} of {len(parts)} runs of the sweep failed: {names}")
+
+
+def _run_part(part: Part, say: Callable[[str], None], lock: threading.Lock) -> int:
+    process = subprocess.Popen(
+        part.command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, bufsize=1
+    )
+    assert process.stdout is not None
+    for line in process.stdout:
+        with lock:
+            say(f"[{part.label}] {line.rstrip()}")
+    return process.wait()
+
+
+def cores() -> int:
+    """Cores this process may use."""
+    return len(os.sched_getaffinity(0))
+
+
+def part_command(case_file: Path, index: int, directory: Path, options: Sequence[str]) -> list[str]:
+    """The command that runs one value of the sweep in ``case_file``."""
+    return [
+        *(sys.executable, "-m", "app", "run", str(case_file)),
+        *("--part", str(index), "--out", str(directory), *options),
+    ]
+
+
+def collate(case: Case, directory: Path) -> None:
+    """Write ``sweep.csv``, one row for each load step of each part, and ``summary.json``.
+
+    Columns are those of the history, with the part's ``label`` and ``steady`` before them. Parts
+    that were not run, or not to their end, give what they have; ``summary.json`` tells.
+    """
+    rows = []
+    parts: dict[str, Any] = {}
+    for label, _ in case.sweep_cases():
+        path = directory / label / "summary.json"
+        if not path.is_file():
+            parts[label] = {"status": "not run"}
+            continue
+        summary = json.loads(path.read_text(encoding="utf-8"))
+        parts[label] = {k: summary[k] for k in ("status", "warnings", "steps", "newton_iterations")}
+        for load_step in summary["load_steps"]:
+            steady = load_step["steady"]
+            number = -1 if steady is None else int(steady)
+            rows.append([label, number, *(load_step[name] for name in COLUMNS)])
+    write_table(directory / "sweep.csv", ("label", "steady", *COLUMNS), rows)
+    write_json(directory / "summary.json", {"title": case.title, "parts": parts})

@@ -1,0 +1,310 @@
+"""Numbers of a converged step: forces, film, energies; sums over ranks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from forms.contact.penalty import ContactTerm, ContactTrial
+from forms.friction.law import Regime
+from geometry.surfaces.facets import Floats
+
+
+@dataclass(slots=True)
+class ContactResultants:
+    """One pair after a step, per unit thickness in plane strain, in all otherwise (N, not N/m).
+
+    "Along" is the way along the surface that signs are for: in the plane to the right of the
+    normal; in space the driven direction, or that of the friction where nothing is driven.
+
+    Attributes:
+        normal_force, drag: N/m; resultant of all tractions on the slave along the mean normal of
+            the contact, and against the way along it.
+        tangential_force: N/m; friction on the master along its surface. It leaves out what the drag
+            also holds: pressure on a surface that is not flat.
+        force, friction: N/m, vectors: resultant of all tractions on the slave, and of the friction
+            on the master. On an axisymmetric pair the radial parts cancel round the ring.
+        twist_moment: N m, of the friction on the master about the mean normal, through the centre
+            of pressure; 0 in the plane.
+        area: m, closed reference area; area_ratio: mean da/dA of it; stick, viscous: shares of it,
+            by regime.
+        film: m, friction_coefficient: mean of μ(d); both weighted by pressure times area.
+        penetration: m, largest. speed: m/s, mean slip speed of the closed area.
+        energy: J/m, penalty and elastic slip. dissipated: J/m in this step; numerical: the part of
+            it that backward Euler books beyond the trapezoidal rule, ½ (T_{n+1} − T_n)·Δg_T.
+        beyond: share of the reference area that has run past the end of the master.
+        least_dissipation: J/m², smallest at any point, without the time integration's own part.
+        worst: where that is (m, current).
+    """
+
+    normal_force: float
+    drag: float
+    tangential_force: float
+    force: tuple[float, ...]
+    friction: tuple[float, ...]
+    twist_moment: float
+    area: float
+    area_ratio: float
+    stick: float
+    viscous: float
+    film: float
+    friction_coefficient: float
+    penetration: float
+    speed: float
+    energy: float
+    dissipated: float
+    numerical: float
+    beyond: float
+    least_dissipation: float
+    worst: tuple[float, ...]
+
+
+def measure_contact(
+    term: ContactTerm,
+    trial: ContactTrial,
+    comm: MPI.Comm,
+    driven: Sequence[float] | None = None,
+) -> ContactResultants:
+    """Measure one pair; collective.
+
+    Args:
+        term: the pair, before the trial is committed.
+        trial: a converged step.
+        comm: of all ranks.
+        driven: in space, direction in which boundaries are driven.
+    """
+    scalars = _summed(comm, {n: np.array([v]) for n, v in _scalars(term, trial).items()})
+    total = {name: float(value[0]) for name, value in scalars.items()}
+    area, force = total["closed"], total["load"]
+    vectors = _summed(comm, vector_integrals(term, trial))
+    k, parts = trial.kinematics, trial.response.dissipation
+    penetration = comm.allreduce(float(np.max(-k.gap, where=k.closed, initial=0.0)), op=MPI.MAX)
+    least, worst = _least(parts.total - parts.numerical, trial.position, comm)
+    return ContactResultants(
+        **resultants(vectors, driven, term.surface.axisymmetric),
+        area=area,
+        area_ratio=_over(total["area_ratio"], area),
+        stick=_over(total["stick"], area),
+        viscous=_over(total["viscous"], area),
+        film=_over(total["film"], force),
+        friction_coefficient=_over(total["mu"], force),
+        penetration=penetration,
+        speed=_over(total["slip"], area) / trial.dt,
+        energy=total["energy"],
+        dissipated=total["dissipated"],
+        numerical=total["numerical"],
+        beyond=_over(total["beyond"], total["whole"]),
+        least_dissipation=least,
+        worst=worst,
+    )
+
+
+def _scalars(term: ContactTerm, trial: ContactTrial) -> dict[str, float]:
+    """This rank's integrals over the reference area."""
+    k, response = trial.kinematics, trial.response
+    weight = term.surface.slave.weight
+    closed = np.where(trial.pressure > 0.0, weight, 0.0)
+    regime, parts = response.regime, response.dissipation
+    load = closed * trial.pressure
+    out = {
+        "closed": closed.sum(),
+        "stick": closed[regime == Regime.STICK].sum(),
+        "viscous": closed[regime == Regime.VISCOUS].sum(),
+        "load": load.sum(),
+        "film": load @ trial.film,
+        "mu": load @ term.law.coefficient(response.state),
+        "slip": closed @ np.linalg.norm(k.slip, axis=1),
+        "energy": term.interface_energy(trial),
+        "dissipated": weight @ parts.total,
+        "numerical": 0.5
+        * (weight @ _dot(response.traction - term.state.friction_traction, k.slip)),
+        "beyond": weight @ (~trial.projection.on_surface & (k.gap < 0.0)),
+        "whole": weight.sum(),
+        "area_ratio": closed @ trial.area_ratio,
+    }
+    return {name: float(value) for name, value in out.items()}
+
+
+def vector_integrals(term: ContactTerm, trial: ContactTrial) -> dict[str, Floats]:
+    """This rank's vector integrals (k, i) over the reference area, for :func:`resultants`.
+
+    They are the traction on the slave, N/m, the normals of the closed area, m, and the friction on
+    the master; in the plane its sum along the surface beside a 0; in space its moment about the
+    origin, the centre of pressure times the load, and the load beside two 0.
+    """
+    weight, normal = term.surface.slave.weight, trial.kinematics.normal
+    traction = trial.response.traction
+    out = {
+        "force": weight @ trial.traction,
+        "normal": np.where(trial.pressure > 0.0, weight, 0.0) @ normal,
+        "friction": weight @ traction,
+    }
+    if term.surface.dim == 2:
+        out["right"] = np.array([weight @ _dot(traction, turned_right(normal)), 0.0])
+    else:
+        load = weight * trial.pressure
+        out["moment"] = weight @ np.cross(trial.position, traction)
+        out["centre"] = load @ trial.position
+        out["load"] = np.array([load.sum(), 0.0, 0.0])
+    return out
+
+
+def resultants(
+    vectors: dict[str, Floats], driven: Sequence[float] | None, axisymmetric: bool
+) -> dict[str, Any]:
+    """Forces of a :class:`ContactResultants`, by name.
+
+    Args:
+        vectors: :func:`vector_integrals`, summed over all ranks, or their means over time.
+        driven: in space, direction in which boundaries are driven.
+        axisymmetric: whether radial parts cancel round the ring.
+    """
+    if axisymmetric:
+        vectors = {n: v if n == "right" else v * np.array([0.0, 1.0]) for n, v in vectors.items()}
+    along = _Along(vectors, driven)
+    right = vectors.get("right")
+    friction = along.share(vectors["friction"]) if right is None else float(right[0])
+    return {
+        "normal_force": float(vectors["force"] @ along.normal),
+        "drag": -along.share(vectors["force"]),
+        "tangential_force": friction,
+        "force": tuple(map(float, vectors["force"])),
+        "friction": tuple(map(float, vectors["friction"])),
+        "twist_moment": _twist(vectors, along.normal),
+    }
+
+
+def _summed(comm: MPI.Comm, mine: dict[str, Floats]) -> dict[str, Floats]:
+    """The same vectors, summed over all ranks."""
+    sums = np.array(list(mine.values()), dtype=np.float64)
+    total = np.empty_like(sums)
+    comm.Allreduce(sums, total, op=MPI.SUM)
+    return dict(zip(mine, total, strict=True))
+
+
+class _Along:
+    """Mean normal of a contact and the way along it that signs are for."""
+
+    def __init__(self, vectors: dict[str, Floats], driven: Sequence[float] | None) -> None:
+        normal = vectors["normal"]
+        length = float(np.linalg.norm(normal))
+        self.normal: Floats = (normal / length if length > 0.0 else 0.0 * normal).astype(np.float64)
+        self.way: Floats = np.zeros_like(normal)
+        if len(normal) == 2:
+            self.way = turned_right(self.normal[None])[0]
+            return
+        # A boundary that is driven straight into the contact says nothing about the way along it.
+        for way in ([] if driven is None else [np.asarray(driven)]) + [vectors["friction"]]:
+            along = way - (way @ self.normal) * self.normal
+            if np.linalg.norm(along) > 1e-6 * np.linalg.norm(way):
+                self.way = along / np.linalg.norm(along)
+                return
+
+    def share(self, force: Floats) -> float:
+        """Component of a force along the surface."""
+        return float(force @ self.way)
+
+
+def _twist(vectors: dict[str, Floats], normal: Floats) -> float:
+    """Moment of the friction about the normal through the centre of pressure, N m; 0 in a plane."""
+    if "load" not in vectors or vectors["load"][0] <= 0.0:
+        return 0.0
+    lever = np.cross(vectors["centre"] / vectors["load"][0], vectors["friction"])
+    return float((vectors["moment"] - lever) @ normal)
+
+
+def _dot(u: Floats, v: Floats) -> Floats:
+    out: Floats = np.einsum("qi,qi->q", u, v)
+    return out
+
+
+def _over(value: float, total: float) -> float:
+    return float(value / total) if total > 0.0 else 0.0
+
+
+def turned_right(normal: Floats) -> Floats:
+    """Unit vectors (q, i) along the surface, to the right of the normals (q, i)."""
+    return np.stack([normal[:, 1], -normal[:, 0]], axis=1)
+
+
+def _least(density: Floats, position: Floats, comm: MPI.Comm) -> tuple[float, tuple[float, ...]]:
+    at = int(np.argmin(density)) if len(density) else -1
+    mine = (float(density[at]), tuple(map(float, position[at]))) if at >= 0 else (np.inf, ())
+    least, worst = min(comm.allgather(mine))
+    return least, worst
+
+
+@dataclass(slots=True)
+class Row:
+    """One line of the history: a converged step. SI units; forces for the given thickness.
+
+    ``tangential_force`` is the friction, ``drag`` the whole resultant along the contact (with the
+    pressure on a surface that is not flat). ``velocity`` is that of the driven boundaries (0
+    without), ``effective_viscosity`` T D/(A V) with A the closed reference area, ``area_ratio``
+    the mean da/dA of that area. ``energy_error`` is external work less strain, kinetic and
+    interface energy and dissipation, these by the trapezoidal rule: ``numerical_dissipation`` is
+    what the dissipation of the backward Euler steps holds beyond it. ``force`` is the resultant of
+    all tractions on the slave, ``friction`` that of the friction on the master, ``twist_moment``
+    its moment about the mean normal through the centre of pressure.
+
+    In an explicit run a row stands for many time steps: forces are means over them, the rest is as
+    it is at their end, ``dt`` is the length of one and ``attempts`` their number.
+    """
+
+    step: int
+    time: float
+    stage: str
+    dt: float
+    velocity: float
+    slip_speed: float
+    driven_displacement: float
+    normal_force: float
+    tangential_force: float
+    drag: float
+    friction_coefficient: float
+    mu: float
+    film_thickness: float
+    effective_viscosity: float
+    contact_area: float
+    area_ratio: float
+    stick_fraction: float
+    viscous_fraction: float
+    max_penetration: float
+    newton_iterations: int
+    attempts: int
+    strain_energy: float
+    kinetic_energy: float
+    interface_energy: float
+    dissipation: float
+    numerical_dissipation: float
+    damping_dissipation: float
+    external_work: float
+    energy_error: float
+    force_x: float = 0.0
+    force_y: float = 0.0
+    force_z: float = 0.0
+    friction_x: float = 0.0
+    friction_y: float = 0.0
+    friction_z: float = 0.0
+    twist_moment: float = 0.0
+
+
+RESULTANTS = (*(f"{kind}_{i}" for kind in ("force", "friction") for i in "xyz"), "twist_moment")
+COLUMNS = tuple(f.name for f in fields(Row))
+# Columns that describe the physics alone. The energy error and the resultants are left
+# out: they can be what remains of large numbers that cancel, and are to be held against those.
+PHYSICAL = tuple(
+    name
+    for name in COLUMNS
+    if name not in ("step", "stage", "newton_iterations", "attempts", "energy_error", *RESULTANTS)
+)
+
+
+def energy_gap(rows: Sequence[Row]) -> float:
+    """Last energy error over the largest external work or kinetic energy of the run; 0 without."""
+    largest = max((max(abs(row.external_work), row.kinetic_energy) for row in rows), default=0.0)
+    return rows[-1].energy_error / largest if largest > 0.0 else 0.0

@@ -1,0 +1,120 @@
+"""The energy balance: external work against stored energy and dissipation, step by step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from app.equilibrium.equilibrium import Equilibrium
+from app.simulation.contact_resultants import ContactResultants
+from geometry.surfaces.facets import Floats
+
+
+@dataclass(slots=True)
+class Work:
+    """External forces on the bodies at a converged state, for the work they do.
+
+    Attributes:
+        force: owned part of the forces of supports, platens and pressures, N/m.
+        position: owned unknowns, m.
+    """
+
+    force: Floats
+    position: Floats
+
+    @classmethod
+    def at(cls, problem: Equilibrium, position: Floats) -> Work:
+        """Forces of the state that was evaluated last; collective."""
+        force = problem.load_forces()
+        constrained = problem.constrained_dofs()
+        force[constrained] += problem.unbalanced[constrained]
+        for platen in problem.platens:
+            force[platen.dofs] += problem.unbalanced[platen.dofs]
+        return cls(force, position.copy())
+
+    def until(self, other: Work, comm: MPI.Comm) -> float:
+        """Work from this state to ``other`` by the trapezoidal rule, J/m; collective."""
+        mean = 0.5 * (self.force + other.force)
+        return float(comm.allreduce(float(mean @ (other.position - self.position))))
+
+
+@dataclass(frozen=True, slots=True)
+class EnergyFlow:
+    """What happened to the energy over a stretch of explicit steps, J/m, all ranks together.
+
+    Attributes:
+        work: of supports, platens and pressures on the bodies.
+        damping: taken by mass-proportional damping, and by relaxation.
+        kinetic: kinetic energy at the end.
+    """
+
+    work: float
+    damping: float
+    kinetic: float
+
+
+class EnergyBalance:
+    """Adds up work and dissipation over a run and holds them against the stored energy.
+
+    Attributes:
+        work, dissipation, numerical: J/m since the start; the numerical part is contained in the
+            dissipation: the traction at the end of a step times the slip, less the trapezoidal
+            rule. It falls in proportion to the step.
+        strain, interface: J/m, stored today, less what was stored at the start.
+        kinetic: J/m, of today; damping: J/m taken by mass-proportional damping and relaxation.
+    """
+
+    def __init__(self, problem: Equilibrium, x: PETSc.Vec) -> None:
+        """Begin at the state ``x``; collective."""
+        self.problem = problem
+        residual = x.duplicate()
+        problem.residual(None, x, residual)
+        residual.destroy()
+        self._last = Work.at(problem, x.array_r)
+        self._start = (problem.strain_energy(), self._interface())
+        self.work = self.dissipation = self.numerical = 0.0
+        self.strain = self.interface = self.kinetic = self.damping = 0.0
+        self._thrown = 0.0
+
+    def set_initial_kinetic_energy(self, kinetic: float) -> None:
+        """Enter the kinetic energy (J/m) that the bodies are given at the start of their motion."""
+        self.kinetic = self._thrown = kinetic
+
+    def add_interval(self, resultants: Sequence[ContactResultants], flow: EnergyFlow) -> None:
+        """Enter a stretch of explicit steps that ends at the displacement spread last; collective.
+
+        Args:
+            resultants: of the contacts, with what they dissipated over the stretch.
+            flow: what else happened to the energy.
+        """
+        self.work += flow.work
+        self.damping += flow.damping
+        self.kinetic = flow.kinetic
+        self._enter_contacts(resultants)
+
+    def _enter_contacts(self, resultants: Sequence[ContactResultants]) -> None:
+        self.strain = self.problem.strain_energy() - self._start[0]
+        self.interface = sum(m.energy for m in resultants) - self._start[1]
+        self.dissipation += sum(m.dissipated for m in resultants)
+        self.numerical += sum(m.numerical for m in resultants)
+
+    def add(self, x: PETSc.Vec, resultants: Sequence[ContactResultants]) -> None:
+        """Enter the converged step that was evaluated last, at ``x``; collective."""
+        now = Work.at(self.problem, x.array_r)
+        self.work += self._last.until(now, self.problem.comm)
+        self._last = now
+        self._enter_contacts(resultants)
+
+    @property
+    def error(self) -> float:
+        """External work that is neither stored nor dissipated, by the trapezoidal rule, J/m."""
+        stored = self.strain + self.interface + self.kinetic - self._thrown
+        return self.work - stored - (self.dissipation - self.numerical) - self.damping
+
+    def _interface(self) -> float:
+        pairs = zip(self.problem.contacts, self.problem.trials, strict=True)
+        local = sum(term.interface_energy(trial) for term, trial in pairs)
+        return float(self.problem.comm.allreduce(local, op=MPI.SUM))

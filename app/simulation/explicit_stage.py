@@ -1,0 +1,251 @@
+"""Carries a simulation through explicit stages: many short steps between two rows of the history.
+
+What an implicit run calls a step is here an *interval*: a piece of the stage that ends with a row.
+It is cut into equal time steps no longer than the stable one. Forces in the row are means over the
+interval, so that no oscillation is sampled askew; energies are added up step by step, on each rank
+by itself, and put together once an interval.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from app.build.model import Model, initial_velocity
+from app.case.boundary import solver_of
+from app.case.solver import Solver
+from app.errors import SolutionError
+from app.explicit.stepper import ExplicitError, ExplicitOptions, ExplicitStepper, MassScaling
+from app.simulation.contact_resultants import measure_contact
+from app.simulation.interval_averages import IntervalAverages
+from app.simulation.load_steps import Inertia, LoadStep, load_steps_of
+from app.simulation.rigid_motion import RigidMotionHistory
+from geometry.surfaces.facets import Floats
+
+if TYPE_CHECKING:
+    from app.simulation.simulation import Observer, Simulation
+
+CHECK_EVERY = 100  # time steps between two looks at the stable step and at the user's wishes
+MANY_STEPS = 1e6  # time steps of a stage that deserve a word of advice
+MOST_STEPS = 10**9  # time steps of one interval from which the run would never end
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """How an explicit run got from one row to the next.
+
+    Attributes:
+        steps: time steps; dt: s, of the last of them; stable: s, stable step at the end.
+        total: time steps of the run so far.
+        kinetic_ratio: kinetic over strain energy at the end; 0 without strain energy.
+    """
+
+    steps: int
+    dt: float
+    stable: float
+    total: int
+    kinetic_ratio: float
+
+
+def explicit_options(solver: Solver) -> ExplicitOptions:
+    """The stepper's options from the [solver] table."""
+    scaling = solver.mass_scaling
+    return ExplicitOptions(
+        dt_safety=solver.step_safety,
+        damping=solver.damping,
+        mass_scaling=None
+        if scaling is None
+        else MassScaling(scaling.kind, scaling.factor, scaling.step),
+        viscous=solver.viscous,
+    )
+
+
+def notes_on_steps(model: Model) -> list[str]:
+    """How long the time steps of a case's explicit stages are, and how many; collective.
+
+    The model must be as it was built; its loads are set to those of the start.
+    """
+    case = model.case
+    if not case.is_explicit:
+        return []
+    model.set_loads(0.0, 0.0)
+    stepper = ExplicitStepper(model.problem, explicit_options(case.solver))
+    dt = case.solver.step_safety * stepper.stable_step()
+    notes = [f"explicit: time step {dt:.3g} s, limited by {stepper.limit}"]
+    if stepper.added_mass > 0.0:
+        share = stepper.added_mass / stepper.original_mass
+        notes[0] += f"; mass_scaling adds {share:.3g} of the mass"
+    for stage in case.stage:
+        if solver_of(stage, case.solver.kind) == "implicit":
+            continue
+        load_steps = list(load_steps_of(stage, case.film_conductance))
+        count = (
+            sum(
+                load_step.dt * (load_step.steps or load_step.stage.min_steps)
+                for load_step in load_steps
+            )
+            / dt
+        )
+        least = "at least" if stage.velocities else "about"
+        notes.append(f"explicit: stage {stage.name} takes {least} {count:.2g} time steps")
+        if count > MANY_STEPS:
+            notes[-1] += ' (shorten it, scale the mass, or give it solver = "implicit")'
+    return notes
+
+
+class ExplicitStage:
+    """Runs the explicit load steps of a simulation.
+
+    Attributes:
+        stepper: central differences; motion: mean motion of bodies and platens, by row.
+        steps: time steps so far; shortest, longest: s, stable steps met.
+        inertia: kinetic against strain energy of each load step.
+    """
+
+    def __init__(self, simulation: Simulation, displacement: Floats) -> None:
+        """Take over from the state that the simulation is in; collective.
+
+        Args:
+            simulation: the run; its contacts hold the history.
+            displacement: (n,), m, of the owned unknowns.
+        """
+        model = simulation.model
+        self.simulation, self.model = simulation, model
+        velocity = initial_velocity(model)
+        self.stepper = ExplicitStepper(
+            model.problem,
+            explicit_options(model.case.solver),
+            displacement=displacement,
+            velocity=velocity,
+        )
+        self.averages = IntervalAverages(self.stepper)
+        self.motion = RigidMotionHistory(model, self.stepper)
+        self.steps = 0
+        self.shortest, self.longest = math.inf, 0.0
+        self.inertia: list[Inertia] = []
+        simulation.energy_balance.set_initial_kinetic_energy(self.stepper.kinetic_energy())
+        self._peak = 0.0
+        self._stable = 0.0
+
+    def run_load_step(self, load_step: LoadStep, observer: Observer) -> None:
+        """Run one load step to its end, or until steady; collective.
+
+        Raises:
+            SolutionError: an element is turned inside out, or the energy runs away.
+        """
+        simulation = self.simulation
+        self.inertia.append(Inertia(load_step.label))
+        start, driven = simulation.time, simulation.driven
+        steady: bool | None = None
+        first = len(simulation.rows)
+        for count in range(1, (load_step.steps or load_step.stage.max_steps) + 1):
+            self._interval(load_step, start, driven, count, observer)
+            if load_step.steps is None:
+                enough = (
+                    count >= load_step.stage.min_steps
+                    and count * load_step.dt >= load_step.stage.ramp
+                )
+                steady = enough and simulation.is_steady(
+                    load_step, range(first, len(simulation.rows))
+                )
+                if steady:
+                    break
+        observer.load_step(simulation, load_step, simulation.rows[-1], steady)
+
+    def _interval(
+        self, load_step: LoadStep, start: float, driven: float, count: int, observer: Observer
+    ) -> None:
+        """The steps up to the ``count``-th row of the load step, and that row."""
+        elapsed, end = (count - 1) * load_step.dt, count * load_step.dt
+        done = 0
+        self.averages.open()
+        while True:
+            left, dt = self._division(load_step, end - elapsed)
+            chunk = min(left, CHECK_EVERY)
+            last = chunk == left
+            for k in range(1, chunk + 1):
+                now = end if last and k == chunk else elapsed + k * dt
+                self.model.set_loads(start + now, driven + load_step.travel(now))
+                self._advance(load_step, dt, start + now)
+            done += chunk
+            self.steps += chunk
+            if last:
+                break
+            elapsed += chunk * dt
+            self.simulation.time = start + elapsed
+            observer.within(self.simulation, load_step, self.steps)
+        self.simulation.time = start + end
+        self.simulation.driven = driven + load_step.travel(end)
+        self._row(load_step, dt, done, observer)
+
+    def _division(self, load_step: LoadStep, left: float) -> tuple[int, float]:
+        """Number and length (s) of equal steps in the rest of an interval, none too long."""
+        with self.model.problem.timer("stable step"):
+            self._stable = self.stepper.stable_step()
+        self.shortest = min(self.shortest, self._stable)
+        self.longest = max(self.longest, self._stable)
+        longest = self.model.case.solver.step_safety * self._stable
+        # Steps of a length that is met but for round-off are not cut in two.
+        share = left / longest * (1.0 - 1e-9) if longest > 0.0 else math.inf
+        if not share < MOST_STEPS:
+            raise SolutionError(
+                f"stage {load_step.label}, time {self.simulation.time:.9g} s: the stable step has "
+                f"shrunk to {self._stable:.3g} s; an element is about to fold, or the stage is far "
+                "too long for explicit dynamics"
+            )
+        count = max(1, math.ceil(share))
+        return count, left / count
+
+    def _advance(self, load_step: LoadStep, dt: float, time: float) -> None:
+        before = self.stepper.steps
+        try:
+            self.stepper.advance(dt)
+        except ExplicitError as error:
+            # What is saved is the last state without a folded element.
+            self.simulation.time = time if self.stepper.steps > before else time - dt
+            raise SolutionError(
+                f"stage {load_step.label}, time {time:.9g} s: {error}; check the loads and the "
+                "mesh there, try a smaller step_safety or a higher penalty"
+            ) from None
+        with self.model.problem.timer("books"):
+            self.averages.enter(dt)
+        if load_step.stage.relax:
+            self._calm()
+
+    def _calm(self) -> None:
+        """Kinetic damping: stop all motion where the kinetic energy has passed a peak."""
+        energy = self.stepper.kinetic_energy()
+        if energy < self._peak:
+            self.stepper.rest()
+            self.averages.removed += energy - self.stepper.kinetic_energy()
+            energy = 0.0
+        self._peak = energy
+
+    def _row(self, load_step: LoadStep, dt: float, steps: int, observer: Observer) -> None:
+        """Measure, enter the energies and add a row; collective."""
+        simulation, problem = self.simulation, self.model.problem
+        problem.spread(self.stepper.x)
+        with problem.timer("measures"):
+            pairs = zip(problem.contacts, problem.committed, strict=True)
+            driven = simulation.driven_direction()
+            ends = [measure_contact(term, trial, problem.comm, driven) for term, trial in pairs]
+            resultants, flow = self.averages.close(ends, driven)
+            simulation.resultants = resultants
+            simulation.energy_balance.add_interval(resultants, flow)
+        inertia = self.inertia[-1]
+        inertia.add(flow.kinetic, simulation.energy_balance.strain)
+        self.motion.add(simulation.time)
+        interval = Interval(steps, dt, self._stable, self.steps, inertia.last)
+        simulation.add_row(load_step, dt, interval, steps, observer)
+
+    def summary(self) -> dict[str, Any]:
+        """What a results summary says of the explicit part of a run; collective."""
+        t, stepper = self.model.thickness, self.stepper
+        return {
+            "time_steps": self.steps,
+            "stable_step": {"shortest": self.shortest, "longest": self.longest},
+            "limited_by": stepper.limit,
+            "added_mass": stepper.added_mass * t,
+            "kinetic_over_strain": {one.label: one.ratio for one in self.inertia},
+        }

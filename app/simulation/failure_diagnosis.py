@@ -1,0 +1,301 @@
+"""Why a step has no solution: what is wrong where, and what to try."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, fields
+
+import basix
+import dolfinx
+import numpy as np
+import ufl
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from app.equilibrium.equilibrium import Equilibrium, Ints
+from app.implicit.stepper import KINKED, StepResult
+from app.simulation.contact_resultants import ContactResultants
+from forms.bodies.materials import oedometric_modulus
+from forms.friction.friction_map import FrictionMap
+from geometry.surfaces.facets import Floats
+
+COMPONENTS = ("x", "y", "z")
+GAUSS_DEGREE = 2  # of the points at which the volume ratio is looked at
+SQUEEZED = 0.2  # volume ratio J below which an element is said to be nearly collapsed
+# Penalties in units of M/h. Up to a thousand times the default Newton's method converges as ever;
+# from ten thousand times on it needs many more iterations, and rounding the coordinates begins to
+# keep the residual above the tolerance.
+STIFF_PENALTY = 3e4
+SOFT_PENALTY = 0.1
+SUPPORT = "a support there (displacement), or a load that keeps it in contact"
+ON_EDGE = 1e-6  # reference distance from the edge of a facet below which a point is on it
+ADRIFT = 1e-6  # share of the largest displacement by which a body moves that nothing holds
+
+# PETSc's numbers for why Newton's method ended without a solution.
+REASONS = {
+    -3: "singular tangent",
+    -4: "an element is inverted, or the numbers overflow",
+    -5: "iterations used up",
+    -6: "no decrease along the search direction",
+}
+
+
+def reason_of(result: StepResult) -> str:
+    """Why an attempt failed, in words."""
+    if result.reason > 0:  # solved, but by a state without a strain energy
+        return "an element is turned inside out"
+    return REASONS.get(result.reason, f"reason {result.reason}")
+
+
+# -- what holds the bodies ------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Loose:
+    """A direction in which no boundary prescribes a body's displacement.
+
+    Attributes:
+        body: the body's name; component: 0 for x, 1 for y.
+        nodes: local nodes of the body, owned by this rank.
+    """
+
+    body: str
+    component: int
+    nodes: Ints
+
+    @property
+    def text(self) -> str:
+        """The body and the direction, in words."""
+        return f"body {self.body} has no support in {COMPONENTS[self.component]}"
+
+
+def loose_directions(problem: Equilibrium) -> list[Loose]:
+    """The directions in which contact or a platen alone holds a body; collective.
+
+    A body of revolution cannot move away from its axis: it has to widen for that.
+    """
+    table = problem.space.dofmap.list
+    held, found = problem.constrained_dofs(), []
+    for solid in problem.solids:
+        nodes = np.unique(table[solid.cells])
+        nodes = nodes[nodes < problem.owned // problem.dim]
+        for component in range(1 if solid.section == "axisymmetric" else 0, problem.dim):
+            here = bool(np.isin(nodes * problem.dim + component, held).any())
+            if not problem.comm.allreduce(here, op=MPI.LOR):
+                found.append(Loose(solid.name, component, nodes))
+    return found
+
+
+def body_adrift(
+    problem: Equilibrium, loose: Iterable[Loose], before: Floats, now: Floats
+) -> str | None:
+    """What is said of a body that moved with nothing to hold it; None where there is none.
+
+    Where no contact presses, a body moves in a direction in which it is loose only because the
+    linear solver found some place for it: none is better than another. Collective.
+
+    Args:
+        problem: the equilibrium.
+        loose: the directions, from :func:`loose_directions`.
+        before: owned unknowns, m, at the start of the step.
+        now: at its end.
+    """
+    largest = problem.comm.allreduce(float(np.max(np.abs(now), initial=0.0)), op=MPI.MAX)
+    for one in loose:
+        dofs = one.nodes * problem.dim + one.component
+        local = np.array([float(np.sum(now[dofs] - before[dofs])), float(len(dofs))])
+        moved, count = problem.comm.allreduce(local)
+        if abs(moved) > ADRIFT * largest * count:
+            return (
+                f"{one.text} and no contact presses on it: it moved by {moved / count:.3g} m, to a "
+                f"place that is as good as any other; try {SUPPORT}"
+            )
+    return None
+
+
+# -- numbers that are none ------------------------------------------------------------------------
+
+
+def not_finite(resultants: Iterable[ContactResultants]) -> str | None:
+    """The first number of a step's contacts that is not finite, by its name; None if all are."""
+    for index, measure in enumerate(resultants):
+        for field in fields(measure):
+            value = getattr(measure, field.name)
+            # Without any contact point there is no least dissipation, and no place for it.
+            empty = field.name in ("least_dissipation", "worst") and not measure.worst
+            if not empty and not np.all(np.isfinite(value)):
+                return f"contact.{index}: {field.name} = {value}"
+    return None
+
+
+# -- places ---------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Squeezed:
+    """The element point with the least volume ratio.
+
+    Attributes:
+        ratio: J = det F there; body: the body's name.
+        place: (i,), m, middle of the element, undeformed.
+    """
+
+    ratio: float
+    body: str
+    place: tuple[float, ...]
+
+    @property
+    def text(self) -> str:
+        """The element, in words."""
+        return f"an element of body {self.body} at {place_text(self.place)}, undeformed,"
+
+
+def most_squeezed(problem: Equilibrium) -> Squeezed:
+    """Least J = det F at any Gauss point, at the displacement evaluated last; collective."""
+    mesh = problem.space.mesh
+    dim = mesh.topology.dim
+    cell = mesh.basix_cell()
+    points, _ = basix.make_quadrature(cell, GAUSS_DEGREE)
+    ratio = dolfinx.fem.Expression(ufl.det(ufl.Identity(dim) + ufl.grad(problem.u)), points)
+    best: tuple[float, str, tuple[float, ...]] = (np.inf, "", ())
+    for solid in problem.solids:
+        if not len(solid.cells):
+            continue
+        least = np.asarray(ratio.eval(mesh, solid.cells)).min(axis=1)
+        least = np.where(np.isfinite(least), least, -np.inf)
+        at = int(np.argmin(least))
+        middle = dolfinx.mesh.compute_midpoints(mesh, dim, solid.cells[at : at + 1])[0]
+        best = min(best, (float(least[at]), solid.name, tuple(map(float, middle[: problem.dim]))))
+    return Squeezed(*min(problem.comm.allgather(best)))
+
+
+def place_text(place: Iterable[float]) -> str:
+    """Coordinates as they are read: what is round-off beside the others is zero."""
+    values = np.array(list(place))
+    values[np.abs(values) < 1e-12 * np.max(np.abs(values), initial=0.0)] = 0.0
+    return "(" + ", ".join(f"{value:.4g}" for value in values) + ") m"
+
+
+# -- penalties ------------------------------------------------------------------------------------
+
+
+def penalty_factors(problem: Equilibrium) -> list[float]:
+    """K_N h/M of each contact, M of the softest body, h a slave facet's length; collective."""
+    softest = min(oedometric_modulus(solid.material) for solid in problem.solids)
+    return [t.penalty * t.surface.facet_length / softest for t in problem.contacts]
+
+
+def penalty_note(index: int, factor: float) -> str | None:
+    """What is said of a penalty that is far from what works; None of others.
+
+    Args:
+        index: of the contact.
+        factor: K_N h/M.
+    """
+    if SOFT_PENALTY <= factor <= STIFF_PENALTY:
+        return None
+    what = (
+        "the bodies overlap rather than press on each other"
+        if factor < SOFT_PENALTY
+        else "Newton's method may fail or need many iterations"
+    )
+    return (
+        f"contact.{index}: the penalty is {factor:.2g} times the stiffness M/h of the elements "
+        f"beside it: {what}"
+    )
+
+
+# -- all together ---------------------------------------------------------------------------------
+
+
+def explain(
+    problem: Equilibrium, result: StepResult, converged: PETSc.Vec, loose: Iterable[Loose]
+) -> str:
+    """Why a step failed, what is wrong at the state evaluated last, and what to try; collective.
+
+    Args:
+        problem: the equilibrium; holds the last state that was evaluated, afterwards the converged.
+        result: of the last attempt.
+        converged: unknowns of the last converged state.
+        loose: the directions in which contact alone holds a body.
+    """
+    residual = f"{result.residuals[-1]:.1e}" if result.residuals else "none"
+    text = (
+        f"{reason_of(result)}, residual {residual} of the contact force after {result.iterations} "
+        f"iterations, largest at {place_text(problem.worst_place())}, undeformed"
+    )
+    nearly = bool(result.residuals) and result.residuals[-1] <= KINKED
+    edges = list(_of_edges(problem)) if nearly else []
+    findings = [
+        *_of_supports(problem, loose),
+        *_of_ends(problem),
+        *_of_elements(problem, converged),
+        *_of_penalties(problem),
+        *edges,
+    ] or list(_of_weakening(problem))
+    trials = [what for _, what in findings]
+    trials.append("smaller steps (steps, slip_step) or a finer mesh")
+    return "; ".join([text, *(found for found, _ in findings), "try " + ", or ".join(trials)])
+
+
+Findings = Iterator[tuple[str, str]]  # what is wrong, and what to do about it
+
+
+def _of_supports(problem: Equilibrium, loose: Iterable[Loose]) -> Findings:
+    tried, before = (
+        problem.comm.allreduce(any(np.any(t.pressure > 0.0) for t in trials), op=MPI.LOR)
+        for trials in (problem.trials, problem.committed)
+    )
+    if not (tried and before):
+        for one in loose:
+            yield f"{one.text} and no contact presses on it", SUPPORT
+
+
+def _of_ends(problem: Equilibrium) -> Findings:
+    """A point that leaves the master loses its force at once: there may be no equilibrium."""
+    for index, (now, before) in enumerate(zip(problem.trials, problem.committed, strict=False)):
+        off = (before.pressure > 0.0) & ~now.projection.on_surface
+        local = np.array([np.count_nonzero(off), np.count_nonzero(now.pressure)])
+        count, pressing = problem.comm.allreduce(local)
+        if count and pressing:
+            what = f"points that pressed slide off the end of the master ({count})"
+            yield f"contact.{index}: {what}", "a master surface that reaches further"
+
+
+def _of_elements(problem: Equilibrium, converged: PETSc.Vec) -> Findings:
+    tried = most_squeezed(problem)
+    problem.spread(converged)
+    before = most_squeezed(problem)
+    cure = "less load, a rounder corner or another mesh there"
+    if before.ratio < SQUEEZED:
+        yield f"{before.text} has nearly collapsed (volume ratio {before.ratio:.2g})", cure
+    elif tried.ratio <= 0.0:
+        yield f"{tried.text} is turned inside out by the last iteration", cure
+
+
+def _of_penalties(problem: Equilibrium) -> Findings:
+    for index, factor in enumerate(penalty_factors(problem)):
+        note = penalty_note(index, factor)
+        if note is not None:
+            yield note, "the default penalty (penalty_factor = 30)"
+
+
+def _of_weakening(problem: Equilibrium) -> Findings:
+    for index, term in enumerate(problem.contacts):
+        if isinstance(term.law, FrictionMap) and not term.law.parameters.friction.constant:
+            yield f"contact.{index}: friction falls with the slip and may snap", "a lower B"
+
+
+def _of_edges(problem: Equilibrium) -> Findings:
+    """Pressed points on edges of the master, where its normal jumps, and the residual with it."""
+    for index, (term, trial) in enumerate(zip(problem.contacts, problem.trials, strict=True)):
+        target = term.surface.target
+        edge = target.shape.excess(trial.projection.xi) > -ON_EDGE
+        here = bool(np.any(edge & (trial.pressure > 0.0)))
+        if problem.comm.allreduce(here, op=MPI.LOR):
+            yield (
+                f"contact.{index}: points rest on edges between facets of the master, where the "
+                "normal jumps and the residual may not fall further",
+                "smoothing_angle for that contact (quadrilaterals, hexahedra), meshes whose nodes "
+                "do not line up, or a larger solver.tolerance",
+            )

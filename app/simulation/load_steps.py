@@ -1,0 +1,100 @@
+"""Load steps: the stretches of a stage with one velocity of the driven boundaries."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from app.case.boundary import Stage
+from app.case.time_tables import smooth_step, smooth_step_integral
+
+
+@dataclass(frozen=True, slots=True)
+class LoadStep:
+    """A stretch of a stage with one velocity and one length of step.
+
+    Attributes:
+        stage: the stage it belongs to.
+        velocity: m/s, of driven boundaries.
+        dt: s, the step asked for; in explicit stages the interval between two rows.
+        steps: number of such steps; None: until steady.
+        before: m/s, velocity of driven boundaries when the load step begins.
+    """
+
+    stage: Stage
+    velocity: float
+    dt: float
+    steps: int | None
+    before: float = 0.0
+
+    @property
+    def label(self) -> str:
+        """Name for messages and results."""
+        return (
+            f"{self.stage.name} {self.velocity:g} m/s" if self.stage.velocities else self.stage.name
+        )
+
+    def travel(self, time: float) -> float:
+        """Displacement of driven boundaries after ``time`` (s) of the load step, m.
+
+        The velocity goes from that before to the load step's own, smoothly within ``ramp``.
+        """
+        ramp = self.stage.ramp
+        if ramp <= 0.0:
+            return self.velocity * time
+        eased = ramp * smooth_step_integral(time / ramp)
+        return self.before * time + (self.velocity - self.before) * eased
+
+    def speed(self, time: float) -> float:
+        """Velocity of driven boundaries after ``time`` (s) of the load step, m/s."""
+        ramp = self.stage.ramp
+        if ramp <= 0.0:
+            return self.velocity
+        return self.before + (self.velocity - self.before) * smooth_step(time / ramp)
+
+
+@dataclass(slots=True)
+class Inertia:
+    """Kinetic against strain energy over one explicit load step, from its rows.
+
+    Attributes:
+        label: of the load step.
+        kinetic, strain: J/m, sums over its rows.
+        last: kinetic over strain energy at its last row.
+    """
+
+    label: str
+    kinetic: float = 0.0
+    strain: float = 0.0
+    last: float = 0.0
+
+    @property
+    def ratio(self) -> float:
+        """Mean kinetic over mean strain energy; 0 without strain energy."""
+        return self.kinetic / self.strain if self.strain > 0.0 else 0.0
+
+    def add(self, kinetic: float, strain: float) -> None:
+        """Enter a row's energies, J/m."""
+        self.kinetic += kinetic
+        self.strain += max(strain, 0.0)
+        self.last = kinetic / strain if strain > 0.0 else 0.0
+
+
+def load_steps_of(
+    stage: Stage, film_conductance: float = 0.0, before: float = 0.0
+) -> Iterator[LoadStep]:
+    """The load steps of a stage: one for each velocity, or one for its duration.
+
+    Args:
+        stage: the stage.
+        film_conductance: largest eta_b/D, Pa s/m, for the limit on the film's stress.
+        before: m/s, velocity of driven boundaries at the end of the stage before.
+    """
+    for velocity in stage.velocities_within(film_conductance):
+        assert stage.slip_step is not None
+        yield LoadStep(stage, velocity, stage.slip_step / abs(velocity), None, before)
+        before = velocity
+    if not stage.velocities:
+        assert stage.duration is not None
+        velocity = stage.velocity or 0.0
+        yield LoadStep(stage, velocity, stage.duration / stage.steps, stage.steps, before)

@@ -1,0 +1,1 @@
+"""``tribox verify``: computed cases beside closed forms."""

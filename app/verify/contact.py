@@ -1,0 +1,298 @@
+"""Verification of contact: Hertz's pressure, partial slip of Cattaneo and Mindlin."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from app.case.bodies import CylinderOnBlockGeometry, TwoCylindersGeometry
+from app.case.case import Case
+from app.case.contact import Coulomb
+from app.results.contact_points import contact_arrays
+from app.verify.result import Check, Floats, Line, Panel, Verification, compare
+from app.verify.shipped_case import solve
+from forms.closed_forms.hertz_line import LineContact, contact_modulus, relative_radius
+from forms.friction.law import Regime
+
+BAR = 0.02
+FITTED = 0.8  # share of the extent of contact (or stick) over which an ellipse is fitted
+EDGE = 0.1  # half-width of the strips around the ends of contact and stick, in half-widths a
+
+
+@dataclass(frozen=True, slots=True)
+class Profile:
+    """The closed contact points of a finished run, ordered from left to right.
+
+    Attributes:
+        x: (q,), m, current, from the centre of pressure.
+        pressure, traction: (q,), Pa; the traction drags the lower body to the right if positive.
+        sticks: (q,) whether a point sticks.
+        exact: Hertz's contact under the computed normal force.
+        share: Q/(mu P) as computed; 0 without friction.
+        peak: largest share on the way; more than ``share`` where the load has gone back.
+        mu: coefficient of friction.
+        penetration: m, largest.
+        size: m, mean length of a slave facet in contact.
+        depth: m, of the shallower body.
+    """
+
+    x: Floats
+    pressure: Floats
+    traction: Floats
+    sticks: NDArray[np.bool_]
+    exact: LineContact
+    share: float
+    peak: float
+    mu: float
+    penetration: float
+    size: float
+    depth: float
+
+    @property
+    def middle(self) -> NDArray[np.bool_]:
+        """(q,) the points away from the ends of contact and stick, where slopes are infinite."""
+        a, back = self.exact.half_width, 0.5 * (self.peak - self.share)
+        ends = [a, *(self.exact.stick_half_width(share) for share in (self.peak, back))]
+        distance = np.abs(np.abs(self.x)[:, None] - np.array(ends)).min(axis=1)
+        return (distance > EDGE * a) & (np.abs(self.x) < a)
+
+    @property
+    def reversed(self) -> bool:
+        """Whether the tangential load has gone back from its peak."""
+        return self.share < self.peak
+
+    def exact_traction(self, x: ArrayLike) -> Floats:
+        """Pa, by the closed form at x (m, from the middle)."""
+        if self.reversed:
+            return self.exact.reversed_traction(x, self.peak, self.share, self.mu)
+        return self.exact.traction(x, self.share, self.mu)
+
+    @property
+    def stick_half_width(self) -> float:
+        """m, by the closed form: of first slip, or of the slip back."""
+        share = 0.5 * (self.peak - self.share) if self.reversed else self.share
+        return self.exact.stick_half_width(share)
+
+    @property
+    def within(self) -> NDArray[np.bool_]:
+        """(q,) the points within the exact half-width."""
+        return np.abs(self.x) < self.exact.half_width
+
+
+def press(name: str, overrides: Sequence[str] = ()) -> Profile:
+    """Run a case of line contact.
+
+    Args:
+        name: of a file in ``cases``, made by one of the line-contact generators.
+        overrides: "key=value" texts.
+
+    Raises:
+        ValueError: the contact has reached the end of the finely meshed zone.
+    """
+    case, simulation = solve(name, overrides)
+    arrays = contact_arrays(simulation.model)
+    assert arrays is not None
+    closed = arrays["pressure"] > 0.0
+    if closed[0] or closed[-1]:
+        raise ValueError("the contact reaches the end of the contact zone; widen contact_width")
+    row, thickness = simulation.rows[-1], case.geometry.slab
+    load = row.normal_force / thickness
+    friction = case.contact[0].friction
+    mu = friction.mu if isinstance(friction, Coulomb) else 0.0
+    shares = [r.tangential_force / (mu * r.normal_force) if mu else 0.0 for r in simulation.rows]
+    x, p = arrays["position"][closed, 0], arrays["pressure"][closed]
+    return Profile(
+        x=x - x @ p / p.sum(),
+        pressure=p,
+        traction=arrays["tangential_traction"][closed],
+        sticks=arrays["regime"][closed] == Regime.STICK,
+        exact=LineContact(load, _radius(case), case_modulus(case)),
+        share=shares[-1],
+        peak=max(shares),
+        mu=mu,
+        penetration=row.max_penetration,
+        size=row.contact_area / thickness / (0.5 * closed.sum()),
+        depth=_depth(case),
+    )
+
+
+def _radius(case: Case) -> float:
+    geometry = case.geometry
+    if isinstance(geometry, CylinderOnBlockGeometry):
+        return relative_radius(geometry.cylinder.radius)
+    assert isinstance(geometry, TwoCylindersGeometry)
+    return relative_radius(geometry.upper.radius, geometry.lower.radius)
+
+
+def _depth(case: Case) -> float:
+    geometry = case.geometry
+    if isinstance(geometry, CylinderOnBlockGeometry):
+        return min(geometry.cylinder.radius, geometry.block.height)
+    assert isinstance(geometry, TwoCylindersGeometry)
+    return min(geometry.upper.radius, geometry.lower.radius)
+
+
+def case_modulus(case: Case) -> float:
+    """E* from the shear and bulk moduli of both bodies, Pa."""
+    pairs = []
+    for body in case.bodies.values():
+        G, K = body.shear_modulus, body.bulk_modulus
+        pairs.append((9.0 * K * G / (3.0 * K + G), (3.0 * K - 2.0 * G) / (6.0 * K + 2.0 * G)))
+    return contact_modulus(*pairs)
+
+
+def fit_ellipse(x: Floats, values: Floats) -> tuple[float, float]:
+    r"""Half-width and peak of :math:`f_0 \sqrt{1 - x^2/w^2}` through points.
+
+    Least squares on f², which is linear in x², over the inner 0.8 of the points' extent: the
+    result does not depend on where within a facet the contact ends.
+
+    Args:
+        x: (q,), m, from the middle.
+        values: (q,), f.
+
+    Returns:
+        w in m, and f0.
+    """
+    used = np.abs(x) < FITTED * np.abs(x).max()
+    slope, square = np.polyfit(x[used] ** 2, values[used] ** 2, 1)
+    return float(np.sqrt(-square / slope)), float(np.sqrt(square))
+
+
+def pressure_checks(profile: Profile, bar: float = BAR) -> tuple[Check, ...]:
+    """Half-width, peak and profile of the pressure against Hertz's."""
+    exact, p = profile.exact, profile.pressure
+    width, peak = fit_ellipse(profile.x, p)
+    apart = (p - exact.pressure(profile.x)) / exact.peak
+    rms = float(np.sqrt(np.mean(apart[profile.within] ** 2)))
+    return (
+        compare("half-width a", width * 1e6, exact.half_width * 1e6, bar, "µm"),
+        compare("peak pressure p0, fitted", peak * 1e-3, exact.peak * 1e-3, bar, "kPa"),
+        compare("largest pressure", p.max() * 1e-3, exact.peak * 1e-3, bar, "kPa"),
+        Check("pressure profile, rms / p0", rms, bar),
+        Check("pressure off the edges, max / p0", float(np.abs(apart[profile.middle]).max()), bar),
+    )
+
+
+def traction_checks(profile: Profile, bar: float = BAR) -> tuple[Check, ...]:
+    """Stick half-width and profile of the traction against Cattaneo's and Mindlin's."""
+    x, limit, c = profile.x, profile.mu * profile.exact.peak, profile.stick_half_width
+    # Where points slide the traction is mu p, or -mu p; what is left to that is an ellipse of
+    # half-width c after first slip, and after slip back it is but for the first slip's.
+    reserve = profile.mu * profile.pressure - profile.traction
+    if profile.reversed:
+        first = profile.exact.traction(x, profile.peak, profile.mu)
+        reserve = 2.0 * profile.mu * profile.pressure - (first - profile.traction)
+    width, _ = fit_ellipse(x[profile.sticks], reserve[profile.sticks])
+    apart = (profile.traction - profile.exact_traction(x)) / limit
+    rms = float(np.sqrt(np.mean(apart[profile.within] ** 2)))
+    return (
+        compare("stick half-width c", width * 1e6, c * 1e6, bar, "µm"),
+        compare("c by the regime of points", _stuck(profile) * 1e6, c * 1e6, bar, "µm"),
+        Check("traction profile, rms / (µ p0)", rms, bar),
+        Check(
+            "traction off the edges, max / (µ p0)",
+            float(np.abs(apart[profile.middle]).max()),
+            bar,
+        ),
+    )
+
+
+def _stuck(profile: Profile) -> float:
+    """Half the distance between the two changes from stick to slip, m."""
+    stuck = np.flatnonzero(profile.sticks)
+    first, last = stuck[0], stuck[-1]
+    x = profile.x
+    return float(0.25 * (x[last] + x[last + 1] - x[first] - x[first - 1]))
+
+
+def _about(profile: Profile) -> str:
+    e = profile.exact
+    return (
+        f"Under the computed load P' = {e.load:.4g} N/m with R* = {e.radius * 1e3:.4g} mm and "
+        f"E* = {e.modulus * 1e-6:.4g} MPa, a/R* = {e.half_width / e.radius:.3f}: strains are of "
+        f"the order p0/E* = {e.peak / e.modulus:.3f}, and the bodies are at least "
+        f"{profile.depth / e.half_width:.0f} a deep. {e.half_width / profile.size:.0f} elements "
+        f"lie over a; the largest penetration is {profile.penetration * 1e9:.2g} nm. Half-width "
+        f"and peak are those of the ellipse that fits best over the inner {FITTED:g} of the "
+        f'contact (or stick); "off the edges" leaves out the points within {EDGE:g} a of the ends '
+        "of contact and stick, where the slopes are infinite."
+    )
+
+
+def _panel(profile: Profile, traction: bool) -> Panel:
+    exact = profile.exact
+    a = exact.half_width
+    x = a * np.sin(np.linspace(-0.5 * np.pi, 0.5 * np.pi, 401))
+    lines = [
+        Line("pressure / p0, Hertz", x / a, exact.pressure(x) / exact.peak, exact=True),
+        Line("pressure / p0, computed", profile.x / a, profile.pressure / exact.peak),
+    ]
+    if traction:
+        limit = profile.mu * exact.peak
+        q = profile.exact_traction(x) / limit
+        lines += [
+            Line("traction / (µ p0), Cattaneo and Mindlin", x / a, q, exact=True),
+            Line("traction / (µ p0), computed", profile.x / a, profile.traction / limit),
+        ]
+    return Panel("x / a (-)", "pressure, traction (-)", tuple(lines))
+
+
+def hertz_line(overrides: Sequence[str] = ()) -> Verification:
+    """An elastomer cylinder on aluminium."""
+    profile = press("hertz-line", overrides)
+    return Verification(
+        "hertz-line",
+        "Hertz's line contact, elastomer on aluminium",
+        _about(profile),
+        pressure_checks(profile),
+        (_panel(profile, traction=False),),
+    )
+
+
+def hertz_two_cylinders(overrides: Sequence[str] = ()) -> Verification:
+    """Two like elastomer cylinders."""
+    profile = press("hertz-two-cylinders", overrides)
+    return Verification(
+        "hertz-two-cylinders",
+        "Hertz's line contact, two like cylinders",
+        _about(profile),
+        pressure_checks(profile),
+        (_panel(profile, traction=False),),
+    )
+
+
+def cattaneo_mindlin(overrides: Sequence[str] = ()) -> Verification:
+    """Two like cylinders in partial slip."""
+    profile = press("cattaneo-mindlin", overrides)
+    return Verification(
+        "cattaneo-mindlin",
+        "partial slip of Cattaneo and Mindlin, two like cylinders",
+        f"Q/(µP) = {profile.share:.4f}. {_about(profile)}",
+        (*pressure_checks(profile), *traction_checks(profile)),
+        (_panel(profile, traction=True),),
+    )
+
+
+# Sideways by as much as `cattaneo-mindlin`, then halfway back.
+THERE_AND_BACK = (
+    'boundary.1.displacement.x=[["1 s", "0 um"], ["2 s", "4 um"], ["3 s", "1.5 um"]]',
+    'stage=[{name="press", duration=1, steps=4}, {name="shear", duration=1, steps=8}, '
+    '{name="back", duration=1, steps=6}]',
+)
+
+
+def mindlin_reversal(overrides: Sequence[str] = ()) -> Verification:
+    """Two like cylinders in partial slip, moved partly back."""
+    profile = press("cattaneo-mindlin", [*THERE_AND_BACK, *overrides])
+    return Verification(
+        "mindlin-reversal",
+        "partial slip moved back, Mindlin and Deresiewicz, two like cylinders",
+        f"cases/cattaneo-mindlin.toml, moved back: Q/(µP) has risen to {profile.peak:.4f} and "
+        f"fallen to {profile.share:.4f}. {_about(profile)}",
+        traction_checks(profile),
+        (_panel(profile, traction=True),),
+    )

@@ -1,0 +1,34 @@
+"""Runs the case files that verification is based on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from mpi4py import MPI
+
+from app.build.model import build_model
+from app.case.case import Case, load_case
+from app.simulation.simulation import Observer, Simulation
+
+CASES = Path(__file__).resolve().parents[2] / "cases"
+
+
+def solve(name: str, overrides: Sequence[str] = ()) -> tuple[Case, Simulation]:
+    """Run a case file in this process, without results.
+
+    Args:
+        name: of a file in ``cases``, without its ending.
+        overrides: "key=value" texts.
+
+    Returns:
+        The case (without its sweep) and the finished simulation.
+
+    Raises:
+        InputError: the file or an override is wrong.
+        SolutionError: a step could not be solved.
+    """
+    case = load_case(CASES / f"{name}.toml", overrides)
+    simulation = Simulation(build_model(case, MPI.COMM_SELF))
+    simulation.run(Observer())
+    return case, simulation

@@ -1,0 +1,1 @@
+"""Solid bodies: kinematics, materials, internal forces, masses and loads."""

@@ -1,0 +1,96 @@
+"""Surface loads on named surfaces."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import dolfinx
+import numpy as np
+import ufl
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from forms.bodies.kinematics import Section, circumference, section_of
+from geometry.surfaces.surface import integration_facets
+
+
+class FollowerPressure:
+    """A pressure normal to the deformed surface: δW = −∫ p cof(F) N · δu dΓ₀.
+
+    Attributes:
+        value: the pressure of today, Pa; set it before assembling.
+        residual, tangent: compiled forms, to be added to those of the solids.
+    """
+
+    def __init__(
+        self, u: dolfinx.fem.Function, facets: NDArray[np.int32], section: Section | None = None
+    ) -> None:
+        """Compile the load's forms for local facets.
+
+        Args:
+            u: displacement, m.
+            facets: local facets, owned and ghosts.
+            section: what the mesh stands for; by default plane strain, or a body in space.
+        """
+        space = u.function_space
+        mesh, dim = space.mesh, space.mesh.geometry.dim
+        section = section_of(dim, section)
+        self.value = dolfinx.fem.Constant(mesh, PETSc.ScalarType(0.0))
+        # Tangents of the deformed surface, their product and δu: exact on straight facets.
+        degree = 2 if space.ufl_element().degree == 1 else 5
+        ds = _measure(mesh, facets, degree)
+        test, trial = ufl.TestFunction(space), ufl.TrialFunction(space)
+        gradient = ufl.Identity(dim) + ufl.grad(u)
+        if dim == 3:
+            area = ufl.dot(ufl.cofac(gradient), ufl.FacetNormal(mesh))
+        else:
+            # Deformed, without a division that fails on the axis.
+            across = circumference(mesh, section, u)
+            area = across * ufl.det(gradient) * ufl.inv(gradient).T * ufl.FacetNormal(mesh)
+        power = self.value * ufl.inner(area, test) * ds
+        self.residual = dolfinx.fem.form(power)
+        self.tangent = dolfinx.fem.form(ufl.derivative(power, u, trial))
+
+    def set(self, pressure: float) -> None:
+        """Set the pressure of today, Pa, positive when it pushes on the body."""
+        self.value.value = pressure
+
+
+def reference_area(
+    mesh: dolfinx.mesh.Mesh, facets: NDArray[np.int32], section: Section | None = None
+) -> float:
+    """Area of a surface in the reference configuration; collective.
+
+    Args:
+        mesh: the mesh.
+        facets: local facets, owned and ghosts.
+        section: what the mesh stands for; by default plane strain, or a body in space.
+
+    Returns:
+        m², of the whole surface of revolution if it is one; in plane strain m, per unit thickness.
+    """
+    section = section_of(mesh.geometry.dim, section)
+    one = dolfinx.fem.Constant(mesh, PETSc.ScalarType(1.0))
+    form = dolfinx.fem.form(one * circumference(mesh, section) * _measure(mesh, facets))
+    return float(mesh.comm.allreduce(dolfinx.fem.assemble_scalar(form)))
+
+
+def mean_normal(mesh: dolfinx.mesh.Mesh, facets: NDArray[np.int32], component: int) -> float:
+    """Mean of one component of the outward normal over a surface's facets; collective."""
+    ds = _measure(mesh, facets)
+    unit = dolfinx.fem.Constant(mesh, np.zeros(mesh.geometry.dim, dtype=PETSc.ScalarType))
+    unit.value[component] = 1.0
+    form = dolfinx.fem.form(ufl.inner(ufl.FacetNormal(mesh), unit) * ds)
+    total = float(mesh.comm.allreduce(dolfinx.fem.assemble_scalar(form)))
+    size = reference_area(mesh, facets)
+    return total / size if size > 0.0 else 0.0
+
+
+def _measure(mesh: dolfinx.mesh.Mesh, facets: NDArray[np.int32], degree: int | None = None) -> Any:
+    """Surface measure over local facets, of a quadrature degree."""
+    return ufl.Measure(
+        "ds",
+        domain=mesh,
+        subdomain_data=[(1, integration_facets(mesh, facets))],
+        metadata={} if degree is None else {"quadrature_degree": degree},
+    )(1)

@@ -1,0 +1,165 @@
+"""Stored energies of the elastomers and of aluminium, per reference volume.
+
+A material implements its strain energy only, split into the part that is integrated at the full
+number of Gauss points and the volumetric part that selective reduced integration evaluates at the
+centre. Parameters enter the forms as constants, so another value compiles nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import ufl
+
+from forms.bodies.kinematics import Kinematics, PlanePart
+
+Expr = Any
+LOGARITHM_TERMS = 10  # of the series for the logarithmic strain in space
+
+
+class Material(Protocol):
+    """What a solid asks of a material."""
+
+    def parameters(self) -> dict[str, float]:
+        """Values of the constants in the energy, by name."""
+        ...
+
+    def energy(self, k: Kinematics, c: dict[str, Expr]) -> tuple[Expr, Expr]:
+        """Strain energy (distortional part, volumetric part), J/m³, of the constants ``c``."""
+        ...
+
+    @property
+    def shear_modulus(self) -> float:
+        """G of the undeformed material, Pa."""
+        ...
+
+    @property
+    def bulk_modulus(self) -> float:
+        """K of the undeformed material, Pa."""
+        ...
+
+
+def oedometric_modulus(material: Material) -> float:
+    """M = K + 4G/3, Pa: stiffness against compression without lateral strain."""
+    return material.bulk_modulus + 4.0 / 3.0 * material.shear_modulus
+
+
+def shear_and_bulk(E: float, nu: float) -> tuple[float, float]:
+    """(G, K), Pa, from Young's modulus (Pa) and Poisson's ratio."""
+    return E / (2.0 * (1.0 + nu)), E / (3.0 * (1.0 - 2.0 * nu))
+
+
+@dataclass(frozen=True, slots=True)
+class NeoHookean:
+    """W = G/2 (I1 − 3) − G ln J + Λ/2 (ln J)², Λ = K − 2G/3 (Simo & Pister 1984)."""
+
+    shear_modulus: float
+    bulk_modulus: float
+
+    def parameters(self) -> dict[str, float]:
+        """G and Λ, Pa."""
+        return {"G": self.shear_modulus, "L": self.bulk_modulus - 2.0 / 3.0 * self.shear_modulus}
+
+    def energy(self, k: Kinematics, c: dict[str, Expr]) -> tuple[Expr, Expr]:
+        """See the class; the term in Λ is the volumetric part."""
+        log_j = ufl.ln(k.J)
+        return 0.5 * c["G"] * (k.I1 - 3.0) - c["G"] * log_j, 0.5 * c["L"] * log_j**2
+
+
+@dataclass(frozen=True, slots=True)
+class MooneyRivlin:
+    """W = C10 (Ī1 − 3) + C01 (Ī2 − 3) + K/4 (J² − 1 − 2 ln J), Ī the isochoric invariants.
+
+    Mooney, J. Appl. Phys. 11 (1940) 582; the volumetric function is that of Simo & Taylor,
+    Comput. Methods Appl. Mech. Engng 85 (1991) 273.
+    """
+
+    C10: float
+    C01: float
+    bulk_modulus: float
+
+    @property
+    def shear_modulus(self) -> float:
+        """G = 2 (C10 + C01), Pa."""
+        return 2.0 * (self.C10 + self.C01)
+
+    def parameters(self) -> dict[str, float]:
+        """C10, C01 and K, Pa."""
+        return {"C10": self.C10, "C01": self.C01, "K": self.bulk_modulus}
+
+    def energy(self, k: Kinematics, c: dict[str, Expr]) -> tuple[Expr, Expr]:
+        """See the class."""
+        i1 = k.J ** (-2.0 / 3.0) * k.I1
+        i2 = k.J ** (-4.0 / 3.0) * k.I2
+        distortion = c["C10"] * (i1 - 3.0) + c["C01"] * (i2 - 3.0)
+        return distortion, 0.25 * c["K"] * (k.J**2 - 1.0 - 2.0 * ufl.ln(k.J))
+
+
+@dataclass(frozen=True, slots=True)
+class Hencky:
+    """W = G |dev ln U|² + K/2 (ln J)², the quadratic energy of the logarithmic strain.
+
+    In a plane the logarithmic stretches h₁, h₂ follow from J₂ = exp(h₁ + h₂) and
+    y = tr C₂/(2 J₂) = cosh(h₁ − h₂) without eigenvalues: |dev ln U|² = ((h₁ − h₂)² + (ln J₂)²)/2 +
+    h₃² − (ln J)²/3. In space see `_squared_logarithm`.
+    """
+
+    shear_modulus: float
+    bulk_modulus: float
+
+    def parameters(self) -> dict[str, float]:
+        """G and K, Pa."""
+        return {"G": self.shear_modulus, "K": self.bulk_modulus}
+
+    def energy(self, k: Kinematics, c: dict[str, Expr]) -> tuple[Expr, Expr]:
+        """See the class."""
+        log_j = ufl.ln(k.J)
+        deviator = _squared_logarithm(k) if k.plane is None else _plane_deviator(k.plane, log_j)
+        return c["G"] * deviator, 0.5 * c["K"] * log_j**2
+
+
+def _plane_deviator(plane: PlanePart, log_j: Expr) -> Expr:
+    """|dev ln U|² of a deformation that leaves the normal of the plane where it is."""
+    excess = plane.I1 / (2.0 * plane.J) - 1.0
+    in_plane = 0.5 * (_squared_arcosh(excess) + ufl.ln(plane.J) ** 2)
+    return in_plane + ufl.ln(plane.stretch) ** 2 - log_j**2 / 3.0
+
+
+def _squared_logarithm(k: Kinematics) -> Expr:
+    """|dev ln U|² in space, smooth where stretches coincide: no eigenvalues are taken.
+
+    With C̄ = J^(−2/3) C and Z = (C̄ − I)(C̄ + I)⁻¹, dev ln U = artanh Z, and artanh(z)² is the
+    series Σ_k (z²)ᵏ/k Σ_{j≤k} 1/(2j − 1). By the characteristic polynomial of C̄ the invariants of
+    Z are (Ī2 − Ī1, 6 − Ī1 − Ī2, Ī1 − Ī2)/(Ī1 + Ī2 + 2); from those of Z² the traces of its powers
+    follow (Newton's identities). The terms left out are below 1e-12 of the sum while each principal
+    stretch of the isochoric part, or its inverse, is at most 1.3; 2e-9 at 1.5 and 1e-5 at 2.
+    """
+    I1, I2 = k.J ** (-2.0 / 3.0) * k.I1, k.J ** (-4.0 / 3.0) * k.I2
+    below = I1 + I2 + 2.0
+    even, odd = (I1 + I2 - 6.0) / below, ((I2 - I1) / below) ** 2
+    e1, e2, e3 = 2.0 * even + odd, even**2 + 2.0 * odd, odd
+    powers = [e1, e1**2 - 2.0 * e2]
+    powers.append(e1 * powers[1] - e2 * e1 + 3.0 * e3)
+    while len(powers) < LOGARITHM_TERMS:
+        powers.append(e1 * powers[-1] - e2 * powers[-2] + e3 * powers[-3])
+    factor, total = 0.0, 0.0
+    for n, power in enumerate(powers, start=1):
+        factor += 1.0 / (2 * n - 1)
+        total = total + factor / n * power
+    return total
+
+
+def _squared_arcosh(x: Expr) -> Expr:
+    """arcosh(1 + x)², analytic at x = 0 where arcosh itself is not.
+
+    Below x = 0.02 the Taylor series 2x − x²/3 + 4x³/45 − x⁴/35 + 16x⁵/1575 − 8x⁶/2079 is used (the
+    terms left out are below 1e-13 of the sum there); the other branch sees 0.02 instead, so
+    that neither ever divides by zero.
+    """
+    series = x * (
+        2.0 + x * (-1 / 3 + x * (4 / 45 + x * (-1 / 35 + x * (16 / 1575 + x * (-8 / 2079)))))
+    )
+    large = ufl.conditional(ufl.gt(x, 0.02), x, 0.02)
+    exact = ufl.ln(1.0 + large + ufl.sqrt(large * (large + 2.0))) ** 2
+    return ufl.conditional(ufl.gt(x, 0.02), exact, series)

@@ -1,0 +1,247 @@
+"""One solid body: residual, tangent and strain energy of its material on its cells.
+
+Selective reduced integration (``q1-sri``) takes the distortional energy at 2 × 2 (2 × 2 × 2 in
+space) Gauss points and the volumetric energy at the centre. The two parts are compiled as forms of
+their own: a linear form that mixes two quadrature degrees on the same cells is compiled wrongly by
+FFCx 0.9. In a section of a body of revolution all integrals carry the weight 2πx, so that forces
+and energies are those of the whole body.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import dolfinx
+import dolfinx.fem.petsc
+import numpy as np
+import ufl
+from numpy.typing import NDArray
+from petsc4py import PETSc
+from ufl.algorithms import expand_derivatives
+from ufl.corealg.map_dag import map_expr_dag
+from ufl.corealg.multifunction import MultiFunction
+
+from forms.bodies.kinematics import (
+    Kinematics,
+    Section,
+    centre_kinematics,
+    circumference,
+    kinematics,
+    section_of,
+    stretch_across,
+)
+from forms.bodies.materials import Material, oedometric_modulus
+
+Formulation = Literal["q1", "q1-sri", "q2"]
+DEGREE: dict[Formulation, int] = {"q1": 1, "q1-sri": 1, "q2": 2}
+"""Degree of the displacement in each formulation."""
+CENTRE_DEGREE = 1
+
+
+def full_degree(formulation: Formulation, cell: str) -> int:
+    """Degree of the quadrature that leaves no mode of deformation without energy.
+
+    2 × 2 (× 2) Gauss points for first-order quadrilaterals and hexahedra, 3 × 3 (× 3) for those of
+    second order. The energy of linear tetrahedra is constant; that of linear triangles is taken at
+    three points, for the hoop strain. Quadratic triangles and tetrahedra take six points.
+    """
+    simplex = cell in ("triangle", "tetrahedron")
+    if DEGREE[formulation] == 2:
+        return 3 if simplex else 4
+    return 1 if cell == "tetrahedron" else 2
+
+
+@dataclass(slots=True)
+class CompiledForms:
+    """Forms of one integral: energy (scalar), residual (vector) and tangent (matrix)."""
+
+    energy: dolfinx.fem.Form
+    residual: dolfinx.fem.Form
+    tangent: dolfinx.fem.Form
+
+
+def compile_energy(density: Any, measure: Any, u: dolfinx.fem.Function) -> CompiledForms:
+    """Compile ∫ W dΩ₀ and its first and second derivatives in the direction of ``u``'s space."""
+    total = density * measure
+    test, trial = ufl.TestFunction(u.function_space), ufl.TrialFunction(u.function_space)
+    residual = ufl.derivative(total, u, test)
+    return CompiledForms(
+        energy=dolfinx.fem.form(total),
+        residual=dolfinx.fem.form(residual),
+        tangent=dolfinx.fem.form(ufl.derivative(residual, u, trial)),
+    )
+
+
+def compile_isotropic(
+    density: Any, k: Kinematics, measure: Any, u: dolfinx.fem.Function
+) -> CompiledForms:
+    """The same for an energy W(J, I1, I2) in space, by the chain rule over the invariants.
+
+    δW = W_i δI_i and ΔδW = W_ij δI_i ΔI_j + W_i ΔδI_i: test and trial functions stay out of W and
+    its derivatives, which may be long.
+    """
+    space = u.function_space
+    test, trial = ufl.TestFunction(space), ufl.TrialFunction(space)
+    slopes = [(i, w) for i in (k.J, k.I1, k.I2) if not _vanishes(w := ufl.diff(density, i))]
+    first = [ufl.derivative(i, u, test) for i, _ in slopes]
+    second = [ufl.derivative(i, u, trial) for i, _ in slopes]
+    residual = sum(w * d for (_, w), d in zip(slopes, first, strict=True))
+    tangent = sum(w * ufl.derivative(d, u, trial) for (_, w), d in zip(slopes, first, strict=True))
+    for (_, w), d in zip(slopes, first, strict=True):
+        for (j, _), e in zip(slopes, second, strict=True):
+            if not _vanishes(curvature := ufl.diff(w, j)):
+                tangent += curvature * d * e
+    return CompiledForms(
+        energy=dolfinx.fem.form(density * measure),
+        residual=dolfinx.fem.form(residual * measure),
+        tangent=dolfinx.fem.form(tangent * measure),
+    )
+
+
+def _vanishes(derivative: Any) -> bool:
+    return isinstance(expand_derivatives(derivative), ufl.constantvalue.Zero)
+
+
+class _WithoutVariables(MultiFunction):
+    """Replaces variables by what they stand for; UFL's own visits shared parts again and again."""
+
+    expr = MultiFunction.reuse_if_untouched
+
+    def variable(self, o: Any, operand: Any, label: Any) -> Any:
+        """The expression itself."""
+        return operand
+
+
+class Solid:
+    """A body: its cells, its material, and the compiled forms of its strain energy."""
+
+    def __init__(
+        self,
+        name: str,
+        u: dolfinx.fem.Function,
+        cells: NDArray[np.int32],
+        material: Material,
+        formulation: Formulation,
+        density: float = 0.0,
+        section: Section | None = None,
+    ) -> None:
+        """Compile the body's forms, or take them from the cache.
+
+        Args:
+            name: the body's name, for messages.
+            u: displacement, m, of the degree of the formulation.
+            cells: local cells (owned and ghosts) of the body.
+            material: strain energy.
+            formulation: ``q1`` for full, ``q1-sri`` for selective reduced integration of
+                first-order elements, ``q2`` for second-order ones with full integration.
+            density: kg/m³, reference.
+            section: what the mesh stands for; by default plane strain, or a body in space.
+
+        Raises:
+            ValueError: the displacement is not of the formulation's degree, or the section does
+                not go with the mesh.
+        """
+        self.name = name
+        self.material = material
+        self.density = density
+        mesh = u.function_space.mesh
+        self.section = section_of(mesh.geometry.dim, section)
+        degree = u.function_space.ufl_element().degree
+        if degree != DEGREE[formulation]:
+            raise ValueError(f"{name}: {formulation} on a displacement of degree {degree}")
+        owned = mesh.topology.index_map(mesh.topology.dim).size_local
+        self.cells = np.sort(cells[cells < owned])
+        constants = {
+            key: dolfinx.fem.Constant(mesh, PETSc.ScalarType(value))
+            for key, value in material.parameters().items()
+        }
+        self._u, self._constants = u, constants
+        self._roundoff = dolfinx.fem.form(self._roundoff_density() * self._dx(None))
+        k = kinematics(u, self.section)
+        distortional, volumetric = material.energy(k, constants)
+        self.full_degree = full_degree(formulation, mesh.topology.cell_name())
+        full = self._dx(self.full_degree)
+        if formulation == "q1-sri":
+            centre = centre_kinematics(u, self.section)
+            volumetric = material.energy(centre, constants)[1]
+            self.forms = [
+                self._compiled(k, distortional, full),
+                self._compiled(centre, volumetric, self._dx(CENTRE_DEGREE)),
+            ]
+        else:
+            self.forms = [self._compiled(k, distortional + volumetric, full)]
+
+    def _compiled(self, k: Kinematics, density: Any, dx: Any) -> CompiledForms:
+        if self.section == "3D":
+            return compile_isotropic(density, k, dx, self._u)
+        weight = circumference(self._u.function_space.mesh, self.section)
+        return compile_energy(weight * density, dx, self._u)
+
+    def _dx(self, degree: int | None) -> Any:
+        """Measure over the body's cells, of a quadrature degree."""
+        return ufl.Measure(
+            "dx",
+            domain=self._u.function_space.mesh,
+            subdomain_data=[(1, self.cells)],
+            metadata={} if degree is None else {"quadrature_degree": degree},
+        )(1)
+
+    def cauchy_stress(self) -> Any:
+        """Cauchy stress σ = J⁻¹ P Fᵀ (3, 3), Pa, the part across the plane included, in UFL."""
+        sigma = self._spatial_stress() if self.section == "3D" else self._plane_stress()
+        # Variables are numbered through the whole process, and FFCx's cache looks at the number:
+        # with them in, hardly an expression would ever be found compiled.
+        return map_expr_dag(_WithoutVariables(), expand_derivatives(sigma))
+
+    def _spatial_stress(self) -> Any:
+        """Cauchy stress (3, 3) of W(J, I1, I2): J σ = J W_J I + 2 (W_1 + I1 W_2) b − 2 W_2 b²."""
+        k = kinematics(self._u, "3D")
+        energy = sum(self.material.energy(k, self._constants))
+        by_j, by_1, by_2 = (ufl.diff(energy, i) for i in (k.J, k.I1, k.I2))
+        b = ufl.dot(k.F, k.F.T)
+        parts = 2.0 * (by_1 + k.I1 * by_2) * b - 2.0 * by_2 * ufl.dot(b, b)
+        return by_j * ufl.Identity(3) + parts / k.J
+
+    def _plane_stress(self) -> Any:
+        """Cauchy stress (3, 3) of a plane section; P₃₃ = ∂W/∂λ₃ across the plane."""
+        value = stretch_across(self._u, self.section)
+        if self.section == "plane-strain":
+            value = dolfinx.fem.Constant(self._u.function_space.mesh, PETSc.ScalarType(value))
+        stretch = ufl.variable(value)
+        k = kinematics(self._u, self.section, stretch)
+        assert k.plane is not None
+        energy = sum(self.material.energy(k, self._constants))
+        plane = ufl.dot(ufl.diff(energy, k.F), k.F.T) / k.J
+        across = ufl.diff(energy, stretch) / k.plane.J
+        return ufl.as_tensor(
+            [[plane[0, 0], plane[0, 1], 0], [plane[1, 0], plane[1, 1], 0], [0, 0, across]]
+        )
+
+    def _roundoff_density(self) -> Any:
+        """What `roundoff_force` integrates over the body."""
+        mesh = self._u.function_space.mesh
+        if self.section != "3D":
+            one = dolfinx.fem.Constant(mesh, PETSc.ScalarType(1.0))
+            return one if self.section == "plane-strain" else circumference(mesh, self.section) ** 2
+        return abs(ufl.JacobianDeterminant(mesh)) ** (1.0 / 3.0)
+
+    def roundoff_force(self) -> float:
+        """Square of this rank's nodal force noise from rounding F, (N/m)²; N² but in plane strain.
+
+        A rounding error ε in F is a stress error ε M. In the plane, over cells of size h, the
+        nodal forces of the n = 2 A/h² unknowns are ε M h each, of norm ε M √(2 A), A the body's
+        area; of a body of revolution they are 2πx times as large. In space they are ε M h² at
+        n = 3 V/h³ unknowns, of norm ε M √(3 ∫ h dV).
+        """
+        integral = dolfinx.fem.assemble_scalar(self._roundoff)
+        factor = 3.0 if self.section == "3D" else 2.0
+        return float(factor * integral * (np.finfo(float).eps * self._stiffness) ** 2)
+
+    @property
+    def _stiffness(self) -> float:
+        return oedometric_modulus(self.material)
+
+    def strain_energy(self) -> float:
+        """This rank's strain energy, J; in plane strain per unit thickness, J/m."""
+        return float(sum(dolfinx.fem.assemble_scalar(part.energy) for part in self.forms))

@@ -1,0 +1,135 @@
+r"""Closed forms of homogeneous sliding under the friction-map law, to verify computations with.
+
+They know nothing of time steps: the film fraction switches sharply at the threshold speed, so a
+computation with a transition of finite width is compared outside that transition. All arguments
+broadcast against each other.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from forms.friction.film_map import at_rest
+from forms.friction.parameters import FrictionMapParameters
+
+Floats = NDArray[np.float64]
+
+
+def threshold_speed(film: ArrayLike, parameters: FrictionMapParameters) -> Floats:
+    r"""Speed from which the film carries all, m/s: :math:`V^* = \sqrt{\gamma D_{max}/(\eta_b D)}`.
+
+    With V* given at a reference thickness it is :math:`V^*_{ref} \sqrt{D_{ref}/D}`. Infinite where
+    D <= D_min (there is no film).
+
+    Args:
+        film: m, film thickness D.
+        parameters: Of the law.
+    """
+    D = np.asarray(film, dtype=np.float64)
+    wet = parameters.D_min < D
+    if parameters.gamma is not None:
+        square = parameters.gamma * parameters.D_max / parameters.eta_b
+    else:
+        assert parameters.V_star is not None and parameters.V_star_at is not None
+        square = parameters.V_star**2 * parameters.V_star_at
+    return np.where(wet, np.sqrt(square / np.where(wet, D, 1.0)), np.inf)
+
+
+def film_fraction(speed: ArrayLike, film: ArrayLike, parameters: FrictionMapParameters) -> Floats:
+    r"""Film fraction with a sharp switch: :math:`\alpha_0(D)` below V*, 1 from V* on.
+
+    Args:
+        speed: m/s, V >= 0.
+        film: m, film thickness D.
+        parameters: Of the law.
+    """
+    V, D = np.broadcast_arrays(
+        np.asarray(speed, dtype=np.float64), np.asarray(film, dtype=np.float64)
+    )
+    below = 1.0 - at_rest(parameters, D).solid
+    return np.where(threshold_speed(D, parameters) <= V, 1.0, below)
+
+
+def steady_traction(
+    speed: ArrayLike,
+    film: ArrayLike,
+    pressure: ArrayLike,
+    mu: ArrayLike,
+    parameters: FrictionMapParameters,
+) -> Floats:
+    r"""Friction traction in steady sliding, Pa: :math:`\omega\mu p + \alpha\hat\eta V/D`.
+
+    With the film's viscosity :math:`\hat\eta` at V/D and p, eta_b without an option of its flow.
+
+    With :math:`\omega = 1 - \alpha` for the weighted flow rule. Under the literal rule
+    :math:`\omega = 1`, but where :math:`\alpha = 1` the asperities have lost their stiffness and
+    never reach the threshold: there the film is all there is.
+
+    Args:
+        speed: m/s, V > 0.
+        film: m, film thickness D; the traction is Coulomb's up to D_min.
+        pressure: Pa, p.
+        mu: Coefficient of friction at the slip reached.
+        parameters: Of the law.
+    """
+    V, D = np.asarray(speed, dtype=np.float64), np.asarray(film, dtype=np.float64)
+    alpha = film_fraction(V, D, parameters)
+    weighted = parameters.flow_rule == "weighted"
+    omega = 1.0 - alpha if weighted else np.where(alpha == 1.0, 0.0, 1.0)
+    wet = parameters.D_min < D
+    p = np.asarray(pressure, dtype=np.float64)
+    rate = np.where(wet, V / np.where(wet, D, 1.0), 0.0)
+    viscosity = parameters.rheology.viscosity(rate, np.broadcast_to(p, rate.shape)).value
+    return np.asarray(omega * np.asarray(mu) * p + alpha * viscosity * rate)
+
+
+def effective_viscosity(
+    speed: ArrayLike,
+    film: ArrayLike,
+    pressure: ArrayLike,
+    mu: ArrayLike,
+    parameters: FrictionMapParameters,
+) -> Floats:
+    r"""Effective viscosity in steady sliding, Pa s: :math:`\eta_{eff} = T D/V`.
+
+    With the weighted flow rule :math:`(1 - \alpha)\mu p D/V + \alpha\eta_b`. The arguments are
+    those of ``steady_traction``.
+    """
+    V, D = np.asarray(speed, dtype=np.float64), np.asarray(film, dtype=np.float64)
+    return steady_traction(V, D, pressure, mu, parameters) * D / V
+
+
+def crossover_speed(film: ArrayLike, pressure: ArrayLike, mu: ArrayLike, eta_b: float) -> Floats:
+    r"""Speed at which the film alone drags as much as friction alone, m/s.
+
+    :math:`V_c = \mu p D/\eta_b`. Where V* < V_c the traction falls at V*.
+
+    Args:
+        film: m, film thickness D.
+        pressure: Pa, p.
+        mu: Coefficient of friction.
+        eta_b: Pa s, bulk viscosity.
+    """
+    return np.asarray(np.asarray(mu) * np.asarray(pressure) * np.asarray(film) / eta_b)
+
+
+def presliding_length(
+    pressure: ArrayLike, mu: ArrayLike, alpha: ArrayLike, parameters: FrictionMapParameters
+) -> Floats:
+    r"""Slip after which the asperities give way, m: :math:`\omega\mu p/((1 - \alpha) K_T)`.
+
+    That is :math:`\mu p/K_T` for the weighted rule at any film fraction (its limit at alpha = 1),
+    and :math:`\mu p/((1 - \alpha) K_T)` for the literal rule, infinite at alpha = 1.
+
+    Args:
+        pressure: Pa, p.
+        mu: Coefficient of friction at that slip.
+        alpha: Film fraction.
+        parameters: Of the law.
+    """
+    length = np.asarray(mu) * np.asarray(pressure) / parameters.K_T
+    solid = 1.0 - np.asarray(alpha, dtype=np.float64)
+    if parameters.flow_rule == "weighted":
+        return np.asarray(length + 0.0 * solid)
+    return np.where(solid > 0.0, length / np.where(solid > 0.0, solid, 1.0), np.inf)

@@ -1,0 +1,1 @@
+"""The contact of one pair: kinematics, penalty traction, tangent, explicit forces."""

@@ -1,0 +1,249 @@
+"""A contact pair in an explicit step: forces without tangents, search only when it is due.
+
+The kinematics, the law and the history are those of :mod:`forms.contact.penalty`; the step leaves
+out all variations. What an explicit step adds is the film's viscous traction c v, with v the slip
+speed and c = alpha eta_b/D (da/dA). Taken at the speed of the last half step it would bound the
+time step, hard for thin films. The semi-implicit treatment carries the film's traction τ from step
+to step and corrects it, point by point, by what an implicit dashpot would add,
+
+    δτ_q = (c_q v*_q − τ_q)/(1 + Δt c_q s_q),   s_q = Σ_a N_a(q) A_a/m_a   (both surfaces),
+
+with v* the slip speed that follows if τ stays, and A_a = Σ_q w_q N_a(q) the area of node a. By
+Jensen's inequality Σ_q w_q s_q τ_q² is at least the square of all points' impulses together over
+the nodes' masses: the correction is one step of a contraction towards the implicit solution of all
+points, whatever c. Impulses are equal and opposite; τ = c v is its fixed point, so that steady
+sliding is exact; and the film's dissipation τ²/c is never negative.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from forms.contact.kinematics import ContactKinematics, relate
+from forms.contact.penalty import ContactTerm, ContactTrial
+from geometry.surfaces.exchange import NodalVector, SurfaceExchange
+from geometry.surfaces.facets import Floats, Ints
+from geometry.surfaces.projection import Projection
+
+FEIGNED = 1e-12  # of a master facet: penetration that rounding may feign where bodies just touch
+
+
+def _depth(kinematics: ContactKinematics, today: Projection) -> Floats:
+    """Penetration (q,), m; none where it is no more than what rounding may feign."""
+    size = np.sqrt(np.einsum("qai,qai->qa", today.tangents, today.tangents).max(axis=1))
+    deep = kinematics.closed & (-kinematics.gap > FEIGNED * size)
+    return np.where(deep, -kinematics.gap, 0.0)
+
+
+def _in_plane(n: Floats, v: Floats) -> Floats:
+    out: Floats = v - np.einsum("qi,qi->q", n, v)[:, None] * n
+    return out
+
+
+class ExplicitContact:
+    """One pair's forces on the bodies, and its history, step by step.
+
+    Attributes:
+        term: the pair, whose state is kept up to date.
+        trial: the pair at the last evaluation.
+        film_traction: (q, i), Pa, τ; film: (q,), Pa s/m, c of the last evaluation.
+    """
+
+    def __init__(self, term: ContactTerm) -> None:
+        """Make ready; collective."""
+        self.term = term
+        surface = term.surface
+        self.exchange = SurfaceExchange(surface)
+        q, dim = len(surface.slave.weight), surface.dim
+        self.film_traction = np.zeros((q, dim))
+        self.film: Floats = np.zeros(q)
+        self.compliance = np.zeros(q)
+        self.trial: ContactTrial | None = None
+        self._values = np.zeros((len(self.exchange.nodes), dim))
+        self._other = np.zeros_like(self._values)
+        self._dry = np.zeros((q, dim))
+
+    @property
+    def searches(self) -> int:
+        """How often candidates were looked for."""
+        return self.term.surface.target.search.searches
+
+    # -- evaluation ---------------------------------------------------------------------------
+
+    def evaluate(self, u: NodalVector, dt: float) -> ContactTrial:
+        """The contact at the displacements ``u`` (m) after a step of ``dt`` (s); collective.
+
+        The film's traction is that of the step before, until :meth:`correct_film`.
+        """
+        self.exchange.gather(u, self._values)
+        term, surface = self.term, self.term.surface
+        first = self.exchange.first_master
+        slave = self._values[self.exchange.slave_rows]
+        points = surface.slave_positions(slave)
+        nodes = surface.master.position + self._values[first:]
+        today = surface.project(points, nodes)
+        kinematics = relate(points, today, term.anchor(nodes))
+        pressure = term.penalty * _depth(kinematics, today)
+        film = term.film.at(pressure)[0]
+        response = term.respond(kinematics, dt, pressure, film)
+        self.trial = ContactTrial(
+            position=points,
+            area_ratio=surface.slave_area_ratio(slave),
+            projection=today,
+            kinematics=kinematics,
+            pressure=pressure,
+            film=film,
+            traction=pressure[:, None] * kinematics.normal - response.traction,
+            response=response,
+            dt=dt,
+        )
+        return self.trial
+
+    def add_forces(self, out: NodalVector) -> None:
+        """Add the residual −Gᵀ(w t), N per unit thickness, of the last evaluation; collective."""
+        assert self.trial is not None
+        self.spread(self.trial.traction, out)
+
+    def spread(self, traction: Floats, out: NodalVector) -> None:
+        """Add −Gᵀ(w t) of tractions ``traction`` (q, i), Pa, to ``out``; collective."""
+        rows, shape = self._operator()
+        load = -(self.term.surface.slave.weight[:, None] * traction)
+        flat = rows.reshape(-1)
+        for i in range(load.shape[1]):  # two or three components
+            self._values[:, i] = np.bincount(
+                flat, (shape * load[:, i, None]).reshape(-1), minlength=len(self._values)
+            )
+        self.exchange.add(self._values, out)
+
+    def spread_weights(self, factor: float, out: NodalVector) -> None:
+        """Add Σ_q w |N_a| Σ_b |N_b| of the points, times ``factor``, at every node a; collective.
+
+        As a diagonal this bounds Σ_q w Nᵀ N. Both surfaces' shape functions add up to one, so that
+        half of it is the area of the node.
+        """
+        rows, shape = self._operator()
+        share = np.abs(shape) * (2.0 * factor * self.term.surface.slave.weight)[:, None]
+        area = np.bincount(rows.reshape(-1), share.reshape(-1), minlength=len(self._values))
+        self._values[:] = area[:, None]
+        self.exchange.add(self._values, out)
+
+    def jump(self, values: Floats) -> Floats:
+        """Slave less master (q, i) of values (m, i) at the pair's nodes."""
+        rows, shape = self._operator()
+        out: Floats = np.einsum("qm,qmi->qi", shape, values[rows])
+        return out
+
+    def _operator(self) -> tuple[Ints, Floats]:
+        """Rows (q, m) of the pair's nodes and their coefficients, of slave less master."""
+        assert self.trial is not None
+        at, surface = self.trial.projection, self.term.surface
+        master = surface.target.stencil[at.facet] + self.exchange.first_master
+        rows = np.concatenate([self.exchange.slave_rows, master], axis=1)
+        weights = surface.target.weights(at.facet, at.xi)
+        return rows, np.concatenate([surface.slave.shape, -weights], axis=1)
+
+    # -- film -----------------------------------------------------------------------------------
+
+    def hold_film(self) -> None:
+        """Replace the film's traction of the last evaluation by that of the step before."""
+        assert self.trial is not None
+        trial, response = self.trial, self.trial.response
+        slip = trial.kinematics.slip
+        squared = np.einsum("qi,qi->q", slip, slip)
+        moving = squared > 0.0
+        resistance = np.zeros_like(squared)
+        np.divide(response.dissipation.viscous, squared, out=resistance, where=moving)
+        # At a point that has not moved the law tells nothing of its film: that of before is kept.
+        still = ~moving & (trial.pressure > 0.0) & self.term.rate_dependent
+        self.film = np.where(still, self.film, resistance * trial.dt)
+        self._dry = response.traction - resistance[:, None] * slip
+        self.film_traction = _in_plane(trial.kinematics.normal, self.film_traction)
+        self._apply_film()
+
+    def _apply_film(self) -> None:
+        assert self.trial is not None
+        trial = self.trial
+        friction = self._dry + self.film_traction
+        trial.traction = trial.pressure[:, None] * trial.kinematics.normal - friction
+
+    def correct_film(
+        self,
+        velocity: NodalVector,
+        keep: float,
+        acceleration: NodalVector,
+        gain: float,
+        out: NodalVector,
+    ) -> None:
+        """Correct the film's traction for the velocities that would follow; collective.
+
+        Args:
+            velocity: m/s, of the last half step.
+            keep: how much of it is left at the next half step.
+            acceleration: m/s², if the film's traction stayed.
+            gain: s, what it adds to the velocity.
+            out: residual that the change of the forces is added to.
+        """
+        assert self.trial is not None
+        trial = self.trial
+        self._gather_next(velocity, keep, acceleration, gain)
+        relative = _in_plane(trial.kinematics.normal, self.jump(self._values))
+        change = self.film[:, None] * relative - self.film_traction
+        change /= (1.0 + trial.dt * self.film * self.compliance)[:, None]
+        self.film_traction = self.film_traction + change
+        self._apply_film()
+        self._book_film()
+        self.spread(-change, out)
+
+    def _gather_next(
+        self, velocity: NodalVector, keep: float, acceleration: NodalVector, gain: float
+    ) -> None:
+        """Velocities of the next half step at the pair's nodes, into the values; collective."""
+        self.exchange.gather(acceleration, self._values)
+        self._values *= gain
+        self.exchange.gather(velocity, self._other)
+        self._other *= keep
+        self._values += self._other
+
+    def _book_film(self) -> None:
+        """Book the work of the traction that was applied: τ²/c is the film's, the rest the step's.
+
+        With τ the applied and c v the law's traction, the work done on the contact is that of τ.
+        """
+        assert self.trial is not None
+        trial, tau = self.trial, self.film_traction
+        parts = trial.response.dissipation
+        lost = np.einsum("qi,qi->q", tau, tau) * trial.dt
+        viscous = np.zeros_like(lost)
+        np.divide(lost, self.film, out=viscous, where=self.film > 0.0)
+        work = np.einsum("qi,qi->q", tau, trial.kinematics.slip)
+        trial.response = replace(
+            trial.response,
+            traction=self._dry + tau,
+            dissipation=replace(
+                parts, viscous=viscous, numerical=parts.numerical + (work - viscous)
+            ),
+        )
+
+    def refresh_compliance(self, inverse_mass: Floats, work: NodalVector) -> None:
+        """Find s_q, m²/kg·…: each point's area over the mass that it moves; collective.
+
+        Args:
+            inverse_mass: (n,), 1/m of the owned unknowns, 0 where they are held.
+            work: scratch.
+        """
+        work.owned[:] = 0.0
+        self.spread_weights(0.5, work)
+        work.owned[:] *= inverse_mass
+        self.exchange.gather(work, self._values)
+        rows, shape = self._operator()
+        per_node = self._values.max(axis=1)
+        self.compliance[:] = np.einsum("qm,qm->q", np.abs(shape), per_node[rows])
+
+    # -- history --------------------------------------------------------------------------------
+
+    def commit(self) -> None:
+        """Make the last evaluation the state that the next step starts from."""
+        assert self.trial is not None
+        self.term.commit(self.trial)

@@ -1,0 +1,296 @@
+"""An explicit contact pair in the plane whose geometry and loads are compiled.
+
+The friction law stays the one of numpy; everything around it is one pass over the points in
+``plane_contact.c``. Two sets of arrays take turns, so that a step allocates next to nothing and the
+step before stays readable.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forms.contact.explicit import FEIGNED, ExplicitContact
+from forms.contact.kinematics import TOUCHING, ContactKinematics
+from forms.contact.penalty import ContactState, ContactTerm, ContactTrial
+from forms.native.libraries import library
+from geometry.surfaces.exchange import NodalVector
+from geometry.surfaces.facet_search import TIE
+from geometry.surfaces.facets import Ints
+from geometry.surfaces.projection import Projection
+
+SOURCE = "plane_contact.c"
+_LONGS = ("points", "corners", "candidates", "nodes", "first_master")
+_DOUBLES = ("penalty", "touching", "feigned", "slack", "tie")
+_INPUTS = (
+    *("weight", "shape", "slope", "reference", "direction", "rows"),
+    *("master", "facets", "previous", "next"),
+    *("candidate", "searched_points", "searched_nodes", "values", "load"),
+    *("facet_before", "xi_before", "component_before", "length_before", "gap_before"),
+)
+_VECTORS = ("position", "foot", "normal", "tangent", "slip", "elastic", "traction", "friction")
+_RESULTS = (
+    *("current", "position", "area_ratio", "xi", "foot", "normal", "tangent", "gap", "slip"),
+    *("elastic", "pressure", "traction", "component", "length", "gap_after", "friction"),
+    *("viscous", "work", "facet", "clamped", "on_surface", "closed"),
+)
+_FILM = ("tau", "film", "dry", "compliance")
+
+
+class _Pair(ctypes.Structure):
+    """``Pair`` of the C source."""
+
+    _fields_ = (
+        *((name, ctypes.c_int64) for name in _LONGS),
+        *((name, ctypes.c_double) for name in _DOUBLES),
+        *((name, ctypes.c_void_p) for name in (*_INPUTS, *_RESULTS, *_FILM)),
+    )
+
+
+class _Buffers:
+    """One of the two sets of results, and the structure that points at them."""
+
+    def __init__(self, points: int, nodes: int) -> None:
+        self.arrays: dict[str, NDArray[Any]] = {"current": np.zeros((nodes, 2))}
+        for name in _RESULTS[1:]:
+            shape = (points, 2) if name in _VECTORS else (points,)
+            kind: type = np.float64
+            if name == "facet":
+                kind = np.int32
+            elif name in ("clamped", "on_surface", "closed"):
+                kind = np.bool_
+            self.arrays[name] = np.zeros(shape, dtype=kind)
+        self.pair = _Pair()
+        self.at = ctypes.byref(self.pair)
+        for name, array in self.arrays.items():
+            self.point(name, array)
+
+    def point(self, name: str, array: NDArray[Any]) -> None:
+        """Let the structure's field look at an array, which somebody must keep alive."""
+        assert array.flags.c_contiguous
+        setattr(self.pair, name, array.ctypes.data)
+
+    def projection(self) -> Projection:
+        """The arrays as a projection."""
+        a = self.arrays
+        return Projection(
+            facet=a["facet"],
+            xi=a["xi"][:, None],
+            foot=a["foot"],
+            normal=a["normal"],
+            tangents=a["tangent"][:, None, :],
+            gap=a["gap"],
+            clamped=a["clamped"],
+            on_surface=a["on_surface"],
+        )
+
+    def kinematics(self) -> ContactKinematics:
+        """The arrays as kinematics without variations."""
+        a = self.arrays
+        return ContactKinematics(
+            normal=a["normal"],
+            gap=a["gap"],
+            closed=a["closed"],
+            slip=a["slip"],
+            elastic_slip=a["elastic"],
+        )
+
+
+class CompiledContact(ExplicitContact):
+    """See :class:`forms.contact.explicit.ExplicitContact`; the same results to round-off."""
+
+    def __init__(self, term: ContactTerm, code: ctypes.CDLL) -> None:
+        """Lay out the arrays; collective.
+
+        Args:
+            term: the pair, in the plane.
+            code: the library of ``SOURCE``.
+        """
+        super().__init__(term)
+        self._code = code
+        code.tribox_pair_hold_film.argtypes = [
+            ctypes.c_void_p,
+            ctypes.c_double,
+            ctypes.c_void_p,
+        ]
+        code.tribox_pair_correct_film.argtypes = [ctypes.c_void_p, ctypes.c_double]
+        code.tribox_pair_commit.argtypes = [ctypes.c_void_p, ctypes.c_void_p]
+        surface = term.surface
+        slave, master = surface.slave, surface.master
+        q, n = len(slave.weight), len(master.nodes)
+        self._load = np.zeros_like(self._values)
+        self._kept: dict[str, NDArray[Any]] = {
+            "weight": slave.weight,
+            "shape": slave.shape,
+            "slope": slave.shape_derivative[:, 0],
+            "reference": slave.position,
+            "direction": slave.tangents[:, 0],
+            "rows": self.exchange.slave_rows.astype(np.int64),
+            "master": master.position,
+            "facets": master.facets.astype(np.int32),
+            "previous": _facet_at(master.facets[:, 1], n),
+            "next": _facet_at(master.facets[:, 0], n),
+            "values": self._values,
+            "load": self._load,
+            "searched_points": np.full((q, 2), np.inf),
+            "searched_nodes": np.full((n, 2), np.inf),
+            "tau": self.film_traction,
+            "film": self.film,
+            "dry": self._dry,
+            "compliance": self.compliance,
+            "candidate": np.zeros((q, 1), dtype=np.int32),
+        }
+        self._kept = {name: np.ascontiguousarray(a) for name, a in self._kept.items()}
+        self._sets = [_Buffers(q, n), _Buffers(q, n)]
+        for mine, other in (self._sets, self._sets[::-1]):
+            self._connect(mine, other)
+        self._turn = 0
+        self._adopted: ContactState | None = None
+
+    def _connect(self, mine: _Buffers, other: _Buffers) -> None:
+        """Let one set start from the state that the other one holds."""
+        pair, surface = mine.pair, self.term.surface
+        pair.points, pair.corners = self._kept["shape"].shape
+        pair.nodes, pair.first_master = len(surface.master.nodes), self.exchange.first_master
+        pair.penalty, pair.touching, pair.feigned = self.term.penalty, TOUCHING, FEIGNED
+        pair.candidates, pair.tie = 1, TIE * surface.target.search.slack
+        for name, array in self._kept.items():
+            mine.point(name, array)
+        names = {"facet": "facet", "xi": "xi", "component": "component", "length": "length"}
+        for state, result in (names | {"gap": "gap_after"}).items():
+            mine.point(f"{state}_before", other.arrays[result])
+
+    def _take_over(self, other: _Buffers) -> None:
+        """Copy the term's state to where the next step looks for it, unless it is there."""
+        state = self.term.state
+        if state is self._adopted:
+            return
+        for name, value in (
+            ("facet", state.facet),
+            ("xi", state.xi[:, 0]),
+            ("component", state.slip_components[:, 0]),
+            ("length", state.slip_length),
+            ("gap_after", state.gap),
+        ):
+            other.arrays[name][:] = value
+        self._adopted = state
+
+    def evaluate(self, u: NodalVector, dt: float) -> ContactTrial:
+        """See ``ExplicitContact.evaluate``."""
+        self.exchange.gather(u, self._values)
+        now, term = self._sets[self._turn], self.term
+        self._take_over(self._sets[1 - self._turn])
+        if self._code.tribox_pair_project(now.at):
+            self._search(now)
+            self._code.tribox_pair_project(now.at)
+        arrays = now.arrays
+        kinematics = now.kinematics()
+        pressure = arrays["pressure"]
+        film = term.film.at(pressure)[0]
+        response = term.respond(kinematics, dt, pressure, film)
+        self._dry[:] = response.traction
+        self._code.tribox_pair_load(now.at)
+        self.trial = ContactTrial(
+            position=arrays["position"],
+            area_ratio=arrays["area_ratio"],
+            projection=now.projection(),
+            kinematics=kinematics,
+            pressure=pressure,
+            film=film,
+            traction=arrays["traction"],
+            response=response,
+            dt=dt,
+        )
+        return self.trial
+
+    def _search(self, now: _Buffers) -> None:
+        """Find the candidates of today's places and remember these."""
+        points, nodes = now.arrays["position"], now.arrays["current"]
+        surface = self.term.surface
+        found, slack = surface.target.search.table(points, nodes[surface.master.facets])
+        self._kept["candidate"] = np.ascontiguousarray(found, dtype=np.int32)
+        self._kept["searched_points"][:] = points
+        self._kept["searched_nodes"][:] = nodes
+        for one in self._sets:
+            one.pair.candidates, one.pair.slack = found.shape[1], slack
+            one.point("candidate", self._kept["candidate"])
+
+    def add_forces(self, out: NodalVector) -> None:
+        """See ``ExplicitContact.add_forces``."""
+        self.exchange.add(self._load, out)
+
+    def hold_film(self) -> None:
+        """See ``ExplicitContact.hold_film``."""
+        assert self.trial is not None
+        viscous = np.ascontiguousarray(self.trial.response.dissipation.viscous)
+        now = self._sets[self._turn]
+        self._code.tribox_pair_hold_film(now.at, self.trial.dt, viscous.ctypes.data)
+
+    def correct_film(
+        self,
+        velocity: NodalVector,
+        keep: float,
+        acceleration: NodalVector,
+        gain: float,
+        out: NodalVector,
+    ) -> None:
+        """See ``ExplicitContact.correct_film``."""
+        assert self.trial is not None
+        self._gather_next(velocity, keep, acceleration, gain)
+        now = self._sets[self._turn]
+        self._code.tribox_pair_correct_film(now.at, self.trial.dt)
+        parts = self.trial.response.dissipation
+        self.trial.response = replace(
+            self.trial.response,
+            traction=now.arrays["friction"],
+            dissipation=replace(
+                parts,
+                viscous=now.arrays["viscous"],
+                numerical=parts.numerical + now.arrays["work"],
+            ),
+        )
+        self.exchange.add(self._load, out)
+
+    def commit(self) -> None:
+        """See ``ExplicitContact.commit``."""
+        assert self.trial is not None
+        trial, arrays = self.trial, self._sets[self._turn].arrays
+        elastic = np.ascontiguousarray(trial.response.state.elastic_slip)
+        self._code.tribox_pair_commit(self._sets[self._turn].at, elastic.ctypes.data)
+        self._adopted = ContactState(
+            facet=arrays["facet"],
+            xi=arrays["xi"][:, None],
+            slip_components=arrays["component"][:, None],
+            slip_length=arrays["length"],
+            gap=arrays["gap_after"],
+            area_ratio=trial.area_ratio,
+            friction=trial.response.state,
+            friction_traction=trial.response.traction,
+        )
+        self.term.adopt(self._adopted)
+        self._turn = 1 - self._turn
+
+
+def _facet_at(corner: Ints, nodes: int) -> Ints:
+    """Facet (n,) that has each node as this corner (f,); −1 where none has."""
+    out = np.full(nodes, -1, dtype=np.int32)
+    out[corner] = np.arange(len(corner), dtype=np.int32)
+    return out
+
+
+def explicit_contact(term: ContactTerm, compiled: bool = True) -> ExplicitContact:
+    """The fastest explicit form of a pair that there is; collective.
+
+    Args:
+        term: the pair.
+        compiled: False for numpy throughout.
+    """
+    surface = term.surface
+    # The compiled loop takes the stretch of the section for that of the area: not so of rings.
+    straight = surface.target.shape.count == 2 and not surface.axisymmetric
+    code = library(SOURCE) if compiled and straight else None
+    return ExplicitContact(term) if code is None else CompiledContact(term, code)

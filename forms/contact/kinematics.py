@@ -1,0 +1,288 @@
+"""Kinematics of a contact point and its exact variation, at all points at once.
+
+Axis letters: q points, r generalised coordinates, i, j space, α, β, γ surface directions.
+
+Per point the motion enters through vectors that are linear in the nodal displacements,
+
+    a   = δu¹ − δu²(ξ̄)      relative motion at the closest point ξ̄ of today,
+    b_α = δu²_,α(ξ̄)          change of the master's tangents there,
+    c   = δu¹ − δu²(Ȳ_n)     relative motion at the master material point Ȳ_n of the last step,
+    d   = e^α δu²_,α(Ȳ_n)    change of the advected elastic slip,
+
+stacked as z = (a, b_α, c, d). Each variation below is given as a matrix that multiplies z.
+Closest-point variation: Laursen & Simo, Int. J. Numer. Meth. Engng 36 (1993) 3451; the slip against
+the advected material point Ȳ_n is this project's, objective because both its ends move with the
+bodies.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from geometry.surfaces.facets import Bools, Floats, Longs
+from geometry.surfaces.projection import Projection
+
+TOUCHING = 1e-9  # gap, relative to a master facet's size, up to which a point touches
+
+
+@dataclass(slots=True)
+class Anchor:
+    """What the last converged step left at each point, moved by today's master.
+
+    Attributes:
+        foot: (q, i), m, current: φ²(Ȳ_n), today's place of the last closest material point.
+        slip_image: (q, i), m, current: e^α τ_α(Ȳ_n), the advected elastic slip.
+        slip_length: (q,), m: L, the length of the elastic slip, kept by the transport.
+        gap: (q,), m: gap of the last converged step (+inf where there was none).
+    """
+
+    foot: Floats
+    slip_image: Floats
+    slip_length: Floats
+    gap: Floats
+
+    def of(self, take: Longs) -> Anchor:
+        """The same of the points ``take`` (p,)."""
+        return Anchor(
+            self.foot[take], self.slip_image[take], self.slip_length[take], self.gap[take]
+        )
+
+
+@dataclass(slots=True)
+class ContactKinematics:
+    """Gap, slip increment and elastic slip of today.
+
+    Attributes:
+        normal: (q, i); gap: (q,), m; closed: (q,) bool, touching or g < 0, on the surface.
+        slip: (q, i), m: Δg_T; elastic_slip: (q, i), m: g_e in today's tangent plane.
+    """
+
+    normal: Floats
+    gap: Floats
+    closed: Bools
+    slip: Floats
+    elastic_slip: Floats
+
+
+@dataclass(slots=True)
+class Variations:
+    """How the kinematics change with the generalised coordinates.
+
+    Attributes:
+        d_gap: (q, r·i): δg = n·a; d_normal, d_slip, d_elastic: (q, i, r·j).
+        d_xi: (q, α, r·j): ∂ξ^α/∂z.
+    """
+
+    d_gap: Floats
+    d_normal: Floats
+    d_slip: Floats
+    d_elastic: Floats
+    d_xi: Floats
+
+
+def _outer(u: Floats, v: Floats) -> Floats:
+    out: Floats = u[:, :, None] * v[:, None, :]
+    return out
+
+
+def _dot(u: Floats, v: Floats) -> Floats:
+    out: Floats = np.einsum("qi,qi->q", u, v)
+    return out
+
+
+def relate(
+    points: Floats, today: Projection, anchor: Anchor, reach: float = 0.0
+) -> ContactKinematics:
+    """Contact kinematics of the slave points against their projections.
+
+    Args:
+        points: (q, i), m, current: slave points.
+        today: their closest points on the deformed master.
+        anchor: what the last converged step left, moved by today's master.
+        reach: m, gap up to which a point counts as closed.
+    """
+    n, gap = today.normal, today.gap
+    # Touching points count as closed: they carry no pressure yet, but their stiffness keeps a body
+    # that only rests on another from being loose.
+    size = np.sqrt(np.einsum("qai,qai->qa", today.tangents, today.tangents).max(axis=1))
+    closed = (gap <= np.maximum(TOUCHING * size, reach)) & today.on_surface
+    slip = _in_plane(n, _apart(points, today, anchor))
+    closing = _closing(gap, anchor.gap, closed)
+    if closing.any():
+        slip *= _closed_share(gap, anchor.gap, closing)[0][:, None]
+    image = _in_plane(n, anchor.slip_image)
+    return ContactKinematics(n, gap, closed, slip, _rescaled(image, anchor)[0][:, None] * image)
+
+
+def vary(points: Floats, today: Projection, anchor: Anchor) -> Variations:
+    """Variation of the kinematics of points that are closed.
+
+    Args:
+        points: (q, i), m, current: closed slave points.
+        today: their closest points on the deformed master.
+        anchor: what the last converged step left, moved by today's master.
+    """
+    n, gap = today.normal, today.gap
+    count, dim = n.shape
+    size = (3 + today.tangents.shape[1]) * dim
+    a, c = slice(0, dim), slice(size - 2 * dim, size - dim)
+    d_gap = np.zeros((count, size))
+    d_gap[:, a] = n
+    d_xi, d_normal = _vary_projection(today, size)
+    plane = np.eye(dim) - _outer(n, n)
+    s = _apart(points, today, anchor)
+    d_slip = _vary_in_plane(n, s, d_normal)
+    d_slip[:, :, c] += plane
+    at = np.nonzero(today.clamped)[0]
+    if len(at):
+        d_foot = np.einsum("qai,qar->qir", today.tangents[at], d_xi[at])
+        d_foot[:, :, a] -= np.eye(dim)
+        d_slip[at] += plane[at] @ d_foot
+    closing = _closing(gap, anchor.gap, np.ones(count, dtype=bool))
+    if closing.any():
+        share, d_share = _closed_share(gap, anchor.gap, closing)
+        d_slip = share[:, None, None] * d_slip
+        d_slip += _outer(_in_plane(n, s), d_share[:, None] * d_gap)
+    return Variations(d_gap, d_normal, d_slip, _vary_transport(n, plane, anchor, d_normal), d_xi)
+
+
+def _apart(points: Floats, today: Projection, anchor: Anchor) -> Floats:
+    """Way (q, i), m, from the last step's material point to today's place.
+
+    Clamped to an edge or a corner the foot moves, not x: a motionless point in a groove, with a
+    normal that turns freely, would slip.
+    """
+    if not today.clamped.any():
+        return points - anchor.foot
+    return np.where(today.clamped[:, None], today.foot, points) - anchor.foot
+
+
+def _in_plane(n: Floats, v: Floats) -> Floats:
+    """(I − n⊗n) v."""
+    out: Floats = v - _dot(n, v)[:, None] * n
+    return out
+
+
+def _vary_projection(today: Projection, size: int) -> tuple[Floats, Floats]:
+    """∂ξ^α/∂z (q, α, r·j) and ∂n/∂z (q, i, r·j) of points inside a facet, on an edge, at a corner.
+
+    Inside a facet H_αβ δξ^β = τ_α·a + g n·b_α with H_αβ = τ_α·τ_β − g n·ȳ_,αβ, and
+    δn = −(n·(b_α + ȳ_,αβ δξ^β)) τ^α.
+    """
+    n, gap, tau = today.normal, today.gap, today.tangents
+    count, surface, dim = tau.shape
+    metric = np.einsum("qai,qbi->qab", tau, tau)
+    inverse = _inverse(metric)
+    contravariant = np.einsum("qab,qbi->qai", inverse, tau)
+    bend = None  # n·ȳ_,αβ
+    if today.curvature is not None:
+        bend = np.einsum("qabi,qi->qab", today.curvature, n)
+        inverse = _inverse(metric - gap[:, None, None] * bend)
+    d_xi = np.zeros((count, surface, size))
+    d_normal = np.zeros((count, dim, size))
+    d_xi[:, :, :dim] = contravariant if bend is None else inverse @ tau
+    for beta in range(surface):  # one or two surface directions
+        b = slice((1 + beta) * dim, (2 + beta) * dim)
+        d_xi[:, :, b] = inverse[:, :, beta, None] * (gap[:, None] * n)[:, None, :]
+        d_normal[:, :, b] = -_outer(contravariant[:, beta], n)
+    if bend is not None:
+        d_normal -= np.einsum("qai,qar->qir", contravariant, bend @ d_xi)
+    at = np.nonzero(today.clamped)[0]
+    if len(at):
+        d_xi[at], d_normal[at] = _vary_clamped(today, at, size)
+    return d_xi, d_normal
+
+
+def _vary_clamped(today: Projection, at: Longs, size: int) -> tuple[Floats, Floats]:
+    """∂ξ^α/∂z (p, α, r·j) and ∂n/∂z (p, i, r·j) of the points ``at``, on an edge or at a corner.
+
+    Along an edge ξ = ξ_0 + s e, with t = e^α τ_α: (t·t − g n·t_,s) δs = t·a + g n·e^α b_α and
+    δξ^α = e^α δs; at a corner δξ = 0. As n lies along x − ȳ, δn = (I − n⊗n)(a − τ_α δξ^α)/g.
+    """
+    n, gap, tau = today.normal[at], today.gap[at], today.tangents[at]
+    count, surface, dim = tau.shape
+    d_xi = np.zeros((count, surface, size))
+    if today.along is not None:
+        e = today.along[at]
+        t = np.einsum("qa,qai->qi", e, tau)
+        stiffness = _dot(t, t)
+        if today.curvature is not None:
+            change = np.einsum("qa,qb,qabi->qi", e, e, today.curvature[at])
+            stiffness = stiffness - gap * _dot(n, change)
+        moves = stiffness != 0.0
+        e_over = np.where(moves[:, None], e, 0.0) / np.where(moves, stiffness, 1.0)[:, None]
+        d_xi[:, :, :dim] = _outer(e_over, t)
+        for beta in range(surface):
+            b = slice((1 + beta) * dim, (2 + beta) * dim)
+            d_xi[:, :, b] = _outer(e_over, (e[:, beta] * gap)[:, None] * n)
+    d_apart = -np.einsum("qai,qar->qir", tau, d_xi)
+    d_apart[:, :, :dim] += np.eye(dim)
+    length = np.linalg.norm(tau, axis=2).max(axis=1)
+    # On the edge itself the direction is undefined; the normal is then held.
+    with np.errstate(divide="ignore"):
+        over = np.where(np.abs(gap) > 1e-12 * length, 1.0 / gap, 0.0)
+    d_normal = over[:, None, None] * ((np.eye(dim) - _outer(n, n)) @ d_apart)
+    return d_xi, d_normal
+
+
+def _inverse(matrix: Floats) -> Floats:
+    """Inverses (q, α, α) of matrices of one or two rows."""
+    if matrix.shape[1] == 1:
+        return np.asarray(1.0 / matrix, dtype=np.float64)
+    out = np.empty_like(matrix)
+    out[:, 0, 0], out[:, 1, 1] = matrix[:, 1, 1], matrix[:, 0, 0]
+    out[:, 0, 1], out[:, 1, 0] = -matrix[:, 0, 1], -matrix[:, 1, 0]
+    determinant = matrix[:, 0, 0] * matrix[:, 1, 1] - matrix[:, 0, 1] * matrix[:, 1, 0]
+    inverse: Floats = out / determinant[:, None, None]
+    return inverse
+
+
+def _vary_in_plane(n: Floats, v: Floats, d_normal: Floats) -> Floats:
+    """The part of δ((I − n⊗n) v) that comes from the normal: −δn (n·v) − n (δn·v)."""
+    out: Floats = -_dot(n, v)[:, None, None] * d_normal
+    out -= n[:, :, None] * np.einsum("qi,qir->qr", v, d_normal)[:, None, :]
+    return out
+
+
+def _closing(gap: Floats, before: Floats, closed: Bools) -> Bools:
+    """Points that close within the step."""
+    return closed & (before > 0.0) & (gap < 0.0)
+
+
+def _closed_share(gap: Floats, before: Floats, closing: Bools) -> tuple[Floats, Floats]:
+    """Share of the step spent in contact, −g/(g_n − g) for a point that closes, and ∂/∂g.
+
+    Where there was no projection before, nothing is known of the way: no slip.
+    """
+    known = closing & np.isfinite(before)
+    start = np.where(known, before, 1.0)
+    now = np.where(known, gap, -1.0)
+    share = np.where(known, -now / (start - now), np.where(closing, 0.0, 1.0))
+    return share, np.where(known, -start / (start - now) ** 2, 0.0)
+
+
+def _rescaled(image: Floats, anchor: Anchor) -> tuple[Floats, Floats]:
+    """Scale L/|v| (q,) that keeps the length of the elastic slip, and |v|, 1 where there is none.
+
+    The length L is kept: neither the projection nor a stretch of the master may create or lose
+    elastic energy.
+    """
+    length = np.sqrt(_dot(image, image))
+    alive = (length > 0.0) & (anchor.slip_length > 0.0)
+    safe = np.where(alive, length, 1.0)
+    return np.where(alive, anchor.slip_length, 0.0) / safe, safe
+
+
+def _vary_transport(n: Floats, plane: Floats, anchor: Anchor, d_normal: Floats) -> Floats:
+    """Variation (q, i, r·j) of the elastic slip g_e = L v/|v|, v = (I − n⊗n) q."""
+    dim = n.shape[1]
+    v = _in_plane(n, anchor.slip_image)
+    scale, length = _rescaled(v, anchor)
+    m = v / length[:, None]
+    d_v = _vary_in_plane(n, anchor.slip_image, d_normal)
+    d_v[:, :, -dim:] += plane
+    d_v -= m[:, :, None] * np.einsum("qi,qir->qr", m, d_v)[:, None, :]
+    d_v *= scale[:, None, None]
+    return d_v

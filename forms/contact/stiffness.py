@@ -1,0 +1,89 @@
+"""Stiffness and viscosity of a contact pair, for the stable step of an explicit integration."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+from mpi4py import MPI
+
+from forms.contact.explicit import ExplicitContact
+from forms.contact.penalty import ContactTerm
+from geometry.surfaces.exchange import NodalVector
+
+PROBES = (1e-9, 1e-6, 1e-3, 1.0)  # m/s, slip speeds at which the film is tried
+
+
+class PairStiffness:
+    """K and C of one pair, as if all its points were closed: they may be at the next step.
+
+    Per point K_N n⊗n + k_T (I − n⊗n), with k_T the law's stiffness against slip that it has not
+    yet permitted, and C = c (I − n⊗n).
+    """
+
+    def __init__(self, contact: ExplicitContact) -> None:
+        """Ask the law for its stiffness at rest and its largest viscosity in motion; collective."""
+        self.contact = contact
+        term = contact.term
+        self.normal = term.penalty
+        comm = term.surface.space.mesh.comm
+        self.tangential = comm.allreduce(elastic_stiffness(term), op=MPI.MAX)
+        self.viscosity = comm.allreduce(largest_viscosity(term), op=MPI.MAX)
+        self._values = np.zeros((len(contact.exchange.nodes), term.surface.dim))
+
+    def add(self, w: NodalVector, out: NodalVector, viscous: bool) -> None:
+        """Add K w or C w to ``out``; collective."""
+        contact = self.contact
+        assert contact.trial is not None
+        n = contact.trial.kinematics.normal
+        contact.exchange.gather(w, self._values)
+        jump = contact.jump(self._values)
+        across = np.einsum("qi,qi->q", n, jump)[:, None] * n
+        along = jump - across
+        if viscous:
+            contact.spread(-self.viscosity * along, out)
+        else:
+            contact.spread(-(self.normal * across + self.tangential * along), out)
+
+    def add_bound(self, out: NodalVector) -> None:
+        """Add to ``out`` a diagonal that is nowhere softer than K (its row sums); collective."""
+        self.contact.spread_weights(max(self.normal, self.tangential), out)
+
+
+def elastic_stiffness(term: ContactTerm) -> float:
+    """Largest stiffness against slip of any point of this rank at rest, Pa/m."""
+    q, dim = len(term.surface.slave.weight), term.surface.dim
+    if q == 0:
+        return 0.0
+    pressure = np.full(q, _pressures(term)[-1])
+    response = term.law.update(
+        np.zeros((q, dim)),
+        1.0,
+        pressure,
+        term.film.at(pressure)[0],
+        term.law.initial_state(q, dim),
+        rate_dependent=False,
+    )
+    return float(np.abs(response.d_traction_d_slip).max(initial=0.0))
+
+
+def largest_viscosity(term: ContactTerm) -> float:
+    """Largest viscous traction per slip speed of any point of this rank, Pa s/m, by trials."""
+    q, dim = len(term.surface.slave.weight), term.surface.dim
+    largest, area_ratio = 0.0, term.state.area_ratio
+    for speed, level in itertools.product(PROBES, _pressures(term)) if q else ():
+        slip = np.zeros((q, dim))
+        slip[:, 0] = speed
+        pressure = np.full(q, level)
+        film = term.film.at(pressure)[0]
+        state = term.law.initial_state(q, dim)
+        state.speed[:] = speed
+        response = term.law.update(slip, 1.0, pressure, film, state, area_ratio=area_ratio)
+        largest = max(largest, float(response.dissipation.viscous.max()) / speed**2)
+    return largest
+
+
+def _pressures(term: ContactTerm) -> tuple[float, float]:
+    """A low and a high pressure, Pa: penetrations of a hundredth and a tenth of a facet or so."""
+    length = term.surface.facet_length
+    return 1e-2 * term.penalty * length, 1e-1 * term.penalty * length

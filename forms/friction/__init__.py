@@ -1,0 +1,11 @@
+"""Friction laws and the film, on numpy alone."""
+
+from forms.friction.law import (
+    Dissipation,
+    FrictionLaw,
+    FrictionResponse,
+    FrictionState,
+    Regime,
+)
+
+__all__ = ["Dissipation", "FrictionLaw", "FrictionResponse", "FrictionState", "Regime"]

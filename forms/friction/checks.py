@@ -1,0 +1,122 @@
+r"""Checks of friction-map parameters against the film, the pressure and the numbers of a run.
+
+What cannot be computed is refused with a ``ValueError``; what can be, but may surprise, is told in
+one line with the numbers, for the caller to print.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forms.friction.film import require_thickness
+from forms.friction.film_map import at_rest, threshold_speed
+from forms.friction.parameters import FrictionMapParameters
+
+Floats = NDArray[np.float64]
+
+
+def check_film(parameters: FrictionMapParameters, film: Floats | float) -> None:
+    """Refuse a film that the law cannot work with.
+
+    Args:
+        parameters: Of the law.
+        film: (q,) or a number, m, film thickness D.
+
+    Raises:
+        ValueError: A thickness is negative or not finite, or there is a film without viscosity.
+    """
+    thickness = np.atleast_1d(np.asarray(film, dtype=np.float64))
+    require_thickness(thickness)
+    wet = thickness[thickness > parameters.D_min]
+    if wet.size and parameters.eta_b == 0.0:
+        raise ValueError(
+            f"eta_b = 0 Pa s is not allowed: a film of {wet[0]:g} m > D_min = "
+            f"{parameters.D_min:g} m needs a viscosity above 0"
+        )
+
+
+def uniqueness_warning(
+    parameters: FrictionMapParameters, pressure: float, film: Floats | float
+) -> str | None:
+    r"""Whether slip weakening may leave two answers to one step, as a line of text.
+
+    .. math:: (1 - \alpha) K_T > \omega\, t_N (\mu_s - \mu_d) B
+
+    (omega = 1 - alpha for the weighted flow rule, 1 for the literal one; alpha below the threshold
+    speed) is sufficient for one answer, not necessary. Where it fails, stick and slip can coexist
+    and the traction can jump.
+
+    Args:
+        parameters: Of the law.
+        pressure: Pa, the highest contact pressure t_N to expect.
+        film: (q,) or a number, m, film thickness D.
+
+    Returns:
+        A message with the numbers, or None where the answer is unique.
+    """
+    softening = pressure * (parameters.mu_s - parameters.mu_dynamic) * parameters.B
+    stiffness, what = parameters.K_T, "K_T"
+    if parameters.flow_rule == "literal":
+        thickness = np.atleast_1d(np.asarray(film, dtype=np.float64))
+        solid = at_rest(parameters, thickness).solid
+        # A film that carries all has no friction, so nothing that could weaken.
+        solid = solid[solid > 0.0]
+        if not solid.size:
+            return None
+        stiffness, what = float(solid.min()) * stiffness, "(1 - alpha) K_T"
+    if softening == 0.0 or stiffness > softening:
+        return None
+    highest = pressure * stiffness / softening
+    return (
+        f"slip weakening: stick and slip can coexist and the friction traction can jump, as "
+        f"{what} = {stiffness:.3g} Pa/m is not above t_N (mu_s - mu_d) B = {softening:.3g} Pa/m at "
+        f"t_N = {pressure:.3g} Pa; it is unique up to t_N = {highest:.3g} Pa"
+    )
+
+
+def threshold_speed_warning(
+    parameters: FrictionMapParameters,
+    film: Floats | float,
+    *,
+    position_error: float,
+    dt: float,
+    slowest: float | None = None,
+) -> str | None:
+    """Whether the threshold speed V* can play a part in a run, as a line of text.
+
+    Speeds below (error of a position)/(time step) cannot be told apart from rest; and where V* is
+    below every driven speed, the film carries all (alpha = 1) throughout the sliding.
+
+    Args:
+        parameters: Of the law.
+        film: (q,) or a number, m, film thickness D.
+        position_error: m, error of a position: round-off or the solver's tolerance.
+        dt: s, the shortest time step.
+        slowest: m/s, the lowest speed of sliding, > 0, if there is one.
+
+    Returns:
+        A message with the numbers, or None where V* can be resolved and lies within reach (or
+        where there is no film between D_min and D_max, so that V* plays no part).
+    """
+    thickness = np.atleast_1d(np.asarray(film, dtype=np.float64))
+    inside = (thickness > parameters.D_min) & (thickness < parameters.D_max)
+    if not inside.any():
+        return None
+    v_star = threshold_speed(parameters, thickness[inside])
+    lowest, at = float(v_star.min()), float(thickness[inside][v_star.argmin()])
+    source = "gamma" if parameters.gamma is not None else "V_star"
+    given = parameters.gamma if parameters.gamma is not None else parameters.V_star
+    head = f"{source} = {given:g}: the threshold speed V* = {lowest:.2g} m/s (D = {at:.3g} m)"
+    resolved = position_error / dt
+    if lowest <= resolved:
+        return (
+            f"{head} lies within round-off: speeds below {resolved:.2g} m/s (position error "
+            f"{position_error:.2g} m over a time step of {dt:.2g} s) cannot be told apart"
+        )
+    if slowest is not None and float(v_star.max()) < slowest:
+        return (
+            f"{head} lies below every speed of sliding (from {slowest:.2g} m/s): the film carries "
+            f"all (alpha = 1) throughout"
+        )
+    return None

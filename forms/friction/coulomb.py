@@ -1,0 +1,135 @@
+r"""Plain Coulomb friction with an elastic tangential stiffness, and no friction at all."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forms.friction.dry_friction import dry_step, in_contact, next_state
+from forms.friction.law import (
+    Dissipation,
+    FrictionResponse,
+    FrictionState,
+    Regime,
+    require_time_step,
+)
+from forms.friction.parameter_checks import require_above, require_at_least
+from forms.friction.return_mapping import dot
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CoulombParameters:
+    """Parameters of Coulomb friction.
+
+    Attributes:
+        mu: Coefficient of friction, >= 0.
+        K_T: Pa/m, elastic tangential stiffness (or penalty), > 0.
+
+    Raises:
+        ValueError: A value is not allowed; the message names field, value and what is allowed.
+    """
+
+    mu: float
+    K_T: float
+
+    def __post_init__(self) -> None:
+        require_at_least("mu", self.mu, 0.0)
+        require_above("K_T", self.K_T, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class CoulombLaw:
+    r"""Coulomb friction (a ``FrictionLaw``): T = K_T g_e, |T| <= mu t_N.
+
+    The elastic slip :math:`g_e` grows with the slip until :math:`K_T |g_e| = \mu t_N`; the rest of
+    the slip is permanent. The film plays no role.
+
+    Attributes:
+        parameters: Its parameters.
+    """
+
+    parameters: CoulombParameters
+
+    def initial_state(self, n: int, dim: int) -> FrictionState:
+        """State of n points that have never been in contact, in dim space dimensions."""
+        return FrictionState.zeros(n, dim)
+
+    def stored_energy(self, state: FrictionState) -> Floats:
+        """Elastic energy of the slip, psi = K_T/2 |g_e|^2, (q,), J/m^2."""
+        g = state.elastic_slip.T
+        return 0.5 * self.parameters.K_T * dot(g, g)
+
+    def coefficient(self, state: FrictionState) -> Floats:
+        """The constant coefficient of friction, (q,)."""
+        return np.full_like(state.slip_path, self.parameters.mu)
+
+    def update(
+        self,
+        slip_increment: Floats,
+        dt: float,
+        pressure: Floats,
+        film: Floats,
+        state: FrictionState,
+        *,
+        area_ratio: Floats | float = 1.0,
+        rate_dependent: bool = True,
+    ) -> FrictionResponse:
+        """Traction, derivatives and trial state of one step; see ``FrictionLaw.update``."""
+        mu, K_T = self.parameters.mu, self.parameters.K_T
+        return dry_step(slip_increment, dt, pressure, state, K_T, mu, rate_dependent).response
+
+
+@dataclass(frozen=True, slots=True)
+class FrictionlessLaw:
+    """No tangential traction (a ``FrictionLaw``); points in contact slip freely."""
+
+    def initial_state(self, n: int, dim: int) -> FrictionState:
+        """State of n points that have never been in contact, in dim space dimensions."""
+        return FrictionState.zeros(n, dim)
+
+    def stored_energy(self, state: FrictionState) -> Floats:
+        """Zero, (q,), J/m^2."""
+        return np.zeros_like(state.slip_path)
+
+    def coefficient(self, state: FrictionState) -> Floats:
+        """Zero, (q,)."""
+        return np.zeros_like(state.slip_path)
+
+    def update(
+        self,
+        slip_increment: Floats,
+        dt: float,
+        pressure: Floats,
+        film: Floats,
+        state: FrictionState,
+        *,
+        area_ratio: Floats | float = 1.0,
+        rate_dependent: bool = True,
+    ) -> FrictionResponse:
+        """No traction; the state counts the slip. See ``FrictionLaw.update``."""
+        require_time_step(dt, rate_dependent)
+        slip, _, closed = in_contact(slip_increment, pressure, state)
+        n, dim = slip_increment.shape
+        regime = np.where(closed, Regime.SLIP, Regime.OPEN).astype(np.int8)
+        return FrictionResponse(
+            traction=np.zeros((n, dim)),
+            d_traction_d_slip=np.zeros((n, dim, dim)),
+            d_traction_d_elastic=np.zeros((n, dim, dim)),
+            d_traction_d_pressure=np.zeros((n, dim)),
+            d_traction_d_film=np.zeros((n, dim)),
+            state=next_state(
+                np.zeros_like(slip),
+                np.sqrt(dot(slip, slip)),
+                slip,
+                dt,
+                closed,
+                state,
+                rate_dependent,
+            ),
+            regime=regime,
+            dissipation=Dissipation(*(np.zeros(n) for _ in range(5))),
+        )

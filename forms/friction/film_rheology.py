@@ -1,0 +1,167 @@
+r"""How the film flows: Newtonian, with limits that a thin film under high shear and pressure has.
+
+Stress of the film per current area over shear rate :math:`\dot\gamma = V/D` and pressure p:
+
+.. math::
+   \eta_0 = \eta_b e^{a p}, \qquad
+   \eta_N = \eta_\infty + (\eta_0 - \eta_\infty)
+   \left[1 + (\dot\gamma/\dot\gamma_c)^2\right]^{(n - 1)/2}
+
+   \tau = \tau_L \left(1 - e^{-\eta_N \dot\gamma/\tau_L}\right), \qquad
+   \tau_L = \tau_0 + \zeta p
+
+after Barus (Am. J. Sci. 45, 1893), Carreau (Trans. Soc. Rheol. 16, 1972) and Bair & Winer
+(J. Lubr. Technol. 101, 1979). Each of the three is off unless asked for; without any
+:math:`\tau = \eta_b \dot\gamma`. The stress never falls with the shear rate (n >= 0), and
+:math:`\tau \dot\gamma \ge 0`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forms.friction.parameter_checks import refusal, require_above, require_at_least
+
+Floats = NDArray[np.float64]
+
+# Up to here (1 - exp(-x))/x is taken from its series: its derivative loses digits otherwise.
+_SERIES_UP_TO = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class Viscosity:
+    r"""Viscosity :math:`\tau/\dot\gamma` of the film at q points, with its derivatives.
+
+    Attributes:
+        value: (q,), Pa s.
+        d_rate: (q,), Pa s^2, for the shear rate.
+        d_pressure: (q,), s, for the pressure.
+    """
+
+    value: Floats
+    d_rate: Floats
+    d_pressure: Floats
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FilmRheology:
+    """Parameters of the film's flow, SI units.
+
+    Attributes:
+        eta_b: Pa s, viscosity in bulk, >= 0.
+        tau_0: Pa, limiting shear stress at no pressure, >= 0; None: no limit.
+        zeta: Growth of the limiting shear stress with the pressure, >= 0.
+        critical_rate: 1/s, shear rate from which the film thins, > 0; None: it does not.
+        thinning_exponent: n in [0, 1], given with ``critical_rate``: log-log slope of the stress
+            over the shear rate far above it (1: Newtonian, 0: solid-like).
+        eta_inf: Pa s, viscosity at infinite shear rate, 0 <= eta_inf <= eta_b.
+        barus: 1/Pa, a >= 0.
+
+    Raises:
+        ValueError: A value is not allowed; the message names field, value and what is allowed.
+    """
+
+    eta_b: float
+    tau_0: float | None = None
+    zeta: float = 0.0
+    critical_rate: float | None = None
+    thinning_exponent: float | None = None
+    eta_inf: float = 0.0
+    barus: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_at_least("zeta", self.zeta, 0.0)
+        require_at_least("barus", self.barus, 0.0)
+        if self.tau_0 is not None:
+            require_at_least("tau_0", self.tau_0, 0.0)
+            if self.tau_0 == 0.0 and self.zeta == 0.0:
+                raise refusal("tau_0", self.tau_0, "a number above 0, or zeta above 0")
+        elif self.zeta > 0.0:
+            raise refusal("zeta", self.zeta, "0 without tau_0")
+        self._check_thinning()
+
+    def _check_thinning(self) -> None:
+        require_at_least("eta_inf", self.eta_inf, 0.0)
+        if self.eta_inf > self.eta_b:
+            raise refusal("eta_inf", self.eta_inf, f"a number up to eta_b = {self.eta_b!r}")
+        exponent = self.thinning_exponent
+        if self.critical_rate is None:
+            if exponent is not None:
+                raise refusal("thinning_exponent", exponent, "nothing without critical_rate")
+            if self.eta_inf > 0.0:
+                raise refusal("eta_inf", self.eta_inf, "0 without critical_rate")
+            return
+        require_above("critical_rate", self.critical_rate, 0.0)
+        if exponent is None or not 0.0 <= exponent <= 1.0:
+            raise refusal("thinning_exponent", exponent, "a number in [0, 1] with critical_rate")
+
+    @property
+    def newtonian(self) -> bool:
+        """Whether the viscosity is eta_b at every shear rate and pressure."""
+        unlimited = self.tau_0 is None and self.critical_rate is None
+        return unlimited and self.barus == 0.0
+
+    def viscosity(self, rate: Floats, pressure: Floats) -> Viscosity:
+        r"""Viscosity of the film, :math:`\tau/\dot\gamma`.
+
+        Args:
+            rate: (q,), 1/s, shear rate V/D >= 0.
+            pressure: (q,), Pa, contact pressure per current area, >= 0.
+        """
+        unlimited = self._unlimited(rate, pressure)
+        return unlimited if self.tau_0 is None else self._limited(unlimited, rate, pressure)
+
+    def _unlimited(self, rate: Floats, pressure: Floats) -> Viscosity:
+        """Barus and Carreau."""
+        base = self.eta_b * np.exp(self.barus * pressure)
+        d_base = self.barus * base
+        if self.critical_rate is None or self.thinning_exponent is None:
+            return Viscosity(base, np.zeros_like(base), d_base)
+        relative = rate / self.critical_rate
+        inside, power = 1.0 + relative**2, 0.5 * (self.thinning_exponent - 1.0)
+        share = inside**power
+        excess = base - self.eta_inf
+        slope = 2.0 * power * excess * (share / inside) * relative / self.critical_rate
+        return Viscosity(self.eta_inf + excess * share, slope, d_base * share)
+
+    def _limited(self, flow: Viscosity, rate: Floats, pressure: Floats) -> Viscosity:
+        """The limiting shear stress over a flow without one."""
+        assert self.tau_0 is not None
+        limit = self.tau_0 + self.zeta * pressure
+        limit = np.where(limit > 0.0, limit, 1.0)  # Zero at open points only, which bear no film.
+        x = flow.value * rate / limit
+        share, slope = _saturation(x)
+        d_x_d_rate = (flow.value + rate * flow.d_rate) / limit
+        d_x_d_pressure = (rate * flow.d_pressure - self.zeta * x) / limit
+        weight = flow.value * slope
+        return Viscosity(
+            flow.value * share,
+            share * flow.d_rate + weight * d_x_d_rate,
+            share * flow.d_pressure + weight * d_x_d_pressure,
+        )
+
+
+def _saturation(x: Floats) -> tuple[Floats, Floats]:
+    """(1 - exp(-x))/x for x >= 0, and its derivative."""
+    small = x < _SERIES_UP_TO
+    safe = np.where(small, 1.0, x)
+    gone = np.exp(-safe)
+    share = np.where(small, _polynomial(x, _SHARE), -np.expm1(-safe) / safe)
+    slope = np.where(small, _polynomial(x, _SLOPE), (gone * (1.0 + safe) - 1.0) / safe**2)
+    return share, slope
+
+
+def _polynomial(x: Floats, coefficients: tuple[float, ...]) -> Floats:
+    y = np.minimum(x, _SERIES_UP_TO)
+    total = np.full_like(y, coefficients[-1])
+    for coefficient in coefficients[-2::-1]:
+        total = total * y + coefficient
+    return total
+
+
+# Taylor coefficients of (1 - exp(-x))/x, and of its derivative.
+_SHARE = (1.0, -1 / 2, 1 / 6, -1 / 24, 1 / 120, -1 / 720, 1 / 5040, -1 / 40320)
+_SLOPE = tuple(k * c for k, c in enumerate(_SHARE))[1:]

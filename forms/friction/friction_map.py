@@ -1,0 +1,300 @@
+r"""The friction-map law: Coulomb friction of asperities beside a lubricating film.
+
+After Luege & Luccioni, *Finite strain model for elastomer-aluminium contact interface in forming
+processes*. Per point and step, with slip :math:`\Delta g_T`, elastic slip :math:`g_e`, film
+fraction :math:`\alpha(D, V)`, :math:`V = |\Delta g_T|/\Delta t`, pressure :math:`t_N`:
+
+.. math::
+   r = \min\{1, (1 - \alpha_{old})/(1 - \alpha)\}, \quad p = r g_e + \Delta g_T, \quad
+   k = (1 - \alpha) K_T
+
+   T = T^e + \alpha \frac{\eta_b}{D} \frac{da}{dA} \frac{\Delta g_T}{\Delta t}, \qquad
+   T^e = k\, g_{e,new}, \quad |T^e| \le \omega\, \mu(d)\, t_N
+
+with :math:`\omega = 1 - \alpha` (weighted flow rule) or 1 (literal). The factor r keeps the
+elastic traction where alpha falls, so that the energy it releases is never negative; the literal
+re-entry rule has r = 1. Options of the film's flow: :mod:`forms.friction.film_rheology`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forms.friction.film_map import FilmPoint, film_point
+from forms.friction.film_resistance import FilmResistance, film_resistance
+from forms.friction.film_rheology import FilmRheology
+from forms.friction.law import (
+    Dissipation,
+    FrictionResponse,
+    FrictionState,
+    Regime,
+    require_time_step,
+)
+from forms.friction.parameters import FrictionMapParameters
+from forms.friction.return_mapping import Returned, components_first, dot, return_mapping
+from forms.friction.slip_weakening import SlipWeakening
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class _Step:
+    """What one step of the law works with; vectors are (i, q)."""
+
+    slip: Floats
+    elastic_before: Floats
+    closed: NDArray[np.bool_]
+    at: FilmPoint
+    kept: Floats | float
+    """r, the part of the elastic slip that is kept."""
+    d_kept: Floats | None
+    """Derivative of r for alpha, None where it is zero at all points."""
+    weight: Floats | float
+    """Omega of the flow rule."""
+    trial: Floats
+    """Trial elastic slip p."""
+    returned: Returned
+    resistance: Floats
+    """(q,), Pa/m, film traction per slip of the step: alpha f."""
+    flow: FilmResistance
+    """f: the same for alpha = 1, with its derivatives."""
+
+
+@dataclass(frozen=True, slots=True)
+class FrictionMap:
+    """The friction-map law (a ``FrictionLaw``).
+
+    Attributes:
+        parameters: Its parameters.
+    """
+
+    parameters: FrictionMapParameters
+    _friction: SlipWeakening = field(init=False, repr=False)
+    _rheology: FilmRheology = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_friction", self.parameters.friction)
+        object.__setattr__(self, "_rheology", self.parameters.rheology)
+
+    def initial_state(self, n: int, dim: int) -> FrictionState:
+        """State of n points that have never been in contact, in dim space dimensions."""
+        return FrictionState.zeros(n, dim)
+
+    def stored_energy(self, state: FrictionState) -> Floats:
+        """Elastic energy of the slip, psi = (1 - alpha)/2 K_T |g_e|^2, (q,), J/m^2."""
+        g = state.elastic_slip.T
+        return 0.5 * self.parameters.K_T * (1.0 - state.alpha) * dot(g, g)
+
+    def coefficient(self, state: FrictionState) -> Floats:
+        """mu(d) at the slip path reached, (q,)."""
+        return self._friction.coefficient(state.slip_path)
+
+    def update(
+        self,
+        slip_increment: Floats,
+        dt: float,
+        pressure: Floats,
+        film: Floats,
+        state: FrictionState,
+        *,
+        area_ratio: Floats | float = 1.0,
+        rate_dependent: bool = True,
+    ) -> FrictionResponse:
+        """Traction, derivatives and trial state of one step; see ``FrictionLaw.update``.
+
+        With ``rate_dependent=False`` the film carries no stress and alpha is that of V = 0.
+        """
+        require_time_step(dt, rate_dependent)
+        step = self._solve(slip_increment, dt, pressure, film, state, area_ratio, rate_dependent)
+        new = self._new_state(step, state, dt, rate_dependent)
+        traction = step.weight * step.returned.secant * step.trial
+        traction += step.resistance * step.slip
+        d_slip, d_elastic, d_film = self._derivatives(step, dt)
+        d_pressure = step.weight * step.returned.d_pressure * step.returned.direction
+        if step.flow.d_pressure is not None:
+            d_pressure += (step.at.alpha * step.flow.d_pressure) * step.slip
+        return FrictionResponse(
+            traction=traction.T,
+            d_traction_d_slip=d_slip.transpose(2, 0, 1),
+            d_traction_d_elastic=d_elastic.transpose(2, 0, 1),
+            d_traction_d_pressure=d_pressure.T,
+            d_traction_d_film=d_film.T,
+            state=new,
+            regime=_regime(step),
+            dissipation=self._dissipation(step, state),
+        )
+
+    def _solve(
+        self,
+        slip_increment: Floats,
+        dt: float,
+        pressure: Floats,
+        film: Floats,
+        state: FrictionState,
+        area_ratio: Floats | float,
+        rate_dependent: bool,
+    ) -> _Step:
+        """Film fraction, re-entry and return mapping."""
+        parameters = self.parameters
+        slip = components_first(slip_increment)
+        before = components_first(state.elastic_slip)
+        closed = pressure > 0.0
+        if not closed.all():
+            slip[:, ~closed] = 0.0
+            before[:, ~closed] = 0.0
+        film = _shortened(film)
+        speed = self._speed(slip, dt, state, rate_dependent)
+        at = film_point(parameters, film, speed)
+        kept, d_kept = self._kept(at, state)
+        literal = parameters.flow_rule == "literal"
+        trial = kept * before + slip
+        returned = return_mapping(
+            trial,
+            parameters.K_T * at.solid if literal else parameters.K_T,
+            pressure,
+            state.slip_path,
+            self._friction,
+        )
+        flow = film_resistance(
+            parameters,
+            self._rheology,
+            film,
+            np.sqrt(dot(slip, slip)),
+            dt if rate_dependent else math.inf,
+            pressure,
+            area_ratio,
+        )
+        return _Step(
+            slip=slip,
+            elastic_before=before,
+            closed=closed,
+            at=at,
+            kept=kept,
+            d_kept=d_kept,
+            weight=1.0 if literal else at.solid,
+            trial=trial,
+            returned=returned,
+            resistance=at.alpha * flow.value,
+            flow=flow,
+        )
+
+    def _speed(self, slip: Floats, dt: float, state: FrictionState, rate_dependent: bool) -> Floats:
+        """The speed that alpha is taken at, (q,), m/s."""
+        if not rate_dependent:
+            return np.zeros(slip.shape[1])
+        if self.parameters.switch == "lagged":
+            return state.speed
+        return np.sqrt(dot(slip, slip)) / dt
+
+    def _kept(self, at: FilmPoint, state: FrictionState) -> tuple[Floats | float, Floats | None]:
+        """The kept part r of the elastic slip, and its derivative for alpha."""
+        if self.parameters.reentry == "literal":
+            return 1.0, None
+        solid_before = 1.0 - state.alpha
+        falls = at.solid > solid_before
+        if not falls.any():
+            return 1.0, None
+        solid = np.where(falls, at.solid, 1.0)
+        kept = np.where(falls, solid_before / solid, 1.0)
+        return kept, np.where(falls, kept / solid, 0.0)
+
+    def _new_state(
+        self, step: _Step, state: FrictionState, dt: float, rate_dependent: bool
+    ) -> FrictionState:
+        path = state.slip_path + step.returned.slip
+        if self.parameters.reset_slip_on_opening:
+            path = np.where(step.closed, path, 0.0)
+        speed = np.sqrt(dot(step.slip, step.slip))
+        return FrictionState(
+            elastic_slip=np.ascontiguousarray(step.returned.elastic_slip.T),
+            slip_path=path,
+            alpha=step.at.alpha,
+            speed=speed / dt if rate_dependent else np.zeros_like(speed),
+            closed=step.closed,
+        )
+
+    def _derivatives(self, step: _Step, dt: float) -> tuple[Floats, Floats, Floats]:
+        """Of T for slip (i, j, q), elastic slip (i, j, q) and film thickness (i, q)."""
+        dim = len(step.slip)
+        elastic = step.weight * step.returned.derivative(dim)
+        d_elastic = step.kept * elastic if isinstance(step.kept, np.ndarray) else elastic
+        d_slip = elastic.copy()
+        for i in range(dim):
+            d_slip[i, i] += step.resistance
+        d_film = (step.at.alpha * step.flow.d_film) * step.slip
+        # d|slip|/d slip; where it does not exist (no slip) nothing depends on it.
+        length = np.sqrt(dot(step.slip, step.slip))
+        ahead = step.slip / np.where(length > 0.0, length, 1.0)
+        if step.flow.d_length is not None:
+            along = (step.at.alpha * step.flow.d_length) * step.slip
+            d_slip += along[:, None] * ahead[None, :]
+        d_speed = step.at.d_alpha_d_speed
+        if self.parameters.switch == "lagged":
+            d_speed = None
+        if d_speed is not None or step.at.d_alpha_d_film.any():
+            d_alpha = self._d_traction_d_alpha(step)
+            d_film += step.at.d_alpha_d_film * d_alpha
+            if d_speed is not None:
+                d_slip += d_alpha[:, None] * ((d_speed / dt) * ahead)[None, :]
+        return d_slip, d_elastic, d_film
+
+    def _d_traction_d_alpha(self, step: _Step) -> Floats:
+        """dT/dalpha with slip, film thickness and pressure fixed, (i, q), Pa."""
+        returned = step.returned
+        if self.parameters.flow_rule == "weighted":
+            # T^e is 1 - alpha times a traction that knows alpha only through r.
+            d_alpha = -returned.secant * step.trial
+        else:
+            d_alpha = (-self.parameters.K_T * returned.d_stiffness) * returned.direction
+        if step.d_kept is not None:
+            d_alpha += step.weight * step.d_kept * returned.derivative_along(step.elastic_before)
+        d_alpha += step.flow.value * step.slip
+        return d_alpha
+
+    def _dissipation(self, step: _Step, state: FrictionState) -> Dissipation:
+        """The work of the step, split; exact by construction of the step."""
+        returned, K_T = step.returned, self.parameters.K_T
+        new, before = returned.elastic_slip, step.elastic_before
+        solid_before = 1.0 - state.alpha
+        length2 = dot(before, before)
+        if isinstance(step.kept, np.ndarray) and self.parameters.reentry == "consistent":
+            # (1 - alpha) r^2 = (1 - alpha_old) r where alpha falls: no difference of near numbers.
+            rising = np.maximum(solid_before - step.at.solid, 0.0)
+            freed = np.where(step.kept < 1.0, solid_before * (1.0 - step.kept), rising)
+        else:
+            freed = solid_before - step.at.solid
+        change = new - step.kept * before
+        opening = np.zeros_like(length2)
+        if not step.closed.all():
+            gone = ~step.closed
+            lost = state.elastic_slip[gone].T
+            opening[gone] = 0.5 * K_T * solid_before[gone] * dot(lost, lost)
+        return Dissipation(
+            coulomb=returned.slip * step.weight * returned.secant * returned.length,
+            viscous=step.resistance * dot(step.slip, step.slip),
+            switching=0.5 * K_T * freed * length2,
+            numerical=0.5 * K_T * step.at.solid * dot(change, change),
+            opening=opening,
+        )
+
+
+def _shortened(film: Floats) -> Floats:
+    """One entry for all where the film is the same everywhere: powers and roots are then free."""
+    if film.size > 1 and bool((film == film[0]).all()):
+        return film[:1]
+    return film
+
+
+def _regime(step: _Step) -> NDArray[np.int8]:
+    """Codes of ``Regime``, (q,)."""
+    slipping = step.returned.slipping
+    regime = np.full(slipping.shape, int(Regime.STICK), dtype=np.int8)
+    regime[slipping] = Regime.SLIP
+    regime[slipping & (step.at.alpha > 0.0)] = Regime.MIXED
+    regime[step.at.alpha == 1.0] = Regime.VISCOUS
+    regime[~step.closed] = Regime.OPEN
+    return regime

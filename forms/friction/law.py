@@ -1,0 +1,215 @@
+r"""What every friction law is: one vectorised update of a state, and what it answers.
+
+Axis letters: q quadrature points, i, j space (d = 2 or 3 components; any d >= 1 works). All vectors
+lie in the tangent plane of the contact, but are given in world components: no law needs the normal.
+
+Signs: the slip increment :math:`\Delta g_T` is the slave's motion relative to the master. The
+friction traction T has the direction of the slip; **it acts on the slave as -T** and on the master
+as +T, so that :math:`T \cdot \Delta g_T` is the work the contact takes from the bodies. Tractions
+are per reference area of the slave surface.
+
+Energy, at every point and step, up to round-off:
+
+.. math:: T \cdot \Delta g_T - (\psi_{n+1} - \psi_n) = \text{coulomb} + \text{viscous}
+   + \text{switching} + \text{numerical} + \text{opening}
+
+with :math:`\psi` from ``stored_energy``. The normal (penalty) part is not the law's business.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from enum import IntEnum
+from typing import Any, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+class Regime(IntEnum):
+    """What a contact point does at the end of a step.
+
+    ``STICK`` means that the asperities hold (no permanent slip in the step), also where a film
+    with 0 < alpha < 1 creeps along with their elastic deformation. ``MIXED`` is permanent slip
+    with 0 < alpha < 1, ``SLIP`` permanent slip without a film (alpha = 0), ``VISCOUS`` a film that
+    carries all (alpha = 1), moving or not.
+    """
+
+    OPEN = 0
+    STICK = 1
+    SLIP = 2
+    MIXED = 3
+    VISCOUS = 4
+
+
+@dataclass(slots=True)
+class FrictionState:
+    """History of the friction law at q points, as a structure of arrays.
+
+    Attributes:
+        elastic_slip: (q, i), m, elastic part of the slip, in today's tangent plane.
+        slip_path: (q,), m, length of the permanent slip so far.
+        alpha: (q,), -, film fraction of the last converged step.
+        speed: (q,), m/s, slip speed of the last converged step.
+        closed: (q,), whether the point was in contact.
+    """
+
+    elastic_slip: Floats
+    slip_path: Floats
+    alpha: Floats
+    speed: Floats
+    closed: NDArray[np.bool_]
+
+    @classmethod
+    def zeros(cls, n: int, dim: int) -> Self:
+        """The state of n open points without history in dim space dimensions."""
+        return cls(
+            elastic_slip=np.zeros((n, dim)),
+            slip_path=np.zeros(n),
+            alpha=np.zeros(n),
+            speed=np.zeros(n),
+            closed=np.zeros(n, dtype=np.bool_),
+        )
+
+    def copy(self) -> Self:
+        """A state that shares no memory with this one."""
+        return type(self)(**{name: value.copy() for name, value in self._items()})
+
+    def take(self, points: NDArray[Any]) -> Self:
+        """The state of some points.
+
+        Args:
+            points: (p,) indices or (q,) mask.
+        """
+        return type(self)(**{name: value[points] for name, value in self._items()})
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Every array by name, contiguous, as a checkpoint wants them; ``from_arrays`` reverts."""
+        return {name: np.ascontiguousarray(value) for name, value in self._items()}
+
+    @classmethod
+    def from_arrays(cls, arrays: dict[str, NDArray[Any]]) -> Self:
+        """The state written by ``arrays``.
+
+        Raises:
+            ValueError: An array is missing or there is one too many.
+        """
+        expected = {field.name for field in fields(cls)}
+        if set(arrays) != expected:
+            raise ValueError(
+                f"friction state: got arrays {sorted(arrays)}, expected {sorted(expected)}"
+            )
+        return cls(**{name: np.array(value) for name, value in arrays.items()})
+
+    def _items(self) -> list[tuple[str, NDArray[Any]]]:
+        return [(field.name, getattr(self, field.name)) for field in fields(self)]
+
+
+@dataclass(frozen=True, slots=True)
+class Dissipation:
+    """Where the work of one step went, per reference area. Each array (q,), J/m^2 per step.
+
+    Attributes:
+        coulomb: Permanent slip against the friction threshold.
+        viscous: Shear of the film.
+        switching: Elastic energy set free by a change of the film fraction alpha. Negative only
+            under the literal re-entry rule.
+        numerical: Part of the time integration, 1/2 k |g_e - r g_e,old|^2: falls as 1/N with the
+            number of steps N.
+        opening: Elastic slip energy lost where the contact opened.
+    """
+
+    coulomb: Floats
+    viscous: Floats
+    switching: Floats
+    numerical: Floats
+    opening: Floats
+
+    @property
+    def total(self) -> Floats:
+        """Sum of the parts, (q,), J/m^2 per step."""
+        return self.coulomb + self.viscous + self.switching + self.numerical + self.opening
+
+
+@dataclass(frozen=True, slots=True)
+class FrictionResponse:
+    """Answer of a friction law at q points.
+
+    The arrays may be views that are not C-contiguous. Derivatives are exact; at a kink (onset of
+    slip, end of a transition) they are those of the branch taken. All are zero at open points.
+
+    Attributes:
+        traction: (q, i), Pa, friction traction T; it acts on the slave as -T.
+        d_traction_d_slip: (q, i, j), Pa/m, derivative for the slip increment, j its component.
+        d_traction_d_elastic: (q, i, j), Pa/m, derivative for the elastic slip of the input state.
+        d_traction_d_pressure: (q, i), -, derivative for the contact pressure.
+        d_traction_d_film: (q, i), Pa/m, derivative for the film thickness.
+        state: Trial state at the end of the step; the caller commits or drops it.
+        regime: (q,), codes of ``Regime``.
+        dissipation: The work of the step, split.
+    """
+
+    traction: Floats
+    d_traction_d_slip: Floats
+    d_traction_d_elastic: Floats
+    d_traction_d_pressure: Floats
+    d_traction_d_film: Floats
+    state: FrictionState
+    regime: NDArray[np.int8]
+    dissipation: Dissipation
+
+
+class FrictionLaw(Protocol):
+    """A friction law: anything with these four methods."""
+
+    def initial_state(self, n: int, dim: int) -> FrictionState:
+        """State of n points that have never been in contact, in dim space dimensions."""
+        ...
+
+    def update(
+        self,
+        slip_increment: Floats,
+        dt: float,
+        pressure: Floats,
+        film: Floats,
+        state: FrictionState,
+        *,
+        area_ratio: Floats | float = 1.0,
+        rate_dependent: bool = True,
+    ) -> FrictionResponse:
+        """Traction, its derivatives and the trial state at the end of one step.
+
+        Args:
+            slip_increment: (q, i), m, slip of the step, in today's tangent plane.
+            dt: s, length of the step, > 0.
+            pressure: (q,), Pa, contact pressure t_N >= 0 per reference area; 0 means open.
+            film: (q,), m, film thickness D >= 0.
+            state: Last converged state, its elastic slip transported to today's tangent plane.
+                It is not modified.
+            area_ratio: (q,) or a number, -, da/dA of the slave surface.
+            rate_dependent: False switches off all that depends on time.
+
+        Raises:
+            ValueError: dt is not positive in a rate-dependent step.
+        """
+        ...
+
+    def stored_energy(self, state: FrictionState) -> Floats:
+        """Elastic energy of the slip, (q,), J/m^2 of reference area."""
+        ...
+
+    def coefficient(self, state: FrictionState) -> Floats:
+        """Coefficient of friction of the asperities at the slip reached, (q,)."""
+        ...
+
+
+def require_time_step(dt: float, rate_dependent: bool) -> None:
+    """Refuse a step without duration where speed matters.
+
+    Raises:
+        ValueError: dt is not positive (or not a number) in a rate-dependent step.
+    """
+    if rate_dependent and not dt > 0.0:
+        raise ValueError(f"dt = {dt!r} s is not allowed: a rate-dependent step needs dt > 0")

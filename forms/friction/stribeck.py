@@ -1,0 +1,131 @@
+r"""Friction that weakens with the speed (Stribeck), with an optional viscous part.
+
+.. math:: T = K_T g_e + c \frac{\Delta g_T}{\Delta t}, \qquad K_T |g_e| \le \mu(V)\, t_N, \qquad
+   \mu(V) = \mu_d + (\mu_s - \mu_d)\, e^{-(V/V_s)^\delta}
+
+with :math:`V = |\Delta g_T|/\Delta t` the speed of the step (Bo & Pavelescu, Wear 82, 1982). The
+traction falls with the speed where :math:`c < -\mu'(V) t_N`: stick-slip, which is the law's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forms.friction.dry_friction import dry_step
+from forms.friction.law import FrictionResponse, FrictionState
+from forms.friction.parameter_checks import refusal, require_above, require_at_least
+from forms.friction.return_mapping import dot
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StribeckParameters:
+    """Parameters of Stribeck friction.
+
+    Attributes:
+        mu_s: Coefficient of friction at rest, >= 0.
+        mu_d: Coefficient of friction at high speed, 0 <= mu_d <= mu_s.
+        V_s: m/s, speed of the weakening, > 0.
+        delta: Exponent of the weakening, > 0; below 1 the slope is infinite at V = 0.
+        K_T: Pa/m, elastic tangential stiffness, > 0.
+        viscous: Pa s/m, c >= 0, viscous stress per speed (and current area).
+
+    Raises:
+        ValueError: A value is not allowed; the message names field, value and what is allowed.
+    """
+
+    mu_s: float
+    mu_d: float
+    V_s: float
+    delta: float = 1.0
+    K_T: float
+    viscous: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_at_least("mu_s", self.mu_s, 0.0)
+        require_at_least("mu_d", self.mu_d, 0.0)
+        if self.mu_d > self.mu_s:
+            raise refusal("mu_d", self.mu_d, f"a number up to mu_s = {self.mu_s!r}")
+        require_above("V_s", self.V_s, 0.0)
+        require_above("delta", self.delta, 0.0)
+        require_above("K_T", self.K_T, 0.0)
+        require_at_least("viscous", self.viscous, 0.0)
+
+    def coefficient(self, speed: Floats) -> tuple[Floats, Floats]:
+        """mu(V) and its derivative (s/m; taken as zero at V = 0), both (q,).
+
+        Args:
+            speed: (q,), m/s, V >= 0.
+        """
+        moving = speed > 0.0
+        ratio = np.where(moving, speed, self.V_s) / self.V_s
+        power = ratio**self.delta
+        weakening = np.where(moving, (self.mu_s - self.mu_d) * np.exp(-power), 0.0)
+        slope = -weakening * self.delta * power / (ratio * self.V_s)
+        return np.where(moving, self.mu_d + weakening, self.mu_s), slope
+
+
+@dataclass(frozen=True, slots=True)
+class StribeckLaw:
+    """Stribeck friction (a ``FrictionLaw``); the film plays no role.
+
+    Attributes:
+        parameters: Its parameters.
+    """
+
+    parameters: StribeckParameters
+
+    def initial_state(self, n: int, dim: int) -> FrictionState:
+        """State of n points that have never been in contact, in dim space dimensions."""
+        return FrictionState.zeros(n, dim)
+
+    def stored_energy(self, state: FrictionState) -> Floats:
+        """Elastic energy of the slip, psi = K_T/2 |g_e|^2, (q,), J/m^2."""
+        g = state.elastic_slip.T
+        return 0.5 * self.parameters.K_T * dot(g, g)
+
+    def coefficient(self, state: FrictionState) -> Floats:
+        """mu(V) at the speed of the last step, (q,)."""
+        return self.parameters.coefficient(state.speed)[0]
+
+    def update(
+        self,
+        slip_increment: Floats,
+        dt: float,
+        pressure: Floats,
+        film: Floats,
+        state: FrictionState,
+        *,
+        area_ratio: Floats | float = 1.0,
+        rate_dependent: bool = True,
+    ) -> FrictionResponse:
+        """Traction, derivatives and trial state of one step; see ``FrictionLaw.update``.
+
+        With ``rate_dependent=False`` the coefficient is mu_s and there is no viscous part.
+        """
+        p = self.parameters
+        if not rate_dependent:
+            return dry_step(slip_increment, dt, pressure, state, p.K_T, p.mu_s, False).response
+        length = np.sqrt(dot(slip_increment.T, slip_increment.T))
+        mu, slope = p.coefficient(length / dt if dt > 0.0 else length)
+        step = dry_step(slip_increment, dt, pressure, state, p.K_T, mu, True)
+        response, returned, slip = step.response, step.returned, step.slip
+        # At open points the pressure is zero, and so is the slip.
+        resistance = np.where(pressure > 0.0, p.viscous / dt * area_ratio, 0.0)
+        softening = np.where(returned.slipping, pressure * slope / dt, 0.0)
+        ahead = slip / np.where(length > 0.0, length, 1.0)
+        d_slip = response.d_traction_d_slip.copy()
+        d_slip += np.einsum("q,iq,jq->qij", softening, returned.direction, ahead)
+        for i in range(len(slip)):
+            d_slip[:, i, i] += resistance
+        viscous = resistance * dot(slip, slip)
+        return replace(
+            response,
+            traction=response.traction + (resistance * slip).T,
+            d_traction_d_slip=d_slip,
+            dissipation=replace(response.dissipation, viscous=viscous),
+        )

@@ -1,0 +1,1 @@
+"""C sources and how they are compiled and loaded."""

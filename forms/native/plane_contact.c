@@ -1,0 +1,291 @@
+/* The geometry and the loads of a contact pair in the plane, point by point.
+ *
+ * The same operations as geometry/surfaces/projection.py and forms/contact/explicit.py, in one pass: closest
+ * point on the candidate segments, slip against the material point of the last step, transport of
+ * the elastic slip, penalty pressure, and the nodal loads. The friction law is not here.
+ */
+
+#include <math.h>
+#include <stdint.h>
+
+typedef struct {
+    /* Sizes and numbers. */
+    int64_t points, corners, candidates, nodes, first_master;
+    double penalty, touching, feigned, slack, tie;
+    /* Slave points: (q), (q, a), (q, 2); rows (q, a) of the pair's nodes. */
+    const double *weight, *shape, *slope, *reference, *direction;
+    const int64_t *rows;
+    /* Master: (n, 2) positions, (f, 2) nodes, facets that end and start at a node. */
+    const double *master;
+    const int32_t *facets, *previous, *next;
+    /* Search: candidates (q, k), and where points and nodes were then. */
+    const int32_t *candidate;
+    const double *searched_points, *searched_nodes;
+    /* Nodal values gathered, and nodal loads to add, (m, 2). */
+    const double *values;
+    double *load;
+    /* State of the last step, (q). */
+    const int32_t *facet_before;
+    const double *xi_before, *component_before, *length_before, *gap_before;
+    /* Results: current nodes (n, 2), then per point. */
+    double *current, *position, *area_ratio, *xi, *foot, *normal, *tangent, *gap, *slip, *elastic;
+    double *pressure, *traction, *component, *length, *gap_after, *friction, *viscous, *work;
+    int32_t *facet;
+    uint8_t *clamped, *on_surface, *closed;
+    /* Film: traction (q, 2), viscosity (q), friction without it (q, 2), compliance (q). */
+    double *tau, *film, *dry;
+    const double *compliance;
+} Pair;
+
+typedef struct {
+    double x, y;
+} Vector;
+
+static inline Vector at(const double *a, int64_t k)
+{
+    return (Vector){a[2 * k], a[2 * k + 1]};
+}
+
+static inline void put(double *a, int64_t k, Vector v)
+{
+    a[2 * k] = v.x;
+    a[2 * k + 1] = v.y;
+}
+
+static inline Vector less(Vector a, Vector b)
+{
+    return (Vector){a.x - b.x, a.y - b.y};
+}
+
+static inline Vector plus(Vector a, double s, Vector b)
+{
+    return (Vector){a.x + s * b.x, a.y + s * b.y};
+}
+
+static inline double dot(Vector a, Vector b)
+{
+    return a.x * b.x + a.y * b.y;
+}
+
+static inline Vector in_plane(Vector n, Vector v)
+{
+    return plus(v, -dot(n, v), n);
+}
+
+static inline Vector normal_of(Vector tau)
+{
+    double length = sqrt(dot(tau, tau));
+    return (Vector){-tau.y / length, tau.x / length};
+}
+
+static inline Vector edge(const Pair *p, int32_t facet, Vector *start)
+{
+    *start = at(p->current, p->facets[2 * facet]);
+    return less(at(p->current, p->facets[2 * facet + 1]), *start);
+}
+
+/* Where points and nodes are now; returns how far both have moved since the search. */
+static double place(Pair *p)
+{
+    double points = 0.0, nodes = 0.0;
+    for (int64_t n = 0; n < p->nodes; ++n) {
+        Vector x = plus(at(p->master, n), 1.0, at(p->values, p->first_master + n));
+        Vector moved = less(x, at(p->searched_nodes, n));
+        put(p->current, n, x);
+        nodes = fmax(nodes, dot(moved, moved));
+    }
+    for (int64_t q = 0; q < p->points; ++q) {
+        Vector u = {0.0, 0.0}, du = at(p->direction, q);
+        for (int64_t a = q * p->corners; a < (q + 1) * p->corners; ++a) {
+            u = plus(u, p->shape[a], at(p->values, p->rows[a]));
+            du = plus(du, p->slope[a], at(p->values, p->rows[a]));
+        }
+        Vector x = plus(at(p->reference, q), 1.0, u), moved = less(x, at(p->searched_points, q));
+        put(p->position, q, x);
+        p->area_ratio[q] = sqrt(dot(du, du));
+        points = fmax(points, dot(moved, moved));
+    }
+    return sqrt(points) + sqrt(nodes);
+}
+
+/* The closest point on a vertex: the normal is the way there, on the side of the mean normal. */
+static void at_vertex(Pair *p, int64_t q, Vector x, double free, Vector tau)
+{
+    int32_t vertex = p->facets[2 * p->facet[q] + (free > 1.0)];
+    int32_t sides[2] = {p->previous[vertex], p->next[vertex]};
+    Vector outward = {0.0, 0.0}, start;
+    for (int s = 0; s < 2; ++s)
+        if (sides[s] >= 0)
+            outward = plus(outward, 1.0, normal_of(edge(p, sides[s], &start)));
+    double size = sqrt(dot(outward, outward));
+    outward = (Vector){outward.x / size, outward.y / size};
+    Vector apart = less(x, at(p->foot, q));
+    double distance = sqrt(dot(apart, apart)), sign = dot(apart, outward) < 0.0 ? -1.0 : 1.0;
+    p->on_surface[q] = sides[0] >= 0 && sides[1] >= 0;
+    if (distance > 1e-12 * sqrt(dot(tau, tau)))
+        outward = (Vector){sign * apart.x / distance, sign * apart.y / distance};
+    put(p->normal, q, outward);
+    p->gap[q] = sign * distance;
+}
+
+/* Squared distance of x from a facet, and the coordinate of its foot on the facet's line. */
+static double to_facet(const Pair *p, Vector x, int32_t facet, double *free)
+{
+    Vector start, tau = edge(p, facet, &start);
+    *free = dot(less(x, start), tau) / dot(tau, tau);
+    Vector apart = plus(less(x, start), -fmin(fmax(*free, 0.0), 1.0), tau);
+    return dot(apart, apart);
+}
+
+static void project(Pair *p, int64_t q)
+{
+    Vector x = at(p->position, q), start, tau;
+    double best = INFINITY, free = 0.0;
+    for (int64_t k = q * p->candidates; k < (q + 1) * p->candidates; ++k)
+        best = fmin(best, sqrt(to_facet(p, x, p->candidate[k], &free)));
+    /* Of facets equally close the first, one that holds the point inside before all others. */
+    int found = 0;
+    for (int64_t k = q * p->candidates; k < (q + 1) * p->candidates; ++k) {
+        double f, distance = sqrt(to_facet(p, x, p->candidate[k], &f));
+        int rank = f < 0.0 || f > 1.0 ? 1 : 2;
+        if (distance <= best + p->tie && rank > found) {
+            found = rank;
+            free = f;
+            p->facet[q] = p->candidate[k];
+        }
+    }
+    tau = edge(p, p->facet[q], &start);
+    p->xi[q] = fmin(fmax(free, 0.0), 1.0);
+    p->clamped[q] = free < 0.0 || free > 1.0;
+    p->on_surface[q] = 1;
+    put(p->tangent, q, tau);
+    put(p->foot, q, plus(start, p->xi[q], tau));
+    put(p->normal, q, normal_of(tau));
+    p->gap[q] = dot(less(x, at(p->foot, q)), at(p->normal, q));
+    if (p->clamped[q])
+        at_vertex(p, q, x, free, tau);
+}
+
+static void relate(Pair *p, int64_t q)
+{
+    Vector n = at(p->normal, q), tau = at(p->tangent, q), start;
+    double gap = p->gap[q], before = p->gap_before[q];
+    double size = sqrt(dot(tau, tau));
+    p->closed[q] = gap <= p->touching * size && p->on_surface[q];
+    p->pressure[q] = p->closed[q] && -gap > p->feigned * size ? -p->penalty * gap : 0.0;
+    p->gap_after[q] = p->on_surface[q] ? gap : INFINITY;
+    Vector old = edge(p, p->facet_before[q], &start);
+    Vector anchor = plus(start, p->xi_before[q], old);
+    Vector slip = in_plane(n, less(p->clamped[q] ? at(p->foot, q) : at(p->position, q), anchor));
+    if (p->closed[q] && before > 0.0 && gap < 0.0) { /* closed within the step */
+        double share = isfinite(before) ? -gap / (before - gap) : 0.0;
+        slip = (Vector){share * slip.x, share * slip.y};
+    }
+    put(p->slip, q, slip);
+    double c = p->component_before[q];
+    Vector image = in_plane(n, (Vector){c * old.x, c * old.y});
+    double length = sqrt(dot(image, image)), scale = length > 0.0 ? p->length_before[q] / length : 0.0;
+    put(p->elastic, q, (Vector){scale * image.x, scale * image.y});
+}
+
+/* Geometry and pressure of all points; returns 1, and nothing of that, if a search is due. */
+int tribox_pair_project(Pair *p)
+{
+    if (!(place(p) <= p->slack))
+        return 1;
+    for (int64_t q = 0; q < p->points; ++q) {
+        project(p, q);
+        relate(p, q);
+    }
+    return 0;
+}
+
+static void clear(Pair *p)
+{
+    for (int64_t k = 0; k < 2 * (p->first_master + p->nodes); ++k)
+        p->load[k] = 0.0;
+}
+
+/* Add -G^T (w t) of one point to the nodal loads. */
+static inline void spread(Pair *p, int64_t q, Vector t)
+{
+    Vector force = {-p->weight[q] * t.x, -p->weight[q] * t.y};
+    for (int64_t a = q * p->corners; a < (q + 1) * p->corners; ++a)
+        put(p->load, p->rows[a], plus(at(p->load, p->rows[a]), p->shape[a], force));
+    for (int side = 0; side < 2; ++side) {
+        int64_t row = p->first_master + p->facets[2 * p->facet[q] + side];
+        double shape = side ? p->xi[q] : 1.0 - p->xi[q];
+        put(p->load, row, plus(at(p->load, row), -shape, force));
+    }
+}
+
+/* Loads of the pressure and of the friction in `dry`. */
+void tribox_pair_load(Pair *p)
+{
+    clear(p);
+    for (int64_t q = 0; q < p->points; ++q) {
+        Vector n = at(p->normal, q), friction = at(p->dry, q);
+        put(p->traction, q, (Vector){p->pressure[q] * n.x - friction.x, p->pressure[q] * n.y - friction.y});
+        spread(p, q, at(p->traction, q));
+    }
+}
+
+/* Take the viscous part out of the friction in `dry`, whose dissipation is `viscous`, and put the
+ * film's traction of the step before in its place. */
+void tribox_pair_hold_film(Pair *p, double dt, const double *viscous)
+{
+    clear(p);
+    for (int64_t q = 0; q < p->points; ++q) {
+        Vector n = at(p->normal, q), slip = at(p->slip, q), friction = at(p->dry, q);
+        double squared = dot(slip, slip), resistance = squared > 0.0 ? viscous[q] / squared : 0.0;
+        if (squared > 0.0 || !(p->pressure[q] > 0.0))
+            p->film[q] = resistance * dt;
+        friction = plus(friction, -resistance, slip);
+        Vector tau = in_plane(n, at(p->tau, q));
+        put(p->dry, q, friction);
+        put(p->tau, q, tau);
+        Vector t = {p->pressure[q] * n.x - friction.x - tau.x, p->pressure[q] * n.y - friction.y - tau.y};
+        put(p->traction, q, t);
+        spread(p, q, t);
+    }
+}
+
+/* Correct the film's traction for the nodal velocities in `values`; the loads are its change. */
+void tribox_pair_correct_film(Pair *p, double dt)
+{
+    clear(p);
+    for (int64_t q = 0; q < p->points; ++q) {
+        Vector n = at(p->normal, q), jump = {0.0, 0.0}, tau = at(p->tau, q);
+        for (int64_t a = q * p->corners; a < (q + 1) * p->corners; ++a)
+            jump = plus(jump, p->shape[a], at(p->values, p->rows[a]));
+        for (int side = 0; side < 2; ++side) {
+            int64_t row = p->first_master + p->facets[2 * p->facet[q] + side];
+            jump = plus(jump, side ? -p->xi[q] : p->xi[q] - 1.0, at(p->values, row));
+        }
+        jump = in_plane(n, jump);
+        double c = p->film[q], share = 1.0 / (1.0 + dt * c * p->compliance[q]);
+        Vector change = {share * (c * jump.x - tau.x), share * (c * jump.y - tau.y)};
+        tau = plus(tau, 1.0, change);
+        put(p->tau, q, tau);
+        put(p->friction, q, plus(at(p->dry, q), 1.0, tau));
+        put(p->traction, q, less(at(p->traction, q), change));
+        p->viscous[q] = c > 0.0 ? dot(tau, tau) * dt / c : 0.0;
+        p->work[q] = dot(tau, at(p->slip, q)) - p->viscous[q];
+        spread(p, q, (Vector){-change.x, -change.y});
+    }
+}
+
+/* What the next step needs of the elastic slip (q, 2): its component on the facet, its length. */
+void tribox_pair_commit(Pair *p, const double *elastic)
+{
+    for (int64_t q = 0; q < p->points; ++q) {
+        Vector g = at(elastic, q), tau = at(p->tangent, q), on = g;
+        if (p->clamped[q]) { /* the vector on the facet whose image across n is g */
+            Vector n = at(p->normal, q), facet = normal_of(tau);
+            double between = dot(n, facet);
+            on = plus(g, fabs(between) > 0.1 ? -dot(g, facet) / between : 0.0, n);
+        }
+        p->component[q] = dot(on, tau) / dot(tau, tau);
+        p->length[q] = sqrt(dot(g, g));
+    }
+}

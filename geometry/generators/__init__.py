@@ -1,0 +1,1 @@
+"""Built-in geometries, meshed by gmsh."""

@@ -1,0 +1,448 @@
+r"""The built-in geometry of Hertz's point contact: a hemisphere on a round block.
+
+The bodies touch at the origin; y is the axis. A half section of each is cut into quadrilaterals,
+with cells of equal width under the contact zone that grow towards the far sides:
+
+::
+
+    top ______ corner ____ end           pole ____ near ____________ end
+     |   far      \  side  /               |    core  \      rim      |
+    core ________ inner   /                |           \              |
+     |   box        |flank                base _______ corner _______ foot
+    pole __________near
+
+That section is meshed as it is, or the grid is carried round the axis, where the parts next to it
+become prisms over squares and the others form rings around them: hexahedra that are well shaped
+everywhere. A quarter, a half or the whole of the bodies is meshed so.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Literal, get_args
+
+from geometry.generators.two_blocks import MAX_CELLS, ROUND_OFF
+
+Part = Literal["axisymmetric", "quarter", "half", "full"]
+MAX_GROWTH = 2.0
+"""Largest size of a cell over that of its neighbour on the contact side."""
+
+CELLS = {2: ("quadrilateral", "triangle"), 3: ("hexahedron", "tetrahedron")}
+QUARTERS = {"quarter": 1, "half": 2, "full": 4}
+
+
+@dataclass(frozen=True, slots=True)
+class Ring:
+    """Where the points of one name lie; those on the axis have no radius.
+
+    Attributes:
+        radius: Distance from the axis in the half planes x and z, m.
+        y: Height there, m.
+        diagonal: x and z half way between them, m.
+        on: What the point lies on: "sphere", "circle" (about the axis, in its own plane) or "".
+    """
+
+    radius: float
+    y: float
+    diagonal: float = 0.0
+    on: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Edge:
+    """Cells along the edges between points of two names, growing from the first to the second."""
+
+    count: int
+    growth: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """One body's section.
+
+    Attributes:
+        rings: Its points by name.
+        parts: Quadrilaterals (four names each) of the section, first those next to the axis, which
+            name it first and last.
+        edges: Between points of two names.
+        across: Number of cells across half the contact zone, and round an eighth of a turn.
+        faces: Edges of the section by the surface they belong to.
+        centre: Height of the sphere's centre, m.
+    """
+
+    rings: dict[str, Ring]
+    parts: tuple[tuple[str, str, str, str], ...]
+    edges: dict[tuple[str, str], Edge]
+    across: int
+    faces: dict[str, tuple[tuple[str, str], ...]]
+    centre: float = math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class SphereOnBlock:
+    """A hemisphere, round side down, on a round block; the bodies touch at the origin.
+
+    Attributes:
+        radius: Of the sphere, m.
+        block_radius: Of the block, m.
+        block_height: Of the block, m.
+        contact_width: Width of the contact zone of equal cells around the origin, m.
+        contact_size: Largest width of a cell in the contact zone, and height on its surface, m.
+        growth: Size of a cell over that of its neighbour on the contact side elsewhere.
+        part: "axisymmetric" (the half section x >= 0), "quarter" (x, z >= 0), "half" (z >= 0) or
+            "full".
+        cell: "quadrilateral" or "triangle" of the section, else "hexahedron" or "tetrahedron".
+        upper_name: Name of the hemisphere and first part of its surfaces' names.
+        lower_name: Name of the block and first part of its surfaces' names.
+
+    Raises:
+        ValueError: If a value is out of its range; the message names field, value and range.
+    """
+
+    radius: float
+    block_radius: float
+    block_height: float
+    contact_width: float
+    contact_size: float
+    growth: float = 1.15
+    part: Part = "axisymmetric"
+    cell: str = "quadrilateral"
+    upper_name: str = "elastomer"
+    lower_name: str = "aluminium"
+
+    def __post_init__(self) -> None:
+        for name in ("radius", "block_radius", "block_height", "contact_width", "contact_size"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise ValueError(f"{name} = {value} is not allowed; it must be finite and > 0")
+        limit = min(self.radius, self.block_radius)
+        if self.contact_width > limit * ROUND_OFF:
+            raise ValueError(
+                f"contact_width = {self.contact_width} m is not allowed; at most the smaller "
+                f"radius, {limit} m"
+            )
+        if 2.0 * self.contact_size > self.contact_width * ROUND_OFF:
+            raise ValueError(
+                f"contact_size = {self.contact_size} m is not allowed; at most half of "
+                f"contact_width = {self.contact_width} m"
+            )
+        if not 1.0 <= self.growth <= MAX_GROWTH:
+            raise ValueError(
+                f"growth = {self.growth} is not allowed; from 1 (equal cells) to {MAX_GROWTH}"
+            )
+        if self.part not in get_args(Part):
+            raise ValueError(
+                f"part = {self.part!r} is not allowed; choose from {', '.join(get_args(Part))}"
+            )
+        if self.cell not in CELLS[self.dim]:
+            raise ValueError(
+                f"cell = {self.cell!r} is not allowed; choose from {', '.join(CELLS[self.dim])}"
+            )
+        if self.upper_name == self.lower_name or not (self.upper_name and self.lower_name):
+            raise ValueError(
+                f"the bodies are named {self.upper_name!r} and {self.lower_name!r}; "
+                "they need two different names"
+            )
+        if (cells := max(self.cells(body) for body in self.bodies())) > MAX_CELLS:
+            raise ValueError(
+                f"contact_size = {self.contact_size} m and growth = {self.growth} make a body of "
+                f"{cells:.3g} cells; at most {MAX_CELLS} are allowed"
+            )
+
+    @property
+    def dim(self) -> int:
+        """Dimension of the mesh."""
+        return 2 if self.part == "axisymmetric" else 3
+
+    def bodies(self) -> tuple[Body, Body]:
+        """The hemisphere and the block."""
+        return self._hemisphere(), self._block()
+
+    def cells(self, body: Body) -> float:
+        """Number of quadrilaterals or hexahedra of one body."""
+        total = 0.0
+        for a, b, c, _ in body.parts:
+            deep = _edge(body, b, c).count
+            if body.rings[a].radius == 0.0:
+                total += deep * body.across ** (self.dim - 1)
+            else:
+                around = 2 * body.across if self.dim == 3 else 1
+                total += deep * _edge(body, a, b).count * around
+        return total * QUARTERS.get(self.part, 1)
+
+    def _hemisphere(self) -> Body:
+        R, half = self.radius, 0.5 * self.contact_width
+        across = max(1, math.ceil(half / (self.contact_size * ROUND_OFF)))
+        # R - sqrt(R^2 - x^2) without cancellation
+        rise = half**2 / (R + math.sqrt(R**2 - half**2))
+        inner = Ring(0.8 * half, rise + 0.8 * half, 0.8 * half)
+        deep = _layers(math.hypot(0.2 * half, 0.8 * half), self.contact_size, self.growth)
+        flank = R * (0.5 * math.pi - math.asin(half / R))
+        out = _layers(flank, self.contact_size, self.growth)
+        return Body(
+            rings={
+                "pole": Ring(0.0, 0.0, on="sphere"),
+                "core": Ring(0.0, inner.y),
+                "top": Ring(0.0, R),
+                "near": Ring(half, rise, half, on="sphere"),
+                "inner": inner,
+                "corner": Ring(0.6 * R, R, 0.45 * R),
+                "end": Ring(R, R, R * math.sqrt(0.5), on="sphere"),
+            },
+            parts=(
+                ("pole", "near", "inner", "core"),
+                ("core", "inner", "corner", "top"),
+                ("near", "end", "corner", "inner"),
+            ),
+            edges={
+                ("near", "inner"): Edge(deep, self.growth),
+                ("pole", "core"): Edge(deep, self.growth),
+                ("end", "corner"): Edge(deep),
+                ("near", "end"): Edge(out, self.growth),
+                ("inner", "corner"): Edge(out, self.growth),
+                ("core", "top"): Edge(out, self.growth),
+            },
+            across=across,
+            faces={
+                "contact": (("pole", "near"),),
+                "far": (("top", "corner"), ("corner", "end")),
+                "side": (("near", "end"),),
+            },
+            centre=R,
+        )
+
+    def _block(self) -> Body:
+        R, H, half = self.block_radius, self.block_height, 0.5 * self.contact_width
+        across = max(1, math.ceil(half / (self.contact_size * ROUND_OFF)))
+        deep = Edge(_layers(H, self.contact_size, self.growth), self.growth)
+        out = _layers(R - half, self.contact_size, self.growth)
+        return Body(
+            rings={
+                "pole": Ring(0.0, 0.0),
+                "base": Ring(0.0, -H),
+                "near": Ring(half, 0.0, half),
+                "corner": Ring(0.6 * R, -H, 0.45 * R),
+                "end": Ring(R, 0.0, R * math.sqrt(0.5), on="circle"),
+                "foot": Ring(R, -H, R * math.sqrt(0.5), on="circle"),
+            },
+            parts=(("pole", "near", "corner", "base"), ("near", "end", "foot", "corner")),
+            edges={
+                ("near", "corner"): deep,
+                ("pole", "base"): deep,
+                ("end", "foot"): deep,
+                ("near", "end"): Edge(out, self.growth),
+                ("corner", "foot"): Edge(out),
+            },
+            across=across,
+            faces={
+                "contact": (("pole", "near"), ("near", "end")),
+                "far": (("base", "corner"), ("corner", "foot")),
+                "side": (("end", "foot"),),
+            },
+        )
+
+    def build(self) -> None:
+        """Draw and mesh both bodies in the current gmsh model.
+
+        The physical groups are the two bodies and, with U and L for their names, the surfaces
+        ``U_contact`` (the contact zone), ``L_contact`` (the whole upper side), ``top`` (the flat
+        side of U), ``bottom`` (of L), ``U_side`` and ``L_side`` (what is round of them besides),
+        and where the bodies are cut ``U_symmetry_x`` and ``L_symmetry_x`` (the plane x = 0) and
+        ``U_symmetry_z`` and ``L_symmetry_z`` (z = 0).
+        """
+        import gmsh
+
+        names = ((self.upper_name, "top"), (self.lower_name, "bottom"))
+        drawn = [_Drawing(body, self.part, self.cell) for body in self.bodies()]
+        for drawing in drawn:
+            drawing.draw()
+        gmsh.model.geo.synchronize()
+        for tag, ((name, _), drawing) in enumerate(zip(names, drawn, strict=True), start=1):
+            gmsh.model.addPhysicalGroup(self.dim, drawing.cells, tag, name)
+        # Tags of surfaces go on from those of the bodies: no number means two things.
+        tag = len(names)
+        for (name, far), drawing in zip(names, drawn, strict=True):
+            for side, found in drawing.named.items():
+                tag += 1
+                group = far if side == "far" else f"{name}_{side}"
+                gmsh.model.addPhysicalGroup(self.dim - 1, found, tag, group)
+        gmsh.model.mesh.generate(self.dim)
+
+
+Corner = tuple[str, int]
+"""A point: the name of its ring and its direction, in eighths of a turn from x towards z."""
+
+
+@dataclass(slots=True)
+class _Drawing:
+    """One body in the current gmsh model; points, curves and faces are made once each.
+
+    Attributes:
+        body: What is drawn.
+        part: How much of it.
+        cell: Shape of the cells.
+        cells: Tags of the faces (of the section) or volumes made.
+        named: Tags of the curves or faces of each side.
+    """
+
+    body: Body
+    part: Part
+    cell: str
+    cells: list[int] = field(default_factory=list)
+    named: dict[str, list[int]] = field(default_factory=dict)
+    _points: dict[Corner, int] = field(default_factory=dict)
+    _curves: dict[tuple[Corner, Corner], int] = field(default_factory=dict)
+    _faces: dict[frozenset[Corner], int] = field(default_factory=dict)
+    _middles: dict[float, int] = field(default_factory=dict)
+
+    def draw(self) -> None:
+        """Make everything, and note what it is called."""
+        if self.part == "axisymmetric":
+            for names in self.body.parts:
+                self.cells.append(self._face([(name, 0) for name in names]))
+            for side, edges in self.body.faces.items():
+                self.named[side] = [abs(self._curve((a, 0), (b, 0))) for a, b in edges]
+            return
+        for quarter in range(QUARTERS[self.part]):
+            for names in self.body.parts:
+                for bottom, top in self._blocks(names, 2 * quarter):
+                    self._volume(bottom, top)
+            for side, edges in self.body.faces.items():
+                found = [self._face(loop) for e in edges for loop in self._sheets(e, 2 * quarter)]
+                self.named.setdefault(side, []).extend(found)
+        if self.part == "quarter":
+            self.named["symmetry_x"] = self._cut(2)
+        if self.part != "full":
+            ends = self._cut(0) + (self._cut(4) if self.part == "half" else [])
+            self.named["symmetry_z"] = ends
+
+    def _cut(self, direction: int) -> list[int]:
+        """The faces in a half plane through the axis."""
+        return [self._face([(n, direction) for n in names]) for names in self.body.parts]
+
+    def _blocks(
+        self, names: tuple[str, str, str, str], first: int
+    ) -> Iterator[tuple[list[Corner], list[Corner]]]:
+        """The hexahedra, as bottom and top, that a part of the section makes in one quarter."""
+        a, b, c, d = names
+        if self.body.rings[a].radius == 0.0:
+            yield (
+                [(a, 0), *((b, first + i) for i in range(3))],
+                [(d, 0), *((c, first + i) for i in range(3))],
+            )
+        else:
+            for i in (first, first + 1):
+                yield [(n, i) for n in names], [(n, i + 1) for n in names]
+
+    def _sheets(self, edge: tuple[str, str], first: int) -> Iterator[list[Corner]]:
+        """The faces that an edge of the section makes in one quarter."""
+        a, b = edge
+        if self.body.rings[a].radius == 0.0:
+            yield [(a, 0), *((b, first + i) for i in range(3))]
+        else:
+            for i in (first, first + 1):
+                yield [(a, i), (b, i), (b, i + 1), (a, i + 1)]
+
+    def _same(self, corner: Corner) -> Corner:
+        """The one name of a point: on the axis there is no direction."""
+        name, direction = corner
+        return (name, 0) if self.body.rings[name].radius == 0.0 else (name, direction % 8)
+
+    def _point(self, corner: Corner) -> int:
+        import gmsh
+
+        if corner not in self._points:
+            name, direction = corner
+            ring = self.body.rings[name]
+            quarter, between = divmod(direction, 2)
+            x, z = (ring.diagonal, ring.diagonal) if between else (ring.radius, 0.0)
+            y = ring.y
+            if between and ring.on == "sphere":
+                R, square = self.body.centre, 2.0 * ring.diagonal**2
+                y = square / (R + math.sqrt(max(R**2 - square, 0.0)))
+            for _ in range(quarter):
+                x, z = -z, x
+            self._points[corner] = gmsh.model.geo.addPoint(x, y, z)
+        return self._points[corner]
+
+    def _middle(self, y: float) -> int:
+        """A point on the axis that arcs go round."""
+        import gmsh
+
+        if y not in self._middles:
+            self._middles[y] = gmsh.model.geo.addPoint(0.0, y, 0.0)
+        return self._middles[y]
+
+    def _curve(self, start: Corner, end: Corner) -> int:
+        """The curve between two points; negative where it was drawn the other way round."""
+        import gmsh
+
+        a, b = self._same(start), self._same(end)
+        if (b, a) in self._curves:
+            return -self._curves[b, a]
+        if (a, b) not in self._curves:
+            rings = self.body.rings[a[0]], self.body.rings[b[0]]
+            ends = self._point(a), self._point(b)
+            geo = gmsh.model.geo
+            if rings[0].on == rings[1].on == "sphere":
+                curve = geo.addCircleArc(ends[0], self._middle(self.body.centre), ends[1])
+            elif a[0] == b[0] and rings[0].on == "circle":
+                curve = geo.addCircleArc(ends[0], self._middle(rings[0].y), ends[1])
+            else:
+                curve = geo.addLine(*ends)
+            edge = _edge(self.body, a[0], b[0])
+            towards = 1.0 if (a[0], b[0]) in self.body.edges else -1.0
+            geo.mesh.setTransfiniteCurve(curve, edge.count + 1, "Progression", edge.growth**towards)
+            self._curves[a, b] = curve
+        return self._curves[a, b]
+
+    def _face(self, corners: list[Corner]) -> int:
+        """The face of four points that go round it."""
+        import gmsh
+
+        geo = gmsh.model.geo
+        key = frozenset(map(self._same, corners))
+        if key not in self._faces:
+            loop = [self._curve(corners[i], corners[(i + 1) % 4]) for i in range(4)]
+            wire = geo.addCurveLoop(loop)
+            if self.part == "axisymmetric":
+                face = geo.addPlaneSurface([wire])
+            elif all(self.body.rings[name].on == "sphere" for name, _ in corners):
+                face = geo.addSurfaceFilling([wire], sphereCenterTag=self._middle(self.body.centre))
+            else:
+                face = geo.addSurfaceFilling([wire])
+            if self.cell != "tetrahedron":
+                at = [self._point(self._same(corner)) for corner in corners]
+                geo.mesh.setTransfiniteSurface(face, "AlternateLeft", at)
+            if self.cell in ("quadrilateral", "hexahedron"):
+                geo.mesh.setRecombine(2, face)
+            self._faces[key] = face
+        return self._faces[key]
+
+    def _volume(self, bottom: list[Corner], top: list[Corner]) -> None:
+        import gmsh
+
+        geo = gmsh.model.geo
+        faces = [self._face(bottom), self._face(top)]
+        for i in range(4):
+            j = (i + 1) % 4
+            faces.append(self._face([bottom[i], bottom[j], top[j], top[i]]))
+        volume = geo.addVolume([geo.addSurfaceLoop(faces)])
+        if self.cell == "hexahedron":
+            geo.mesh.setTransfiniteVolume(volume)
+        self.cells.append(volume)
+
+
+def _edge(body: Body, a: str, b: str) -> Edge:
+    """The cells along an edge; those across the zone and around the axis are equal."""
+    return body.edges.get((a, b)) or body.edges.get((b, a)) or Edge(body.across)
+
+
+def _layers(length: float, size: float, growth: float) -> int:
+    """The fewest cells over a length, the first at most ``size`` and each ``growth`` the last."""
+    cells = length / (size * ROUND_OFF)
+    if growth > 1.0:
+        cells = math.log1p(cells * (growth - 1.0)) / math.log(growth)
+    return max(1, math.ceil(cells))

@@ -1,0 +1,1 @@
+"""Meshes with named bodies and surfaces, and their partition over ranks."""

@@ -1,0 +1,245 @@
+"""A picture of a mesh: bodies in colour, named surfaces drawn and labelled."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import dolfinx
+import numpy as np
+import numpy.typing as npt
+from matplotlib import color_sequences
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.figure import Figure
+from mpi4py import MPI
+
+from geometry.meshes.mesh import NamedMesh
+from geometry.pictures.space import draw_space
+
+MAX_CELLS_OUTLINED = 200_000
+"""Cells beyond which their edges are left out: they would only blacken the picture."""
+
+BODY_WIDTH, BODY_HEIGHT, MARGIN, LABEL_PITCH = 6.5, 6.0, 2.0, 0.3
+"""Largest extent of the bodies, room for labels on each side, and their least distance: inches."""
+
+Points = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class _Outline:
+    """What is drawn, in m: the cells of bodies and the segments of surfaces.
+
+    Attributes:
+        cells: Corners of each body's cells in cyclic order, (c, corner, 2).
+        segments: Ends of each surface's facets, (f, 2, 2).
+        inwards: Unit vectors from each facet into its cell, (f, 2).
+    """
+
+    cells: dict[str, Points]
+    segments: dict[str, Points]
+    inwards: dict[str, Points]
+
+
+def save_picture(named: NamedMesh, path: Path, title: str = "", dpi: int = 150) -> None:
+    """Write a picture of the mesh; collective, the first process writes.
+
+    The file appears under its name only when it is complete. Its format follows from the name
+    (``.png``, ``.pdf``, ``.svg``). Surfaces are drawn a little inside their own body, so that two
+    that touch can be told apart.
+
+    Args:
+        named: The mesh.
+        path: The file.
+        title: Heading of the picture.
+        dpi: Dots per inch of a bitmap.
+
+    Raises:
+        FileNotFoundError: If the directory does not exist.
+    """
+    path = Path(path)
+    if not path.parent.is_dir():
+        raise FileNotFoundError(f"{path.parent}: no such directory")
+    figure = draw(named, title)
+    if figure is None:
+        return
+    partial = path.with_name(f".{path.stem}.partial{path.suffix}")
+    try:
+        figure.savefig(partial, dpi=dpi)
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def draw(named: NamedMesh, title: str = "") -> Figure | None:
+    """Draw the mesh; collective.
+
+    Args:
+        named: The mesh; of one in space the outer facets are drawn.
+        title: Heading of the picture.
+
+    Returns:
+        The figure on the first process, None on the others.
+    """
+    if named.mesh.geometry.dim == 3:
+        x = named.mesh.geometry.x
+        low = named.mesh.comm.allreduce(x.min(axis=0, initial=np.inf), op=MPI.MIN)
+        high = named.mesh.comm.allreduce(x.max(axis=0, initial=-np.inf), op=MPI.MAX)
+        return draw_space(named, title, *length_unit(float((high - low).max())))
+    parts = named.mesh.comm.gather(_local_outline(named), root=0)
+    if parts is None:
+        return None
+    whole = _Outline(
+        *(
+            {name: np.concatenate([getattr(part, field)[name] for part in parts]) for name in names}
+            for field, names in (
+                ("cells", named.bodies),
+                ("segments", named.surfaces),
+                ("inwards", named.surfaces),
+            )
+        )
+    )
+    return _figure(whole, title)
+
+
+def _local_outline(named: NamedMesh) -> _Outline:
+    """The part of the picture this process owns."""
+    mesh = named.mesh
+    mesh.topology.create_connectivity(1, 2)
+    to_cells = mesh.topology.connectivity(1, 2)
+    x = mesh.geometry.x[:, :2]
+    # DOLFINx numbers a quadrilateral's corners row by row, a polygon goes round.
+    cyclic = [0, 1, 3, 2] if mesh.geometry.dofmap.shape[1] == 4 else [0, 1, 2]
+    owned_cells, owned_facets = (mesh.topology.index_map(dim).size_local for dim in (2, 1))
+    cells, segments, inwards = {}, {}, {}
+    for name in named.bodies:
+        own = named.cells(name)
+        cells[name] = x[mesh.geometry.dofmap[own[own < owned_cells]][:, cyclic]]
+    for name in named.surfaces:
+        facets = named.facets(name)
+        facets = facets[facets < owned_facets]
+        ends = np.empty((0, 2), dtype=np.int32)
+        if len(facets):  # DOLFINx 0.9 divides by the number of facets
+            ends = dolfinx.mesh.entities_to_geometry(mesh, 1, facets)
+        first = to_cells.array[to_cells.offsets[facets]]
+        segments[name] = x[ends]
+        inwards[name] = _inward(x[ends], x[mesh.geometry.dofmap[first]].mean(axis=1))
+    return _Outline(cells, segments, inwards)
+
+
+def _inward(segments: Points, centres: Points) -> Points:
+    """Unit normals (f, 2) of segments (f, 2, 2), on the side of the centres (f, 2)."""
+    along = segments[:, 1] - segments[:, 0]
+    normal = np.column_stack([-along[:, 1], along[:, 0]])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    side = np.einsum("fi,fi->f", normal, centres - segments.mean(axis=1))
+    return np.asarray(normal * np.where(side < 0.0, -1.0, 1.0)[:, None])
+
+
+def _figure(outline: _Outline, title: str) -> Figure:
+    """The whole picture, at a scale that leaves room for the labels beside the bodies."""
+    corners = np.concatenate([c.reshape(-1, 2) for c in outline.cells.values()])
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    factor, unit = length_unit(float((high - low).max()))
+    centre, span = 0.5 * (low + high) * factor, (high - low) * factor
+    per_inch = max(span[0] / BODY_WIDTH, span[1] / BODY_HEIGHT)
+    rows = max(span[1] / per_inch + 0.5, LABEL_PITCH * (len(outline.segments) / 2 + 2))
+    width, height = span[0] / per_inch + 2.0 * MARGIN, rows
+    figure = Figure(figsize=(width + 1.0, height + 1.3), layout="constrained")
+    axes = figure.add_subplot()
+    axes.set_xlim(centre[0] + np.array([-0.5, 0.5]) * width * per_inch)
+    axes.set_ylim(centre[1] + np.array([-0.5, 0.5]) * height * per_inch)
+    axes.set_aspect("equal")
+    axes.set(xlabel=f"x ({unit})", ylabel=f"y ({unit})")
+    figure.suptitle(title)
+    _draw_bodies(axes, outline, factor)
+    _draw_surfaces(axes, outline, factor, per_inch)
+    return figure
+
+
+def _draw_bodies(axes: Any, outline: _Outline, factor: float) -> None:
+    """The cells, one colour for each body, and a legend with their numbers."""
+    colours = color_sequences["Pastel1"]
+    total = sum(len(c) for c in outline.cells.values())
+    width = 0.0 if total > MAX_CELLS_OUTLINED else float(np.clip(20.0 / total**0.5, 0.05, 0.6))
+    for k, (name, cells) in enumerate(outline.cells.items()):
+        kind = "quadrilaterals" if cells.shape[1] == 4 else "triangles"
+        patches = PolyCollection(
+            list(cells * factor),
+            facecolor=colours[k % len(colours)],
+            edgecolor="0.35",
+            linewidth=width,
+            label=f"{name}: {len(cells)} {kind}",
+        )
+        axes.add_collection(patches)
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, frameon=False)
+
+
+def _draw_surfaces(axes: Any, outline: _Outline, factor: float, per_inch: float) -> None:
+    """The named surfaces, just inside their bodies, and their labels in the margins."""
+    colours = color_sequences["tab10"]
+    lines = {}
+    for k, (name, segments) in enumerate(outline.segments.items()):
+        shift = 0.02 * per_inch * outline.inwards[name][:, None, :]
+        lines[name] = segments * factor + shift
+        colour = colours[k % len(colours)]
+        axes.add_collection(LineCollection(list(lines[name]), color=colour, linewidth=2.5))
+    sides = _label_sides(lines, float(np.mean(axes.get_xlim())))
+    middle = float(np.mean(axes.get_ylim()))
+    for side in (-1, 1):
+        points = {name: _label_point(lines[name], side) for name in lines if sides[name] == side}
+        edge = axes.get_xlim()[(side + 1) // 2] - side * 0.1 * per_inch
+        for row, name in enumerate(sorted(points, key=lambda n: float(points[n][1]))):
+            y = middle + (row - 0.5 * (len(points) - 1)) * _pitch(axes, len(points), per_inch)
+            colour = colours[list(lines).index(name) % len(colours)]
+            axes.annotate(
+                name,
+                points[name],
+                (edge, y),
+                color=colour,
+                fontsize=9,
+                ha="left" if side < 0 else "right",
+                va="center",
+                arrowprops={"arrowstyle": "-", "color": colour, "linewidth": 0.8},
+            )
+            axes.plot(*points[name], "o", color=colour, markersize=4)
+
+
+def _pitch(axes: Any, labels: int, per_inch: float) -> float:
+    """Distance of labels above one another, spreading them over the height of the picture."""
+    low, high = axes.get_ylim()
+    return float(max(LABEL_PITCH * per_inch, (high - low) / (labels + 1)))
+
+
+def _label_sides(lines: dict[str, Points], centre: float) -> dict[str, int]:
+    """On which side, -1 left or 1 right, each surface is labelled.
+
+    Surfaces that lie to one side are labelled there, the others where there are fewer labels.
+    """
+    sides: dict[str, int] = {}
+    across: list[str] = []
+    for name, drawn in lines.items():
+        low, high = drawn[..., 0].min(), drawn[..., 0].max()
+        if low < centre < high:
+            across.append(name)
+        else:
+            sides[name] = -1 if high <= centre else 1
+    for name in across:
+        sides[name] = -1 if sum(sides.values()) > 0 else 1
+    return sides
+
+
+def _label_point(drawn: Points, side: int) -> Points:
+    """The middle of the facet a label points to: near the surface's end on the label's side."""
+    middles = drawn.mean(axis=1)
+    low, high = drawn[..., 0].min(), drawn[..., 0].max()
+    target = np.array([0.5 * (low + high) + side * 0.35 * (high - low), middles[:, 1].mean()])
+    return np.asarray(middles[np.argmin(((middles - target) ** 2).sum(axis=1))])
+
+
+def length_unit(size: float) -> tuple[float, str]:
+    """The factor from m to a unit in which ``size`` has a few digits, and its name."""
+    for factor, unit in ((1.0, "m"), (1e3, "mm"), (1e6, "µm")):
+        if size * factor >= 1.0:
+            return factor, unit
+    return 1e9, "nm"

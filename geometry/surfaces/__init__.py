@@ -1,0 +1,1 @@
+"""Contact surfaces: points, facets, search and closest-point projection."""

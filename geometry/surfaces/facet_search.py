@@ -1,0 +1,177 @@
+"""The facets that can hold the closest point of each of many points, without missing one.
+
+Axis letters: q points, f facets, n nodes, a nodes of a facet, p pairs of a point and a facet.
+
+A facet lies in a sphere round the mean of its nodes, so its distance from x is at least
+|x − centre| − radius. Any known distance is an upper bound for the least, hence every facet whose
+lower bound lies below it is looked at, and none other can be the closest. Spheres are kept in k-d
+trees by size, so that one long facet does not make all spheres large.
+
+The pairs found stay valid while points and nodes move: if the distances of the facets that are left
+out exceed the least one by a slack s, a motion by less than s/2 cannot make one of them the
+closest.
+
+From far off a great many facets are almost equally near. In space, points many facets away are
+given the facet with the nearest centre alone: their distance is a little too large, by r²/(2 d) at
+most at the distance d from facets of radius r.
+"""
+
+from __future__ import annotations
+
+from itertools import chain
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from geometry.surfaces.closest_point import closest_points
+from geometry.surfaces.facets import Bools, FacetShape, Floats, Ints
+
+SLACK = {1: 1.0, 2: 0.5}  # over a typical facet's diameter, by the number of surface directions
+TIE = 1e-12  # distances closer than this, over the slack, are equal
+FAR = 8.0  # distance over the slack from which a point in space is given one facet only
+_RATIO = 4.0  # of sphere radii within one tree
+
+
+class FacetSearch:
+    """Pairs of points and facets among which the closest are, kept while little moves."""
+
+    def __init__(self, shape: FacetShape, facets: Floats) -> None:
+        """Remember a typical size.
+
+        Args:
+            shape: of all facets.
+            facets: (f, a, i), m, reference: their nodes.
+        """
+        self.shape = shape
+        radius = self._spheres(facets)[1]
+        self.slack = SLACK[shape.directions] * 2.0 * float(np.median(radius))
+        self.searches = 0
+        self._points: Floats | None = None
+        self._facets = facets
+        self._far: Ints = np.empty(0, dtype=np.int32)
+
+    def pairs(self, points: Floats, facets: Floats) -> tuple[Ints, Ints]:
+        """Candidate pairs, sorted by point.
+
+        Args:
+            points: (q, i), m, current.
+            facets: (f, a, i), m, current.
+
+        Returns:
+            The point (p,) and the facet (p,) of each pair; every point has at least one.
+        """
+        motion = self._motion(points, facets)
+        if not motion < 0.5 * self.slack:
+            self._point, self._facet, self._excess = self._search(points, facets)
+            self._points, self._facets = points.copy(), facets.copy()
+            self.searches += 1
+            motion = 0.0
+        # A facet further than the closest by more than twice the motion since is not closest yet.
+        near = self._excess <= 2.0 * motion + TIE * self.slack
+        point, facet = self._point[near], self._facet[near]
+        if not len(self._far):
+            return point, facet
+        alone, _ = self._nearest(points[self._far], facets, self._trees(facets))
+        point, facet = np.concatenate([point, self._far]), np.concatenate([facet, alone])
+        order = np.argsort(point, kind="stable")
+        return point[order], facet[order]
+
+    def table(self, points: Floats, facets: Floats) -> tuple[Ints, float]:
+        """Candidates (q, k) of a new search, and how far, m, points and nodes together may move.
+
+        Rows with fewer facets repeat their first.
+
+        Args:
+            points: (q, i), m, current.
+            facets: (f, a, i), m, current: nodes of all facets.
+        """
+        point, facet, _ = self._search(points, facets)
+        self.searches += 1
+        start = np.searchsorted(point, np.arange(len(points)))
+        count = np.bincount(point, minlength=len(points))
+        column = np.arange(int(count.max(initial=1)))
+        at = start[:, None] + np.where(column < count[:, None], column, 0)
+        return facet[at], 0.5 * self.slack
+
+    def _motion(self, points: Floats, facets: Floats) -> float:
+        """Bound, m, on the change of any distance since the last search; common shifts are free."""
+        if self._points is None or self._points.shape != points.shape:
+            return np.inf
+        if not len(points):
+            return 0.0
+        facets_moved, points_moved = facets - self._facets, points - self._points
+        common = facets_moved.mean(axis=(0, 1))
+        moved = self.shape.lebesgue * _longest(facets_moved - common)
+        return moved + _longest(points_moved - common)
+
+    def _spheres(self, facets: Floats) -> tuple[Floats, Floats]:
+        """Centres (f, i) and radii (f,) of spheres that hold the facets."""
+        centre = facets.mean(axis=1)
+        reach = np.linalg.norm(facets - centre[:, None], axis=2).max(axis=1)
+        return centre, self.shape.lebesgue * reach
+
+    def _search(self, points: Floats, facets: Floats) -> tuple[Ints, Ints, Floats]:
+        """Pairs, sorted by point, and (p,), m, what each exceeds its point's least distance by."""
+        if not len(points):
+            return np.empty(0, dtype=np.int32), np.empty(0, dtype=np.int32), np.empty(0)
+        trees = self._trees(facets)
+        centre, radius = self._spheres(facets)
+        _, least = self._nearest(points, facets, trees)
+        far = (least > FAR * self.slack) & (self.shape.directions == 2)
+        self._far, close = _where(far), _where(~far)
+        reach = least[close] + self.slack
+        found = [_inside(tree, at, points[close], reach + radius[at].max()) for tree, at in trees]
+        point, facet = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        point = close[point]
+        bound = np.linalg.norm(points[point] - centre[facet], axis=1) - radius[facet]
+        keep = bound <= least[point] + self.slack
+        point, facet = point[keep], facet[keep]
+        distance = self._distances(points, facets, point, facet)
+        np.minimum.at(least, point, distance)
+        excess = distance - least[point]
+        keep = np.nonzero(excess <= self.slack)[0]
+        order = keep[np.lexsort((facet[keep], point[keep]))]
+        return point[order], facet[order], excess[order]
+
+    def _trees(self, facets: Floats) -> list[tuple[cKDTree, Ints]]:
+        """k-d trees of the centres of facets of about one size, and which facets these are."""
+        centre, radius = self._spheres(facets)
+        size = np.floor(np.log(radius / radius.max()) / np.log(_RATIO)).astype(int)
+        return [(cKDTree(centre[at]), at) for s in np.unique(size) for at in [_where(size == s)]]
+
+    def _nearest(
+        self, points: Floats, facets: Floats, trees: list[tuple[cKDTree, Ints]]
+    ) -> tuple[Ints, Floats]:
+        """Of the facets with the nearest centre of each size the closest, and its distance, m."""
+        facet = np.zeros(len(points), dtype=np.int32)
+        least = np.full(len(points), np.inf)
+        everyone = np.arange(len(points), dtype=np.int32)
+        for tree, at in trees:
+            candidate = at[tree.query(points)[1]]
+            distance = self._distances(points, facets, everyone, candidate)
+            nearer = distance < least
+            facet[nearer], least[nearer] = candidate[nearer], distance[nearer]
+        return facet, least
+
+    def _distances(self, points: Floats, facets: Floats, point: Ints, facet: Ints) -> Floats:
+        """Distances (p,), m, of pairs."""
+        closest = closest_points(self.shape, facets[facet], points[point])
+        out: Floats = np.sqrt(closest.squared)
+        return out
+
+
+def _where(mask: Bools) -> Ints:
+    out: Ints = np.nonzero(mask)[0].astype(np.int32)
+    return out
+
+
+def _longest(vectors: Floats) -> float:
+    return float(np.sqrt(np.einsum("...i,...i->...", vectors, vectors).max()))
+
+
+def _inside(tree: cKDTree, facets: Ints, points: Floats, reach: Floats) -> tuple[Ints, Ints]:
+    """Pairs of a point and a facet whose centre is within ``reach`` (q,) of it."""
+    lists = tree.query_ball_point(points, reach, return_sorted=False)
+    counts = np.fromiter(map(len, lists), dtype=np.int64, count=len(lists))
+    flat = np.fromiter(chain.from_iterable(lists), dtype=np.int64, count=int(counts.sum()))
+    return np.repeat(np.arange(len(points), dtype=np.int32), counts), facets[flat]

@@ -1,0 +1,310 @@
+"""A surface of facets: who borders on whom, and the closest point on it of every slave point.
+
+Notation (axis letters): q slave points, f facets, n nodes, a nodes of a facet, v corners, i, j
+space, α, β surface directions (one in the plane, two in space). The outward normal is the tangent
+τ turned left by 90° in the plane, and τ_1 × τ_2 in space: the nodes of every facet are ordered so.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse
+from numpy.typing import NDArray
+
+from geometry.surfaces.closest_point import CORNER, INTERIOR, closest_points, stationary_points
+from geometry.surfaces.facet_search import TIE, FacetSearch
+from geometry.surfaces.facets import Bools, FacetShape, Floats, Ints, unit_normals
+from geometry.surfaces.smoothing import smooth_patches
+
+KEPT = 1e-4  # reference distance past the edge of a facet up to which a point may be kept on it
+_TOUCHING = 1e-12  # distance over facet size below which x − ȳ has no direction
+
+
+@dataclass(slots=True)
+class Projection:
+    """The closest master point of every slave point.
+
+    Attributes:
+        facet: (q,) master facet that carries the closest point.
+        xi: (q, α) its reference coordinates.
+        foot: (q, i), m, current: the closest point ȳ.
+        normal: (q, i) unit outward normal of the master at ȳ; along x − ȳ where clamped.
+        tangents: (q, α, i), m, current: τ_α = ∂ȳ/∂ξ^α.
+        gap: (q,), m: g = (x − ȳ)·n, negative in penetration.
+        clamped: (q,) the closest point is on an edge or a corner and cannot leave it.
+        on_surface: (q,) False past the end of the master, where there is no contact.
+        curvature: (q, α, β, i), m, current: ∂²ȳ/∂ξ^α∂ξ^β; None where all facets are flat.
+        along: (q, α) reference direction of the edge that a clamped point can move along, zero at a
+            corner; None in the plane, where there are corners only.
+    """
+
+    facet: Ints
+    xi: Floats
+    foot: Floats
+    normal: Floats
+    tangents: Floats
+    gap: Floats
+    clamped: Bools
+    on_surface: Bools
+    curvature: Floats | None = None
+    along: Floats | None = None
+
+    def of(self, take: NDArray[np.int64]) -> Projection:
+        """The same of the points ``take`` (p,)."""
+        return Projection(
+            self.facet[take],
+            self.xi[take],
+            self.foot[take],
+            self.normal[take],
+            self.tangents[take],
+            self.gap[take],
+            self.clamped[take],
+            self.on_surface[take],
+            None if self.curvature is None else self.curvature[take],
+            None if self.along is None else self.along[take],
+        )
+
+
+class FacetSurface:
+    """Master facets, their neighbours, and the search for the closest point on them.
+
+    Attributes:
+        facets: (f, a) node numbers; shape: of all facets, or of the smooth patches over them.
+        stencil: (f, m) nodes that move each facet: its own, or those of its patch.
+        neighbours: (f, f) sparse; facets that share a corner, and each facet itself.
+    """
+
+    def __init__(
+        self, shape: FacetShape, facets: Ints, nodes: Floats, smoothing_angle: float | None = None
+    ) -> None:
+        """Prepare the connectivity.
+
+        Args:
+            shape: of all facets.
+            facets: (f, a) node numbers, ordered so that the normal points out of the body.
+            nodes: (n, i), m, reference.
+            smoothing_angle: rad; the surface is made smooth but for sides where the normals
+                of neighbours differ by more. Without it the facets themselves are the surface.
+
+        Raises:
+            ValueError: more than two facets meet at a side, or two with opposite normals; or
+                facets that cannot be made smooth.
+        """
+        self.facets = np.asarray(facets, dtype=np.int32)
+        self.shape, self.stencil = shape, self.facets
+        self._extraction: Floats | None = None
+        if smoothing_angle is not None:
+            patches = smooth_patches(shape, self.facets, nodes, smoothing_angle)
+            self.shape, self.stencil = patches.shape, patches.stencil
+            self._extraction = patches.extraction
+        self.search = FacetSearch(self.shape, self._controls(nodes))
+        count = len(nodes)
+        corners = self.facets[:, : shape.corners]
+        self._around, self._corner = _facets_around(corners, count)
+        if shape.directions == 1:
+            _require_one_each(corners)
+            self._open = np.count_nonzero(self._around >= 0, axis=1) < 2
+        else:
+            self._across, self._across_side = _facets_across(shape, corners)
+            self._open = np.zeros(count, dtype=bool)
+            for number, side in enumerate(shape.sides):
+                free = self._across[:, number] < 0
+                self._open[corners[free][:, side.nodes[:2]]] = True
+        incidence = scipy.sparse.csr_matrix(
+            (
+                np.ones(corners.size, dtype=np.int32),
+                corners.reshape(-1),
+                np.arange(0, corners.size + 1, shape.corners),
+            ),
+            shape=(len(corners), count),
+        )
+        self.neighbours = (incidence @ incidence.T).tocsr()
+        self.neighbours.data[:] = 1
+
+    def project(self, points: Floats, nodes: Floats, kept: Ints | None = None) -> Projection:
+        """Closest points on the whole surface.
+
+        Of facets equally close the first is taken, one that holds the point inside before one that
+        holds it on its edge, so the answer does not depend on the order of the search.
+
+        Args:
+            points: (q, i), m, current: slave points.
+            nodes: (n, i), m, current: master nodes.
+            kept: (q,) facets that the points stay on as long as they are next to no more than
+                ``KEPT`` past an edge, as if it went on there.
+        """
+        controls = self._controls(nodes)
+        point, facet = self.search.pairs(points, controls)
+        if not len(points):
+            empty = np.empty(0, dtype=np.int32)
+            return self._at(points, controls, empty, np.empty((0, self.shape.directions)), empty)
+        pair = closest_points(self.shape, controls[facet], points[point])
+        start = np.searchsorted(point, np.arange(len(points)))
+        distance = np.sqrt(pair.squared)
+        least = np.minimum.reduceat(distance, start)
+        tie = distance <= least[point] + TIE * self.search.slack
+        rank = facet.astype(np.int64) + np.where(pair.entity == INTERIOR, 0, len(self.facets))
+        rank = np.where(tie, rank, 2 * len(self.facets))
+        best = np.nonzero(rank == np.minimum.reduceat(rank, start)[point])[0]
+        facet, xi, entity = facet[best], pair.xi[best], pair.entity[best]
+        if kept is not None:
+            there, found = stationary_points(self.shape, controls[kept], points)
+            stays = found & (self.shape.excess(there) <= KEPT)
+            facet, entity = np.where(stays, kept, facet), np.where(stays, INTERIOR, entity)
+            xi = np.where(stays[:, None], there, xi)
+        return self._at(points, controls, facet, xi, entity)
+
+    def places(self, facet: Ints, xi: Floats, nodes: Floats) -> tuple[Floats, Floats]:
+        """Points ȳ (q, i) and tangents (q, α, i) of material places, on today's nodes (n, i)."""
+        moved = nodes[self.stencil[facet]]
+        foot = np.einsum("qm,qmi->qi", self.weights(facet, xi), moved)
+        return foot, np.einsum("qbm,qmi->qbi", self.slopes(facet, xi), moved)
+
+    def weights(self, facet: Ints, xi: Floats) -> Floats:
+        """Shares (q, m) of the nodes ``stencil`` in the place ξ (q, α) of each facet (q,)."""
+        values = self.shape.values(xi)
+        if self._extraction is None:
+            return values
+        return np.einsum("qc,qcm->qm", values, self._extraction[facet])
+
+    def slopes(self, facet: Ints, xi: Floats) -> Floats:
+        """Derivatives (q, α, m) of :meth:`weights` for ξ."""
+        first = self.shape.first(xi)
+        return first if self._extraction is None else first @ self._extraction[facet]
+
+    def _controls(self, nodes: Floats) -> Floats:
+        """Nodes (f, a, i) of the facets, or control points of the patches over them."""
+        moved: Floats = nodes[self.stencil]
+        return moved if self._extraction is None else self._extraction @ moved
+
+    def _at(
+        self, points: Floats, controls: Floats, facet: Ints, xi: Floats, entity: Ints
+    ) -> Projection:
+        """Geometry at the closest points on the chosen facets."""
+        mine = controls[facet]
+        foot = np.einsum("qa,qai->qi", self.shape.values(xi), mine)
+        tangents = np.einsum("qba,qai->qbi", self.shape.first(xi), mine)
+        normal = unit_normals(tangents)
+        out = Projection(
+            facet=facet,
+            xi=xi,
+            foot=foot,
+            normal=normal,
+            tangents=tangents,
+            gap=np.einsum("qi,qi->q", points - foot, normal),
+            clamped=entity != INTERIOR,
+            on_surface=np.ones(len(points), dtype=bool),
+        )
+        if not self.shape.is_flat:
+            second = self.shape.second(xi)
+            out.curvature = np.einsum("qbca,qai->qbci", second, mine)
+        if self.shape.directions == 2:
+            out.along = np.zeros_like(xi)
+        at: Ints = np.nonzero(out.clamped)[0].astype(np.int32)
+        if len(at):
+            self._clamp(out, at, entity[at], points[at] - foot[at], controls)
+        return out
+
+    def _clamp(
+        self, out: Projection, at: Ints, entity: Ints, apart: Floats, controls: Floats
+    ) -> None:
+        """Normal, gap and freedom of the points ``at`` that are on an edge or a corner."""
+        outward = np.empty_like(apart)
+        corner = entity >= CORNER
+        if corner.any():
+            rows = at[corner]
+            vertex = self.facets[out.facet[rows], entity[corner] - CORNER]
+            outward[corner] = self._corner_outward(vertex, controls)
+            out.on_surface[rows] = ~self._open[vertex]
+        if not corner.all():
+            rows, side = at[~corner], entity[~corner]
+            other = self._across[out.facet[rows], side]
+            outward[~corner] = self._edge_outward(out, rows, side, controls)
+            out.on_surface[rows] = other >= 0
+            assert out.along is not None
+            out.along[rows] = np.array([s.direction for s in self.shape.sides])[side]
+        distance = np.linalg.norm(apart, axis=1)
+        sign = np.where(np.einsum("qi,qi->q", apart, outward) < 0.0, -1.0, 1.0)
+        tiny = distance <= _TOUCHING * np.linalg.norm(out.tangents[at, 0], axis=1)
+        safe = np.where(tiny, 1.0, distance)[:, None]
+        out.normal[at] = np.where(tiny[:, None], outward, sign[:, None] * apart / safe)
+        out.gap[at] = sign * distance
+
+    def _corner_outward(self, vertex: Ints, controls: Floats) -> Floats:
+        """Outward directions (p, i) at corners: normals of the facets there, by their angles.
+
+        Baerentzen & Aanaes, IEEE Trans. Vis. Comput. Graph. 11 (2005) 243: the sign of the distance
+        from a corner is that against this mean.
+        """
+        around, corner = self._around[vertex], self._corner[vertex]
+        present = around >= 0
+        derivative = self.shape.first(self.shape.points[: self.shape.corners])[corner]
+        tangents = np.einsum("pvba,pvai->pvbi", derivative, controls[around])
+        weight = np.where(present, 1.0, 0.0)
+        if self.shape.directions == 2:
+            edges = np.einsum("pvdb,pvbi->pvdi", self.shape.corner_directions[corner], tangents)
+            edges /= np.linalg.norm(edges, axis=3)[..., None]
+            cosine = np.einsum("pvi,pvi->pv", edges[:, :, 0], edges[:, :, 1])
+            weight *= np.arccos(np.clip(cosine, -1.0, 1.0))
+        outward = np.einsum("pv,pvi->pi", weight, unit_normals(tangents))
+        unit: Floats = outward / np.linalg.norm(outward, axis=1)[:, None]
+        return unit
+
+    def _edge_outward(self, out: Projection, rows: Ints, side: Ints, controls: Floats) -> Floats:
+        """Outward directions (p, i) on edges: the mean of both facets' normals there."""
+        facet, xi = out.facet[rows], out.xi[rows]
+        origin = np.array([s.origin for s in self.shape.sides])
+        direction = np.array([s.direction for s in self.shape.sides])
+        way = direction[side]
+        along = np.einsum("pb,pb->p", xi - origin[side], way) / np.einsum("pb,pb->p", way, way)
+        other = self._across[facet, side]
+        there = self._across_side[facet, side]
+        # Both facets run round their own side of the edge: in opposite directions.
+        opposite = origin[there] + (1.0 - along)[:, None] * direction[there]
+        tangents = np.einsum("pba,pai->pbi", self.shape.first(opposite), controls[other])
+        beyond = np.where((other >= 0)[:, None], unit_normals(tangents), 0.0)
+        outward = out.normal[rows] + beyond
+        unit: Floats = outward / np.linalg.norm(outward, axis=1)[:, None]
+        return unit
+
+
+def _facets_around(corners: Ints, count: int) -> tuple[Ints, Ints]:
+    """Facets (n, v) that meet at each node, −1 beyond, and which of their corners it is (n, v)."""
+    flat = corners.reshape(-1)
+    order = np.argsort(flat, kind="stable")
+    valence = np.bincount(flat, minlength=count)
+    column = np.arange(len(flat)) - np.repeat(np.cumsum(valence) - valence, valence)
+    facet = np.full((count, max(int(valence.max(initial=0)), 1)), -1, dtype=np.int32)
+    corner = np.zeros_like(facet)
+    facet[flat[order], column] = order // corners.shape[1]
+    corner[flat[order], column] = order % corners.shape[1]
+    return facet, corner
+
+
+def _require_one_each(corners: Ints) -> None:
+    """In the plane at most one segment starts and one ends at each node."""
+    for column, word in ((0, "start"), (1, "end")):
+        if len(np.unique(corners[:, column])) != len(corners):
+            raise ValueError(f"the master surface branches: two of its facets {word} at one node")
+
+
+def _facets_across(shape: FacetShape, corners: Ints) -> tuple[Ints, Ints]:
+    """Facet (f, side) across each edge, −1 at the end of the surface, and which of its sides."""
+    ends = np.stack([corners[:, side.nodes[:2]] for side in shape.sides], axis=1).reshape(-1, 2)
+    largest = int(corners.max(initial=0)) + 1
+    key = ends[:, 0].astype(np.int64) * largest + ends[:, 1]
+    back = ends[:, 1].astype(np.int64) * largest + ends[:, 0]
+    order = np.argsort(key)
+    if np.any(np.diff(key[order]) == 0):
+        raise ValueError(
+            "the master surface branches: more than two of its facets meet at an edge, or two "
+            "whose outward sides differ"
+        )
+    at = np.minimum(np.searchsorted(key, back, sorter=order), len(key) - 1)
+    match = order[at]
+    found = key[match] == back
+    across = np.where(found, match // len(shape.sides), -1).astype(np.int32)
+    side = np.where(found, match % len(shape.sides), 0).astype(np.int32)
+    return across.reshape(-1, len(shape.sides)), side.reshape(-1, len(shape.sides))

@@ -1,0 +1,216 @@
+"""What boundaries prescribe: directions, rotations, the axis of symmetry, platens."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+import dolfinx
+import numpy as np
+import pytest
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from app.build.boundary_conditions import Loads
+from app.case.boundary import Boundary
+from app.equilibrium.equilibrium import Equilibrium
+from app.errors import InputError
+from geometry.generators.cylinders import FlatBlock, HalfCylinder, LineContact
+from geometry.generators.two_blocks import Block, TwoBlocks
+from geometry.generators.two_boxes import Box, TwoBoxes
+from geometry.meshes.mesh import NamedMesh, generate
+
+
+@lru_cache
+def mesh(kind: str) -> NamedMesh:
+    if kind == "3D":
+        boxes = TwoBoxes(Box(1.0, 0.5, 0.8, (2, 1, 2)), Box(2.0, 0.5, 1.0, (3, 1, 2)))
+        return generate(boxes, MPI.COMM_WORLD)
+    offset = 0.0 if kind == "axisymmetric" else None
+    blocks = TwoBlocks(Block(1.0, 0.5, (2, 1)), Block(2.0, 0.5, (3, 1)), offset)
+    return generate(blocks, MPI.COMM_WORLD)
+
+
+@dataclass
+class Setting:
+    """Boundaries on two bodies that nothing else holds."""
+
+    section: str
+    boundaries: list[dict]
+    degree: int = 1
+    u: dolfinx.fem.Function = field(init=False)
+    loads: Loads = field(init=False)
+
+    def __post_init__(self) -> None:
+        named = mesh(self.section)
+        dim = named.mesh.geometry.dim
+        element = ("Lagrange", self.degree, (dim,))
+        self.u = dolfinx.fem.Function(dolfinx.fem.functionspace(named.mesh, element))
+        self.loads = Loads(named, self.u, self.section, 1.0)
+        for boundary in self.boundaries:
+            self.loads.add(Boundary.model_validate(boundary))
+
+    def moved(self, time: float, driven: float) -> np.ndarray:
+        """Prescribed displacements (n, i); NaN where nothing is."""
+        for program in self.loads.programs:
+            program(time, driven)
+        problem = Equilibrium(self.u, [], [], self.loads.prescribed, self.loads.platens)
+        x = problem.new_vector()
+        x.array[:] = np.nan
+        return problem.constrained_values(x).reshape(-1, self.u.function_space.mesh.geometry.dim)
+
+    def on(self, where) -> np.ndarray:
+        """Positions of owned nodes, and which of them a condition chooses."""
+        space = self.u.function_space
+        owned = space.dofmap.index_map.size_local
+        dim = space.mesh.geometry.dim
+        x = space.tabulate_dof_coordinates()[:owned, :dim]
+        return x, where(x)
+
+
+def top(x):
+    return x[:, 1] > 0.5 - 1e-9
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_driven_along_a_direction(degree):
+    table = {"x": "driven", "z": "driven", "y": -0.1, "direction": [3.0, 0.0, 4.0]}
+    case = Setting("3D", [{"surface": "top", "displacement": table}], degree)
+    _, chosen = case.on(top)
+    values = case.moved(1.0, 0.5)
+    total = case.u.function_space.mesh.comm.allreduce(int(chosen.sum()))
+    assert total == (9 if degree == 1 else 25)
+    np.testing.assert_allclose(values[chosen], np.tile([0.3, -0.1, 0.4], (chosen.sum(), 1)))
+    assert np.isnan(values[~chosen]).all()
+
+
+def test_components_without_direction_each_move_with_the_drive():
+    table = {"x": "driven", "z": "driven"}
+    case = Setting("3D", [{"surface": "top", "displacement": table}])
+    _, chosen = case.on(top)
+    values = case.moved(1.0, 0.5)[chosen]
+    np.testing.assert_allclose(values[:, [0, 2]], 0.5)
+    assert np.isnan(values[:, 1]).all()
+
+
+def test_velocity_along_z_is_integrated():
+    table = {"z": [[0.0, 0.0], [1.0, 2.0]]}
+    case = Setting("3D", [{"surface": "top", "velocity": table}])
+    _, chosen = case.on(top)
+    np.testing.assert_allclose(case.moved(1.0, 0.0)[chosen, 2], 1.0)
+
+
+@pytest.mark.parametrize("axis", ["x", "y", "z"])
+def test_rotation_in_space(axis):
+    """Distances from the axis are kept, and the angle is right-handed about it."""
+    centre = np.array([0.7, 0.2, 0.4])
+    turn = {"axis": axis, "centre": list(centre), "angle": [["0 s", "0 deg"], ["1 s", "90 deg"]]}
+    case = Setting("3D", [{"surface": "top", "rotation": turn}])
+    x, chosen = case.on(top)
+    along = "xyz".index(axis)
+    first, second = (along + 1) % 3, (along + 2) % 3
+    values = case.moved(1.0, 0.0)[chosen]
+    assert np.isnan(values[:, along]).all()
+    arm = x[chosen] - centre
+    np.testing.assert_allclose(arm[:, first] + values[:, first], -arm[:, second], atol=1e-14)
+    np.testing.assert_allclose(arm[:, second] + values[:, second], arm[:, first], atol=1e-14)
+    small = case.moved(1e-9, 0.0)[chosen]
+    angle = 0.5 * np.pi * 1e-9
+    np.testing.assert_allclose(small[:, first], -angle * arm[:, second], rtol=1e-6)
+
+
+def test_rotation_in_the_plane_about_the_origin():
+    case = Setting("plane-strain", [{"surface": "top", "rotation": {"angle": 0.3}}])
+    x, chosen = case.on(top)
+    c, s = np.cos(0.3), np.sin(0.3)
+    expected = x[chosen] @ np.array([[c, s], [-s, c]])
+    np.testing.assert_allclose(x[chosen] + case.moved(0.0, 0.0)[chosen], expected, atol=1e-14)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_the_axis_of_symmetry_stays_where_it_is(degree):
+    case = Setting("axisymmetric", [{"surface": "top", "displacement": {"x": 0.0}}], degree)
+    x, chosen = case.on(lambda x: x[:, 0] < 1e-12)
+    values = case.moved(1.0, 0.0)
+    np.testing.assert_array_equal(values[chosen, 0], 0.0)
+    nodes = case.u.function_space.mesh.comm.allreduce(int(chosen.sum()))
+    assert nodes == (4 if degree == 1 else 6)
+    assert np.isnan(values[~chosen & (x[:, 1] < 0.5 - 1e-9)]).all()
+    assert np.isnan(values[:, 1]).all()
+    case.loads.check_corners()  # x = 0 of the top agrees with the axis
+
+
+def test_an_axis_that_is_told_to_move_is_refused():
+    case = Setting("axisymmetric", [{"surface": "top", "displacement": {"x": "driven"}}])
+    with pytest.raises(InputError, match='"the axis x = 0" and "top" share a node'):
+        case.loads.check_corners()
+
+
+def test_surfaces_of_one_rotation_may_share_nodes():
+    turn = {"axis": "y", "angle": 0.1}
+    two = [{"surface": s, "rotation": turn} for s in ("top", "elastomer_left")]
+    Setting("3D", two).loads.check_corners()
+    other = {"surface": "elastomer_left", "rotation": {"axis": "y", "angle": 0.2}}
+    with pytest.raises(InputError, match="each in its own way"):
+        Setting("3D", [two[0], other]).loads.check_corners()
+
+
+@pytest.mark.parametrize(
+    ("section", "surface", "direction", "force"),
+    [
+        ("3D", "top", "y", -0.8 * 3.0),
+        ("3D", "elastomer_front", "z", -0.5 * 3.0),
+        ("3D", "aluminium_left", "x", 0.5 * 3.0),
+        ("axisymmetric", "top", "y", -np.pi * 3.0),
+        ("axisymmetric", "elastomer_right", "x", -np.pi * 3.0),
+        ("plane-strain", "top", "y", -1.0 * 3.0),
+    ],
+)
+def test_force_of_a_platen(section, surface, direction, force):
+    """Pressure times the whole reference area, into the body."""
+    platen = {"direction": direction, "pressure": 3.0}
+    case = Setting(section, [{"surface": surface, "platen": platen}])
+    for program in case.loads.programs:
+        program(0.0, 0.0)
+    assert case.loads.platens[0].force == pytest.approx(force, rel=1e-12)
+
+
+def test_a_platen_along_its_surface_is_refused():
+    with pytest.raises(InputError, match='direction = "z" is tangential'):
+        Setting("3D", [{"surface": "top", "platen": {"direction": "z", "force": 1.0}}])
+
+
+def test_held_values_of_an_array_enter_residual_and_unknowns():
+    turn = {"axis": "y", "angle": 0.2, "centre": [0.5, 0.0, 0.5]}
+    case = Setting("3D", [{"surface": "top", "rotation": turn}])
+    for program in case.loads.programs:
+        program(0.0, 0.0)
+    problem = Equilibrium(case.u, [], [], case.loads.prescribed)
+    x, f = problem.new_vector(), problem.new_vector()
+    assert isinstance(x, PETSc.Vec)
+    problem.residual(None, x, f)
+    wanted = problem.constrained_values(x)
+    np.testing.assert_allclose(
+        f.array[problem.constrained_dofs()], -wanted[problem.constrained_dofs()]
+    )
+    largest = x.comm.tompi4py().allreduce(np.abs(wanted).max(initial=0.0), op=MPI.MAX)
+    assert largest > 0.05
+
+
+@pytest.mark.parametrize(
+    ("surface", "said"),
+    [
+        ("top", []),
+        ("elastomer_contact", ["is curved or oblique (mean normal 0.", "moves as one along that"]),
+    ],
+)
+def test_a_platen_on_a_curved_surface_is_noted(surface, said):
+    half, flat = HalfCylinder(10.0, 9.9, 2.0), FlatBlock(20.0, 10.0, 9.9, 2.0)
+    named = generate(LineContact(half, flat), MPI.COMM_SELF)
+    u = dolfinx.fem.Function(dolfinx.fem.functionspace(named.mesh, ("Lagrange", 1, (2,))))
+    loads = Loads(named, u, "plane-strain", 1.0)
+    platen = {"direction": "y", "pressure": 1e3}
+    loads.add(Boundary.model_validate({"surface": surface, "platen": platen}))
+    assert len(loads.notes) == bool(said)
+    for part in said:
+        assert part in loads.notes[0]

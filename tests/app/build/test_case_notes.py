@@ -1,0 +1,86 @@
+"""Notes on cases that are correct and may still surprise."""
+
+from __future__ import annotations
+
+import tomllib
+
+import pytest
+
+from app.build.case_notes import highest_pressure, notes_on
+from app.case.case import Case
+
+
+def case(text: str, friction: dict | None = None, **tables) -> Case:
+    data = tomllib.loads(text)
+    data["contact"][0]["friction"] |= friction or {}
+    return Case.model_validate(data | tables)
+
+
+def test_nothing_is_said_of_harmless_cases(block, film):
+    assert notes_on(case(block)) == []
+    assert notes_on(case(film)) == []
+
+
+def of_two_answers(notes: list[str]) -> list[str]:
+    """The notes on steps that the law alone would answer in two ways."""
+    return [note for note in notes if "stick and slip can coexist" in note]
+
+
+def test_weakening_that_is_steeper_than_the_layer(film):
+    # p (mu_s - mu_d) B against G/height = 1.844 MPa / 0.1 mm
+    limit = 1.844e6 / 1e-4 / (0.5e6 * 0.02)
+    assert notes_on(case(film, {"B": 0.99 * limit})) == []
+    [note] = notes_on(case(film, {"B": 1.01 * limit}))
+    assert "steeper than the upper block's shear stiffness" in note
+
+
+def test_a_dynamic_coefficient_without_a_rate_has_no_effect(film):
+    [note] = notes_on(case(film, {"B": 0.0}))
+    assert "mu_d = 0.1 has no effect while B = 0" in note
+
+
+def test_tension_and_thick_films_are_noted(film):
+    boundary = tomllib.loads(film)["boundary"]
+    boundary[1]["platen"]["pressure"] = "-1 Pa"
+    [note] = notes_on(case(film, boundary=boundary))
+    assert note.startswith("boundary.1.platen.pressure: falls to -1 Pa")
+    data = tomllib.loads(film)
+    data["contact"][0]["film"]["thickness"] = "100 mm"
+    assert any("thin films" in note for note in notes_on(Case.model_validate(data)))
+
+
+def test_weakening_that_is_too_steep_for_the_pressure(film):
+    # Sufficient: (1 - alpha) K_T > (1 - alpha) p (mu_s - mu_d) B, here 1e12 > 0.5e6 0.02 B.
+    limit = 1e12 / (0.5e6 * 0.02)
+    assert of_two_answers(notes_on(case(film, {"B": 0.9 * limit}))) == []
+    [note] = of_two_answers(notes_on(case(film, {"B": 1.1 * limit})))
+    assert note.startswith("contact.0: ") and "\n" not in note
+
+
+def test_weakening_is_judged_at_the_highest_pressure(film):
+    boundary = tomllib.loads(film)["boundary"]
+    boundary[1]["platen"]["pressure"] = [["0 s", "0 Pa"], ["1 s", "2 MPa"], ["2 s", "1 MPa"]]
+    steep = {"B": 0.4e8}
+    assert highest_pressure(case(film, boundary=boundary)) == 2e6
+    assert of_two_answers(notes_on(case(film, steep))) == []
+    assert len(of_two_answers(notes_on(case(film, steep, boundary=boundary)))) == 1
+
+
+def test_threshold_speed_below_all_that_is_resolved(film):
+    data = tomllib.loads(film)
+    for key in ("V_star", "V_star_at"):
+        del data["contact"][0]["friction"][key]
+    data["contact"][0]["friction"]["gamma"] = "4e-25 N/s"
+    [note] = notes_on(Case.model_validate(data))
+    # sqrt(4e-25 x 250e-9 / (0.8 x 30e-9)) = 2.0e-12 m/s
+    assert note.startswith("contact.0: ") and "V* = 2e-12 m/s" in note
+
+
+@pytest.mark.parametrize("rate_dependent", [True, False])
+def test_speeds_count_only_where_rates_do(film, rate_dependent):
+    data = tomllib.loads(film)
+    friction = data["contact"][0]["friction"]
+    del friction["V_star"], friction["V_star_at"]
+    friction["gamma"] = "4e-25 N/s"
+    data["stage"][1]["rate_dependent"] = rate_dependent
+    assert len(notes_on(Case.model_validate(data))) == rate_dependent

@@ -1,0 +1,190 @@
+"""What a case says of a mesh of the user's own, held against the mesh itself."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import gmsh
+import pytest
+from mpi4py import MPI
+
+from app.build.model import build_model
+from app.case.case import load_case
+from app.errors import InputError
+from geometry.generators.two_blocks import Block, TwoBlocks
+from geometry.generators.two_boxes import Box, TwoBoxes
+from geometry.meshes.gmsh_model import write_msh
+
+BODIES = """
+[bodies.elastomer]
+material = "neo-hookean"
+E = "5 MPa"
+nu = 0.495
+[bodies.aluminium]
+material = "hencky"
+E = "70 GPa"
+nu = 0.33
+[[contact]]
+slave = "elastomer_contact"
+master = "aluminium_contact"
+friction = { law = "coulomb", mu = 0.2 }
+[[boundary]]
+surface = "bottom"
+displacement = { x = 0, y = 0 }
+[[boundary]]
+surface = "top"
+displacement = { y = [["0 s", "0 mm"], ["1 s", "-0.05 mm"]] }
+[[stage]]
+name = "press"
+duration = "1 s"
+"""
+SHAPES = {
+    "boxes": TwoBoxes(Box(1e-3, 1e-3, 1e-3, (2, 2, 2)), Box(2e-3, 1e-3, 2e-3, (2, 2, 2))),
+    "tetrahedra": TwoBoxes(
+        Box(1e-3, 1e-3, 1e-3, (2, 2, 2)), Box(2e-3, 1e-3, 2e-3, (2, 2, 2)), cell="tetrahedron"
+    ),
+    "blocks": TwoBlocks(Block(1e-3, 1e-3, (2, 2)), Block(2e-3, 1e-3, (2, 2)), 0.0),
+    "astride": TwoBlocks(Block(1e-3, 1e-3, (2, 2)), Block(2e-3, 1e-3, (2, 2)), -0.5e-3),
+}
+SHAPES |= {
+    "in millimetres": TwoBlocks(Block(1.0, 1.0, (2, 2)), Block(2.0, 1.0, (3, 2)), 0.0),
+    "apart": TwoBlocks(Block(1e-3, 1e-3, (2, 2)), Block(2e-3, 1e-3, (3, 2)), 0.0, gap=2e-3),
+    "coarse": TwoBlocks(Block(1e-3, 1e-3, (2, 2)), Block(2e-3, 1e-3, (20, 2)), 0.0),
+}
+
+
+class Astride:
+    """The blocks, with a surface that is partly on each."""
+
+    def build(self) -> None:
+        SHAPES["blocks"].build()
+        groups = gmsh.model.getPhysicalGroups(1)
+        sides = [(d, t) for d, t in groups if gmsh.model.getPhysicalName(d, t).endswith("_right")]
+        curves = [c for d, t in sides for c in gmsh.model.getEntitiesForPhysicalGroup(d, t)]
+        gmsh.model.removePhysicalGroups(sides)
+        gmsh.model.addPhysicalGroup(1, curves, name="both")
+
+
+SHAPES["one surface"] = Astride()
+
+
+@pytest.fixture
+def model(tmp_path: Path):
+    """Builds the model of a shape written to a file, with lines for [geometry]."""
+
+    def build(shape: str, geometry: str = "", *overrides: str):
+        write_msh(SHAPES[shape], tmp_path / "mesh.msh")
+        path = tmp_path / "case.toml"
+        path.write_text(f'[geometry]\nmesh = "mesh.msh"\n{geometry}\n{BODIES}')
+        return build_model(load_case(path, list(overrides)), MPI.COMM_SELF)
+
+    return build
+
+
+def test_meshes_in_space_and_of_revolution(model):
+    made = model("boxes", "", "boundary.0.displacement.z=0")
+    assert (made.section, made.thickness, made.problem.dim) == ("3D", 1.0, 3)
+    assert {note[:14] for note in made.notes} == {"body elastomer"}
+    assert sum("in x" in note or "in z" in note for note in made.notes) == 2
+    ring = model("blocks", 'section = "axisymmetric"')
+    assert (ring.section, ring.thickness) == ("axisymmetric", 1.0)
+    assert all(solid.section == "axisymmetric" for solid in ring.problem.solids)
+    assert not any("in x" in note for note in ring.notes)
+    slab = model("blocks", 'thickness = "2 mm"', "boundary.1.displacement.x=0")
+    assert (slab.section, slab.thickness) == ("plane-strain", 2e-3)
+    assert model("blocks").thickness == 1.0
+
+
+def test_linear_tetrahedra_that_lock_are_pointed_out(model):
+    assert any("linear tetrahedra lock" in note for note in model("tetrahedra").notes)
+    second = model("tetrahedra", "", "bodies.elastomer.formulation=q2")
+    assert not any("lock" in note for note in second.notes)
+    assert second.problem.space.dofmap.index_map.size_global == 2 * 5**3
+
+
+@pytest.mark.parametrize(
+    ("shape", "geometry", "overrides", "said"),
+    [
+        ("boxes", 'thickness = "1 mm"', [], "geometry.thickness = 0.001 m: goes with plane strain"),
+        ("boxes", 'section = "axisymmetric"', [], 'geometry.section = "axisymmetric": the mesh is'),
+        ("astride", 'section = "axisymmetric"', [], "the mesh reaches x = -0.0005 m; x is the"),
+        ("blocks", "", ["boundary.0.displacement.z=0"], "there is no z in a mesh in the plane"),
+        (
+            "tetrahedra",
+            "",
+            ["bodies.elastomer.formulation=q1-sri"],
+            'bodies.elastomer.formulation: "q1-sri" needs quadrilaterals or hexahedra',
+        ),
+        (
+            "blocks",
+            "",
+            ["bodies.elastomer.formulation=q2", "bodies.aluminium.formulation=q1"],
+            'bodies.aluminium.formulation: bodies.elastomer has "q2"',
+        ),
+        (
+            "one surface",
+            "",
+            ["boundary.1.surface=both"],
+            'surface "both" must lie on one body; it lies on elastomer, aluminium',
+        ),
+    ],
+)
+def test_what_does_not_go_with_the_mesh_is_named(model, shape, geometry, overrides, said):
+    with pytest.raises(InputError) as error:
+        model(shape, geometry, *overrides)
+    assert said in str(error.value) and "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("shape", "said"),
+    [
+        ("in millimetres", r"mesh \S+mesh.msh: 2 m long; coordinates are taken as metres"),
+        ("apart", "contact.0: elastomer_contact and aluminium_contact start 0.002 m apart"),
+        ("coarse", "contact.0: the facets of the slave elastomer_contact are 5 times as long as"),
+    ],
+)
+def test_a_mesh_that_may_not_be_meant_so_is_pointed_out(model, shape, said):
+    assert sum(bool(re.match(said, note)) for note in model(shape).notes) == 1
+    assert not any(re.match(said, note) for note in model("blocks").notes)
+
+
+def test_a_smooth_master_that_bulges_into_the_slave_is_named(model, monkeypatch):
+    monkeypatch.setattr(
+        "app.build.model.OVERLAP", -1.0
+    )  # bodies that touch overlap too much already
+    with pytest.raises(InputError, match=r"may touch at the start, not overlap$"):
+        model("blocks")
+    with pytest.raises(InputError, match="not overlap; a smooth master bulges"):
+        model("blocks", "", "contact.0.smoothing_angle=30 deg")
+
+
+RANKS = """
+import sys
+from pathlib import Path
+from mpi4py import MPI
+from app.case.case import load_case
+from app.build.model import build_model
+notes = build_model(load_case(Path(sys.argv[1])), MPI.COMM_WORLD).notes
+assert len(set(map(tuple, MPI.COMM_WORLD.allgather(notes)))) == 1
+if MPI.COMM_WORLD.rank == 0:
+    print(*notes, sep="\\n")
+"""
+
+
+@pytest.mark.mpi
+def test_ranks_agree_on_what_there_is_to_say(model, environment, tmp_path):
+    notes = model("in millimetres").notes
+    command = ["mpirun", "--oversubscribe", "-n", "3", sys.executable, "-m", "mpi4py", "-c", RANKS]
+    done = subprocess.run(
+        [*command, str(tmp_path / "case.toml")],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines() == notes

@@ -1,0 +1,220 @@
+"""Case files of bodies in space and of revolution: defaults, round trips, and mistakes."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+
+from app.case.case import check_case, load_case, resolved_toml
+
+COMMON = """
+[bodies.elastomer]
+material = "neo-hookean"
+E = "5 MPa"
+nu = 0.45
+[bodies.aluminium]
+material = "hencky"
+E = "70 GPa"
+nu = 0.33
+[[contact]]
+slave = "elastomer_contact"
+master = "aluminium_contact"
+friction = { law = "coulomb", mu = 0.2 }
+[[boundary]]
+surface = "bottom"
+displacement = { x = 0, y = 0 }
+[[boundary]]
+surface = "top"
+displacement = { x = "driven" }
+platen = { direction = "y", pressure = "1 MPa" }
+[[stage]]
+name = "slide"
+duration = "1 s"
+velocity = "1 mm/s"
+"""
+BOXES = """
+[geometry]
+kind = "two-boxes"
+upper = { width = "1 mm", height = "0.5 mm", depth = "0.6 mm", elements = [4, 2, 3] }
+lower = { width = "2 mm", height = "0.5 mm", depth = "1 mm", size = "0.25 mm" }
+"""
+RINGS = """
+[geometry]
+kind = "two-blocks"
+section = "axisymmetric"
+upper = { width = "1 mm", height = "0.5 mm", elements = [4, 2] }
+lower = { width = "2 mm", height = "0.5 mm", elements = [4, 2] }
+"""
+
+
+SPHERE = """
+[geometry]
+kind = "sphere-on-block"
+sphere = { radius = "10 mm" }
+block = { radius = "8 mm", height = "5 mm" }
+contact_width = "2 mm"
+contact_size = "0.1 mm"
+"""
+
+
+@pytest.fixture
+def boxes(tmp_path: Path) -> Path:
+    path = tmp_path / "boxes.toml"
+    path.write_text(BOXES + COMMON)
+    return path
+
+
+@pytest.fixture
+def rings(tmp_path: Path) -> Path:
+    path = tmp_path / "rings.toml"
+    path.write_text(RINGS + COMMON)
+    return path
+
+
+def test_defaults_in_space(boxes):
+    case = load_case(boxes)
+    assert case.geometry.built_section == case.geometry.section_in(3) == "3D"
+    assert case.geometry.offset == pytest.approx((0.5e-3, 0.2e-3))
+    assert case.geometry.cell == "hexahedron" and case.geometry.slab == 1.0
+    assert {body.formulation for body in case.bodies.values()} == {"q1-sri"}
+    cut = load_case(boxes, ["geometry.cell=tetrahedron"])
+    assert {body.formulation for body in cut.bodies.values()} == {"q1"}
+    one = load_case(boxes, ["bodies.elastomer.formulation=q2"])
+    assert {body.formulation for body in one.bodies.values()} == {"q2"}
+
+
+def test_defaults_of_revolution(rings):
+    geometry = load_case(rings).geometry
+    assert geometry.built_section == "axisymmetric" and geometry.offset == 0.0
+    assert geometry.slab == 1.0
+    slab = load_case(rings, ["geometry.section=plane-strain", "geometry.thickness=1 mm"]).geometry
+    assert slab.built_section == "plane-strain" and slab.slab == 1e-3 and slab.offset == 5e-4
+
+
+def test_parts_of_a_sphere_on_a_block(tmp_path):
+    path = tmp_path / "sphere.toml"
+    path.write_text(SPHERE + COMMON)
+    still = 'boundary.1={ surface = "top", displacement = { x = 0, y = "driven" } }'
+    whole = load_case(path, [still]).geometry
+    assert (whole.cell, whole.built_section) == ("quadrilateral", "axisymmetric")
+    held = 'boundary.0={ surface = "elastomer_symmetry_z", displacement = { z = 0 } }'
+    half = load_case(path, [still, 'geometry.part="half"', held]).geometry
+    assert (half.cell, half.built_section, half.extent) == ("hexahedron", "3D", 0.02)
+    for part, said in (("full", "no such surface"), ("axisymmetric", "no such surface")):
+        [line, *_] = check_case(path, [still, f"geometry.part={part}", held])
+        assert said in line
+    shape = half.shape()
+    assert (shape.radius, shape.block_radius, shape.block_height) == (10e-3, 8e-3, 5e-3)
+
+
+@pytest.mark.parametrize("text", [BOXES, RINGS, SPHERE])
+def test_resolved_cases_read_back(text, tmp_path):
+    path = tmp_path / "case.toml"
+    path.write_text(text + COMMON)
+    rotation = 'boundary.0={ surface = "bottom", rotation = { angle = "30 deg" } }'
+    direction = 'boundary.1.displacement={ x = "driven", direction = [2, 0, 0] }'
+    case = load_case(path, [rotation, direction] if text is BOXES else [])
+    resolved = tmp_path / "resolved.toml"
+    resolved.write_text(resolved_toml(case))
+    assert load_case(resolved) == case
+    assert "thickness" not in resolved.read_text()
+    if text is BOXES:
+        assert case.boundary[0].rotation.angle(0.0) == pytest.approx(math.pi / 6)
+
+
+def test_direction_shares_the_drive(boxes):
+    plain = load_case(boxes).boundary[1].displacement
+    assert plain.driven_share("x") == 1.0
+    table = '{ x = "driven", z = "driven", direction = [3, 0, -4] }'
+    case = load_case(boxes, [f"boundary.1.displacement={table}"])
+    moved = case.boundary[1].displacement
+    assert (moved.driven_share("x"), moved.driven_share("z")) == pytest.approx((0.6, -0.8))
+    assert case.boundary[1].driven_components() == ("x", "z")
+
+
+SPACE = [
+    ("geometry.thickness=1 mm", 'key "thickness" in geometry does not go with kind = "two-boxes"'),
+    ("geometry.section=axisymmetric", 'key "section" in geometry does not go with'),
+    ("geometry.cell=triangle", 'geometry.cell = "triangle": must be "hexahedron" or "tetrahedron"'),
+    ("geometry.upper.elements=[4, 2]", "geometry.upper.elements.2: missing entry"),
+    ("geometry.upper.size=1 mm", "geometry.upper: give either elements or size, not both"),
+    ('geometry.offset=["0 mm", "2 mm"]', "geometry: offset = 0.002 m in z is not allowed"),
+    ("boundary.0.surface=elastomer_frnt", 'did you mean "elastomer_front"?'),
+    (
+        "bodies.elastomer.formulation=q1-sri;geometry.cell=tetrahedron",
+        'bodies.elastomer.formulation = "q1-sri": "q1-sri" needs quadrilaterals or hexahedra; '
+        'use "q1" or "q2" for tetrahedra',
+    ),
+    (
+        "bodies.elastomer.formulation=q2;bodies.aluminium.formulation=q1",
+        'bodies.aluminium.formulation = "q1": bodies.elastomer has "q2", and one displacement',
+    ),
+    (
+        "boundary.1.displacement.direction=[1, 0]",
+        "boundary.1.displacement.direction = [1.0, 0.0]: must have 3 components in this mesh",
+    ),
+    ("boundary.1.displacement.direction=[0, 0, 0]", "must not be zero in all components"),
+    ("boundary.1.displacement.direction=[1, 0, 1]", 'z is not driven: give z = "driven", or 0'),
+    ("boundary.0.displacement.direction=[1, 0, 0]", "says where driven components move, and none"),
+    (
+        "boundary.0.rotation.angle=1",
+        'boundary.0.rotation: "bottom" is already moved in x by boundary.0.displacement.x',
+    ),
+    (
+        'boundary.0={ surface = "bottom", rotation = { angle = 1, centre = [0, 0] } }',
+        "boundary.0.rotation.centre = [0.0, 0.0]: must have 3 coordinates in this mesh",
+    ),
+    (
+        'boundary.0={ surface = "bottom", rotation = { angle = "1 m" } }',
+        'boundary.0.rotation.angle = "1 m": "m" has the wrong dimension',
+    ),
+]
+PLANE = [
+    (
+        "geometry.thickness=1 mm",
+        "geometry.thickness = 0.001: goes with plane strain only: forces are those of the whole",
+    ),
+    ("geometry.offset=-0.1 mm", "geometry.offset = -0.0001: must be >= 0 m: x is the distance"),
+    ("geometry.section=spherical", 'must be "plane-strain" or "axisymmetric"'),
+    (
+        "boundary.0.displacement.z=0",
+        "boundary.0.displacement.z: there is no z in a mesh in the plane",
+    ),
+    (
+        "boundary.1.platen.direction=z",
+        "boundary.1.platen.direction: there is no z in a mesh in the plane",
+    ),
+    (
+        'boundary.0={ surface = "bottom", rotation = { angle = 1 } }',
+        "boundary.0.rotation: does not go with axial symmetry",
+    ),
+    (
+        "geometry.section=plane-strain;boundary.0="
+        '{ surface = "bottom", rotation = { angle = 1, axis = "x" } }',
+        'boundary.0.rotation.axis = "x": the axis of a rotation in the plane is z',
+    ),
+]
+
+
+ROUND = [
+    ("geometry.part=third", 'must be "axisymmetric", "quarter", "half" or "full"'),
+    ("geometry.cell=hexahedron", "geometry: cell = 'hexahedron' is not allowed; choose from quad"),
+    ("geometry.contact_width=1 cm", "geometry: contact_width = 0.01 m is not allowed; at most"),
+    ("geometry.thickness=1 mm", 'does not go with kind = "sphere-on-block"'),
+    ("boundary.1.displacement={ x = 0, z = 0 }", "there is no z in a mesh in the plane"),
+]
+
+
+@pytest.mark.parametrize(
+    ("text", "overrides", "expected"),
+    [(BOXES, *m) for m in SPACE] + [(RINGS, *m) for m in PLANE] + [(SPHERE, *m) for m in ROUND],
+    ids=[m[0] for m in SPACE + PLANE + ROUND],
+)
+def test_a_mistake_gives_one_clear_line(text, overrides, expected, tmp_path):
+    path = tmp_path / "case.toml"
+    path.write_text(text + COMMON)
+    lines = check_case(path, overrides.split(";"))
+    assert len(lines) >= 1 and expected in lines[0], lines
+    assert all("\n" not in line and "pydantic" not in line for line in lines)

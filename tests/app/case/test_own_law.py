@@ -1,0 +1,121 @@
+"""A friction law of the user's own: the documented example, and one clear line for each mistake."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.case.case import check_case, load_case, resolved_toml
+from app.case.contact import OwnLaw
+from app.case.own_law import OwnLawError, load_own_law
+from forms.friction.law import FrictionLaw
+
+PAGE = Path(__file__).parents[3] / "docs" / "law.md"
+MU, P = 0.3, 2e6
+
+
+@pytest.fixture
+def example(tmp_path: Path) -> Path:
+    """The law of the documentation, in a file."""
+    section = PAGE.read_text(encoding="utf-8").split("## A law of your own")[1]
+    [code] = re.findall(r"```python\n(.*?)```", section.split("\n## ")[0], re.DOTALL)
+    path = tmp_path / "my_law.py"
+    path.write_text(code, encoding="utf-8")
+    return path
+
+
+def with_law(block: str, law: str) -> str:
+    """The small block with another friction section."""
+    section = re.compile(r"^\[contact\.friction\]\n(?:(?!\[).*\n)*", re.M)
+    assert section.search(block)
+    return section.sub(f"[contact.friction]\n{law}\n", block)
+
+
+OWN = 'law = "python"\nclass = "my_law.py:MyLaw"\nparameters = { mu = 0.3, speed = 1e-6 }'
+
+
+def test_the_documented_law_is_exact_and_dissipates(example: Path):
+    law: FrictionLaw = load_own_law(f"{example}:MyLaw", {"mu": MU, "speed": 1e-6})
+    rng = np.random.default_rng(0)
+    slip, pressure = 1e-7 * rng.normal(size=(40, 3)), P * (rng.random(40) > 0.2)
+    state, dt, film = law.initial_state(40, 3), 0.1, np.zeros(40)
+    response = law.update(slip, dt, pressure, film, state)
+    traction = np.linalg.norm(response.traction, axis=1)
+    assert (traction <= MU * pressure).all() and traction.max() > 0.1 * MU * P
+    work = np.einsum("qi,qi->q", response.traction, slip)
+    stored = law.stored_energy(response.state) - law.stored_energy(state)
+    np.testing.assert_allclose(work - stored, response.dissipation.total, rtol=1e-12, atol=1e-30)
+    for j in range(3):
+        h = np.zeros(3)
+        h[j] = 1e-11
+        ahead, back = (
+            law.update(slip + c * h, dt, pressure, film, state).traction for c in (1, -1)
+        )
+        exact = response.d_traction_d_slip[:, :, j]
+        np.testing.assert_allclose((ahead - back) / 2e-11, exact, atol=1e-6 * np.abs(exact).max())
+
+
+def test_a_case_runs_with_it(example, block, case_file, tribox, tmp_path):
+    path = case_file(with_law(block, OWN))
+    assert path.parent == example.parent and check_case(path) == []
+    case = load_case(path)
+    friction = case.contact[0].friction
+    assert isinstance(friction, OwnLaw) and friction.parameters == {"mu": 0.3, "speed": 1e-6}
+    again = case_file(resolved_toml(case), "again.toml")
+    assert load_case(again) == case
+    done = tribox("run", path, "--out", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    rows = (tmp_path / "out" / "history.csv").read_text().splitlines()
+    row = dict(zip(rows[0].split(","), rows[-1].split(","), strict=True))
+    assert 0.0 < abs(float(row["friction_coefficient"])) <= 0.3 + 1e-9
+
+
+MISTAKES = {
+    "no file": (OWN.replace("my_law", "your_law"), "no such file: "),
+    "no class": (OWN.replace(":MyLaw", ":Law"), "has no class Law; there is MyLaw"),
+    "no colon": (OWN.replace(":MyLaw", ""), 'must be "file.py:Class"'),
+    "parameter": (OWN.replace("mu =", "nu ="), "parameters: MyLaw: TypeError: "),
+    "key": (OWN + "\nmu = 0.1", 'key "mu" in contact.0.friction does not go with law = "python"'),
+    "class missing": ('law = "python"', "contact.0.friction.class: missing; file and class"),
+}
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_a_mistake_is_one_line(name, example, block, case_file):
+    law, said = MISTAKES[name]
+    [line] = check_case(case_file(with_law(block, law)))
+    assert said in line and "\n" not in line
+
+
+@pytest.mark.parametrize(
+    ("code", "said"),
+    [
+        ("class MyLaw:\n    def update(self): ...", "no method initial_state, stored_energy, coef"),
+        ("class MyLaw:\n  x = (", "cannot be loaded: SyntaxError"),
+        ("import no_such_module_at_all", "cannot be loaded: ModuleNotFoundError"),
+        ("MyLaw = 3", "has no class MyLaw; there is none"),
+    ],
+)
+def test_a_file_that_is_no_law_is_one_line(code, said, tmp_path):
+    (tmp_path / "my_law.py").write_text(code, encoding="utf-8")
+    with pytest.raises(OwnLawError, match=re.escape(said)) as error:
+        load_own_law(f"{tmp_path}/my_law.py:MyLaw", {})
+    assert "\n" not in str(error.value) and error.value.key == "class"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("traction=traction,", "traction=traction[:, 0],", "traction has shape (2,) for 2 points"),
+        ("closed = pressure > 0.0", "closed = presure > 0.0", "fails in a step: NameError: name"),
+    ],
+)
+def test_a_law_that_cannot_run_is_told_beforehand(old, new, said, example):
+    code = example.read_text(encoding="utf-8")
+    assert old in code
+    example.write_text(code.replace(old, new), encoding="utf-8")
+    with pytest.raises(OwnLawError, match=re.escape(said)):
+        load_own_law(f"{example}:MyLaw", {"mu": MU, "speed": 1e-6})

@@ -1,0 +1,156 @@
+"""Room in the tangent for the contact: enough for every state, made seldom, and not too much."""
+
+from __future__ import annotations
+
+import dolfinx
+import numpy as np
+import pytest
+from petsc4py import PETSc
+
+from app.equilibrium.contact_sparsity import BlockPlaces, coupled_nodes, widened
+from app.equilibrium.equilibrium import Equilibrium
+from forms.friction.coulomb import CoulombLaw, CoulombParameters
+from tests.contact_boxes import Scene
+
+LAW = CoulombLaw(CoulombParameters(mu=0.3, K_T=60.0))
+SHAPES = ["Q4", "T6", "tet4", "hex8", "tet10"]
+
+
+def problem_of(scene):
+    """The contact alone, without solids."""
+    return Equilibrium(dolfinx.fem.Function(scene.space), [], [scene.term])
+
+
+def dense(A):
+    indptr, columns, values = A.getValuesCSR()
+    out = np.zeros(A.getSize())
+    out[np.repeat(np.arange(len(indptr) - 1), np.diff(indptr)), columns] = values
+    return out
+
+
+@pytest.mark.parametrize(
+    ("shape", "smoothing_angle"), [*((shape, None) for shape in SHAPES), ("Q4", 0.5), ("hex8", 0.5)]
+)
+def test_matrix_holds_the_whole_tangent_on_a_long_way(shape, smoothing_angle):
+    """Over many facets and back, each step larger than the last; facets as they are or smooth."""
+    scene = Scene(shape, LAW, fine=True, smoothing_angle=smoothing_angle)
+    problem = problem_of(scene)
+    down = -0.08
+    start = scene.vector([*[0.0] * (scene.dim - 1), down], 0.03, 0.2)
+    A = problem.new_matrix(start)
+    for step in (0.01, 0.03, 0.1, 0.2, 0.15, 0.0):
+        x = scene.vector([step, *[-0.5 * step] * (scene.dim - 2), down], 0.03, 0.2)
+        problem.assemble_tangent(x, A)
+        exact = scene.tangent(x)
+        assert np.abs(exact).max() > 1e-2
+        np.testing.assert_allclose(dense(A), exact, rtol=0, atol=1e-12)
+        problem.commit()
+
+
+def fine_master(cell, count):
+    """A strip of many master facets under one slave, for counting changes of the pattern."""
+    scene = Scene(cell, LAW, master=count)
+    return scene, problem_of(scene)
+
+
+def test_pattern_changes_are_few_in_the_plane():
+    """Ten facets of sliding, a quarter of a facet each step: a margin of three facets serves."""
+    scene, problem = fine_master("Q4", 40)
+    A = problem.new_matrix(scene.vector([0.0, -0.08], 0.0, 0.0))
+    first = problem.pattern_changes
+    way = np.arange(41) / 4 / 40
+    for x in way:
+        problem.assemble_tangent(scene.vector([x, -0.08], 0.0, 0.0), A)
+        problem.commit()
+    assert 2 <= problem.pattern_changes - first <= 4
+    # The room is kept: the way back costs nothing.
+    there = problem.pattern_changes
+    for x in way[::-1]:
+        problem.assemble_tangent(scene.vector([x, -0.08], 0.0, 0.0), A)
+        problem.commit()
+    assert problem.pattern_changes == there
+
+
+def test_open_points_ask_for_no_room():
+    """A body that flies past changes nothing until it comes near."""
+    scene, problem = fine_master("Q4", 40)
+    A = problem.new_matrix(scene.vector([0.0, 0.3], 0.0, 0.0))
+    count = problem.pattern_changes
+    for x in (0.0, 0.05, 0.1, 0.15):
+        problem.assemble_tangent(scene.vector([x, 0.3], 0.0, 0.0), A)
+    assert problem.pattern_changes == count
+    problem.assemble_tangent(scene.vector([0.15, -0.08], 0.0, 0.0), A)
+    assert problem.pattern_changes == count + 1
+
+
+def test_fill_in_space_is_moderate():
+    """Each slave node couples with the facets around its own, not with the whole master."""
+    scene, problem = fine_master("hex8", 20)
+    x = scene.vector([0.0, 0.0, -0.08], 0.0, 0.0)
+    trial = scene.term.evaluate(x, 1.0)
+    window = widened(None, scene.term, trial)
+    assert window.holds(scene.term, trial)
+    nodes = coupled_nodes(scene.term, window)
+    assert len(np.unique(nodes, axis=0)) == len(nodes)
+    assert (nodes[:, 0] < nodes[:, 1]).all()
+    masters = len(scene.surface.master.nodes)
+    among = np.isin(nodes, scene.surface.master.nodes).all(axis=1)
+    # Two rings and the facets in use: at most a patch of 7 × 7 nodes for each.
+    assert np.count_nonzero(among) < 0.5 * 49 * masters
+    assert isinstance(problem.new_matrix(x), PETSc.Mat)
+
+
+@pytest.mark.parametrize("shape", ["Q4", "hex8"])
+def test_room_for_the_neighbours_that_move_a_smooth_patch(shape):
+    """Half a facet a step: the last facet of the margin still finds the nodes of its patch."""
+    scene = Scene(shape, LAW, master=12, smoothing_angle=0.5)
+    problem = problem_of(scene)
+    A = problem.new_matrix(scene.vector([0.0] * (scene.dim - 1) + [-0.08], 0.02, 0.2))
+    for step in range(1, 8):
+        x = scene.vector([step / 24] + [0.0] * (scene.dim - 2) + [-0.08], 0.02, 0.2)
+        problem.assemble_tangent(x, A)
+        np.testing.assert_allclose(dense(A), scene.tangent(x), rtol=0, atol=1e-12)
+        problem.commit()
+    assert problem.pattern_changes < 6
+
+
+def summed(nodes, blocks, size):
+    """Blocks (q, m, i, n, j) summed densely."""
+    dim = blocks.shape[2]
+    dofs = (nodes[..., None] * dim + np.arange(dim)).reshape(len(nodes), nodes.shape[1] * dim)
+    out = np.zeros((dim * size, dim * size))
+    blocks = blocks.reshape(len(nodes), dofs.shape[1], dofs.shape[1])
+    np.add.at(out, (dofs[:, :, None], dofs[:, None, :]), blocks)
+    return out
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("count", [0, 1, 30])
+def test_places_of_blocks_add_up_to_their_sum(dim, count):
+    """Also where points share nodes, and where a point names a node twice."""
+    rng = np.random.default_rng(dim)
+    nodes = rng.integers(0, 12, size=(count, 5))
+    blocks = rng.normal(size=(count, 5, dim, 5, dim))
+    places = BlockPlaces(nodes, dim)
+    for values in (blocks, 2.0 * blocks):  # the places serve again
+        out = np.zeros((12 * dim, 12 * dim))
+        rows = np.repeat(places.rows, np.diff(places.indptr))
+        assert len(np.unique(rows * 100 + places.columns)) == len(rows)
+        out[rows, places.columns] = places.add_up(values)
+        np.testing.assert_allclose(out, summed(nodes, values, 12), rtol=0, atol=1e-12)
+    assert places.add_up(None).shape == places.columns.shape
+    assert not places.add_up(None).any()
+
+
+def test_places_are_found_once_while_the_nodes_stay():
+    scene = Scene("hex8", LAW, fine=True)
+    problem = problem_of(scene)
+    start = [scene.vector([x, -0.5 * x, -0.08], 0.03, 0.2) for x in (0.0, 1e-7, 0.3)]
+    A = problem.new_matrix(start[0])
+    problem.assemble_tangent(start[0], A)
+    known = problem._known_places[0]
+    problem.assemble_tangent(start[1], A)
+    assert problem._known_places[0] is known
+    problem.assemble_tangent(start[2], A)
+    assert problem._known_places[0] is not known
+    np.testing.assert_allclose(dense(A), scene.tangent(start[2]), rtol=0, atol=1e-12)

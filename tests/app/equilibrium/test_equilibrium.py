@@ -1,0 +1,485 @@
+"""The whole tangent against finite differences in every regime, term by term."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+import forms.contact.kinematics
+import forms.contact.penalty
+from app.equilibrium.equilibrium import Equilibrium, Platen
+from forms.bodies.loads import FollowerPressure
+from forms.contact.penalty import ContactTerm
+from forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
+from forms.friction.film import FilmTable
+from forms.friction.friction_map import FrictionMap
+from forms.friction.law import Regime
+from forms.friction.parameters import FrictionMapParameters
+from forms.friction.stribeck import StribeckLaw, StribeckParameters
+
+FILM = 0.5
+
+
+def coulomb(mu, K_T=60.0):
+    return CoulombLaw(CoulombParameters(mu=mu, K_T=K_T))
+
+
+def film_map(**changes):
+    """A friction map of numbers near one; the film is FILM thick, steps last one second."""
+    values = {
+        "mu_s": 0.3,
+        "mu_d": 0.2,
+        "A_d": 0.01,
+        "B": 20.0,
+        "K_T": 60.0,
+        "eta_b": 5.0,
+        "D_max": 1.0,
+        "alpha": 0.4,
+        "V_star": 100.0,
+        "V_star_at": FILM,
+        "film_onset_pressure": 1.0,
+    }
+    return FrictionMap(FrictionMapParameters(**(values | changes)))
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A law, and how far the slave has been moved: sideways and down, before and now."""
+
+    law: object
+    film: object = 0.0
+    before: tuple[float, float] = (0.01, -0.06)
+    now: tuple[float, float] = (0.04, -0.08)
+    degree: int = 5
+    bend: float = 0.08
+    rate_dependent: bool = True
+
+
+STRIBECK = StribeckLaw(
+    StribeckParameters(mu_s=0.3, mu_d=0.2, V_s=0.1, delta=1.5, viscous=2.0, K_T=60.0)
+)
+SLIDE = (0.16, -0.08)
+SETTINGS = {
+    "stick": (Setting(coulomb(50.0)), Regime.STICK),
+    "slip": (Setting(coulomb(0.2), now=SLIDE), Regime.SLIP),
+    "no friction": (Setting(FrictionlessLaw(), now=SLIDE), Regime.SLIP),
+    "stick of the map": (Setting(film_map(mu_s=50.0, mu_d=40.0), FILM), Regime.STICK),
+    "dry slip of the map": (Setting(film_map(), 0.0, now=SLIDE), Regime.SLIP),
+    "mixed": (Setting(film_map(), FILM, now=SLIDE), Regime.MIXED),
+    "mixed, literal flow rule": (
+        Setting(film_map(flow_rule="literal"), FILM, now=SLIDE),
+        Regime.MIXED,
+    ),
+    "mixed in the transition": (
+        Setting(film_map(V_star=0.11, transition_width=0.6), FILM, now=SLIDE),
+        Regime.MIXED,
+    ),
+    "viscous by speed": (Setting(film_map(V_star=1e-3), FILM, now=SLIDE), Regime.VISCOUS),
+    "viscous by thickness": (Setting(film_map(), 1.5, now=SLIDE), Regime.VISCOUS),
+    "whole film at once": (
+        Setting(film_map(film_onset_pressure=0.0), FILM, now=SLIDE),
+        Regime.MIXED,
+    ),
+    "film over the pressure": (
+        Setting(film_map(), FilmTable(((0.0, 0.8), (20.0, 0.3))), now=SLIDE),
+        Regime.MIXED,
+    ),
+    "film with a rheology": (
+        Setting(
+            film_map(tau_0=0.5, zeta=0.1, critical_rate=0.2, thinning_exponent=0.5, barus=0.1),
+            FILM,
+            now=SLIDE,
+        ),
+        Regime.MIXED,
+    ),
+    "stribeck": (Setting(STRIBECK, now=SLIDE), Regime.SLIP),
+    "rates off": (Setting(film_map(), FILM, rate_dependent=False), Regime.MIXED),
+    "onset": (Setting(coulomb(0.9)), Regime.STICK),
+    "onset, sliding part": (Setting(coulomb(0.9)), Regime.SLIP),
+    "groove": (
+        Setting(coulomb(0.2), now=SLIDE, degree=20, bend=0.3, before=(0.0, -0.1)),
+        Regime.SLIP,
+    ),
+    "closing": (Setting(coulomb(50.0), before=(0.0, 0.02), now=(0.06, -0.05)), Regime.STICK),
+    "partly open": (Setting(coulomb(0.3), now=(0.12, -0.003)), Regime.SLIP),
+    "open part": (Setting(film_map(), FILM, now=(0.12, -0.003)), Regime.OPEN),
+    "open": (Setting(coulomb(0.2), now=(0.0, 0.3)), Regime.OPEN),
+}
+
+
+def wave(bend, phase, turn):
+    """A smooth motion of both bodies that bends the surface between them and turns it."""
+
+    def motion(X):
+        x, y = X[:, 0], X[:, 1]
+        up = bend * np.sin(2.6 * x + phase) * (1.0 - 0.4 * y)
+        along = 0.3 * bend * np.cos(2.1 * x - phase) + 0.2 * bend * y
+        turned = (X - [1.0, 0.0]) @ turn.T + [1.0, 0.0] - X
+        return np.stack([along, up], axis=1) @ (np.eye(2) + turn).T + turned
+
+    return motion
+
+
+def rotation(angle):
+    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+
+
+def ripple(seed):
+    """A small smooth motion of random phases, another one for each body."""
+    phases = np.random.default_rng(seed).uniform(0.0, 6.0, (2, 2, 2))
+
+    def motion(body):
+        return lambda X: (
+            0.004 * np.sin(np.einsum("nj,ij->ni", X, 2.0 + phases[body]) + phases[body, :, 0])
+        )
+
+    return motion
+
+
+def state(pair, setting, shift, phase, angle, seed):
+    """Unknowns of both bodies bent together, the upper one shifted in the turned frame."""
+    turn = rotation(angle)
+    common, small = wave(setting.bend, phase, turn), ripple(seed)
+    # The shift is along the turned surface, then the common wave acts at the shifted place.
+    there = np.array(shift)
+    return pair.displaced(
+        lambda X: common(X + there) + there + small(0)(X), lambda X: common(X) + small(1)(X)
+    )
+
+
+def prepared(pair, setting, **parts):
+    """The problem with a history of one step, the unknowns of today, and its matrix."""
+    problem = pair().problem(setting.law, film=setting.film, degree=setting.degree, **parts)
+    (term,) = problem.contacts
+    term.rate_dependent = setting.rate_dependent
+    before = state(pair(), setting, setting.before, 0.4, 0.1, 1)
+    term.commit(term.evaluate(before, 1.0))
+    x = state(pair(), setting, setting.now, 0.9, 0.35, 2)
+    problem.dt = 1.0
+    return problem, x, problem.new_matrix(x)
+
+
+def unbalanced(problem, x):
+    f = problem.new_vector()
+    problem.residual(None, x, f)
+    return problem.unbalanced.copy()
+
+
+def contact_dofs(problem):
+    surface = problem.contacts[0].surface
+    nodes = np.concatenate([surface.slave.nodes.reshape(-1), surface.master.nodes])
+    return np.unique(nodes[:, None] * 2 + np.arange(2))
+
+
+@dataclass
+class Slopes:
+    """Directional derivatives of the residual, by differences: (m, n) for m directions."""
+
+    directions: np.ndarray
+    values: np.ndarray
+    near: np.ndarray
+
+    def error(self, problem, x, A):
+        """Largest error of the tangent at ``x``, relative, of all unknowns or near the contact."""
+        for term in problem.contacts:
+            term._last = None
+        problem.assemble_tangent(x, A)
+        d, image = x.duplicate(), x.duplicate()
+        worst = 0.0
+        for direction, exact in zip(self.directions, self.values, strict=True):
+            d.array[:] = direction
+            A.mult(d, image)
+            apart = np.abs(image.array_r - exact)
+            worst = max(
+                worst,
+                apart.max() / np.abs(exact).max(),
+                apart[self.near].max() / np.abs(exact[self.near]).max(),
+            )
+        return worst
+
+
+def differences(problem, x, count=4, h=1e-6):
+    """Central differences of the out-of-balance forces in random directions."""
+    rng = np.random.default_rng(7)
+    directions = rng.normal(size=(count, x.getSize()))
+    values = np.empty_like(directions)
+    moved = x.duplicate()
+    for direction, value in zip(directions, values, strict=True):
+        sides = []
+        for sign in (1.0, -1.0):
+            moved.array[:] = x.array_r + sign * h * direction
+            sides.append(unbalanced(problem, moved))
+        value[:] = (sides[0] - sides[1]) / (2.0 * h)
+    return Slopes(directions, values, contact_dofs(problem))
+
+
+@pytest.mark.parametrize("name", SETTINGS)
+def test_whole_tangent_against_finite_differences(pair, name):
+    setting, regime = SETTINGS[name]
+    problem, x, A = prepared(pair, setting)
+    slopes = differences(problem, x)
+    error = slopes.error(problem, x, A)
+    (trial,) = problem.trials
+    regimes = trial.response.regime
+    assert np.count_nonzero(regimes == regime) >= 5, np.bincount(regimes)
+    if regime != Regime.OPEN:
+        # A history that matters, on a master that is kinked, under load.
+        history = not isinstance(setting.law, FrictionlessLaw) and setting.before[1] < 0.0
+        alive = np.linalg.norm(trial.kinematics.elastic_slip, axis=1) > 1e-3
+        assert history == bool(alive[regimes == regime].any())
+        assert trial.pressure.max() > 0.1
+        assert (
+            np.ptp(np.arctan2(trial.kinematics.normal[:, 0], trial.kinematics.normal[:, 1])) > 0.1
+        )
+    assert error < 1e-6
+
+
+def without_normal_of_pressure(patch):
+    """t_N δn left out."""
+    whole = ContactTerm.traction_variation
+
+    def less(self, trial, take):
+        d_traction, v = whole(self, trial, take)
+        return d_traction - trial.pressure[take][:, None, None] * v.d_normal, v
+
+    patch.setattr(ContactTerm, "traction_variation", less)
+
+
+def changed_kinematics(patch, change):
+    """Contact kinematics whose variations went through ``change``."""
+    whole = forms.contact.penalty.vary
+
+    def less(points, today, anchor):
+        variations = whole(points, today, anchor)
+        change(variations, points, today, anchor)
+        return variations
+
+    patch.setattr(forms.contact.penalty, "vary", less)
+
+
+def without(name):
+    """One variation of the kinematics left out."""
+
+    def switch(patch):
+        changed_kinematics(patch, lambda k, *_: getattr(k, name).fill(0.0))
+
+    return switch
+
+
+def without_normal_of(name):
+    """The part of a variation that comes from the turning of the tangent plane left out."""
+
+    def switch(patch):
+        def change(k, *arguments):
+            with pytest.MonkeyPatch.context() as inner:
+                inner.setattr(
+                    forms.contact.kinematics,
+                    "_vary_in_plane",
+                    lambda n, v, d_normal: np.zeros_like(d_normal),
+                )
+                less = forms.contact.kinematics.vary(*arguments)
+            getattr(k, name)[:] = getattr(less, name)
+
+        changed_kinematics(patch, change)
+
+    return switch
+
+
+def without_rows(which):
+    """A generalised coordinate left out of the operator G: its rows are zero."""
+
+    def switch(patch):
+        whole = ContactTerm._generalised_rows
+
+        def less(self, trial, take):
+            rows, nodes = whole(self, trial, take)
+            rows[:, which] = 0.0
+            return rows, nodes
+
+        patch.setattr(ContactTerm, "_generalised_rows", less)
+
+    return switch
+
+
+def without_derivative(name):
+    """A derivative of the friction law left out."""
+
+    def switch(patch):
+        whole = ContactTerm.traction_variation
+
+        def less(self, trial, take):
+            table = getattr(trial.response, name)
+            kept = table.copy()
+            table[:] = 0.0
+            try:
+                return whole(self, trial, take)
+            finally:
+                table[:] = kept
+
+        patch.setattr(ContactTerm, "traction_variation", less)
+
+    return switch
+
+
+def without_share(patch):
+    """The change of the in-contact share of closing points left out."""
+    whole = forms.contact.kinematics._closed_share
+
+    def less(*arguments):
+        share, slope = whole(*arguments)
+        return share, np.zeros_like(slope)
+
+    patch.setattr(forms.contact.kinematics, "_closed_share", less)
+
+
+def without_part_of_solids(part):
+    """One integral of the solids (0: distortional, 1: volumetric), or both, left out."""
+
+    def switch(patch):
+        whole = Equilibrium._assemble_forms
+
+        def less(self, A):
+            kept = [list(solid.forms) for solid in self.solids]
+            for solid in self.solids:
+                solid.forms = [] if part is None else [solid.forms[1 - part]]
+            try:
+                whole(self, A)
+            finally:
+                for solid, all_forms in zip(self.solids, kept, strict=True):
+                    solid.forms = all_forms
+
+        patch.setattr(Equilibrium, "_assemble_forms", less)
+
+    return switch
+
+
+# Each term, the switch that leaves it out of the tangent, and a setting in which it matters. The
+# rows d of the operator are missing: in the plane a vector of given length knows no other freedom
+# than the angle of the normal (see test_contact_kinematics for three dimensions).
+TERMS = {
+    "turning of the pressure": (without_normal_of_pressure, "slip"),
+    "gap": (without("d_gap"), "slip"),
+    "slip": (without("d_slip"), "stick"),
+    "slip through the normal": (without_normal_of("d_slip"), "slip"),
+    "elastic slip": (without("d_elastic"), "stick"),
+    "elastic slip through the normal": (without_normal_of("d_elastic"), "onset"),
+    "motion of the closest point": (without("d_xi"), "slip"),
+    "motion of the closest point, film": (without("d_xi"), "viscous by speed"),
+    "motion of the closest point, groove": (without("d_xi"), "groove"),
+    "rows b": (without_rows(1), "stick"),
+    "rows c": (without_rows(2), "stick"),
+    "rows c, film": (without_rows(2), "viscous by speed"),
+    "traction by pressure": (without_derivative("d_traction_d_pressure"), "slip"),
+    "traction by pressure, map": (without_derivative("d_traction_d_pressure"), "mixed"),
+    "traction by elastic slip": (without_derivative("d_traction_d_elastic"), "stick"),
+    "traction by elastic slip, map": (without_derivative("d_traction_d_elastic"), "mixed"),
+    "traction by slip": (without_derivative("d_traction_d_slip"), "stick"),
+    "traction by slip, film": (without_derivative("d_traction_d_slip"), "viscous by speed"),
+    "share of closing points": (without_share, "closing"),
+    "solids": (without_part_of_solids(None), "slip"),
+    "distortional part": (without_part_of_solids(0), "slip"),
+    "volumetric part": (without_part_of_solids(1), "slip"),
+}
+
+
+@pytest.mark.parametrize("name", TERMS)
+def test_each_term_of_the_tangent_is_needed(pair, monkeypatch, name):
+    switch, where = TERMS[name]
+    problem, x, A = prepared(pair, SETTINGS[where][0])
+    slopes = differences(problem, x)
+    assert slopes.error(problem, x, A) < 1e-6
+    switch(monkeypatch)
+    assert slopes.error(problem, x, A) > 1e-4
+
+
+def test_settings_hold_what_they_are_named_after(pair):
+    found = {}
+    for name in ("groove", "closing", "partly open"):
+        problem, x, _ = prepared(pair, SETTINGS[name][0])
+        unbalanced(problem, x)
+        found[name] = problem.trials[0], problem.contacts[0].state
+    trial, _ = found["groove"]
+    assert np.count_nonzero(trial.projection.clamped & trial.kinematics.closed) >= 5
+    trial, state = found["closing"]
+    assert np.count_nonzero((state.gap > 0.0) & trial.kinematics.closed) >= 5
+    trial, _ = found["partly open"]
+    assert 5 <= np.count_nonzero(trial.kinematics.closed) <= len(trial.pressure) - 5
+
+
+def test_tangent_with_held_edges_platen_and_pressure(pair):
+    """The matrix that Newton solves with, in directions that keep what is prescribed."""
+    blocks = pair()
+    x0 = state(blocks, SETTINGS["slip"][0], SLIDE, 0.9, 0.35, 2)
+    side = FollowerPressure(blocks.u, blocks.named.facets("elastomer_left"))
+    side.set(0.7)
+    top = Platen(blocks.held("top", 1).dofs, force=-0.4)
+    held = [blocks.held("bottom", 0), blocks.held("bottom", 1), blocks.held("top", 0)]
+    problem, x, A = prepared(
+        pair, SETTINGS["slip"][0], prescribed=held, platens=[top], pressures=[side]
+    )
+    np.testing.assert_array_equal(x.array_r, x0.array_r)
+    f, d, image = x.duplicate(), x.duplicate(), x.duplicate()
+    problem.jacobian(None, x, A, A)
+    rng = np.random.default_rng(3)
+    h = 1e-6
+    for _ in range(3):
+        direction = rng.normal(size=x.getSize())
+        direction[problem.constrained_dofs()] = 0.0
+        direction[top.dofs] = direction[top.all_dofs[0]]
+        sides = []
+        for sign in (1.0, -1.0):
+            d.array[:] = x.array_r + sign * h * direction
+            problem.residual(None, d, f)
+            sides.append(f.array_r.copy())
+        exact = (sides[0] - sides[1]) / (2.0 * h)
+        d.array[:] = direction
+        A.mult(d, image)
+        assert np.abs(image.array_r - exact).max() < 1e-6 * np.abs(exact).max()
+        # The follower's stiffness is in there, and large enough to be missed.
+        side.set(0.0)
+        problem.jacobian(None, x, A, A)
+        A.mult(d, image)
+        assert np.abs(image.array_r - exact).max() > 1e-4 * np.abs(exact).max()
+        side.set(0.7)
+        problem.jacobian(None, x, A, A)
+
+
+def test_evaluations_leave_no_trace(pair):
+    """History is a value of the converged step: residual and tangent may be asked for at will."""
+    problem, x, A = prepared(pair, SETTINGS["mixed"][0])
+    (term,) = problem.contacts
+    kept = term.state
+    first = unbalanced(problem, x)
+    away = x.copy()
+    away.array[:] += 0.01 * np.random.default_rng(0).normal(size=away.getSize())
+    unbalanced(problem, away)
+    problem.assemble_tangent(away, A)
+    assert term.state is kept
+    np.testing.assert_array_equal(unbalanced(problem, x), first)
+
+
+def test_contact_forces_balance(pair):
+    """The residual of bodies that nothing holds has no resultant: action equals reaction."""
+    problem, x, _ = prepared(pair, SETTINGS["mixed"][0])
+    forces = unbalanced(problem, x).reshape(-1, 2)
+    slave = forces[np.unique(problem.contacts[0].surface.slave.nodes)].sum(axis=0)
+    assert np.abs(slave).max() > 0.1
+    np.testing.assert_allclose(forces.sum(axis=0), 0.0, atol=1e-13)
+
+
+def test_wider_pattern_is_made_when_a_point_leaves_its_window(pair):
+    """A long slide, evaluated with the matrix of the start."""
+    blocks = pair("quadrilateral", (5, 2), (29, 2))
+    problem = blocks.problem(coulomb(0.3))
+    setting = Setting(coulomb(0.3), bend=0.02)
+    problem.contacts[0].commit(
+        problem.contacts[0].evaluate(state(blocks, setting, (0.0, -0.05), 0.4, 0.0, 1), 1.0)
+    )
+    A = problem.new_matrix(state(blocks, setting, (0.0, -0.05), 0.4, 0.0, 1))
+    changes = problem.pattern_changes
+    x = state(blocks, setting, (0.42, -0.05), 0.9, 0.0, 2)
+    slopes = differences(problem, x)
+    assert slopes.error(problem, x, A) < 1e-6
+    assert problem.pattern_changes > changes

@@ -1,0 +1,291 @@
+"""The stable step: stable below what is reported, unstable above the exact limit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from app.explicit.stepper import ExplicitError, ExplicitOptions, ExplicitStepper, MassScaling
+from app.implicit.stepper import ImplicitOptions, ImplicitStepper
+from forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
+from forms.friction.friction_map import FrictionMap
+from forms.friction.parameters import FrictionMapParameters
+
+NEVER = 10**9
+DEPTH = 0.02
+
+
+def film(viscosity, alpha=1.0, **changes):
+    """A film of thickness 0.5 with the given viscous stress per speed, without a switch."""
+    values = {
+        "mu_s": 0.3,
+        "K_T": 60.0,
+        "eta_b": 0.5 * viscosity / max(alpha, 1e-9),
+        "D_max": 1.0,
+        "alpha": alpha,
+        "V_star": 1e9,
+        "V_star_at": 0.5,
+        "transition_width": 0.0,
+    }
+    return FrictionMap(FrictionMapParameters(**(values | changes)))
+
+
+def pressed(pair, law, penalty, film=0.0):
+    """Two blocks pressed together between rigid plates, at rest, with their history."""
+    blocks = pair()
+    held = [blocks.held(s, c) for s in ("bottom", "top") for c in (0, 1)]
+    problem = blocks.problem(law, penalty, film, prescribed=held, degree=3)
+    for solid in problem.solids:
+        solid.density = 1.0
+    problem.u.x.array[:] = 0.0
+    held[3].value = -DEPTH
+    for contact in problem.contacts:
+        contact.rate_dependent = False
+    implicit = ImplicitStepper(problem, ImplicitOptions(tolerance=1e-11))
+    assert implicit.attempt(1.0).converged
+    implicit.commit()
+    for contact in problem.contacts:
+        contact.rate_dependent = True
+    return problem, implicit.x.array_r.copy()
+
+
+def stepper(problem, x, seed=0, size=1e-7, **options):
+    rng = np.random.default_rng(seed)
+    shaken = size * rng.standard_normal(len(x))
+    shaken[problem.constrained_dofs()] = 0.0
+    return ExplicitStepper(
+        problem, ExplicitOptions(check_every=NEVER, **options), displacement=x, velocity=shaken
+    )
+
+
+def dense(problem, stepper, x, dt=1.0):
+    """Tangent and masses of the free unknowns, from the implicit solution's exact tangent."""
+    vec = problem.new_vector()
+    vec.array[:] = x
+    problem.dt = dt
+    matrix = problem.new_matrix(vec)
+    problem.assemble_tangent(vec, matrix)
+    free = np.setdiff1d(np.arange(problem.owned), problem.constrained_dofs())
+    rows, columns, values = matrix.getValuesCSR()
+    full = np.zeros((problem.owned, problem.owned))
+    for row in range(problem.owned):
+        full[row, columns[rows[row] : rows[row + 1]]] = values[rows[row] : rows[row + 1]]
+    return full[np.ix_(free, free)], stepper.mass[free]
+
+
+def growth(stepper, dt, steps):
+    """Largest velocity after many steps over the largest at the start."""
+    before = np.abs(stepper.v).max()
+    with np.errstate(all="ignore"):
+        for _ in range(steps):
+            try:
+                stepper.advance(dt)
+            except ExplicitError:
+                return np.inf
+    return np.abs(stepper.v).max() / before
+
+
+@pytest.mark.parametrize("penalty", [20.0, 800.0])
+def test_penalty_contact(pair, penalty):
+    """The bodies limit the step at the low penalty, the contact at the high one."""
+    law = CoulombLaw(CoulombParameters(mu=0.5, K_T=30.0))
+    problem, x = pressed(pair, law, penalty)
+    one = stepper(problem, x)
+    stiffness, mass = dense(problem, one, x)
+    highest = np.linalg.eigvals(stiffness / mass[:, None]).real.max()
+    exact = 2.0 / np.sqrt(highest)
+    found = one.estimate()
+    assert (found.penalty < 0.7 * found.elements) == (penalty > 100.0)
+    # Points that are open now count as closed, and the estimate is on the safe side.
+    assert 0.97 * exact < found.penalty < 1.001 * exact
+    assert found.limit <= found.penalty
+    assert growth(one, 0.95 * found.penalty, 4000) < 20.0
+    assert growth(stepper(problem, x), 1.1 * exact, 400) > 1e3
+
+
+def test_what_opens_and_closes_needs_a_shorter_step(pair):
+    """Dozens of rebounds on a stiff penalty: the energy runs away at the linear limit."""
+    problem, x = pressed(pair, FrictionlessLaw(), 800.0)
+    x[:] = 0.0
+    problem.prescribed[3].value = 0.0
+    state = problem.contacts[0].state
+    energies = {}
+    for share in ("reported", "linear"):
+        problem.contacts[0].adopt(state)
+        one = ExplicitStepper(
+            problem,
+            ExplicitOptions(check_every=NEVER),
+            displacement=x,
+            velocity=thrown(problem, pair(), -0.02),
+        )
+        found = one.estimate()
+        assert found.limit == found.closing < 0.75 * found.penalty
+        assert "opening and closing" in found.reason
+        start = one.kinetic_energy()
+        while one.time < 30.0:
+            one.advance(0.95 * (found.limit if share == "reported" else found.penalty))
+        term = problem.contacts[0]
+        stored = one.internal.energy(problem.u.x.array) + term.interface_energy(problem.trials[0])
+        energies[share] = (stored + one.kinetic_energy()) / start
+    assert 0.9 < energies["reported"] < 1.3
+    assert energies["linear"] > 2.5
+
+
+def thrown(problem, blocks, speed):
+    velocity = np.zeros((problem.owned // 2, 2))
+    velocity[blocks.nodes("elastomer"), 1] = speed
+    velocity = velocity.reshape(-1)
+    velocity[problem.constrained_dofs()] = 0.0
+    return velocity
+
+
+def exact_with_film(stiffness, viscosity, mass):
+    """Step at which the amplification matrix of explicit central differences leaves the circle."""
+    k, c, eye = stiffness / mass[:, None], viscosity / mass[:, None], np.eye(len(mass))
+
+    def radius(dt):
+        kick = eye - dt * c
+        whole = np.block([[eye - dt * dt * k, dt * kick], [-dt * k, kick]])
+        return np.abs(np.linalg.eigvals(whole)).max()
+
+    low, high = 1e-6, 1.0
+    for _ in range(40):
+        middle = np.sqrt(low * high)
+        low, high = (middle, high) if radius(middle) < 1.0 + 1e-9 else (low, middle)
+    return low
+
+
+@pytest.mark.parametrize("viscosity", [2.0, 20.0])
+def test_viscous_film_in_the_bound(pair, viscosity):
+    problem, x = pressed(pair, film(viscosity), 20.0, film=0.5)
+    one = stepper(problem, x, viscous="bounded")
+    term = problem.contacts[0]
+    term.rate_dependent = False
+    stiffness, mass = dense(problem, one, x)
+    term.rate_dependent = True
+    with_film, _ = dense(problem, one, x, dt=1.0)
+    exact = exact_with_film(stiffness, with_film - stiffness, mass)
+    found = one.estimate()
+    assert found.viscous < 0.9 * found.penalty
+    assert 0.97 * exact < found.viscous < 1.001 * exact
+    assert "viscous" in found.reason
+    assert growth(one, 0.95 * found.limit, 3000) < 20.0
+    assert growth(stepper(problem, x, viscous="bounded"), 1.1 * exact, 600) > 1e3
+
+
+@pytest.mark.parametrize("viscosity", [2.0, 2000.0])
+def test_semi_implicit_film_does_not_limit_the_step(pair, viscosity):
+    """Stable at 0.95 of the step of the bodies and the penalty, far beyond the viscous bound."""
+    problem, x = pressed(pair, film(viscosity), 20.0, film=0.5)
+    one = stepper(problem, x)
+    found = one.estimate()
+    assert found.viscous == found.penalty
+    bound = stepper(problem, x, viscous="bounded").estimate().viscous
+    assert bound < (0.9 if viscosity < 10.0 else 0.02) * found.penalty
+    # The film takes energy from the shaken blocks: what is left is less than there was.
+    assert growth(one, 0.95 * found.penalty, 4000) < 5.0
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_an_inverted_element_ends_the_run_with_place_and_time(pair, compiled):
+    problem, x = pressed(pair, FrictionlessLaw(), 20.0)
+    where = problem.space.tabulate_dof_coordinates()
+    nodes = pair().nodes("elastomer")
+    middle = nodes[np.abs(where[nodes, 1] - 0.25) < 0.01]
+    corner = middle[np.argmax(where[middle, 0])]
+    velocity = np.zeros(problem.owned)
+    velocity[2 * corner] = -8.0
+    options = ExplicitOptions(compiled=compiled, check_every=10)
+    one = ExplicitStepper(problem, options, displacement=x, velocity=velocity)
+    with pytest.raises(ExplicitError, match="inside out") as error:
+        for _ in range(200):
+            one.advance(1e-3)
+    # Without the compiled forms only a look now and then, at a committed step, finds it.
+    assert error.value.time == pytest.approx(one.time + (1e-3 if compiled else 0.0))
+    if compiled:  # what is left is the state before, and the contact is that of its places
+        u, [trial] = problem.u.x.array, problem.committed
+        assert one.internal.evaluate(u, np.zeros_like(u))
+        slave, _ = problem.contacts[0].surface.displacements(one.x)
+        points = problem.contacts[0].surface.slave_positions(slave)
+        assert np.allclose(points, trial.position, rtol=0, atol=1e-14)
+    assert np.linalg.norm(np.array(error.value.place) - where[corner, :2]) < 0.3
+    assert f"{error.value.place[0]:.4g}" in str(error.value)
+
+
+def test_energy_from_nowhere_ends_the_run(pair):
+    problem, x = pressed(pair, FrictionlessLaw(), 20.0)
+    one = ExplicitStepper(
+        problem,
+        ExplicitOptions(check_every=1),
+        displacement=x,
+        velocity=1e-9 * np.random.default_rng(0).standard_normal(problem.owned),
+    )
+    with pytest.raises(ExplicitError, match="energy runs away") as error:
+        for _ in range(500):
+            one.advance(1.02 * one.estimate().penalty)
+    assert 0.0 < error.value.time <= one.time and len(error.value.place) == 2
+
+
+def test_the_estimate_follows_the_deformation(pair):
+    """Compressed to a half, cells pass a wave in less time; the estimate is renewed when due."""
+    problem, x = pressed(pair, FrictionlessLaw(), 20.0)
+    one = stepper(problem, x, size=0.0, reestimate_every=5)
+    before = one.estimate()
+    where = problem.space.tabulate_dof_coordinates()[: problem.owned // 2, :2]
+    one.problem.u.x.array.reshape(-1, 2)[:, 1] -= 0.4 * where[:, 1]
+    assert one.estimate() is before
+    one.steps += 5
+    assert one.estimate().elements < 0.8 * before.elements
+
+
+# -- mass scaling ---------------------------------------------------------------------------------
+
+
+def test_uniform_mass_scaling(pair):
+    problem, x = pressed(pair, FrictionlessLaw(), 20.0)
+    plain = stepper(problem, x)
+    scaled = stepper(problem, x, mass_scaling=MassScaling("uniform", factor=4.0))
+    assert scaled.estimate().limit == pytest.approx(2.0 * plain.estimate().limit, rel=1e-2)
+    assert scaled.added_mass == pytest.approx(3.0 * 1.5)  # both blocks weigh 1.5
+    assert scaled.original_mass == pytest.approx(1.5)
+    wanted = 3.0 * plain.estimate().limit
+    reached = stepper(problem, x, mass_scaling=MassScaling("uniform", step=wanted))
+    assert wanted * 0.99 < reached.estimate().penalty < 1.6 * wanted
+
+
+def test_mass_only_where_the_step_is_limited(pair):
+    """The lighter upper block alone is made heavier, but for what the contact asks for."""
+    problem, x = pressed(pair, FrictionlessLaw(), 2.0)
+    problem.solids[1].density = 4.0
+    plain = stepper(problem, x)
+    wanted = 1.2 * plain.estimate().penalty
+    scaled = stepper(problem, x, mass_scaling=MassScaling("limiting", step=wanted))
+    assert 0.99 * wanted < scaled.estimate().penalty < 1.2 * wanted
+    ratio = (scaled.mass / plain.mass).reshape(-1, 2)[:, 0]
+    blocks = pair()
+    np.testing.assert_allclose(ratio[blocks.nodes("aluminium")], 1.0)
+    assert ratio[blocks.nodes("elastomer")].min() > 1.2
+    assert scaled.scaled_share == pytest.approx(12.0 / 26.0)
+    assert scaled.added_mass == pytest.approx(scaled.mass.sum() / 2.0 - 4.5)
+    same = stepper(problem, x, mass_scaling=MassScaling("limiting", step=1e-3 * wanted))
+    assert same.added_mass == 0.0 and same.scaled_share == 0.0
+    problem.contacts[0].penalty = 400.0
+    stiff = stepper(problem, x, mass_scaling=MassScaling("limiting", step=wanted))
+    assert stiff.estimate().penalty > 0.99 * wanted
+    assert stiff.added_mass > 1.5 * scaled.added_mass
+    assert stiff.mass[2 * blocks.nodes("aluminium")].sum() > 4.0
+
+
+@pytest.mark.parametrize(
+    ("values", "word"),
+    [
+        ({"kind": "limiting"}, "takes step"),
+        ({"kind": "limiting", "step": 1.0, "factor": 2.0}, "no factor"),
+        ({"kind": "uniform"}, "either"),
+        ({"kind": "uniform", "factor": 0.5}, "at least 1"),
+        ({"kind": "uniform", "step": 0.0}, "above 0"),
+    ],
+)
+def test_mass_scaling_that_says_nothing_is_refused(values, word):
+    with pytest.raises(ValueError, match=word):
+        MassScaling(**values)

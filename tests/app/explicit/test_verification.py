@@ -1,0 +1,328 @@
+"""Explicit dynamics against closed forms and against the implicit solution.
+
+Bars in impact, decelerating blocks, and the sliding test at speeds that both solvers reach.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from scipy.optimize import brentq
+
+from app.build.model import build_model
+from app.case.case import Case
+from app.simulation.simulation import Observer, Simulation
+
+FRICTIONLESS = {"law": "frictionless"}
+
+
+def simulate(data: dict) -> Simulation:
+    data = data | {"output": {"figures": False}}
+    simulation = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
+    simulation.run(Observer())
+    return simulation
+
+
+def history(run: Simulation, name: str) -> np.ndarray:
+    return np.array([getattr(row, name) for row in run.rows])
+
+
+def dynamics(run: Simulation, name: str) -> np.ndarray:
+    table = run.explicit.dynamics
+    return np.array(table.rows)[:, table.columns.index(name)]
+
+
+# -- bars -----------------------------------------------------------------------------------------
+
+G, K, RHO, LENGTH, SPEED, CELLS = 5e6, 10e6, 1100.0, 10e-3, 0.1, 100
+WAVE = float(np.sqrt((K + 4.0 * G / 3.0) / RHO))  # m/s, of uniaxial strain
+IMPEDANCE = RHO * WAVE  # Pa s/m
+CROSSING = LENGTH / WAVE  # s
+BAR = {"material": "neo-hookean", "G": G, "K": K, "density": RHO}
+# Four times as stiff and 9/4 as heavy: three times the impedance, 4/3 of the wave speed.
+OTHER = {"material": "neo-hookean", "G": 4 * G, "K": 4 * K, "density": 2.25 * RHO}
+
+
+def bars(other: bool, **solver) -> Simulation:
+    """A bar thrown along its length on a rigid wall, or on another bar at rest."""
+    width = 2.0 * LENGTH / CELLS
+    sides = ["elastomer_left", "elastomer_right"]
+    lower = {"width": 2 * width, "height": width, "elements": [2, 1]}
+    wall = [
+        {"surface": name, "displacement": {"x": 0, "y": 0}}
+        for name in ("bottom", "aluminium_contact")
+    ]
+    if other:  # as long in time
+        lower = {"width": width, "height": LENGTH * 4 / 3, "elements": [2, CELLS]}
+        sides += ["aluminium_left", "aluminium_right"]
+    return simulate(
+        {
+            "geometry": {
+                "kind": "two-blocks",
+                "upper": {"width": width, "height": LENGTH, "elements": [2, CELLS]},
+                "lower": lower,
+            },
+            "bodies": {
+                "elastomer": {**BAR, "velocity": {"y": -SPEED}},
+                "aluminium": OTHER if other else BAR,
+            },
+            "contact": [
+                {
+                    "slave": "elastomer_contact",
+                    "master": "aluminium_contact",
+                    "penalty_factor": 3.0,
+                    "friction": FRICTIONLESS,
+                }
+            ],
+            "boundary": [{"surface": name, "displacement": {"x": 0}} for name in sides]
+            + ([] if other else wall),
+            "stage": [{"name": "impact", "duration": 2.2 * CROSSING, "steps": 220}],
+            "solver": {"kind": "explicit", **solver},
+        }
+    )
+
+
+@pytest.mark.parametrize("other", [False, True], ids=["wall", "bar"])
+def test_bars_in_impact(other):
+    run = bars(other)
+    time, force = history(run, "time") / CROSSING, history(run, "normal_force")
+    second = 3.0 * IMPEDANCE
+    stress = IMPEDANCE * second / (IMPEDANCE + second) if other else IMPEDANCE
+    expected = stress * SPEED * 2.0 * LENGTH / CELLS
+    plateau = (time > 0.2) & (time < 1.8)
+    assert np.mean(force[plateau]) == pytest.approx(expected, rel=5e-3)
+    # The contact lasts while the wave runs to the free end and back.
+    pressed = np.nonzero(force > 0.5 * expected)[0]
+    assert (pressed[-1] - pressed[0] + 1) * time[0] == pytest.approx(2.0, rel=0.02)
+    assert np.sum(force) * time[0] == pytest.approx(2.0 * expected, rel=0.01)
+    energy = 0.5 * RHO * SPEED**2 * LENGTH * 2.0 * LENGTH / CELLS
+    assert np.max(np.abs(history(run, "energy_error"))) < 0.01 * energy
+    # Momentum: what one bar loses the other gains, or the wall takes.
+    mass = RHO * LENGTH * 2.0 * LENGTH / CELLS
+    lost = mass * (dynamics(run, "elastomer_vy")[-1] + SPEED)
+    assert lost == pytest.approx(np.sum(force) * run.rows[0].time, rel=2e-3)
+    if other:
+        heavy = mass * 2.25 * 4 / 3
+        assert heavy * dynamics(run, "aluminium_vy")[-1] == pytest.approx(-lost, rel=1e-9)
+
+
+# -- a block that slides to rest ------------------------------------------------------------------
+
+HEIGHT, DENSITY, PRESSURE, START = 0.5e-3, 7800.0, 2e5, 2.0
+MASS = DENSITY * HEIGHT  # kg/m² of contact
+MAP = {
+    "law": "friction-map",
+    "D_max": 2.5e-6,
+    "K_T": 1e13,
+    "eta_b": 0.02,
+    "V_star": 100.0,
+    "V_star_at": 5e-7,
+}
+FILM = 5e-7  # m
+
+
+@dataclass
+class Slide:
+    """A nearly rigid block (of steel) thrown along the surface: time, displacement, velocity."""
+
+    run: Simulation
+    time: np.ndarray
+    place: np.ndarray
+    speed: np.ndarray
+
+
+def slide(friction: dict, duration: float) -> Slide:
+    run = simulate(
+        {
+            "geometry": {
+                "kind": "two-blocks",
+                "upper": {"width": 2e-3, "height": HEIGHT, "elements": [4, 2]},
+                "lower": {"width": 4e-3, "height": 1e-3, "elements": [9, 2]},
+            },
+            "bodies": {
+                "elastomer": {
+                    "material": "neo-hookean",
+                    "E": 70e9,
+                    "nu": 0.0,
+                    "density": DENSITY,
+                    "velocity": {"x": START},
+                },
+                "aluminium": {"material": "hencky", "E": 70e9, "nu": 0.33, "density": 2700},
+            },
+            "contact": [
+                {
+                    "slave": "elastomer_contact",
+                    "master": "aluminium_contact",
+                    "penalty": 3e12,
+                    "film": {"thickness": FILM},
+                    "friction": friction,
+                }
+            ],
+            "boundary": [
+                {"surface": "bottom", "displacement": {"x": 0, "y": 0}},
+                {
+                    "surface": "top",
+                    "platen": {"direction": "y", "pressure": [[0, 0], [1.0, PRESSURE]]},
+                    # Holds the block while it is pressed; 1e-4 of the friction later.
+                    "spring": {"direction": "x", "stiffness": 10.0, "end": 0.0},
+                },
+            ],
+            "stage": [
+                {
+                    "name": "press",
+                    "duration": 1.0,
+                    "steps": 2,
+                    "rate_dependent": False,
+                    "solver": "implicit",
+                },
+                {"name": "slide", "duration": duration, "steps": 60},
+            ],
+            "solver": {"kind": "explicit"},
+        }
+    )
+    names = ("time", "elastomer_x", "elastomer_vx")
+    time, place, speed = (dynamics(run, name) for name in names)
+    return Slide(run, time - 1.0, place, speed)
+
+
+CLOSE = 5e-3  # of the starting speed, or of the way
+
+
+def test_a_block_on_friction_and_film_comes_to_rest():
+    friction = 0.5 * 0.2 * PRESSURE  # (1 - alpha) mu p
+    drag = 0.5 * MAP["eta_b"] / FILM  # alpha eta_b/D
+    log = np.log1p(drag * START / friction)
+    stop = MASS / drag * log
+    way = MASS / drag * (START - friction / drag * log)
+    found = slide({**MAP, "mu_s": 0.2, "alpha": 0.5}, 1.2 * stop)
+    exact = (START + friction / drag) * np.exp(-drag / MASS * found.time) - friction / drag
+    moving = found.time < 0.99 * stop
+    assert np.max(np.abs(found.speed - exact)[moving]) < CLOSE * START
+    assert found.place[-1] == pytest.approx(way, rel=CLOSE)
+    # Near rest the speed falls in proportion to time: the line through it ends at the stop.
+    last = np.nonzero(found.speed > 0.02 * START)[0][-3:]
+    slope, height = np.polyfit(found.time[last], found.speed[last], 1)
+    assert -height / slope == pytest.approx(stop, rel=CLOSE)
+
+
+def test_a_block_on_a_film_slows_down_exponentially():
+    decay = MASS * FILM / MAP["eta_b"]
+    found = slide({**MAP, "mu_s": 0.2, "alpha": 1.0}, 2.0 * decay)
+    exact = START * np.exp(-found.time / decay)
+    assert np.max(np.abs(found.speed / exact - 1.0)) < CLOSE
+    way = START * decay * -np.expm1(-found.time / decay)
+    assert np.max(np.abs(found.place - way)) < CLOSE * way[-1]
+
+
+def test_a_block_on_friction_that_weakens_with_slip():
+    mu_s, mu_d, length, B = 0.3, 0.1, 2e-5, 5e4
+
+    def work(s: float) -> float:
+        """Friction's work per mass on the way s."""
+        beyond = np.log1p(B * max(s - length, 0.0)) / B
+        return PRESSURE / MASS * (mu_d * s + (mu_s - mu_d) * (min(s, length) + beyond))
+
+    stop = brentq(lambda s: work(s) - 0.5 * START**2, 0.0, 1e-2)
+    # A film thinner than D_min is none: Coulomb friction with mu(d).
+    law = {**MAP, "mu_s": mu_s, "mu_d": mu_d, "A_d": length, "B": B, "alpha": 0.5, "D_min": 2e-6}
+    found = slide(law, 2.9e-4)
+    exact = np.sqrt([max(START**2 - 2.0 * work(s), 0.0) for s in found.place])
+    moving = found.place < 0.97 * stop
+    assert moving[0] and not moving[-1]
+    assert np.max(np.abs(found.speed - exact)[moving]) < CLOSE * START
+    assert found.place[-1] == pytest.approx(stop, rel=CLOSE)
+
+
+# -- explicit and implicit ------------------------------------------------------------------------
+
+REGIMES = {  # film thickness, film fraction below V*, V*
+    "frictional": ("10 nm", 0.039, "1 m/s"),
+    "mixed": ("30 nm", 0.5, "1 m/s"),
+    "viscous": ("180 nm", 0.9999, "1 cm/s"),
+}
+
+
+def sliding(regime: str, kind: str, velocity: float = 0.2, **solver) -> Simulation:
+    """The sliding test on a small mesh: pressed with 3 MPa, then driven for 14 um."""
+    film, alpha, threshold = REGIMES[regime]
+    slip, rows = 1e-6, 14
+    return simulate(
+        {
+            "geometry": {
+                "kind": "two-blocks",
+                "thickness": "1 mm",
+                "upper": {"width": "0.5 mm", "height": "0.02 mm", "elements": [8, 1]},
+                "lower": {"width": "0.8 mm", "height": "0.1 mm", "elements": [9, 1]},
+            },
+            "bodies": {
+                "elastomer": {
+                    "material": "mooney-rivlin",
+                    "C10": "0.738 MPa",
+                    "C01": "0.184 MPa",
+                    "K": "0.3 GPa",
+                    "density": 1100,
+                },
+                "aluminium": {"material": "hencky", "E": "70 GPa", "nu": 0.33, "density": 2700},
+            },
+            "contact": [
+                {
+                    "slave": "elastomer_contact",
+                    "master": "aluminium_contact",
+                    "penalty_factor": 1.0,
+                    "film": {"thickness": film},
+                    "friction": {
+                        "law": "friction-map",
+                        "mu_s": 0.1,
+                        "K_T": "1e12 Pa/m",
+                        "eta_b": "0.02 Pa*s",
+                        "D_max": "250 nm",
+                        "alpha": alpha,
+                        "V_star": threshold,
+                        "V_star_at": film,
+                    },
+                }
+            ],
+            "boundary": [
+                {"surface": "bottom", "displacement": {"x": 0, "y": 0}},
+                {
+                    "surface": "top",
+                    "displacement": {"x": "driven"},
+                    "platen": {"direction": "y", "pressure": [[0, 0], [1.0, 3e6]]},
+                },
+            ],
+            "stage": [
+                {
+                    "name": "press",
+                    "duration": 1.0,
+                    "steps": 4,
+                    "rate_dependent": False,
+                    "solver": "implicit",
+                },
+                {
+                    "name": "slide",
+                    "velocity": velocity,
+                    "duration": rows * slip / velocity,
+                    "steps": rows,
+                    "ramp": 2.0 * slip / velocity,
+                },
+            ],
+            "solver": {"kind": kind, **solver},
+        }
+    )
+
+
+@pytest.mark.parametrize("regime", REGIMES)
+def test_explicit_and_implicit_slide_alike(regime):
+    explicit, implicit = sliding(regime, "explicit"), sliding(regime, "implicit")
+    mine, theirs = explicit.rows[-1], implicit.rows[-1]
+    assert mine.time == pytest.approx(theirs.time, rel=1e-12)
+    assert mine.tangential_force == pytest.approx(theirs.tangential_force, rel=5e-3)
+    assert mine.normal_force == pytest.approx(theirs.normal_force, rel=1e-3)
+    assert mine.viscous_fraction == theirs.viscous_fraction == float(regime == "viscous")
+    assert abs(mine.energy_error) < 0.01 * mine.external_work
+    assert np.all(np.diff(history(explicit, "dissipation")) >= 0.0)
+    ratio = explicit.explicit.summary()["kinetic_over_strain"]
+    assert 0.0 < ratio["slide"] < 0.01

@@ -1,0 +1,33 @@
+"""What all figures share; those of a sweep are in test_sfa.py, with a sweep to draw."""
+
+from __future__ import annotations
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+from app.figures import history as figures
+
+
+@pytest.fixture(autouse=True)
+def _close_all():
+    yield
+    plt.close("all")
+
+
+def test_saving_leaves_a_picture_and_no_open_figure(tmp_path):
+    figure, axes = plt.subplots()
+    axes.plot([0, 1], [0, 1])
+    figures.save(figure, tmp_path / "a.png")
+    assert [p.name for p in tmp_path.iterdir()] == ["a.png"]
+    assert plt.imread(tmp_path / "a.png").std() > 0.0
+    assert not plt.get_fignums()
+
+
+def test_a_jump_is_not_joined():
+    speed = np.array([1.0, 2.0, 4.0, 8.0])
+    curve = np.array([9.0, 8.0, 2.0, 1.0])
+    out = figures._broken(curve, speed, 3.0)
+    assert np.isnan(out[1]) and np.array_equal(out[[0, 2, 3]], curve[[0, 2, 3]])
+    assert np.array_equal(figures._broken(curve, speed, 10.0), curve)
+    assert np.array_equal(figures._broken(curve, speed, np.inf), curve)

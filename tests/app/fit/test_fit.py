@@ -1,0 +1,358 @@
+"""The fit recovers what data were made with, and names what they cannot tell."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.case.case import load_case
+from app.errors import InputError
+from app.fit.calibration import Calibration
+from app.fit.data import TribometerData, read_data
+from app.fit.model import RANGES, coordinates, friction
+from app.fit.run import fit_setup, run_fit
+from forms.closed_forms.homogeneous_sliding import steady_traction
+from forms.friction.friction_map import FrictionMap
+from forms.friction.parameters import FrictionMapParameters, with_preset
+
+ROOT = Path(__file__).parents[3]
+SYNTHETIC = ROOT / "cases" / "data" / "tribometer-synthetic.csv"
+BEHIND_IT = {
+    "mu_s": 0.13,
+    "mu_d": 0.10,
+    "A_d": 2e-6,
+    "B": 3e5,
+    "eta_b": 0.5,
+    "V_star": 0.8e-3,
+    "alpha at 10 nm": 0.2,
+    "alpha at 30 nm": 0.8,
+    "alpha at 100 nm": 0.97,
+}
+
+
+def law(**changes) -> FrictionMapParameters:
+    own = {"mu_s": 0.1, "K_T": 1e12, "V_star": 1e-3, "V_star_at": 10e-9, "eta_b": 0.5}
+    return FrictionMapParameters(**with_preset("friction-map", own | changes))
+
+
+def rows(D, V, p=3e6, slip=np.nan, weight=1.0) -> TribometerData:
+    D, V, p, slip, weight = np.broadcast_arrays(*map(np.asarray, (D, V, p, slip, weight)))
+    D, V, p, slip, weight = (a.astype(float).ravel() for a in (D, V, p, slip, weight))
+    return TribometerData(D, V, p, np.ones(len(D)), slip, weight, "traction")
+
+
+def measured(truth: FrictionMapParameters, data: TribometerData, noise: float, seed: int):
+    scatter = np.exp(noise * np.random.default_rng(seed).standard_normal(len(data)))
+    return TribometerData(
+        data.thickness, data.velocity, data.pressure, friction(truth, data) * scatter,
+        data.slip, data.weight, data.observed,
+    )  # fmt: skip
+
+
+def fitted(data, base, *names, **starts):
+    return Calibration(data, base, coordinates(names, data, base), starts).run()
+
+
+def sliding(films=(0.0, 10e-9, 30e-9, 300e-9), speeds=10) -> TribometerData:
+    D, V = np.meshgrid(films, np.geomspace(1e-6, 3e-2, speeds))
+    return rows(D, V)
+
+
+# -- the model ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("flow_rule", ["weighted", "literal"])
+def test_steady_rows_are_the_closed_form(flow_rule):
+    truth = law(flow_rule=flow_rule, mu_s=0.2, mu_d=0.1, B=1e6, transition_width=0.0)
+    data = sliding()
+    exact = steady_traction(data.velocity, data.thickness, data.pressure, 0.1, truth)
+    assert friction(truth, data) == pytest.approx(exact, rel=1e-9)
+
+
+def test_rows_over_slip_are_what_small_steps_of_the_law_give():
+    truth = law(mu_s=0.2, mu_d=0.1, A_d=2e-6, B=5e5, alpha=0.6)
+    film, V, steps, step = 30e-9, 1e-5, 400, 1e-7
+    one, dt = FrictionMap(truth), 1e-7 / 1e-5
+    state, traction = one.initial_state(1, 1), []
+    for _ in range(steps):
+        response = one.update(np.array([[step]]), dt, np.array([3e6]), np.array([film]), state)
+        state = response.state
+        traction.append(response.traction[0, 0])
+    data = rows(film, V, slip=step * np.arange(1, steps + 1))
+    assert friction(truth, data) == pytest.approx(np.array(traction), rel=1e-9)
+
+
+# -- recovery -------------------------------------------------------------------------------------
+
+
+def test_the_film_is_recovered_within_the_stated_intervals():
+    """95 % intervals of 5 parameters in 6 noisy data sets: at most 5 of 30 may miss."""
+    alpha = ((10e-9, 0.2), (30e-9, 0.8))
+    truth = law(alpha=alpha)
+    values = {"mu_s": 0.1, "eta_b": 0.5, "V_star": 1e-3, "alpha at 10 nm": 0.2}
+    values["alpha at 30 nm"] = 0.8
+    missed = 0
+    for seed in range(6):
+        data = measured(truth, sliding(), 0.05, seed)
+        result = fitted(data, law(mu_s=0.3, eta_b=1.0), "mu_s", "alpha", "eta_b", "V_star")
+        assert result.warnings == ()
+        assert result.scatter == pytest.approx(0.05, rel=0.5)
+        for estimate in result.estimates:
+            name = estimate.coordinate.name
+            missed += not estimate.low <= values[name] <= estimate.high
+            assert estimate.low < estimate.value < estimate.high
+            # V* is known to lie between two velocities, which are a factor of 3 apart here.
+            far = 0.7 if name == "V_star" else 0.25
+            assert estimate.value == pytest.approx(values[name], rel=far)
+    assert missed <= 5
+
+
+def test_the_weakening_is_recovered_within_the_stated_intervals():
+    """95 % intervals of 4 parameters in 20 noisy data sets: at most 10 of 80 may miss."""
+    truth = law(mu_s=0.2, mu_d=0.1, A_d=2e-6, B=1e6, K_T=1e13)
+    data = rows(0.0, 1e-5, 1e6, np.geomspace(0.3e-6, 50e-6, 40))
+    values = {"mu_s": 0.2, "mu_d": 0.1, "A_d": 2e-6, "B": 1e6}
+    missed = 0
+    for seed in range(20):
+        result = fitted(measured(truth, data, 0.02, seed), law(K_T=1e13), *values)
+        assert result.warnings == ()
+        for estimate in result.estimates:
+            true = values[estimate.coordinate.name]
+            missed += not estimate.low <= true <= estimate.high
+            assert true == pytest.approx(estimate.value, rel=0.4)
+    assert missed <= 10
+
+
+def test_exact_data_give_exact_parameters():
+    truth = law(beta=0.3, mu_s=0.17)
+    data = measured(truth, sliding(), 0.0, 0)
+    result = fitted(data, law(beta=1.0), "mu_s", "beta", "eta_b")
+    found = [e.value for e in result.estimates]
+    assert found == pytest.approx([0.17, 0.3, 0.5], rel=1e-6)
+    assert result.scatter < 1e-6
+
+
+def test_data_without_scatter_do_not_settle_a_threshold_speed_by_round_off():
+    """One row above V* and a free viscosity: any V* from there up fits as well."""
+    truth = law(alpha=0.16, eta_b=5.0, V_star=1.0)
+    data = measured(truth, rows(10e-9, 10.0 ** np.arange(-8.0, -1.0)), 0.0, 0)
+    result = fitted(data, law(alpha=0.5), "mu_s", "alpha", "eta_b", "V_star")
+    assert "V_star" in names_of(result)
+    assert result.estimates[-1].high is None
+
+
+def test_gamma_and_threshold_speed_say_the_same():
+    gamma = 0.5 * 1e-6 * 10e-9 / 250e-9
+    data = measured(law(alpha=((10e-9, 0.2), (30e-9, 0.8))), sliding(), 0.02, 3)
+    base = law(alpha=((10e-9, 0.2), (30e-9, 0.8)))
+    star = fitted(data, base, "V_star", "eta_b")
+    other = fitted(data, law(V_star=None, V_star_at=None, gamma=1e-10, alpha=base.alpha),
+                   "gamma", "eta_b")  # fmt: skip
+    assert other.estimates[0].low < gamma < other.estimates[0].high
+    eta = other.estimates[1].value
+    ends = [eta * V**2 * 10 / 250 for V in (star.estimates[0].low, star.estimates[0].high)]
+    assert [other.estimates[0].low, other.estimates[0].high] == pytest.approx(ends, rel=1e-6)
+
+
+def test_a_wide_transition_gives_the_threshold_speed_a_slope():
+    truth = law(alpha=0.5, transition_width=0.6)
+    data = measured(truth, rows(10e-9, np.geomspace(1e-4, 1e-2, 40)), 0.02, 5)
+    result = fitted(data, law(alpha=0.5, transition_width=0.6), "V_star")
+    [star] = result.estimates
+    assert "V_star" in result.correlated
+    assert star.low < 1e-3 < star.high < 1.1 * star.low
+
+
+def test_weights_decide_between_rows_that_disagree():
+    data = rows([0.0] * 4, 1e-5, weight=[1.0, 1.0, 1e6, 1e6])
+    data = TribometerData(data.thickness, data.velocity, data.pressure,
+                          np.array([0.1, 0.1, 0.2, 0.2]) * 3e6, data.slip, data.weight,
+                          "traction")  # fmt: skip
+    [mu] = fitted(data, law(), "mu_s").estimates
+    assert mu.value == pytest.approx(0.2, rel=1e-4)
+
+
+# -- identifiability ------------------------------------------------------------------------------
+
+
+def names_of(result) -> set[str]:
+    return {e.coordinate.name for e in result.estimates if e.warning}
+
+
+def test_viscosity_is_named_where_no_row_has_a_film():
+    data = measured(law(), rows(0.0, np.geomspace(1e-6, 1e-2, 8)), 0.02, 0)
+    result = fitted(data, law(), "mu_s", "eta_b")
+    assert names_of(result) == {"eta_b"}
+    assert "cannot determine" in result.warnings[0]
+
+
+def test_friction_and_film_fraction_are_named_where_only_their_product_shows():
+    data = measured(law(alpha=0.4), rows(10e-9, np.geomspace(1e-8, 1e-6, 10)), 0.02, 0)
+    result = fitted(data, law(alpha=0.5), "mu_s", "alpha")
+    assert names_of(result) == {"mu_s", "alpha"}
+    assert all(word in line for word, line in zip(["alpha", "mu_s"], result.warnings, strict=True))
+    dry = measured(law(alpha=0.4), rows([0.0] * 3 + [10e-9] * 10, 1e-6), 0.02, 0)
+    assert names_of(fitted(dry, law(alpha=0.5), "mu_s", "alpha")) == set()
+
+
+def test_weakening_is_named_where_all_rows_lie_before_it():
+    truth = law(mu_s=0.2, mu_d=0.1, A_d=1e-4, B=1e6)
+    data = measured(truth, rows(0.0, 1e-5, slip=np.geomspace(1e-6, 5e-5, 20)), 0.02, 0)
+    result = fitted(data, truth, "mu_s", "B")
+    assert names_of(result) == {"B"}
+
+
+@pytest.mark.parametrize("fast", [True, False])
+def test_threshold_speed_is_named_where_all_rows_lie_on_one_side(fast):
+    speeds = np.geomspace(2e-3, 1e-1, 10) if fast else np.geomspace(1e-8, 1e-5, 10)
+    data = measured(law(alpha=0.3), rows(10e-9, speeds), 0.02, 0)
+    result = fitted(data, law(alpha=0.3), "V_star")
+    [star] = result.estimates
+    assert names_of(result) == {"V_star"}
+    assert (star.low is None) == fast
+    assert (star.high is None) != fast
+
+
+# -- files ----------------------------------------------------------------------------------------
+
+
+def test_the_shipped_data_give_back_the_values_they_state(tmp_path, capsys):
+    result = run_fit(SYNTHETIC, None, [], [], tmp_path / "fit", False)
+    assert {e.coordinate.name for e in result.estimates} == set(BEHIND_IT)
+    assert result.warnings == ()
+    numbers = json.loads((tmp_path / "fit" / "fit.json").read_text(encoding="utf-8"))
+    for name, value in BEHIND_IT.items():
+        one = numbers["parameters"][name]
+        assert one["low"] <= value <= one["high"], name
+        assert one["determined"]
+    assert (tmp_path / "fit" / "figures" / "fit.png").stat().st_size > 20_000
+    assert len((tmp_path / "fit" / "fit.csv").read_text().splitlines()) == numbers["rows"] + 1
+    assert "assumed" in capsys.readouterr().out
+    with pytest.raises(InputError, match="--force"):
+        run_fit(SYNTHETIC, None, [], [], tmp_path / "fit", False)
+
+    section = (tmp_path / "fit" / "friction.toml").read_text(encoding="utf-8")
+    text = (ROOT / "cases" / "sfa.toml").read_text(encoding="utf-8")
+    swapped = re.sub(
+        r"\[contact\.friction\].*?(?=\[\[boundary)", section, text, count=1, flags=re.S
+    )
+    assert swapped != text
+    case = tmp_path / "calibrated.toml"
+    case.write_text(swapped, encoding="utf-8")
+    parameters = load_case(case).contact[0].friction.parameters()
+    assert parameters.eta_b == pytest.approx(result.parameters.eta_b, rel=1e-5)
+    for given, found in zip(parameters.alpha, result.parameters.alpha, strict=True):
+        assert given == pytest.approx(found, rel=1e-9)
+
+
+def write(tmp_path, text, name="data.csv") -> Path:
+    path = tmp_path / name
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_units_loads_forces_and_viscosities_are_brought_to_one(tmp_path):
+    tables = [
+        "thickness [nm],velocity [mm/s],pressure [MPa],traction [kPa]\n10,2,3,300\n",
+        "velocity [m/s], thickness [m], load [N], area [mm^2], force [mN]\n2e-3,1e-8,3,1,300\n",
+        "thickness [nm],velocity [mm/s],pressure [MPa],friction_coefficient [%]\n10,2,3,10\n",
+        "# note\n\nthickness [nm],velocity [mm/s],pressure [MPa],effective_viscosity [mPa*s]\n"
+        "10,2,3,1500\n",
+    ]
+    for text in tables:
+        data = read_data(write(tmp_path, text))
+        found = [data.thickness, data.velocity, data.pressure, data.traction]
+        assert np.array(found)[:, 0] == pytest.approx([1e-8, 2e-3, 3e6, 3e5], rel=1e-12)
+        assert data.steady.all()
+    constants = {"thickness": 1e-8, "velocity": 2e-3}
+    data = read_data(write(tmp_path, "pressure [Pa],traction [Pa]\n3e6,3e5\n"), constants)
+    assert (data.thickness[0], data.velocity[0]) == (1e-8, 2e-3)
+
+
+HEAD = "thickness [nm],velocity [m/s],pressure [MPa],traction [kPa]"
+GOOD = HEAD + "\n" + "".join(f"0,1e-{k},3,{300 + k}\n" for k in range(1, 9))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", ["is empty"]),
+        (HEAD, ["no data"]),
+        (GOOD.replace("velocity", "velocty"), [":1:", "velocty", 'did you mean "velocity"']),
+        (GOOD.replace("[nm]", "[s]"), [":1:", "thickness", "wrong dimension"]),
+        (GOOD.replace("[nm]", "[nanny]"), ["thickness", "unknown unit"]),
+        (GOOD.replace(" [m/s]", ""), ["velocity", "needs its unit", "[m/s]"]),
+        (GOOD.replace("pressure [MPa],", "").replace(",3,", ","), ["pressure", "neither"]),
+        (GOOD.replace("thickness [nm],", "").replace("\n0,", "\n"), ["thickness", "--fix"]),
+        (GOOD.replace("0,1e-3,3,303", "0,-1e-3,3,303"), [":4:", "velocity", "> 0 m/s"]),
+        (GOOD.replace("0,1e-3,3,303", "0,1e-3,3,nan"), [":4:", "traction", "finite"]),
+        (GOOD.replace("0,1e-3,3,303", "0,1e-3,3,many"), [":4:", "traction", "number"]),
+        (GOOD.replace("0,1e-3,3,303", "0,1e-3,3"), [":4:", "3 values for 4 columns"]),
+        (GOOD.replace("traction [kPa]", "force [N]"), ["area", "missing"]),
+        (GOOD.replace("traction [kPa]", "effective_viscosity [Pa*s]"), [":2:", "thickness = 0"]),
+        (GOOD.replace("traction [kPa]", "pressure [kPa]"), ["pressure", "twice"]),
+        (HEAD + "\n0,1e-3,3,300\n", ["too few data", "1 rows for 1 parameters", "mu_s"]),
+    ],
+)
+def test_wrong_data_are_one_line(tmp_path, text, words):
+    assert_refused(tmp_path, text, words)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"parameters": "mu_s,etab"}, ["etab", 'did you mean "eta_b"']),
+        ({"parameters": ","}, ["names none"]),
+        ({"parameters": "mu_s,mu_s"}, ["twice"]),
+        ({"parameters": "alpha,beta"}, ["alpha, beta"]),
+        ({"parameters": "V_star", "fixed": ["gamma=4e-25 N/s"]}, ["V_star, gamma"]),
+        ({"parameters": "mu_s", "fixed": ["mu_s=0.1"]}, ["mu_s", "--fix"]),
+        ({"parameters": "mu_s,B"}, ["mu_d"]),
+        ({"parameters": "mu_s,alpha"}, ["alpha", "no row has a film"]),
+        ({"parameters": "mu_s,V_star"}, ["V_star", "no row has a film"]),
+        ({"fixed": ["K_T=3 m"]}, ["K_T", "wrong dimension"]),
+        ({"fixed": ["KT=3"]}, ["KT", 'did you mean "K_T"']),
+        ({"fixed": ["velocity=1 m/s"]}, ["velocity", "is in the file"]),
+        ({"fixed": ["mu_s"]}, ["mu_s", "key=value"]),
+        ({"start": ["mu_s=-1"]}, ["--start mu_s", "between"]),
+        ({"start": ["eta_b=1"]}, ["eta_b", "is not fitted"]),
+    ],
+)
+def test_wrong_options_are_one_line(tmp_path, options, words):
+    assert_refused(tmp_path, GOOD, words, **options)
+
+
+def assert_refused(tmp_path, text, words, parameters=None, fixed=(), start=()):
+    path = write(tmp_path, text)
+    with pytest.raises(InputError) as caught:
+        run_fit(path, parameters, fixed, start, tmp_path / "out", False)
+    message = str(caught.value)
+    assert "\n" not in message
+    for word in words:
+        assert word in message
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_data_are_never_cleared(tmp_path):
+    path = write(tmp_path, GOOD)
+    with pytest.raises(InputError, match=r"data\.csv"):
+        run_fit(path, None, [], [], tmp_path, True)
+    assert path.read_text(encoding="utf-8") == GOOD
+
+
+def test_what_is_fitted_follows_the_columns(tmp_path):
+    assert fit_setup(write(tmp_path, GOOD), None, [], []).names == ("mu_s",)
+    assert set(fit_setup(SYNTHETIC, None, [], []).names) == {
+        "mu_s", "mu_d", "A_d", "B", "alpha", "V_star", "eta_b",
+    }  # fmt: skip
+    assert "eta_b" not in fit_setup(SYNTHETIC, None, ["eta_b=0.5 Pa*s"], []).names
+    setup = fit_setup(SYNTHETIC, "mu_s,eta_b", ["mu_d=0.1", "B=3e5 1/m"], ["mu_s=0.2"])
+    assert (setup.base.mu_d, setup.base.B, setup.starts) == (0.1, 3e5, {"mu_s": 0.2})
+    assert "A_d" in setup.assumed and "B" not in setup.assumed
+    assert set(setup.assumed) <= set(RANGES) | {"D_min", "D_max", "V_star_at"} | {
+        "transition_width", "flow_rule",
+    }  # fmt: skip

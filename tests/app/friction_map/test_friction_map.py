@@ -1,0 +1,221 @@
+"""The friction map at material points, against closed forms and what the law promises."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.errors import InputError
+from app.friction_map.material_point import Phase, follow, slide_to_steady
+from app.friction_map.material_tests import compute_map
+from app.friction_map.run import run_map
+from app.friction_map.setup import law_notes, map_setup
+from app.results.directory import check_free
+from forms.closed_forms.homogeneous_sliding import effective_viscosity, threshold_speed
+from forms.friction.friction_map import FrictionMap
+from forms.friction.law import Regime
+from forms.friction.parameters import FrictionMapParameters, with_preset
+
+CASES = Path(__file__).parents[3] / "cases"
+FILES = {
+    "friction_map.csv",
+    "load_map.csv",
+    "slip_weakening.csv",
+    "start_stop.csv",
+    "velocity_jump.csv",
+    "summary.json",
+    "figures",
+}
+FIGURES = {
+    "friction_map_thickness.png",
+    "friction_map_load.png",
+    "effective_viscosity.png",
+    "stribeck.png",
+    "slip_weakening.png",
+    "start_stop.png",
+    "velocity_jump.png",
+}
+
+
+def law(**changes):
+    own = {"mu_s": 0.12, "mu_d": 0.10, "A_d": 1e-6, "B": 1e6, "K_T": 1e12}
+    own |= {"V_star": 1e-3, "V_star_at": 10e-9} | changes
+    return FrictionMap(FrictionMapParameters(**with_preset("friction-map", own)))
+
+
+@pytest.fixture(scope="module")
+def built_in():
+    setup = map_setup(None)
+    return setup, compute_map(setup)
+
+
+def test_steady_sliding_takes_the_weakening_into_account():
+    p = np.full(3, 3e6)
+    D = np.array([0.0, 30e-9, 250e-9])
+    steady = slide_to_steady(law(), 1e-5, p, D)
+    assert steady.steady.all()
+    assert steady.mu[:2] == pytest.approx(0.10, rel=1e-3)
+    expected = [0.1 * 3e6, (1 - 0.9967) * 0.1 * 3e6 + 0.9967 * 0.8 * 1e-5 / 30e-9, 320e-7 / 1e-6]
+    assert steady.traction == pytest.approx(expected, rel=1e-3)
+    assert list(steady.regime) == [Regime.SLIP, Regime.MIXED, Regime.VISCOUS]
+
+
+def test_a_point_that_still_sticks_is_not_called_steady():
+    steady = slide_to_steady(law(), 1e-5, np.array([3e6]), np.array([0.0]), most_slip=1e-7,
+                             least_slip=1e-9)  # fmt: skip
+    assert not steady.steady.any()
+
+
+def test_programs_add_up_slip_and_time_and_book_the_work():
+    phases = [
+        Phase("go", 2.0, 40, 1e-6, 3e6, 0.0),
+        Phase("rest", 1.0, 2, 0.0, 3e6, 0.0),
+        Phase("back", 1.0, 20, -1e-6, 3e6, 0.0),
+    ]
+    track = follow(law(mu_d=0.12), phases, 1)
+    assert track.time[-1] == pytest.approx(4.0)
+    assert track.slip[-1, 0] == pytest.approx(1e-6)
+    assert track.phase[39:43] == ("go", "rest", "rest", "back")
+    # Rest keeps the elastic traction; the way back first takes 2 mu p/K_T to turn it around.
+    limit = 0.12 * 3e6
+    assert track.traction[41, 0] == pytest.approx(limit)
+    assert track.traction[-1, 0] == pytest.approx(-limit)
+    assert track.slip_path[-1, 0] == pytest.approx(2e-6 - 0.36e-6 + 1e-6 - 0.72e-6)
+    work = float(np.sum(track.traction[:, 0] * np.diff(np.r_[0.0, track.slip[:, 0]])))
+    stored = 0.5 * limit**2 / 1e12
+    assert float(track.dissipated.sum()) == pytest.approx(work - stored, rel=1e-12)
+
+
+def test_map_is_the_closed_form_outside_the_transition(built_in):
+    setup, result = built_in
+    assert setup.films == (0.0, 10e-9, 30e-9, 180e-9, 250e-9)
+    for curve in (*result.by_film, *result.by_load):
+        assert curve.steady.all()
+        assert np.isfinite(curve.exact).sum() >= len(curve.speed) - 1
+        assert curve.deviation < 1e-12
+
+
+def test_map_shows_what_the_paper_claims(built_in):
+    _, result = built_in
+    dry, thin, middle, thick, fluid = result.by_film
+    slow = 0
+    eta = 0.8
+    assert thin.traction[slow] / dry.traction[slow] == pytest.approx(1.0 - 0.039, rel=1e-3)
+    assert thin.viscosity[slow] > middle.viscosity[slow] > thick.viscosity[slow] > eta
+    for curve in (thin, middle, thick):
+        assert curve.viscosity[-1] == pytest.approx(eta, rel=1e-12)
+    assert fluid.viscosity == pytest.approx(eta, rel=1e-12)
+
+
+def test_friction_is_proportional_to_the_load_below_the_threshold_only(built_in):
+    setup, result = built_in
+    first, last = result.by_load[0], result.by_load[-1]
+    ratio = last.traction / first.traction
+    assert ratio[0] == pytest.approx(setup.loads[-1] / setup.loads[0], rel=1e-3)
+    assert ratio[-1] == pytest.approx(1.0, rel=1e-12)
+
+
+def test_weakening_starts_at_the_static_and_ends_at_the_dynamic_coefficient(built_in):
+    setup, result = built_in
+    p, track = setup.parameters, result.weakening
+    friction = track.traction[:, 0] / setup.pressure
+    assert friction.max() == pytest.approx(p.mu_s, rel=1e-3)
+    assert friction[-1] == pytest.approx(p.mu_d, abs=0.06 * (p.mu_s - p.mu_d))
+    slipping = track.slip_path[:, 0] > 0.0
+    expected = p.friction.coefficient(track.slip_path[slipping, 0])
+    assert friction[slipping] == pytest.approx(expected, rel=1e-12)
+
+
+def test_a_stop_ends_the_film_stress_and_keeps_the_friction(built_in):
+    _, result = built_in
+    rest = np.array([name == "rest" for name in result.start_stop.phase])
+    traction = result.start_stop.traction[rest][-1]
+    before = result.start_stop.traction[np.argmax(rest) - 1]
+    assert traction[-1] == 0.0  # D_max: nothing but film
+    assert 0.0 < traction[1] < before[1]
+    assert traction[0] == pytest.approx(before[0], rel=1e-2)
+
+
+def test_a_jump_over_the_threshold_leaves_the_film_alone(built_in):
+    setup, result = built_in
+    track = result.jump
+    fast = [i for i, name in enumerate(track.phase) if name == "fast"]
+    speed, D = track.speed[fast[0], 0], np.array(result.films)
+    assert speed > threshold_speed(D[:-1], setup.parameters).max()
+    assert track.alpha[fast] == pytest.approx(1.0)
+    assert track.traction[fast[-1]] == pytest.approx(setup.parameters.eta_b * speed / D, rel=1e-12)
+    assert (track.dissipated >= -1e-15).all()
+
+
+def test_a_case_decides_films_pressure_and_parameters():
+    override = "contact.0.friction.flow_rule=literal"
+    setup = map_setup(CASES / "sfa.toml", [override])
+    assert setup.films == (0.0, 10e-9, 30e-9, 180e-9, 250e-9)
+    assert (setup.pressure, setup.film) == (3e6, 10e-9)
+    result = compute_map(setup)
+    # The literal rule has the wrong order: a thicker film resists more.
+    slow = [curve.viscosity[0] for curve in result.by_film[1:4]]
+    assert slow[0] < slow[1] < slow[2]
+    curve = result.by_film[3]
+    exact = effective_viscosity(curve.speed, 180e-9, 3e6, curve.mu, setup.parameters)
+    assert curve.viscosity[:20] == pytest.approx(exact[:20], rel=1e-9)
+
+
+def test_the_printed_gamma_is_told(tmp_path):
+    override = [
+        "contact.0.friction.preset=paper-printed",
+        "contact.0.friction.gamma=4e-25 N/s",
+    ]
+    text = (CASES / "sfa.toml").read_text(encoding="utf-8")
+    text = text.replace('V_star = "1 mm/s"\n', "").replace('V_star_at = "10 nm"\n', "")
+    case = tmp_path / "printed.toml"
+    case.write_text(text, encoding="utf-8")
+    notes = law_notes(map_setup(case, override))
+    assert any("below every speed of the map" in note for note in notes)
+
+
+def test_files_and_the_rules_of_results_directories(tmp_path):
+    directory = tmp_path / "map"
+    assert run_map(None, [], directory, False) == directory
+    assert {path.name for path in directory.iterdir()} == FILES
+    assert {path.name for path in (directory / "figures").iterdir()} == FIGURES
+    summary = json.loads((directory / "summary.json").read_text(encoding="utf-8"))
+    assert summary["largest_deviation_from_closed_form"] < 1e-12
+    assert summary["points_not_steady"] == 0
+    with (directory / "friction_map.csv").open(encoding="utf-8") as stream:
+        rows = list(csv.DictReader(stream))
+    assert len(rows) == 5 * 57
+    slow = next(row for row in rows if row["thickness [m]"] == "1e-08")
+    assert float(slow["effective_viscosity [Pa*s]"]) == pytest.approx(2.883e5, rel=1e-3)
+    with pytest.raises(InputError, match="--force"):
+        run_map(None, [], directory, False)
+    (directory / "case.toml").write_text("old", encoding="utf-8")
+    check_free(directory, force=True)
+    (directory / "notes.txt").write_text("mine", encoding="utf-8")
+    with pytest.raises(InputError, match=r"notes\.txt"):
+        run_map(None, [], directory, True)
+
+
+@pytest.mark.parametrize(
+    ("case", "overrides", "words"),
+    [
+        ("block-slide.toml", [], ["block-slide.toml", "coulomb", "friction-map"]),
+        (None, ["contact.0.friction.mu_s=-1"], ["contact.0.friction.mu_s", ">= 0"]),
+        (None, ["contact.0.friction.mu=0.1"], ["contact.0", '"mu" in friction']),
+        (None, ["stage.0.duration=1 s"], ["without a case", "contact.0.friction"]),
+        (None, ["nonsense"], ["nonsense"]),
+        ("no-such.toml", [], ["no such file"]),
+    ],
+)
+def test_wrong_input_is_one_line(tmp_path, case, overrides, words):
+    with pytest.raises(InputError) as caught:
+        run_map(CASES / case if case else None, overrides, tmp_path / "out", False)
+    message = str(caught.value)
+    assert "\n" not in message
+    for word in words:
+        assert word in message
+    assert not (tmp_path / "out").exists()

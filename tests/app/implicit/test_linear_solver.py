@@ -1,0 +1,315 @@
+"""The linear solvers agree, and the Krylov one knows how bodies move as rigid ones."""
+
+import tomllib
+
+import dolfinx
+import numpy as np
+import pytest
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from app.build.model import build_model
+from app.case.case import Case
+from app.equilibrium.equilibrium import Equilibrium
+from app.implicit.linear_solver import (
+    DIRECT,
+    DIRECT_LIMIT,
+    KRYLOV,
+    LinearSolver,
+    linear_options,
+    rigid_modes,
+)
+from app.implicit.stepper import ImplicitStepper
+from app.simulation.simulation import Observer, Simulation
+from forms.bodies.solid import Solid
+from tests.app.conftest import BLOCK, BOXES
+from tests.app.equilibrium.test_equilibrium import coulomb
+from tests.conftest import SOFT
+from tests.contact_boxes import two_boxes
+
+
+def test_rigid_modes_strain_nothing():
+    rng = np.random.default_rng(1)
+    for dim, count in ((2, 3), (3, 6)):
+        position = rng.normal(size=(40, dim))
+        modes = rigid_modes(position)
+        assert modes.shape == (count, 40, dim)
+        assert np.linalg.matrix_rank(modes.reshape(count, -1)) == count
+        for mode in modes:
+            # Of a motion u(x) = a + G x only the skew part of G may be there.
+            gradient, *_ = np.linalg.lstsq(position - position[0], mode - mode[0], rcond=None)
+            np.testing.assert_allclose(gradient + gradient.T, 0.0, atol=1e-12)
+
+
+def simulated(linear):
+    data = tomllib.loads(BLOCK)
+    data["solver"] = {"linear": linear, "tolerance": 1e-10}
+    sim = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
+
+    sim.run(Observer())
+    return sim
+
+
+def test_krylov_and_direct_agree():
+    direct, krylov = simulated("direct"), simulated("krylov")
+    assert direct.stepper.solver.direct and not krylov.stepper.solver.direct
+    assert krylov.stepper.snes.getKSP().getPC().getType() == "gamg"
+    for a, b in zip(direct.rows, krylov.rows, strict=True):
+        assert b.normal_force == pytest.approx(a.normal_force, rel=1e-8)
+        assert b.tangential_force == pytest.approx(a.tangential_force, rel=1e-7, abs=1e-9)
+    # An inexact solve costs Newton's method little: its tolerance is below what a step gains.
+    spent = [sum(row.newton_iterations for row in sim.rows) for sim in (direct, krylov)]
+    assert spent[1] <= spent[0] + 2 * len(direct.rows)
+
+
+def test_nearly_incompressible_in_space_with_friction_and_a_platen():
+    """The multigrid neither breaks down nor creeps: the force is right, and no step is cut."""
+    data = tomllib.loads(BOXES)
+    data["solver"] = {"linear": "direct"}
+    direct = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
+    data["solver"] = {"linear": "krylov"}
+    sim = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
+    counts = []
+
+    def count(ksp, iteration, norm):
+        counts.append(iteration)
+
+    sim.stepper.solver.ksp.setMonitor(count)
+
+    sim.run(Observer())
+    direct.run(Observer())
+    assert [row.attempts for row in sim.rows] == [1, 1, 1]
+    assert 5 < max(counts) < 60
+    assert sim.rows[-1].normal_force == pytest.approx(0.4, rel=1e-4)
+    for a, b in zip(sim.rows, direct.rows, strict=True):
+        assert a.tangential_force == pytest.approx(b.tangential_force, rel=1e-5, abs=1e-8)
+
+
+def slid(linear):
+    """A layer is pressed and slid by nearly three times its thickness, each in a single step."""
+    data = tomllib.loads(BOXES)
+    data["bodies"]["elastomer"]["nu"] = 0.45
+    data["geometry"] = {
+        "kind": "two-boxes",
+        "upper": {"width": 1e-3, "height": 2.5e-4, "depth": 1e-3, "elements": [6, 2, 6]},
+        "lower": {"width": 2e-3, "height": 5e-4, "depth": 1.5e-3, "elements": [9, 2, 6]},
+        "offset": [1e-4, 2.5e-4],
+    }
+    data["boundary"][1] = {
+        "surface": "top",
+        "displacement": {"x": [[1.0, 0.0], [2.0, 7e-4]], "y": [[0.0, 0.0], [1.0, -2e-5]], "z": 0},
+    }
+    data["stage"][0]["steps"] = 1
+    data["solver"] = {"linear": linear, "tolerance": 1e-9}
+    sim = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
+    sim.run(Observer())
+    return sim
+
+
+def test_a_slide_of_many_facets_in_space_is_one_step():
+    """It starts from the body slid as a whole: sheared by 280 % it would be cut, and cut again."""
+    direct, krylov = slid("direct"), slid("krylov")
+    for sim in (direct, krylov):
+        assert [row.attempts for row in sim.rows] == [1, 1]
+        assert sim.rows[-1].newton_iterations <= 7
+        assert sim.rows[-1].stick_fraction == 0.0
+        assert sim.rows[-1].friction_coefficient == pytest.approx(0.2, rel=1e-4)
+    a, b = direct.rows[-1], krylov.rows[-1]
+    assert b.normal_force == pytest.approx(a.normal_force, rel=1e-8)
+    assert b.tangential_force == pytest.approx(a.tangential_force, rel=1e-7)
+
+
+def test_auto_factorises_up_to_a_number_of_unknowns():
+    class Size:
+        def __init__(self, size, dim):
+            self.size, self.dim = size, dim
+
+    for dim, limit in DIRECT_LIMIT.items():
+        assert linear_options(Size(limit, dim), "auto") == DIRECT
+        assert linear_options(Size(limit + 1, dim), "auto") == KRYLOV
+        assert linear_options(Size(limit + 1, dim), "direct") == DIRECT
+        assert linear_options(Size(1, dim), "krylov") == KRYLOV
+
+
+# -- the solver itself ----------------------------------------------------------------------------
+
+
+def new_solver(problem, kind="direct"):
+    solver = LinearSolver(problem, problem.new_vector())
+    ksp = PETSc.KSP().create(problem.comm)
+    ksp.setOptionsPrefix(f"test_{kind}_")
+    options = PETSc.Options(ksp.getOptionsPrefix())
+    for key, value in linear_options(problem, kind).items():
+        options[key] = value
+    ksp.setFromOptions()
+    solver.use(ksp)
+    return solver
+
+
+def held(blocks, *surfaces):
+    return [blocks.held(name, axis) for name in surfaces for axis in (0, 1)]
+
+
+def noise(problem, seed=0):
+    x = problem.new_vector()
+    x.array[:] = np.random.default_rng(seed).normal(size=problem.owned)
+    return x
+
+
+def test_the_factor_follows_a_pattern_that_widens(pair):
+    """The contact moves on to other facets: the factor's analysis is out of date."""
+    blocks = pair("quadrilateral", (6, 2), (40, 2))
+    problem = blocks.problem(coulomb(0.3), prescribed=held(blocks, "top", "bottom"))
+    solver = new_solver(problem)
+    rhs, found, image = noise(problem), problem.new_vector(), problem.new_vector()
+    patterns = set()
+    for way in (0.0, 0.2, 0.4):
+        x = blocks.displaced(lambda X, way=way: np.tile([way, -0.02], (len(X), 1)), np.zeros_like)
+        solver.assemble(x)
+        patterns.add(problem.pattern_changes)
+        assert solver.solve(rhs, found)
+        solver.matrix.mult(found, image)
+        assert (image - rhs).norm() < 1e-9 * rhs.norm()
+    assert len(patterns) > 1
+    assert solver.assembled == 3
+
+
+def linear_step(blocks, size):
+    """Stretch two blocks by a linear step; its norm, and the share of forces out of balance.
+
+    Collective over the processes of the blocks.
+    """
+    parts = held(blocks, "top", "bottom", "elastomer_contact")
+    problem = blocks.problem(None, prescribed=parts)
+    solver = new_solver(problem)
+    x, rhs, step = (problem.new_vector() for _ in range(3))
+    parts[0].value, parts[1].value = size, -2.0 * size
+    problem.residual(None, x, rhs)
+    rhs.scale(-1.0)
+    wanted = problem.constrained_values(x)[problem.constrained_dofs()]
+    step.array[problem.constrained_dofs()] = wanted
+    assert solver.solve_from(x, rhs, step)
+    np.testing.assert_allclose(step.array_r[problem.constrained_dofs()], wanted, atol=1e-16)
+    problem.residual(None, step, rhs)
+    free = np.delete(problem.unbalanced, problem.constrained_dofs())
+    squares = np.array([free @ free, problem.unbalanced @ problem.unbalanced])
+    free, forces = np.sqrt(problem.comm.allreduce(squares))
+    return step.norm(), free / forces
+
+
+def test_a_linear_step_meets_the_prescribed_values_and_balances_the_rest(pair):
+    left = [linear_step(pair(), size)[1] for size in (1e-4, 1e-5)]
+    # What is left is of second order in the step: a tenth of the step leaves a tenth of the share.
+    assert left[0] < 1e-3 and left[1] == pytest.approx(left[0] / 10.0, rel=0.05)
+
+
+def test_a_singular_tangent_is_told_and_forgotten(pair):
+    """MUMPS refuses a body of whose unknowns nothing is asked; the next tangent is a new one."""
+    blocks = pair("quadrilateral", (1, 1), (1, 1))
+    problem = blocks.problem(None, prescribed=held(blocks, "top", "bottom"))
+    solver = new_solver(problem)
+    x, rhs, found = problem.new_vector(), noise(problem), problem.new_vector()
+    solver.assemble(x)
+    assert solver.solve(rhs, found)
+    expected = found.copy()
+    solver.matrix.zeroEntries()
+    solver.matrix.assemble()
+    solver.ksp.setOperators(solver.matrix)
+    assert not solver.solve(rhs, found)
+    solver.assemble(x)
+    assert solver.solve(rhs, found)
+    assert (found - expected).norm() < 1e-12 * expected.norm()
+
+
+def loose(pair, dim):
+    """Two bodies that nothing holds, their principal axes oblique in space."""
+    if dim == 2:
+        return pair().problem(None)
+    mesh, *_ = two_boxes("hexahedron", False, 7)
+    u = dolfinx.fem.Function(dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (3,))))
+    cells = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
+    return Equilibrium(u, [Solid("all", u, cells, SOFT, "q1-sri", section="3D")], [])
+
+
+@pytest.mark.parametrize(("dim", "count"), [(2, 3), (3, 6)])
+def test_multigrid_is_told_the_rigid_motions_of_the_bodies(pair, dim, count):
+    """Orthonormal, and of bodies that nothing holds they are what the tangent cannot feel."""
+    problem = loose(pair, dim)
+    solver = new_solver(problem, "krylov")
+    assert not solver.direct
+    solver.assemble(problem.new_vector())
+    near = solver.matrix.getNearNullSpace()
+    assert near
+    modes = near.getVecs()
+    assert len(modes) == count
+    gram = np.array([[a.dot(b) for a in modes] for b in modes])
+    np.testing.assert_allclose(gram, np.eye(count), atol=1e-12)
+    image = problem.new_vector()
+    for mode in modes:
+        solver.matrix.mult(mode, image)
+        assert image.norm() < 1e-12 * solver.matrix.norm()
+
+
+class Solves:
+    """Stands for PETSc's solver after solves of so many iterations."""
+
+    def __init__(self, iterations):
+        self.iterations = iter(iterations)
+
+    def getIterationNumber(self):
+        return next(self.iterations)
+
+    def getType(self):
+        return "fgmres"
+
+
+@pytest.mark.parametrize(
+    ("iterations", "worn"),
+    [
+        ((12, 20, 24, 25), [False, False, False, True]),
+        # A few iterations more or less say nothing.
+        ((3, 8, 20, 21), [False, False, False, True]),
+        # Before the first solve there is nothing to compare with.
+        ((0, 15, 30, 31), [False, False, False, True]),
+    ],
+)
+def test_a_preconditioner_is_worn_when_it_takes_twice_as_long(pair, iterations, worn):
+    solver = LinearSolver(pair().problem(None), pair().problem(None).new_vector())
+    solver._ksp = Solves(iterations)
+    assert [solver._worn() for _ in iterations] == worn
+
+
+def test_a_linear_solve_that_fails_is_tried_with_a_new_preconditioner(monkeypatch):
+    def other_means(*arguments):
+        raise AssertionError("there was no need of a softer contact, or of whole steps")
+
+    monkeypatch.setattr(ImplicitStepper, "_search", other_means)
+    monkeypatch.setattr(ImplicitStepper, "_approach", other_means)
+    data = tomllib.loads(BLOCK)
+    data["solver"] = {"linear": "krylov", "petsc": {"ksp_rtol": 1e-8}}
+    runs = []
+    for failing in (None, 4):
+        sim = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
+        test = FailsOnce(failing)
+        sim.stepper.solver.ksp.setConvergenceTest(test)
+        sim.run(Observer())
+        assert test.failed is (failing is not None)
+        assert {row.attempts for row in sim.rows} == {1}
+        runs.append(sim.rows[-1])
+    assert runs[0].tangential_force == pytest.approx(runs[1].tangential_force, rel=1e-6)
+
+
+class FailsOnce:
+    """Convergence by 1e-8, but for one solve, which gives up at once."""
+
+    def __init__(self, failing):
+        self.failing, self.solves, self.failed, self.start = failing, 0, False, 0.0
+
+    def __call__(self, ksp, iteration, norm):
+        reasons = PETSc.KSP.ConvergedReason
+        if iteration == 0:
+            self.solves, self.start = self.solves + 1, norm
+        if self.solves == self.failing and not self.failed:
+            self.failed = True
+            return reasons.DIVERGED_MAX_IT
+        return reasons.CONVERGED_RTOL if norm <= 1e-8 * self.start else None

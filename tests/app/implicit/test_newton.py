@@ -1,0 +1,140 @@
+"""Newton's method on the whole problem: its order, a platen, bodies without contact."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+import app.implicit.predictor
+import app.implicit.stepper
+from app.equilibrium.equilibrium import Platen
+from app.implicit.predictor import Predictor
+from app.implicit.stepper import ImplicitOptions, ImplicitStepper
+from forms.friction.law import Regime
+from tests.app.equilibrium.test_equilibrium import FILM, coulomb, film_map
+
+
+@pytest.fixture
+def unaided(monkeypatch):
+    """Starts that only repeat the last increment, and a new tangent in every iteration.
+
+    What the predictor and an old factorisation do for a step would hide the order of the method.
+    """
+    monkeypatch.setattr(app.implicit.predictor, "HIGHEST_ORDER", 1)
+    monkeypatch.setattr(
+        Predictor, "_continue", lambda self, x, trial, ratio: self._extrapolate(trial, ratio)
+    )
+    monkeypatch.setattr(app.implicit.stepper, "REUSE_SAFETY", np.inf)
+
+
+def pressed_and_slid(pair, law, film=0.0, moves=(), tolerance=1e-13):
+    """Residual histories of steps that press the upper block and then drag it.
+
+    Args:
+        moves: (x, y) displacements of the top, one for each step.
+    """
+    blocks = pair("quadrilateral", (8, 4), (13, 3))
+    bottom = [blocks.held("bottom", 0), blocks.held("bottom", 1)]
+    top = [blocks.held("top", 0), blocks.held("top", 1)]
+    problem = blocks.problem(law, film=film, degree=3, prescribed=[*bottom, *top])
+    stepper = ImplicitStepper(problem, ImplicitOptions(tolerance=tolerance))
+    results, regimes = [], []
+    for move in moves:
+        for held, value in zip(top, move, strict=True):
+            held.value = value
+        result = stepper.attempt(1.0)
+        assert result.converged, result
+        regimes.append(problem.trials[0].response.regime.copy())
+        stepper.commit()
+        results.append(result.residuals)
+    return results, regimes
+
+
+PRESS = [(0.0, -0.02 * i) for i in range(1, 4)]
+FLOOR = 1e-13
+
+
+def check_quadratic(histories):
+    """r_{k+1} <= 20 r_k², down to round-off, once r is so small that no point changes sides.
+
+    A tangent that lacks a term gains a constant factor in each iteration instead.
+    """
+    counted = 0
+    for residuals in histories:
+        for before, after in pairwise(residuals):
+            if before < 2e-3:
+                assert after < 20.0 * before**2 + FLOOR, residuals
+                counted += after > FLOOR
+    assert counted >= len(histories)
+
+
+@pytest.mark.usefixtures("unaided")
+@pytest.mark.parametrize(
+    ("law", "film", "step", "regime"),
+    [
+        (coulomb(0.3), 0.0, 0.03, Regime.SLIP),
+        (film_map(), FILM, 0.03, Regime.MIXED),
+        (film_map(V_star=1e-3), FILM, 0.03, Regime.VISCOUS),
+    ],
+    ids=["coulomb", "mixed", "viscous"],
+)
+def test_newton_ends_quadratically_in_sliding(pair, law, film, step, regime):
+    slide = [(step * i, -0.06) for i in range(1, 12)]
+    results, regimes = pressed_and_slid(pair, law, film, PRESS + slide)
+    gross = [i for i, found in enumerate(regimes) if (found == regime).all()]
+    assert len(gross) >= 5
+    check_quadratic([results[i] for i in gross])
+
+
+@pytest.mark.usefixtures("unaided")
+def test_newton_ends_quadratically_at_the_onset_of_slip(pair):
+    slide = [(0.01 * i, -0.06) for i in range(1, 8)]
+    results, regimes = pressed_and_slid(pair, coulomb(0.3), 0.0, PRESS + slide)
+    sliding = [int(np.count_nonzero(found == Regime.SLIP)) for found in regimes]
+    points = len(regimes[0])
+    onset = [i for i in range(1, len(sliding)) if sliding[i - 1] < sliding[i] <= points]
+    partly = [i for i in onset if sliding[i] < points]
+    assert len(onset) >= 3 and partly, sliding
+    check_quadratic([results[i] for i in onset])
+
+
+def test_bodies_without_contact(pair):
+    """No contacts at all: one block stretched, the other at rest."""
+    blocks = pair()
+    held = [blocks.held(name, axis) for name in ("top", "bottom") for axis in (0, 1)]
+    held.append(blocks.held("elastomer_contact", 1))
+    held.append(blocks.held("elastomer_contact", 0))
+    problem = blocks.problem(None, prescribed=held)
+    held[1].value = 0.1
+    stepper = ImplicitStepper(problem, ImplicitOptions(tolerance=1e-11))
+    result = stepper.attempt(1.0)
+    assert result.converged and len(result.residuals) <= 6
+    stepper.commit()
+    moved = stepper.x.array_r.reshape(-1, 2)
+    np.testing.assert_allclose(moved[blocks.nodes("aluminium")], 0.0, atol=1e-14)
+    top = blocks.named.facets("top")
+    assert len(top) and np.isclose(moved[:, 1].max(), 0.1)
+
+
+def test_platen_moves_as_one_under_the_force_given(pair):
+    """The edge stays straight, its forces sum to the platen's, and the bottom gives them back."""
+    blocks = pair()
+    bottom = [blocks.held("bottom", 0), blocks.held("bottom", 1)]
+    platen = Platen(blocks.held("top", 1).dofs)
+    problem = blocks.problem(
+        coulomb(0.3), prescribed=[*bottom, blocks.held("top", 0)], platens=[platen]
+    )
+    stepper = ImplicitStepper(problem, ImplicitOptions(tolerance=1e-11))
+    heights = []
+    for force in (-0.1, -0.2):
+        platen.force = force
+        assert stepper.attempt(1.0).converged
+        stepper.commit()
+        moved = stepper.x.array_r[platen.dofs]
+        np.testing.assert_allclose(moved, moved[0], rtol=0, atol=1e-13)
+        assert problem.unbalanced[platen.dofs].sum() == pytest.approx(force, rel=1e-9)
+        assert problem.unbalanced[bottom[1].dofs].sum() == pytest.approx(-force, rel=1e-9)
+        heights.append(moved[0])
+    assert heights[1] < heights[0] < -0.01

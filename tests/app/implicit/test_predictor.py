@@ -1,0 +1,156 @@
+"""Where the Newton iteration starts, and what the tangent factorised last is good for."""
+
+import copy
+import tomllib
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+import app.implicit.predictor
+from app.build.model import build_model
+from app.case.case import Case
+from app.implicit.predictor import Predictor, lagrange_weights
+from app.simulation.load_steps import load_steps_of
+from app.simulation.simulation import Observer, Simulation
+from tests.app.conftest import BLOCK
+
+
+def test_extrapolation_is_exact_for_a_cubic_on_uneven_parameters():
+    nodes, at = np.array([0.0, 0.3, 1.1, 1.5]), 2.2
+
+    def cubic(s):
+        return 2.0 - s + 0.5 * s**2 - 3.0 * s**3
+
+    weights = lagrange_weights(nodes, at)
+    assert weights @ cubic(nodes) == pytest.approx(cubic(at), rel=1e-12)
+    assert weights.sum() == pytest.approx(1.0)
+    assert lagrange_weights(np.array([0.0, 1.0]), 1.5) == pytest.approx([-0.5, 1.5])
+
+
+def simulation(**changes):
+    data = tomllib.loads(BLOCK)
+    for key, value in changes.items():
+        data["stage"][1][key] = value
+    return Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
+
+
+class Results(Observer):
+    """Keeps what it is told of the steps."""
+
+    def __init__(self):
+        self.results = []
+
+    def step(self, simulation, row, result):
+        self.results.append(result)
+
+
+def run(sim):
+    seen = Results()
+    sim.run(seen)
+    return seen.results
+
+
+def test_gross_sliding_takes_one_factorisation_a_step():
+    sim = simulation(steps=12)
+    results = run(sim)
+    pairs = zip(results, sim.rows, strict=True)
+    gross = [result for result, row in pairs if row.stick_fraction == 0.0]
+    assert len(gross) >= 5
+    assert all(result.factorisations == 1 for result in gross[2:])
+    assert sim.stepper.solver.assembled == sum(result.factorisations for result in results)
+
+
+@pytest.mark.parametrize("without", ["_correct", "_extrapolate", "continue"])
+def test_prediction_saves_iterations_and_changes_no_result(monkeypatch, without):
+    """Each part of the predictor is worth iterations; the forces are the same without it."""
+    whole = simulation(steps=12)
+    run(whole)
+    if without == "_correct":
+        monkeypatch.setattr(Predictor, "_correct", lambda self, trial, norm, times: norm)
+    elif without == "_extrapolate":
+        monkeypatch.setattr(Predictor, "_extrapolate", lambda self, trial, ratio: np.inf)
+        monkeypatch.setattr(Predictor, "_correct", lambda self, trial, norm, times: norm)
+    else:
+        monkeypatch.setattr(Predictor, "_continue", lambda self, x, trial, ratio: None)
+    part = simulation(steps=12)
+    run(part)
+    spent = [sum(row.newton_iterations for row in sim.rows) for sim in (whole, part)]
+    assert spent[0] < spent[1]
+    for a, b in zip(whole.rows, part.rows, strict=True):
+        assert a.normal_force == pytest.approx(b.normal_force, rel=1e-6)
+        assert a.tangential_force == pytest.approx(b.tangential_force, rel=1e-6, abs=1e-8)
+
+
+def test_the_path_is_continued_through_uneven_steps():
+    """Pressing in steps of other lengths: the extrapolation knows how long each one is."""
+    data = tomllib.loads(BLOCK)
+    data["stage"] = [
+        {"name": f"press {i}", "duration": f"{length} s", "steps": 1}
+        for i, length in enumerate((0.1, 0.1, 0.2, 0.05, 0.3, 0.25))
+    ]
+    sim = Simulation(build_model(Case.model_validate(copy.deepcopy(data)), MPI.COMM_SELF))
+    results = run(sim)
+    # Increments repeated without regard to their lengths would start from a third of the force.
+    assert all(result.residuals[0] < 2e-2 for result in results[3:]), [
+        result.residuals[0] for result in results
+    ]
+
+
+def pressed(**slide):
+    """The small block after its first stage."""
+    sim = simulation(**slide)
+    for load_step in load_steps_of(sim.model.case.stage[0], None, 0.0):
+        sim._run_load_step(load_step, Observer())
+    return sim
+
+
+def test_a_body_that_sticks_is_not_predicted_to_slide(monkeypatch):
+    """A good start costs one factorisation; where both are tried, the better one stays."""
+    sim = pressed()
+    stepper = sim.implicit
+    sim.model.set_loads(1.001, 1.5e-7)
+    trial = stepper.problem.new_vector()
+    assert stepper.predictor.predict(stepper.x, trial) == 1
+    start = trial.array_r.copy()
+    monkeypatch.setattr(app.implicit.predictor, "FAR_OFF", 0.0)
+    assert stepper.predictor.predict(stepper.x, trial) == 2
+    np.testing.assert_array_equal(trial.array_r, start)
+
+
+def test_sliding_start_moves_the_body_as_a_whole(monkeypatch):
+    """The foot of the upper body moves by as much as its top, where friction would hold it."""
+    sim = pressed()
+    stepper, problem = sim.implicit, sim.model.problem
+    sim.model.set_loads(2.0, 1.5e-4)
+    trial = problem.new_vector()
+    foot = np.unique(problem.contacts[0].surface.slave.nodes)
+
+    def moved():
+        return (trial.array_r - stepper.x.array_r).reshape(-1, 2)[foot, 0]
+
+    assert stepper.predictor.predict(stepper.x, trial) == 2
+    np.testing.assert_allclose(moved(), 1.5e-4, rtol=0.15)
+    monkeypatch.setattr(Predictor, "_rubbing", lambda self: False)
+    assert stepper.predictor.predict(stepper.x, trial) == 1
+    assert np.abs(moved() - 1.5e-4).max() > 0.5e-4
+
+
+def test_yielding_friction_is_a_load_and_only_within_its_block():
+    sim = pressed()
+    problem, x = sim.model.problem, sim.implicit.x
+    force, same = problem.new_vector(), problem.new_vector()
+
+    def stiffness():
+        return np.abs(problem.trials[0].response.d_traction_d_slip).max()
+
+    problem.residual(None, x, force)
+    assert stiffness() > 0.0
+    assert np.abs(problem.trials[0].response.traction).max() > 0.0
+    with pytest.raises(RuntimeError), problem.yielding():
+        problem.residual(None, x, same)
+        assert stiffness() == 0.0
+        raise RuntimeError
+    np.testing.assert_array_equal(same.array_r, force.array_r)
+    problem.residual(None, x, same)
+    assert stiffness() > 0.0

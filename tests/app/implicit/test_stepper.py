@@ -1,0 +1,126 @@
+"""What the Newton iteration does where it does not simply converge."""
+
+import tomllib
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from app.build.model import build_model
+from app.case.case import Case
+from app.implicit.stepper import ImplicitStepper
+from app.simulation.simulation import Observer, Simulation
+from tests.app.conftest import BOXES
+
+# A soft cylinder on a soft block: half the contact zone closes in the first step, all of it with
+# points that open and close against each other's facets.
+CYLINDER = """
+title = "two soft bodies"
+[geometry]
+kind = "cylinder-on-block"
+thickness = "1 mm"
+contact_width = "0.7 mm"
+contact_size = "22 um"
+growth = 1.5
+cylinder = { radius = "10 mm" }
+block = { width = "20 mm", height = "10 mm", contact_size = "30 um" }
+[bodies.elastomer]
+material = "neo-hookean"
+E = "5 MPa"
+nu = 0.49
+[bodies.aluminium]
+material = "hencky"
+E = "5 MPa"
+nu = 0.49
+[[contact]]
+slave = "elastomer_contact"
+master = "aluminium_contact"
+friction = { law = "frictionless" }
+[[boundary]]
+surface = "bottom"
+displacement = { x = 0, y = 0 }
+[[boundary]]
+surface = "top"
+displacement = { x = 0, y = [["0 s", "0 mm"], ["1 s", "-0.013 mm"]] }
+[[stage]]
+name = "press"
+duration = "1 s"
+steps = 2
+"""
+
+
+def pressed():
+    sim = Simulation(build_model(Case.model_validate(tomllib.loads(CYLINDER)), MPI.COMM_SELF))
+    sim.run(Observer())
+    return sim
+
+
+def test_a_contact_that_spreads_fast_is_approached_with_a_soft_penalty(monkeypatch):
+    sim = pressed()
+    assert [row.attempts for row in sim.rows] == [1, 1]
+    assert sum(row.newton_iterations for row in sim.rows) < 60
+    stiff = sim.model.problem.contacts[0].penalty
+
+    # Without it the steps are cut; where they end is the same.
+    monkeypatch.setattr(ImplicitStepper, "_approach", lambda self, stages: (0, -1))
+    cut = pressed()
+    assert sum(row.attempts for row in cut.rows) > len(cut.rows) > 2
+    assert cut.model.problem.contacts[0].penalty == stiff
+    assert sim.rows[-1].normal_force == pytest.approx(cut.rows[-1].normal_force, rel=1e-6)
+    assert sim.rows[-1].interface_energy == pytest.approx(cut.rows[-1].interface_energy, rel=1e-5)
+
+
+def test_softening_ends_with_its_block_even_when_it_fails():
+    problem = build_model(Case.model_validate(tomllib.loads(CYLINDER)), MPI.COMM_SELF).problem
+    stiff = problem.contacts[0].penalty
+    with pytest.raises(RuntimeError), problem.softened(0.1):
+        assert problem.contacts[0].penalty == pytest.approx(0.1 * stiff)
+        raise RuntimeError
+    assert problem.contacts[0].penalty == stiff
+
+
+def test_a_force_finds_the_other_body_from_the_first_touch():
+    """Nothing is closed at the start, and no support holds the cylinder up."""
+    data = tomllib.loads(CYLINDER)
+    data["boundary"][1] = {
+        "surface": "top",
+        "displacement": {"x": 0},
+        "platen": {"direction": "y", "force": [["0 s", "0 N"], ["1 s", "0.05 N"]]},
+    }
+    sim = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
+    sim.run(Observer())
+    assert [row.attempts for row in sim.rows] == [1, 1]
+    assert [row.normal_force for row in sim.rows] == pytest.approx([0.025, 0.05], rel=1e-6)
+    # None of the pull is left in the solution.
+    (term,), (trial,) = sim.model.problem.contacts, sim.model.problem.trials
+    assert term.reach == 0.0
+    np.testing.assert_array_equal(trial.traction[trial.pressure == 0.0], 0.0)
+
+
+def aligned(**contact):
+    """Meshes that line up: some slave points lie exactly on edges between master facets."""
+    data = tomllib.loads(BOXES)
+    data["geometry"]["upper"]["elements"] = [5, 2, 5]
+    data["geometry"]["lower"] |= {"width": 2e-3, "depth": 2e-3, "elements": [8, 2, 8]}
+    data["bodies"]["elastomer"]["nu"] = 0.45
+    data["boundary"][1]["platen"]["pressure"] = [[0.0, 0.0], [1.0, 0.3e6]]
+    data["contact"][0] |= contact
+    data["solver"] = {"tolerance": 1e-10}
+    sim = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
+    sim.run(Observer())
+    return sim
+
+
+def test_points_on_edges_of_the_master_do_not_stop_the_iteration():
+    """Pushed to and fro between two facets, they kept the residual at 1e-8 and steps were cut."""
+    sim = aligned()
+    assert [row.attempts for row in sim.rows] == [1, 1, 1]
+    assert sum(row.newton_iterations for row in sim.rows) <= 28
+    last = sim.rows[-1]
+    assert last.normal_force == pytest.approx(0.3, rel=1e-6)
+    # Staying a little past an edge changes nothing that counts.
+    smooth = aligned(smoothing_angle="10 deg").rows[-1]
+    assert last.tangential_force == pytest.approx(smooth.tangential_force, rel=1e-6)
+    # Nothing of it is left for the next step.
+    (term,) = sim.model.problem.contacts
+    assert term.kept is None

@@ -1,0 +1,115 @@
+"""Results directories: what may be cleared, and how files are written and read."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from app.errors import InputError
+from app.results.directory import (
+    OWN,
+    check_free,
+    default_directory,
+    prepare,
+    read_table,
+    write_json,
+    write_table,
+    write_text,
+)
+
+
+def make(directory: Path, *names: str) -> None:
+    for name in names:
+        path = directory / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("something")
+
+
+def test_default_directory_is_named_after_the_case(monkeypatch):
+    monkeypatch.delenv("TRIBOX_RESULTS", raising=False)
+    assert default_directory(Path("/a/b/sfa.toml")) == Path("results/sfa")
+    monkeypatch.setenv("TRIBOX_RESULTS", "/results")
+    assert default_directory(Path("/a/b/sfa.toml")) == Path("/results/sfa")
+
+
+def test_missing_and_empty_directories_are_free(tmp_path):
+    check_free(tmp_path / "missing", force=False)
+    check_free(tmp_path, force=False)
+    assert not (tmp_path / "missing").exists()
+
+
+def test_results_are_in_the_way_unless_forced(tmp_path):
+    make(tmp_path, "history.csv", "contact/000001.vtu", "summary.json.part")
+    with pytest.raises(InputError, match="holds results already"):
+        check_free(tmp_path, force=False)
+    check_free(tmp_path, force=True)
+    assert (tmp_path / "history.csv").exists()
+
+
+@pytest.mark.parametrize("foreign", ["notes.txt", "data/measured.csv", ".git/config"])
+def test_what_is_no_result_is_never_cleared(tmp_path, foreign):
+    make(tmp_path, "history.csv", foreign)
+    for force in (False, True):
+        with pytest.raises(InputError, match="name another directory"):
+            check_free(tmp_path, force=force)
+
+
+def test_directories_of_a_sweep_are_results(tmp_path, block):
+    make(tmp_path, "sweep.csv", "mu=0.1/case.toml", "mu=0.1/history.csv")
+    sweep = '[sweep]\nkey = "contact.0.friction.mu"\nvalues = [0.1, 0.3]\n'
+    (tmp_path / "case.toml").write_text(block + sweep)
+    check_free(tmp_path, force=True)
+
+
+def test_results_of_other_runs_below_are_never_cleared(tmp_path, block):
+    make(tmp_path, "history.csv", "other/case.toml", "other/notes.txt")
+    for case in (None, block):
+        if case:
+            (tmp_path / "case.toml").write_text(case)
+        with pytest.raises(InputError, match="holds other, which is no result"):
+            check_free(tmp_path, force=True)
+
+
+def test_a_file_is_no_directory(tmp_path):
+    make(tmp_path, "file")
+    for force in (False, True):
+        with pytest.raises(InputError, match="is a file"):
+            check_free(tmp_path / "file", force=force)
+
+
+def test_prepare_makes_and_clears(tmp_path):
+    directory = tmp_path / "a" / "b"
+    prepare(directory)
+    make(directory, *OWN[:3], "contact/000001.vtu")
+    prepare(directory)
+    assert list(directory.iterdir()) == []
+
+
+def test_a_directory_that_cannot_be_made(tmp_path):
+    make(tmp_path, "file")
+    with pytest.raises(InputError, match="cannot be written"):
+        prepare(tmp_path / "file" / "below")
+
+
+def test_a_file_is_there_whole_or_not_at_all(tmp_path):
+    write_text(tmp_path / "a.txt", "old")
+    write_json(tmp_path / "a.json", {"x": 1.5})
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        write_json(tmp_path / "a.json", {"x": float("nan")})
+    assert json.loads((tmp_path / "a.json").read_text()) == {"x": 1.5}
+    rows = iter([(1.0, "a"), None])  # Breaks off in the middle.
+    with pytest.raises(TypeError):
+        write_table(tmp_path / "a.txt", ("x", "stage"), rows)
+    assert (tmp_path / "a.txt").read_text() == "old"
+
+
+def test_numbers_come_back_with_all_their_digits(tmp_path):
+    values = [0.1 + 0.2, 1.0 / 3.0, -5e-324, 1.7976931348623157e308]
+    write_table(tmp_path / "t.csv", ("x", "n", "stage"), [(v, 7, "a, b") for v in values])
+    rows = read_table(tmp_path / "t.csv")
+    assert [row["x"] for row in rows] == values
+    assert {row["n"] for row in rows} == {7.0} and {row["stage"] for row in rows} == {"a, b"}
+    with pytest.raises(InputError, match="is this a results directory"):
+        read_table(tmp_path / "nowhere.csv")

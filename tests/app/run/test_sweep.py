@@ -1,0 +1,113 @@
+"""Runs of a sweep side by side: how many at a time, what they say, and how they fail."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from app.case.case import load_case
+from app.errors import InputError, SolutionError, TriboxError
+from app.run.sweep import Part, collate, part_command, run_side_by_side
+
+
+def part(label: str, program: str) -> Part:
+    return Part(label, [sys.executable, "-c", program], Path(label))
+
+
+def test_all_parts_run_and_their_lines_are_labelled():
+    said: list[str] = []
+    program = "import sys; print('one'); print('two', file=sys.stderr)"
+    run_side_by_side([part(label, program) for label in "abc"], 2, said.append)
+    assert sorted(said) == sorted(f"[{a}] {line}" for a in "abc" for line in ("one", "two"))
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_no_more_parts_run_at_a_time_than_asked_for(jobs):
+    running: set[str] = set()
+    most = []
+
+    def say(line: str) -> None:
+        label, what = line.split()
+        running.add(label) if what == "begin" else running.discard(label)
+        most.append(len(running))
+
+    program = "import time; print('begin', flush=True); time.sleep(0.3); print('end')"
+    run_side_by_side([part(label, program) for label in "abcd"], jobs, say)
+    assert max(most) == jobs
+
+
+@pytest.mark.parametrize(
+    ("codes", "kind"),
+    [((0, 3, 0), SolutionError), ((2, 3, 0), SolutionError), ((2, 0, 2), InputError)],
+)
+def test_failures_are_reported_after_all_have_run(tmp_path, codes, kind):
+    parts = [
+        part(f"p{i}", f"open({str(tmp_path / str(i))!r}, 'w'); raise SystemExit({code})")
+        for i, code in enumerate(codes)
+    ]
+    failed = ", ".join(f"p{i}" for i, code in enumerate(codes) if code)
+    count = sum(code != 0 for code in codes)
+    with pytest.raises(kind, match=rf"^{count} of 3 runs of the sweep failed: {failed}$"):
+        run_side_by_side(parts, 1, lambda line: None)
+    assert len(list(tmp_path.iterdir())) == 3
+
+
+def test_a_part_that_crashes_is_neither_wrong_input_nor_no_solution():
+    with pytest.raises(TriboxError) as caught:
+        run_side_by_side([part("a", "raise SystemExit(1)")], 1, lambda line: None)
+    assert caught.value.exit_code == 1
+
+
+def test_after_an_interrupted_part_no_other_begins(tmp_path):
+    parts = [part("a", "raise SystemExit(130)")]
+    parts += [part(label, f"open({str(tmp_path / label)!r}, 'w')") for label in "bc"]
+    with pytest.raises(KeyboardInterrupt):
+        run_side_by_side(parts, 1, lambda line: None)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_commands_name_case_value_and_directory():
+    command = part_command(Path("a.toml"), 2, Path("out/x"), ["--set", "a=1"])
+    assert command[:3] == [sys.executable, "-m", "app"]
+    assert command[3:] == ["run", "a.toml", "--part", "2", "--out", "out/x", "--set", "a=1"]
+
+
+def test_collating_tells_of_parts_that_were_not_run(case_file, block, tmp_path):
+    text = block + '[sweep]\nkey = "contact.0.friction.mu"\nvalues = [0.1, 0.3]\n'
+    collate(load_case(case_file(text)), tmp_path)
+    parts = json.loads((tmp_path / "summary.json").read_text())["parts"]
+    assert parts == {"mu=0.1": {"status": "not run"}, "mu=0.3": {"status": "not run"}}
+    assert len((tmp_path / "sweep.csv").read_text().splitlines()) == 1
+
+
+def test_ctrl_c_ends_a_sweep_at_once_with_valid_parts(case_file, block, environment, tmp_path):
+    values = "\nvalues = [0.1, 0.2, 0.3]\n"
+    path = case_file(block + '[sweep]\nkey = "contact.0.friction.mu"' + values)
+    words = ["run", str(path), "--jobs", "1", "--out", str(tmp_path / "out")]
+    with subprocess.Popen(
+        [sys.executable, "-m", "app", *words, "--set", "stage.1.steps=2000"],
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        bufsize=1,
+        start_new_session=True,
+    ) as process:
+        for line in process.stdout:
+            if "step    5" in line:
+                started = time.monotonic()
+                os.killpg(process.pid, signal.SIGINT)  # As a terminal does.
+                break
+        rest, _ = process.communicate(timeout=100.0)
+    assert process.returncode == 130
+    assert "Traceback" not in rest and "interrupted" in rest
+    assert time.monotonic() - started < 60.0
+    assert (tmp_path / "out" / "mu=0.1" / "summary.json").is_file()
+    assert not (tmp_path / "out" / "mu=0.2").exists()

@@ -1,0 +1,92 @@
+"""Resultants of a contact in the plane, in space and round an axis, in numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from app.simulation.contact_resultants import measure_contact
+from forms.friction.coulomb import CoulombLaw, CoulombParameters
+from tests.contact_boxes import PENALTY, Scene
+
+DEPTH = 0.02
+PRESSURE = PENALTY * DEPTH
+STICKY = CoulombLaw(CoulombParameters(mu=1e3, K_T=60.0))
+
+
+def pressed(shape, law=STICKY):
+    scene = Scene(shape, law)
+    scene.term.commit(scene.term.evaluate(scene.moved(lambda x: 0.0 * x), 1.0))
+    return scene
+
+
+def measured(scene, motion, driven=None):
+    x = scene.moved(motion)
+    return measure_contact(scene.term, scene.term.evaluate(x, 1.0), MPI.COMM_SELF, driven)
+
+
+@pytest.mark.parametrize("shape", ["tet4", "hex8", "tet10"])
+def test_sliding_in_space(shape):
+    """The slave's square of side 0.5 is dragged along an oblique way; μ p A resists."""
+    way = np.array([0.6, -0.8, 0.0])
+    scene = pressed(shape, CoulombLaw(CoulombParameters(mu=0.3, K_T=60.0)))
+    normal, friction = PRESSURE * 0.25, 0.3 * PRESSURE * 0.25
+    for driven, share in ((None, 1.0), (way, 1.0), ([1.0, 0.0, 0.0], 0.6), ([0, 0, -1.0], 1.0)):
+        m = measured(scene, lambda x: np.broadcast_to(0.1 * way, x.shape), driven)
+        assert m.normal_force == pytest.approx(normal, rel=1e-10)
+        assert m.tangential_force == pytest.approx(share * friction, rel=1e-10)
+        assert m.drag == pytest.approx(share * friction, rel=1e-10)
+        np.testing.assert_allclose(m.friction, friction * way, atol=1e-12)
+        np.testing.assert_allclose(m.force, [*-(friction * way)[:2], normal], atol=1e-12)
+        assert m.twist_moment == pytest.approx(0.0, abs=1e-12)
+        assert m.area == pytest.approx(0.25, rel=1e-12)
+
+
+@pytest.mark.parametrize("shape", ["tet4", "hex8", "hex27"])
+def test_twist(shape):
+    """Turned by a small angle about its middle while it sticks: M = K_T θ ∫ r² dA, no resultant."""
+    scene = pressed(shape)
+    angle, middle = 1e-6, np.array([0.55, 0.55, 0.0])
+    turn = angle * np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    m = measured(scene, lambda x: (x - middle) @ turn.T)
+    assert m.twist_moment == pytest.approx(60.0 * angle * 0.5**4 / 6.0, rel=1e-5)
+    np.testing.assert_allclose(m.friction, 0.0, atol=1e-6 * m.twist_moment)
+    # About another point there is a force too, and still the moment through the middle.
+    m = measured(scene, lambda x: x @ turn.T)
+    assert m.twist_moment == pytest.approx(60.0 * angle * 0.5**4 / 6.0, rel=1e-5)
+    force = 60.0 * angle * 0.25 * 0.55
+    np.testing.assert_allclose(m.friction, [-force, force, 0.0], rtol=1e-5, atol=1e-12)
+
+
+@pytest.mark.parametrize("shape", ["Q4", "T6"])
+def test_sliding_in_the_plane_is_signed_by_the_side(shape):
+    scene = pressed(shape, CoulombLaw(CoulombParameters(mu=0.3, K_T=60.0)))
+    for way in (0.1, -0.1):
+        m = measured(scene, lambda x, way=way: np.broadcast_to([way, 0.0], x.shape), [-1.0, 0.0])
+        sign = np.sign(way)
+        assert m.tangential_force == pytest.approx(sign * 0.3 * PRESSURE * 0.5, rel=1e-10)
+        assert m.drag == pytest.approx(m.tangential_force, rel=1e-10)
+        assert m.twist_moment == 0.0
+        np.testing.assert_allclose(m.friction, [m.tangential_force, 0.0], atol=1e-12)
+
+
+def test_rings():
+    """Forces round the axis: totals of whole rings, radial resultants zero."""
+    scene = Scene("Q4", CoulombLaw(CoulombParameters(mu=0.3, K_T=60.0)), axisymmetric=True)
+    scene.term.commit(scene.term.evaluate(scene.moved(lambda x: 0.0 * x), 1.0))
+    m = measured(scene, lambda x: np.broadcast_to([0.1, 0.0], x.shape))
+    area = np.pi * (0.8**2 - 0.3**2)
+    assert m.area == pytest.approx(area, rel=1e-12)
+    assert m.normal_force == pytest.approx(PRESSURE * area, rel=1e-10)
+    assert m.tangential_force == pytest.approx(0.3 * PRESSURE * area, rel=1e-10)
+    assert m.force[0] == m.friction[0] == m.drag == 0.0
+    assert m.energy > 0.5 * PRESSURE * DEPTH * area
+
+
+def test_open_contact_measures_nothing():
+    for shape in ("hex8", "Q4"):
+        scene = pressed(shape)
+        m = measured(scene, lambda x: np.broadcast_to([*[0.0] * (x.shape[1] - 1), 0.1], x.shape))
+        numbers = (m.normal_force, m.drag, m.tangential_force, m.twist_moment, m.area, *m.force)
+        assert not any(numbers)

@@ -1,0 +1,39 @@
+"""The energy balance closes, and with which order of the step it does."""
+
+from __future__ import annotations
+
+import tomllib
+from itertools import pairwise
+
+import pytest
+from mpi4py import MPI
+
+from app.build.model import build_model
+from app.case.case import Case
+from app.simulation.contact_resultants import Row
+from app.simulation.simulation import Observer, Simulation
+
+
+def slid(text: str, refined: int) -> list[Row]:
+    """The small block pressed and slid, in so many times the steps of cases/block-slide.toml."""
+    data = tomllib.loads(text)
+    data["stage"][0]["steps"], data["stage"][1]["steps"] = 10 * refined, 15 * refined
+    data["boundary"][1]["displacement"]["x"] = [[1.0, 0.0], [2.0, 1.5e-4]]
+    run = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
+    run.run(Observer())
+    return run.rows
+
+
+def test_error_falls_with_the_square_of_the_step_and_what_euler_adds_with_the_step(block):
+    """Work and friction by the trapezoidal rule are of order 2, backward Euler is of order 1."""
+    errors, numerical = [], []
+    for refined in (1, 2, 4):
+        rows = slid(block, refined)
+        work = max(abs(row.external_work) for row in rows)
+        errors.append(max(abs(row.energy_error) for row in rows) / work)
+        numerical.append(rows[-1].numerical_dissipation / work)
+    assert errors[0] <= 1e-3
+    for coarse, fine in pairwise(errors):
+        assert coarse / fine == pytest.approx(4.0, rel=0.15)
+    for coarse, fine in pairwise(numerical):
+        assert coarse / fine == pytest.approx(2.0, rel=0.15)

@@ -1,0 +1,346 @@
+"""Explicit runs as a user sees them: rows, files, failures, damping and relaxation."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import tomllib
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from mpi4py import MPI
+
+from app.build.model import build_model
+from app.case.case import Case
+from app.errors import SolutionError
+from app.explicit.stepper import ExplicitStepper
+from app.figures.phase_plots import draw_overlay
+from app.results.directory import read_table
+from app.run.run import run_case
+from app.simulation.simulation import Observer, Simulation
+from tests.app.conftest import SLID
+
+# A block thrown obliquely on aluminium: it touches, slides, and flies off again.
+THROWN = """
+title = "thrown block"
+[geometry]
+kind = "two-blocks"
+thickness = "1 mm"
+offset = "0.2 mm"
+gap = "2 um"
+upper = { width = "1.0 mm", height = "0.5 mm", elements = [10, 5] }
+lower = { width = "2.0 mm", height = "0.5 mm", elements = [15, 4] }
+[bodies.elastomer]
+material = "neo-hookean"
+E = "5 MPa"
+nu = 0.45
+density = "1100 kg/m^3"
+velocity = { x = "2 m/s", y = "-2 m/s" }
+[bodies.aluminium]
+material = "hencky"
+E = "70 GPa"
+nu = 0.33
+density = "2700 kg/m^3"
+[[contact]]
+slave = "elastomer_contact"
+master = "aluminium_contact"
+penalty_factor = 3
+friction = { law = "coulomb", mu = 0.3 }
+[[boundary]]
+surface = "bottom"
+displacement = { x = 0, y = 0 }
+[[stage]]
+name = "fly"
+duration = "30 us"
+steps = 30
+[solver]
+kind = "explicit"
+[output]
+fields_every = 0
+figures = false
+"""
+
+
+def simulate(data: dict | str, observer: Observer | None = None) -> Simulation:
+    data = tomllib.loads(data) if isinstance(data, str) else data
+    simulation = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
+    simulation.run(observer or Observer())
+    return simulation
+
+
+def column(run: Simulation, name: str) -> np.ndarray:
+    return np.array([getattr(row, name) for row in run.rows])
+
+
+# -- rows and energies ----------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def thrown() -> Simulation:
+    return simulate(THROWN)
+
+
+def test_a_row_stands_for_many_steps(thrown):
+    assert len(thrown.rows) == 30
+    assert np.allclose(column(thrown, "time"), 1e-6 * np.arange(1, 31), rtol=1e-12)
+    attempts, dt = column(thrown, "attempts"), column(thrown, "dt")
+    assert np.allclose(attempts * dt, 1e-6, rtol=1e-12)
+    assert attempts.sum() == thrown.explicit.steps > 200
+    stable = thrown.explicit.summary()["stable_step"]
+    assert dt.max() <= 0.9 * stable["longest"] * (1.0 + 1e-8)
+    assert dt.min() > 0.5 * 0.9 * stable["shortest"]
+    assert np.all(column(thrown, "newton_iterations") == 0)
+
+
+def test_forces_are_means_so_that_they_add_up_to_the_momentum(thrown):
+    table = thrown.explicit.motion
+    at = {name: np.array(table.rows)[:, i] for i, name in enumerate(table.columns)}
+    mass = 1100.0 * 1e-3 * 0.5e-3 * 1e-3
+    pushed = 1e-6 * np.cumsum(column(thrown, "normal_force"))
+    assert pushed.max() > 0.5 * mass * 2.0
+    assert np.allclose(mass * (at["elastomer_vy"] + 2.0), pushed, atol=2e-2 * pushed.max())
+    dragged = 1e-6 * np.cumsum(column(thrown, "drag"))
+    assert np.allclose(mass * (2.0 - at["elastomer_vx"]), dragged, atol=2e-2 * dragged.max())
+
+
+def test_the_ledger_closes_in_impact_with_friction(thrown):
+    energy = 0.5 * 1100.0 * 8.0 * 1e-3 * 0.5e-3 * 1e-3
+    # Tight enough to see friction's trapezoidal part: with its sign wrong it is 2e-3.
+    assert np.max(np.abs(column(thrown, "energy_error"))) < 2e-4 * energy
+    lost = column(thrown, "dissipation")
+    assert np.all(np.diff(lost) >= 0.0) and lost[-1] > 0.02 * energy
+    assert column(thrown, "kinetic_energy")[0] == pytest.approx(energy, rel=1e-2)
+    # Nothing but the bodies themselves: supports that stand still do no work.
+    assert np.max(np.abs(column(thrown, "external_work"))) < 1e-12 * energy
+
+
+def test_mean_forces_do_not_depend_on_how_often_rows_are_written(thrown):
+    data = tomllib.loads(THROWN)
+    data["stage"][0]["steps"] = 10
+    rare = simulate(data)
+    often = column(thrown, "normal_force").reshape(10, 3).mean(axis=1)
+    assert np.allclose(column(rare, "normal_force"), often, atol=0.02 * often.max())
+    mine, theirs = column(rare, "dissipation")[-1], column(thrown, "dissipation")[-1]
+    assert mine == pytest.approx(theirs, rel=0.02)
+
+
+def test_velocities_end_when_the_mean_force_is_steady():
+    data = tomllib.loads(SLID)
+    data["stage"][1] = {
+        "name": "slide",
+        "velocities": [0.3, 0.6],
+        "slip_step": 1e-6,
+        "ramp": 8e-6,
+        "min_steps": 2,
+        "max_steps": 30,
+        "steady_tolerance": 0.1,
+    }
+    load_steps = []
+
+    class LoadSteps(Observer):
+        def load_step(self, simulation, load_step, row, steady):
+            load_steps.append((load_step.label, steady, row.step, row.time))
+
+    run = simulate(data, LoadSteps())
+    assert [(label, steady) for label, steady, _, _ in load_steps] == [
+        ("press", None),
+        ("slide 0.3 m/s", True),
+        ("slide 0.6 m/s", True),
+    ]
+    # Not before four rows to compare, nor before the ramp is over.
+    rows = [load_steps[k + 1][2] - load_steps[k][2] for k in (0, 1)]
+    assert rows[0] >= 4 and rows[1] * 1e-6 / 0.6 >= 8e-6
+    assert min(rows) < 30
+    # The driven boundaries lag behind by what the ramps took: half a ramp of each change.
+    time = [load_steps[1][3] - load_steps[0][3], load_steps[2][3] - load_steps[1][3]]
+    lag = 0.3 * 4e-6 + 0.3 * 4e-6
+    moved = 0.3 * time[0] + 0.6 * time[1] - lag
+    assert run.rows[-1].driven_displacement == pytest.approx(moved, rel=1e-9)
+
+
+def test_mass_proportional_damping_slows_a_free_body():
+    data = tomllib.loads(THROWN)
+    data["bodies"]["elastomer"]["velocity"] = {"x": 2.0, "y": 1.0}  # away from the other
+    data["solver"]["damping"] = 2e4
+    run = simulate(data)
+    table = run.explicit.motion
+    speed = np.array(table.rows)[:, table.columns.index("elastomer_vx")]
+    time = column(run, "time")
+    assert np.allclose(speed, 2.0 * np.exp(-2e4 * time), rtol=1e-2)
+    start = 0.5 * 1100.0 * 5.0 * 1e-3 * 0.5e-3 * 1e-3
+    lost = column(run, "damping_dissipation")
+    assert lost[-1] == pytest.approx(start * -np.expm1(-4e4 * time[-1]), rel=1e-2)
+    assert np.max(np.abs(column(run, "energy_error"))) < 1e-6 * start
+
+
+def test_relaxation_ends_in_the_implicit_equilibrium():
+    data = tomllib.loads(SLID)
+    ramp = {"table": [["0 s", 0], ["10 us", "0.5 MPa"]], "ramp": "smooth"}
+    data["boundary"][1]["platen"]["pressure"] = ramp
+    data["stage"] = [
+        {
+            "name": "press",
+            "duration": "40 us",
+            "steps": 8,
+            "relax": True,
+            "rate_dependent": False,
+        }
+    ]
+    data["boundary"][1]["displacement"] = {"x": 0.0}
+    relaxed = simulate(data)
+    data["solver"] = {"tolerance": 1e-11}
+    del data["stage"][0]["relax"]
+    implicit = simulate(data)
+    mine, theirs = relaxed.rows[-1], implicit.rows[-1]
+    assert mine.normal_force == pytest.approx(0.5 * 0.6, rel=2e-3)
+    assert mine.strain_energy == pytest.approx(theirs.strain_energy, rel=1e-2)
+    assert relaxed.explicit.inertia[-1].last < 1e-3
+    assert mine.damping_dissipation > 0.0
+    assert abs(mine.energy_error) < 0.01 * mine.external_work
+    data["solver"] = {"kind": "explicit"}
+    free = simulate(data)
+    assert free.rows[-1].kinetic_energy > 10.0 * mine.kinetic_energy
+
+
+# -- files and failures ---------------------------------------------------------------------------
+
+
+def test_files_of_an_explicit_run(tmp_path):
+    case = Case.model_validate(tomllib.loads(SLID.replace("figures = false", "figures = true")))
+    run = run_case(case, tmp_path / "out", quiet=True, comm=MPI.COMM_SELF)
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    explicit = summary["explicit"]
+    assert explicit["time_steps"] == sum(row.attempts for row in run.rows[2:])
+    assert explicit["limited_by"] and explicit["added_mass"] == 0.0
+    assert list(explicit["kinetic_over_strain"]) == ["slide"]
+    assert 0.0 < explicit["stable_step"]["shortest"] <= explicit["stable_step"]["longest"]
+    assert [load_step["label"] for load_step in summary["load_steps"]] == ["press", "slide"]
+    motion = read_table(tmp_path / "out" / "motion.csv")
+    history = read_table(tmp_path / "out" / "history.csv")
+    assert [row["time"] for row in motion] == [row["time"] for row in history[2:]]
+    assert motion[-1]["top_y_force"] == pytest.approx(-0.3, rel=1e-12)  # 0.5 MPa, downwards
+    assert abs(motion[-1]["aluminium_x"]) < 1e-9 < motion[-1]["elastomer_x"] < 4e-6
+    assert (tmp_path / "out" / "figures" / "energy.png").stat().st_size > 1000
+    assert [p.name for p in sorted((tmp_path / "out" / "contact").iterdir())] == [
+        "000002.vtu",
+        "000012.vtu",
+    ]
+
+
+def test_a_phase_plot_of_a_sprung_surface(tmp_path):
+    data = tomllib.loads(SLID)
+    data["boundary"][1]["spring"] = {"direction": "x", "stiffness": "1e6 N/m", "end": "driven"}
+    del data["boundary"][1]["displacement"]
+    data["output"]["figures"] = True
+    run_case(Case.model_validate(data), tmp_path / "out", quiet=True, comm=MPI.COMM_SELF)
+    row = read_table(tmp_path / "out" / "motion.csv")[-1]
+    stretch = 0.2 * 20e-6 - row["top_x"]
+    assert row["top_x_force"] == pytest.approx(1e6 * stretch, rel=1e-9)
+    assert row["top_x_v"] > 0.0
+    assert (tmp_path / "out" / "figures" / "phase.png").stat().st_size > 1000
+
+
+def test_overlaid_histories_are_drawn_at_the_middle_of_explicit_rows(tmp_path, monkeypatch):
+    drawn = []
+    semilogy = Axes.semilogy
+
+    def keep(axes, x, y, *style, **options):
+        drawn.append((np.array(x), np.array(y)))
+        return semilogy(axes, x, y, *style, **options)
+
+    monkeypatch.setattr(Axes, "semilogy", keep)
+    rows = [
+        {"driven_displacement": k * 1e-6, "tangential_force": 1.0 + k, "velocity": float(k > 0)}
+        for k in range(4)
+    ]
+    draw_overlay({"D = 10 nm": (rows, rows)}, tmp_path / "overlay.png")
+    assert (tmp_path / "overlay.png").stat().st_size > 1000
+    (dots, _), (line, force) = drawn
+    assert np.allclose(dots, [1.0, 2.0, 3.0]) and np.allclose(line, [0.5, 1.5, 2.5])
+    assert np.allclose(force, [2.0, 3.0, 4.0])
+
+
+def test_scaled_mass_is_reported(tmp_path):
+    data = tomllib.loads(SLID)
+    data["solver"]["mass_scaling"] = {"kind": "uniform", "factor": 9}
+    run = run_case(Case.model_validate(data), tmp_path / "out", quiet=True, comm=MPI.COMM_SELF)
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    mass = (1100 * 0.6 * 0.05 + 2700 * 1.0 * 0.2) * 1e-6 * 1e-3
+    assert summary["explicit"]["added_mass"] == pytest.approx(8.0 * mass, rel=1e-9)
+    plain = simulate(SLID)
+    assert run.explicit.shortest == pytest.approx(3.0 * plain.explicit.shortest, rel=0.01)
+    assert run.explicit.steps == pytest.approx(plain.explicit.steps / 3, rel=0.1)
+
+
+def test_check_says_how_many_steps_a_stage_takes(tribox, case_file):
+    done = tribox("check", case_file(SLID), "--set", "stage.1.duration=1 s")
+    assert done.returncode == 0, done.stderr
+    step, count = done.stdout.splitlines()[:2]
+    found = re.fullmatch(r"note: explicit: time step (\S+) s, limited by .+ at \(.+\) m", step)
+    assert found
+    assert f"stage slide takes about {1.0 / float(found[1]):.1e} time steps"[:38] in count
+    assert 'give it solver = "implicit"' in count
+
+
+def test_an_element_turned_inside_out_ends_with_code_3(tribox, case_file, tmp_path):
+    out = tmp_path / "out"
+    set_initial_kinetic_energy = (
+        "--set",
+        "bodies.elastomer.velocity.y=-300 m/s",
+        "--set",
+        "output.fields_every=0",
+    )
+    done = tribox("run", case_file(THROWN), "--out", out, *set_initial_kinetic_energy)
+    assert done.returncode == 3, done.stdout + done.stderr
+    [line] = done.stderr.splitlines()
+    assert re.match(
+        r"tribox: stage fly, time \S+ s: an element has been turned inside out at \(.+\) m", line
+    )
+    assert json.loads((out / "summary.json").read_text())["status"] == "failed"
+    saved = re.search(
+        r"the last sound state, step (\d+) at time (\S+) s, is saved .*, (\S+),", done.stdout
+    )
+    failed = re.search(r"time (\S+) s: an element", line)
+    assert saved and failed and float(saved[2]) < float(failed[1])
+    assert (out / saved[3]).is_file()
+
+
+def test_runaway_energy_stops_the_run(monkeypatch):
+    stable = ExplicitStepper.stable_step
+    monkeypatch.setattr(ExplicitStepper, "stable_step", lambda self: 1.3 * stable(self))
+    data = tomllib.loads(THROWN)
+    # Far above the other body, which is not held: it is the elements that ring.
+    data["geometry"]["gap"] = "1 mm"
+    data["stage"][0] = {"name": "fly", "duration": "100 us", "steps": 2}
+    wrong = r"^stage fly, time \S+ s: (the energy runs away|an element has been turned inside out)"
+    with pytest.raises(SolutionError, match=wrong) as caught:
+        simulate(data)
+    assert re.search(r"at \(\S+, \S+\) m", str(caught.value))
+
+
+def test_a_long_interval_can_be_interrupted(case_file, environment, tmp_path):
+    out = tmp_path / "out"
+    words = ["run", str(case_file(SLID)), "--out", str(out)]
+    words += ["--set", "stage.1.duration=1 s", "--set", "stage.1.steps=1"]
+    with subprocess.Popen(
+        [sys.executable, "-m", "app", *words],
+        env=environment | {"PYTHONUNBUFFERED": "1"},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    ) as process:
+        for line in process.stdout:
+            if line.startswith("time step "):
+                assert re.search(r"\d+ steps/s", line)
+                os.kill(process.pid, signal.SIGINT)
+                break
+        rest, _ = process.communicate(timeout=60.0)
+    assert process.returncode == 130 and "Traceback" not in rest
+    summary = json.loads((out / "summary.json").read_text())
+    assert (summary["status"], summary["steps"]) == ("interrupted", 2)
+    assert summary["explicit"]["time_steps"] > 100

@@ -1,0 +1,90 @@
+"""The explicit cases that are shipped."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from app.case.case import load_case
+from app.results.directory import read_table
+from app.run.run import run_case
+from forms.closed_forms.homogeneous_sliding import threshold_speed
+
+CASES = Path(__file__).parents[3] / "cases"
+
+pytestmark = pytest.mark.slow
+
+
+def run(name: str, directory: Path, *overrides: str, label: str | None = None):
+    case = load_case(CASES / name, overrides)
+    if label is not None:
+        case = dict(case.sweep_cases())[label]
+    simulation = run_case(case, directory / "out", quiet=True, comm=MPI.COMM_SELF)
+    return simulation, read_table(directory / "out" / "motion.csv")
+
+
+def column(rows: list, name: str) -> np.ndarray:
+    return np.array([row[name] if isinstance(row, dict) else getattr(row, name) for row in rows])
+
+
+def test_impact(tmp_path):
+    simulation, motion = run("impact.toml", tmp_path)
+    rows = simulation.rows
+    energy = column(rows, "kinetic_energy")[0]
+    mass = 1100.0 * 20e-3 * 10e-3 * 10e-3
+    assert energy == pytest.approx(0.5 * mass * 18.0, rel=1e-6)
+    assert np.max(np.abs(column(rows, "energy_error"))) < 1e-3 * energy
+    lost = column(rows, "dissipation")
+    assert np.all(np.diff(lost) >= 0.0) and lost[-1] > 0.1 * energy
+    # It lands, is pushed back and braked, and is gone.
+    force = column(rows, "normal_force")
+    assert force[0] == 0.0 < force.max() and np.all(force[-20:] == 0.0)
+    speed, rebound = column(motion, "elastomer_vx"), column(motion, "elastomer_vy")
+    assert rebound[-1] > 1.0
+    # Impulses: friction takes at most mu of what pushes back.
+    assert 0.0 < 3.0 - speed[-1] <= 0.3 * (3.0 + rebound[-1]) * 1.001
+
+
+def test_stick_slip(tmp_path):
+    simulation, motion = run(
+        "stick-slip.toml", tmp_path, "stage.1.duration=10 ms", "stage.1.steps=200"
+    )
+    force, speed = column(motion, "top_x_force"), column(motion, "top_x_v")
+    contact = simulation.model.case.contact[0]
+    star = float(threshold_speed(30e-9, contact.friction.parameters()))
+    # Stick up to (1 - alpha) mu N and the film's share, with a little vibration on top.
+    dry = 0.95 * 0.2 * 1.0
+    assert dry < force.max() < 1.1 * dry
+    # Then the block leaps, several times faster than V*, and the spring goes slack.
+    leap = int(np.argmax(speed))
+    assert speed[leap] > 4.0 * star and force[leap] < 0.6 * force.max()
+    assert force[leap:].min() < 0.0
+    assert np.all(speed[: leap - 15] < star)
+    # It sticks again and the spring is loaded once more.
+    assert force[-1] > 0.0 and np.abs(speed[-20:]).max() < 1.5 * star
+    assert column(simulation.rows, "viscous_fraction").max() == 1.0
+    assert np.all(np.diff(column(simulation.rows, "dissipation")) >= 0.0)
+    error = np.abs(column(simulation.rows, "energy_error")).max()
+    assert error < 0.01 * column(simulation.rows, "external_work").max()
+
+
+def test_sliding_by_both_solvers(tmp_path):
+    small = (
+        *("geometry.upper.width=2 mm", "geometry.upper.elements=[20, 2]"),
+        *("geometry.lower.width=3 mm", "geometry.lower.elements=[25, 3]"),
+        *("stage.1.velocities=[0.1, 0.2]", "output.figures=false"),
+    )
+    explicit, _ = run("sfa-explicit.toml", tmp_path, *small, label="thickness=30nm")
+    case = load_case(CASES / "sfa-explicit.toml", [*small, "stage.1.solver=implicit"])
+    case = dict(case.sweep_cases())["thickness=30nm"]
+    implicit = run_case(case, tmp_path / "implicit", quiet=True, comm=MPI.COMM_SELF)
+    for speed, film in ((0.1, 0.0), (0.2, 1.0)):
+        mine, theirs = (
+            [row for row in simulation.rows if row.velocity == speed][-1]
+            for simulation in (explicit, implicit)
+        )
+        assert mine.viscous_fraction == theirs.viscous_fraction == film
+        assert mine.tangential_force == pytest.approx(theirs.tangential_force, rel=5e-3)

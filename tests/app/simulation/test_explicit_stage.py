@@ -1,0 +1,231 @@
+"""Explicit dynamics from the case: keys, smooth ramps, springs, masses, load steps."""
+
+from __future__ import annotations
+
+import tomllib
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from scipy.integrate import quad
+
+from app.build.case_notes import notes_on, notes_on_inertia
+from app.build.model import body_dofs, build_model, initial_velocity
+from app.case.boundary import Stage
+from app.case.case import Case, check_case, load_case, resolved_toml
+from app.case.time_tables import Program, TimeTable, smooth_step, smooth_step_integral
+from app.simulation.load_steps import Inertia, LoadStep, load_steps_of
+from app.simulation.simulation import Observer, Simulation
+
+DENSE = {"elastomer": 1100.0, "aluminium": 2700.0}
+SPRING = {"direction": "x", "stiffness": 2000.0, "end": [[1.0, 0.0], [2.0, 3e-4]]}
+
+
+def explicit(text: str, **solver) -> dict:
+    """The case as plain data, explicit after an implicit first stage."""
+    data = tomllib.loads(text)
+    for name, density in DENSE.items():
+        data["bodies"][name]["density"] = density
+    data["stage"][0]["solver"] = "implicit"
+    data["solver"] = {"kind": "explicit", **solver}
+    return data
+
+
+# -- programs -------------------------------------------------------------------------------------
+
+
+def test_smooth_step_starts_and_ends_without_velocity_and_acceleration():
+    assert [smooth_step(s) for s in (-1.0, 0.0, 0.5, 1.0, 2.0)] == [0.0, 0.0, 0.5, 1.0, 1.0]
+    h = 1e-4
+    for end in (0.0, 1.0):
+        inside = [abs(smooth_step(abs(end - k * h)) - end) for k in (1, 2)]
+        assert inside[0] < 11.0 * h**3 and inside[1] < 11.0 * (2 * h) ** 3
+    for share in (0.3, 1.0, 2.5):
+        exact, _ = quad(smooth_step, 0.0, share, points=[1.0])
+        assert smooth_step_integral(share) == pytest.approx(exact, rel=1e-12)
+
+
+def test_a_smooth_table_goes_through_its_points_and_integrates_exactly():
+    table = TimeTable((1.0, 3.0, 4.0), (2.0, 6.0, -1.0), smooth=True)
+    assert [table(t) for t in (0.0, 1.0, 2.0, 3.0, 4.0, 9.0)] == [2.0, 2.0, 4.0, 6.0, -1.0, -1.0]
+    assert table(1.2) < 2.0 + 4.0 * 0.1  # slower than linear at first
+    for time in (0.5, 1.0, 1.7, 3.3, 6.0):
+        exact, _ = quad(table, 0.0, time, points=[1.0, 3.0, 4.0], limit=200)
+        assert table.integral(time) == pytest.approx(exact, rel=1e-9)
+    later = TimeTable((-2.0, 2.0), (0.0, 4.0), smooth=True)
+    assert later.integral(2.0) == pytest.approx(quad(later, 0.0, 2.0)[0], rel=1e-9)
+
+
+def test_a_ramp_is_read_and_written():
+    program = Program("Pa")
+    rows = [["0 s", "0 MPa"], ["1 ms", "3 MPa"]]
+    smooth = program.parse({"table": rows, "ramp": "smooth"})
+    assert smooth == TimeTable((0.0, 1e-3), (0.0, 3e6), smooth=True)
+    assert program.parse({"table": rows}) == program.parse(rows)
+    assert program.parse(program._serialise(smooth)) == smooth
+
+
+def test_velocity_goes_over_smoothly_to_the_next():
+    stage = Stage(name="s", velocities=(1.0, 3.0), slip_step=0.1, ramp=0.5)
+    first, second = load_steps_of(stage, before=0.0)
+    assert (first.before, second.before) == (0.0, 1.0)
+    for load_step in (first, second):
+        for time in (0.2, 0.5, 2.0):
+            exact, _ = quad(load_step.speed, 0.0, time, points=[0.5])
+            assert load_step.travel(time) == pytest.approx(exact, rel=1e-10)
+    assert second.speed(0.0) == 1.0 and second.speed(0.5) == 3.0
+    sudden = LoadStep(Stage(name="s", duration=1.0), 2.0, 0.1, 10, before=5.0)
+    assert sudden.speed(0.0) == 2.0 and sudden.travel(0.25) == 0.5
+
+
+# -- case -----------------------------------------------------------------------------------------
+
+
+def test_an_explicit_case_reads_back_to_itself(film, tmp_path):
+    data = explicit(film, damping="1e3 1/s", viscous="bounded", step_safety=0.8)
+    data["solver"]["mass_scaling"] = {"step": "10 ns"}
+    data["bodies"]["elastomer"]["velocity"] = {"x": "2 mm/s"}
+    pressure = {"table": [["0 s", 0], ["1 s", "0.5 MPa"]], "ramp": "smooth"}
+    data["boundary"][1]["platen"] |= {"pressure": pressure, "mass": "3 g"}
+    data["stage"][1]["ramp"] = "10 us"
+    case = Case.model_validate(data)
+    path = tmp_path / "again.toml"
+    path.write_text(resolved_toml(case))
+    assert load_case(path) == case
+    assert case.solver.damping == 1e3 and case.solver.mass_scaling.step == 1e-8
+    assert case.boundary[1].platen.mass == 3e-3
+    # An implicit case has none of the explicit keys in its resolved file.
+    implicit = Case.model_validate(tomllib.loads(film))
+    path.write_text(resolved_toml(implicit))
+    assert "step_safety" not in path.read_text() and load_case(path) == implicit
+
+
+@pytest.mark.parametrize(
+    ("scaling", "expected"),
+    [
+        ({}, "solver.mass_scaling.step: missing; the step to reach"),
+        ({"factor": 2}, 'mass_scaling.factor = 2.0: goes with kind = "uniform" only'),
+        ({"kind": "uniform"}, "solver.mass_scaling: give either factor or step, found neither"),
+        ({"kind": "uniform", "factor": 0.5}, "mass_scaling.factor = 0.5: must be >= 1"),
+        ({"kind": "uniform", "factor": 2, "step": 1}, "give either factor or step, found both"),
+    ],
+)
+def test_mass_scaling_that_says_nothing(film, case_file, scaling, expected):
+    path = case_file(film.replace("[output]", "\n[solver]\nkind = 'explicit'\n[output]"))
+    words = [f"bodies.{name}.density={value}" for name, value in DENSE.items()]
+    words += [f"solver.mass_scaling.{key}={value}" for key, value in scaling.items()]
+    [line] = (
+        check_case(path, words or ["solver.mass_scaling={}"])
+        if scaling
+        else check_case(path, [*words, "solver.mass_scaling={}"])
+    )
+    assert expected in line
+
+
+def test_implicit_stages_come_first(film):
+    data = explicit(film)
+    data["stage"].append({"name": "hold", "duration": 1.0, "solver": "implicit"})
+    with pytest.raises(ValueError, match=r'stage.2.solver: "implicit" cannot follow the explicit'):
+        Case.model_validate(data)
+    data["stage"] = data["stage"][:1]
+    with pytest.raises(ValueError, match=r"never moves"):
+        Case.model_validate(data)
+
+
+def test_relaxation_has_nothing_to_do_where_something_is_driven(film):
+    data = explicit(film)
+    data["stage"][1]["relax"] = True
+    with pytest.raises(ValueError, match=r"stage.1.relax: does not go with a velocity"):
+        Case.model_validate(data)
+
+
+# -- model ----------------------------------------------------------------------------------------
+
+
+def test_a_thrown_body_starts_with_its_velocity_and_no_other(block):
+    data = explicit(block)
+    data["bodies"]["elastomer"]["velocity"] = {"x": 0.5, "y": "-2 m/s"}
+    model = build_model(Case.model_validate(data), MPI.COMM_SELF)
+    velocity = initial_velocity(model)
+    thrown, other = body_dofs(model, "elastomer"), body_dofs(model, "aluminium")
+    assert len(thrown) + len(other) == model.problem.owned // 2
+    assert np.all(velocity[thrown] == [0.5, -2.0]) and np.all(velocity[other] == 0.0)
+
+
+def sprung(text: str, **changes) -> Simulation:
+    """The block case with its top drawn by a spring, run to the end."""
+    data = tomllib.loads(text)
+    data["solver"] = {"tolerance": 1e-11}
+    pressure = [["0 s", 0.0], ["1 s", 3e5]]
+    top = {"surface": "top", "platen": {"direction": "y", "pressure": pressure}}
+    data["boundary"][1] = {**top, "spring": SPRING | changes}
+    simulation = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
+    simulation.run(Observer())
+    return simulation
+
+
+def test_a_spring_draws_the_surface_until_friction_gives_way(block):
+    run = sprung(block)
+    problem, last = run.model.problem, run.rows[-1]
+    names = run.model.platen_names
+    assert names == ["top_y", "top_x"]
+    edge = problem.platens[1]
+    moved = run.stepper.x.array_r[edge.dofs]
+    assert np.ptp(moved) == 0.0
+    # The friction, mu N, is what the spring is stretched by.
+    assert last.tangential_force == pytest.approx(0.2 * last.normal_force, rel=1e-6)
+    assert 2000.0 * (3e-4 - moved[0]) == pytest.approx(last.tangential_force, rel=1e-5)
+    assert last.stick_fraction == 0.0 and moved[0] > 1e-4
+    assert abs(last.energy_error) < 2e-3 * last.external_work
+    # With the spring in the tangent Newton stays quadratic; without it takes many more.
+    assert sum(row.newton_iterations for row in run.rows[3:]) < 45
+
+
+def test_a_stiff_spring_is_a_driven_surface(block):
+    data = tomllib.loads(block)
+    data["solver"] = {"tolerance": 1e-11}
+    data["boundary"][1]["displacement"] = {"x": SPRING["end"]}
+    data["boundary"][1]["platen"] = {"direction": "y", "pressure": [["0 s", 0], ["1 s", 3e5]]}
+    rigid = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
+    rigid.run(Observer())
+    drawn = sprung(block, stiffness=1e9)
+    for mine, theirs in zip(drawn.rows, rigid.rows, strict=True):
+        assert mine.tangential_force == pytest.approx(theirs.tangential_force, rel=1e-5, abs=1e-9)
+
+
+# -- advice ---------------------------------------------------------------------------------------
+
+
+def test_scaled_mass_that_is_felt_is_a_warning(film):
+    data = explicit(film, mass_scaling={"kind": "uniform", "factor": 4}, kinetic_limit=0.1)
+    case = Case.model_validate(data)
+    [load_step, *_] = load_steps_of(case.stage[1])
+    inertia = Inertia(load_step.label)
+    inertia.add(kinetic=0.05, strain=1.0)
+    assert list(notes_on_inertia(case, load_step, inertia)) == []
+    inertia.add(kinetic=0.25, strain=1.0)
+    assert inertia.ratio == pytest.approx(0.15) and inertia.last == 0.25
+    [line] = notes_on_inertia(case, load_step, inertia)
+    assert "0.15 of the strain energy, above kinetic_limit = 0.1" in line
+    plain = Case.model_validate(explicit(film, kinetic_limit=0.1))
+    assert list(notes_on_inertia(plain, load_step, inertia)) == []
+
+
+def test_a_relaxed_stage_that_still_moves_is_a_warning(film):
+    case = Case.model_validate(explicit(film))
+    [load_step] = load_steps_of(Stage(name="settle", duration=1.0, relax=True))
+    moving, resting = Inertia("settle"), Inertia("settle")
+    moving.add(0.1, 1.0)
+    resting.add(1e-5, 1.0)
+    [line] = notes_on_inertia(case, load_step, moving)
+    assert "stage settle: not at rest at its end, kinetic energy is 0.1" in line
+    assert list(notes_on_inertia(case, load_step, resting)) == []
+
+
+def test_a_stiff_penalty_is_noted_where_steps_are_explicit(film):
+    data = explicit(film)
+    [line] = [note for note in notes_on(Case.model_validate(data)) if "penalty_factor" in note]
+    assert line.startswith("contact.0: penalty_factor = 30 shortens explicit steps")
+    data["contact"][0]["penalty_factor"] = 3.0
+    assert not any("penalty" in note for note in notes_on(Case.model_validate(data)))
+    assert not any("penalty" in n for n in notes_on(Case.model_validate(tomllib.loads(film))))

@@ -1,0 +1,381 @@
+"""Problems without a solution: what is said, what is saved, and that nothing false is written."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import adios2
+import meshio
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from app.build.model import build_model
+from app.case.case import Case
+from app.errors import SolutionError
+from app.implicit.stepper import StepResult
+from app.run.run import run_case
+from app.simulation.failure_diagnosis import (
+    explain,
+    loose_directions,
+    most_squeezed,
+    penalty_factors,
+    place_text,
+)
+from app.simulation.simulation import Observer, Simulation
+from forms.friction.coulomb import CoulombLaw, CoulombParameters
+
+# Give up soon: what is tested is how.
+SOON = {"min_step_fraction": 0.3, "max_iterations": 12}
+LAW = CoulombLaw(CoulombParameters(mu=0.2, K_T=60.0))
+
+
+def plain(text: str) -> dict:
+    return tomllib.loads(text) | {"solver": dict(SOON)}
+
+
+def unsupported(block: str, film: str) -> dict:
+    """Nothing holds the lower body."""
+    data = plain(block)
+    del data["boundary"][0]
+    return data
+
+
+def lifted(block: str, film: str) -> dict:
+    """The platen presses at first, then pulls the upper body off."""
+    data = plain(film)
+    data["boundary"][1]["platen"]["pressure"] = [[0.0, 0.0], [0.5, 0.3e6], [1.0, -0.2e6]]
+    data["stage"][0]["steps"] = 8
+    return data
+
+
+def stiff(block: str, film: str) -> dict:
+    data = plain(block)
+    data["contact"][0]["penalty_factor"] = 3e7
+    return data
+
+
+def collapsing(block: str, film: str) -> dict:
+    """The upper body is pressed to less than nothing."""
+    data = plain(block)
+    data["boundary"][1]["displacement"]["y"] = [[0.0, 0.0], [1.0, -6e-4]]
+    data["stage"][0]["steps"] = 8
+    return data
+
+
+def wedged(block: str, film: str) -> dict:
+    """The corner of a body that cannot slide is folded under."""
+    data = plain(block)
+    data["contact"][0]["friction"]["mu"] = 5.0
+    data["solver"] = {"min_step_fraction": 0.02, "max_iterations": 20}
+    data["boundary"][1]["displacement"] = {
+        "x": [[1.0, 0.0], [2.0, 1e-3]],
+        "y": [[0.0, 0.0], [1.0, -1.5e-4]],
+    }
+    return data
+
+
+def overrun(block: str, film: str) -> dict:
+    """A body is slid over the end of the other, where its points lose their force at once."""
+    data = plain(block)
+    data["geometry"]["upper"]["elements"] = [30, 8]
+    data["geometry"]["lower"] = {"width": 1.5e-3, "height": 5e-4, "elements": [45, 4]}
+    data["boundary"][1]["displacement"]["x"] = [[1.0, 0.0], [2.0, 4e-4]]
+    return data
+
+
+SUPPORT = "try a support there (displacement), or a load that keeps it in contact"
+HOPELESS = {
+    unsupported: ("press", "body aluminium has no support in x and no contact presses", SUPPORT),
+    lifted: ("press", "body elastomer has no support in y and no contact presses", SUPPORT),
+    stiff: ("press", "contact.0: the penalty is 3e+07 times", "try the default penalty"),
+    collapsing: ("press", "has nearly collapsed (volume ratio 0.", "try less load"),
+    wedged: ("slide", "has nearly collapsed (volume ratio 0.", "try less load"),
+    overrun: ("slide", "slide off the end of the master", "a master surface that reaches further"),
+}
+
+
+def rows_of(directory: Path) -> list[dict[str, str]]:
+    with (directory / "history.csv").open() as stream:
+        return list(csv.DictReader(stream))
+
+
+def last_displacement(directory: Path) -> np.ndarray:
+    """Displacements (n, 3) of the last output of fields.bp, in no order."""
+    with adios2.FileReader(str(directory / "fields.bp")) as reader:
+        variable = reader.inquire_variable("displacement")
+        variable.set_step_selection([variable.steps() - 1, 1])
+        values = reader.read(variable)
+    return np.asarray(values).reshape(-1, 3)
+
+
+@pytest.mark.parametrize("problem", HOPELESS, ids=lambda p: p.__name__)
+def test_hopeless_problem_says_why_and_keeps_its_last_state(block, film, tmp_path, problem):
+    stage, what, cure = HOPELESS[problem]
+    out = tmp_path / "out"
+    case = Case.model_validate(problem(block, film) | {"output": {"fields_every": 0}})
+    with pytest.raises(SolutionError) as caught:
+        run_case(case, out, quiet=True)
+    text = str(caught.value)
+    rows = rows_of(out)
+    time = float(rows[-1]["time"]) if rows else 0.0
+    assert text.startswith(f"stage {stage}, time {time:.6g} s: ")
+    assert what in text and cure in text and "\n" not in text
+    assert ("off the end" in text) is (problem is overrun)
+    summary = json.loads((out / "summary.json").read_text())
+    assert (summary["status"], summary["failure"]) == ("failed", text)
+    assert summary["steps"] == len(rows)
+    assert f"failed: {text}" in (out / "log.txt").read_text()
+    if rows:
+        points = meshio.read(out / "contact" / f"{len(rows):06d}.vtu").point_data
+        deepest = float(rows[-1]["max_penetration"])
+        assert np.nanmax(-points["gap"]) == pytest.approx(deepest, rel=1e-12) and deepest > 0.0
+        moved = last_displacement(out)
+        assert np.all(np.isfinite(moved)) and 1e-7 < np.max(np.abs(moved)) < 2e-3
+    assert bool(rows) is (problem in (lifted, collapsing, wedged, overrun))
+
+
+def test_saved_state_is_the_last_converged_one(monkeypatch, block, tmp_path):
+    """fields.bp ends with the unknowns of the last step, whatever was tried after it."""
+    seen = []
+    commit = Simulation._commit
+
+    def watched(simulation, *arguments):
+        commit(simulation, *arguments)
+        seen.append(simulation.stepper.x.array_r.reshape(-1, 2).copy())
+
+    monkeypatch.setattr(Simulation, "_commit", watched)
+    case = Case.model_validate(collapsing(block, "") | {"output": {"fields_every": 0}})
+    with pytest.raises(SolutionError):
+        run_case(case, tmp_path / "out", quiet=True)
+    saved = last_displacement(tmp_path / "out")[:, :2]
+    assert np.allclose(np.sort(saved, axis=0), np.sort(seen[-1], axis=0), rtol=0.0, atol=1e-18)
+    assert np.max(np.abs(seen[-1] - seen[-2])) > 1e-6
+
+
+def test_command_ends_with_code_3_and_one_line(tribox, case_file, block):
+    text = block.replace('"-0.05 mm"', '"-0.6 mm"')
+    text += "[solver]\nmin_step_fraction = 0.3\nmax_iterations = 12\n"
+    done = tribox("run", case_file(text), "--out", "out")
+    assert done.returncode == 3
+    [line] = done.stderr.splitlines()
+    assert re.match(
+        r"tribox: stage press, time \S+ s: no solution even with a step of \S+ s: .*, residual \S+ "
+        r"of the contact force after \d+ iterations, largest at \(\S+, \S+\) m, undeformed; .*try ",
+        line,
+    )
+    steps = len(rows_of(case_file("").parent / "home" / "out"))
+    assert f"the last converged state, step {steps} at time " in done.stdout
+    assert f"fields.bp and stress.bp, contact/{steps:06d}.vtu" in done.stdout
+
+
+# -- penalties ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("factor", "deep"), [(3e-8, True), (0.3, True), (10.0, False)])
+def test_penetration_is_warned_of_from_a_share_of_the_element_on(block, tmp_path, factor, deep):
+    data = plain(block)
+    data["contact"][0]["penalty_factor"] = factor
+    run = run_case(Case.model_validate(data), tmp_path / "out", quiet=True)
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    [share] = summary["penetration_over_facet"]
+    assert share == pytest.approx(max(row.max_penetration for row in run.rows) / 1e-4)
+    assert (share > 0.02) is deep
+    found = [line for line in summary["warnings"] if "penetration up to" in line]
+    assert len(found) == deep
+    if deep:
+        assert f"{share:.2g} of a slave facet's length" in found[0]
+        assert "raise the penalty" in found[0]
+
+
+@pytest.mark.parametrize(("steps", "warned"), [(1, True), (8, False)])
+def test_energy_that_does_not_add_up_is_warned_of(block, tmp_path, steps, warned):
+    """A block lifted off in one step: the trapezium under its force is far from the work."""
+    data = plain(block)
+    data["boundary"][1]["displacement"] = {
+        "x": 0.0,
+        "y": [[0.0, 0.0], [1.0, -5e-5], [2.0, 5e-5]],
+    }
+    data["stage"][1]["steps"] = steps
+    run_case(Case.model_validate(data), tmp_path / "out", quiet=True, comm=MPI.COMM_SELF)
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    found = [line for line in summary["warnings"] if "energy is balanced only to" in line]
+    assert len(found) == warned
+    assert (abs(summary["energy_error_relative"]) > 0.05) is warned
+
+
+def test_bodies_that_never_press_are_warned_of(block, tmp_path):
+    data = plain(block)
+    del data["boundary"][1]
+    run_case(Case.model_validate(data), tmp_path / "out", quiet=True)
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["status"] == "done"
+    assert "contact.0: the bodies never pressed on each other" in summary["warnings"]
+
+
+@pytest.mark.parametrize(
+    ("penalty", "said"),
+    [
+        (
+            {"penalty_factor": 3e7},
+            "3e+07 times the stiffness M/h of the elements beside it: Newton",
+        ),
+        (
+            {"penalty_factor": 3e-8},
+            "3e-08 times the stiffness M/h of the elements beside it: the b",
+        ),
+        ({"penalty": 1e8}, "0.00053 times"),
+        ({}, None),
+    ],
+)
+def test_absurd_penalties_are_noted_before_the_run(block, penalty, said):
+    data = plain(block)
+    data["contact"][0] |= penalty
+    notes = build_model(Case.model_validate(data), MPI.COMM_SELF).notes
+    if said is None:
+        assert notes == []
+    else:
+        [note] = notes
+        assert note.startswith("contact.0: the penalty is ") and said in note
+
+
+def test_penalty_factor_is_that_of_the_case(block):
+    problem = build_model(Case.model_validate(plain(block)), MPI.COMM_SELF).problem
+    assert problem.contacts[0].surface.facet_length == pytest.approx(1e-4, rel=1e-12)
+    assert penalty_factors(problem) == pytest.approx([30.0], rel=1e-12)
+
+
+# -- numbers that are none ------------------------------------------------------------------------
+
+
+def sick(monkeypatch, calls_well: int, part: str) -> None:
+    """Let Coulomb's law answer with a number that is none after so many calls."""
+    update = CoulombLaw.update
+    calls = []
+
+    def broken(law, *arguments, **options):
+        calls.append(1)
+        response = update(law, *arguments, **options)
+        if len(calls) <= calls_well:
+            return response
+        if part == "traction":
+            return replace(response, traction=np.where(response.traction, np.nan, 0.0))
+        lost = replace(response.dissipation, coulomb=0.0 * response.dissipation.coulomb + np.nan)
+        return replace(response, dissipation=lost)
+
+    monkeypatch.setattr(CoulombLaw, "update", broken)
+
+
+@pytest.mark.parametrize("part", ["traction", "dissipation"])
+def test_numbers_that_are_none_end_the_run_and_are_not_written(monkeypatch, block, tmp_path, part):
+    sick(monkeypatch, 20, part)
+    with pytest.raises(SolutionError) as caught:
+        run_case(Case.model_validate(plain(block)), tmp_path / "out", quiet=True)
+    if part == "dissipation":
+        assert "contact.0: dissipated = nan" in str(caught.value)
+    rows = rows_of(tmp_path / "out")
+    assert rows
+    numbers = [float(v) for row in rows for key, v in row.items() if key != "stage"]
+    assert np.all(np.isfinite(numbers))
+    assert "NaN" not in (tmp_path / "out" / "summary.json").read_text()
+
+
+# -- parts ----------------------------------------------------------------------------------------
+
+
+def test_element_turned_inside_out_is_found(pair):
+    bodies = pair()
+    problem = bodies.problem(LAW)
+    x = problem.new_vector()
+    space = bodies.u.function_space
+    where = space.tabulate_dof_coordinates()[:, :2]
+    problem.spread(x)
+    assert most_squeezed(problem).ratio == pytest.approx(1.0, rel=1e-12)
+    # A node inside the lower block goes far up, over the cells above it.
+    inside = (where[:, 1] < -0.1) & (where[:, 1] > -0.4) & (np.abs(where[:, 0] - 1.0) < 0.2)
+    [node] = np.nonzero(inside)[0][:1]
+    x.array[2 * node + 1] = 0.4
+    problem.spread(x)
+    found = most_squeezed(problem)
+    assert found.body == "aluminium" and found.ratio < 0.0
+    assert abs(found.place[0] - where[node, 0]) < 0.2 and found.place[1] > where[node, 1]
+    assert found.text.startswith("an element of body aluminium at (")
+
+
+def test_loose_directions(pair):
+    bodies = pair()
+    held = [bodies.held("bottom", 0), bodies.held("bottom", 1), bodies.held("top", 0)]
+    found = loose_directions(bodies.problem(LAW, prescribed=held))
+    assert [(one.body, one.component) for one in found] == [("elastomer", 1)]
+    assert found[0].text == "body elastomer has no support in y"
+
+
+def test_places_are_read_without_roundoff():
+    assert place_text((6e-4, 2.776e-21)) == "(0.0006, 0) m"
+    assert place_text((0.0, 0.0)) == "(0, 0) m"
+
+
+@pytest.mark.parametrize(
+    ("residual", "shift", "said"),
+    [(3e-8, 0.03, True), (3e-8, 0.0, False), (0.3, 0.03, False)],
+)
+def test_a_residual_that_edges_of_the_master_keep_up_is_explained(pair, residual, shift, said):
+    """Points in the middle of slave facets stand on nodes of the master, or 0.03 beside them."""
+    made = pair(upper=(5, 2), lower=(10, 2))
+    problem = made.problem(LAW)
+    x = made.displaced(lambda x: x * 0.0 + [shift, -0.01], lambda x: x * 0.0)
+    problem.residual(None, x, problem.new_vector())
+    result = StepResult(False, 30, 30, -5, [residual])
+    assert ("rest on edges between facets" in explain(problem, result, x, [])) is said
+
+
+RING = """
+[geometry]
+kind = "two-blocks"
+section = "axisymmetric"
+gap = "0.1 mm"
+offset = "1 mm"
+upper = { width = "2 mm", height = "1 mm", elements = [3, 2] }
+lower = { width = "4 mm", height = "1 mm", elements = [5, 2] }
+[bodies.elastomer]
+material = "neo-hookean"
+E = "5 MPa"
+nu = 0.45
+[bodies.aluminium]
+material = "hencky"
+E = "70 GPa"
+nu = 0.33
+[[contact]]
+slave = "elastomer_contact"
+master = "aluminium_contact"
+friction = { law = "coulomb", mu = 0.2 }
+[[boundary]]
+surface = "bottom"
+displacement = { y = 0 }
+[[boundary]]
+surface = "top"
+displacement = { y = 0 }
+[[boundary]]
+surface = "elastomer_right"
+pressure = [["0 s", "0 MPa"], ["1 s", "0.1 MPa"]]
+[[stage]]
+name = "squeeze"
+duration = "1 s"
+steps = 1
+"""
+
+
+def test_a_body_of_revolution_may_shrink_before_it_touches():
+    """Its radial displacement is no drift: pressed from outside it is held by its hoop stress."""
+    simulation = Simulation(build_model(Case.model_validate(tomllib.loads(RING)), MPI.COMM_SELF))
+    assert {
+        (one.body, one.component) for one in loose_directions(simulation.model.problem)
+    } == set()
+    simulation.run(Observer())
+    assert simulation.rows[-1].normal_force == 0.0
+    assert simulation.rows[-1].external_work > 0.0

@@ -1,0 +1,219 @@
+"""Faults end as they should: nothing lost, one line, the right exit code."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+
+import meshio
+import numpy as np
+import pytest
+
+from app.build.model import build_model
+from app.case.case import load_case
+from app.errors import InputError, SolutionError
+from app.run.run import run_case
+from app.simulation.simulation import Simulation
+
+SINGULAR = """
+[[boundary]]
+surface = "top"
+displacement = { x = "driven" }
+platen = { direction = "y", pressure = [["0 s", "0 MPa"], ["1 s", "0.2 MPa"]] }
+[[stage]]
+name = "press"
+duration = "1 s"
+steps = 2
+[[stage]]
+name = "slide"
+velocity = "0.1 mm/s"
+duration = "1 s"
+[output]
+figures = false
+"""
+
+
+def test_a_singular_tangent_ends_with_code_3(tribox, case_file, block):
+    """A body loose above a gap: MUMPS fails, and would fail again on the factor it kept."""
+    text = block.split('[[boundary]]\nsurface = "top"')[0]
+    text = re.sub(r"elements = \[\d+, \d+\]", "elements = [1, 1]", text)
+    text = text.replace('kind = "two-blocks"', 'kind = "two-blocks"\ngap = "5 mm"')
+    text = text.replace('"neo-hookean"\nE = "70 GPa"', '"hencky"\nE = "70 GPa"')
+    text += "[solver]\nmin_step_fraction = 0.3\n"
+    done = tribox("run", case_file(text + SINGULAR), "--out", "out", process=True)
+    assert done.returncode == 3, done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert "stage press" in done.stderr
+
+
+def test_after_a_failure_the_contact_output_is_the_last_converged_state(
+    monkeypatch, case_file, block, tmp_path
+):
+    case = load_case(case_file(block + "fields_every = 0\n[solver]\nmin_step_fraction = 0.4\n"))
+    from app.implicit.stepper import ImplicitStepper
+
+    attempt = ImplicitStepper.attempt
+    calls = []
+
+    def lifted(self, dt):
+        calls.append(dt)
+        if len(calls) > 2:  # the top is pulled up, so the failed iterate has no contact
+            for part in self.problem.prescribed:
+                part.value = abs(part.value) * 3.0
+        result = attempt(self, dt)
+        if len(calls) > 2:
+            result.converged = False
+        return result
+
+    monkeypatch.setattr(ImplicitStepper, "attempt", lifted)
+    with pytest.raises(SolutionError):
+        run_case(case, tmp_path / "out", quiet=True)
+    with (tmp_path / "out" / "history.csv").open() as stream:
+        last = list(csv.DictReader(stream))[-1]
+    points = meshio.read(tmp_path / "out" / "contact" / f"{int(last['step']):06d}.vtu")
+    assert float(last["normal_force"]) > 0.0
+    assert points.point_data["pressure"].max() > 0.0
+
+
+def test_an_error_of_the_program_keeps_the_history(monkeypatch, case_file, block, tmp_path):
+    from app.results.recorder import Recorder
+
+    def broken(self, simulation, row, result):
+        if row.step == 2:
+            raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Recorder, "step", broken)
+    with pytest.raises(OSError, match="No space"):
+        run_case(load_case(case_file(block)), tmp_path / "out", quiet=True)
+    with (tmp_path / "out" / "history.csv").open() as stream:
+        assert len(list(csv.DictReader(stream))) == 2
+
+
+def test_a_failed_value_of_a_sweep_leaves_the_others_collated(tribox, case_file, block):
+    sweep = '[sweep]\nkey = "boundary.1.displacement.y"\nvalues = ["-0.01 mm", "-0.6 mm"]\n'
+    text = block.replace("steps = 3", "steps = 1").replace("steps = 6", "steps = 1")
+    text += "[solver]\nmin_step_fraction = 0.3\nmax_iterations = 8\n"
+    done = tribox("run", case_file(text + sweep), "--out", "out", process=True)
+    assert done.returncode == 3
+    home = case_file("").parent / "home" / "out"
+    with (home / "sweep.csv").open() as stream:
+        labels = {row["label"] for row in csv.DictReader(stream)}
+    assert labels == {"y=-0.01mm"}
+    parts = json.loads((home / "summary.json").read_text())["parts"]
+    assert parts["y=-0.01mm"]["status"] == "done"
+    assert parts["y=-0.6mm"]["status"] == "failed"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        (
+            '[[boundary]]\nsurface = "top"',
+            '[[boundary]]\nsurface = "elastomer_left"\ndisplacement = { x = 0 }\n'
+            '[[boundary]]\nsurface = "top"',
+            '"elastomer_left" and "top" share a node and both decide its displacement in x',
+        ),
+        ('master = "aluminium_contact"', 'master = "top"', "both on body elastomer"),
+        ('master = "aluminium_contact"', 'master = "bottom"', "inside bottom"),
+    ],
+)
+def test_what_cannot_be_is_refused_before_the_run(case_file, block, old, new, expected):
+    from mpi4py import MPI
+
+    case = load_case(case_file(block.replace(old, new)))
+    with pytest.raises(InputError, match=expected):
+        build_model(case, MPI.COMM_SELF)
+
+
+def test_equal_prescriptions_may_share_a_node(case_file, block):
+    from mpi4py import MPI
+
+    held = '[[boundary]]\nsurface = "aluminium_left"\ndisplacement = { x = 0 }\n'
+    text = block.replace('[[boundary]]\nsurface = "top"', held + '[[boundary]]\nsurface = "top"')
+    build_model(load_case(case_file(text)), MPI.COMM_SELF)
+
+
+def test_a_pair_given_twice_is_refused(case_file, block):
+    pair = (
+        '[[contact]]\nslave = "aluminium_contact"\nmaster = "elastomer_contact"\n'
+        '[contact.friction]\nlaw = "frictionless"\n'
+    )
+    with pytest.raises(InputError, match=r"this pair of surfaces is contact\.0 already"):
+        load_case(case_file(block.replace("[[boundary]]", pair + "[[boundary]]", 1)))
+
+
+def test_options_that_petsc_refuses_are_wrong_input(case_file, block, tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "history.csv").write_text("old")
+    case = load_case(case_file(block + '[solver.petsc]\npc_type = "nonsense"\n'))
+    with pytest.raises(InputError, match=r"solver\.petsc: .*nonsense"):
+        run_case(case, tmp_path / "out", force=True, quiet=True)
+    assert (tmp_path / "out" / "history.csv").read_text() == "old"
+
+
+def test_options_of_one_run_do_not_reach_the_next(case_file, block):
+    from mpi4py import MPI
+
+    limited = load_case(case_file(block + "[solver.petsc]\nsnes_max_it = 1\n"))
+    first = Simulation(build_model(limited, MPI.COMM_SELF))
+    assert first.stepper.snes.getTolerances()[3] == 1
+    second = Simulation(build_model(load_case(case_file(block)), MPI.COMM_SELF))
+    assert second.stepper.snes.getTolerances()[3] == 25
+
+
+def test_no_film_at_all_has_figures_too(case_file, film, tmp_path):
+    text = film.replace('"30 nm"', '"0 nm"').replace("figures = false", "figures = true")
+    text = text.replace('["1e-5 m/s", "2e-3 m/s"]', '["1e-5 m/s"]')
+    simulation = run_case(load_case(case_file(text)), tmp_path / "out", quiet=True)
+    assert simulation.rows[-1].tangential_force > 0.0
+    figures = {path.name for path in (tmp_path / "out" / "figures").iterdir()}
+    assert "friction_map.png" in figures
+    assert "effective_viscosity.png" not in figures
+
+
+def test_a_load_step_whose_steps_are_all_cut_still_becomes_steady(monkeypatch, case_file, film):
+    from mpi4py import MPI
+
+    from app.implicit.stepper import ImplicitStepper
+    from app.simulation.simulation import Observer
+
+    case = load_case(case_file(film.replace('["1e-5 m/s", "2e-3 m/s"]', '["1e-5 m/s"]')))
+    attempt = ImplicitStepper.attempt
+    whole = 4e-6 / 1e-5
+
+    def choosy(self, dt):
+        result = attempt(self, dt)
+        if np.isclose(dt, whole):
+            result.converged = False
+        return result
+
+    monkeypatch.setattr(ImplicitStepper, "attempt", choosy)
+    ends = []
+
+    class LoadSteps(Observer):
+        def load_step(self, simulation, load_step, row, steady):
+            ends.append(steady)
+
+    Simulation(build_model(case, MPI.COMM_SELF)).run(LoadSteps())
+    assert ends == [None, True]
+
+
+def test_plot_without_a_summary_and_with_a_broken_history(tribox, case_file, block):
+    path = case_file(block)
+    assert tribox("run", path, "--out", "out").returncode == 0
+    out = path.parent / "home" / "out"
+    (out / "summary.json").unlink()
+    assert tribox("plot", "out").returncode == 0
+    (out / "history.csv").write_text("step,time\n1,ab\n")
+    done = tribox("plot", "out")
+    assert done.returncode == 2
+    assert "cut off or not a table" in done.stderr
+
+
+def test_low_pressure_on_a_thick_onset_is_warned_of(case_file, film, tmp_path):
+    text = film.replace("mu_s = 0.12", 'film_onset_pressure = "0.3 MPa"\nmu_s = 0.12')
+    run_case(load_case(case_file(text)), tmp_path / "out", quiet=True)
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert any("film_onset_pressure" in line for line in summary["warnings"])
+    assert summary["film_onset_pressure"] == [0.3e6]

@@ -1,0 +1,100 @@
+"""The command line on several ranks: it starts them, and they fail and stop together."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from app.results.directory import read_table
+from app.simulation.contact_resultants import PHYSICAL
+
+SAME = 1e-9  # of each column's largest value, at a solver tolerance of 1e-11
+TIGHT = ("--set", "solver.tolerance=1e-11")
+
+pytestmark = pytest.mark.mpi
+
+
+def differences(mine: list[dict], theirs: list[dict]) -> dict[str, float]:
+    """Largest difference in each physical column, relative to the column's largest value."""
+    assert len(mine) == len(theirs)
+    found = {}
+    for name in PHYSICAL:
+        largest = max(abs(row[name]) for row in theirs)
+        apart = max(abs(a[name] - b[name]) for a, b in zip(mine, theirs, strict=True))
+        found[name] = apart / largest if largest > 0.0 else apart
+    return found
+
+
+def test_np_starts_the_ranks_itself(tribox, case_file, block, tmp_path):
+    path, histories = case_file(block), []
+    for ranks, options in ((1, {}), (2, {"process": True}), (3, {"ranks": 3})):
+        out = tmp_path / f"{ranks}"
+        words = ("--np", 2) if ranks == 2 else ()
+        result = tribox("run", path, "--out", out, *TIGHT, *words, **options)
+        assert result.returncode == 0, result.stderr
+        assert json.loads((out / "summary.json").read_text())["ranks"] == ranks
+        assert result.stdout.count("step    1 ") == 1
+        histories.append(read_table(out / "history.csv"))
+    for history in histories[1:]:
+        apart = differences(history, histories[0])
+        assert {k: v for k, v in apart.items() if v > SAME} == {}
+
+
+def test_ranks_refuse_together_with_one_line(tribox, case_file, block, tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "mine.txt").write_text("mine")
+    result = tribox("run", case_file(block), "--out", tmp_path / "out", ranks=2)
+    assert result.returncode == 2
+    said = [line for line in result.stderr.splitlines() if line.startswith("tribox: ")]
+    assert len(said) == 1 and "--force" in said[0]
+    assert [p.name for p in (tmp_path / "out").iterdir()] == ["mine.txt"]
+
+
+def test_ranks_give_up_together(tribox, case_file, film, tmp_path):
+    text = film.replace('thickness = "1 mm"', 'thickness = "1 mm"\ngap = "50 mm"', 1)
+    result = tribox(
+        *("run", case_file(text), "--out", tmp_path / "out"),
+        *("--set", "solver.min_step_fraction=0.6", "--set", "solver.max_iterations=5"),
+        ranks=2,
+    )
+    assert result.returncode == 3
+    said = [line for line in result.stderr.splitlines() if line.startswith("tribox: ")]
+    assert len(said) == 1 and "no solution" in said[0]
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["status"] == "failed"
+
+
+def children(pid: int) -> list[int]:
+    """Processes that a process has started."""
+    lists = Path(f"/proc/{pid}/task").glob("*/children")
+    return [int(word) for path in lists for word in path.read_text().split()]
+
+
+def test_ranks_stop_together_when_interrupted(case_file, block, environment, tmp_path):
+    words = ["run", str(case_file(block)), "--out", str(tmp_path / "out")]
+    words += ["--set", "stage.1.steps=2000"]
+    with subprocess.Popen(
+        ["mpirun", "--oversubscribe", "-n", "2", sys.executable, "-m", "app", *words],
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        bufsize=1,
+    ) as process:
+        for line in process.stdout:
+            if re.match(r"step +5 ", line):
+                # One rank only, and not mpirun, which kills the ranks a moment later.
+                os.kill(children(process.pid)[0], signal.SIGINT)
+                break
+        rest, _ = process.communicate(timeout=100.0)
+    assert process.returncode != 0 and "Traceback" not in rest
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    rows = read_table(tmp_path / "out" / "history.csv")
+    assert (summary["status"], summary["steps"]) == ("interrupted", len(rows))
+    assert 5 <= len(rows) < 2003

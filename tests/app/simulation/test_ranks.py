@@ -1,0 +1,415 @@
+"""Results do not depend on the number of ranks: in the plane, round an axis and in space.
+
+Each number of ranks is one start of MPI that runs all cases, so that starting takes little of the
+time; the cases themselves are as small as they can be with stick, slip, film and lift-off in them.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import adios2
+import meshio
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from app.case.case import Case
+from app.results.directory import read_table
+from app.run.run import run_case
+from app.simulation.contact_resultants import PHYSICAL, RESULTANTS
+from tests.app.conftest import FILM as STEADY
+from tests.app.conftest import SLID
+
+ROOT = Path(__file__).parents[3]
+RANKS = (1, 2, 3, 4)
+SAME = 1e-9  # of each column's largest value, at a solver tolerance of 1e-11
+pytestmark = [pytest.mark.mpi, pytest.mark.slow]
+
+BODIES = """
+[bodies.elastomer]
+material = "mooney-rivlin"
+C10 = "0.738 MPa"
+C01 = "0.184 MPa"
+K = "10 MPa"
+density = "1100 kg/m^3"
+[bodies.aluminium]
+material = "hencky"
+E = "50 MPa"
+nu = 0.33
+density = "2700 kg/m^3"
+[output]
+figures = false
+fields_every = 3
+"""
+COULOMB = """
+[[contact]]
+slave = "elastomer_contact"
+master = "aluminium_contact"
+friction = { law = "coulomb", mu = 0.3 }
+"""
+FILM = """
+[[contact]]
+slave = "elastomer_contact"
+master = "aluminium_contact"
+film = { thickness = "30 nm" }
+[contact.friction]
+law = "friction-map"
+preset = "friction-map"
+mu_s = 0.12
+mu_d = 0.10
+A_d = "1 um"
+B = "1e6 1/m"
+K_T = "1e12 Pa/m"
+alpha = 0.5
+V_star = "1 mm/s"
+V_star_at = "10 nm"
+"""
+# Without a fall of friction with slip or speed, where dynamics are chaotic: there a change of the
+# speed by 1e-13 changes forces by 1e-3 after a thousand steps, and that on one rank.
+STEADY_FILM = FILM.replace("mu_s = 0.12", "mu_s = 0.10").replace('"1 mm/s"', '"0.3 m/s"')
+BOXES = """
+[geometry]
+kind = "two-boxes"
+upper = { width = "1 mm", height = "0.4 mm", depth = "0.6 mm", elements = [3, 2, 2] }
+lower = { width = "2 mm", height = "0.8 mm", depth = "1 mm", elements = [5, 4, 3] }
+"""
+BLOCKS = """
+[geometry]
+kind = "two-blocks"
+thickness = "1 mm"
+upper = { width = "1 mm", height = "0.4 mm", elements = [6, 3] }
+lower = { width = "2 mm", height = "0.8 mm", elements = [8, 4] }
+"""
+# Pressed by a platen, dragged over a film in two regimes, and let go but for a hundredth.
+PLATEN = """
+[[boundary]]
+surface = "bottom"
+displacement = { x = 0, y = 0, z = 0 }
+[[boundary]]
+surface = "top"
+displacement = { x = "driven", z = 0 }
+[boundary.platen]
+direction = "y"
+pressure = [["0 s", 0], ["1 s", "0.5 MPa"], ["2.1 s", "0.5 MPa"], ["2.2 s", "5 kPa"]]
+[[stage]]
+name = "press"
+duration = "1 s"
+steps = 2
+rate_dependent = false
+[[stage]]
+name = "slide"
+duration = "1 s"
+steps = 3
+velocity = "1e-2 mm/s"
+[[stage]]
+name = "fast"
+duration = "0.1 s"
+steps = 2
+velocity = "1 mm/s"
+[[stage]]
+name = "release"
+duration = "0.1 s"
+steps = 3
+velocity = "1 mm/s"
+"""
+# Pressed, dragged to and fro, and lifted off altogether.
+LIFTED = """
+[[boundary]]
+surface = "bottom"
+displacement = { x = 0, y = 0, z = 0 }
+[[boundary]]
+surface = "top"
+[boundary.displacement]
+x = [["1 s", "0 mm"], ["2 s", "0.1 mm"], ["3 s", "0.08 mm"]]
+y = [["0 s", "0 mm"], ["1 s", "-0.03 mm"], ["3 s", "-0.02 mm"], ["4 s", "0.02 mm"]]
+z = [["1 s", "0 mm"], ["2 s", "0.05 mm"]]
+[[stage]]
+name = "all"
+duration = "4 s"
+steps = 12
+"""
+# A ring or a sphere cannot be dragged: it spreads as it is pressed, sticks at first and slips.
+PRESSED = """
+[[boundary]]
+surface = "bottom"
+displacement = { x = 0, y = 0 }
+[[boundary]]
+surface = "top"
+[boundary.displacement]
+x = 0
+y = [["0 s", "0 mm"], ["2 s", "-0.1 mm"], ["4 s", "0.02 mm"]]
+[[stage]]
+name = "all"
+duration = "4 s"
+steps = 8
+"""
+# Pressed by a platen, dragged, and pulled off: about a thousand time steps.
+THROWN = """
+[[boundary]]
+surface = "bottom"
+displacement = { x = 0, y = 0, z = 0 }
+[[boundary]]
+surface = "top"
+displacement = { x = "driven", z = "driven", direction = [0.8, 0, 0.6] }
+[boundary.platen]
+direction = "y"
+[boundary.platen.pressure]
+table = [["0 s", 0], ["0.1 ms", "0.3 MPa"], ["0.2 ms", "0.3 MPa"], ["0.26 ms", "-0.2 MPa"]]
+ramp = "smooth"
+[[stage]]
+name = "all"
+duration = "0.36 ms"
+steps = 6
+velocity = "0.3 m/s"
+ramp = "0.15 ms"
+[solver]
+kind = "explicit"
+"""
+TIGHT = "[solver]\ntolerance = 1e-11\n"
+# A partition that knows nothing of contact leaves ranks without any.
+APART = TIGHT + 'partition = "cells"\n'
+KRYLOV = TIGHT + 'linear = "krylov"\npetsc = { ksp_rtol = 1e-12, ksp_max_it = 2000 }\n'
+
+
+def _plane(text: str) -> str:
+    """The same without the third direction."""
+    for part in (', z = "driven", direction = [0.8, 0, 0.6]', ", z = 0"):
+        text = text.replace(part, "")
+    return "\n".join(line for line in text.splitlines() if not line.startswith("z = ")) + "\n"
+
+
+_RINGS = BLOCKS.replace('thickness = "1 mm"', 'section = "axisymmetric"')
+_TETS = BOXES.replace('kind = "two-boxes"', 'kind = "two-boxes"\ncell = "tetrahedron"')
+_SLID = SLID.replace('duration = "20 us"', 'duration = "13 us"')
+_ROUND = (
+    _plane(THROWN).replace('"driven"', "0").replace('velocity = "0.3 m/s"\nramp = "0.15 ms"\n', "")
+)
+CASES = {
+    "plane-steady": STEADY + TIGHT,
+    "plane-explicit": _SLID,
+    "plane-film": BLOCKS + BODIES + FILM + _plane(PLATEN) + TIGHT,
+    "plane-lifted": BLOCKS + BODIES + COULOMB + _plane(LIFTED) + KRYLOV,
+    "rings": _RINGS + BODIES + COULOMB + PRESSED + APART,
+    "hexes-film": BOXES + BODIES + FILM + PLATEN + TIGHT,
+    "hexes-lifted": BOXES + BODIES + COULOMB + LIFTED + KRYLOV,
+    "tets-lifted": _TETS + BODIES + COULOMB + LIFTED + APART,
+    "rings-explicit": _RINGS + BODIES + COULOMB + _ROUND,
+    "hexes-explicit": BOXES + BODIES + STEADY_FILM + THROWN,
+}
+# Explicit steps make ranks wait for each other many times each.
+_FEWER = {
+    "plane-steady": (1, 2, 3),
+    "plane-explicit": (1, 2, 3),
+    "rings-explicit": (1, 3),
+    "hexes-explicit": (1, 4),
+}
+SLIDING = ("plane-steady", "plane-explicit")  # the others lift off
+RANKS_OF = {case: _FEWER.get(case, RANKS) for case in CASES}
+
+
+# -- runs -----------------------------------------------------------------------------------------
+
+
+def run_all(directory: Path) -> None:
+    """Run all cases on the ranks there are, and note how the contact is shared out; collective."""
+    comm, facets = MPI.COMM_WORLD, {}
+    for name, text in CASES.items():
+        if comm.size not in RANKS_OF[name]:
+            continue
+        case = Case.model_validate(tomllib.loads(text))
+        mesh = run_case(case, directory / name, quiet=True).model.named
+        owned = mesh.mesh.topology.index_map(mesh.mesh.topology.dim - 1).size_local
+        surfaces = [mesh.facets(f"{body}_contact") for body in case.bodies]
+        facets[name] = comm.allgather([int(np.sum(surface < owned)) for surface in surfaces])
+    if comm.rank == 0:
+        (directory / "facets.json").write_text(json.dumps(facets))
+
+
+RUN = "import sys; from pathlib import Path; from tests.app.simulation.test_ranks import run_all; "
+RUN += "run_all(Path(sys.argv[1]))"
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory, environment) -> Path:
+    """Results of all cases on each number of ranks, in a directory named after it."""
+    where = tmp_path_factory.mktemp("ranks")
+    for ranks in RANKS:
+        directory = where / f"{ranks}"
+        directory.mkdir()
+        start = ["mpirun", "--oversubscribe", "-n", str(ranks), sys.executable, "-m", "mpi4py"]
+        done = subprocess.run(
+            [*start, "-c", RUN, str(directory)],
+            cwd=ROOT,
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=250.0,
+        )
+        assert done.returncode == 0, done.stderr
+    return where
+
+
+def rows_of(results: Path, ranks: int, case: str) -> list[dict]:
+    return read_table(results / f"{ranks}" / case / "history.csv")
+
+
+def largest(rows: list[dict], name: str) -> float:
+    """What differences in a column are held against: its largest value, or that of the force."""
+    same = (name,)
+    if name in RESULTANTS:
+        same = tuple(other for other in RESULTANTS if other.startswith("force"))
+    lever = 1e-3 if name == "twist_moment" else 1.0  # m, about half the width
+    return lever * max(abs(row[other]) for row in rows for other in same)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_history(results, case):
+    """All physical columns, also the resultants in space, agree row by row with those of a rank."""
+    alone = rows_of(results, 1, case)
+    names = (*PHYSICAL, *RESULTANTS)
+    for ranks in RANKS_OF[case][1:]:
+        rows = rows_of(results, ranks, case)
+        assert [row["stage"] for row in rows] == [row["stage"] for row in alone]
+        apart = {
+            name: max(abs(a[name] - b[name]) for a, b in zip(rows, alone, strict=True))
+            for name in names
+        }
+        assert {n: v for n, v in apart.items() if v > SAME * largest(alone, n)} == {}, ranks
+
+
+def test_motion_of_a_thousand_steps(results):
+    alone, *others = (
+        read_table(results / f"{ranks}" / "plane-explicit" / "motion.csv")
+        for ranks in RANKS_OF["plane-explicit"]
+    )
+    rows = rows_of(results, 1, "plane-explicit")
+    assert sum(row["attempts"] for row in rows[2:]) > 1000
+    for name in alone[0]:
+        # The aluminium hardly moves: its velocity is round-off beside that of the layer.
+        if not name.startswith("aluminium"):
+            mine = np.array([row[name] for row in alone])
+            for other in others:
+                apart = np.max(np.abs(np.array([row[name] for row in other]) - mine))
+                assert apart <= SAME * np.max(np.abs(mine)), name
+
+
+@pytest.mark.parametrize("case", [case for case in CASES if case not in SLIDING])
+def test_the_cases_stick_slide_and_lift_off(results, case):
+    rows = rows_of(results, 1, case)
+    area = [row["contact_area"] for row in rows]
+    assert max(row["stick_fraction"] for row in rows) > 0.2
+    assert any(0.0 < row["stick_fraction"] < 0.5 for row in rows)
+    assert rows[-1]["dissipation"] > 0.0
+    assert area[-1] < (0.7 if case.endswith("film") else 1e-9) * max(area)
+    if case.endswith("film"):
+        assert max(row["viscous_fraction"] for row in rows) > 0.8
+
+
+def test_a_rank_may_own_no_contact_facet(results):
+    """One rank has neither slave nor master facets; another has slaves and no masters."""
+    shares = [
+        tuple(share)
+        for ranks in RANKS
+        for found in json.loads((results / f"{ranks}" / "facets.json").read_text()).values()
+        for share in found
+    ]
+    assert (0, 0) in shares
+    assert any(slave > 0 and master == 0 for slave, master in shares)
+    assert any(slave == 0 and master > 0 for slave, master in shares)
+    for case in CASES:
+        sums = {
+            ranks: np.sum(
+                json.loads((results / f"{ranks}" / "facets.json").read_text())[case], axis=0
+            ).tolist()
+            for ranks in RANKS_OF[case]
+        }
+        assert all(total == sums[1] for total in sums.values()), case
+
+
+@pytest.mark.parametrize("case", ["plane-film", "hexes-film", "hexes-explicit"])
+def test_all_ranks_write_one_output(results, case):
+    """Fields, contact points and motion hold all of the bodies, whoever computed them."""
+    found = {ranks: _outputs(results / f"{ranks}" / case, ranks) for ranks in RANKS_OF[case]}
+    for ranks in RANKS_OF[case][1:]:
+        assert found[ranks].keys() == found[1].keys()
+        for name, expected in found[1].items():
+            scale = np.abs(expected).max()
+            np.testing.assert_allclose(
+                found[ranks][name], expected, rtol=0, atol=1e-8 * scale, err_msg=f"{name} {ranks}"
+            )
+
+
+def _outputs(directory: Path, ranks: int) -> dict[str, np.ndarray]:
+    """Numbers of the last output that do not depend on how points are numbered."""
+    out: dict[str, np.ndarray] = {}
+    with adios2.FileReader(str(directory / "fields.bp")) as file:
+        last = [file.num_steps() - 1, 1]
+        place, moved = (
+            np.concatenate(
+                [
+                    file.read(name, block_id=rank, step_selection=last).reshape(-1, 3)
+                    for rank in range(ranks)
+                ]
+            )
+            for name in ("geometry", "displacement")
+        )
+    # Nodes shared by ranks are written by each of them; a node of each body may be at one place.
+    both = np.round(np.hstack([place / 1e-9, moved / 1e-10]))
+    _, once = np.unique(both, axis=0, return_index=True)
+    out["nodes"], out["displacement"] = place[once], moved[once]
+    series = sorted((directory / "contact").glob("*.vtu"))
+    points = meshio.read(series[-2])  # the last one may have no contact left
+    out["points"] = points.points
+    out |= {name: np.asarray(points.point_data[name]) for name in ("pressure", "slip_path")}
+    if (directory / "motion.csv").exists():
+        motion = read_table(directory / "motion.csv")
+        values = np.array([list(map(float, row.values())) for row in motion])
+        out["motion"] = values / np.abs(values).max(axis=0)
+    return out
+
+
+# -- failures -------------------------------------------------------------------------------------
+
+
+FAILURES = [
+    (
+        "hexes-lifted",
+        '[[boundary]]\nsurface = "elastomer_left"\ndisplacement = { x = "0.1 mm" }\n',
+        (),
+        2,
+        '"top" and "elastomer_left" share a node',
+    ),
+    (
+        "hexes-lifted",
+        "",
+        ("solver.min_step_fraction=0.6", "solver.max_iterations=2"),
+        3,
+        "no solution even with a step of",
+    ),
+    (
+        "hexes-explicit",
+        "",
+        ("bodies.elastomer.velocity={ y = -300, z = -50 }",),
+        3,
+        "an element has been turned inside out at (",
+    ),
+]
+
+
+@pytest.mark.parametrize(("case", "more", "changes", "code", "said"), FAILURES)
+def test_ranks_fail_together(tribox, case_file, tmp_path, case, more, changes, code, said):
+    """One line, the exit code, and an end: no rank is left waiting for one that gave up."""
+    out = tmp_path / "out"
+    words = [word for change in changes for word in ("--set", change)]
+    done = tribox("run", case_file(CASES[case] + more), "--out", out, *words, ranks=3)
+    assert done.returncode == code, done.stdout + done.stderr
+    [line] = [line for line in done.stderr.splitlines() if line.startswith("tribox: ")]
+    assert said in line and "Traceback" not in done.stderr
+    assert out.exists() == (code == 3)
+    if code == 3:
+        assert json.loads((out / "summary.json").read_text())["status"] == "failed"

@@ -1,0 +1,195 @@
+"""Contact that opens and closes again, and corners that slide over the edges of a master."""
+
+from __future__ import annotations
+
+import copy
+import math
+import tomllib
+from itertools import pairwise
+from pathlib import Path
+
+import gmsh
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from app.build.model import build_model
+from app.case.case import Case
+from app.simulation.contact_resultants import Row
+from app.simulation.simulation import Observer, Simulation
+
+MM = 1e-3
+
+
+class Cuts(Observer):
+    """Counts the attempts that failed."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def cut(self, simulation, dt, result):
+        self.count += 1
+
+
+def simulate(data: dict) -> tuple[Simulation, int]:
+    """The case solved with the default settings; and how often a step was cut."""
+    run, cuts = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF)), Cuts()
+    run.run(cuts)
+    return run, cuts.count
+
+
+# -- lift-off and re-contact ----------------------------------------------------------------------
+
+# Corners of the path of the upper block (time in s, x and y in mm): press, slide, lift off until
+# nothing touches, move on in the air, press again, slide back.
+PATH = [
+    (0.0, 0.0, 0.0),
+    (1.0, 0.0, -0.05),
+    (2.0, 0.15, -0.05),
+    (3.0, 0.15, 0.02),
+    (4.0, 0.25, 0.02),
+    (5.0, 0.25, -0.05),
+    (6.0, 0.1, -0.05),
+]
+STAGES = ("press", "slide", "lift", "move", "press again", "slide back")
+# The same without the first contact: off and away at once.
+FRESH = [(0.0, 0.0, 0.0), (3.0, 0.0, 0.02), *PATH[4:]]
+
+
+def along(text: str, path: list[tuple[float, float, float]]) -> dict:
+    data = tomllib.loads(text)
+    data["boundary"][1]["displacement"] = {
+        "x": [[t, x * MM] for t, x, _ in path],
+        "y": [[t, y * MM] for t, _, y in path],
+    }
+    data["stage"] = [{"name": name, "duration": 1.0, "steps": 6} for name in STAGES]
+    data["contact"][0]["quadrature_degree"] = 3  # the bounds below are those of two points a facet
+    return data
+
+
+@pytest.fixture(scope="module")
+def lifted(block) -> tuple[Simulation, int]:
+    return simulate(along(block, PATH))
+
+
+def test_lift_off_and_re_contact_need_no_tuning(lifted):
+    run, cuts = lifted
+    assert cuts == 0
+    assert max(row.newton_iterations for row in run.rows) <= 12
+
+
+def test_nothing_acts_while_the_contact_is_open(lifted):
+    run, _ = lifted
+    touching = {row.stage for row in run.rows if row.contact_area > 0.0}
+    assert "move" not in touching and "press again" in touching
+    for row in run.rows:
+        if row.stage == "move":
+            assert row.normal_force == row.tangential_force == row.interface_energy == 0.0
+            # What is left of the strain energy is round-off of the displacements.
+            assert row.strain_energy <= 1e-12 * max(r.strain_energy for r in run.rows)
+
+
+def test_second_contact_is_that_of_a_fresh_run(block, lifted):
+    run, _ = lifted
+    fresh, _ = simulate(along(block, FRESH))
+    ours, theirs = ([r for r in s.rows if r.time > 4.0] for s in (run, fresh))
+    assert len(ours) == len(theirs) == 12
+    for name in ("normal_force", "tangential_force", "contact_area", "strain_energy"):
+        a, b = (np.array([getattr(r, name) for r in rows]) for rows in (ours, theirs))
+        assert np.max(np.abs(a - b)) <= 1e-7 * np.max(np.abs(b)), name
+    lost = [rows[-1].dissipation - rows[0].dissipation for rows in (ours, theirs)]
+    assert lost[0] == pytest.approx(lost[1], rel=1e-6)
+    assert run.rows[-1].tangential_force == pytest.approx(-0.2 * run.rows[-1].normal_force, 1e-5)
+
+
+# -- edges of a master ----------------------------------------------------------------------------
+
+KINKS = (0.0, 1.2, 1.5, 1.8, 3.0)  # mm, where the top of the lower block may change its slope
+FACETS = (6, 2, 2, 6)
+
+
+def write_mesh(path: Path, degrees: float) -> None:
+    """A block of 10 x 5 cells on a wider one whose top has a ridge (or groove: negative)."""
+    rise = 0.3 * np.tan(np.radians(degrees))
+    gmsh.initialize(interruptible=False)  # or it would take Ctrl-C from all that follows
+    gmsh.option.setNumber("General.Terminal", 0)
+    geo = gmsh.model.geo
+    low = [geo.addPoint(x, -0.5, 0.0) for x in KINKS]
+    high = [geo.addPoint(x, rise * (i == 2), 0.0) for i, x in enumerate(KINKS)]
+    bottom = [geo.addLine(*low[i : i + 2]) for i in range(4)]
+    master = [geo.addLine(*high[i : i + 2]) for i in range(4)]
+    sides = [geo.addLine(a, b) for a, b in zip(low, high, strict=True)]
+    loops = [[bottom[i], sides[i + 1], -master[i], -sides[i]] for i in range(4)]
+    corners = [geo.addPoint(x, y, 0.0) for x, y in ((0.1, 0.0), (1.1, 0.0), (1.1, 0.5), (0.1, 0.5))]
+    around = [geo.addLine(corners[i], corners[(i + 1) % 4]) for i in range(4)]
+    areas = [geo.addPlaneSurface([geo.addCurveLoop(loop)]) for loop in (*loops, around)]
+    divisions = [(bottom, FACETS), (master, FACETS), (sides, [3] * 5), (around, (10, 5, 10, 5))]
+    for lines, counts in divisions:
+        for line, count in zip(lines, counts, strict=True):
+            geo.mesh.setTransfiniteCurve(line, count + 1)
+    for area in areas:
+        geo.mesh.setTransfiniteSurface(area)
+        geo.mesh.setRecombine(2, area)
+    geo.synchronize()
+    groups = {
+        (2, "aluminium"): areas[:4],
+        (2, "elastomer"): areas[4:],
+        (1, "bottom"): bottom,
+        (1, "aluminium_contact"): master,
+        (1, "elastomer_contact"): around[:1],
+        (1, "top"): around[2:3],
+    }
+    for (dimension, name), tags in groups.items():
+        gmsh.model.addPhysicalGroup(dimension, tags, name=name)
+    gmsh.model.mesh.generate(2)
+    gmsh.model.mesh.affineTransform([MM, 0, 0, 0, 0, MM, 0, 0, 0, 0, MM, 0])
+    gmsh.write(str(path))
+    gmsh.finalize()
+
+
+def over_the_edges(block: str, tmp_path: Path, degrees: float, mu: float) -> tuple[Simulation, int]:
+    """The block pressed, and slid over the edges by more than its length; and how many cuts."""
+    write_mesh(tmp_path / "ridge.msh", degrees)
+    data = copy.deepcopy(tomllib.loads(block))
+    data["geometry"] = {"kind": "file", "mesh": str(tmp_path / "ridge.msh"), "thickness": MM}
+    data["contact"][0]["friction"]["mu"] = mu
+    data["boundary"][1]["displacement"]["x"] = [[1.0, 0.0], [2.0, 1.4 * MM]]
+    data["stage"] = [
+        {"name": "press", "duration": 1.0, "steps": 4},
+        {"name": "slide", "duration": 1.0, "steps": 28},
+    ]
+    run, cuts = simulate(data)
+    assert run.rows[-1].time == pytest.approx(2.0, rel=1e-12)
+    assert all(b.dissipation >= a.dissipation for a, b in pairwise(run.rows))
+    return run, cuts
+
+
+def load_of(run: Simulation) -> float:
+    """Sum of what the points carry along their normals, N."""
+    (term,), (trial,) = run.model.problem.contacts, run.model.problem.committed
+    return float(term.surface.slave.weight @ trial.pressure) * MM
+
+
+@pytest.mark.parametrize("degrees", [2.0, 10.0, -2.0, -10.0])
+def test_block_slides_over_the_edges_of_a_coarse_master(block, tmp_path, degrees):
+    """Corners and points pass convex and concave edges with the default settings."""
+    run, cuts = over_the_edges(block, tmp_path, degrees, 0.2)
+    rows: list[Row] = run.rows
+    assert cuts <= 4 and sum(row.newton_iterations for row in rows) <= 600
+    # All points slide: mu times their loads, whose resultant is less where normals differ.
+    load = load_of(run)
+    assert rows[-1].tangential_force == pytest.approx(0.2 * load, rel=5e-3)
+    assert load == pytest.approx(rows[-1].normal_force, rel=1.0 - math.cos(math.radians(degrees)))
+    # The surface is no longer flat: pressure, too, pushes along it.
+    assert max(abs(row.drag - row.tangential_force) for row in rows) > 2e-3
+
+
+@pytest.mark.parametrize("degrees", [10.0, 15.0])
+def test_block_is_dragged_over_a_ridge_by_much_friction(block, tmp_path, degrees):
+    """Parts of it catch, let go and catch again; few steps need to be cut."""
+    run, cuts = over_the_edges(block, tmp_path, degrees, 0.5)
+    assert cuts <= 6
+    slid = [row for row in run.rows if row.stage == "slide"][8:]
+    assert max(row.stick_fraction for row in slid) > 0.1
+    assert 0.3 < min(row.friction_coefficient for row in slid)
+    assert run.rows[-1].tangential_force < 0.5 * load_of(run)

@@ -1,0 +1,409 @@
+"""Stages, steps that are cut, steps that cannot be solved, and runs that are interrupted."""
+
+from __future__ import annotations
+
+import copy
+import json
+import re
+import signal
+import subprocess
+import sys
+import tomllib
+import xml.etree.ElementTree as ET
+from dataclasses import asdict, fields
+
+import meshio
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from app.build.model import build_model
+from app.case.case import Case
+from app.errors import SolutionError
+from app.implicit.stepper import ImplicitStepper
+from app.results.directory import read_table
+from app.run.run import run_case
+from app.simulation.contact_resultants import PHYSICAL, Row
+from app.simulation.simulation import Observer, Simulation
+
+TIGHT = {"tolerance": 1e-11}
+# Between runs of the same steps, only the start of Newton's iteration differs.
+SAME = 1e-9
+
+
+class Cuts(Observer):
+    """Keeps the lengths of the steps that were cut."""
+
+    def __init__(self) -> None:
+        self.lengths: list[float] = []
+
+    def cut(self, simulation, dt, result):
+        self.lengths.append(dt)
+
+
+def plain(text: str, **solver) -> dict:
+    """The case as plain data, solved tightly, without figures."""
+    data = tomllib.loads(text)
+    data["solver"] = {**TIGHT, **solver}
+    return data
+
+
+def simulate(data: dict, observer: Observer | None = None) -> Simulation:
+    simulation = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
+    simulation.run(observer or Observer())
+    return simulation
+
+
+def film_at_one_velocity(text: str, **solver) -> dict:
+    """The film case slid for a time, its stage being cut into equal steps."""
+    data = plain(text, **solver)
+    # Fast enough for the film to carry a good part of the friction.
+    data["stage"][1] = {"name": "slide", "velocity": 2e-4, "duration": 0.1, "steps": 4}
+    return data
+
+
+def replay(data: dict, rows: list[Row]) -> Simulation:
+    """The case again with exactly the steps that were taken, each a stage of its own."""
+    again = copy.deepcopy(data)
+    driven = {s["name"]: s.get("velocity") for s in data["stage"]}
+    rated = {s["name"]: s.get("rate_dependent", True) for s in data["stage"]}
+    again["stage"] = [
+        {
+            "name": f"{row.step}",
+            "duration": row.dt,
+            "steps": 1,
+            "rate_dependent": rated[row.stage],
+            **({} if driven[row.stage] is None else {"velocity": driven[row.stage]}),
+        }
+        for row in rows
+    ]
+    again["solver"] = dict(TIGHT)
+    return simulate(again)
+
+
+def assert_same_history(mine: list[Row], theirs: list[Row], tolerance: float = SAME) -> None:
+    assert len(mine) == len(theirs)
+    for name in PHYSICAL:
+        a, b = (np.array([getattr(row, name) for row in rows]) for rows in (mine, theirs))
+        largest = np.max(np.abs(b))
+        # The energy error is a small difference of energies: it is compared with these.
+        if name == "energy_error":
+            largest = max(row.external_work for row in theirs)
+        assert np.max(np.abs(a - b)) <= tolerance * largest, name
+
+
+def flat(value: object) -> list[np.ndarray]:
+    """All arrays and numbers in nested dataclasses."""
+    if hasattr(value, "__dataclass_fields__"):
+        return [a for f in fields(value) for a in flat(getattr(value, f.name))]
+    return [np.array(value)]
+
+
+@pytest.mark.parametrize("kind", ["coulomb", "film"])
+def test_a_step_that_was_cut_ends_where_its_pieces_would_have(monkeypatch, block, film, kind):
+    data = plain(block) if kind == "coulomb" else film_at_one_velocity(film)
+    attempt = ImplicitStepper.attempt
+    untouched = []
+
+    def fail_twice(stepper, dt):
+        """Solve and then deny it, at the first two attempts of the fifth step."""
+        state = [term.state for term in stepper.problem.contacts]
+        before = [a.copy() for s in (stepper.x.array_r, *state) for a in flat(s)]
+        result = attempt(stepper, dt)
+        calls.append(dt)
+        after = [a for s in (stepper.x.array_r, *state) for a in flat(s)]
+        untouched.append(all(np.array_equal(a, b) for a, b in zip(before, after, strict=True)))
+        if len(calls) in (5, 6):
+            result.converged = False
+        return result
+
+    calls: list[float] = []
+    monkeypatch.setattr(ImplicitStepper, "attempt", fail_twice)
+    seen = Cuts()
+    run = simulate(data, seen)
+    monkeypatch.undo()
+    whole = run.rows[3].dt
+    assert seen.lengths == pytest.approx([whole, whole / 2])
+    # Pieces grow back after an easy one: a quarter, a half, and the quarter that is left.
+    assert [row.dt / whole for row in run.rows[4:7]] == pytest.approx([0.25, 0.5, 0.25])
+    assert [row.attempts for row in run.rows[3:7]] == [1, 3, 1, 1]
+    assert all(untouched)
+    assert run.rows[-1].time == pytest.approx(2.0 if kind == "coulomb" else 1.1, rel=1e-14)
+    assert_same_history(run.rows, replay(data, run.rows).rows)
+
+
+def test_steps_cut_for_want_of_iterations_end_where_their_pieces_would_have(block):
+    data = plain(block, max_iterations=2)
+    data["stage"][1]["steps"] = 1
+    seen = Cuts()
+    run = simulate(data, seen)
+    assert seen.lengths and len(run.rows) > 4
+    assert_same_history(run.rows, replay(data, run.rows).rows)
+
+
+def test_stages_continue_each_other(block):
+    """A stage cut in two is the same run: nothing but the time goes from one to the next."""
+    data = plain(block)
+    halves = copy.deepcopy(data)
+    press, slide = data["stage"]
+    halves["stage"] = [
+        press,
+        {**slide, "name": "a", "duration": 0.5, "steps": 3},
+        {**slide, "name": "b", "duration": 0.5, "steps": 3},
+    ]
+    assert_same_history(simulate(halves).rows, simulate(data).rows, 1e-12)
+
+
+def test_film_comes_into_play_with_the_first_stage_that_feels_rates(film):
+    data = film_at_one_velocity(film)
+    run = simulate(data)
+    assert all(row.viscous_fraction == 0.0 for row in run.rows[:3])
+    # Without rate effects the film's traction is missing, and with it its share of friction.
+    data["stage"][1]["rate_dependent"] = False
+    dry = simulate(data)
+    carried = run.rows[-1].tangential_force / dry.rows[-1].tangential_force
+    assert carried != pytest.approx(1.0, rel=0.05)
+
+
+def test_velocities_end_when_steady_or_say_that_they_are_not(film):
+    data = plain(film)
+    load_steps = []
+
+    class LoadSteps(Observer):
+        def load_step(self, simulation, load_step, row, steady):
+            load_steps.append((load_step.label, row.step, steady))
+
+    simulate(data, LoadSteps())
+    assert [(label, steady) for label, _, steady in load_steps] == [
+        ("press", None),
+        ("slide 1e-05 m/s", True),
+        ("slide 0.002 m/s", True),
+    ]
+    assert load_steps[2][1] - load_steps[1][1] >= 5  # min_steps
+    load_steps.clear()
+    data["stage"][1] |= {"max_steps": 5, "steady_tolerance": 1e-13}
+    simulate(data, LoadSteps())
+    assert [steady for _, _, steady in load_steps] == [None, False, False]
+    assert [step for _, step, _ in load_steps] == [3, 8, 13]
+
+
+# -- steps without a solution ---------------------------------------------------------------------
+
+
+def test_a_body_that_nothing_holds_ends_with_code_3(tribox, case_file, film, tmp_path):
+    # The platen pushes the layer across a gap far wider than its elements.
+    text = film.replace('thickness = "1 mm"', 'thickness = "1 mm"\ngap = "50 mm"', 1)
+    out = tmp_path / "out"
+    result = tribox("run", case_file(text), "--out", out, "--set", "solver.min_step_fraction=0.4")
+    assert result.returncode == 3
+    [line] = result.stderr.splitlines()
+    assert re.fullmatch(
+        r"tribox: stage press, time 0 s: no solution .* at \(\S+, \S+\) m, .*; body elastomer has "
+        r"no support in y and no contact presses on it; try a support .*",
+        line,
+    )
+    summary = json.loads((out / "summary.json").read_text())
+    assert (summary["status"], summary["steps"]) == ("failed", 0)
+    assert read_table(out / "history.csv") == []
+
+
+def test_a_run_that_breaks_off_keeps_what_it_had(block, tmp_path):
+    data = plain(block, min_step_fraction=0.1)
+    data["boundary"][1]["displacement"]["y"].append(["2 s", "-0.7 mm"])  # through the block
+    with pytest.raises(SolutionError, match=r"^stage slide, time \S+ s: no solution") as caught:
+        run_case(Case.model_validate(data), tmp_path / "out", quiet=True, comm=MPI.COMM_SELF)
+    rows = read_table(tmp_path / "out" / "history.csv")
+    assert len(rows) >= 3 and rows[-1]["time"] < 2.0
+    assert all(np.isfinite(value) for row in rows for key, value in row.items() if key != "stage")
+    assert f"time {rows[-1]['time']:.6g} s" in str(caught.value)
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert (summary["status"], summary["steps"]) == ("failed", len(rows))
+    points = meshio.read(tmp_path / "out" / "contact" / f"{len(rows):06d}.vtu")
+    assert np.all(np.isfinite(points.point_data["pressure"]))
+
+
+# -- files ----------------------------------------------------------------------------------------
+
+POINT_DATA = {
+    *("reference", "pair", "gap", "slip_increment", "slip_path", "film_thickness", "slip_rate"),
+    *("pressure", "tangential_traction", "alpha", "regime", "dissipation"),
+}
+
+
+def outputs(directory) -> list[tuple[float, str]]:
+    sets = ET.parse(directory / "contact.pvd").getroot().iter("DataSet")
+    return [(float(s.attrib["timestep"]), s.attrib["file"]) for s in sets]
+
+
+def test_results_agree_with_the_history(block, tmp_path):
+    data = plain(block)
+    data["contact"][0]["quadrature_degree"] = 3
+    out = tmp_path / "out"
+    case = Case.model_validate(data)
+    run = run_case(case, out, quiet=True, comm=MPI.COMM_SELF)
+    rows = read_table(out / "history.csv")
+    assert [tuple(row.values()) for row in rows] == [tuple(asdict(r).values()) for r in run.rows]
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["status"] == "done" and summary["ranks"] == 1 and summary["steps"] == 9
+    assert [load_step["label"] for load_step in summary["load_steps"]] == ["press", "slide"]
+    assert {k: summary["load_steps"][1][k] for k in rows[-1]} == rows[-1]
+    assert summary["newton_iterations"] == sum(row["newton_iterations"] for row in rows)
+    assert {"assembly", "contact", "linear solve", "run"} <= set(summary["seconds"])
+    assert {"tribox", "dolfinx", "petsc"} <= set(summary["versions"])
+    assert summary["memory_MiB_per_rank"][0] > 10.0
+    (cells,), (points,) = summary["cells_per_rank"], summary["contact_points_per_rank"]
+    assert cells == run.model.named.mesh.topology.index_map(2).size_global
+    assert points == 2 * len(run.model.named.facets("elastomer_contact"))
+
+    assert [time for time, _ in outputs(out)] == [row["time"] for row in rows]
+    assert (out / "fields.bp" / "md.idx").stat().st_size > 0
+    points = meshio.read(out / outputs(out)[-1][1])
+    got = points.point_data
+    assert POINT_DATA <= set(got)
+    # Two Gauss points on each slave segment: each stands for half of it.
+    weight = 1e-3 / len(points.points)
+    assert len(points.points) == 20
+    pressed = got["pressure"] > 0.0
+    assert weight * np.sum(pressed) * 1e-3 == pytest.approx(rows[-1]["contact_area"])
+    assert weight * np.sum(got["tangential_traction"]) * 1e-3 == pytest.approx(
+        rows[-1]["tangential_force"]
+    )
+    assert np.max(-got["gap"][pressed]) == pytest.approx(rows[-1]["max_penetration"])
+    assert np.all(np.diff(got["reference"][:, 0]) > 0.0)
+    assert not list(out.rglob("*.part*"))
+
+
+def test_fields_only_at_the_end_of_each_load_step(block, tmp_path):
+    data = plain(block) | {"output": {"fields_every": 0, "figures": False}}
+    run_case(Case.model_validate(data), tmp_path / "out", quiet=True, comm=MPI.COMM_SELF)
+    assert [name for _, name in outputs(tmp_path / "out")] == [
+        "contact/000003.vtu",
+        "contact/000009.vtu",
+    ]
+
+
+def test_interrupted_run_leaves_valid_files(case_file, block, tmp_path, environment):
+    out = tmp_path / "out"
+    words = ["run", str(case_file(block)), "--out", str(out), "--set", "stage.1.steps=2000"]
+    with subprocess.Popen(
+        [sys.executable, "-m", "app", *words],
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        bufsize=1,
+    ) as process:
+        for line in process.stdout:
+            if re.match(r"step +5 ", line):
+                process.send_signal(signal.SIGINT)
+                break
+        rest, stderr = process.communicate(timeout=60.0)
+    assert process.returncode == 130
+    assert "Traceback" not in stderr and "interrupted" in rest + stderr
+    rows = read_table(out / "history.csv")
+    assert 5 <= len(rows) < 2003
+    summary = json.loads((out / "summary.json").read_text())
+    assert (summary["status"], summary["steps"]) == ("interrupted", len(rows))
+    assert meshio.read(out / outputs(out)[-1][1]).point_data["pressure"].max() > 0.0
+    assert not list(out.rglob("*.part*"))
+
+
+# -- units ----------------------------------------------------------------------------------------
+
+
+def in_units(kind: str, length: float, time: float, force: float) -> dict:
+    """A case in bare numbers; the arguments are how many units make 1 m, 1 s and 1 N."""
+    m, s, stress = length, time, force / length**2
+    friction: dict = {"law": "coulomb", "mu": 0.2, "K_T": 2e12 * stress / m}
+    top: dict = {
+        "displacement": {
+            "x": [[1.0 * s, 0.0], [2.0 * s, 1.5e-4 * m]],
+            "y": [[0.0, 0.0], [1.0 * s, -5e-5 * m]],
+        }
+    }
+    slide: dict = {"name": "slide", "duration": 1.0 * s, "steps": 6}
+    if kind == "film":
+        friction = {
+            "law": "friction-map",
+            "mu_s": 0.12,
+            "mu_d": 0.1,
+            "A_d": 1e-6 * m,
+            "B": 1e6 / m,
+            "K_T": 1e12 * stress / m,
+            "eta_b": 0.8 * stress * s,
+            "D_max": 250e-9 * m,
+            "alpha": 0.5,
+            "V_star": 1e-3 * m / s,
+            "V_star_at": 10e-9 * m,
+        }
+        pressure = [[0.0, 0.0], [1.0 * s, 0.5e6 * stress]]
+        top = {
+            "displacement": {"x": "driven"},
+            "platen": {"direction": "y", "pressure": pressure},
+        }
+        slide = {
+            "name": "slide",
+            "velocities": [1e-4 * m / s, 2e-3 * m / s],
+            "slip_step": 4e-6 * m,
+            "max_steps": 12,
+        }
+    return {
+        "geometry": {
+            "kind": "two-blocks",
+            "thickness": 1e-3 * m,
+            "upper": {"width": 1e-3 * m, "height": 2e-4 * m, "elements": [10, 4]},
+            "lower": {"width": 2e-3 * m, "height": 5e-4 * m, "elements": [15, 4]},
+        },
+        "bodies": {
+            "elastomer": {
+                "material": "mooney-rivlin",
+                "C10": 0.74e6 * stress,
+                "C01": 0.18e6 * stress,
+                "K": 20e6 * stress,
+            },
+            "aluminium": {"material": "hencky", "E": 70e9 * stress, "nu": 0.33},
+        },
+        "contact": [
+            {
+                "slave": "elastomer_contact",
+                "master": "aluminium_contact",
+                "friction": friction,
+                **({"film": {"thickness": 30e-9 * m}} if kind == "film" else {}),
+            }
+        ],
+        "boundary": [
+            {"surface": "bottom", "displacement": {"x": 0.0, "y": 0.0}},
+            {"surface": "top", **top},
+        ],
+        "stage": [
+            {"name": "press", "duration": 1.0 * s, "steps": 3, "rate_dependent": False},
+            slide,
+        ],
+        "solver": dict(TIGHT),
+    }
+
+
+# Powers of length, time and force in each column; those with a factor of 1 are left out.
+DIMENSIONS = {
+    **dict.fromkeys(("time", "dt"), (0, 1, 0)),
+    **dict.fromkeys(("velocity", "slip_speed"), (1, -1, 0)),
+    **dict.fromkeys(("driven_displacement", "film_thickness", "max_penetration"), (1, 0, 0)),
+    **dict.fromkeys(("normal_force", "tangential_force", "drag"), (0, 0, 1)),
+    "effective_viscosity": (-2, 1, 1),
+    "contact_area": (2, 0, 0),
+    **dict.fromkeys(("strain_energy", "interface_energy", "dissipation"), (1, 0, 1)),
+    **dict.fromkeys(("numerical_dissipation", "external_work", "energy_error"), (1, 0, 1)),
+}
+
+
+@pytest.mark.parametrize("kind", ["coulomb", "film"])
+@pytest.mark.parametrize("units", [(1e3, 1.0, 1.0), (1e6, 1e3, 1e-3)], ids=["mm-N-s", "um-mN-ms"])
+def test_history_does_not_depend_on_the_units(kind, units):
+    si = simulate(in_units(kind, 1.0, 1.0, 1.0)).rows
+    other = simulate(in_units(kind, *units)).rows
+    assert [row.newton_iterations for row in other] == [row.newton_iterations for row in si]
+    for row in other:
+        for name, powers in DIMENSIONS.items():
+            factor = np.prod([u**p for u, p in zip(units, powers, strict=True)])
+            setattr(row, name, getattr(row, name) / factor)
+    assert_same_history(other, si, 1e-8)

@@ -1,0 +1,77 @@
+"""`smoothing_angle` of a contact: reaches the surface, and is refused where it cannot work."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from mpi4py import MPI
+
+from app.build.model import build_model
+from app.case.case import check_case, load_case, resolved_toml
+from app.errors import InputError
+from app.verify.shipped_case import CASES
+from geometry.meshes.gmsh_model import gmsh_session
+
+SMOOTH = 'contact.0.smoothing_angle="30 deg"'
+COARSE = ("geometry.upper.elements=[4, 2]", "geometry.lower.elements=[5, 2]")
+
+
+@pytest.mark.parametrize("option", [[], [SMOOTH]])
+def test_the_key_makes_the_master_smooth(option):
+    case = load_case(CASES / "block-slide.toml", [*COARSE, *option])
+    assert case.contact[0].smoothing_angle == (pytest.approx(math.pi / 6) if option else None)
+    surface = build_model(case, MPI.COMM_SELF).problem.contacts[0].surface
+    assert surface.target.shape.degree == (3 if option else 1)
+
+
+@pytest.mark.parametrize(("angle", "nodes"), [("5 deg", 2), ("60 deg", 4)])
+def test_the_angle_says_which_edges_stay_sharp(angle, nodes):
+    """Segments of a cylinder meet at 12 degrees: rounded, their neighbours move them too."""
+    options = [
+        "contact.0.slave=aluminium_contact",
+        "contact.0.master=elastomer_contact",
+        "geometry.contact_width=8 mm",
+        "geometry.contact_size=2 mm",
+        "geometry.growth=2",
+        'geometry.block={width="20 mm", height="10 mm"}',
+        f'contact.0.smoothing_angle="{angle}"',
+    ]
+    model = build_model(load_case(CASES / "hertz-line.toml", options), MPI.COMM_SELF)
+    assert model.problem.contacts[0].surface.target.stencil.shape[1] == nodes
+
+
+def test_it_comes_back_from_the_resolved_case(tmp_path):
+    case = load_case(CASES / "block-slide.toml", [SMOOTH])
+    again = tmp_path / "case.toml"
+    again.write_text(resolved_toml(case))
+    assert load_case(again).contact[0].smoothing_angle == case.contact[0].smoothing_angle
+
+
+WRONG = [
+    (["geometry.cell=triangle", SMOOTH], "does not work on triangles"),
+    (["bodies.elastomer.formulation=q2", "bodies.aluminium.formulation=q2", SMOOTH], 'with "q2"'),
+    (['contact.0.smoothing_angle="30 mm"'], '"mm" has the wrong dimension'),
+    (["contact.0.smoothing_angle=0"], "must be > 0 rad"),
+    (['contact.0.smoothing_angle="200 deg"'], "must be > 0 rad and <= 3.14"),
+]
+
+
+@pytest.mark.parametrize(("options", "message"), WRONG)
+def test_mistakes_name_the_key(options, message):
+    [line] = check_case(CASES / "block-slide.toml", options)
+    assert "contact.0.smoothing_angle" in line and message in line
+
+
+def test_a_mesh_of_triangles_is_refused(tmp_path):
+    case = load_case(CASES / "block-slide.toml", [*COARSE, "geometry.cell=triangle"])
+    with gmsh_session("triangles") as gmsh:
+        case.geometry.shape().build()
+        gmsh.write(str(tmp_path / "triangles.msh"))
+    text = (CASES / "block-slide.toml").read_text(encoding="utf-8")
+    head, rest = text.split("[geometry]")
+    rest = rest[rest.index("[bodies") :].replace('formulation = "q1"', "#")
+    path = tmp_path / "triangles.toml"
+    path.write_text(f'{head}[geometry]\nmesh = "triangles.msh"\n{rest}', encoding="utf-8")
+    with pytest.raises(InputError, match=r"contact\.0\.smoothing_angle: needs .* on triangles"):
+        build_model(load_case(path, [SMOOTH]), MPI.COMM_SELF)

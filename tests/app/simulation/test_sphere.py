@@ -1,0 +1,126 @@
+"""The sphere on a block: its section of revolution against a quarter in space, and twisted."""
+
+from __future__ import annotations
+
+import tomllib
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from app.build.model import build_model
+from app.case.case import Case
+from app.results.contact_points import contact_arrays
+from app.simulation.simulation import Observer, Simulation
+
+SPHERE = """
+[geometry]
+kind = "sphere-on-block"
+sphere = { radius = "10 mm" }
+block = { radius = "10 mm", height = "10 mm" }
+contact_width = "2 mm"
+contact_size = "0.2 mm"
+growth = 1.6
+[bodies.elastomer]
+material = "neo-hookean"
+E = "5 MPa"
+nu = 0.3
+[bodies.aluminium]
+material = "hencky"
+E = "50 GPa"
+nu = 0.3
+[[contact]]
+slave = "elastomer_contact"
+master = "aluminium_contact"
+friction = { law = "frictionless" }
+[[boundary]]
+surface = "bottom"
+displacement = { x = 0, y = 0 }
+[[boundary]]
+surface = "top"
+displacement = { x = 0, y = [["0 s", "0 mm"], ["1 s", "-0.06 mm"]] }
+[[stage]]
+name = "press"
+duration = "1 s"
+steps = 2
+"""
+
+
+def pressed(part: str) -> Simulation:
+    data = tomllib.loads(SPHERE)
+    data["geometry"]["part"] = part
+    if part == "quarter":
+        for boundary in data["boundary"]:
+            boundary["displacement"]["z"] = 0
+        data["boundary"] += [
+            {"surface": f"{body}_symmetry_{axis}", "displacement": {axis: 0}}
+            for body in ("elastomer", "aluminium")
+            for axis in "xz"
+        ]
+    simulation = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
+    simulation.run(Observer())
+    return simulation
+
+
+@pytest.fixture(scope="module")
+def ring() -> Simulation:
+    return pressed("axisymmetric")
+
+
+def test_quarter_in_space_agrees_with_the_section(ring):
+    """Force and energy of a quarter, four times, within 2 % of those of the section."""
+    whole, quarter = ring.rows[-1], pressed("quarter").rows[-1]
+    assert 4.0 * quarter.normal_force == pytest.approx(whole.normal_force, rel=0.02)
+    assert 4.0 * quarter.strain_energy == pytest.approx(whole.strain_energy, rel=0.02)
+
+
+def test_sphere_pressed_and_twisted():
+    """Stuck under its middle and turned: the torque follows the angle, force and height stay."""
+    data = tomllib.loads(SPHERE)
+    data["geometry"]["part"] = "full"
+    data["contact"][0]["friction"] = {"law": "coulomb", "mu": 0.5}
+    data["boundary"][0]["displacement"]["z"] = 0
+    data["boundary"][1] = {
+        "surface": "top",
+        "displacement": {"y": [["0 s", "0 mm"], ["1 s", "-0.06 mm"]]},
+        "rotation": {"axis": "y", "angle": [["1 s", "0 deg"], ["2 s", "0.2 deg"]]},
+    }
+    data["geometry"] |= {"contact_size": "0.35 mm", "growth": 2.0}
+    data["stage"].append({"name": "twist", "duration": "1 s", "steps": 2})
+    simulation = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
+    torques = []
+
+    class Torque(Observer):
+        def step(self, simulation, row, result):
+            problem = simulation.model.problem
+            x = problem.space.tabulate_dof_coordinates()
+            force = problem.unbalanced.reshape(-1, 3)
+            held = x[:, 1] > 10e-3 - 1e-9
+            torques.append(float(np.sum(x[held, 2] * force[held, 0] - x[held, 0] * force[held, 2])))
+
+    simulation.run(Torque())
+    rows = simulation.rows
+    assert abs(torques[1]) < 1e-3 * torques[3]
+    assert 0.0 < torques[2] < torques[3]
+    assert torques[3] == pytest.approx(2.0 * torques[2], rel=0.15)
+    assert rows[3].normal_force == pytest.approx(rows[1].normal_force, rel=1e-3)
+    a, force = np.sqrt(rows[1].contact_area / np.pi), rows[1].normal_force
+    assert torques[3] < 0.5 * force * a  # less than all of it slipping at the rim
+    assert rows[3].external_work > rows[1].external_work
+
+
+def test_pressure_under_the_sphere_is_hertz(ring):
+    """Of the force found, in all cells of the zone but those at its middle and at its rim.
+
+    The contact's radius is less than four cells.
+    """
+    arrays = contact_arrays(ring.model)
+    force = ring.rows[-1].normal_force
+    E = 1.0 / (0.91 / 5e6 + 0.91 / 50e9)
+    a = (3.0 * force * 10e-3 / (4.0 * E)) ** (1.0 / 3.0)
+    peak = 3.0 * force / (2.0 * np.pi * a**2)
+    r = arrays["position"][:, 0]
+    inside = (r > 0.15 * a) & (r < 0.7 * a)
+    assert inside.sum() >= 4
+    expected = peak * np.sqrt(1.0 - (r[inside] / a) ** 2)
+    np.testing.assert_allclose(arrays["pressure"][inside], expected, atol=0.05 * peak)

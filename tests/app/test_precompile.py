@@ -1,0 +1,50 @@
+"""What the image compiles beforehand is all that runs need."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import pytest
+from dolfinx import jit
+from mpi4py import MPI
+
+from app.build.model import build_model
+from app.case.case import Case
+from app.precompile import compile_forms
+from app.results.fields import StressField
+
+pytestmark = pytest.mark.slow
+
+
+def compiled() -> set[str]:
+    directory = Path(jit.get_options()["cache_dir"]).expanduser()
+    return {path.name for path in directory.glob("*.so")}
+
+
+def test_runs_compile_nothing_that_has_not_been_compiled(block, film):
+    lines = list(compile_forms())
+    assert len(lines) == len(set(lines)) >= 10
+    before = compiled()
+    assert before
+    pushed = block.replace(
+        "[boundary.displacement]",
+        'pressure = "1 kPa"\n[boundary.displacement]',
+    )
+    cases = [tomllib.loads(text) for text in (block, film, pushed)]
+    triangles = tomllib.loads(film)
+    triangles["geometry"]["cell"] = "triangle"
+    full = tomllib.loads(film)
+    full["bodies"]["elastomer"]["formulation"] = "q1"
+    full["contact"][0]["quadrature_degree"] = 5
+    ring = tomllib.loads(block.replace('thickness = "1 mm"', 'section = "axisymmetric"'))
+    ring["boundary"][1]["displacement"]["x"] = 0
+    boxes = tomllib.loads(block.replace('thickness = "1 mm"', ""))
+    boxes["geometry"]["kind"] = "two-boxes"
+    for name in ("upper", "lower"):
+        boxes["geometry"][name] |= {"depth": "1 mm", "elements": [2, 1, 2]}
+    tetrahedra = {**boxes, "geometry": {**boxes["geometry"], "cell": "tetrahedron"}}
+    for data in (*cases, triangles, full, ring, boxes, tetrahedra):
+        model = build_model(Case.model_validate(data), MPI.COMM_SELF)
+        StressField(model.problem.u, model.problem.solids).update()
+    assert compiled() == before

@@ -1,0 +1,317 @@
+"""tribox verify: every case within its bars, checks that can fail, table, report, exit codes."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import dolfinx
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+import app.verify.report as verification
+from app.build.model import build_model, make_mesh
+from app.case.case import check_case, load_case
+from app.errors import InputError, SolutionError
+from app.simulation.simulation import Observer, Simulation
+from app.verify.bulk import block_compression, neighbours
+from app.verify.contact import cattaneo_mindlin, fit_ellipse, hertz_line
+from app.verify.report import CASES, percent, run_verify, table
+from app.verify.result import Check, Line, Panel, Verification, compare
+from app.verify.shipped_case import CASES as DIRECTORY
+from app.verify.shipped_case import solve
+from app.verify.sliding import block_slide, friction_law
+from geometry.meshes.gmsh_model import gmsh_session
+
+COARSE = (
+    "geometry.contact_size=22 um",
+    "geometry.contact_width=0.7 mm",
+    "geometry.growth=1.5",
+    "stage.0.steps=2",
+)
+COARSE_BLOCK = (*COARSE, "geometry.block.contact_size=30 um")
+
+
+@cache
+def result(name: str) -> Verification:
+    return CASES[name]()
+
+
+def failed(found: Verification) -> set[str]:
+    return {check.quantity for check in found.checks if not check.passed}
+
+
+# --- the cases themselves ------------------------------------------------------------------------
+
+
+# Cases in space of tens of seconds; test_verification_sphere.py runs them coarse.
+LONG = {"hertz-point", "sphere-twist", "curved-sliding"}
+
+
+@pytest.mark.parametrize("name", [name for name in CASES if name not in LONG])
+def test_every_check_is_within_its_bar(name):
+    found = result(name)
+    assert found.name == name and found.title and found.setup and not found.failure
+    assert found.checks and failed(found) == set()
+    assert found.passed
+    for check in found.checks:
+        assert 0.0 <= check.error and 0.0 < check.bar <= (0.2 if name == "penalty" else 0.05)
+
+
+PRESSURE = {"half-width a", "largest pressure", "pressure profile, rms / p0"}
+TRACTION = {"stick half-width c", "traction profile, rms / (µ p0)"}
+
+
+@pytest.mark.parametrize(
+    ("name", "wanted"),
+    [
+        ("hertz-line", PRESSURE),
+        ("hertz-two-cylinders", PRESSURE),
+        ("cattaneo-mindlin", PRESSURE | TRACTION),
+        ("mindlin-reversal", TRACTION),
+    ],
+)
+def test_bars_of_the_contact_cases_are_two_per_cent(name, wanted):
+    assert wanted <= {check.quantity for check in result(name).checks}
+    assert {check.bar for check in result(name).checks} == {0.02}
+
+
+def test_compression_is_held_to_half_a_per_cent():
+    bars = {check.quantity: check.bar for check in result("block-compression").checks}
+    stress = [bar for quantity, bar in bars.items() if quantity.startswith("nominal stress")]
+    assert len(stress) == 6 and set(stress) == {5e-3}
+
+
+# --- checks that can fail ------------------------------------------------------------------------
+
+
+def test_a_soft_penalty_fails_hertz():
+    assert hertz_line(COARSE_BLOCK).checks[0].error < 0.02
+    soft = failed(hertz_line([*COARSE_BLOCK, "contact.0.penalty_factor=0.02"]))
+    assert {"half-width a", "pressure profile, rms / p0"} <= soft
+
+
+def test_a_soft_stick_fails_the_stick_half_width():
+    soft = cattaneo_mindlin([*COARSE, "stage.1.steps=4", "contact.0.friction.K_T=1e9"])
+    assert "traction profile, rms / (µ p0)" in failed(soft)
+
+
+def test_a_compressible_block_fails_the_closed_form():
+    coarse = ["geometry.upper.elements=[4, 4]", "bodies.elastomer.nu=0.45"]
+    assert "nominal stress at λ = 0.70" in failed(block_compression(coarse))
+
+
+def test_pressures_of_neighbours_show_a_disturbance():
+    """A glued upper face makes the pressure uneven: the check must see it."""
+    glued = ["boundary.2.displacement.x=0", "geometry.upper.elements=[8, 8]"]
+    found = failed(block_compression(glued))
+    assert "neighbouring elements' pressures, max difference / mean" in found
+
+
+def test_every_pair_of_neighbours_is_compared():
+    options = ["geometry.upper.elements=[4, 3]", 'stage=[{name="press", duration=1, steps=20}]']
+    _, simulation = solve("block-compression", options)
+    pairs = neighbours(simulation)
+    named = simulation.model.named
+    assert len(pairs) == 3 * 3 + 4 * 2
+    cells = np.sort(named.cells("elastomer"))
+    middle = dolfinx.mesh.compute_midpoints(named.mesh, 2, cells.astype(np.int32))
+    step = np.abs(np.diff(middle[pairs], axis=1))[:, 0, :2]
+    np.testing.assert_allclose(step.max(axis=1), np.where(step[:, 0] > 0.1e-3, 0.25e-3, 1e-3 / 3))
+    np.testing.assert_allclose(step.min(axis=1), 0.0, atol=1e-12)
+
+
+def test_a_low_penalty_fails_the_forces_of_the_other_codes():
+    fast = ["contact.0.penalty_factor=3", 'stage=[{name="press", duration=1}]']
+    assert "normal force, pressed" in failed(block_slide(fast))
+
+
+def test_contact_that_leaves_the_fine_zone_is_no_result(monkeypatch):
+    narrow = [*COARSE_BLOCK, "geometry.contact_width=0.48 mm"]
+    monkeypatch.setitem(verification.CASES, "hertz-line", lambda: hertz_line(narrow))
+    found = verification.verify("hertz-line")
+    assert not found.passed and "contact_width" in found.failure
+
+
+def test_overrides_reach_the_law():
+    changed = friction_law(["contact.0.film.thickness=50 nm"])
+    assert any("D = 50 nm" in check.quantity for check in changed.checks)
+
+
+# --- parts ---------------------------------------------------------------------------------------
+
+
+def test_an_ellipse_is_fitted_exactly_and_through_noise():
+    x = np.linspace(-0.88, 0.88, 45)
+    y = 3.0 * np.sqrt(np.maximum(1.0 - (x / 0.9) ** 2, 0.0))
+    assert fit_ellipse(x, y) == pytest.approx((0.9, 3.0), rel=1e-9)
+    noise = 0.02 * (-1.0) ** np.arange(len(x))
+    assert fit_ellipse(x, y * (1.0 + noise)) == pytest.approx((0.9, 3.0), rel=5e-3)
+
+
+def test_a_number_that_is_none_never_passes():
+    assert not Check("x", math.nan, 1.0).passed
+    assert not compare("x", 1.0, 0.0, 1.0).passed
+    assert not compare("x", math.nan, 1.0, 1.0).passed
+    assert compare("x", 1.01, 1.0, 0.0101).passed and not compare("x", 1.01, 1.0, 0.0099).passed
+    assert compare("x", 0.99, 1.0, 0.0101).passed and not compare("x", 0.99, 1.0, 0.0099).passed
+
+
+def test_shares_as_text():
+    assert [percent(v) for v in (0.0, 0.02, 1e-5, 4e-7, math.nan)] == [
+        "0 %",
+        "2 %",
+        "0.001 %",
+        "4.0e-07",
+        "nan",
+    ]
+
+
+# --- the command ---------------------------------------------------------------------------------
+
+GOOD = Verification("good", "a good one", "Set up.", (compare("force", 1.001, 1.0, 0.01, "N"),))
+BAD = Verification(
+    "bad",
+    "a bad one",
+    "Set up.",
+    (compare("width", 1.5, 1.0, 0.01, "mm"), Check("profile", 0.001, 0.01)),
+    (Panel("x", "y", (Line("a", np.arange(3.0), np.arange(3.0), exact=True),)),),
+)
+
+
+def broken() -> Verification:
+    raise SolutionError("no way")
+
+
+@pytest.fixture
+def cases(monkeypatch):
+    monkeypatch.setattr(
+        verification, "CASES", {"good": lambda: GOOD, "bad": lambda: BAD, "broken": broken}
+    )
+
+
+def test_passing_cases_end_well(cases, capsys):
+    run_verify(["good"], None, False)
+    head, row, last = capsys.readouterr().out.splitlines()
+    assert head.split() == ["case", "quantity", "computed", "closed", "form", "error", "bar"]
+    assert row.split() == ["good", "force", "(N)", "1.001", "1", "0.1", "%", "1", "%", "pass"]
+    assert last == "all 1 checks of 1 cases passed"
+
+
+def test_a_failed_check_ends_with_exit_code_3_after_all_have_run(cases, capsys, tmp_path):
+    with pytest.raises(SolutionError) as error:
+        run_verify([], tmp_path / "report", False)
+    assert error.value.exit_code == 3
+    assert str(error.value) == "1 of 3 checks failed; not computed: broken"
+    out = capsys.readouterr().out
+    assert "FAIL" in next(line for line in out.splitlines() if line.startswith("bad "))
+    assert "broken: FAIL: not computed: no way" in out
+    report = (tmp_path / "report" / "verification.md").read_text(encoding="utf-8")
+    assert "| width (mm) | 1.5 | 1 | 50 % | 1 % | **FAIL** |" in report
+    assert "| profile |  |  | 0.1 % | 1 % | pass |" in report
+    assert "**Not computed:** no way" in report
+    assert "![a bad one](figures/verify_bad.png)" in report
+    assert (tmp_path / "report" / "figures" / "verify_bad.png").stat().st_size > 1000
+    assert not (tmp_path / "report" / "figures" / "verify_good.png").exists()
+
+
+def test_a_report_is_not_overwritten_unasked(cases, tmp_path):
+    run_verify(["good"], tmp_path, False)
+    with pytest.raises(InputError, match="--force"):
+        run_verify(["good"], tmp_path, False)
+    run_verify(["good"], tmp_path, True)
+
+
+def test_an_unknown_case_is_refused_before_any_runs(cases, capsys):
+    with pytest.raises(InputError, match='no case "god"; did you mean "good"'):
+        run_verify(["bad", "god"], None, False)
+    with pytest.raises(InputError, match="there are good, bad, broken"):
+        run_verify(["xyz"], None, False)
+    assert capsys.readouterr().out == ""
+
+
+def test_the_command(tribox):
+    done = tribox("verify", "friction-law", "--out", "report")
+    assert done.returncode == 0, done.stderr
+    assert "checks of 1 cases passed" in done.stdout and "report in report" in done.stdout
+
+
+def test_rows_of_a_table_are_lined_up():
+    rows = list(table(BAD))
+    assert len({row.rindex("%") for row in rows}) == 1
+
+
+# --- the generators in case files ----------------------------------------------------------------
+
+WRONG = [
+    ("hertz-line", "geometry.cylinder.radius=-1 mm", "geometry.cylinder.radius = "),
+    ("hertz-line", "geometry.contact_width=10 mm", "geometry.cylinder: contact_width = 0.01 m"),
+    ("hertz-line", "geometry.block.contact_width=20 mm", "geometry.block: contact_width = 0.02 m"),
+    ("hertz-line", "geometry.contact_size=0.4 mm", "geometry.cylinder: contact_size = 0.0004 m"),
+    ("hertz-line", "geometry.growth=0.5", "geometry.growth = 0.5: must be >= 1 and <= 2"),
+    ("hertz-line", "geometry.growth=3", "geometry.growth = 3: must be >= 1 and <= 2"),
+    ("hertz-line", "geometry.upper.radius=1", 'key "upper" in geometry does not go with kind'),
+    ("cattaneo-mindlin", "geometry.lower.radius=0.1 mm", "geometry.lower: contact_width = "),
+    ("cattaneo-mindlin", "geometry.lower.width=1", 'unknown key "width" in geometry.lower'),
+    ("cattaneo-mindlin", "boundary.0.surface=bottm", 'did you mean "bottom"?'),
+    ("cattaneo-mindlin", "geometry.contact_size=0.01 nm", "contact_size = 1e-11 m"),
+]
+
+
+@pytest.mark.parametrize(("name", "override", "message"), WRONG)
+def test_errors_name_the_key(name, override, message):
+    lines = check_case(DIRECTORY / f"{name}.toml", [override])
+    assert lines and message in lines[0], lines
+
+
+def pressed(*overrides: str, text: str | None = None, path=None) -> float:
+    """Normal force of a coarse cylinder on a block."""
+    if text is not None:
+        path.write_text(text, encoding="utf-8")
+    case = load_case(path or DIRECTORY / "hertz-line.toml", overrides)
+    simulation = Simulation(build_model(case, MPI.COMM_SELF))
+    simulation.run(Observer())
+    return simulation.rows[-1].normal_force
+
+
+def test_either_body_may_be_the_slave():
+    swap = ("contact.0.slave=aluminium_contact", "contact.0.master=elastomer_contact")
+    same = ("bodies.aluminium.E=5 MPa", "bodies.aluminium.nu=0.49", "contact.0.penalty_factor=1")
+    forces = [pressed(*COARSE_BLOCK, *same, *more) for more in ((), swap)]
+    assert forces[0] == pytest.approx(forces[1], rel=5e-3)
+
+
+@pytest.mark.parametrize("what", ["elastomer", "aluminium", "elastomer_contact", "both contacts"])
+def test_the_direction_in_which_a_mesh_numbers_its_facets_does_not_matter(tmp_path, what):
+    case = load_case(DIRECTORY / "hertz-line.toml", COARSE_BLOCK)
+    dim = 2 if "contact" not in what else 1
+    names = ["elastomer_contact", "aluminium_contact"] if what == "both contacts" else [what]
+    with gmsh_session("turned") as gmsh:
+        case.geometry.shape().build()
+        for d, tag in gmsh.model.getPhysicalGroups(dim):
+            if gmsh.model.getPhysicalName(d, tag) in names:
+                parts = gmsh.model.getEntitiesForPhysicalGroup(d, tag)
+                gmsh.model.mesh.reverse([(d, part) for part in parts])
+        gmsh.write(str(tmp_path / "turned.msh"))
+    text = (DIRECTORY / "hertz-line.toml").read_text(encoding="utf-8")
+    head, rest = text.split("[geometry]")
+    rest = rest[rest.index("[bodies") :]
+    text = f'{head}[geometry]\nmesh = "turned.msh"\nthickness = "1 mm"\n{rest}'
+    turned = pressed("stage.0.steps=2", text=text, path=tmp_path / "turned.toml")
+    assert turned == pytest.approx(pressed(*COARSE_BLOCK), rel=1e-7)
+
+
+def test_mesh_and_check_take_the_new_geometries(tribox):
+    coarse = [word for key in COARSE[:3] for word in ("--set", key)]
+    done = tribox("mesh", DIRECTORY / "hertz-line.toml", "--out", "mesh", *coarse)
+    assert done.returncode == 0 and "mesh.msh" in done.stdout, done.stderr
+    done = tribox("check", DIRECTORY / "cattaneo-mindlin.toml", *coarse)
+    assert done.returncode == 0 and "correct" in done.stdout, done.stderr
+
+
+def test_zones_of_one_body_go_before_those_of_both():
+    case = load_case(DIRECTORY / "hertz-line.toml", [*COARSE, "geometry.block.contact_size=60 um"])
+    named = make_mesh(case, MPI.COMM_SELF)
+    assert len(named.facets("elastomer_contact")) == 32
+    assert len(named.facets("aluminium_contact")) == 12

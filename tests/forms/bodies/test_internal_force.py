@@ -1,0 +1,169 @@
+"""The compiled loop over cells against the forms that DOLFINx generates, to round-off."""
+
+from __future__ import annotations
+
+import os
+
+import dolfinx
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+import forms.native.libraries
+from forms.bodies.internal_force import CompiledForce, GeneratedForce, InternalForce
+from forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean
+from forms.bodies.solid import Solid
+
+MATERIALS = {
+    "neo-hookean": NeoHookean(1.0, 5.0),
+    "mooney-rivlin": MooneyRivlin(0.4, 0.1, 5.0),
+    "hencky": Hencky(1.0, 5.0),
+}
+KINDS = [("quadrilateral", "q1"), ("quadrilateral", "q1-sri"), ("triangle", "q1")]
+
+
+def body(cell, material, formulation, cells=(5, 3), distortion=0.15):
+    """A displacement on a distorted mesh, and the body on all of it."""
+    kind = getattr(dolfinx.mesh.CellType, cell)
+    mesh = dolfinx.mesh.create_rectangle(MPI.COMM_SELF, [[0, 0], [1.0, 0.7]], cells, kind)
+    x = mesh.geometry.x
+    x[:, :2] += distortion / max(cells) * np.random.default_rng(3).uniform(-1, 1, (len(x), 2))
+    u = dolfinx.fem.Function(dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (2,))))
+    count = mesh.topology.index_map(2).size_local
+    return u, Solid("body", u, np.arange(count, dtype=np.int32), material, formulation)
+
+
+def stretched(u, size, seed=0):
+    """A homogeneous stretch with a ripple of the given size on it."""
+    where = u.function_space.tabulate_dof_coordinates()[:, :2]
+    ripple = np.random.default_rng(seed).uniform(-1, 1, where.shape)
+    gradient = np.array([[0.3, 0.25], [-0.4, -0.2]]) * min(1.0, 20.0 * size)
+    u.x.array[:] = (where @ gradient.T + 0.2 * size * ripple).reshape(-1)
+
+
+@pytest.mark.parametrize("size", [0.1, 1e-4])
+@pytest.mark.parametrize(("cell", "formulation"), KINDS)
+@pytest.mark.parametrize("name", MATERIALS)
+def test_compiled_forces_are_those_of_the_generated_kernel(name, cell, formulation, size):
+    """15 cells: one block of eight is full, the last one is not."""
+    u, solid = body(cell, MATERIALS[name], formulation)
+    stretched(u, size)
+    fast, slow = InternalForce(u, [solid]), InternalForce(u, [solid], compiled=False)
+    assert fast.compiled and isinstance(fast.parts[0], CompiledForce)
+    assert not slow.compiled and isinstance(slow.parts[0], GeneratedForce)
+    mine, theirs = np.ones_like(u.x.array), np.ones_like(u.x.array)
+    assert fast.evaluate(u.x.array, mine) and slow.evaluate(u.x.array, theirs)
+    largest = np.abs(theirs).max()
+    # F = 1 + O(size): what rounds F is an error of the stress of 1e-16/size.
+    np.testing.assert_allclose(mine, theirs, rtol=0, atol=4e-16 / min(size, 0.1) * largest * 20)
+    energy = slow.energy(u.x.array)
+    assert energy > 0.0
+    assert fast.energy(u.x.array) == pytest.approx(energy, rel=1e-13, abs=1e-14)
+
+
+@pytest.mark.parametrize("name", MATERIALS)
+def test_large_strains(name):
+    """Beyond the series of the logarithmic strain, and J far from one."""
+    u, solid = body("quadrilateral", MATERIALS[name], "q1", distortion=0.0)
+    where = u.function_space.tabulate_dof_coordinates()[:, :2]
+    for gradient in ([[2.0, 0.4], [0.1, 0.5]], [[-0.7, 0.0], [0.2, -0.5]]):
+        u.x.array[:] = (where @ np.array(gradient).T).reshape(-1)
+        mine, theirs = np.zeros_like(u.x.array), np.zeros_like(u.x.array)
+        InternalForce(u, [solid]).evaluate(u.x.array, mine)
+        InternalForce(u, [solid], compiled=False).evaluate(u.x.array, theirs)
+        np.testing.assert_allclose(mine, theirs, rtol=0, atol=1e-13 * np.abs(theirs).max())
+        assert InternalForce(u, [solid]).energy(u.x.array) == pytest.approx(solid.strain_energy())
+
+
+def test_no_force_at_rest_and_a_left_handed_numbering():
+    """Cells whose nodes run clockwise count as positive area, as DOLFINx counts them."""
+    u, solid = body("triangle", MATERIALS["neo-hookean"], "q1")
+    x = u.function_space.tabulate_dof_coordinates()[:, :2]
+    corners = x[np.asarray(u.function_space.dofmap.list)]
+    turned = np.linalg.det(corners[:, 1:] - corners[:, :1]) < 0.0
+    assert turned.any() and not turned.all()
+    force = np.ones_like(u.x.array)
+    u.x.array[:] = 0.0
+    internal = InternalForce(u, [solid])
+    internal.evaluate(u.x.array, force)
+    assert np.abs(force).max() < 1e-15
+    stretched(u, 0.1)
+    assert internal.energy(u.x.array) == pytest.approx(solid.strain_energy(), rel=1e-13)
+
+
+@pytest.mark.parametrize("formulation", ["q1", "q1-sri"])
+def test_an_inverted_cell_is_told(formulation):
+    u, solid = body("quadrilateral", MATERIALS["neo-hookean"], formulation, distortion=0.0)
+    internal, force = InternalForce(u, [solid]), np.zeros_like(u.x.array)
+    assert internal.evaluate(u.x.array, force)
+    x = u.function_space.tabulate_dof_coordinates()[:, :2]
+    corner = int(np.argmax(x.sum(axis=1)))
+    u.x.array[2 * corner : 2 * corner + 2] = -0.8 * np.array([0.2, 0.7 / 3.0])
+    assert not internal.evaluate(u.x.array, force)
+    assert internal.energy(u.x.array) == np.inf
+    u.x.array[2 * corner] = np.nan
+    assert not internal.evaluate(u.x.array, force)
+
+
+def test_two_bodies_add_up(pair):
+    blocks = pair()
+    rng = np.random.default_rng(1)
+    blocks.u.x.array[:] = 0.01 * rng.uniform(-1, 1, len(blocks.u.x.array))
+    solids = blocks.solids()
+    whole, parts = np.zeros_like(blocks.u.x.array), np.zeros_like(blocks.u.x.array)
+    InternalForce(blocks.u, solids).evaluate(blocks.u.x.array, whole)
+    for solid in solids:
+        one = np.zeros_like(parts)
+        InternalForce(blocks.u, [solid]).evaluate(blocks.u.x.array, one)
+        parts += one
+    np.testing.assert_allclose(whole, parts, atol=1e-15)
+
+
+def test_without_a_compiler_the_generated_kernel_serves(monkeypatch, tmp_path):
+    """An empty cache that cannot be written, and no compiler on the path."""
+    monkeypatch.setattr(forms.native.libraries, "_caches", lambda: (tmp_path / "none",))
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.delenv("CC", raising=False)
+    forms.native.libraries.library.cache_clear()
+    try:
+        u, solid = body("quadrilateral", MATERIALS["hencky"], "q1-sri")
+        internal = InternalForce(u, [solid])
+        assert not internal.compiled and isinstance(internal.parts[0], GeneratedForce)
+    finally:
+        forms.native.libraries.library.cache_clear()
+
+
+def test_a_library_is_compiled_once_and_a_broken_one_again(monkeypatch, tmp_path):
+    monkeypatch.setattr(forms.native.libraries, "_caches", lambda: (tmp_path / "cache",))
+    forms.native.libraries.library.cache_clear()
+    try:
+        assert forms.native.libraries.library("plane_contact.c") is not None
+        (built,) = (tmp_path / "cache").iterdir()
+        stamp = built.stat().st_mtime_ns
+        forms.native.libraries.library.cache_clear()
+        assert forms.native.libraries.library("plane_contact.c") is not None
+        assert built.stat().st_mtime_ns == stamp
+        broken = tmp_path / "other" / built.name
+        broken.parent.mkdir()
+        broken.write_bytes(b"half a library")
+        monkeypatch.setattr(forms.native.libraries, "_caches", lambda: (tmp_path / "other",))
+        forms.native.libraries.library.cache_clear()
+        assert forms.native.libraries.library("plane_contact.c") is not None
+        assert broken.stat().st_size > 1000
+    finally:
+        forms.native.libraries.library.cache_clear()
+
+
+def test_libraries_of_strangers_are_not_loaded(monkeypatch, tmp_path):
+    directory = tmp_path / "cache"
+    directory.mkdir()
+    os.chown(directory, 4242, -1) if os.getuid() == 0 else pytest.skip("needs root")
+    monkeypatch.setattr(forms.native.libraries, "_caches", lambda: (directory,))
+    forms.native.libraries.library.cache_clear()
+    try:
+        assert forms.native.libraries.library("plane_contact.c") is None
+        os.chown(directory, 0, -1)
+        forms.native.libraries.library.cache_clear()
+        assert forms.native.libraries.library("plane_contact.c") is not None
+    finally:
+        forms.native.libraries.library.cache_clear()

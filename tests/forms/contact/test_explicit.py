@@ -1,0 +1,264 @@
+"""The explicit forms of a contact pair against the contact term of the implicit solution."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from forms.contact.explicit import ExplicitContact
+from forms.contact.explicit_compiled import CompiledContact, explicit_contact
+from forms.contact.penalty import ContactTerm
+from forms.contact.stiffness import PairStiffness, elastic_stiffness, largest_viscosity
+from forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
+from forms.friction.film import FilmTable
+from forms.friction.friction_map import FrictionMap
+from forms.friction.parameters import FrictionMapParameters
+from geometry.surfaces.exchange import NodalVector
+
+PENALTY = 50.0
+
+
+def film_law(**changes):
+    values = {
+        "mu_s": 0.3,
+        "mu_d": 0.2,
+        "A_d": 0.01,
+        "B": 20.0,
+        "K_T": 60.0,
+        "eta_b": 5.0,
+        "D_max": 1.0,
+        "alpha": 0.4,
+        "V_star": 100.0,
+        "V_star_at": 0.5,
+        "film_onset_pressure": 1.0,
+    }
+    return FrictionMap(FrictionMapParameters(**(values | changes)))
+
+
+LAWS = {
+    "none": (FrictionlessLaw(), 0.0),
+    "coulomb": (CoulombLaw(CoulombParameters(mu=0.3, K_T=60.0)), 0.0),
+    "map": (film_law(), 0.5),
+    "film over the pressure": (film_law(), FilmTable(((0.0, 0.8), (5.0, 0.3)))),
+}
+
+
+def bent(size, phase):
+    def motion(X):
+        along = 0.3 * size * np.cos(2.0 * X[:, 0] - phase)
+        return np.stack([along, size * np.sin(4.6 * X[:, 0] + phase)], axis=1)
+
+    return motion
+
+
+def path():
+    """Shifts and bends of the master: closing, sliding over facets and grooves, opening, closing.
+
+    The last but one puts a part of the slave past the end of the master.
+    """
+    yield (0.0, 0.03), 0.0
+    yield (0.01, -0.03), 0.05
+    yield (0.05, -0.05), 0.15
+    yield (0.12, -0.06), 0.2
+    yield (0.02, -0.04), 0.2
+    yield (0.02, 0.05), 0.1
+    yield (0.03, -0.02), 0.1
+    yield (0.75, -0.03), 0.1
+    yield (0.70, -0.03), 0.1
+
+
+def states(blocks):
+    for (x, y), size in path():
+        common = bent(size, 0.4)
+        shift = np.array([x, y])
+
+        def upper(X, shift=shift, common=common):
+            return common(X + shift * [1.0, 0.0]) + shift
+
+        yield blocks.displaced(upper, common)
+
+
+def vectors(blocks):
+    space = blocks.u.function_space
+    return NodalVector(space, blocks.u.x), NodalVector(space)
+
+
+def residual(term, trial, size):
+    nodes, values = term.nodal_forces(trial)
+    out = np.zeros((size, 2))
+    np.add.at(out, nodes.reshape(-1), values.reshape(-1, 2))
+    return out.reshape(-1)
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize("name", LAWS)
+def test_the_same_contact_along_a_path(pair, name, compiled):
+    """Positions, projections, slip, elastic slip, law, loads and history of every step."""
+    blocks = pair(lower=(5, 2))
+    law, film = LAWS[name]
+    reference = ContactTerm(blocks.surface(), law, PENALTY, film)
+    contact = explicit_contact(ContactTerm(blocks.surface(), law, PENALTY, film), compiled)
+    assert isinstance(contact, CompiledContact) == compiled
+    u, out = vectors(blocks)
+    seen = set()
+    for step, x in enumerate(states(blocks)):
+        expected = reference.evaluate(x, 0.5)
+        u.owned[:] = x.array_r
+        out.owned[:] = 1.0
+        trial = contact.evaluate(u, 0.5)
+        contact.add_forces(out)
+        for part in ("facet", "xi", "foot", "normal", "tangents", "gap", "clamped", "on_surface"):
+            mine, theirs = (getattr(t.projection, part) for t in (trial, expected))
+            np.testing.assert_allclose(mine, theirs, atol=1e-13, err_msg=f"{part}, step {step}")
+        for part in ("closed", "slip", "elastic_slip"):
+            mine, theirs = (getattr(t.kinematics, part) for t in (trial, expected))
+            np.testing.assert_allclose(mine, theirs, atol=1e-13, err_msg=f"{part}, step {step}")
+        for part in ("position", "area_ratio", "pressure", "film", "traction"):
+            mine, theirs = (getattr(t, part) for t in (trial, expected))
+            np.testing.assert_allclose(mine, theirs, atol=1e-11, err_msg=f"{part}, step {step}")
+        force = residual(reference, expected, len(out.owned) // 2)
+        np.testing.assert_allclose(out.owned - 1.0, force, atol=1e-12)
+        k = expected.kinematics
+        seen |= {("clamped", bool((expected.projection.clamped & k.closed).any()))}
+        seen |= {("off", bool((~expected.projection.on_surface).any()))}
+        reference.commit(expected)
+        contact.commit()
+        for part in ("facet", "xi", "slip_components", "slip_length", "gap", "area_ratio"):
+            mine, theirs = (getattr(t.state, part) for t in (contact.term, reference))
+            np.testing.assert_allclose(mine, theirs, atol=1e-11, err_msg=f"{part}, step {step}")
+    assert {("clamped", True), ("off", True)} <= seen
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_it_goes_on_from_a_state_that_others_left(pair, compiled):
+    """The implicit solution commits to the term in between; the explicit form sees it."""
+    blocks = pair(lower=(5, 2))
+    law, film = LAWS["coulomb"]
+    reference = ContactTerm(blocks.surface(), law, PENALTY, film)
+    contact = explicit_contact(ContactTerm(blocks.surface(), law, PENALTY, film), compiled)
+    u, _ = vectors(blocks)
+    for step, x in enumerate(states(blocks)):
+        expected = reference.evaluate(x, 0.5)
+        reference.commit(expected)
+        if step % 2:
+            contact.term.commit(contact.term.evaluate(x, 0.5))
+            continue
+        u.owned[:] = x.array_r
+        trial = contact.evaluate(u, 0.5)
+        contact.commit()
+        np.testing.assert_allclose(trial.traction, expected.traction, atol=1e-11)
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_what_rounding_feigns_is_no_contact(pair, compiled):
+    """Blocks that just touch: neither the gap's sign nor the partition decides on a pressure."""
+    blocks = pair()
+    contact = explicit_contact(ContactTerm(blocks.surface(), FrictionlessLaw(), PENALTY), compiled)
+    u, _ = vectors(blocks)
+    for depth, pressed in ((1e-15, False), (1e-9, True)):
+        vec = blocks.displaced(lambda X, d=depth: 0.0 * X - [0.0, d], lambda X: 0.0 * X)
+        u.owned[:] = vec.array_r
+        trial = contact.evaluate(u, 1.0)
+        assert bool((trial.pressure > 0.0).all()) == pressed
+        assert trial.kinematics.closed.all()
+        assert pressed or not trial.pressure.any()
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_film_correction_in_numbers(pair, compiled):
+    """One correction from nothing at a uniform speed, by the formula written out here."""
+    blocks = pair()
+    law = film_law(alpha=1.0, film_onset_pressure=0.0)
+    contact = explicit_contact(ContactTerm(blocks.surface(3), law, PENALTY, 0.5), compiled)
+    u, out = vectors(blocks)
+    velocity, scratch = NodalVector(blocks.u.function_space), vectors(blocks)[1]
+    vec = blocks.displaced(lambda X: 0.0 * X - [0.0, 0.02], lambda X: 0.0 * X)
+    u.owned[:] = vec.array_r
+    contact.evaluate(u, 0.1)
+    contact.commit()
+    vec = blocks.displaced(lambda X: 0.0 * X + [0.01, -0.02], lambda X: 0.0 * X)
+    u.owned[:] = vec.array_r
+    trial = contact.evaluate(u, 0.1)
+    inverse = np.full(len(u.owned), 1.0 / 0.3)
+    contact.refresh_compliance(inverse, scratch)
+    contact.hold_film()
+    np.testing.assert_allclose(trial.traction, [[0.0, PENALTY * 0.02]] * 12, atol=1e-13)
+    c = 5.0 / 0.5
+    np.testing.assert_allclose(contact.film, c)
+    scratch.owned[:] = 7.0
+    speed = blocks.displaced(lambda X: 0.0 * X + [0.3, 0.2], lambda X: 0.0 * X)
+    velocity.owned[:] = speed.array_r
+    out.owned[:] = 0.0
+    contact.correct_film(velocity, 1.0, scratch, 0.0, out)
+    expected = c * 0.3 / (1.0 + 0.1 * c * contact.compliance)
+    np.testing.assert_allclose(contact.film_traction[:, 0], expected)
+    np.testing.assert_allclose(contact.film_traction[:, 1], 0.0, atol=1e-15)
+    np.testing.assert_allclose(contact.trial.traction[:, 0], -expected)
+    forces = out.owned.reshape(-1, 2)
+    np.testing.assert_allclose(forces.sum(axis=0), 0.0, atol=1e-14)
+    total = contact.term.surface.slave.weight @ expected
+    assert forces[blocks.nodes("elastomer"), 0].sum() == pytest.approx(total)
+    parts = contact.trial.response.dissipation
+    np.testing.assert_allclose(parts.viscous, expected**2 * 0.1 / c)
+    np.testing.assert_allclose(parts.total, expected * 0.01)
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_compliance_bounds_the_impulses_of_all_points_together(pair, compiled):
+    """Σ w s τ² ≥ Σ_a (Σ_q w N_a τ)²/m_a for any tractions, and equality in the flat middle."""
+    blocks = pair(lower=(5, 2))
+    contact = explicit_contact(ContactTerm(blocks.surface(3), FrictionlessLaw(), PENALTY), compiled)
+    u, scratch = vectors(blocks)
+    u.owned[:] = 0.0
+    contact.evaluate(u, 1.0)
+    rng = np.random.default_rng(0)
+    mass = rng.uniform(0.2, 1.0, len(u.owned) // 2).repeat(2)
+    contact.refresh_compliance(1.0 / mass, scratch)
+    weight = contact.term.surface.slave.weight
+    for _ in range(50):
+        tau = np.zeros((len(weight), 2))
+        tau[:, 0] = rng.standard_normal(len(weight))
+        scratch.owned[:] = 0.0
+        contact.spread(tau, scratch)
+        together = float(np.sum(scratch.owned**2 / mass))
+        assert together <= weight @ (contact.compliance * tau[:, 0] ** 2) * (1.0 + 1e-12)
+    assert contact.compliance.min() > 0.0
+
+
+def test_the_law_tells_its_stiffness_and_its_viscosity(pair):
+    blocks = pair()
+    onset = {"film_onset_pressure": 1e-3}
+    term = ContactTerm(blocks.surface(), film_law(alpha=0.25, **onset), PENALTY, 0.5)
+    assert elastic_stiffness(term) == pytest.approx(0.75 * 60.0)
+    assert largest_viscosity(term) == pytest.approx(0.25 * 10.0)
+    law = film_law(alpha=0.25, V_star=0.1, **onset)
+    fast = ContactTerm(blocks.surface(), law, PENALTY, 0.5)
+    assert largest_viscosity(fast) == pytest.approx(10.0)
+    dry = ContactTerm(blocks.surface(), CoulombLaw(CoulombParameters(mu=0.3, K_T=7.0)), PENALTY)
+    assert elastic_stiffness(dry) == pytest.approx(7.0)
+    assert largest_viscosity(dry) == 0.0
+
+
+def test_stiffness_of_a_pair_is_symmetric_and_positive(pair):
+    blocks = pair()
+    law, film = LAWS["map"]
+    contact = ExplicitContact(ContactTerm(blocks.surface(3), law, PENALTY, film))
+    u, out = vectors(blocks)
+    u.owned[:] = 0.0
+    contact.evaluate(u, 1.0)
+    stiffness, rng = PairStiffness(contact), np.random.default_rng(1)
+    w = NodalVector(blocks.u.function_space)
+    for viscous in (False, True):
+        images, tried = [], rng.standard_normal((2, len(u.owned)))
+        for direction in tried:
+            w.owned[:], out.owned[:] = direction, 0.0
+            stiffness.add(w, out, viscous)
+            images.append(out.owned.copy())
+        assert tried[0] @ images[1] == pytest.approx(tried[1] @ images[0], rel=1e-12)
+        assert tried[0] @ images[0] > 0.0
+    # A common shift costs nothing; a shift of the slave alone meets penalty times its length.
+    nodes = blocks.nodes("elastomer")
+    w.owned[:], out.owned[:] = 0.0, 0.0
+    w.owned.reshape(-1, 2)[nodes, 1] = 1.0
+    stiffness.add(w, out, viscous=False)
+    assert w.owned @ out.owned == pytest.approx(PENALTY)

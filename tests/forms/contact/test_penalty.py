@@ -1,0 +1,296 @@
+"""The contact term: forces, history and energy of one pair at given displacements."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from forms.contact.penalty import ContactTerm
+from forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
+from forms.friction.friction_map import FrictionMap
+from forms.friction.law import Regime
+from forms.friction.parameters import FrictionMapParameters
+
+PENALTY = 50.0
+DOWN = -0.02
+
+
+def coulomb(mu, K_T=60.0):
+    return CoulombLaw(CoulombParameters(mu=mu, K_T=K_T))
+
+
+def term_of(blocks, law, film=0.0, degree=5):
+    return ContactTerm(blocks.surface(degree), law, PENALTY, film)
+
+
+def shifted(x, y):
+    return lambda X: np.broadcast_to([x, y], X.shape)
+
+
+def still(X):
+    return np.zeros_like(X)
+
+
+def bent(size, phase=0.0):
+    def motion(X):
+        along = 0.3 * size * np.cos(2.0 * X[:, 0] - phase)
+        return np.stack([along, size * np.sin(2.6 * X[:, 0] + phase)], axis=1)
+
+    return motion
+
+
+def summed(*motions):
+    return lambda X: sum(motion(X) for motion in motions)
+
+
+def rigid(angle, shift=(0.0, 0.0)):
+    """Current positions to displacements of a rigid motion that follows ``motion``."""
+    turn = rotation(angle)
+
+    def after(motion):
+        return lambda X: (X + motion(X)) @ turn.T + np.asarray(shift) - X
+
+    return after
+
+
+def rotation(angle):
+    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+
+
+def nodal(term, trial, size):
+    """Contact residual of all nodes, (n, i)."""
+    nodes, values = term.nodal_forces(trial)
+    out = np.zeros((size, 2))
+    np.add.at(out, nodes.reshape(-1), values.reshape(-1, 2))
+    return out
+
+
+def committed(term, x, dt=1.0):
+    trial = term.evaluate(x, dt)
+    term.commit(trial)
+    return trial
+
+
+def test_flat_penetration_in_numbers(pair):
+    blocks = pair()
+    term = term_of(blocks, coulomb(0.3))
+    trial = term.evaluate(blocks.displaced(shifted(0.0, DOWN), still), 1.0)
+    np.testing.assert_allclose(trial.pressure, PENALTY * 0.02, rtol=1e-12)
+    np.testing.assert_allclose(trial.kinematics.gap, -0.02, rtol=1e-12)
+    np.testing.assert_allclose(trial.traction, [[0.0, PENALTY * 0.02]] * 18, atol=1e-14)
+    energy = 0.5 * PENALTY * 0.02**2  # per reference length, which is one
+    assert term.interface_energy(trial) == pytest.approx(energy, rel=1e-12)
+
+
+def test_sticking_and_sliding_in_numbers(pair):
+    """Signs: the slave is dragged to +x, so that friction pulls it to −x; T/N = μ when sliding."""
+    blocks = pair()
+    for mu, move, expected in ((0.3, 0.001, 60.0 * 0.001), (0.3, 0.1, 0.3 * PENALTY * 0.02)):
+        term = term_of(blocks, coulomb(mu))
+        committed(term, blocks.displaced(shifted(0.0, DOWN), still))
+        trial = term.evaluate(blocks.displaced(shifted(move, DOWN), still), 1.0)
+        np.testing.assert_allclose(trial.kinematics.slip[:, 0], move, rtol=1e-10)
+        np.testing.assert_allclose(trial.traction[:, 0], -expected, rtol=1e-9)
+        forces = nodal(term, trial, blocks.u.function_space.dofmap.index_map.size_local)
+        slave = np.unique(term.surface.slave.nodes)
+        # The residual is minus the force on the body; the slave surface has unit length.
+        np.testing.assert_allclose(forces[slave].sum(axis=0), [expected, -PENALTY * 0.02])
+        np.testing.assert_allclose(forces[term.surface.master.nodes].sum(axis=0), [-expected, 1.0])
+
+
+def test_balance_of_momentum_on_a_bent_master(pair):
+    """Linear momentum exactly; angular momentum up to ∫ g n × T, which is not small here."""
+    blocks = pair()
+    term = term_of(blocks, coulomb(0.5))
+    committed(term, blocks.displaced(summed(bent(0.08), shifted(0, -0.06)), bent(0.08)))
+    x = blocks.displaced(summed(bent(0.09, 0.3), shifted(0.1, -0.06)), bent(0.09, 0.3))
+    trial = term.evaluate(x, 1.0)
+    size = blocks.u.function_space.dofmap.index_map.size_local
+    forces = nodal(term, trial, size)
+    assert np.abs(forces).max() > 0.1
+    np.testing.assert_allclose(forces.sum(axis=0), 0.0, atol=1e-14)
+    where = blocks.u.function_space.tabulate_dof_coordinates()[:, :2] + x.array_r.reshape(-1, 2)
+    moment = np.sum(where[:, 0] * forces[:, 1] - where[:, 1] * forces[:, 0])
+    k, T = trial.kinematics, trial.response.traction
+    lever = k.gap * (k.normal[:, 0] * T[:, 1] - k.normal[:, 1] * T[:, 0])
+    expected = term.surface.slave.weight @ lever
+    assert abs(expected) > 1e-3
+    assert moment == pytest.approx(expected, rel=1e-10)
+
+
+def test_frictionless_forces_are_the_derivative_of_the_energy(pair):
+    """Also for points clamped to a vertex, on a master with grooves and ridges."""
+    blocks = pair()
+    term = term_of(blocks, FrictionlessLaw(), degree=20)
+    x = blocks.displaced(summed(bent(-0.3), shifted(0.03, -0.08)), bent(-0.3))
+    trial = term.evaluate(x, 1.0)
+    assert np.count_nonzero(trial.projection.clamped & trial.kinematics.closed) >= 3
+    forces = nodal(term, trial, blocks.u.function_space.dofmap.index_map.size_local).reshape(-1)
+    rng, h = np.random.default_rng(0), 1e-6
+    moved = x.copy()
+    for _ in range(4):
+        d = rng.normal(size=x.getSize())
+        moved.array[:] = x.array_r + h * d
+        after = term.interface_energy(term.evaluate(moved, 1.0))
+        moved.array[:] = x.array_r - h * d
+        before = term.interface_energy(term.evaluate(moved, 1.0))
+        assert forces @ d == pytest.approx((after - before) / (2.0 * h), rel=1e-7)
+
+
+@pytest.mark.parametrize("angle", [0.7, 2.5])
+def test_rigid_motion_of_both_bodies_leaves_the_contact_alone(pair, angle):
+    """After a step with friction: no slip, the same elastic slip, forces that turn along."""
+    blocks = pair()
+    term = term_of(blocks, coulomb(0.5))
+    upper, lower = summed(bent(0.08), shifted(0.01, -0.06)), bent(0.08)
+    committed(term, blocks.displaced(summed(bent(0.05), shifted(0.0, -0.06)), bent(0.05)))
+    first = committed(term, blocks.displaced(upper, lower))
+    turned = rigid(angle, (0.4, -0.3))
+    trial = term.evaluate(blocks.displaced(turned(upper), turned(lower)), 1.0)
+    slip = np.linalg.norm(trial.kinematics.slip, axis=1)
+    before = np.linalg.norm(first.response.state.elastic_slip, axis=1)
+    now = np.linalg.norm(trial.kinematics.elastic_slip, axis=1)
+    assert before.max() > 1e-3
+    np.testing.assert_allclose(slip, 0.0, atol=1e-13)
+    np.testing.assert_allclose(now, before, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(
+        trial.response.traction, first.response.traction @ rotation(angle).T, rtol=0, atol=1e-11
+    )
+    assert term.interface_energy(trial) == pytest.approx(term.interface_energy(first), rel=1e-10)
+
+
+def test_elastic_slip_comes_back_from_its_components(pair):
+    """Commit stores components on a facet and a length; at the same place they are the vector."""
+    blocks = pair()
+    term = term_of(blocks, coulomb(0.5))
+    x = blocks.displaced(summed(bent(0.08), shifted(0.01, -0.06)), bent(0.08))
+    first = committed(term, x)
+    again = term.evaluate(x, 1.0)
+    np.testing.assert_allclose(
+        again.kinematics.elastic_slip, first.response.state.elastic_slip, rtol=0, atol=1e-16
+    )
+    np.testing.assert_allclose(again.kinematics.slip, 0.0, atol=1e-15)
+    np.testing.assert_allclose(again.response.traction, first.response.traction, atol=1e-13)
+
+
+def test_path_there_and_back_within_stick_costs_nothing(pair):
+    blocks = pair()
+    term = term_of(blocks, coulomb(5.0))
+    start = committed(term, blocks.displaced(shifted(0.0, DOWN), still))
+    for move in (0.004, 0.009, 0.002, 0.0):
+        last = committed(term, blocks.displaced(shifted(move, DOWN), still))
+    np.testing.assert_allclose(last.response.traction, start.response.traction, atol=1e-13)
+    assert term.interface_energy(last) == pytest.approx(term.interface_energy(start))
+
+
+def test_evaluation_changes_nothing_and_commit_does(pair):
+    blocks = pair()
+    term = term_of(blocks, coulomb(0.3))
+    state = term.state
+    x = blocks.displaced(shifted(0.01, DOWN), still)
+    trial = term.evaluate(x, 1.0)
+    assert term.evaluate(x, 1.0) is trial
+    assert term.state is state and not state.slip_length.any()
+    term.commit(trial)
+    assert term.state is not state
+    np.testing.assert_allclose(term.state.slip_length, 0.3 * PENALTY * 0.02 / 60.0)
+    assert term.evaluate(x, 1.0) is not trial
+
+
+def test_another_duration_or_rate_is_another_evaluation(pair):
+    law = FrictionMap(
+        FrictionMapParameters(
+            mu_s=0.3, K_T=60.0, eta_b=5.0, D_max=1.0, alpha=0.4, V_star=1e3, V_star_at=0.5
+        )
+    )
+    blocks = pair()
+    term = term_of(blocks, law, film=0.5)
+    committed(term, blocks.displaced(shifted(0.0, DOWN), still))
+    x = blocks.displaced(shifted(0.1, DOWN), still)
+    solid = 0.6 * 0.3 * PENALTY * 0.02
+    for dt in (1.0, 2.0):
+        film = 0.4 * 5.0 / 0.5 * 0.1 / dt
+        traction = term.evaluate(x, dt).response.traction
+        np.testing.assert_allclose(traction[:, 0], solid + film, rtol=1e-10)
+    term.rate_dependent = False
+    traction = term.evaluate(x, 2.0).response.traction
+    np.testing.assert_allclose(traction[:, 0], solid, rtol=1e-10)
+
+
+def test_film_feels_the_stretch_of_the_last_step(pair):
+    """The film's stress is per current area: its traction per reference area grows with da/dA."""
+    law = FrictionMap(
+        FrictionMapParameters(
+            mu_s=0.0, K_T=60.0, eta_b=5.0, D_max=1.0, alpha=0.4, V_star=1e3, V_star_at=0.5
+        )
+    )
+    blocks = pair()
+    term = term_of(blocks, law, film=2.0)
+
+    def wider(X):
+        return np.stack([0.2 * (X[:, 0] - 0.97), np.full(len(X), DOWN)], axis=1)
+
+    first = term.evaluate(blocks.displaced(wider, still), 1.0)
+    np.testing.assert_allclose(first.area_ratio, 1.2, rtol=1e-12)
+    term.commit(first)
+    trial = term.evaluate(blocks.displaced(summed(wider, shifted(0.1, 0.0)), still), 1.0)
+    np.testing.assert_allclose(trial.response.traction[:, 0], 1.2 * 5.0 / 2.0 * 0.1, rtol=1e-10)
+
+
+def test_open_points_carry_nothing_and_are_left_out_of_the_tangent(pair):
+    blocks = pair()
+    term = term_of(blocks, coulomb(0.3))
+
+    def tilted(X):
+        return np.stack([0.0 * X[:, 0], 0.05 * (X[:, 0] - 0.9)], axis=1)
+
+    trial = term.evaluate(blocks.displaced(tilted, still), 1.0)
+    closed = trial.kinematics.closed
+    assert 3 < np.count_nonzero(closed) < len(closed) - 3
+    np.testing.assert_array_equal(closed, trial.kinematics.gap < 0.0)
+    assert not trial.traction[~closed].any()
+    assert (trial.response.regime[~closed] == Regime.OPEN).all()
+    ((nodes, blocks_),) = term.tangent(trial)
+    assert len(nodes) == len(blocks_) == np.count_nonzero(closed)
+    assert nodes.shape[1] == blocks_.shape[1] == 2 + 4
+
+
+def test_touching_points_have_a_stiffness_but_no_pressure(pair):
+    """A body that only rests on another is not loose."""
+    blocks = pair()
+    term = term_of(blocks, coulomb(0.3))
+    trial = term.evaluate(blocks.displaced(still, still), 1.0)
+    assert not trial.pressure.any()
+    ((nodes, stiffness),) = term.tangent(trial)
+    assert len(nodes) == len(term.surface.slave.weight)
+    vertical = sum(block[:2, 1, :2, 1].sum() for block in stiffness)
+    assert vertical == pytest.approx(PENALTY, rel=1e-10)
+
+
+def test_past_the_end_of_the_master_there_is_no_contact(pair):
+    """The slave slides over the right end; the history of those points says so."""
+    blocks = pair()
+    term = term_of(blocks, coulomb(0.3))
+    committed(term, blocks.displaced(shifted(0.0, DOWN), still))
+    trial = term.evaluate(blocks.displaced(shifted(0.9, DOWN), still), 1.0)
+    beyond = trial.position[:, 0] > 2.0
+    assert 3 < np.count_nonzero(beyond) < len(beyond) - 3
+    np.testing.assert_array_equal(trial.pressure > 0.0, ~beyond)
+    term.commit(trial)
+    np.testing.assert_array_equal(np.isinf(term.state.gap), beyond)
+    back = term.evaluate(blocks.displaced(shifted(0.85, DOWN), still), 1.0)
+    new = beyond & (back.pressure > 0.0)
+    # Where there was no gap to compare with, the slip of the step is not known: none is counted.
+    assert new.any() and not back.kinematics.slip[new].any()
+
+
+def test_frictionless_tangent_is_symmetric(pair):
+    blocks = pair()
+    term = term_of(blocks, FrictionlessLaw())
+    x = blocks.displaced(summed(bent(0.08), shifted(0.03, -0.06)), bent(0.08))
+    ((_, stiffness),) = term.tangent(term.evaluate(x, 1.0))
+    q, m = stiffness.shape[:2]
+    square = stiffness.reshape(q, 2 * m, 2 * m)
+    np.testing.assert_allclose(square, square.transpose(0, 2, 1), rtol=0, atol=1e-12)
+    # With one row of zero sum for each direction: a common translation costs nothing.
+    np.testing.assert_allclose(stiffness.sum(axis=3), 0.0, atol=1e-12)

@@ -1,0 +1,244 @@
+"""Residual and tangent of the contact alone, in the plane and in space, on facets of all shapes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+import forms.contact.kinematics
+import forms.contact.penalty
+from forms.contact.penalty import ContactTerm
+from forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
+from forms.friction.friction_map import FrictionMap
+from forms.friction.law import Regime
+from forms.friction.parameters import FrictionMapParameters
+from tests.contact_boxes import GAP, PENALTY, SHAPES, Scene
+
+
+def coulomb(mu, K_T=60.0):
+    return CoulombLaw(CoulombParameters(mu=mu, K_T=K_T))
+
+
+def film_map():
+    return FrictionMap(
+        FrictionMapParameters(
+            mu_s=0.3, mu_d=0.2, A_d=0.01, B=20.0, K_T=60.0, eta_b=5.0, D_max=1.0, alpha=0.4,
+            V_star=100.0, V_star_at=0.5, film_onset_pressure=1.0,
+        )
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class State:
+    """Where the upper box has been and is: along x, along y, down; and what is expected there."""
+
+    law: object
+    regime: Regime
+    before: tuple[float, float, float] = (0.01, 0.02, -0.07)
+    now: tuple[float, float, float] = (0.03, 0.01, -0.09)
+    film: float = 0.0
+
+
+STATES = {
+    "no friction": State(FrictionlessLaw(), Regime.SLIP),
+    "stick": State(coulomb(50.0), Regime.STICK),
+    "slip": State(coulomb(0.2), Regime.SLIP, now=(0.13, -0.09, -0.09)),
+    "film": State(film_map(), Regime.MIXED, now=(0.13, -0.09, -0.09), film=0.5),
+    "closing": State(coulomb(50.0), Regime.STICK, before=(0.0, 0.0, 0.06)),
+}
+
+
+# The same, but so bent that points hang in the grooves between the facets.
+GROOVES = {
+    name: replace(STATES[name], before=(0.01, 0.02, -0.12), now=(0.05, -0.03, -0.14))
+    for name in ("stick", "slip")
+}
+
+
+def prepared(shape, state, bend=0.04, **options):
+    scene = Scene(shape, state.law, film=state.film, **options)
+    pick = [0, 2] if scene.dim == 2 else [0, 1, 2]
+    before = scene.vector(np.array(state.before)[pick], 0.8 * bend, 0.9)
+    scene.term.commit(scene.term.evaluate(before, 1.0))
+    return scene, scene.vector(np.array(state.now)[pick], bend, 0.7, 0.01)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("state", STATES)
+def test_tangent_against_differences(shape, state):
+    scene, x = prepared(shape, STATES[state])
+    _, trial = scene.residual(x)
+    assert np.count_nonzero(trial.response.regime == STATES[state].regime) >= 2
+    assert np.count_nonzero(trial.pressure) >= 2
+    assert scene.error(x) < 1e-9
+
+
+@pytest.mark.parametrize("shape", ["T3", "Q4", "hex8"])
+@pytest.mark.parametrize("state", STATES)
+def test_tangent_of_a_smooth_master(shape, state):
+    scene, x = prepared(shape, STATES[state], bend=0.1, master=4, smoothing_angle=0.5)
+    _, trial = scene.residual(x)
+    assert np.count_nonzero(trial.pressure) >= 2
+    assert scene.error(x) < 1e-9
+
+
+@pytest.mark.parametrize("shape", ["Q4", "tet4", "hex8", "tet10"])
+@pytest.mark.parametrize("state", GROOVES)
+def test_tangent_of_points_on_edges(shape, state):
+    """In the plane these are corners."""
+    scene, x = prepared(shape, GROOVES[state], bend=0.4, fine=True, degree=5)
+    _, trial = scene.residual(x)
+    assert np.count_nonzero(trial.projection.clamped & trial.kinematics.closed) >= 3
+    assert scene.error(x) < 1e-9
+
+
+def test_tangent_of_points_at_a_corner():
+    """Few points hang in a pit: a master whose middle node is pulled down."""
+    for state in STATES["stick"], STATES["slip"]:
+        scene, x = prepared("tet4", state, bend=0.0, fine=True, degree=5)
+        middle = np.argmin(np.linalg.norm(scene.where - [1 / 3, 0.55, 0.0], axis=1))
+        x.array[3 * middle + 2] -= 0.5
+        x.array[2::3][scene.where[:, 2] > 0.5 * GAP] -= 0.6
+        trial = scene.term.evaluate(x, 1.0)
+        along = trial.projection.along
+        corner = trial.projection.clamped & trial.kinematics.closed & ~along.any(axis=1)
+        assert np.count_nonzero(corner) >= 2
+        assert scene.error(x) < 1e-9
+
+
+def without(name):
+    def switch(patch):
+        whole = forms.contact.penalty.vary
+
+        def less(*arguments):
+            variations = whole(*arguments)
+            getattr(variations, name)[:] = 0.0
+            return variations
+
+        patch.setattr(forms.contact.penalty, "vary", less)
+
+    return switch
+
+
+def without_rows(which):
+    def switch(patch):
+        whole = ContactTerm._generalised_rows
+
+        def less(self, trial, take):
+            rows, nodes = whole(self, trial, take)
+            rows[:, which] = 0.0
+            return rows, nodes
+
+        patch.setattr(ContactTerm, "_generalised_rows", less)
+
+    return switch
+
+
+def without_geometry(name):
+    """Curvature, or the freedom along an edge, hidden from the variations."""
+
+    def switch(patch):
+        whole = forms.contact.kinematics._vary_projection
+        patch.setattr(
+            forms.contact.kinematics,
+            "_vary_projection",
+            lambda today, size: whole(replace(today, **{name: None}), size),
+        )
+
+    return switch
+
+
+# What is left out, the shape, the state and how much the boxes are bent.
+TERMS = {
+    "normal": (without("d_normal"), "hex8", STATES["slip"], 0.04),
+    "closest point": (without("d_xi"), "hex8", STATES["slip"], 0.04),
+    "rows b, first": (without_rows(1), "hex8", STATES["stick"], 0.04),
+    "rows b, second": (without_rows(2), "hex8", STATES["stick"], 0.04),
+    "rows c": (without_rows(3), "hex8", STATES["stick"], 0.04),
+    "rows d": (without_rows(4), "tet4", STATES["slip"], 0.4),
+    "twist of a bilinear facet": (without_geometry("curvature"), "hex8", STATES["slip"], 0.4),
+    "curvature of a segment": (without_geometry("curvature"), "Q9", STATES["slip"], 0.4),
+    "way along an edge": (without_geometry("along"), "tet4", GROOVES["slip"], 0.4),
+    "curvature of an edge": (without_geometry("curvature"), "tet10", GROOVES["slip"], 0.4),
+}
+
+
+@pytest.mark.parametrize("name", TERMS)
+def test_each_term_is_needed(monkeypatch, name):
+    switch, shape, state, bend = TERMS[name]
+    scene, x = prepared(shape, state, bend=bend, fine=True)
+    assert scene.error(x) < 1e-9
+    switch(monkeypatch)
+    scene.term._last = None
+    assert scene.error(x) > 1e-5
+
+
+@pytest.mark.parametrize("shape", ["T6", "Q9", "tet4", "hex8", "hex27"])
+def test_momentum_balances(shape):
+    """Forces sum to zero; moments up to ∫ g n × T."""
+    scene, x = prepared(shape, STATES["slip"])
+    force, trial = scene.residual(x)
+    force = force.reshape(-1, scene.dim)
+    assert np.abs(force).max() > 1e-3
+    np.testing.assert_allclose(force.sum(axis=0), 0.0, atol=1e-13)
+    where = scene.where + x.array_r.reshape(-1, scene.dim)
+    k, T = trial.kinematics, trial.response.traction
+    lever = scene.surface.slave.weight @ (k.gap[:, None] * cross(k.normal, T))
+    np.testing.assert_allclose(cross(where, force).sum(axis=0), lever, atol=1e-13)
+
+
+def cross(a, b):
+    """Cross products (q, 1) or (q, 3)."""
+    if a.shape[1] == 3:
+        return np.cross(a, b)
+    return (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])[:, None]
+
+
+@pytest.mark.parametrize("shape", ["tet4", "hex8", "hex27", "T6"])
+def test_gross_sliding_is_the_same_in_all_directions(shape):
+    """A flat master: traction μ p against the slip, whatever the direction."""
+    scene = Scene(shape, coulomb(0.3))
+    down = [0.0] * (scene.dim - 1) + [-GAP - 0.02]
+    scene.term.commit(scene.term.evaluate(scene.vector(down, 0.0, 0.0), 1.0))
+    angles = [0.0, np.pi] if scene.dim == 2 else np.linspace(0.0, 6.0, 7)
+    for angle in angles:
+        way = np.array([np.cos(angle), np.sin(angle)])[: scene.dim - 1]
+        _, trial = scene.residual(scene.vector([*(0.1 * way), down[-1]], 0.0, 0.0))
+        np.testing.assert_allclose(trial.pressure, 0.02 * PENALTY, rtol=1e-10)
+        expected = 0.3 * 0.02 * PENALTY * np.broadcast_to(way, (len(trial.pressure), len(way)))
+        np.testing.assert_allclose(trial.response.traction[:, :-1], expected, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("shape", ["tet4", "hex8", "hex27", "tet10"])
+def test_rigid_motion_of_both_bodies_leaves_the_contact_alone(shape):
+    """After a step with friction: no slip, the same elastic slip and forces, turned."""
+    scene, x = prepared(shape, STATES["stick"], fine=True)
+    first = scene.term.evaluate(x, 1.0)
+    scene.term.commit(first)
+    turn = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
+    turn[0] *= np.linalg.det(turn)
+    moved = x.copy()
+    now = scene.where + x.array_r.reshape(-1, 3)
+    moved.array[:] = (now @ turn.T + [0.4, -0.3, 0.2] - scene.where).reshape(-1)
+    trial = scene.term.evaluate(moved, 1.0)
+    np.testing.assert_allclose(trial.kinematics.slip, 0.0, atol=1e-12)
+    np.testing.assert_allclose(trial.traction, first.traction @ turn.T, rtol=0, atol=1e-10)
+    assert np.linalg.norm(first.response.traction, axis=1).max() > 0.1
+
+
+@pytest.mark.parametrize("shape", ["Q4", "T6", "tet4", "hex8"])
+def test_adding_up_and_folding_change_nothing(monkeypatch, shape):
+    """Points with the same nodes as one block, and the last step's facet folded onto today's."""
+    scene, x = prepared(shape, STATES["stick"], fine=True, degree=5)
+    monkeypatch.setattr(forms.contact.penalty, "WORTH_FOLDING", np.inf)
+    trial = scene.term.evaluate(x, 1.0)
+    plain = scene.tangent(x)
+    assert len(scene.term.tangent(trial)) == 1
+    monkeypatch.setattr(forms.contact.penalty, "WORTH_FOLDING", 0)
+    groups = scene.term.tangent(trial)
+    a = scene.surface.shape.count
+    assert [nodes.shape[1] for nodes, _ in groups] == [2 * a, 3 * a]
+    assert sum(len(nodes) for nodes, _ in groups) < len(trial.pressure)
+    np.testing.assert_allclose(scene.tangent(x), plain, rtol=0, atol=1e-12 * np.abs(plain).max())

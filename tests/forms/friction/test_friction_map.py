@@ -1,0 +1,499 @@
+"""The friction-map law along random paths: bounds, energy, tangents, invariances."""
+
+import dataclasses
+import itertools
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from forms.friction.film_map import at_rest, threshold_speed
+from forms.friction.friction_map import FrictionMap
+from forms.friction.law import FrictionResponse, FrictionState, Regime
+from forms.friction.parameters import PRESETS, FrictionMapParameters
+
+PROFILE = settings(derandomize=True, deadline=None, max_examples=60)
+
+POINTS, STEPS = 60, 10
+V_STAR, P, K_T = 1e-3, 3e6, 1e12
+TABLE = PRESETS["friction-map"]["alpha"]
+
+
+@dataclasses.dataclass
+class Step:
+    """Arguments of one update."""
+
+    slip: np.ndarray
+    dt: float
+    pressure: np.ndarray
+    film: np.ndarray
+    area: np.ndarray
+
+    def of(self, law: FrictionMap, state: FrictionState, **changes: Any) -> FrictionResponse:
+        values = {"slip": self.slip, "pressure": self.pressure, "film": self.film} | changes
+        return law.update(
+            values["slip"],
+            self.dt,
+            values["pressure"],
+            values["film"],
+            state,
+            area_ratio=self.area,
+        )
+
+
+def parameters(**changes: Any) -> FrictionMapParameters:
+    values: dict[str, Any] = {
+        "mu_s": 0.12,
+        "mu_d": 0.07,
+        "A_d": 2e-7,
+        "B": 5e5,
+        "K_T": K_T,
+        "eta_b": 0.8,
+        "D_min": 5e-9,
+        "D_max": 250e-9,
+        "beta": 0.3,
+        "V_star": V_STAR,
+        "V_star_at": 50e-9,
+    }
+    if "alpha" in changes:
+        values.pop("beta")
+    return FrictionMapParameters(**values | changes)
+
+
+# Options of the film's flow: none, each alone, all.
+FLOWS = {
+    "newtonian": {},
+    "onset": {"film_onset_pressure": 0.3 * P},
+    "limit": {"tau_0": 2e4, "zeta": 0.02},
+    "thinning": {"critical_rate": 1e4, "thinning_exponent": 0.4, "eta_inf": 0.05},
+    "barus": {"barus": 3e-7},
+    "solid-like": {"tau_0": 0.0, "zeta": 0.05, "critical_rate": 1e3, "thinning_exponent": 0.0},
+}
+FLOWS["all"] = {k: v for flow in list(FLOWS.values())[:-1] for k, v in flow.items()}
+
+
+def with_flow(p: FrictionMapParameters, flow: str) -> FrictionMapParameters:
+    return dataclasses.replace(p, **FLOWS[flow])
+
+
+laws = st.builds(
+    with_flow,
+    st.builds(
+        parameters,
+        flow_rule=st.sampled_from(["weighted", "literal"]),
+        switch=st.sampled_from(["implicit", "lagged"]),
+        transition_width=st.sampled_from([0.0, 0.03, 0.2, 0.5]),
+        beta=st.sampled_from([1.0, 0.3, 0.01, 1e-5, ((10e-9, 1.0), (30e-9, 0.01), (180e-9, 1e-5))]),
+        mu_d=st.sampled_from([0.0, 0.07, 0.12]),
+        B=st.sampled_from([0.0, 5e5, 2e6]),
+        reset_slip_on_opening=st.booleans(),
+    ),
+    st.sampled_from([*["newtonian"] * 4, *FLOWS]),
+).map(FrictionMap)
+seeds = st.integers(0, 2**32 - 1)
+dims = st.sampled_from([2, 3])
+
+
+def random_path(seed: int, dim: int, n: int = POINTS) -> Iterator[Step]:
+    """Steps with speeds around V*, films thinning and thickening, opening and closing."""
+    rng = np.random.default_rng(seed)
+    film = 10 ** rng.uniform(-8.5, -6.4, n)
+    pressure = P * rng.random(n)
+    for _ in range(STEPS):
+        length = 10 ** rng.uniform(-8.5, -5.5)
+        direction = rng.normal(size=(n, dim))
+        direction /= np.linalg.norm(direction, axis=1)[:, None]
+        film = np.where(rng.random(n) < 0.5, film * 10 ** rng.normal(0.0, 0.1, n), film)
+        film = np.where(rng.random(n) < 0.03, 0.0, np.where(film == 0.0, 33e-9, film))
+        pressure = np.where(rng.random(n) < 0.7, pressure, P * rng.random(n))
+        pressure = np.where(rng.random(n) < 0.1, 0.0, np.where(pressure == 0.0, P, pressure))
+        # Speeds over two decades around V* and, at four points in ten, right at it.
+        at_v_star = np.sqrt(50e-9 / np.maximum(film, 1e-9)) * rng.uniform(0.95, 1.05, n)
+        size = np.where(rng.random(n) < 0.4, at_v_star, 10 ** rng.uniform(-1.0, 1.0, n))
+        size = length * size * (rng.random(n) > 0.05)
+        yield Step(
+            slip=size[:, None] * direction,
+            dt=length / V_STAR,
+            pressure=pressure,
+            film=film,
+            area=rng.uniform(0.8, 1.3, n),
+        )
+
+
+def history(law: FrictionMap, steps: Iterator[Step]) -> Iterator[tuple[Step, Any, Any]]:
+    """Each step with the state before it and the response."""
+    state: FrictionState | None = None
+    for step in steps:
+        state = state or law.initial_state(*step.slip.shape)
+        response = step.of(law, state)
+        yield step, state, response
+        state = response.state
+
+
+def inner(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return np.einsum("qi,qi->q", a, b)
+
+
+# Bounds and energy
+
+
+@PROFILE
+@given(laws, seeds, dims)
+def test_elastic_traction_stays_below_the_threshold(law, seed, dim):
+    p = law.parameters
+    for step, _, response in history(law, random_path(seed, dim)):
+        state = response.state
+        solid = 1.0 - state.alpha
+        elastic = (solid * p.K_T)[:, None] * state.elastic_slip
+        omega = solid if p.flow_rule == "weighted" else 1.0
+        threshold = omega * p.friction.coefficient(state.slip_path) * step.pressure
+        assert (np.linalg.norm(elastic, axis=1) <= threshold * (1 + 1e-12)).all()
+        wet = step.film > p.D_min
+        thickness = np.where(wet, step.film, 1.0)
+        rate = np.linalg.norm(step.slip, axis=1) / step.dt / thickness
+        eta = p.rheology.viscosity(rate, step.pressure / step.area).value
+        film = np.where(wet, state.alpha * eta / thickness, 0.0) * step.area / step.dt
+        film *= np.minimum(step.pressure / (p.film_onset_pressure or 1e-30), 1.0)
+        np.testing.assert_allclose(
+            response.traction, elastic + film[:, None] * step.slip, rtol=1e-9, atol=1e-9 * P
+        )
+
+
+@PROFILE
+@given(laws, seeds, dims, st.sampled_from(["consistent", "literal"]))
+def test_work_is_stored_or_dissipated(law, seed, dim, reentry):
+    law = FrictionMap(dataclasses.replace(law.parameters, reentry=reentry))
+    for step, state, response in history(law, random_path(seed, dim)):
+        work = inner(response.traction, step.slip)
+        before, after = law.stored_energy(state), law.stored_energy(response.state)
+        size = np.linalg.norm(response.traction, axis=1) * np.linalg.norm(step.slip, axis=1)
+        parts = dataclasses.astuple(response.dissipation)
+        scale = size + before + after + np.abs(parts).sum(axis=0)
+        error = np.abs(work - (after - before) - response.dissipation.total)
+        assert (error <= 1e-12 * scale).all()
+
+
+@PROFILE
+@given(laws, seeds, dims)
+def test_no_part_of_the_dissipation_is_negative(law, seed, dim):
+    for step, state, response in history(law, random_path(seed, dim)):
+        size = np.linalg.norm(response.traction, axis=1) * np.linalg.norm(step.slip, axis=1)
+        scale = size + law.stored_energy(state) + law.stored_energy(response.state)
+        for field in dataclasses.fields(response.dissipation):
+            assert (getattr(response.dissipation, field.name) >= -1e-12 * scale).all(), field.name
+
+
+def test_literal_reentry_breaks_the_second_law():
+    """Fast, then slow: alpha falls and the elastic slip would gain energy from nowhere."""
+    for reentry in ("consistent", "literal"):
+        law = FrictionMap(parameters(reentry=reentry, B=0.0, mu_d=0.12))
+        slip, pressure, film = np.array([[1e-6, 0.0]]), np.array([P]), np.array([30e-9])
+        fast = law.update(slip, 1e-4, pressure, film, law.initial_state(1, 2))
+        slow = law.update(1e-9 * slip, 1.0, pressure, film, fast.state)
+        assert fast.state.alpha[0] == 1.0 and slow.state.alpha[0] < 1.0
+        if reentry == "consistent":
+            assert slow.dissipation.total[0] >= 0.0
+        else:
+            # The elastic slip mu p/K_T it kept while the film carried all.
+            gained = 0.5 * K_T * (1.0 - slow.state.alpha[0]) * (0.12 * P / K_T) ** 2
+            assert slow.dissipation.switching[0] == pytest.approx(-gained, rel=1e-9)
+            assert slow.dissipation.total[0] < -0.99 * gained
+
+
+def test_literal_reentry_goes_negative_on_random_paths_too():
+    law = FrictionMap(parameters(reentry="literal"))
+    lowest = min(
+        response.dissipation.total.min() for _, _, response in history(law, random_path(0, 2))
+    )
+    assert lowest < -1e-3
+
+
+def test_the_part_of_the_time_integration_falls_as_one_over_the_steps():
+    law = FrictionMap(parameters(alpha=0.4))
+    reach = 0.9 * 0.12 * P / K_T
+    parts = []
+    for n in (10, 20):
+        state, part = law.initial_state(1, 2), 0.0
+        for _ in range(n):
+            slip = np.array([[reach / n, 0.0]])
+            response = law.update(slip, 1.0, np.array([P]), np.array([30e-9]), state)
+            state = response.state
+            part += response.dissipation.numerical[0]
+        parts.append(part)
+        assert response.regime[0] == Regime.STICK
+    assert parts[0] / parts[1] == pytest.approx(2.0, rel=1e-9)
+    assert parts[0] == pytest.approx(0.5 * 0.6 * K_T * reach**2 / 10, rel=1e-9)
+
+
+def test_opening_loses_the_elastic_slip_and_may_forget_the_path():
+    for reset in (False, True):
+        law = FrictionMap(parameters(reset_slip_on_opening=reset))
+        slip, film = np.array([[1e-6, 0.0]]), np.array([30e-9])
+        closed = law.update(slip, 1.0, np.array([P]), film, law.initial_state(1, 2))
+        stored = law.stored_energy(closed.state)
+        opened = law.update(slip, 1.0, np.zeros(1), film, closed.state)
+        assert stored[0] > 0.0
+        np.testing.assert_allclose(opened.dissipation.opening, stored, rtol=1e-14)
+        np.testing.assert_allclose(opened.dissipation.total, stored, rtol=1e-14)
+        assert not opened.state.elastic_slip.any() and not opened.state.closed.any()
+        for name in ("traction", "slip", "elastic", "pressure", "film"):
+            name = name if name == "traction" else f"d_traction_d_{name}"
+            assert not getattr(opened, name).any()
+        assert closed.state.slip_path[0] > 0.0
+        kept = 0.0 if reset else closed.state.slip_path[0]
+        assert opened.state.slip_path[0] == kept
+        assert opened.regime[0] == Regime.OPEN and opened.state.speed[0] == 0.0
+
+
+@PROFILE
+@given(laws, seeds)
+def test_the_input_is_left_alone_and_shared_with_nobody(law, seed):
+    for step, state, _ in history(law, random_path(seed, 2)):
+        copies = state.copy(), dataclasses.replace(step, slip=step.slip.copy())
+        response = step.of(law, state)
+        for name, value in copies[0].arrays().items():
+            np.testing.assert_array_equal(getattr(state, name), value)
+            assert not np.shares_memory(getattr(response.state, name), getattr(state, name))
+        np.testing.assert_array_equal(step.slip, copies[1].slip)
+        # A rejected step leaves nothing: the same call gives the same answer.
+        np.testing.assert_array_equal(step.of(law, state).traction, response.traction)
+
+
+# Tangents
+
+
+def signature(law: FrictionMap, step: Step, state: FrictionState, **changes: Any) -> np.ndarray:
+    """Which branches of the law the points are on, (b, q)."""
+    p = law.parameters
+    response = step.of(law, state, **changes)
+    film = changes.get("film", step.film)
+    speed = np.linalg.norm(changes.get("slip", step.slip), axis=1) / step.dt
+    if p.switch == "lagged":
+        speed = state.speed
+    ratio = speed / threshold_speed(p, film)
+    edges = np.array([1.0 - p.transition_width, 1.0 + p.transition_width])
+    rows = p.beta if isinstance(p.beta, tuple) else ()
+    return np.array(
+        [
+            response.regime,
+            np.digitize(ratio, edges),
+            np.sign(response.state.alpha - state.alpha),
+            response.state.slip_path > p.A_d,
+            np.digitize(film, [p.D_min, p.D_max]),
+            np.digitize(film, [row[0] for row in rows]),
+            changes.get("pressure", step.pressure) < p.film_onset_pressure,
+        ]
+    )
+
+
+def perturbed(step: Step, state: FrictionState, name: str, j: int, h: np.ndarray, factor: float):
+    """Arguments and state with component j of one input moved by factor*h, (q,)."""
+    if name in ("slip", "elastic"):
+        old = step.slip if name == "slip" else state.elastic_slip
+        new = old.copy()
+        new[:, j] += factor * h
+    else:
+        new = getattr(step, name) + factor * h
+    if name == "elastic":
+        return {}, dataclasses.replace(state, elastic_slip=new)
+    return {name: new}, state
+
+
+def sizes(law: FrictionMap, step: Step, state: FrictionState) -> dict[str, np.ndarray]:
+    """By how much to move each input: little against every length that matters, (q,)."""
+    p = law.parameters
+    width = 5e-4 * max(p.transition_width, 0.03)
+    moved = np.linalg.norm(step.slip, axis=1)
+    trial = moved + np.linalg.norm(state.elastic_slip, axis=1)
+    room = np.minimum(np.abs(step.film - p.D_min), np.abs(step.film - p.D_max))
+    return {
+        "slip": width * np.where(moved > 0.0, np.minimum(moved, 1e-6), 1e-11),
+        "elastic": 5e-4 * np.minimum(np.where(trial > 0.0, trial, 1e-9), 1e-7),
+        "pressure": 2e-4 * step.pressure,
+        "film": width * np.minimum(step.film, room),
+    }
+
+
+def difference(
+    law: FrictionMap, step: Step, state: FrictionState, name: str, j: int, h: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Five-point difference of the traction, (q, i), and where no kink is near, (q,)."""
+    here, smooth, values = signature(law, step, state), h > 0.0, []
+    for factor in (-2.0, -1.0, 1.0, 2.0):
+        changes, before = perturbed(step, state, name, j, h, factor)
+        smooth = smooth & (signature(law, step, before, **changes) == here).all(axis=0)
+        values.append(step.of(law, before, **changes).traction)
+    slope = values[0] - 8.0 * values[1] + 8.0 * values[2] - values[3]
+    return slope / (12.0 * np.where(h > 0.0, h, 1.0)[:, None]), smooth
+
+
+def check_tangent(law: FrictionMap, step: Step, state: FrictionState) -> dict[str, int]:
+    """Compare every derivative with differences of two sizes; count the points compared.
+
+    The error allowed is 1e-7 of the largest entry, beside the round-off of the difference: that of
+    the traction, which grows with 1/(1 - alpha) as alpha has a round-off of its own.
+    """
+    response = step.of(law, state)
+    solid = 1.0 - response.state.alpha
+    noise = (1e-13 + 1e-15 / np.where(solid > 0.0, solid, 1.0)) * np.linalg.norm(
+        response.traction, axis=1
+    )
+    counts: dict[str, int] = {}
+    for name, h in sizes(law, step, state).items():
+        vector = name in ("slip", "elastic")
+        exact = getattr(response, f"d_traction_d_{name}")
+        exact = exact if vector else exact[:, :, None]
+        allowed = 1e-7 * np.abs(exact).max(axis=(1, 2))
+        for j in range(exact.shape[2]):
+            agrees = np.zeros(len(h), dtype=bool)
+            for part in (h, h / 8.0):
+                slope, smooth = difference(law, step, state, name, j, part)
+                error = np.abs(slope - exact[:, :, j]).max(axis=1)
+                agrees |= error <= allowed + noise / np.where(part > 0.0, part, 1.0)
+                agrees |= ~smooth
+            assert agrees.all(), (name, j, np.flatnonzero(~agrees))
+            counts[name] = counts.get(name, 0) + int(smooth.sum())
+    return counts
+
+
+OPTIONS = itertools.product(
+    ["weighted", "literal"],
+    ["consistent", "literal"],
+    ["implicit", "lagged"],
+    [(0.03, ((10e-9, 1.0), (60e-9, 0.05), (180e-9, 1e-2))), (0.3, 0.3)],
+)
+
+
+@pytest.mark.parametrize(("flow_rule", "reentry", "switch", "width_and_beta"), OPTIONS)
+def test_tangents_are_exact(flow_rule, reentry, switch, width_and_beta):
+    width, beta = width_and_beta
+    law = FrictionMap(
+        parameters(
+            flow_rule=flow_rule, reentry=reentry, switch=switch, transition_width=width, beta=beta
+        )
+    )
+    counts: dict[str, int] = {}
+    regimes: set[int] = set()
+    inside = falling = 0
+    for step, state, response in history(law, random_path(5, 3 if width > 0.1 else 2)):
+        for name, count in check_tangent(law, step, state).items():
+            counts[name] = counts.get(name, 0) + count
+        regimes |= set(response.regime.tolist())
+        rest = 1.0 - at_rest(law.parameters, step.film).solid
+        inside += int(((response.state.alpha > rest + 1e-3) & (response.state.alpha < 1)).sum())
+        falling += int((response.state.alpha < state.alpha).sum())
+    # The comparison is worth something: most points were off the kinks, on every branch.
+    total = POINTS * STEPS
+    assert counts["film"] > 0.6 * total and counts["pressure"] > 0.6 * total
+    assert min(counts["slip"], counts["elastic"]) > 2 * 0.6 * total
+    assert regimes == set(Regime)
+    assert falling > 50 and inside > 50
+
+
+@pytest.mark.parametrize("flow", FLOWS)
+@pytest.mark.parametrize("switch", ["implicit", "lagged"])
+def test_tangents_are_exact_whatever_the_film_flows_like(flow, switch):
+    law = FrictionMap(with_flow(parameters(switch=switch, transition_width=0.3), flow))
+    counts: dict[str, int] = {}
+    for step, state, _ in itertools.islice(history(law, random_path(11, 3)), 5):
+        for name, count in check_tangent(law, step, state).items():
+            counts[name] = counts.get(name, 0) + count
+    assert counts["film"] > 150 and counts["pressure"] > 150
+    assert min(counts["slip"], counts["elastic"]) > 450
+
+
+@settings(PROFILE, max_examples=15)
+@given(laws, seeds, dims)
+def test_tangents_are_exact_on_random_paths(law, seed, dim):
+    path = itertools.islice(history(law, random_path(seed, dim)), 0, STEPS, 3)
+    for step, state, _ in path:
+        check_tangent(law, step, state)
+
+
+def test_one_sided_tangent_at_rest_and_at_the_onset():
+    law = FrictionMap(parameters(alpha=0.25))
+    state = law.initial_state(2, 2)
+    # First point: no slip at all. Second: exactly at the threshold, which still sticks.
+    onset = 0.25 * K_T / K_T * 0.12 * P * 4.0 / K_T
+    slip = np.array([[0.0, 0.0], [onset * (1 - 1e-15), 0.0]])
+    response = law.update(slip, 1.0, np.full(2, P), np.full(2, 30e-9), state)
+    assert response.regime.tolist() == [Regime.STICK, Regime.STICK]
+    film = 0.25 * 0.8 / 30e-9
+    for block in response.d_traction_d_slip:
+        np.testing.assert_allclose(block, (0.75 * K_T + film) * np.eye(2), rtol=1e-12)
+    assert np.isfinite(response.d_traction_d_film).all()
+
+
+# Invariances
+
+
+@PROFILE
+@given(laws, seeds, dims)
+def test_rotated_inputs_give_rotated_outputs(law, seed, dim):
+    rotation = np.linalg.qr(np.random.default_rng(seed).normal(size=(dim, dim)))[0]
+    for step, state, response in history(law, random_path(seed, dim)):
+        turned_state = dataclasses.replace(state, elastic_slip=state.elastic_slip @ rotation.T)
+        turned = step.of(law, turned_state, slip=step.slip @ rotation.T)
+        atol = 1e-9 * P
+        for name in ("traction", "d_traction_d_film", "d_traction_d_pressure"):
+            expected = getattr(response, name) @ rotation.T
+            scale = np.abs(expected).max(initial=1e-300)
+            np.testing.assert_allclose(getattr(turned, name), expected, atol=1e-9 * scale)
+        for name in ("d_traction_d_slip", "d_traction_d_elastic"):
+            expected = rotation @ getattr(response, name) @ rotation.T
+            scale = np.abs(expected).max()
+            np.testing.assert_allclose(getattr(turned, name), expected, atol=1e-9 * scale)
+        np.testing.assert_allclose(turned.dissipation.total, response.dissipation.total, atol=atol)
+
+
+@PROFILE
+@given(laws, seeds, dims)
+def test_other_units_give_scaled_outputs(law, seed, dim):
+    """Micrometres, milliseconds and kilopascals (as powers of two: exact)."""
+    length, time, stress = 2.0**20, 2.0**10, 2.0**-10
+    p = law.parameters
+    rows = isinstance(p.beta, tuple)
+    scaled_law = FrictionMap(
+        dataclasses.replace(
+            p,
+            A_d=p.A_d * length,
+            B=p.B / length,
+            K_T=p.K_T * stress / length,
+            eta_b=p.eta_b * stress * time,
+            D_min=p.D_min * length,
+            D_max=p.D_max * length,
+            V_star=p.V_star * length / time,
+            V_star_at=p.V_star_at * length,
+            film_onset_pressure=p.film_onset_pressure * stress,
+            tau_0=None if p.tau_0 is None else p.tau_0 * stress,
+            critical_rate=None if p.critical_rate is None else p.critical_rate / time,
+            eta_inf=p.eta_inf * stress * time,
+            barus=p.barus / stress,
+            beta=tuple((D * length, beta) for D, beta in p.beta) if rows else p.beta,
+        )
+    )
+    scaled_state = scaled_law.initial_state(POINTS, dim)
+    for step, _, response in history(law, random_path(seed, dim)):
+        scaled = Step(
+            slip=step.slip * length,
+            dt=step.dt * time,
+            pressure=step.pressure * stress,
+            film=step.film * length,
+            area=step.area,
+        )
+        other = scaled.of(scaled_law, scaled_state)
+        for name, unit in {
+            "traction": stress,
+            "d_traction_d_slip": stress / length,
+            "d_traction_d_elastic": stress / length,
+            "d_traction_d_pressure": 1.0,
+            "d_traction_d_film": stress / length,
+        }.items():
+            expected = unit * getattr(response, name)
+            scale = np.abs(expected).max()
+            np.testing.assert_allclose(getattr(other, name), expected, atol=1e-9 * scale)
+        np.testing.assert_array_equal(other.regime, response.regime)
+        scaled_state = other.state

@@ -1,0 +1,236 @@
+"""The two-block generator: sizes, counts, grading, names, and what it refuses."""
+
+from __future__ import annotations
+
+import math
+import signal
+
+import gmsh
+import numpy as np
+import pytest
+
+from geometry.generators.two_blocks import Block, TwoBlocks
+from geometry.meshes.gmsh_model import gmsh_session, write_msh
+
+UPPER = Block(1.0e-3, 0.5e-3, (4, 3))
+LOWER = Block(2.0e-3, 0.4e-3, (7, 2))
+TYPES = {"quadrilateral": 3, "triangle": 2}
+
+
+def group_points(name, dim):
+    """Coordinates (n, 3) of the nodes of a named group of the current model, sorted by x then y."""
+    for d, tag in gmsh.model.getPhysicalGroups(dim):
+        if gmsh.model.getPhysicalName(d, tag) == name:
+            x = np.asarray(gmsh.model.mesh.getNodesForPhysicalGroup(dim, tag)[1]).reshape(-1, 3)
+            return x[np.lexsort((x[:, 1], x[:, 0]))]
+    raise KeyError(name)
+
+
+@pytest.fixture
+def model():
+    with gmsh_session("test"):
+        yield gmsh.model
+
+
+def test_blocks_lie_where_they_should(model):
+    TwoBlocks(UPPER, LOWER, offset=0.35e-3, gap=0.1e-3).build()
+    upper, lower = group_points("elastomer", 2), group_points("aluminium", 2)
+    np.testing.assert_allclose(upper.min(axis=0), [0.35e-3, 0.1e-3, 0.0], atol=1e-15)
+    np.testing.assert_allclose(upper.max(axis=0), [1.35e-3, 0.6e-3, 0.0], atol=1e-15)
+    np.testing.assert_allclose(lower.min(axis=0), [0.0, -0.4e-3, 0.0], atol=1e-15)
+    np.testing.assert_allclose(lower.max(axis=0), [2.0e-3, 0.0, 0.0], atol=1e-15)
+
+
+def test_upper_block_is_centred_without_offset(model):
+    TwoBlocks(UPPER, LOWER).build()
+    x = group_points("elastomer_contact", 1)
+    np.testing.assert_allclose(x[[0, -1], 0], [0.5e-3, 1.5e-3], rtol=1e-12)
+
+
+@pytest.mark.parametrize(("cell", "factor"), [("quadrilateral", 1), ("triangle", 2)])
+def test_counts_of_cells_and_facets(model, cell, factor):
+    TwoBlocks(UPPER, LOWER, cell=cell).build()
+    assert list(model.mesh.getElementTypes(2)) == [TYPES[cell]]
+    cells = model.mesh.getElementsByType(TYPES[cell])[0]
+    assert len(cells) == factor * (4 * 3 + 7 * 2)
+    points = {
+        "elastomer_contact": 5,
+        "aluminium_contact": 8,
+        "top": 5,
+        "bottom": 8,
+        "elastomer_left": 4,
+        "elastomer_right": 4,
+        "aluminium_left": 3,
+        "aluminium_right": 3,
+    }
+    assert {name: len(group_points(name, 1)) for name in points} == points
+
+
+def test_surfaces_lie_on_their_sides(model):
+    TwoBlocks(UPPER, LOWER, gap=0.1e-3, upper_name="pad", lower_name="sheet").build()
+    sides = {
+        "pad_contact": (1, 0.1e-3),
+        "sheet_contact": (1, 0.0),
+        "top": (1, 0.6e-3),
+        "bottom": (1, -0.4e-3),
+        "pad_left": (0, 0.5e-3),
+        "pad_right": (0, 1.5e-3),
+        "sheet_left": (0, 0.0),
+        "sheet_right": (0, 2.0e-3),
+    }
+    for name, (axis, value) in sides.items():
+        np.testing.assert_allclose(group_points(name, 1)[:, axis], value, atol=1e-15)
+
+
+@pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
+def test_touching_blocks_share_no_node(model, cell):
+    # Equal widths and counts: every node of one contact side lies on one of the other.
+    block = Block(1.0, 0.5, (4, 3))
+    TwoBlocks(block, block, cell=cell).build()
+    x = {name: group_points(f"{name}_contact", 1) for name in ("elastomer", "aluminium")}
+    np.testing.assert_array_equal(x["elastomer"], x["aluminium"])
+    nodes = [
+        set(model.mesh.getNodesForPhysicalGroup(2, tag)[0].tolist())
+        for _, tag in model.getPhysicalGroups(2)
+    ]
+    assert len(nodes[0] & nodes[1]) == 0
+    assert len(nodes[0]) == len(nodes[1]) == 5 * 4
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-3, 1e-7])
+@pytest.mark.parametrize("grading", [1.0, 5.0, 0.25])
+def test_grading_is_a_progression_from_the_contact(model, scale, grading):
+    block = Block(1.0 * scale, 0.5 * scale, (2, 8), grading=grading)
+    TwoBlocks(block, block).build()
+    for name in ("elastomer_left", "aluminium_right"):
+        heights = np.diff(np.sort(np.abs(group_points(name, 1)[:, 1])))
+        assert heights[-1] / heights[0] == pytest.approx(grading, rel=1e-6)
+        np.testing.assert_allclose(heights[1:] / heights[:-1], block.ratio(), rtol=1e-6)
+        assert heights.sum() == pytest.approx(0.5 * scale, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("block", "counts"),
+    [
+        (Block(1.0e-3, 0.5e-3, size=0.1e-3), (10, 5)),
+        (Block(1.0e-3, 0.5e-3, size=0.15e-3), (7, 4)),
+        (Block(0.1 + 0.2, 0.5, size=0.1), (3, 5)),  # 0.1 + 0.2 is above 0.3
+        (Block(1.0, 0.5, size=3.0), (1, 1)),
+        # heights 1, 2, 4 and 1, 2: the smallest may be as large as the size
+        (Block(1.0, 7.0, size=1.0, grading=4.0), (1, 3)),
+        (Block(1.0, 3.0, size=1.0, grading=2.0), (1, 2)),
+        (Block(1.0, 0.1 + 0.2, size=0.1, grading=2.0), (10, 2)),
+        (Block(1.0, 7.0, size=0.999, grading=4.0), (2, 4)),
+        (Block(1.0, 7.0, size=4.0, grading=0.25), (1, 3)),
+    ],
+)
+def test_counts_from_a_size(block, counts):
+    assert block.counts() == counts
+
+
+@pytest.mark.parametrize("grading", [0.1, 1.0 + 1e-12, 3.0, 50.0])
+def test_size_bounds_the_height_at_the_contact_with_the_fewest_layers(grading):
+    size = 0.013
+    layers = Block(1.0, 0.5, size=size, grading=grading).counts()[1]
+
+    def at_contact(n):
+        heights = np.geomspace(1.0, grading, n)
+        return 0.5 * heights[0] / heights.sum()
+
+    assert at_contact(layers) <= size * (1.0 + 1e-8) < at_contact(layers - 1)
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"width": -1.0}, "width = -1.0"),
+        ({"height": math.nan}, "height = nan"),
+        ({"grading": 0.0}, "grading = 0.0 is not allowed; from 0.001 to 1000.0"),
+        ({"grading": 1e308}, "grading = 1e"),
+        ({"grading": math.nan}, "grading = nan"),
+        ({"elements": None}, "either elements or size"),
+        ({"size": 0.1}, "either elements or size"),
+        ({"elements": None, "size": -0.1}, "size = -0.1"),
+        ({"elements": None, "size": 1e-300}, "size = 1e-300 m is not allowed; at least 1e-07 m"),
+        ({"elements": (0, 3)}, r"elements = \[0, 3\]"),
+        ({"elements": (2.5, 3)}, r"elements = \[2.5, 3\]"),
+        ({"elements": (2, 3, 4)}, r"elements = \[2, 3, 4\]"),
+        ({"elements": (2, 1), "grading": 2.0}, "grading = 2.0"),
+        ({"elements": (100_000, 1000)}, "at most 10000000"),
+    ],
+)
+def test_bad_block_is_refused(values, said):
+    with pytest.raises(ValueError, match=said):
+        Block(**{"width": 1.0, "height": 1.0, "elements": (2, 2), **values})
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"gap": -1e-9}, "gap = -1e-09 m"),
+        ({"gap": math.inf}, "gap = inf m"),
+        ({"offset": 2.0e-3}, "offset = 0.002 m.*between -0.001 and 0.002 m"),
+        ({"offset": -1.0e-3}, "offset = -0.001 m"),
+        ({"offset": math.nan}, "offset = nan m"),
+        ({"cell": "hexagon"}, "cell = 'hexagon'.*quadrilateral, triangle"),
+        ({"upper_name": "aluminium"}, "two different names"),
+        ({"lower_name": ""}, "two different names"),
+    ],
+)
+def test_bad_pair_is_refused(values, said):
+    with pytest.raises(ValueError, match=said):
+        TwoBlocks(UPPER, LOWER, **values)
+
+
+def test_session_leaves_gmsh_and_signals_as_found(capfd):
+    def ours(number, frame):
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGINT, ours)
+    try:
+        with gmsh_session("test"):
+            TwoBlocks(UPPER, LOWER).build()
+            assert signal.getsignal(signal.SIGINT) is ours
+        assert signal.getsignal(signal.SIGINT) is ours
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert not gmsh.isInitialized()
+    assert capfd.readouterr() == ("", "")
+
+
+def test_session_inside_one_of_the_callers_own():
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 1)
+        for name in ("first", "mine", "last"):
+            gmsh.model.add(name)
+        gmsh.model.setCurrent("mine")
+        gmsh.model.geo.addPoint(0.0, 0.0, 0.0, tag=17)
+        gmsh.model.geo.synchronize()
+        with gmsh_session("test"):
+            TwoBlocks(UPPER, LOWER).build()
+        assert gmsh.model.getCurrent() == "mine"
+        assert gmsh.model.getEntities() == [(0, 17)]
+        assert gmsh.option.getNumber("General.Terminal") == 1
+    finally:
+        gmsh.finalize()
+
+
+def test_write_leaves_only_the_finished_file(tmp_path):
+    write_msh(TwoBlocks(UPPER, LOWER), tmp_path / "blocks.msh")
+    assert [p.name for p in tmp_path.iterdir()] == ["blocks.msh"]
+    assert (tmp_path / "blocks.msh").read_text().startswith("$MeshFormat\n4.1 ")
+
+
+def test_failed_write_leaves_nothing(tmp_path):
+    (tmp_path / "blocks.msh").mkdir()
+    with pytest.raises(IsADirectoryError):
+        write_msh(TwoBlocks(UPPER, LOWER), tmp_path / "blocks.msh")
+    assert [p.name for p in tmp_path.iterdir()] == ["blocks.msh"]
+
+
+def test_write_says_what_is_wrong_with_the_path(tmp_path):
+    with pytest.raises(ValueError, match=r"must end in \.msh"):
+        write_msh(TwoBlocks(UPPER, LOWER), tmp_path / "blocks.vtk")
+    with pytest.raises(FileNotFoundError, match="none: no such directory"):
+        write_msh(TwoBlocks(UPPER, LOWER), tmp_path / "none" / "blocks.msh")

@@ -1,0 +1,111 @@
+"""Two boxes: where they lie, what their sides are called, counts, and mistakes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import dolfinx
+import numpy as np
+import pytest
+import ufl
+from mpi4py import MPI
+
+from geometry.generators.two_boxes import Box, TwoBoxes
+from geometry.meshes.gmsh_model import write_msh
+from geometry.meshes.mesh import bodies_sharing_nodes, generate, read
+
+UPPER = Box(1.0e-3, 0.5e-3, 0.6e-3, (4, 3, 2), grading=3.0)
+LOWER = Box(2.0e-3, 0.4e-3, 1.0e-3, (5, 2, 3))
+BOXES = TwoBoxes(UPPER, LOWER, offset=(0.35e-3, 0.1e-3), gap=0.1e-3)
+
+# name: (axis, position, area)
+SIDES = {
+    "elastomer_contact": (1, 0.1e-3, 0.6e-6),
+    "top": (1, 0.6e-3, 0.6e-6),
+    "elastomer_left": (0, 0.35e-3, 0.3e-6),
+    "elastomer_right": (0, 1.35e-3, 0.3e-6),
+    "elastomer_back": (2, 0.1e-3, 0.5e-6),
+    "elastomer_front": (2, 0.7e-3, 0.5e-6),
+    "aluminium_contact": (1, 0.0, 2.0e-6),
+    "bottom": (1, -0.4e-3, 2.0e-6),
+    "aluminium_left": (0, 0.0, 0.4e-6),
+    "aluminium_right": (0, 2.0e-3, 0.4e-6),
+    "aluminium_back": (2, 0.0, 0.8e-6),
+    "aluminium_front": (2, 1.0e-3, 0.8e-6),
+}
+
+
+def integral(named, dim, entities):
+    mesh = named.mesh
+    marks = dolfinx.mesh.meshtags(mesh, dim, np.sort(entities), np.ones(len(entities), np.int32))
+
+    measure = ufl.Measure("dx" if dim == 3 else "ds", domain=mesh, subdomain_data=marks)(1)
+    one = dolfinx.fem.Constant(mesh, 1.0)
+    return mesh.comm.allreduce(dolfinx.fem.assemble_scalar(dolfinx.fem.form(one * measure)))
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_sides_lie_where_their_names_say(cell):
+    named = generate(replace(BOXES, cell=cell), MPI.COMM_SELF)
+    assert named.mesh.topology.cell_name() == cell and named.mesh.geometry.dim == 3
+    assert set(named.surfaces) == set(SIDES) and set(named.bodies) == {"elastomer", "aluminium"}
+    for name, (axis, position, area) in SIDES.items():
+        facets = named.facets(name)
+        middles = dolfinx.mesh.compute_midpoints(named.mesh, 2, facets)
+        np.testing.assert_allclose(middles[:, axis], position, atol=1e-15)
+        assert integral(named, 2, facets) == pytest.approx(area, rel=1e-12)
+    assert integral(named, 3, named.cells("elastomer")) == pytest.approx(0.3e-9, rel=1e-12)
+    assert integral(named, 3, named.cells("aluminium")) == pytest.approx(0.8e-9, rel=1e-12)
+
+
+def test_counts_and_grading():
+    named = generate(BOXES, MPI.COMM_SELF)
+    assert len(named.cells("elastomer")) == 4 * 3 * 2
+    assert len(named.cells("aluminium")) == 5 * 2 * 3
+    assert len(named.facets("elastomer_contact")) == 4 * 2
+    assert len(named.facets("elastomer_left")) == 3 * 2
+    y = np.unique(named.mesh.geometry.x[:, 1].round(12))
+    heights = np.diff(y[y > 0.05e-3])
+    np.testing.assert_allclose(heights[-1] / heights[0], 3.0, rtol=1e-6)
+    assert Box(1.0, 0.5, 0.3, size=0.1).counts() == (10, 5, 3)
+    assert Box(1.0, 0.5, 0.31, size=0.1).counts() == (10, 5, 4)
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_boxes_are_centred_and_share_no_node_where_they_touch(cell):
+    assert replace(BOXES, offset=None).corner() == pytest.approx((0.5e-3, 0.2e-3))
+    same = Box(1.0, 1.0, 1.0, (2, 2, 2))
+    named = generate(TwoBoxes(same, same, cell=cell), MPI.COMM_SELF)
+    assert bodies_sharing_nodes(named) == []
+    assert named.mesh.geometry.index_map().size_global == 2 * 27
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_written_boxes_read_back_the_same(tmp_path, cell):
+    write_msh(replace(BOXES, cell=cell), tmp_path / "boxes.msh")
+    made, got = (
+        generate(replace(BOXES, cell=cell), MPI.COMM_SELF),
+        read(tmp_path / "boxes.msh", MPI.COMM_SELF),
+    )
+    assert got.bodies == made.bodies and got.surfaces == made.surfaces
+    for name in SIDES:
+        assert len(got.facets(name)) == len(made.facets(name))
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda: replace(UPPER, depth=0.0), "depth = 0.0 is not allowed"),
+        (lambda: replace(UPPER, elements=(2, 2)), "elements = .* give three integers"),
+        (lambda: replace(UPPER, elements=(2, 2, 0)), "elements = .* give three integers"),
+        (lambda: Box(1.0, 1.0, 1.0), "give either elements or size"),
+        (lambda: Box(1.0, 1.0, 1.0, size=1e-3), "a box of 1000000000 cells"),
+        (lambda: replace(BOXES, offset=(0.0, 1e-3)), "offset = 0.001 m in z"),
+        (lambda: replace(BOXES, cell="quadrilateral"), "choose from hexahedron, tetrahedron"),
+        (lambda: replace(BOXES, gap=-1.0), "gap = -1.0 m"),
+        (lambda: replace(BOXES, lower_name="elastomer"), "two different names"),
+    ],
+)
+def test_mistakes_are_named(change, said):
+    with pytest.raises(ValueError, match=said):
+        change()

@@ -1,0 +1,99 @@
+"""Facet shapes: nodes, derivatives, sides and the boundary of the reference domain."""
+
+import numpy as np
+import pytest
+
+from geometry.surfaces.facets import facet_shape
+
+KINDS = [(cell, degree) for cell in ("interval", "triangle", "quadrilateral") for degree in (1, 2)]
+KINDS += [("interval", 3), ("quadrilateral", 3)]
+RNG = np.random.default_rng(0)
+
+
+@pytest.fixture(params=KINDS, ids=lambda kind: f"{kind[0]}{kind[1]}")
+def shape(request):
+    return facet_shape(*request.param)
+
+
+def test_number_of_nodes():
+    assert [facet_shape(*kind).count for kind in KINDS] == [2, 3, 3, 6, 4, 9, 4, 16]
+    assert [facet_shape(*kind).is_flat for kind in KINDS] == [True, False, True, *[False] * 5]
+
+
+def test_each_function_is_one_at_its_node_and_zero_at_the_others(shape):
+    np.testing.assert_allclose(shape.values(shape.points), np.eye(shape.count), atol=2e-13)
+
+
+def test_polynomials_of_the_degree_are_reproduced(shape):
+    def polynomial(xi):
+        x = np.column_stack([xi, np.zeros(len(xi))])[:, :2]
+        square = shape.degree >= 2
+        return 1.0 - 2.0 * x[:, 0] + x[:, 1] + square * (x[:, 0] ** 2 + 3.0 * x[:, 0] * x[:, 1])
+
+    xi = RNG.uniform(-0.2, 1.2, (7, shape.directions))
+    np.testing.assert_allclose(shape.values(xi) @ polynomial(shape.points), polynomial(xi))
+
+
+def test_derivatives_against_differences(shape):
+    xi, h = RNG.uniform(0.1, 0.6, (5, shape.directions)), 1e-5
+    for alpha, step in enumerate(h * np.eye(shape.directions)):
+        first = (shape.values(xi + step) - shape.values(xi - step)) / (2.0 * h)
+        np.testing.assert_allclose(shape.first(xi)[:, alpha], first, atol=1e-9)
+        second = (shape.first(xi + step) - shape.first(xi - step)) / (2.0 * h)
+        np.testing.assert_allclose(shape.second(xi)[:, alpha], second, atol=1e-9)
+
+
+def test_bilinear_twist():
+    np.testing.assert_allclose(
+        facet_shape("quadrilateral", 1).second(np.array([[0.3, 0.4]]))[0],
+        [[[0, 0, 0, 0], [1, -1, -1, 1]], [[1, -1, -1, 1], [0, 0, 0, 0]]],
+        atol=1e-14,
+    )
+
+
+def test_sides_carry_their_nodes(shape):
+    for side in shape.sides:
+        local = np.zeros((1, 1)) if side.shape is None else side.shape.points
+        np.testing.assert_allclose(
+            side.origin + local * side.direction, shape.points[list(side.nodes)], atol=1e-15
+        )
+
+
+def test_sides_run_round_the_domain_with_it_on_their_left():
+    for cell in ("triangle", "quadrilateral"):
+        shape = facet_shape(cell, 1)
+        middle = shape.points.mean(axis=0)
+        for side in shape.sides:
+            (x, y), (u, v) = middle - side.origin, side.direction
+            assert u * y - v * x > 0.0
+
+
+def test_directions_at_the_corners_follow_the_sides(shape):
+    for corner, directions in zip(shape.points, shape.corner_directions, strict=False):
+        for direction in directions:
+            assert shape.excess(corner + 0.5 * direction) <= 1e-15
+            assert shape.excess(corner - 0.5 * direction) > 0.1
+
+
+def test_excess_over_the_domain(shape):
+    assert shape.excess(shape.points).max() <= 1e-15
+    assert shape.excess(shape.points.mean(axis=0)) < -0.1
+    assert shape.excess(np.full(shape.directions, -0.25)) == pytest.approx(0.25)
+    assert shape.excess(np.full(shape.directions, 1.25)) >= 0.25 - 1e-15
+    beyond = np.full(2, 0.75)[: shape.directions]
+    assert (shape.excess(beyond) > 0.0) == (shape.cell == "triangle")
+
+
+def test_bound_on_the_sum_of_the_functions(shape):
+    grid = np.stack(np.meshgrid(*[np.linspace(0.0, 1.0, 41)] * shape.directions), axis=-1)
+    xi = grid.reshape(-1, shape.directions)
+    inside = xi[shape.excess(xi) <= 0.0]
+    largest = np.abs(shape.values(inside)).sum(axis=1).max()
+    assert largest <= shape.lebesgue + 1e-14
+    assert largest >= 0.99 * shape.lebesgue
+
+
+@pytest.mark.parametrize("kind", [("triangle", 3), ("hexahedron", 1), ("triangle", 0)])
+def test_other_shapes_are_refused(kind):
+    with pytest.raises(ValueError, match="no facets of degree"):
+        facet_shape(*kind)

@@ -1,0 +1,227 @@
+"""Closest points on a polyline: against brute force, and where there is more than one case."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from geometry.surfaces.facets import facet_shape, unit_normals
+from geometry.surfaces.projection import FacetSurface
+
+SEGMENT = facet_shape("interval", 1)
+
+
+def polyline(nodes, order=None):
+    """A chain through ``nodes`` with the body to its right, its facets in the given order."""
+    facets = np.stack([np.arange(len(nodes) - 1), np.arange(1, len(nodes))], axis=1)
+    facets = facets.astype(np.int32)
+    return FacetSurface(SEGMENT, facets if order is None else facets[order], np.asarray(nodes))
+
+
+def project(line, points, nodes):
+    points = np.atleast_2d(np.asarray(points, dtype=float))
+    nodes = np.asarray(nodes, dtype=float)
+    return line.project(points, nodes)
+
+
+def distances(points, nodes):
+    """Distance of every point from every segment, without any search, (q, f)."""
+    start, tau = nodes[:-1], np.diff(nodes, axis=0)
+    xi = np.einsum("qfi,fi->qf", points[:, None] - start, tau) / np.sum(tau**2, axis=1)
+    foot = start + np.clip(xi, 0.0, 1.0)[..., None] * tau
+    return np.linalg.norm(points[:, None] - foot, axis=2)
+
+
+def check_nearest(line, points, nodes):
+    at = project(line, points, nodes)
+    noise = 1e-14 * max(1.0, np.abs(nodes).max())
+    nearest = distances(points, nodes).min(axis=1)
+    found = np.linalg.norm(points - at.foot, axis=1)
+    np.testing.assert_allclose(found, nearest, rtol=1e-12, atol=noise)
+    np.testing.assert_allclose(np.abs(at.gap[at.on_surface]), nearest[at.on_surface], atol=noise)
+    apart = points - at.foot
+    inside = at.on_surface
+    np.testing.assert_allclose(
+        apart[inside], (at.gap[:, None] * at.normal)[inside], rtol=0, atol=noise
+    )
+    np.testing.assert_allclose(np.linalg.norm(at.normal, axis=1), 1.0, rtol=1e-14)
+    return at
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(2, 40))
+def test_closest_point_is_that_of_brute_force(seed, facets):
+    """Rough but graph-like surfaces, points near them, facet numbers shuffled."""
+    rng = np.random.default_rng(seed)
+    x = np.concatenate([[0.0], np.cumsum(0.2 + rng.random(facets))])
+    nodes = np.stack([x, 0.2 * rng.normal(size=len(x))], axis=1)
+    line = polyline(nodes, rng.permutation(facets))
+    where = rng.uniform(0.0, x[-1], 50)
+    height = np.interp(where, x, nodes[:, 1]) + rng.uniform(-0.1, 0.1, 50)
+    check_nearest(line, np.stack([where, height], axis=1), nodes)
+
+
+def test_deformed_surface_keeps_the_connectivity():
+    """Facets and samples are set up on the reference, the search runs on today's nodes."""
+    rng = np.random.default_rng(4)
+    nodes = np.stack([np.linspace(0.0, 5.0, 26), np.zeros(26)], axis=1)
+    line = polyline(nodes, rng.permutation(25))
+    angle = 2.4
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    bent = nodes + np.stack([0 * nodes[:, 0], 0.3 * np.sin(nodes[:, 0])], axis=1)
+    now = bent @ turn.T + [3.0, -7.0]
+    points = (bent[3:-3] + rng.uniform(-0.08, 0.08, (20, 2))) @ turn.T + [3.0, -7.0]
+    check_nearest(line, points, now)
+
+
+@pytest.mark.parametrize("ratio", [1.0, 50.0])
+def test_graded_facets(ratio):
+    """Long facets beside short ones, sizes 1:50: the nearest sample must not mislead."""
+    rng = np.random.default_rng(1)
+    sizes = ratio ** np.abs(np.linspace(-1.0, 1.0, 41)) * 0.02
+    x = np.concatenate([[0.0], np.cumsum(sizes)])
+    nodes = np.stack([x, 0.01 * np.sin(20.0 * x)], axis=1)
+    line = polyline(nodes)
+    where = rng.uniform(0.0, x[-1], 500)
+    points = np.stack([where, rng.uniform(-0.01, 0.02, 500)], axis=1)
+    check_nearest(line, points, nodes)
+
+
+@pytest.mark.parametrize("ratio", [50, 5000])
+def test_abrupt_change_of_size(ratio):
+    """One facet many times as long as its neighbours: near its ends they hold all the samples."""
+    x = np.concatenate([np.arange(0, 21), 20.0 + ratio + np.arange(0, 21)]) * 0.02
+    nodes = np.stack([x, np.zeros_like(x)], axis=1)
+    line = polyline(nodes)
+    for height in (0.015, -0.015):
+        where = np.concatenate([np.linspace(0.01, 1.0, 200), np.linspace(0.01, x[-1] - 0.01, 200)])
+        at = check_nearest(line, np.stack([where, np.full(400, height)], axis=1), nodes)
+        np.testing.assert_allclose(at.gap, height, rtol=1e-12)
+        assert at.on_surface.all()
+
+
+def test_short_facets_of_a_wall_do_not_hide_a_long_floor():
+    """The wall's facets are nearer than the middle of the floor, which is nearer still itself."""
+    wall = np.stack([np.zeros(41), np.linspace(1.0, 0.0, 41)], axis=1)
+    ramp = [[0.05, -0.05]]
+    nodes = np.concatenate([wall, ramp, [[1.05, -0.05], [1.1, 0.0], [1.15, 0.1]]])
+    line = polyline(nodes)
+    points = np.stack([np.linspace(0.2, 0.5, 60), np.linspace(0.1, 0.2, 60)], axis=1)
+    at = check_nearest(line, points, nodes)
+    np.testing.assert_allclose(at.gap, points[:, 1] + 0.05, rtol=1e-12)
+
+
+def test_interior_point_in_numbers():
+    nodes = np.array([[0.0, 0.0], [3.0, 4.0]])
+    at = project(polyline(nodes), [[1.5 - 0.8, 2.0 + 0.6], [1.5 + 0.8, 2.0 - 0.6]], nodes)
+    np.testing.assert_allclose(at.xi[:, 0], 0.5, rtol=1e-15)
+    np.testing.assert_allclose(at.normal, [[-0.8, 0.6]] * 2, rtol=1e-15)
+    np.testing.assert_allclose(at.gap, [1.0, -1.0], rtol=1e-15)
+    np.testing.assert_allclose(at.tangents, [[[3.0, 4.0]]] * 2)
+    assert not at.clamped.any() and at.on_surface.all()
+
+
+def test_outside_a_ridge_the_vertex_is_the_closest_point():
+    nodes = np.array([[-1.0, -1.0], [0.0, 0.0], [1.0, -1.0]])
+    point = np.array([[0.03, 0.04]])
+    at = project(polyline(nodes), point, nodes)
+    assert at.clamped.all() and at.on_surface.all()
+    np.testing.assert_allclose(at.foot, [[0.0, 0.0]], atol=1e-16)
+    np.testing.assert_allclose(at.normal, [[0.6, 0.8]], rtol=1e-14)
+    np.testing.assert_allclose(at.gap, 0.05, rtol=1e-14)
+
+
+def test_below_a_groove_the_vertex_is_the_closest_point_and_the_gap_negative():
+    nodes = np.array([[-1.0, 1.0], [0.0, 0.0], [1.0, 1.0]])
+    at = project(polyline(nodes), [[0.03, -0.04]], nodes)
+    assert at.clamped.all() and at.on_surface.all()
+    # The normal points out of the body, so against the way from the vertex to the point.
+    np.testing.assert_allclose(at.normal, [[-0.6, 0.8]], rtol=1e-14)
+    np.testing.assert_allclose(at.gap, -0.05, rtol=1e-14)
+
+
+def test_in_a_groove_the_nearer_side_is_taken():
+    nodes = np.array([[-1.0, 1.0], [0.0, 0.0], [1.0, 1.0]])
+    at = project(polyline(nodes), [[-0.01, 0.5], [0.01, 0.5]], nodes)
+    np.testing.assert_array_equal(at.facet, [0, 1])
+    np.testing.assert_allclose(at.normal, [[0.5**0.5] * 2, [-(0.5**0.5), 0.5**0.5]], rtol=1e-14)
+    assert (at.gap > 0.0).all() and not at.clamped.any()
+
+
+def test_gap_is_continuous_through_a_kink():
+    """On a walk round a vertex, outside a ridge and inside a groove, gap and normal do not jump."""
+    for bend in (-0.3, 0.3):
+        nodes = np.array([[-1.0, bend], [0.0, 0.0], [1.0, bend]])
+        side = 0.1 if bend < 0.0 else -0.1
+        points = np.stack([np.linspace(-0.2, 0.2, 2001), np.full(2001, side)], axis=1)
+        at = project(polyline(nodes), points, nodes)
+        assert 0 < np.count_nonzero(at.clamped) < 1000
+        assert np.abs(np.diff(at.gap)).max() < 2.1e-4
+        assert np.abs(np.diff(at.normal, axis=0)).max() < 3e-3
+
+
+def test_next_to_nothing_from_a_vertex_the_normal_is_the_mean():
+    """The direction from the vertex to the point would be round-off there."""
+    nodes = np.array([[-1.0, -1.0], [0.0, 0.0], [1.0, -1.0]])
+    at = project(polyline(nodes), [[2e-15, 1e-14], [0.0, 1e-10]], nodes)
+    assert at.clamped.all() and at.on_surface.all()
+    np.testing.assert_allclose(at.normal, [[0.0, 1.0]] * 2, atol=1e-15)
+    np.testing.assert_allclose(at.gap, [1e-14, 1e-10], rtol=0.03)
+
+
+def test_no_contact_past_the_ends():
+    nodes = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
+    points = [[-0.01, -0.1], [2.01, -0.1], [0.01, -0.1], [1.99, -0.1]]
+    at = project(polyline(nodes), points, nodes)
+    np.testing.assert_array_equal(at.on_surface, [False, False, True, True])
+    np.testing.assert_allclose(at.gap[2:], -0.1, rtol=1e-14)
+
+
+def test_two_separate_chains():
+    """A master in two pieces: the gap between them has no surface."""
+    nodes = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.5], [3.0, 0.5]])
+    line = FacetSurface(SEGMENT, np.array([[2, 3], [0, 1]], dtype=np.int32), nodes)
+    at = project(line, [[0.5, 0.1], [2.5, 0.1], [1.2, 0.0]], nodes)
+    np.testing.assert_array_equal(at.facet, [1, 0, 1])
+    np.testing.assert_allclose(at.gap[:2], [0.1, -0.4], rtol=1e-14)
+    np.testing.assert_array_equal(at.on_surface, [True, True, False])
+    assert line.neighbours.nnz == 2
+
+
+def test_neighbours_whatever_the_numbering():
+    rng = np.random.default_rng(2)
+    nodes = np.stack([np.arange(9.0), np.zeros(9)], axis=1)
+    order = rng.permutation(8)
+    near = np.abs(order[:, None] - order[None]) <= 1
+    np.testing.assert_array_equal(polyline(nodes, order).neighbours.toarray(), near)
+
+
+def test_closed_chain_has_no_end():
+    angle = -2.0 * np.pi * np.arange(12) / 12
+    nodes = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    facets = np.stack([np.arange(12), (np.arange(12) + 1) % 12], axis=1).astype(np.int32)
+    # Clockwise, the body lies to the right: inside.
+    line = FacetSurface(SEGMENT, facets, nodes)
+    points = np.random.default_rng(3).normal(size=(40, 2))
+    at = project(line, points / np.linalg.norm(points, axis=1)[:, None] * 1.1, nodes)
+    assert at.on_surface.all()
+    assert (at.gap > 0.0).all()
+    assert (line.neighbours.sum(axis=1) == 3).all()
+
+
+def test_turning_the_facets_round_turns_the_normal():
+    nodes = np.array([[0.0, 0.0], [1.0, 0.2], [2.0, 0.0]])
+    points = np.array([[0.5, 0.4], [1.5, -0.2]])
+    one = project(polyline(nodes), points, nodes)
+    other = project(polyline(nodes[::-1].copy()), points, nodes[::-1])
+    np.testing.assert_allclose(other.normal, -one.normal, rtol=1e-14)
+    np.testing.assert_allclose(other.gap, -one.gap, rtol=1e-14)
+    assert (unit_normals(np.array([[[1.0, 0.0]]])) == [[0.0, 1.0]]).all()
+
+
+def test_no_points():
+    nodes = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
+    line = polyline(nodes)
+    none = np.empty((0, 2))
+    at = line.project(none, nodes)
+    assert at.gap.shape == (0,) and at.normal.shape == (0, 2) and at.tangents.shape == (0, 1, 2)
