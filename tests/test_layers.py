@@ -1,0 +1,194 @@
+"""The layout: every import goes down to a lower room, and there is no circle.
+
+The rooms stand in docs/layout.md. The imports are read from the sources, those inside functions
+and under ``TYPE_CHECKING`` too: a circle that only waits is one all the same.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+TOP = ("app", "forms", "geometry")
+
+# Lowest first. Rooms on one line do not know each other.
+LAYERS: tuple[tuple[str, ...], ...] = (
+    ("geometry.compat",),
+    ("geometry.generators", "geometry.surfaces"),
+    ("geometry.meshes",),
+    ("geometry.pictures",),
+    ("forms.native", "forms.friction"),
+    ("forms.closed_forms", "forms.bodies", "forms.friction_map", "forms.friction_parameters"),
+    ("forms.contact",),
+    ("app", "app.errors"),
+    ("app.case", "app.equilibrium"),
+    ("app.implicit", "app.explicit"),
+    ("app.build",),
+    ("app.simulation",),
+    ("app.results",),
+    ("app.precompile",),
+    ("app.figures",),
+    ("app.friction_map",),
+    ("app.fit", "app.run"),
+    ("app.verify", "app.bench"),
+    ("app.cli",),
+    ("app.__main__",),
+)
+LEVEL = {room: level for level, rooms in enumerate(LAYERS) for room in rooms}
+# What a room may import from outside the project; every other room what it likes.
+OUTSIDE = {
+    "forms.friction": {"numpy"},
+    "app.results.directory": set(),
+}
+# What a room may import from the project, beside its own modules, where that is less than all below.
+INSIDE = {
+    "forms.friction": set(),
+    "app.equilibrium": {"geometry", "forms"},
+    "app.implicit": {"geometry", "forms", "app.equilibrium"},
+    "app.explicit": {"geometry", "forms", "app.equilibrium"},
+    "app.results.directory": {"app.errors"},
+}
+
+
+def module_of(path: Path, root: Path = ROOT) -> str:
+    parts = path.relative_to(root).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def sources(root: Path = ROOT) -> dict[str, Path]:
+    return {module_of(p, root): p for top in TOP for p in sorted((root / top).rglob("*.py"))}
+
+
+def imported(module: str, path: Path, known: set[str]) -> Iterator[str]:
+    """Modules that a module imports, whole names; of packages that give names, the package."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{module}: relative import"
+            for alias in node.names:
+                inner = f"{node.module}.{alias.name}"
+                yield inner if inner in known else str(node.module)
+
+
+def imports(root: Path = ROOT) -> dict[str, set[str]]:
+    found = sources(root)
+    return {module: set(imported(module, path, set(found))) for module, path in found.items()}
+
+
+def room(module: str) -> str:
+    parts = module.split(".")
+    return ".".join(parts[:2])
+
+
+def within(module: str, places: set[str]) -> bool:
+    return any(module == place or module.startswith(place + ".") for place in places)
+
+
+def violations(graph: dict[str, set[str]]) -> list[str]:
+    """One line for each import that the layout does not allow."""
+    out = []
+    for module, targets in graph.items():
+        for target in sorted(targets):
+            if target.split(".")[0] in TOP:
+                out += _inside(module, target)
+            else:
+                out += _outside(module, target.split(".")[0])
+    return out
+
+
+def _inside(module: str, target: str) -> Iterator[str]:
+    here, there = room(module), room(target)
+    if here not in LEVEL or there not in LEVEL:
+        yield f"{module} -> {target}: a room that is not in LAYERS"
+    elif here != there and LEVEL[there] >= LEVEL[here]:
+        yield f"{module} -> {target}: not a lower room"
+    for name in (here, module):
+        if name in INSIDE and not within(target, INSIDE[name] | {name}):
+            yield f"{module} -> {target}: {name} may not"
+
+
+def _outside(module: str, package: str) -> Iterator[str]:
+    import sys
+
+    for name in (room(module), module):
+        allowed = OUTSIDE.get(name)
+        if allowed is not None and package not in {*allowed, *sys.stdlib_module_names}:
+            yield f"{module} -> {package}: {name} may not"
+
+
+def circles(graph: dict[str, set[str]]) -> list[list[str]]:
+    """Groups of modules that import each other, directly or through others."""
+    inside = {m: {t for t in targets if t in graph and t != m} for m, targets in graph.items()}
+    reach = {m: _reached(m, inside) for m in inside}
+    groups = {frozenset({m, *(o for o in reach[m] if m in reach[o])}) for m in inside}
+    return sorted(sorted(group) for group in groups if len(group) > 1)
+
+
+def _reached(start: str, graph: dict[str, set[str]]) -> set[str]:
+    seen: set[str] = set()
+    todo = [start]
+    while todo:
+        for target in graph[todo.pop()] - seen:
+            seen.add(target)
+            todo.append(target)
+    return seen
+
+
+def test_every_import_goes_down():
+    assert violations(imports()) == []
+
+
+def test_there_is_no_circle():
+    assert circles(imports()) == []
+
+
+def test_the_top_level_can_be_taken_in_at_a_glance():
+    for top in TOP:
+        inside = [
+            p for p in (ROOT / top).iterdir() if p.suffix == ".py" or (p / "__init__.py").is_file()
+        ]
+        assert len(inside) <= 22, top
+
+
+@pytest.mark.parametrize(
+    ("module", "line", "said"),
+    [
+        (
+            "geometry.surfaces.surface",
+            "from forms.contact.penalty import ContactTerm",
+            "not a lower room",
+        ),
+        ("forms.friction.law", "import scipy", "forms.friction may not"),
+        (
+            "forms.friction.law",
+            "from geometry.surfaces.facets import Floats",
+            "forms.friction may not",
+        ),
+        (
+            "app.implicit.stepper",
+            "from app.explicit.stepper import ExplicitStepper",
+            "not a lower room",
+        ),
+        ("app.implicit.stepper", "from app.case.case import Case", "app.implicit may not"),
+        ("app.results.directory", "import numpy", "app.results.directory may not"),
+        ("app.results.directory", "def f():\n    from app.case import load_case", "may not"),
+    ],
+)
+def test_a_forbidden_import_is_seen(tmp_path, module, line, said):
+    for name, path in sources().items():
+        copy = tmp_path / path.relative_to(ROOT)
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        text = path.read_text(encoding="utf-8")
+        copy.write_text(text + "\n" + line + "\n" if name == module else text, encoding="utf-8")
+    before = violations(imports())
+    new = [v for v in violations(imports(tmp_path)) if v not in before]
+    assert any(said in v for v in new), new
+
+
+def test_a_circle_is_seen():
+    assert circles({"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}}) == [["a", "b", "c"]]
