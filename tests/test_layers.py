@@ -44,7 +44,7 @@ OUTSIDE = {
     "forms.friction": {"numpy"},
     "app.results.directory": set(),
 }
-# What a room may import from the project, beside its own modules, where that is less than all below.
+# What a room may import from the project beside its own modules, where that is not all below it.
 INSIDE = {
     "forms.friction": set(),
     "app.equilibrium": {"geometry", "forms"},
