@@ -8,8 +8,7 @@ matrix is assembled, so one factorisation of one matrix serves, and Newton stays
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import dolfinx
@@ -22,6 +21,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from app.equilibrium.contact_sparsity import BlockPlaces, ContactWindow, coupled_nodes, widened
+from app.equilibrium.step_mode import DEFAULT_STEP, StepMode
 from app.equilibrium.timers import Stopwatch
 from forms.bodies.loads import FollowerPressure
 from forms.bodies.solid import Solid
@@ -98,7 +98,6 @@ class Equilibrium:
     Attributes:
         u: displacement function; holds the last vector that was evaluated.
         contacts, solids, pressures, prescribed, platens: the parts.
-        dt: length of the step being tried, s.
         trials: contacts at the last evaluation; committed: at the last converged step.
         timer: seconds by part.
         size: number of unknowns on all ranks; owned: on this rank.
@@ -131,7 +130,6 @@ class Equilibrium:
         self._constrained = (
             np.unique(np.concatenate(parts)) if parts else np.empty(0, dtype=np.int32)
         )
-        self.dt = 1.0
         self.timer = Stopwatch()
         self.trials: list[ContactTrial] = []
         self.committed: list[ContactTrial] = []
@@ -182,46 +180,6 @@ class Equilibrium:
             values[part.dofs] = part.value
         return values
 
-    @contextmanager
-    def softened(self, share: float, reach: float = 0.0) -> Iterator[None]:
-        """Within a ``with`` block all penalties are this share of what they are.
-
-        Args:
-            share: of the penalties.
-            reach: gap, in slave facets, up to which they pull as well.
-        """
-        penalties = [term.penalty for term in self.contacts]
-        try:
-            for term, penalty in zip(self.contacts, penalties, strict=True):
-                term.penalty = share * penalty
-                term.reach = reach * term.surface.facet_length
-            yield
-        finally:
-            for term, penalty in zip(self.contacts, penalties, strict=True):
-                term.penalty, term.reach = penalty, 0.0
-
-    @contextmanager
-    def settled(self) -> Iterator[None]:
-        """Within a ``with`` block points stay on their facets of the last evaluation at edges."""
-        try:
-            for term, trial in zip(self.contacts, self.trials, strict=True):
-                term.kept = trial.projection.facet
-            yield
-        finally:
-            for term in self.contacts:
-                term.kept = None
-
-    @contextmanager
-    def yielding(self) -> Iterator[None]:
-        """Within a ``with`` block friction is a load: bodies slide on one another freely."""
-        try:
-            for term in self.contacts:
-                term.yielding = True
-            yield
-        finally:
-            for term in self.contacts:
-                term.yielding = False
-
     def commit(self) -> None:
         """Make the contacts evaluated last the state that the next step starts from."""
         self.committed = list(self.trials)
@@ -230,7 +188,9 @@ class Equilibrium:
 
     # -- residual -----------------------------------------------------------------------------
 
-    def residual(self, snes: PETSc.SNES | None, x: PETSc.Vec, f: PETSc.Vec) -> None:
+    def residual(
+        self, snes: PETSc.SNES | None, x: PETSc.Vec, f: PETSc.Vec, step: StepMode = DEFAULT_STEP
+    ) -> None:
         """Out-of-balance forces at ``x`` (N per unit thickness); the SNES function."""
         self.spread(x)
         with self.timer("assembly"):
@@ -238,7 +198,7 @@ class Equilibrium:
             if self.pressures:
                 f.array[:] += self._assembled([p.residual for p in self.pressures])
         with self.timer("contact"):
-            self.trials = [term.evaluate(x, self.dt) for term in self.contacts]
+            self._evaluate_contacts(x, step)
             contact = self._contact_forces(f)
         self.unbalanced = f.array_r.copy()
         self.reference_force = self._reference(contact)
@@ -247,6 +207,10 @@ class Equilibrium:
             values[part.dofs] = at[part.dofs] - part.value
         for platen in self.platens:
             self._balance_platen(platen, values, at)
+
+    def _evaluate_contacts(self, x: PETSc.Vec, step: StepMode) -> None:
+        pairs = step.pairs(self.contacts)
+        self.trials = [term.evaluate(x, step.dt, mode) for term, mode in pairs]
 
     def load_forces(self) -> Floats:
         """Owned part of the pressures' forces on the bodies at the last state, N/m; collective."""
@@ -326,17 +290,24 @@ class Equilibrium:
 
     # -- tangent ------------------------------------------------------------------------------
 
-    def jacobian(self, snes: PETSc.SNES | None, x: PETSc.Vec, A: PETSc.Mat, P: PETSc.Mat) -> None:
+    def jacobian(
+        self,
+        snes: PETSc.SNES | None,
+        x: PETSc.Vec,
+        A: PETSc.Mat,
+        P: PETSc.Mat,
+        step: StepMode = DEFAULT_STEP,
+    ) -> None:
         """Exact tangent at ``x`` into ``A``; the SNES Jacobian. ``P`` is the same matrix."""
-        self.assemble_tangent(x, A)
+        self.assemble_tangent(x, A, step)
         with self.timer("assembly"):
             A.zeroRowsColumns(self.constrained_dofs() + self.first, 1.0)
 
-    def assemble_tangent(self, x: PETSc.Vec, A: PETSc.Mat) -> None:
+    def assemble_tangent(self, x: PETSc.Vec, A: PETSc.Mat, step: StepMode = DEFAULT_STEP) -> None:
         """Tangent at ``x`` with all rows free but those that follow a platen; collective."""
         self.spread(x)
         with self.timer("contact"):
-            self.trials = [term.evaluate(x, self.dt) for term in self.contacts]
+            self._evaluate_contacts(x, step)
             self._keep_pattern(A)
             pairs = zip(self.contacts, self.trials, strict=True)
             blocks = [group for term, trial in pairs for group in term.tangent(trial)]
@@ -400,7 +371,7 @@ class Equilibrium:
 
     def new_matrix(self, x: PETSc.Vec) -> PETSc.Mat:
         """The tangent's matrix with room for solids, platens and the contact at ``x``."""
-        self.trials = [term.evaluate(x, self.dt) for term in self.contacts]
+        self._evaluate_contacts(x, DEFAULT_STEP)
         self._windows = [None] * len(self.contacts)
         A = dolfinx.fem.petsc.assemble_matrix(pattern_form(self.space))
         A.assemble()

@@ -13,6 +13,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.equilibrium.equilibrium import Equilibrium
+from app.equilibrium.step_mode import DEFAULT_STEP, StepMode
 from geometry.surfaces.facets import Floats
 
 Linear = Literal["auto", "direct", "krylov"]
@@ -123,24 +124,31 @@ class LinearSolver:
         assert self._ksp is not None, "use() comes first"
         return self._ksp
 
-    def assemble(self, x: PETSc.Vec) -> None:
+    def assemble(self, x: PETSc.Vec, step: StepMode = DEFAULT_STEP) -> None:
         """Assemble the exact tangent at ``x``; collective."""
-        self.problem.jacobian(None, x, self.matrix, self.matrix)
+        self.problem.jacobian(None, x, self.matrix, self.matrix, step)
         self._changed()
 
-    def solve_from(self, x: PETSc.Vec, rhs: PETSc.Vec, increment: PETSc.Vec) -> bool:
+    def solve_from(
+        self,
+        x: PETSc.Vec,
+        rhs: PETSc.Vec,
+        increment: PETSc.Vec,
+        step: StepMode = DEFAULT_STEP,
+    ) -> bool:
         """Solve with the tangent at ``x`` for an increment that meets prescribed values.
 
         Args:
             x: state, m.
             rhs: out-of-balance forces with the sign of loads; changed.
-            increment: holds what is prescribed, at the held unknowns; the rest is found.
+            increment: holds the prescribed values at the constrained unknowns; the rest is found.
+            step: duration and contact modes.
 
         Returns:
             Whether the solution is to be trusted.
         """
         problem = self.problem
-        problem.assemble_tangent(x, self.matrix)
+        problem.assemble_tangent(x, self.matrix, step)
         rows = problem.constrained_dofs() + problem.first
         self.matrix.zeroRowsColumns(rows, 1.0, x=increment, b=rhs)
         self._changed()

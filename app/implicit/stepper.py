@@ -15,6 +15,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from app.equilibrium.equilibrium import Equilibrium
+from app.equilibrium.step_mode import DEFAULT_STEP, StepMode
 from app.implicit.linear_solver import Linear, LinearSolver, linear_options
 from app.implicit.predictor import Predictor
 
@@ -82,6 +83,8 @@ class ImplicitStepper:
         self.trial = problem.new_vector()
         self._residual = problem.new_vector()
         self.residuals: list[float] = []
+        self.rate_dependent = True
+        self._step = DEFAULT_STEP  # of the present attempt
         self._largest_force = 0.0
         self._whole_steps = False
         self._settling = False  # whether points keep to their facets
@@ -124,13 +127,13 @@ class ImplicitStepper:
         # Numbers that are not finite come from an inverted element or a singular matrix. SNES sees
         # a norm that is none: the line search cuts, or the step fails.
         if np.isfinite(x.norm()):
-            self.problem.residual(snes, x, f)
+            self.problem.residual(snes, x, f, self._step)
         else:
             f.set(np.nan)
 
     def _jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, P: PETSc.Mat) -> None:
         if not self._reuse():
-            self.solver.assemble(x)
+            self.solver.assemble(x, self._step)
 
     def _reuse(self) -> bool:
         """Whether the tangent factorised last will do for an iteration that ends the step.
@@ -175,10 +178,10 @@ class ImplicitStepper:
     def attempt(self, dt: float) -> StepResult:
         """Try a step of ``dt`` (s) under today's loads; commits nothing; collective."""
         problem = self.problem
-        problem.dt = dt
+        self._step = StepMode.of_stage(dt, problem.contacts, self.rate_dependent)
         self.residuals = []
         assembled = self.solver.assembled
-        iterations = self.predictor.predict(self.x, self.trial)
+        iterations = self.predictor.predict(self.x, self.trial, self._step)
         start = self.trial.array_r.copy()
         more, reason = self._solve()
         iterations += more
@@ -187,7 +190,7 @@ class ImplicitStepper:
             more, reason = self._other_ways(reason)
             iterations += more
         if reason > 0 and not problem.is_evaluated(self.trial):
-            problem.residual(None, self.trial, self._residual)
+            problem.residual(None, self.trial, self._residual, self._step)
         return StepResult(
             # An element may be turned inside out and its residual finite all the same; the strain
             # energy, with its logarithm of J, is not.
@@ -205,7 +208,7 @@ class ImplicitStepper:
             reason: why it failed; returned where there is no other way.
         """
         if not self.problem.contacts:
-            started = self.predictor.restart(self.x, self.trial)
+            started = self.predictor.restart(self.x, self.trial, self._step)
             more, reason = self._solve()
             return started + more, reason
         if self._near():
@@ -247,8 +250,10 @@ class ImplicitStepper:
         """
         self.residuals = []
         self._settling = True
-        with self.problem.settled():
-            iterations, reason = self._iterate()
+        free = self._step
+        self._step = free.frozen(self.problem.contacts, self.problem.trials)
+        iterations, reason = self._iterate()
+        self._step = free
         self._settling = False
         return iterations, reason
 
@@ -268,9 +273,11 @@ class ImplicitStepper:
         """
         self._patient = True
         iterations = 0
-        for share, reach in (*stages, (1.0, 0.0)):
-            with self.problem.softened(share, reach):
-                more, reason = self._solve()
+        whole = self._step
+        for scale, facets in (*stages, (1.0, 0.0)):
+            self._step = whole.softened(self.problem.contacts, scale, facets)
+            more, reason = self._solve()
+            self._step = whole
             iterations += more
             if reason <= 0:
                 break

@@ -24,7 +24,9 @@ def unaided(monkeypatch):
     """
     monkeypatch.setattr(app.implicit.predictor, "HIGHEST_ORDER", 1)
     monkeypatch.setattr(
-        Predictor, "_continue", lambda self, x, trial, ratio: self._extrapolate(trial, ratio)
+        Predictor,
+        "_continue",
+        lambda self, x, trial, ratio, step: self._extrapolate(trial, ratio, step),
     )
     monkeypatch.setattr(app.implicit.stepper, "REUSE_SAFETY", np.inf)
 
