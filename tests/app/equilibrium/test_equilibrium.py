@@ -9,8 +9,9 @@ import pytest
 
 import forms.contact.kinematics
 import forms.contact.penalty
-from app.equilibrium.equilibrium import Equilibrium, Platen
+from app.equilibrium.constraints import Platen
 from app.equilibrium.step_mode import DEFAULT_STEP, StepMode
+from app.equilibrium.tangent import Tangent
 from forms.bodies.loads import FollowerPressure
 from forms.contact.penalty import ContactMode, ContactTerm
 from forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
@@ -342,7 +343,7 @@ def without_part_of_solids(part):
     """One integral of the solids (0: distortional, 1: volumetric), or both, left out."""
 
     def switch(patch):
-        whole = Equilibrium._assemble_forms
+        whole = Tangent._assemble_forms
 
         def less(self, A):
             kept = [list(solid.forms) for solid in self.solids]
@@ -354,7 +355,7 @@ def without_part_of_solids(part):
                 for solid, all_forms in zip(self.solids, kept, strict=True):
                     solid.forms = all_forms
 
-        patch.setattr(Equilibrium, "_assemble_forms", less)
+        patch.setattr(Tangent, "_assemble_forms", less)
 
     return switch
 

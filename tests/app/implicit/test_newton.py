@@ -9,7 +9,7 @@ import pytest
 
 import app.implicit.predictor
 import app.implicit.stepper
-from app.equilibrium.equilibrium import Platen
+from app.equilibrium.constraints import Platen
 from app.implicit.predictor import Predictor
 from app.implicit.stepper import ImplicitOptions, ImplicitStepper
 from forms.friction.law import Regime

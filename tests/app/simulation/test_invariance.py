@@ -12,7 +12,8 @@ from mpi4py import MPI
 
 from app.build.model import build_model
 from app.case.case import Case
-from app.equilibrium.equilibrium import Equilibrium, Prescribed
+from app.equilibrium.constraints import Prescribed
+from app.equilibrium.equilibrium import Equilibrium
 from app.implicit.stepper import ImplicitOptions, ImplicitStepper
 from app.simulation.contact_resultants import ContactResultants, Row, measure_contact, turned_right
 from app.simulation.energy_balance import EnergyBalance
