@@ -13,7 +13,8 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from app.equilibrium.equilibrium import Equilibrium
-from app.implicit.stepper import KINKED, StepResult
+from app.implicit.newton import KINKED
+from app.implicit.stepper import StepResult
 from app.simulation.contact_resultants import ContactResultants
 from forms.bodies.materials import oedometric_modulus
 from forms.friction.friction_map import FrictionMap

@@ -11,6 +11,7 @@ from petsc4py import PETSc
 from app.build.model import build_model
 from app.case.case import Case
 from app.equilibrium.equilibrium import Equilibrium
+from app.implicit.globalisation import SoftContact
 from app.implicit.linear_solver import (
     DIRECT,
     DIRECT_LIMIT,
@@ -19,7 +20,7 @@ from app.implicit.linear_solver import (
     linear_options,
     rigid_modes,
 )
-from app.implicit.stepper import ImplicitStepper
+from app.implicit.newton import Newton
 from app.simulation.simulation import Observer, Simulation
 from forms.bodies.solid import Solid
 from tests.app.conftest import BLOCK, BOXES
@@ -283,8 +284,8 @@ def test_a_linear_solve_that_fails_is_tried_with_a_new_preconditioner(monkeypatc
     def other_means(*arguments):
         raise AssertionError("there was no need of a softer contact, or of whole steps")
 
-    monkeypatch.setattr(ImplicitStepper, "_search", other_means)
-    monkeypatch.setattr(ImplicitStepper, "_approach", other_means)
+    monkeypatch.setattr(Newton, "_search", other_means)
+    monkeypatch.setattr(SoftContact, "run", other_means)
     data = tomllib.loads(BLOCK)
     data["solver"] = {"linear": "krylov", "petsc": {"ksp_rtol": 1e-8}}
     runs = []

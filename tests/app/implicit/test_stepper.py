@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+import app.implicit.globalisation
 from app.build.model import build_model
 from app.case.case import Case
 from app.equilibrium.step_mode import StepMode
-from app.implicit.stepper import APPROACH, SEARCH, ImplicitOptions, ImplicitStepper
+from app.implicit.globalisation import APPROACH, SEARCH
+from app.implicit.stepper import ImplicitOptions, ImplicitStepper
 from app.simulation.simulation import Observer, Simulation
 from forms.contact.penalty import ContactTerm
 from tests.app.conftest import BOXES
@@ -65,7 +67,7 @@ def test_a_contact_that_spreads_fast_is_approached_with_a_soft_penalty(monkeypat
     stiff = sim.model.problem.contacts[0].penalty
 
     # Without it the steps are cut; where they end is the same.
-    monkeypatch.setattr(ImplicitStepper, "_approach", lambda self, stages: (0, -1))
+    monkeypatch.setattr(app.implicit.globalisation, "phases_after", lambda attempt: ())
     cut = pressed()
     assert sum(row.attempts for row in cut.rows) > len(cut.rows) > 2
     assert cut.model.problem.contacts[0].penalty == stiff
@@ -91,7 +93,10 @@ def test_a_softened_step_leaves_no_trace_even_when_it_fails(monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(ContactTerm, "evaluate", fails_softened)
         assert not stepper.attempt(0.5).converged
-    assert set(seen) == {APPROACH[0][0] * stiff, SEARCH[0][0] * stiff} and term.penalty == stiff
+    assert (
+        set(seen) == {soft.stages[0].penalty_scale * stiff for soft in (APPROACH, SEARCH)}
+        and term.penalty == stiff
+    )
     assert stepper.attempt(0.5).converged
     whole = term.evaluate(stepper.trial, 0.5)
     assert whole is problem.trials[0] and whole.stiffness == stiff
