@@ -9,12 +9,10 @@ from __future__ import annotations
 
 from typing import Literal
 
-import numpy as np
 from petsc4py import PETSc
 
 from app.equilibrium.equilibrium import Equilibrium
 from app.equilibrium.step_mode import DEFAULT_STEP, StepMode
-from geometry.surfaces.facets import Floats
 
 Linear = Literal["auto", "direct", "krylov"]
 # Unknowns up to which "auto" factorises, by the dimension of space: a factorisation takes about
@@ -52,22 +50,6 @@ def linear_options(problem: Equilibrium, kind: Linear) -> dict[str, str | float 
     return DIRECT if kind == "direct" else KRYLOV
 
 
-def rigid_modes(position: Floats) -> Floats:
-    """Displacements (m, n, i) of rigid motions of nodes at ``position`` (n, i), small rotations.
-
-    Smoothed aggregation restricts them to its aggregates, which lie within a body: the modes of
-    all bodies together are thus the modes of each.
-    """
-    count, dim = position.shape
-    modes = [np.broadcast_to(np.eye(dim)[i], (count, dim)) for i in range(dim)]
-    for i in range(dim):
-        for j in range(i):
-            mode = np.zeros((count, dim))
-            mode[:, i], mode[:, j] = position[:, j], -position[:, i]
-            modes.append(mode)
-    return np.stack(modes)
-
-
 class LinearSolver:
     """Solves with the tangent of the state it was last assembled at.
 
@@ -102,21 +84,17 @@ class LinearSolver:
         return bool(self.ksp.getType() == PETSc.KSP.Type.PREONLY)
 
     def _near_nullspace(self) -> PETSc.NullSpace:
-        """Rigid motions, orthonormal, for smoothed aggregation; collective."""
+        """Rigid motions, orthonormal, for smoothed aggregation; collective.
+
+        Those of all bodies together serve each of them: smoothed aggregation restricts them to its
+        aggregates, which lie within a body.
+        """
         problem = self.problem
         nodes = problem.owned // problem.dim
         position = problem.space.tabulate_dof_coordinates()[:nodes, : problem.dim]
-        total = problem.comm.allreduce(position.sum(axis=0))
-        modes = rigid_modes(position - total / (problem.size / problem.dim))
-        vectors: list[PETSc.Vec] = []
-        for mode in modes:
-            vector = problem.new_vector()
-            vector.array[:] = mode.reshape(-1)
-            for other in vectors:
-                vector.axpy(-vector.dot(other), other)
-            vector.normalize()
-            vectors.append(vector)
-        return PETSc.NullSpace().create(vectors=vectors, comm=problem.comm)
+        coordinates = problem.new_vector()
+        coordinates.array[:] = position.reshape(-1)
+        return PETSc.NullSpace().createRigidBody(coordinates)
 
     @property
     def ksp(self) -> PETSc.KSP:
