@@ -54,7 +54,7 @@ def _compile(group: _Group) -> Iterator[str]:
     import numpy as np
     from mpi4py import MPI
 
-    from app.equilibrium.equilibrium import pattern_form
+    from app.equilibrium.tangent import pattern_form
     from app.results.fields import StressField
     from forms.bodies.loads import FollowerPressure, mean_normal, reference_area
     from forms.bodies.lumped_mass import mass_form

@@ -18,7 +18,8 @@ import pytest
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from app.equilibrium.equilibrium import Equilibrium, Prescribed, component_dofs
+from app.equilibrium.constraints import Prescribed, component_dofs
+from app.equilibrium.equilibrium import Equilibrium
 from forms.bodies.materials import Material, NeoHookean
 from forms.bodies.solid import Solid
 from forms.contact.penalty import ContactTerm

@@ -26,7 +26,8 @@ import numpy as np
 from mpi4py import MPI
 
 from app.build.model import QUADRATURE_DEGREE
-from app.equilibrium.equilibrium import Equilibrium, Platen, Prescribed, component_dofs
+from app.equilibrium.constraints import Platen, Prescribed, component_dofs
+from app.equilibrium.equilibrium import Equilibrium
 from app.explicit.stepper import ExplicitOptions, ExplicitStepper
 from forms.bodies.internal_force import InternalForce
 from forms.bodies.materials import Hencky, Material, MooneyRivlin, NeoHookean, shear_and_bulk

@@ -43,7 +43,7 @@ FRAME = {
 # The same inside an attempt at a step.
 PROBES = {
     "app.equilibrium.equilibrium:Equilibrium._assembled": "solid residual",
-    "app.equilibrium.equilibrium:Equilibrium._assemble_forms": "solid tangent",
+    "app.equilibrium.tangent:Tangent._assemble_forms": "solid tangent",
     "app.equilibrium.equilibrium:Equilibrium.strain_energy": "solid residual",
     "geometry.surfaces.surface:ContactSurface.displacements": "kinematics",
     "geometry.surfaces.facet_search:FacetSearch.pairs": "search",
@@ -53,7 +53,7 @@ PROBES = {
     "forms.contact.penalty:ContactTerm.tangent": "tangent blocks",
     "forms.contact.penalty:ContactTerm.nodal_forces": "nodal forces",
     "app.equilibrium.equilibrium:Equilibrium._contact_forces": "merge into the residual",
-    "app.equilibrium.equilibrium:Equilibrium._add_blocks": "merge into the matrix",
+    "app.equilibrium.tangent:Tangent._add_blocks": "merge into the matrix",
 }
 # Parts that the solution itself tells apart, and those of PETSc's events.
 TIMED = {

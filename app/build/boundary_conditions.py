@@ -12,12 +12,12 @@ from mpi4py import MPI
 
 from app.case.boundary import COMPONENTS, DRIVEN, Boundary, Rotation, Spring
 from app.case.time_tables import TimeTable
-from app.equilibrium.equilibrium import Ints, Platen, Prescribed, component_dofs
+from app.equilibrium.constraints import Platen, Prescribed, component_dofs
 from app.errors import InputError
 from forms.bodies.kinematics import Section
 from forms.bodies.loads import FollowerPressure, mean_normal, reference_area
 from geometry.meshes.mesh import NamedMesh
-from geometry.surfaces.facets import Floats
+from geometry.surfaces.facets import Floats, Ints
 
 ON_AXIS = 1e-9  # distance over the largest radius up to which a node lies on the axis of symmetry
 FLAT = 0.99  # mean normal component from which a surface counts as flat and across the direction

@@ -24,7 +24,7 @@ from app.build.mesh_notes import (
 from app.case.boundary import COMPONENTS, solver_of
 from app.case.case import Case
 from app.case.validation import format_problem
-from app.equilibrium.equilibrium import Equilibrium, Ints
+from app.equilibrium.equilibrium import Equilibrium
 from app.errors import InputError
 from app.simulation.failure_diagnosis import penalty_note
 from forms.bodies.kinematics import Section
@@ -36,7 +36,7 @@ from forms.friction.friction_map import FrictionMap
 from forms.friction.law import FrictionLaw
 from forms.friction.stribeck import StribeckLaw
 from geometry.meshes.mesh import MeshError, NamedMesh, bodies_sharing_nodes, generate, read
-from geometry.surfaces.facets import Floats
+from geometry.surfaces.facets import Floats, Ints
 from geometry.surfaces.surface import ContactSurface, facet_length
 
 # Degree of the quadrature on slave facets, by the dimension of space.

@@ -7,9 +7,9 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from mpi4py import MPI
 
-from app.equilibrium.equilibrium import Ints, Platen
+from app.equilibrium.constraints import Platen
 from geometry.surfaces.exchange import NodalVector, SurfaceExchange
-from geometry.surfaces.facets import Floats
+from geometry.surfaces.facets import Floats, Ints
 
 
 class LumpedDynamics:

@@ -49,6 +49,7 @@ class ExplicitStepper:
         v: (n,), m/s, velocities of the owned unknowns at the last half step.
         a: (n,), m/s², accelerations at the last whole step.
         mass: (n,), kg per unit thickness, lumped, scaled, with the platens' own.
+        rate_dependent: whether the contacts' friction feels time; set once for each stage.
         time: s, since the start; steps: so far.
         work: J/m, of supports, platens and pressures, this rank's part.
         damped: J/m, taken by mass-proportional damping, this rank's part.
@@ -62,6 +63,7 @@ class ExplicitStepper:
         options: ExplicitOptions | None = None,
         displacement: Floats | None = None,
         velocity: Floats | None = None,
+        rate_dependent: bool = True,
     ) -> None:
         """Lump the masses and take over a state; collective.
 
@@ -70,6 +72,7 @@ class ExplicitStepper:
             options: settings.
             displacement: (n,), m, of the owned unknowns; None: what ``problem.u`` holds.
             velocity: (n,), m/s, of the owned unknowns; None: rest.
+            rate_dependent: whether the contacts' friction feels time.
 
         Raises:
             ValueError: a body has no density.
@@ -87,6 +90,7 @@ class ExplicitStepper:
             self.v[:] = velocity
         self.internal = InternalForce(problem.u, problem.solids, self.options.compiled)
         self.contacts = [explicit_contact(term, self.options.compiled) for term in problem.contacts]
+        self.rate_dependent = rate_dependent
         self.time, self.steps = 0.0, 0
         self.work = self.damped = 0.0
         self._last_dt = 0.0
@@ -234,7 +238,9 @@ class ExplicitStepper:
             self._press()
             residual.collect_ghosts()
         with timer("contact"):
-            films = [contact for contact in self._films if contact.term.rate_dependent]
+            films = self._films if self.rate_dependent else []
+            for contact in self.contacts:
+                contact.rate_dependent = self.rate_dependent
             problem.trials = [contact.evaluate(self._u, dt) for contact in self.contacts]
             for contact in films:
                 contact.hold_film()

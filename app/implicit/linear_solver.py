@@ -9,11 +9,10 @@ from __future__ import annotations
 
 from typing import Literal
 
-import numpy as np
 from petsc4py import PETSc
 
 from app.equilibrium.equilibrium import Equilibrium
-from geometry.surfaces.facets import Floats
+from app.equilibrium.step_mode import DEFAULT_STEP, StepMode
 
 Linear = Literal["auto", "direct", "krylov"]
 # Unknowns up to which "auto" factorises, by the dimension of space: a factorisation takes about
@@ -51,22 +50,6 @@ def linear_options(problem: Equilibrium, kind: Linear) -> dict[str, str | float 
     return DIRECT if kind == "direct" else KRYLOV
 
 
-def rigid_modes(position: Floats) -> Floats:
-    """Displacements (m, n, i) of rigid motions of nodes at ``position`` (n, i), small rotations.
-
-    Smoothed aggregation restricts them to its aggregates, which lie within a body: the modes of
-    all bodies together are thus the modes of each.
-    """
-    count, dim = position.shape
-    modes = [np.broadcast_to(np.eye(dim)[i], (count, dim)) for i in range(dim)]
-    for i in range(dim):
-        for j in range(i):
-            mode = np.zeros((count, dim))
-            mode[:, i], mode[:, j] = position[:, j], -position[:, i]
-            modes.append(mode)
-    return np.stack(modes)
-
-
 class LinearSolver:
     """Solves with the tangent of the state it was last assembled at.
 
@@ -101,21 +84,17 @@ class LinearSolver:
         return bool(self.ksp.getType() == PETSc.KSP.Type.PREONLY)
 
     def _near_nullspace(self) -> PETSc.NullSpace:
-        """Rigid motions, orthonormal, for smoothed aggregation; collective."""
+        """Rigid motions, orthonormal, for smoothed aggregation; collective.
+
+        Those of all bodies together serve each of them: smoothed aggregation restricts them to its
+        aggregates, which lie within a body.
+        """
         problem = self.problem
         nodes = problem.owned // problem.dim
         position = problem.space.tabulate_dof_coordinates()[:nodes, : problem.dim]
-        total = problem.comm.allreduce(position.sum(axis=0))
-        modes = rigid_modes(position - total / (problem.size / problem.dim))
-        vectors: list[PETSc.Vec] = []
-        for mode in modes:
-            vector = problem.new_vector()
-            vector.array[:] = mode.reshape(-1)
-            for other in vectors:
-                vector.axpy(-vector.dot(other), other)
-            vector.normalize()
-            vectors.append(vector)
-        return PETSc.NullSpace().create(vectors=vectors, comm=problem.comm)
+        coordinates = problem.new_vector()
+        coordinates.array[:] = position.reshape(-1)
+        return PETSc.NullSpace().createRigidBody(coordinates)
 
     @property
     def ksp(self) -> PETSc.KSP:
@@ -123,24 +102,31 @@ class LinearSolver:
         assert self._ksp is not None, "use() comes first"
         return self._ksp
 
-    def assemble(self, x: PETSc.Vec) -> None:
+    def assemble(self, x: PETSc.Vec, step: StepMode = DEFAULT_STEP) -> None:
         """Assemble the exact tangent at ``x``; collective."""
-        self.problem.jacobian(None, x, self.matrix, self.matrix)
+        self.problem.jacobian(None, x, self.matrix, self.matrix, step)
         self._changed()
 
-    def solve_from(self, x: PETSc.Vec, rhs: PETSc.Vec, increment: PETSc.Vec) -> bool:
+    def solve_from(
+        self,
+        x: PETSc.Vec,
+        rhs: PETSc.Vec,
+        increment: PETSc.Vec,
+        step: StepMode = DEFAULT_STEP,
+    ) -> bool:
         """Solve with the tangent at ``x`` for an increment that meets prescribed values.
 
         Args:
             x: state, m.
             rhs: out-of-balance forces with the sign of loads; changed.
-            increment: holds what is prescribed, at the held unknowns; the rest is found.
+            increment: holds the prescribed values at the constrained unknowns; the rest is found.
+            step: duration and contact modes.
 
         Returns:
             Whether the solution is to be trusted.
         """
         problem = self.problem
-        problem.assemble_tangent(x, self.matrix)
+        problem.assemble_tangent(x, self.matrix, step)
         rows = problem.constrained_dofs() + problem.first
         self.matrix.zeroRowsColumns(rows, 1.0, x=increment, b=rhs)
         self._changed()

@@ -16,6 +16,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from app.equilibrium.equilibrium import Equilibrium
+from app.equilibrium.step_mode import DEFAULT_STEP, StepMode
 from app.implicit.linear_solver import LinearSolver
 from geometry.surfaces.facets import Floats
 
@@ -52,9 +53,9 @@ class Predictor:
         self._path: list[tuple[float, Floats]] = []
         self._residual = problem.new_vector()
         self._kept = problem.new_vector()
-        self._step = problem.new_vector()
+        self._increment = problem.new_vector()
 
-    def predict(self, x: PETSc.Vec, trial: PETSc.Vec) -> int:
+    def predict(self, x: PETSc.Vec, trial: PETSc.Vec, step: StepMode = DEFAULT_STEP) -> int:
         """Put a start into ``trial`` for the step from ``x``; collective.
 
         Returns:
@@ -64,34 +65,34 @@ class Predictor:
         drive = self._driving(x)
         ratio = self._proportion(drive)
         if ratio is None:
-            self._carry(x, drive.constrained, trial)
-            return 1 + self._slide(x, drive.constrained, trial)
+            self._carry(x, drive.constrained, trial, step)
+            return 1 + self._slide(x, drive.constrained, trial, step)
         if ratio > 0.0 and len(self._path) > 1:
-            self._continue(x, trial, ratio)
+            self._continue(x, trial, ratio, step)
         return 0
 
-    def _continue(self, x: PETSc.Vec, trial: PETSc.Vec, ratio: float) -> None:
+    def _continue(self, x: PETSc.Vec, trial: PETSc.Vec, ratio: float, step: StepMode) -> None:
         """Put the better of two starts into ``trial``, which holds the last converged state ``x``.
 
         Past a kink of the path (the last points stop sticking, say) the extrapolation is no help,
         while the tangent factorised last, of the new branch, knows where to go from ``x`` itself.
         An iterative solver has nothing at hand that would be cheaper than an iteration.
         """
-        extrapolated = self._extrapolate(trial, ratio)
+        extrapolated = self._extrapolate(trial, ratio, step)
         if not self.solver.direct:
             return
-        norm = self._correct(trial, extrapolated, 1)
+        norm = self._correct(trial, extrapolated, 1, step)
         if norm <= WORTHWHILE * extrapolated:
             return
         best = trial.array_r.copy()
         x.copy(trial)
         trial.array[:] = self.problem.constrained_values(trial)
-        untouched = self._residual_norm(trial)
+        untouched = self._residual_norm(trial, step)
         self._keep_residual()
-        if not self._correct(trial, untouched, CORRECTIONS) < norm:
+        if not self._correct(trial, untouched, CORRECTIONS, step) < norm:
             trial.array[:] = best
 
-    def _slide(self, x: PETSc.Vec, constrained: Floats, trial: PETSc.Vec) -> int:
+    def _slide(self, x: PETSc.Vec, constrained: Floats, trial: PETSc.Vec, step: StepMode) -> int:
         """Put the step without friction's stiffness into ``trial``, if that is far off.
 
         The tangent at ``x`` knows nothing of the slip to come: a body that is moved on by much
@@ -104,20 +105,21 @@ class Predictor:
             x: last converged state.
             constrained: increments of the prescribed displacements, m.
             trial: the linear step with all of the tangent.
+            step: duration and contact modes.
 
         Returns:
             The number of factorisations it took.
         """
         if not self._rubbing():
             return 0
-        left = self._residual_norm(trial)
+        left = self._residual_norm(trial, step)
         if left <= FAR_OFF * self.problem.reference_force:
             return 0
         held_fast = trial.array_r.copy()
         x.copy(trial)
-        with self.problem.yielding():
-            self._carry(x, constrained, trial)
-        if np.isfinite(left) and not self._residual_norm(trial) < left:
+        gliding = step.with_friction_as_load(self.problem.contacts)
+        self._carry(x, constrained, trial, gliding)
+        if np.isfinite(left) and not self._residual_norm(trial, step) < left:
             trial.array[:] = held_fast
         return 1
 
@@ -126,10 +128,10 @@ class Predictor:
         mine = any(bool(t.response.d_traction_d_slip.any()) for t in self.problem.trials)
         return bool(self.problem.comm.allreduce(mine, op=MPI.LOR))
 
-    def restart(self, x: PETSc.Vec, trial: PETSc.Vec) -> int:
+    def restart(self, x: PETSc.Vec, trial: PETSc.Vec, step: StepMode = DEFAULT_STEP) -> int:
         """Put the linear step from ``x`` into ``trial``, whatever the path was; collective."""
         x.copy(trial)
-        self._carry(x, self._driving(x).constrained, trial)
+        self._carry(x, self._driving(x).constrained, trial, step)
         return 1
 
     def commit(self, x: PETSc.Vec, trial: PETSc.Vec) -> None:
@@ -148,7 +150,7 @@ class Predictor:
         (before, _), (last, _) = self._path[-2:]
         return last + ratio * (last - before)
 
-    def _extrapolate(self, trial: PETSc.Vec, ratio: float) -> float:
+    def _extrapolate(self, trial: PETSc.Vec, ratio: float, step: StepMode) -> float:
         """Continue the path by the polynomial of least residual; returns its norm.
 
         A low order comes first: where it leaves less than the next, the path has a kink.
@@ -160,7 +162,7 @@ class Predictor:
             weights = lagrange_weights(np.array([s for s, _ in states]), at)
             trial.array[:] = sum(w * values for w, (_, values) in zip(weights, states, strict=True))
             trial.array[:] = self.problem.constrained_values(trial)
-            now = self._residual_norm(trial)
+            now = self._residual_norm(trial, step)
             if not now < norm:
                 break
             best, norm = trial.array_r.copy(), now
@@ -168,21 +170,22 @@ class Predictor:
         trial.array[:] = best
         return norm
 
-    def _correct(self, trial: PETSc.Vec, norm: float, times: int) -> float:
+    def _correct(self, trial: PETSc.Vec, norm: float, times: int, step: StepMode) -> float:
         """Correct with the tangent factorised last while it pays; returns the residual's norm.
 
         Args:
             trial: the start; its residual is the one kept last.
             norm: of that residual.
             times: corrections at most.
+            step: duration and contact modes.
         """
         for _ in range(times):
             if not np.isfinite(norm) or norm == 0.0:
                 break
             before = trial.array_r.copy()
-            solved = self.solver.solve(self._kept, self._step)
-            trial.axpy(-1.0, self._step)
-            now = self._residual_norm(trial)
+            solved = self.solver.solve(self._kept, self._increment)
+            trial.axpy(-1.0, self._increment)
+            now = self._residual_norm(trial, step)
             if not solved or not now < WORTHWHILE * norm:
                 trial.array[:] = before
                 break
@@ -194,10 +197,10 @@ class Predictor:
         """Keep the residual evaluated last, that of the best start so far."""
         self._kept, self._residual = self._residual, self._kept
 
-    def _residual_norm(self, trial: PETSc.Vec) -> float:
+    def _residual_norm(self, trial: PETSc.Vec, step: StepMode) -> float:
         if not np.isfinite(trial.norm()):  # what a singular factor leaves: nothing to evaluate
             return np.inf
-        self.problem.residual(None, trial, self._residual)
+        self.problem.residual(None, trial, self._residual, step)
         norm: float = self._residual.norm()
         return norm
 
@@ -233,14 +236,14 @@ class Predictor:
         same = same and bool(lag @ lag <= 1e-18 * scale)
         return ratio if same and ratio > 0.0 else None
 
-    def _carry(self, x: PETSc.Vec, constrained: Floats, trial: PETSc.Vec) -> None:
+    def _carry(self, x: PETSc.Vec, constrained: Floats, trial: PETSc.Vec, step: StepMode) -> None:
         """Linear step from the converged state that meets the prescribed displacements."""
-        problem, increment = self.problem, self._step
-        problem.residual(None, x, self._residual)
+        problem, increment = self.problem, self._increment
+        problem.residual(None, x, self._residual, step)
         self._residual.scale(-1.0)
         increment.set(0.0)
         increment.array[problem.constrained_dofs()] = constrained
-        self.solver.solve_from(x, self._residual, increment)
+        self.solver.solve_from(x, self._residual, increment, step)
         trial.axpy(1.0, increment)
         trial.array[:] = problem.constrained_values(trial)
 

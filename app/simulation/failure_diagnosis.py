@@ -12,12 +12,13 @@ import ufl
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from app.equilibrium.equilibrium import Equilibrium, Ints
-from app.implicit.stepper import KINKED, StepResult
+from app.equilibrium.equilibrium import Equilibrium
+from app.implicit.newton import KINKED
+from app.implicit.stepper import StepResult
 from app.simulation.contact_resultants import ContactResultants
 from forms.bodies.materials import oedometric_modulus
 from forms.friction.friction_map import FrictionMap
-from geometry.surfaces.facets import Floats
+from geometry.surfaces.facets import Floats, Ints
 
 COMPONENTS = ("x", "y", "z")
 GAUSS_DEGREE = 2  # of the points at which the volume ratio is looked at

@@ -48,12 +48,14 @@ class ExplicitContact:
     Attributes:
         term: the pair, whose state is kept up to date.
         trial: the pair at the last evaluation.
+        rate_dependent: whether the friction law feels time.
         film_traction: (q, i), Pa, τ; film: (q,), Pa s/m, c of the last evaluation.
     """
 
     def __init__(self, term: ContactTerm) -> None:
         """Make ready; collective."""
         self.term = term
+        self.rate_dependent = True
         surface = term.surface
         self.exchange = SurfaceExchange(surface)
         q, dim = len(surface.slave.weight), surface.dim
@@ -87,7 +89,7 @@ class ExplicitContact:
         kinematics = relate(points, today, term.anchor(nodes))
         pressure = term.penalty * _depth(kinematics, today)
         film = term.film.at(pressure)[0]
-        response = term.respond(kinematics, dt, pressure, film)
+        response = term.respond(kinematics, dt, pressure, film, self.rate_dependent)
         self.trial = ContactTrial(
             position=points,
             area_ratio=surface.slave_area_ratio(slave),
@@ -156,7 +158,7 @@ class ExplicitContact:
         resistance = np.zeros_like(squared)
         np.divide(response.dissipation.viscous, squared, out=resistance, where=moving)
         # At a point that has not moved the law tells nothing of its film: that of before is kept.
-        still = ~moving & (trial.pressure > 0.0) & self.term.rate_dependent
+        still = ~moving & (trial.pressure > 0.0) & self.rate_dependent
         self.film = np.where(still, self.film, resistance * trial.dt)
         self._dry = response.traction - resistance[:, None] * slip
         self.film_traction = _in_plane(trial.kinematics.normal, self.film_traction)

@@ -191,7 +191,7 @@ class CompiledContact(ExplicitContact):
         kinematics = now.kinematics()
         pressure = arrays["pressure"]
         film = term.film.at(pressure)[0]
-        response = term.respond(kinematics, dt, pressure, film)
+        response = term.respond(kinematics, dt, pressure, film, self.rate_dependent)
         self._dry[:] = response.traction
         self._code.tribox_pair_load(now.at)
         self.trial = ContactTrial(

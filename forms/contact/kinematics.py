@@ -4,7 +4,7 @@ Axis letters: q points, r generalised coordinates, i, j space, α, β, γ surfac
 
 Per point the motion enters through vectors that are linear in the nodal displacements,
 
-    a   = δu¹ − δu²(ξ̄)      relative motion at the closest point ξ̄ of today,
+    a   = δu¹ − δu²(ξ̄)      relative motion at the current closest point ξ̄,
     b_α = δu²_,α(ξ̄)          change of the master's tangents there,
     c   = δu¹ − δu²(Ȳ_n)     relative motion at the master material point Ȳ_n of the last step,
     d   = e^α δu²_,α(Ȳ_n)    change of the advected elastic slip,
@@ -29,10 +29,10 @@ TOUCHING = 1e-9  # gap, relative to a master facet's size, up to which a point t
 
 @dataclass(slots=True)
 class Anchor:
-    """What the last converged step left at each point, moved by today's master.
+    """State of the last converged step at each point, moved with the current master.
 
     Attributes:
-        foot: (q, i), m, current: φ²(Ȳ_n), today's place of the last closest material point.
+        foot: (q, i), m, current: φ²(Ȳ_n), where the last closest material point is now.
         slip_image: (q, i), m, current: e^α τ_α(Ȳ_n), the advected elastic slip.
         slip_length: (q,), m: L, the length of the elastic slip, kept by the transport.
         gap: (q,), m: gap of the last converged step (+inf where there was none).
@@ -52,11 +52,11 @@ class Anchor:
 
 @dataclass(slots=True)
 class ContactKinematics:
-    """Gap, slip increment and elastic slip of today.
+    """Current gap, slip increment and elastic slip.
 
     Attributes:
         normal: (q, i); gap: (q,), m; closed: (q,) bool, touching or g < 0, on the surface.
-        slip: (q, i), m: Δg_T; elastic_slip: (q, i), m: g_e in today's tangent plane.
+        slip: (q, i), m: Δg_T; elastic_slip: (q, i), m: g_e in the current tangent plane.
     """
 
     normal: Floats
@@ -93,22 +93,22 @@ def _dot(u: Floats, v: Floats) -> Floats:
 
 
 def relate(
-    points: Floats, today: Projection, anchor: Anchor, reach: float = 0.0
+    points: Floats, projection: Projection, anchor: Anchor, adhesive_gap: float = 0.0
 ) -> ContactKinematics:
     """Contact kinematics of the slave points against their projections.
 
     Args:
         points: (q, i), m, current: slave points.
-        today: their closest points on the deformed master.
-        anchor: what the last converged step left, moved by today's master.
-        reach: m, gap up to which a point counts as closed.
+        projection: their closest points on the deformed master.
+        anchor: state of the last converged step, moved with the current master.
+        adhesive_gap: m, gap up to which a point counts as closed.
     """
-    n, gap = today.normal, today.gap
+    n, gap = projection.normal, projection.gap
     # Touching points count as closed: they carry no pressure yet, but their stiffness keeps a body
     # that only rests on another from being loose.
-    size = np.sqrt(np.einsum("qai,qai->qa", today.tangents, today.tangents).max(axis=1))
-    closed = (gap <= np.maximum(TOUCHING * size, reach)) & today.on_surface
-    slip = _in_plane(n, _apart(points, today, anchor))
+    size = np.sqrt(np.einsum("qai,qai->qa", projection.tangents, projection.tangents).max(axis=1))
+    closed = (gap <= np.maximum(TOUCHING * size, adhesive_gap)) & projection.on_surface
+    slip = _in_plane(n, _apart(points, projection, anchor))
     closing = _closing(gap, anchor.gap, closed)
     if closing.any():
         slip *= _closed_share(gap, anchor.gap, closing)[0][:, None]
@@ -116,28 +116,28 @@ def relate(
     return ContactKinematics(n, gap, closed, slip, _rescaled(image, anchor)[0][:, None] * image)
 
 
-def vary(points: Floats, today: Projection, anchor: Anchor) -> Variations:
+def vary(points: Floats, projection: Projection, anchor: Anchor) -> Variations:
     """Variation of the kinematics of points that are closed.
 
     Args:
         points: (q, i), m, current: closed slave points.
-        today: their closest points on the deformed master.
-        anchor: what the last converged step left, moved by today's master.
+        projection: their closest points on the deformed master.
+        anchor: state of the last converged step, moved with the current master.
     """
-    n, gap = today.normal, today.gap
+    n, gap = projection.normal, projection.gap
     count, dim = n.shape
-    size = (3 + today.tangents.shape[1]) * dim
+    size = (3 + projection.tangents.shape[1]) * dim
     a, c = slice(0, dim), slice(size - 2 * dim, size - dim)
     d_gap = np.zeros((count, size))
     d_gap[:, a] = n
-    d_xi, d_normal = _vary_projection(today, size)
+    d_xi, d_normal = _vary_projection(projection, size)
     plane = np.eye(dim) - _outer(n, n)
-    s = _apart(points, today, anchor)
+    s = _apart(points, projection, anchor)
     d_slip = _vary_in_plane(n, s, d_normal)
     d_slip[:, :, c] += plane
-    at = np.nonzero(today.clamped)[0]
+    at = np.nonzero(projection.clamped)[0]
     if len(at):
-        d_foot = np.einsum("qai,qar->qir", today.tangents[at], d_xi[at])
+        d_foot = np.einsum("qai,qar->qir", projection.tangents[at], d_xi[at])
         d_foot[:, :, a] -= np.eye(dim)
         d_slip[at] += plane[at] @ d_foot
     closing = _closing(gap, anchor.gap, np.ones(count, dtype=bool))
@@ -148,15 +148,15 @@ def vary(points: Floats, today: Projection, anchor: Anchor) -> Variations:
     return Variations(d_gap, d_normal, d_slip, _vary_transport(n, plane, anchor, d_normal), d_xi)
 
 
-def _apart(points: Floats, today: Projection, anchor: Anchor) -> Floats:
-    """Way (q, i), m, from the last step's material point to today's place.
+def _apart(points: Floats, projection: Projection, anchor: Anchor) -> Floats:
+    """Way (q, i), m, from the last step's material point to the current place.
 
     Clamped to an edge or a corner the foot moves, not x: a motionless point in a groove, with a
     normal that turns freely, would slip.
     """
-    if not today.clamped.any():
+    if not projection.clamped.any():
         return points - anchor.foot
-    return np.where(today.clamped[:, None], today.foot, points) - anchor.foot
+    return np.where(projection.clamped[:, None], projection.foot, points) - anchor.foot
 
 
 def _in_plane(n: Floats, v: Floats) -> Floats:
@@ -165,20 +165,20 @@ def _in_plane(n: Floats, v: Floats) -> Floats:
     return out
 
 
-def _vary_projection(today: Projection, size: int) -> tuple[Floats, Floats]:
+def _vary_projection(projection: Projection, size: int) -> tuple[Floats, Floats]:
     """∂ξ^α/∂z (q, α, r·j) and ∂n/∂z (q, i, r·j) of points inside a facet, on an edge, at a corner.
 
     Inside a facet H_αβ δξ^β = τ_α·a + g n·b_α with H_αβ = τ_α·τ_β − g n·ȳ_,αβ, and
     δn = −(n·(b_α + ȳ_,αβ δξ^β)) τ^α.
     """
-    n, gap, tau = today.normal, today.gap, today.tangents
+    n, gap, tau = projection.normal, projection.gap, projection.tangents
     count, surface, dim = tau.shape
     metric = np.einsum("qai,qbi->qab", tau, tau)
     inverse = _inverse(metric)
     contravariant = np.einsum("qab,qbi->qai", inverse, tau)
     bend = None  # n·ȳ_,αβ
-    if today.curvature is not None:
-        bend = np.einsum("qabi,qi->qab", today.curvature, n)
+    if projection.curvature is not None:
+        bend = np.einsum("qabi,qi->qab", projection.curvature, n)
         inverse = _inverse(metric - gap[:, None, None] * bend)
     d_xi = np.zeros((count, surface, size))
     d_normal = np.zeros((count, dim, size))
@@ -189,27 +189,27 @@ def _vary_projection(today: Projection, size: int) -> tuple[Floats, Floats]:
         d_normal[:, :, b] = -_outer(contravariant[:, beta], n)
     if bend is not None:
         d_normal -= np.einsum("qai,qar->qir", contravariant, bend @ d_xi)
-    at = np.nonzero(today.clamped)[0]
+    at = np.nonzero(projection.clamped)[0]
     if len(at):
-        d_xi[at], d_normal[at] = _vary_clamped(today, at, size)
+        d_xi[at], d_normal[at] = _vary_clamped(projection, at, size)
     return d_xi, d_normal
 
 
-def _vary_clamped(today: Projection, at: Longs, size: int) -> tuple[Floats, Floats]:
+def _vary_clamped(projection: Projection, at: Longs, size: int) -> tuple[Floats, Floats]:
     """∂ξ^α/∂z (p, α, r·j) and ∂n/∂z (p, i, r·j) of the points ``at``, on an edge or at a corner.
 
     Along an edge ξ = ξ_0 + s e, with t = e^α τ_α: (t·t − g n·t_,s) δs = t·a + g n·e^α b_α and
     δξ^α = e^α δs; at a corner δξ = 0. As n lies along x − ȳ, δn = (I − n⊗n)(a − τ_α δξ^α)/g.
     """
-    n, gap, tau = today.normal[at], today.gap[at], today.tangents[at]
+    n, gap, tau = projection.normal[at], projection.gap[at], projection.tangents[at]
     count, surface, dim = tau.shape
     d_xi = np.zeros((count, surface, size))
-    if today.along is not None:
-        e = today.along[at]
+    if projection.along is not None:
+        e = projection.along[at]
         t = np.einsum("qa,qai->qi", e, tau)
         stiffness = _dot(t, t)
-        if today.curvature is not None:
-            change = np.einsum("qa,qb,qabi->qi", e, e, today.curvature[at])
+        if projection.curvature is not None:
+            change = np.einsum("qa,qb,qabi->qi", e, e, projection.curvature[at])
             stiffness = stiffness - gap * _dot(n, change)
         moves = stiffness != 0.0
         e_over = np.where(moves[:, None], e, 0.0) / np.where(moves, stiffness, 1.0)[:, None]

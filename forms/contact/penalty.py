@@ -13,7 +13,7 @@ over the points q.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.sparse
@@ -31,15 +31,45 @@ from geometry.surfaces.surface import ContactSurface
 WORTH_FOLDING = 50_000
 
 
+@dataclass(frozen=True, slots=True)
+class ContactMode:
+    """How a contact is evaluated; the default is the contact as it is.
+
+    The other modes serve the search for a solution: what is committed was evaluated at a penalty
+    scale of one, without an adhesive gap, and with friction that has its stiffness.
+
+    Attributes:
+        rate_dependent: whether the friction law feels time; without, the film carries no stress.
+        penalty_scale: factor of the penalty K_N.
+        adhesive_gap: m; points with a gap up to this count as closed and are pulled together.
+        frozen_facets: (q,) master facets that the points do not leave for a neighbour as soon as
+            they pass an edge; None where the closest point decides.
+        friction_as_load: whether friction is a given load without stiffness.
+    """
+
+    rate_dependent: bool = True
+    penalty_scale: float = 1.0
+    adhesive_gap: float = 0.0
+    frozen_facets: Ints | None = field(default=None, compare=False)
+    friction_as_load: bool = False
+
+    def equals(self, other: ContactMode) -> bool:
+        """Whether both are the same mode; of frozen facets only the same array counts as equal."""
+        return self == other and self.frozen_facets is other.frozen_facets
+
+
+AS_IS = ContactMode()
+
+
 @dataclass(slots=True)
 class ContactState:
-    """What a converged step leaves at the points; nothing else is remembered.
+    """The history at the points: all that the next step knows of the converged ones.
 
     Attributes:
         facet: (q,) and xi: (q, α): the master material point Ȳ_n.
         slip_components: (q, α), e^α = τ^α·g_e on that facet; slip_length: (q,), m, L = |g_e|.
         gap: (q,), m; +inf where there was no projection on the surface.
-        area_ratio: (q,) area stretch da/dA of the slave surface.
+        area_ratio: (q,) area ratio da/dA of the slave surface.
         friction: the law's own state; friction_traction: (q, i), Pa, T.
     """
 
@@ -58,12 +88,13 @@ class ContactTrial:
     """The contact of one set of displacements, against the last converged state.
 
     Attributes:
-        position: (q, i), m, current; area_ratio: (q,) of today; pressure: (q,), Pa: t_N.
+        position: (q, i), m, current; area_ratio: (q,), current; pressure: (q,), Pa: t_N.
         film: (q,), m: D at that pressure.
         traction: (q, i), Pa, on the slave: t = t_N n − T, per reference area.
         response: the law's; its derivative for the pressure holds that through the film too.
-        anchor: the last converged step's places, moved by today's master; None where nobody will
-            ask for the tangent.
+        stiffness: Pa/m, the penalty that it was evaluated with; None: that of the pair.
+        anchor: places of the last converged step, moved with the current master; None where nobody
+            will ask for the tangent.
     """
 
     position: Floats
@@ -75,7 +106,27 @@ class ContactTrial:
     traction: Floats
     response: FrictionResponse
     dt: float
+    stiffness: float | None = None
     anchor: Anchor | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class _Evaluation:
+    """The last evaluation of a contact: what was asked, and the answer."""
+
+    dt: float
+    mode: ContactMode
+    slave: Floats
+    master: Floats
+    trial: ContactTrial
+
+    def answers(self, dt: float, mode: ContactMode, slave: Floats, master: Floats) -> bool:
+        return (
+            self.dt == dt
+            and self.mode.equals(mode)
+            and np.array_equal(self.slave, slave)
+            and np.array_equal(self.master, master)
+        )
 
 
 class ContactTerm:
@@ -84,10 +135,6 @@ class ContactTerm:
     Attributes:
         state: the committed :class:`ContactState`; changed by :meth:`commit` only.
         penalty: K_N, Pa/m.
-        reach: m, 0 but while a first contact is sought: up to this gap the penalty also pulls.
-        kept: (q,) master facets that the points do not leave for a neighbour at once; None but
-            while the points on edges are settled.
-        yielding: False but while a sliding step is predicted: friction is a load without stiffness.
     """
 
     def __init__(
@@ -111,10 +158,6 @@ class ContactTerm:
         self.surface = surface
         self.law = law
         self.penalty = penalty
-        self.rate_dependent = True
-        self.reach = 0.0
-        self.kept: Ints | None = None
-        self.yielding = False
         q = len(surface.slave.weight)
         self.film = film_thickness(film)
         self.film.at(np.zeros(q))  # Refuses a field that is not one of these points.
@@ -130,66 +173,71 @@ class ContactTerm:
             friction=law.initial_state(q, surface.dim),
             friction_traction=np.zeros((q, surface.dim)),
         )
-        self._last: tuple[tuple[float, ...], Floats, Floats, ContactTrial] | None = None
+        self._last: _Evaluation | None = None
 
-    def evaluate(self, x: PETSc.Vec, dt: float) -> ContactTrial:
+    def evaluate(self, x: PETSc.Vec, dt: float, mode: ContactMode = AS_IS) -> ContactTrial:
         """The contact at the displacements ``x`` (m) after a step of ``dt`` (s); collective.
 
         Nothing is changed; the evaluation of the same ``x`` twice in a row costs one gather.
         """
         slave, master = self.surface.displacements(x)
-        key = (
-            dt,
-            self.rate_dependent,
-            self.penalty,
-            self.reach,
-            self.kept is not None,
-            self.yielding,
-        )
-        if self._last is not None and self._last[0] == key:
-            _, last_slave, last_master, trial = self._last
-            if np.array_equal(slave, last_slave) and np.array_equal(master, last_master):
-                return trial
-        trial = self._evaluate(slave, master, dt)
-        self._last = (key, slave, master, trial)
+        last = self._last
+        if last is not None and last.answers(dt, mode, slave, master):
+            return last.trial
+        trial = self._evaluate(slave, master, dt, mode)
+        self._last = _Evaluation(dt, mode, slave, master, trial)
         return trial
 
-    def _evaluate(self, slave: Floats, master: Floats, dt: float) -> ContactTrial:
+    def _evaluate(
+        self, slave: Floats, master: Floats, dt: float, mode: ContactMode
+    ) -> ContactTrial:
         points = self.surface.slave_positions(slave)
         nodes = self.surface.master.position + master
-        today = self.surface.project(points, nodes, self.kept)
+        current = self.surface.project(points, nodes, mode.frozen_facets)
         anchor = self.anchor(nodes)
-        kinematics = relate(points, today, anchor, self.reach)
-        pull = np.inf if self.reach > 0.0 else 0.0  # what a closed point may pull with
+        kinematics = relate(points, current, anchor, mode.adhesive_gap)
+        pull = np.inf if mode.adhesive_gap > 0.0 else 0.0  # depth that a closed point may pull with
         depth = np.where(kinematics.closed, np.maximum(-kinematics.gap, -pull), 0.0)
-        spring = self.penalty * depth
+        stiffness = mode.penalty_scale * self.penalty
+        spring = stiffness * depth
         pressure = np.maximum(spring, 0.0)
-        film, d_film = self.film.at(pressure)
-        response = self.respond(kinematics, dt, pressure, film)
-        if d_film.any():
-            through_film = d_film[:, None] * response.d_traction_d_film
-            response = replace(
-                response, d_traction_d_pressure=response.d_traction_d_pressure + through_film
-            )
-        if self.yielding:
-            response = _without_stiffness(response)
+        film, response = self._friction(kinematics, dt, pressure, mode)
         return ContactTrial(
             position=points,
             area_ratio=self.surface.slave_area_ratio(slave),
-            projection=today,
+            projection=current,
             kinematics=kinematics,
             pressure=pressure,
             film=film,
             traction=spring[:, None] * kinematics.normal - response.traction,
             response=response,
             dt=dt,
+            stiffness=stiffness,
             anchor=anchor,
         )
 
+    def _friction(
+        self, kinematics: ContactKinematics, dt: float, pressure: Floats, mode: ContactMode
+    ) -> tuple[Floats, FrictionResponse]:
+        """Film thickness (q,), m, and the law's answer, its derivatives through the film too."""
+        film, d_film = self.film.at(pressure)
+        response = self.respond(kinematics, dt, pressure, film, mode.rate_dependent)
+        if d_film.any():
+            through_film = d_film[:, None] * response.d_traction_d_film
+            response = replace(
+                response, d_traction_d_pressure=response.d_traction_d_pressure + through_film
+            )
+        return film, _without_stiffness(response) if mode.friction_as_load else response
+
     def respond(
-        self, kinematics: ContactKinematics, dt: float, pressure: Floats, film: Floats
+        self,
+        kinematics: ContactKinematics,
+        dt: float,
+        pressure: Floats,
+        film: Floats,
+        rate_dependent: bool = True,
     ) -> FrictionResponse:
-        """The law's answer to today's kinematics and pressure (q,), Pa, at film thickness (q,), m.
+        """The law's answer to kinematics and pressure (q,), Pa, at film thickness (q,), m.
 
         The committed state holds the elastic slip of the last step; the law sees it transported.
         """
@@ -200,11 +248,11 @@ class ContactTerm:
             film,
             replace(self.state.friction, elastic_slip=kinematics.elastic_slip),
             area_ratio=self.state.area_ratio,
-            rate_dependent=self.rate_dependent,
+            rate_dependent=rate_dependent,
         )
 
     def anchor(self, nodes: Floats) -> Anchor:
-        """What the last converged step left, moved by the master's ``nodes`` (n, i), m, today."""
+        """Places of the last converged step on the master's current ``nodes`` (n, i), m."""
         state = self.state
         foot, tangents = self.surface.target.places(state.facet, state.xi, nodes)
         return Anchor(
@@ -233,7 +281,7 @@ class ContactTerm:
         self._last = None
 
     def adopt(self, state: ContactState) -> None:
-        """Go on from a state that was found by other means than :meth:`evaluate`."""
+        """Continue from a state that was found by other means than :meth:`evaluate`."""
         self.state = state
         self._last = None
 
@@ -259,7 +307,7 @@ class ContactTerm:
         assert trial.anchor is not None
         v = vary(trial.position[take], trial.projection.of(take), trial.anchor.of(take))
         r, normal = trial.response, trial.kinematics.normal[take]
-        d_pressure = -self.penalty * v.d_gap
+        d_pressure = -self._stiffness(trial) * v.d_gap
         out: Floats = (normal - r.d_traction_d_pressure[take])[:, :, None] * d_pressure[:, None, :]
         out += trial.pressure[take][:, None, None] * v.d_normal
         out -= r.d_traction_d_slip[take] @ v.d_slip
@@ -309,7 +357,7 @@ class ContactTerm:
         return nodes, blocks.reshape(q, m, dim, dim, m).transpose(0, 1, 2, 4, 3)
 
     def _point_facets(self, trial: ContactTrial, take: Longs) -> Longs:
-        """Number (p,) of the facets that a point couples: its own, today's and the last step's."""
+        """Number (p,) of the facets that a point couples: its own, the present and the last."""
         masters = np.int64(len(self.surface.master.facets))
         slave, before = self.surface.slave.facet[take], self.state.facet[take]
         return (slave * masters + trial.projection.facet[take]) * masters + before
@@ -340,9 +388,13 @@ class ContactTerm:
 
     def interface_energy(self, trial: ContactTrial) -> float:
         """Penalty and elastic-slip energy of this rank's points, J per unit thickness."""
-        pressed = 0.5 * trial.pressure**2 / self.penalty
+        pressed = 0.5 * trial.pressure**2 / self._stiffness(trial)
         stored = self.law.stored_energy(trial.response.state)
         return float(self.surface.slave.weight @ (pressed + stored))
+
+    def _stiffness(self, trial: ContactTrial) -> float:
+        """The penalty that a trial was evaluated with, Pa/m."""
+        return self.penalty if trial.stiffness is None else trial.stiffness
 
 
 def _without_stiffness(response: FrictionResponse) -> FrictionResponse:
@@ -360,7 +412,8 @@ def _on_facet(slip: Floats, at: Projection) -> Floats:
     """Vectors (q, i) in the facets' planes whose images in the plane across n are ``slip`` (q, i).
 
     Where the projection is clamped, n is not the facet's normal n_f: q = g_e − n (n_f·g_e)/(n_f·n)
-    gives (I − n⊗n) q = g_e again. A normal almost in the facet's plane is let be.
+    gives (I − n⊗n) q = g_e again. A normal almost in the facet's plane
+    changes nothing.
     """
     rows = np.nonzero(at.clamped)[0]
     if not len(rows):

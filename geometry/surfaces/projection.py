@@ -18,7 +18,8 @@ from geometry.surfaces.facet_search import TIE, FacetSearch
 from geometry.surfaces.facets import Bools, FacetShape, Floats, Ints, unit_normals
 from geometry.surfaces.smoothing import smooth_patches
 
-KEPT = 1e-4  # reference distance past the edge of a facet up to which a point may be kept on it
+# Reference distance past the edge of a facet up to which a point may stay on it.
+OVERRUN = 1e-4
 _TOUCHING = 1e-12  # distance over facet size below which x − ȳ has no direction
 
 
@@ -123,7 +124,9 @@ class FacetSurface:
         self.neighbours = (incidence @ incidence.T).tocsr()
         self.neighbours.data[:] = 1
 
-    def project(self, points: Floats, nodes: Floats, kept: Ints | None = None) -> Projection:
+    def project(
+        self, points: Floats, nodes: Floats, frozen_facets: Ints | None = None
+    ) -> Projection:
         """Closest points on the whole surface.
 
         Of facets equally close the first is taken, one that holds the point inside before one that
@@ -132,8 +135,8 @@ class FacetSurface:
         Args:
             points: (q, i), m, current: slave points.
             nodes: (n, i), m, current: master nodes.
-            kept: (q,) facets that the points stay on as long as they are next to no more than
-                ``KEPT`` past an edge, as if it went on there.
+            frozen_facets: (q,) facets that the points stay on as long as they are no more than
+                ``OVERRUN`` past an edge, as if the facet continued there.
         """
         controls = self._controls(nodes)
         point, facet = self.search.pairs(points, controls)
@@ -149,15 +152,16 @@ class FacetSurface:
         rank = np.where(tie, rank, 2 * len(self.facets))
         best = np.nonzero(rank == np.minimum.reduceat(rank, start)[point])[0]
         facet, xi, entity = facet[best], pair.xi[best], pair.entity[best]
-        if kept is not None:
-            there, found = stationary_points(self.shape, controls[kept], points)
-            stays = found & (self.shape.excess(there) <= KEPT)
-            facet, entity = np.where(stays, kept, facet), np.where(stays, INTERIOR, entity)
+        if frozen_facets is not None:
+            there, found = stationary_points(self.shape, controls[frozen_facets], points)
+            stays = found & (self.shape.excess(there) <= OVERRUN)
+            facet = np.where(stays, frozen_facets, facet)
+            entity = np.where(stays, INTERIOR, entity)
             xi = np.where(stays[:, None], there, xi)
         return self._at(points, controls, facet, xi, entity)
 
     def places(self, facet: Ints, xi: Floats, nodes: Floats) -> tuple[Floats, Floats]:
-        """Points ȳ (q, i) and tangents (q, α, i) of material places, on today's nodes (n, i)."""
+        """Points ȳ (q, i) and tangents (q, α, i) of material places, on current nodes (n, i)."""
         moved = nodes[self.stencil[facet]]
         foot = np.einsum("qm,qmi->qi", self.weights(facet, xi), moved)
         return foot, np.einsum("qbm,qmi->qbi", self.slopes(facet, xi), moved)

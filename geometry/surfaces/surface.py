@@ -132,15 +132,17 @@ class ContactSurface:
         slave = values[: self._slave_count]
         return slave[self._slave_rows], values[self._slave_count :].copy()
 
-    def project(self, points: Floats, nodes: Floats, kept: Ints | None = None) -> Projection:
-        """Closest points on the master, on today's nodes (n, i), m, of the points (q, i), m.
+    def project(
+        self, points: Floats, nodes: Floats, frozen_facets: Ints | None = None
+    ) -> Projection:
+        """Closest points on the master, on its current nodes (n, i), m, of the points (q, i), m.
 
         Args:
             points: see above.
             nodes: see above.
-            kept: (q,) facets that the points do not leave for a neighbour at once.
+            frozen_facets: (q,) facets that the points do not leave for a neighbour at once.
         """
-        return self.target.project(points, nodes, kept)
+        return self.target.project(points, nodes, frozen_facets)
 
     def slave_positions(self, displacement: Floats) -> Floats:
         """Current positions (q, i) of the slave points from nodal displacements (q, a, i)."""

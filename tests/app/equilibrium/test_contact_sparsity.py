@@ -148,9 +148,9 @@ def test_places_are_found_once_while_the_nodes_stay():
     start = [scene.vector([x, -0.5 * x, -0.08], 0.03, 0.2) for x in (0.0, 1e-7, 0.3)]
     A = problem.new_matrix(start[0])
     problem.assemble_tangent(start[0], A)
-    known = problem._known_places[0]
+    known = problem.tangent._known_places[0]
     problem.assemble_tangent(start[1], A)
-    assert problem._known_places[0] is known
+    assert problem.tangent._known_places[0] is known
     problem.assemble_tangent(start[2], A)
-    assert problem._known_places[0] is not known
+    assert problem.tangent._known_places[0] is not known
     np.testing.assert_allclose(dense(A), scene.tangent(start[2]), rtol=0, atol=1e-12)

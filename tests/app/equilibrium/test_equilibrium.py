@@ -9,9 +9,11 @@ import pytest
 
 import forms.contact.kinematics
 import forms.contact.penalty
-from app.equilibrium.equilibrium import Equilibrium, Platen
+from app.equilibrium.constraints import Platen
+from app.equilibrium.step_mode import DEFAULT_STEP, StepMode
+from app.equilibrium.tangent import Tangent
 from forms.bodies.loads import FollowerPressure
-from forms.contact.penalty import ContactTerm
+from forms.contact.penalty import ContactMode, ContactTerm
 from forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
 from forms.friction.film import FilmTable
 from forms.friction.friction_map import FrictionMap
@@ -55,6 +57,11 @@ class Setting:
     degree: int = 5
     bend: float = 0.08
     rate_dependent: bool = True
+
+    @property
+    def step(self):
+        """A step of one second."""
+        return StepMode(1.0, (ContactMode(rate_dependent=self.rate_dependent),))
 
 
 STRIBECK = StribeckLaw(
@@ -153,17 +160,15 @@ def prepared(pair, setting, **parts):
     """The problem with a history of one step, the unknowns of today, and its matrix."""
     problem = pair().problem(setting.law, film=setting.film, degree=setting.degree, **parts)
     (term,) = problem.contacts
-    term.rate_dependent = setting.rate_dependent
     before = state(pair(), setting, setting.before, 0.4, 0.1, 1)
-    term.commit(term.evaluate(before, 1.0))
+    term.commit(term.evaluate(before, 1.0, *setting.step.modes))
     x = state(pair(), setting, setting.now, 0.9, 0.35, 2)
-    problem.dt = 1.0
     return problem, x, problem.new_matrix(x)
 
 
-def unbalanced(problem, x):
+def unbalanced(problem, x, step=DEFAULT_STEP):
     f = problem.new_vector()
-    problem.residual(None, x, f)
+    problem.residual(None, x, f, step)
     return problem.unbalanced.copy()
 
 
@@ -181,11 +186,11 @@ class Slopes:
     values: np.ndarray
     near: np.ndarray
 
-    def error(self, problem, x, A):
+    def error(self, problem, x, A, step=DEFAULT_STEP):
         """Largest error of the tangent at ``x``, relative, of all unknowns or near the contact."""
         for term in problem.contacts:
             term._last = None
-        problem.assemble_tangent(x, A)
+        problem.assemble_tangent(x, A, step)
         d, image = x.duplicate(), x.duplicate()
         worst = 0.0
         for direction, exact in zip(self.directions, self.values, strict=True):
@@ -200,7 +205,7 @@ class Slopes:
         return worst
 
 
-def differences(problem, x, count=4, h=1e-6):
+def differences(problem, x, step=DEFAULT_STEP, count=4, h=1e-6):
     """Central differences of the out-of-balance forces in random directions."""
     rng = np.random.default_rng(7)
     directions = rng.normal(size=(count, x.getSize()))
@@ -210,7 +215,7 @@ def differences(problem, x, count=4, h=1e-6):
         sides = []
         for sign in (1.0, -1.0):
             moved.array[:] = x.array_r + sign * h * direction
-            sides.append(unbalanced(problem, moved))
+            sides.append(unbalanced(problem, moved, step))
         value[:] = (sides[0] - sides[1]) / (2.0 * h)
     return Slopes(directions, values, contact_dofs(problem))
 
@@ -219,8 +224,8 @@ def differences(problem, x, count=4, h=1e-6):
 def test_whole_tangent_against_finite_differences(pair, name):
     setting, regime = SETTINGS[name]
     problem, x, A = prepared(pair, setting)
-    slopes = differences(problem, x)
-    error = slopes.error(problem, x, A)
+    slopes = differences(problem, x, setting.step)
+    error = slopes.error(problem, x, A, setting.step)
     (trial,) = problem.trials
     regimes = trial.response.regime
     assert np.count_nonzero(regimes == regime) >= 5, np.bincount(regimes)
@@ -338,7 +343,7 @@ def without_part_of_solids(part):
     """One integral of the solids (0: distortional, 1: volumetric), or both, left out."""
 
     def switch(patch):
-        whole = Equilibrium._assemble_forms
+        whole = Tangent._assemble_forms
 
         def less(self, A):
             kept = [list(solid.forms) for solid in self.solids]
@@ -350,7 +355,7 @@ def without_part_of_solids(part):
                 for solid, all_forms in zip(self.solids, kept, strict=True):
                     solid.forms = all_forms
 
-        patch.setattr(Equilibrium, "_assemble_forms", less)
+        patch.setattr(Tangent, "_assemble_forms", less)
 
     return switch
 

@@ -9,7 +9,8 @@ import scipy.linalg
 from mpi4py import MPI
 
 from app.case.case import check_case
-from app.equilibrium.equilibrium import Equilibrium, Prescribed
+from app.equilibrium.constraints import Prescribed
+from app.equilibrium.equilibrium import Equilibrium
 from app.explicit.stepper import ExplicitStepper
 from app.simulation.contact_resultants import measure_contact
 from app.simulation.interval_averages import IntervalAverages

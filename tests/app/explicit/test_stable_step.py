@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from app.equilibrium.step_mode import StepMode
 from app.explicit.stepper import ExplicitError, ExplicitOptions, ExplicitStepper, MassScaling
 from app.implicit.stepper import ImplicitOptions, ImplicitStepper
 from forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
@@ -39,13 +40,10 @@ def pressed(pair, law, penalty, film=0.0):
         solid.density = 1.0
     problem.u.x.array[:] = 0.0
     held[3].value = -DEPTH
-    for contact in problem.contacts:
-        contact.rate_dependent = False
     implicit = ImplicitStepper(problem, ImplicitOptions(tolerance=1e-11))
+    implicit.rate_dependent = False
     assert implicit.attempt(1.0).converged
     implicit.commit()
-    for contact in problem.contacts:
-        contact.rate_dependent = True
     return problem, implicit.x.array_r.copy()
 
 
@@ -58,13 +56,13 @@ def stepper(problem, x, seed=0, size=1e-7, **options):
     )
 
 
-def dense(problem, stepper, x, dt=1.0):
+def dense(problem, stepper, x, dt=1.0, rate_dependent=True):
     """Tangent and masses of the free unknowns, from the implicit solution's exact tangent."""
     vec = problem.new_vector()
     vec.array[:] = x
-    problem.dt = dt
     matrix = problem.new_matrix(vec)
-    problem.assemble_tangent(vec, matrix)
+    step = StepMode.of_stage(dt, problem.contacts, rate_dependent)
+    problem.assemble_tangent(vec, matrix, step)
     free = np.setdiff1d(np.arange(problem.owned), problem.constrained_dofs())
     rows, columns, values = matrix.getValuesCSR()
     full = np.zeros((problem.owned, problem.owned))
@@ -159,10 +157,7 @@ def exact_with_film(stiffness, viscosity, mass):
 def test_viscous_film_in_the_bound(pair, viscosity):
     problem, x = pressed(pair, film(viscosity), 20.0, film=0.5)
     one = stepper(problem, x, viscous="bounded")
-    term = problem.contacts[0]
-    term.rate_dependent = False
-    stiffness, mass = dense(problem, one, x)
-    term.rate_dependent = True
+    stiffness, mass = dense(problem, one, x, rate_dependent=False)
     with_film, _ = dense(problem, one, x, dt=1.0)
     exact = exact_with_film(stiffness, with_film - stiffness, mass)
     found = one.estimate()

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app.equilibrium.equilibrium import Equilibrium, Platen, Prescribed, component_dofs
+from app.equilibrium.constraints import Platen, Prescribed, component_dofs
+from app.equilibrium.equilibrium import Equilibrium
 from app.explicit.stepper import ExplicitOptions, ExplicitStepper
 from forms.bodies.loads import FollowerPressure
 from forms.bodies.materials import NeoHookean, oedometric_modulus

@@ -7,9 +7,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+import app.implicit.newton
 import app.implicit.predictor
-import app.implicit.stepper
-from app.equilibrium.equilibrium import Platen
+from app.equilibrium.constraints import Platen
 from app.implicit.predictor import Predictor
 from app.implicit.stepper import ImplicitOptions, ImplicitStepper
 from forms.friction.law import Regime
@@ -24,9 +24,11 @@ def unaided(monkeypatch):
     """
     monkeypatch.setattr(app.implicit.predictor, "HIGHEST_ORDER", 1)
     monkeypatch.setattr(
-        Predictor, "_continue", lambda self, x, trial, ratio: self._extrapolate(trial, ratio)
+        Predictor,
+        "_continue",
+        lambda self, x, trial, ratio, step: self._extrapolate(trial, ratio, step),
     )
-    monkeypatch.setattr(app.implicit.stepper, "REUSE_SAFETY", np.inf)
+    monkeypatch.setattr(app.implicit.newton, "REUSE_SAFETY", np.inf)
 
 
 def pressed_and_slid(pair, law, film=0.0, moves=(), tolerance=1e-13):

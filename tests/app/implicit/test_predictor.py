@@ -10,6 +10,7 @@ from mpi4py import MPI
 import app.implicit.predictor
 from app.build.model import build_model
 from app.case.case import Case
+from app.equilibrium.step_mode import StepMode
 from app.implicit.predictor import Predictor, lagrange_weights
 from app.simulation.load_steps import load_steps_of
 from app.simulation.simulation import Observer, Simulation
@@ -67,12 +68,12 @@ def test_prediction_saves_iterations_and_changes_no_result(monkeypatch, without)
     whole = simulation(steps=12)
     run(whole)
     if without == "_correct":
-        monkeypatch.setattr(Predictor, "_correct", lambda self, trial, norm, times: norm)
+        monkeypatch.setattr(Predictor, "_correct", lambda self, trial, norm, times, step: norm)
     elif without == "_extrapolate":
-        monkeypatch.setattr(Predictor, "_extrapolate", lambda self, trial, ratio: np.inf)
-        monkeypatch.setattr(Predictor, "_correct", lambda self, trial, norm, times: norm)
+        monkeypatch.setattr(Predictor, "_extrapolate", lambda self, trial, ratio, step: np.inf)
+        monkeypatch.setattr(Predictor, "_correct", lambda self, trial, norm, times, step: norm)
     else:
-        monkeypatch.setattr(Predictor, "_continue", lambda self, x, trial, ratio: None)
+        monkeypatch.setattr(Predictor, "_continue", lambda self, x, trial, ratio, step: None)
     part = simulation(steps=12)
     run(part)
     spent = [sum(row.newton_iterations for row in sim.rows) for sim in (whole, part)]
@@ -136,7 +137,7 @@ def test_sliding_start_moves_the_body_as_a_whole(monkeypatch):
     assert np.abs(moved() - 1.5e-4).max() > 0.5e-4
 
 
-def test_yielding_friction_is_a_load_and_only_within_its_block():
+def test_friction_as_load_has_no_stiffness_and_only_in_its_mode():
     sim = pressed()
     problem, x = sim.model.problem, sim.implicit.x
     force, same = problem.new_vector(), problem.new_vector()
@@ -147,10 +148,8 @@ def test_yielding_friction_is_a_load_and_only_within_its_block():
     problem.residual(None, x, force)
     assert stiffness() > 0.0
     assert np.abs(problem.trials[0].response.traction).max() > 0.0
-    with pytest.raises(RuntimeError), problem.yielding():
-        problem.residual(None, x, same)
-        assert stiffness() == 0.0
-        raise RuntimeError
+    problem.residual(None, x, same, StepMode().with_friction_as_load(problem.contacts))
+    assert stiffness() == 0.0
     np.testing.assert_array_equal(same.array_r, force.array_r)
     problem.residual(None, x, same)
     assert stiffness() > 0.0

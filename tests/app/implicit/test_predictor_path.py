@@ -10,6 +10,7 @@ import pytest
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from app.equilibrium.step_mode import StepMode
 from app.implicit.predictor import CORRECTIONS, Predictor
 
 
@@ -17,7 +18,7 @@ class Known:
     """A problem solved by ``path(load)``, and a solver that knows its tangent.
 
     The first two unknowns are prescribed: they are the two numbers in ``held``. The residual of the
-    others is their distance from the solution, as long as that is less than ``reach``; beyond, it
+    others is their distance from the solution, as long as that is less than ``basin``; beyond, it
     only tells the direction and is large. A solve gives ``share`` of the right increment.
 
     Attributes:
@@ -33,7 +34,7 @@ class Known:
         self.platens = [SimpleNamespace(pull=lambda displacement: self.load)]
         self.pressures: list[SimpleNamespace] = []
         self.trials: list[SimpleNamespace] = []
-        self.direct, self.works, self.share, self.reach = True, True, 1.0, np.inf
+        self.direct, self.works, self.share, self.basin = True, True, 1.0, np.inf
         self.seen: list[np.ndarray] = []
         self.solves = self.steps = 0
         self.x, self.trial = self.new_vector(), self.new_vector()
@@ -51,17 +52,19 @@ class Known:
     def constrained_values(self, x: PETSc.Vec) -> np.ndarray:
         return np.array([*self.held, *x.array_r[2:]])
 
-    def residual(self, snes: None, x: PETSc.Vec, f: PETSc.Vec) -> None:
+    def residual(self, snes: None, x: PETSc.Vec, f: PETSc.Vec, step: StepMode) -> None:
         self.seen.append(x.array_r.copy())
         apart = x.array_r - self.solution()
-        f.array[:] = np.where(np.abs(apart) < self.reach, apart, 1e3 * np.sign(apart))
+        f.array[:] = np.where(np.abs(apart) < self.basin, apart, 1e3 * np.sign(apart))
 
     def solve(self, rhs: PETSc.Vec, solution: PETSc.Vec) -> bool:
         self.solves += 1
         solution.array[:] = self.share * rhs.array_r
         return self.works
 
-    def solve_from(self, x: PETSc.Vec, rhs: PETSc.Vec, increment: PETSc.Vec) -> bool:
+    def solve_from(
+        self, x: PETSc.Vec, rhs: PETSc.Vec, increment: PETSc.Vec, step: StepMode
+    ) -> bool:
         self.steps += 1
         increment.array[2:] = rhs.array_r[2:]
         return True
@@ -74,7 +77,7 @@ class Known:
         self.trial.copy(self.x)
 
     def put(self, load: float, *held: float) -> None:
-        """Today's load and prescribed values (default: all of it is load)."""
+        """The load and prescribed values (default: all of it is load)."""
         self.load = load
         self.held = np.array(held or (0.0, 0.0))
 
@@ -136,7 +139,7 @@ def test_a_correction_that_does_not_pay_is_undone(fault):
 def test_where_the_extrapolation_leads_astray_the_last_state_is_corrected():
     """The path ends at a load of 3: the tangent knows, from the last state, the line does not."""
     problem = along(Known(lambda s: [10.0 * min(s, 3.0) + 0.1 * s]), 0.0, 1.0, 2.0, 3.0)
-    problem.reach = 1.0
+    problem.basin = 1.0
     start = problem.start(3.5)
     np.testing.assert_allclose(start, problem.solution(), atol=1e-12)
     problem.share = 0.6  # of a tangent that is not quite right
@@ -145,13 +148,13 @@ def test_where_the_extrapolation_leads_astray_the_last_state_is_corrected():
     assert CORRECTIONS > 1
 
 
-def test_the_last_state_is_corrected_with_the_prescribed_values_of_today():
+def test_the_last_state_is_corrected_with_the_current_prescribed_values():
     problem = Known(lambda s: [0.0])
     for value in (0.0, 1.0, 2.0, 3.0):
         problem.path = lambda s, value=value: [10.0 * value]
         problem.go(0.0, value, 0.5 * value)
     problem.path = lambda s: [30.1]
-    problem.reach = 1.0
+    problem.basin = 1.0
     np.testing.assert_allclose(problem.start(0.0, 3.5, 1.75), problem.solution(), atol=1e-12)
     assert any(np.array_equal(x, [3.5, 1.75, 30.0]) for x in problem.seen)
 
@@ -210,7 +213,7 @@ def test_a_turn_under_constant_load_ends_the_path():
     assert problem.factorisations == 1
 
 
-def test_after_a_turn_the_path_begins_anew():
+def test_after_a_turn_the_path_begins_again():
     """The step of the turn is continued along its line, whatever came before."""
     problem = both(Known(curved), *STRAIGHT)
     turn = problem.x.array_r.copy()

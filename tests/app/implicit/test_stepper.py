@@ -1,15 +1,20 @@
 """What the Newton iteration does where it does not simply converge."""
 
 import tomllib
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from mpi4py import MPI
 
+import app.implicit.globalisation
 from app.build.model import build_model
 from app.case.case import Case
-from app.implicit.stepper import ImplicitStepper
+from app.equilibrium.step_mode import StepMode
+from app.implicit.globalisation import APPROACH, SEARCH
+from app.implicit.stepper import ImplicitOptions, ImplicitStepper
 from app.simulation.simulation import Observer, Simulation
+from forms.contact.penalty import ContactTerm
 from tests.app.conftest import BOXES
 
 # A soft cylinder on a soft block: half the contact zone closes in the first step, all of it with
@@ -62,7 +67,7 @@ def test_a_contact_that_spreads_fast_is_approached_with_a_soft_penalty(monkeypat
     stiff = sim.model.problem.contacts[0].penalty
 
     # Without it the steps are cut; where they end is the same.
-    monkeypatch.setattr(ImplicitStepper, "_approach", lambda self, stages: (0, -1))
+    monkeypatch.setattr(app.implicit.globalisation, "phases_after", lambda attempt: ())
     cut = pressed()
     assert sum(row.attempts for row in cut.rows) > len(cut.rows) > 2
     assert cut.model.problem.contacts[0].penalty == stiff
@@ -70,13 +75,34 @@ def test_a_contact_that_spreads_fast_is_approached_with_a_soft_penalty(monkeypat
     assert sim.rows[-1].interface_energy == pytest.approx(cut.rows[-1].interface_energy, rel=1e-5)
 
 
-def test_softening_ends_with_its_block_even_when_it_fails():
-    problem = build_model(Case.model_validate(tomllib.loads(CYLINDER)), MPI.COMM_SELF).problem
-    stiff = problem.contacts[0].penalty
-    with pytest.raises(RuntimeError), problem.softened(0.1):
-        assert problem.contacts[0].penalty == pytest.approx(0.1 * stiff)
-        raise RuntimeError
-    assert problem.contacts[0].penalty == stiff
+def test_a_softened_step_leaves_no_trace_even_when_it_fails(monkeypatch):
+    """The penalty is a constant; the next evaluation is that of the contact as it is."""
+    model = build_model(Case.model_validate(tomllib.loads(CYLINDER)), MPI.COMM_SELF)
+    problem, (term,) = model.problem, model.problem.contacts
+    stepper = ImplicitStepper(problem, ImplicitOptions())
+    stiff, evaluate, seen = term.penalty, ContactTerm.evaluate, []
+
+    def fails_softened(self, x, dt, mode):
+        trial = evaluate(self, x, dt, mode)
+        if mode.penalty_scale == 1.0:
+            return trial
+        seen.append(trial.stiffness)
+        return replace(trial, traction=np.nan * trial.traction)
+
+    model.set_loads(0.5, 0.0)
+    with monkeypatch.context() as patch:
+        patch.setattr(ContactTerm, "evaluate", fails_softened)
+        assert not stepper.attempt(0.5).converged
+    assert (
+        set(seen) == {soft.stages[0].penalty_scale * stiff for soft in (APPROACH, SEARCH)}
+        and term.penalty == stiff
+    )
+    assert stepper.attempt(0.5).converged
+    whole = term.evaluate(stepper.trial, 0.5)
+    assert whole is problem.trials[0] and whole.stiffness == stiff
+    soft = term.evaluate(stepper.trial, 0.5, *StepMode().softened(problem.contacts, 0.1).modes)
+    assert soft.stiffness == pytest.approx(0.1 * stiff) and term.penalty == stiff
+    np.testing.assert_allclose(soft.pressure, 0.1 * whole.pressure, rtol=1e-14)
 
 
 def test_a_force_finds_the_other_body_from_the_first_touch():
@@ -93,7 +119,7 @@ def test_a_force_finds_the_other_body_from_the_first_touch():
     assert [row.normal_force for row in sim.rows] == pytest.approx([0.025, 0.05], rel=1e-6)
     # None of the pull is left in the solution.
     (term,), (trial,) = sim.model.problem.contacts, sim.model.problem.trials
-    assert term.reach == 0.0
+    assert trial.stiffness == term.penalty
     np.testing.assert_array_equal(trial.traction[trial.pressure == 0.0], 0.0)
 
 
@@ -123,4 +149,8 @@ def test_points_on_edges_of_the_master_do_not_stop_the_iteration():
     assert last.tangential_force == pytest.approx(smooth.tangential_force, rel=1e-6)
     # Nothing of it is left for the next step.
     (term,) = sim.model.problem.contacts
-    assert term.kept is None
+    again = term.evaluate(sim.implicit.x, 1.0)
+    points, nodes = again.position, term.surface.master.position
+    nodes = nodes + term.surface.displacements(sim.implicit.x)[1]
+    closest = term.surface.project(points, nodes)
+    np.testing.assert_array_equal(again.projection.facet, closest.facet)

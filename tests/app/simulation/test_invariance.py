@@ -12,7 +12,8 @@ from mpi4py import MPI
 
 from app.build.model import build_model
 from app.case.case import Case
-from app.equilibrium.equilibrium import Equilibrium, Prescribed
+from app.equilibrium.constraints import Prescribed
+from app.equilibrium.equilibrium import Equilibrium
 from app.implicit.stepper import ImplicitOptions, ImplicitStepper
 from app.simulation.contact_resultants import ContactResultants, Row, measure_contact, turned_right
 from app.simulation.energy_balance import EnergyBalance
@@ -270,8 +271,7 @@ def retake(data: dict, rows: list[Row]) -> Simulation:
     problem = run.model.problem
     rated = {stage.name: stage.rate_dependent for stage in run.model.case.stage}
     for row in rows:
-        for term in problem.contacts:
-            term.rate_dependent = rated[row.stage]
+        run.stepper.rate_dependent = rated[row.stage]
         run.model.set_loads(row.time, row.driven_displacement)
         result = run.stepper.attempt(row.dt)
         assert result.converged
@@ -301,8 +301,8 @@ def of_numbers(attempt: Callable, stepper: ImplicitStepper, dt: float):
     problem = stepper.problem
     whole, calls = problem.residual, []
 
-    def broken(snes, x, f):
-        whole(snes, x, f)
+    def broken(snes, x, f, step):
+        whole(snes, x, f, step)
         calls.append(1)
         if len(calls) > 2:
             f.set(np.nan)

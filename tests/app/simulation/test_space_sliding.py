@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app.equilibrium.equilibrium import Equilibrium, Prescribed
+from app.equilibrium.constraints import Prescribed
+from app.equilibrium.equilibrium import Equilibrium
 from app.implicit.stepper import ImplicitOptions, ImplicitStepper
 from app.simulation.contact_resultants import measure_contact
 from forms.bodies.materials import NeoHookean

@@ -6,7 +6,8 @@ import pytest
 import ufl
 from mpi4py import MPI
 
-from app.equilibrium.equilibrium import Equilibrium, Prescribed, component_dofs
+from app.equilibrium.constraints import Prescribed, component_dofs
+from app.equilibrium.equilibrium import Equilibrium
 from app.implicit.stepper import ImplicitOptions, ImplicitStepper
 from forms.bodies.kinematics import plane_strain
 from forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, shear_and_bulk

@@ -8,7 +8,8 @@ import pytest
 import ufl
 from mpi4py import MPI
 
-from app.equilibrium.equilibrium import Equilibrium, Prescribed, component_dofs
+from app.equilibrium.constraints import Prescribed, component_dofs
+from app.equilibrium.equilibrium import Equilibrium
 from app.implicit.stepper import ImplicitOptions, ImplicitStepper
 from forms.bodies.kinematics import axisymmetric, section_of, spatial
 from forms.bodies.loads import FollowerPressure, mean_normal, reference_area

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
-from forms.contact.penalty import ContactTerm
+from forms.contact.penalty import ContactMode, ContactTerm
 from forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
 from forms.friction.friction_map import FrictionMap
 from forms.friction.law import Regime
@@ -212,8 +214,7 @@ def test_another_duration_or_rate_is_another_evaluation(pair):
         film = 0.4 * 5.0 / 0.5 * 0.1 / dt
         traction = term.evaluate(x, dt).response.traction
         np.testing.assert_allclose(traction[:, 0], solid + film, rtol=1e-10)
-    term.rate_dependent = False
-    traction = term.evaluate(x, 2.0).response.traction
+    traction = term.evaluate(x, 2.0, ContactMode(rate_dependent=False)).response.traction
     np.testing.assert_allclose(traction[:, 0], solid, rtol=1e-10)
 
 
@@ -294,3 +295,58 @@ def test_frictionless_tangent_is_symmetric(pair):
     np.testing.assert_allclose(square, square.transpose(0, 2, 1), rtol=0, atol=1e-12)
     # With one row of zero sum for each direction: a common translation costs nothing.
     np.testing.assert_allclose(stiffness.sum(axis=3), 0.0, atol=1e-12)
+
+
+# -- modes ----------------------------------------------------------------------------------------
+
+
+def test_the_penalty_scale_is_in_pressure_energy_and_tangent(pair):
+    """The same as a pair of that penalty, whose penalty stays what it is."""
+    blocks = pair()
+    law = CoulombLaw(CoulombParameters(mu=0.3, K_T=60.0))
+    x = blocks.displaced(shifted(0.01, DOWN), still)
+    term, soft = term_of(blocks, law), term_of(blocks, law)
+    soft.penalty = 0.25 * term.penalty
+    trial = term.evaluate(x, 1.0, ContactMode(penalty_scale=0.25))
+    expected = soft.evaluate(x, 1.0)
+    assert trial.pressure.max() > 0.0 and term.penalty == 4.0 * soft.penalty
+    np.testing.assert_array_equal(trial.pressure, expected.pressure)
+    np.testing.assert_array_equal(trial.traction, expected.traction)
+    assert term.interface_energy(trial) == soft.interface_energy(expected)
+    for mine, other in zip(term.tangent(trial), soft.tangent(expected), strict=True):
+        np.testing.assert_array_equal(mine[1], other[1])
+
+
+def test_an_adhesive_gap_pulls_open_points_and_gives_them_no_pressure(pair):
+    blocks = pair()
+    term = term_of(blocks, FrictionlessLaw())
+    x = blocks.displaced(shifted(0.0, 0.01), still)
+    assert not term.evaluate(x, 1.0).kinematics.closed.any()
+    trial = term.evaluate(x, 1.0, ContactMode(adhesive_gap=0.02))
+    closed = trial.kinematics.closed
+    assert closed.any() and not trial.pressure.any()
+    np.testing.assert_allclose(trial.traction[closed, 1], -0.01 * term.penalty, rtol=1e-9)
+    assert not term.evaluate(x, 1.0, ContactMode(adhesive_gap=0.005)).kinematics.closed.any()
+
+
+def test_each_mode_is_an_evaluation_of_its_own(pair):
+    """Equal modes share one evaluation; of frozen facets only the same array is equal."""
+    blocks = pair()
+    term = term_of(blocks, CoulombLaw(CoulombParameters(mu=0.3, K_T=60.0)))
+    x = blocks.displaced(shifted(0.01, DOWN), still)
+    trial = term.evaluate(x, 1.0)
+    assert term.evaluate(x, 1.0, ContactMode()) is trial
+    facet = trial.projection.facet
+    for mode in (
+        ContactMode(rate_dependent=False),
+        ContactMode(penalty_scale=0.5),
+        ContactMode(adhesive_gap=1e-3),
+        ContactMode(frozen_facets=facet),
+        ContactMode(frozen_facets=facet.copy()),
+        ContactMode(friction_as_load=True),
+    ):
+        before = term._last.trial
+        now = term.evaluate(x, 1.0, mode)
+        assert now is not before and term.evaluate(x, 1.0, mode) is now
+        with pytest.raises(dataclasses.FrozenInstanceError):
+            mode.penalty_scale = 2.0

@@ -7,7 +7,7 @@ import pytest
 
 from geometry.surfaces.facet_search import FacetSearch
 from geometry.surfaces.facets import facet_shape, unit_normals
-from geometry.surfaces.projection import KEPT, FacetSurface, Projection
+from geometry.surfaces.projection import OVERRUN, FacetSurface, Projection
 
 SPACE = [("triangle", 1), ("quadrilateral", 1), ("triangle", 2), ("quadrilateral", 2)]
 ALL = [("interval", 2), *SPACE]
@@ -176,8 +176,8 @@ def test_gap_is_continuous_on_a_walk_over_everything(sheet, kind):
 
 
 @pytest.mark.parametrize("kind", [("interval", 1), *ALL], ids=ids)
-def test_a_point_may_be_kept_on_its_facet_just_past_an_edge(sheet, kind):
-    """As if the facet went on; not further than ``KEPT``."""
+def test_a_point_may_be_frozen_on_its_facet_just_past_an_edge(sheet, kind):
+    """As if the facet continued; not further than ``OVERRUN``."""
     surface, nodes = surface_of(sheet, kind, (6, 5))
     rng = np.random.default_rng(8)
     dim = nodes.shape[1]
@@ -188,7 +188,7 @@ def test_a_point_may_be_kept_on_its_facet_just_past_an_edge(sheet, kind):
     np.testing.assert_array_equal(again.facet, usual.facet)
     np.testing.assert_allclose(again.xi[~usual.clamped], usual.xi[~usual.clamped], atol=1e-11)
 
-    for past, stays in ((0.5 * KEPT, True), (2.0 * KEPT, False)):
+    for past, stays in ((0.5 * OVERRUN, True), (2.0 * OVERRUN, False)):
         edge = np.array([[0.5, -past]] if dim == 3 else [[-past]])
         facet = np.arange(len(surface.facets), dtype=np.int32)
         inside = surface.shape.values(np.broadcast_to(edge, (len(facet), dim - 1)))
@@ -202,7 +202,7 @@ def test_a_point_may_be_kept_on_its_facet_just_past_an_edge(sheet, kind):
             np.testing.assert_allclose(at.xi, np.broadcast_to(edge, at.xi.shape), atol=1e-7)
             np.testing.assert_allclose(at.gap, -1e-4, rtol=1e-6)
             assert not at.clamped.any()
-        np.testing.assert_array_less(surface.shape.excess(at.xi), KEPT)
+        np.testing.assert_array_less(surface.shape.excess(at.xi), OVERRUN)
 
 
 @pytest.mark.parametrize("kind", ALL, ids=ids)

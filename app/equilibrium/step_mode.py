@@ -1,0 +1,68 @@
+"""How the contacts of a step are evaluated: its duration, and the mode of each pair."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+from forms.contact.penalty import AS_IS, ContactMode, ContactTerm, ContactTrial
+
+
+@dataclass(frozen=True, slots=True)
+class StepMode:
+    """What residual and tangent depend on beside the displacements and the loads.
+
+    Attributes:
+        dt: duration of the step, s.
+        modes: mode of each contact pair; empty: all pairs as they are.
+    """
+
+    dt: float = 1.0
+    modes: tuple[ContactMode, ...] = ()
+
+    @classmethod
+    def of_stage(
+        cls, dt: float, contacts: Iterable[ContactTerm], rate_dependent: bool = True
+    ) -> StepMode:
+        """All pairs as they are, in a stage that feels time or does not."""
+        return cls(dt, tuple(ContactMode(rate_dependent=rate_dependent) for _ in contacts))
+
+    def pairs(self, contacts: Sequence[ContactTerm]) -> Iterator[tuple[ContactTerm, ContactMode]]:
+        """Each contact with its mode."""
+        return zip(contacts, self.modes or (AS_IS,) * len(contacts), strict=True)
+
+    def softened(
+        self, contacts: Sequence[ContactTerm], penalty_scale: float, adhesive_facets: float = 0.0
+    ) -> StepMode:
+        """The same with another penalty scale and adhesive gap.
+
+        Args:
+            contacts: the pairs.
+            penalty_scale: factor of all penalties.
+            adhesive_facets: adhesive gap, in mean lengths of a slave facet.
+        """
+        changed = [
+            replace(
+                mode,
+                penalty_scale=penalty_scale,
+                adhesive_gap=adhesive_facets * term.surface.facet_length,
+            )
+            for term, mode in self.pairs(contacts)
+        ]
+        return StepMode(self.dt, tuple(changed))
+
+    def frozen(self, contacts: Sequence[ContactTerm], trials: Sequence[ContactTrial]) -> StepMode:
+        """The same with all points frozen on their facets of these evaluations."""
+        changed = [
+            replace(mode, frozen_facets=trial.projection.facet)
+            for (_, mode), trial in zip(self.pairs(contacts), trials, strict=True)
+        ]
+        return StepMode(self.dt, tuple(changed))
+
+    def with_friction_as_load(self, contacts: Sequence[ContactTerm]) -> StepMode:
+        """The same with friction that has no stiffness: bodies slide on each other freely."""
+        changed = [replace(mode, friction_as_load=True) for _, mode in self.pairs(contacts)]
+        return StepMode(self.dt, tuple(changed))
+
+
+DEFAULT_STEP = StepMode()

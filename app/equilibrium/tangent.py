@@ -1,0 +1,158 @@
+"""The tangent's matrix: its pattern, and what solids, contacts and platens put in.
+
+The pattern has room for the contacts' windows (:mod:`app.equilibrium.contact_sparsity`) and is
+widened when a contact leaves its window.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import dolfinx
+import dolfinx.fem.petsc
+import numpy as np
+import ufl
+from dolfinx import cpp as _cpp
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from app.equilibrium.constraints import Constraints
+from app.equilibrium.contact_sparsity import BlockPlaces, ContactWindow, coupled_nodes, widened
+from app.equilibrium.timers import Stopwatch
+from forms.bodies.loads import FollowerPressure
+from forms.bodies.solid import Solid
+from forms.contact.penalty import ContactTerm, ContactTrial
+from geometry.surfaces.facets import Floats, Longs
+
+
+def pattern_form(space: dolfinx.fem.FunctionSpace) -> dolfinx.fem.Form:
+    """A form over all cells, for the tangent's pattern: those of the solids each see one body."""
+    trial, test = ufl.TrialFunction(space), ufl.TestFunction(space)
+    return dolfinx.fem.form(ufl.inner(trial, test) * ufl.dx(metadata={"quadrature_degree": 1}))
+
+
+class Tangent:
+    """Makes the matrix and fills it.
+
+    Attributes:
+        constraints: with the numbering of the unknowns; solids, contacts, pressures: the parts.
+        pattern_changes: how often the pattern was widened, when it was made included.
+    """
+
+    def __init__(
+        self,
+        constraints: Constraints,
+        solids: Sequence[Solid],
+        contacts: Sequence[ContactTerm],
+        pressures: Sequence[FollowerPressure],
+    ) -> None:
+        """Begin without a matrix."""
+        self.constraints = constraints
+        self.solids, self.contacts, self.pressures = solids, contacts, pressures
+        self.pattern_changes = 0
+        self._known_places: list[BlockPlaces] = []  # of blocks added lately
+        self._windows: list[ContactWindow | None] = [None] * len(contacts)
+
+    def new_matrix(self, trials: Sequence[ContactTrial]) -> PETSc.Mat:
+        """A matrix with room for solids, platens and these contacts; collective."""
+        self._windows = [None] * len(self.contacts)
+        A = dolfinx.fem.petsc.assemble_matrix(pattern_form(self.constraints.unknowns.space))
+        A.assemble()
+        self._widen(A, trials)
+        return A
+
+    def assemble(self, A: PETSc.Mat, trials: Sequence[ContactTrial], timer: Stopwatch) -> None:
+        """Fill ``A`` at the displacements spread last; collective.
+
+        All rows are free but those that follow a platen.
+
+        Args:
+            A: the matrix.
+            trials: contacts at these displacements.
+            timer: seconds by part.
+        """
+        with timer("contact"):
+            self._keep_pattern(A, trials, timer)
+            pairs = zip(self.contacts, trials, strict=True)
+            blocks = [group for term, trial in pairs for group in term.tangent(trial)]
+        with timer("assembly"):
+            A.zeroEntries()
+            self._assemble_forms(A)
+        with timer("contact"):
+            for nodes, values in blocks:
+                self._add_blocks(A, nodes, values)
+            self.constraints.add_following_rows(A)
+            A.assemble()
+
+    def _assemble_forms(self, A: PETSc.Mat) -> None:
+        forms = [part.tangent for solid in self.solids for part in solid.forms]
+        forms += [p.tangent for p in self.pressures if p.value.value != 0.0]
+        for form in forms:
+            constants = _cpp.fem.pack_constants(form._cpp_object)
+            coefficients = _cpp.fem.pack_coefficients(form._cpp_object)
+            _cpp.fem.petsc.assemble_matrix(
+                A, form._cpp_object, constants, coefficients, [], bool(self.constraints.platens)
+            )
+
+    def _add_blocks(self, A: PETSc.Mat, nodes: Longs, blocks: Floats | None) -> None:
+        """Add point blocks (q, m, i, n, j) (None: zeros, for the pattern) to global rows."""
+        places = self._places(nodes)
+        A.setValuesIJV(
+            places.indptr.astype(PETSc.IntType),
+            self.constraints.condensed(places.columns).astype(PETSc.IntType),
+            places.add_up(blocks),
+            addv=PETSc.InsertMode.ADD_VALUES,
+            rowmap=self.constraints.condensed(places.rows).astype(PETSc.IntType),
+        )
+
+    def _places(self, nodes: Longs) -> BlockPlaces:
+        """Places of blocks in the matrix: those of an earlier call while nodes stay the same."""
+        for places in self._known_places:
+            if np.array_equal(places.nodes, nodes):
+                return places
+        places = BlockPlaces(nodes, self.constraints.unknowns.dim)
+        self._known_places = [places, *self._known_places[: 2 * len(self.contacts) - 1]]
+        return places
+
+    # -- pattern ------------------------------------------------------------------------------
+
+    def _keep_pattern(self, A: PETSc.Mat, trials: Sequence[ContactTrial], timer: Stopwatch) -> None:
+        """Widen the pattern when a contact has left its window; collective."""
+        missing = False
+        for term, trial, window in zip(self.contacts, trials, self._windows, strict=True):
+            missing |= window is None or not window.holds(term, trial)
+        if self.constraints.unknowns.comm.allreduce(missing, op=MPI.LOR):
+            with timer("pattern"):
+                self._widen(A, trials)
+
+    def _widen(self, A: PETSc.Mat, trials: Sequence[ContactTrial]) -> None:
+        """Give ``A`` zeros wherever solids, platens and contact windows may add; collective."""
+        self.pattern_changes += 1
+        extra = self._empty_like(A)
+        for index, (term, trial) in enumerate(zip(self.contacts, trials, strict=True)):
+            window = widened(self._windows[index], term, trial)
+            self._windows[index] = window
+            nodes = coupled_nodes(term, window)
+            if len(nodes):
+                self._add_blocks(extra, nodes, None)
+        if self.constraints.platens:
+            self.constraints.add_pattern(A, extra)
+        extra.assemble()
+        rows, columns = A.getLGMap()
+        A.axpy(1.0, extra, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        extra.destroy()
+        if self.constraints.platens:
+            rows = columns = self.constraints.condensed_map()
+        A.setLGMap(rows, columns)
+        A.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, True)
+
+    def _empty_like(self, A: PETSc.Mat) -> PETSc.Mat:
+        """A matrix of the size of ``A`` that takes entries anywhere."""
+        unknowns = self.constraints.unknowns
+        out = PETSc.Mat().create(comm=unknowns.comm)
+        out.setSizes(A.getSizes())
+        out.setBlockSize(unknowns.dim)
+        out.setType(PETSc.Mat.Type.AIJ)
+        out.setUp()
+        out.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
+        return out

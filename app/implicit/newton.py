@@ -1,0 +1,251 @@
+"""Newton's method for one set of loads: SNES on the exact tangent, and its phases.
+
+The residual has kinks where points change between stick and slip, open and closed, or one master
+facet and the next. The phases of :data:`NEWTON_PHASES` are tried in turn until one converges; each
+but the first only where the iteration before it came near enough.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from petsc4py import PETSc
+
+from app.equilibrium.equilibrium import Equilibrium
+from app.equilibrium.step_mode import DEFAULT_STEP, StepMode
+from app.implicit.linear_solver import LinearSolver, linear_options
+from app.implicit.options import ImplicitOptions
+
+PREFIX = "tribox_"
+_numbers = itertools.count()
+REUSE_SAFETY = 10.0  # margin in the estimate of what an iteration with the last tangent leaves
+STALLED = 0.1  # relative residual below which a stalled line search is followed by whole steps
+KINKED = 1e-5  # relative residual from which on an iteration gains far more than GAIN, or wavers
+GAIN = 4.0
+STALL_WINDOW = 4  # iterations over which the residual must fall by a tenth not to count as stalled
+
+
+@dataclass(frozen=True, slots=True)
+class NewtonPhase:
+    """One way to iterate.
+
+    Attributes:
+        name: of the phase.
+        within: relative residual that the phase before must have ended with at most; None: any.
+        line_search: PETSc's kind; None: that of the options.
+        freezes_facets: whether points do not leave their master facets for a neighbour as soon as
+            they pass an edge.
+        starts_over: whether the residuals of the phase before are forgotten.
+        ends_stalled: whether the phase ends where the residual has stopped to fall.
+        ends_wavering: whether it ends where it is near, and gains less than an iteration should.
+    """
+
+    name: str
+    within: float | None = None
+    line_search: str | None = None
+    freezes_facets: bool = False
+    starts_over: bool = False
+    ends_stalled: bool = False
+    ends_wavering: bool = False
+
+
+NEWTON_PHASES = (
+    NewtonPhase("line search", starts_over=True, ends_stalled=True, ends_wavering=True),
+    # The normals of two facets differ, however little, and with them the forces: a point that
+    # belongs on the edge between them is pushed from each onto the other, without end.
+    NewtonPhase(
+        "frozen facets", within=KINKED, freezes_facets=True, starts_over=True, ends_stalled=True
+    ),
+    # On the far side of a kink the line search may find no decrease however short the step, while
+    # a few whole steps decide which side each point is on.
+    NewtonPhase("whole steps", within=STALLED, line_search="basic"),
+)
+
+
+class Newton:
+    """Solves for the unknowns at given loads, from the start that ``trial`` holds.
+
+    Attributes:
+        problem, solver, options: what is solved, with which tangent, how well.
+        trial: the unknowns; the start before, the solution after :meth:`solve`.
+        residuals: residual norms of the last phase, relative to the reference force.
+        snes: PETSc's solver.
+    """
+
+    def __init__(
+        self,
+        problem: Equilibrium,
+        solver: LinearSolver,
+        trial: PETSc.Vec,
+        options: ImplicitOptions,
+    ) -> None:
+        """Set SNES up on the problem's residual and tangent; collective.
+
+        Raises:
+            ValueError: PETSc refuses one of the options.
+        """
+        self.problem, self.solver, self.options = problem, solver, options
+        self.trial = trial
+        self.residuals: list[float] = []
+        self._residual = problem.new_vector()
+        self._largest_force = 0.0
+        self._step, self._phase, self._patient = DEFAULT_STEP, NEWTON_PHASES[0], False
+        prefix = f"{PREFIX}{next(_numbers)}_"  # of its own: options must not reach the next run
+        self._petsc_options = PETSc.Options(prefix)
+        self.snes = self._new_snes(prefix)
+        solver.use(self.snes.getKSP())
+
+    def _new_snes(self, prefix: str) -> PETSc.SNES:
+        snes = PETSc.SNES().create(self.problem.comm)
+        snes.setOptionsPrefix(prefix)
+        defaults: dict[str, str | float | bool] = {
+            "snes_type": "newtonls",
+            "snes_linesearch_type": "bt",
+            "snes_linesearch_order": 1,
+            **linear_options(self.problem, self.options.linear),
+        }
+        options = self._petsc_options
+        for key, value in (defaults | dict(self.options.petsc)).items():
+            options[key] = value
+        self._usual_search = str(options.getString("snes_linesearch_type"))
+        snes.setFunction(self._function, self._residual)
+        snes.setJacobian(self._jacobian, self.solver.matrix)
+        snes.setTolerances(max_it=self.options.max_iterations)
+        snes.setConvergenceTest(self._test)
+        try:
+            snes.setFromOptions()
+            snes.getKSP().getPC().setFromOptions()
+        except PETSc.Error as error:
+            PETSc.Options()["options_left"] = False  # all else is of no interest any more
+            reason = str(error).strip().splitlines()[-1].split("] ", 1)[-1]
+            raise ValueError(reason) from None
+        return snes
+
+    # -- solution -----------------------------------------------------------------------------
+
+    def solve(self, step: StepMode, patient: bool = False) -> tuple[int, int]:
+        """Go through the phases until one converges; collective.
+
+        Args:
+            step: duration and contact modes.
+            patient: whether a phase that stalls far from the solution uses all its iterations: for
+                where nothing else can be tried.
+
+        Returns:
+            Newton iterations, and PETSc's converged reason.
+        """
+        self._patient = patient
+        iterations, reason = 0, 0
+        for phase in NEWTON_PHASES:
+            if phase.within is not None and not self.is_near(phase.within):
+                continue
+            more, reason = self._run(phase, step)
+            iterations += more
+            if reason > 0:
+                break
+        return iterations, reason
+
+    def is_near(self, relative: float = STALLED) -> bool:
+        """Whether the last phase came so near that the bodies touch where they will."""
+        return bool(self.residuals and self.residuals[-1] <= relative)
+
+    def evaluate(self, step: StepMode) -> None:
+        """Evaluate the problem at ``trial``, unless that was done last; collective."""
+        if not self.problem.is_evaluated(self.trial):
+            self.problem.residual(None, self.trial, self._residual, step)
+
+    def accept(self) -> None:
+        """Take note of the forces of a solution that is committed."""
+        self._largest_force = max(self._largest_force, self.problem.reference_force)
+
+    def _run(self, phase: NewtonPhase, step: StepMode) -> tuple[int, int]:
+        problem = self.problem
+        if phase.starts_over:
+            self.residuals = []
+        self._phase, self._step = phase, step
+        if phase.freezes_facets:
+            self._step = step.frozen(problem.contacts, problem.trials)
+        if phase.line_search is None:
+            return self._iterate()
+        self._search(phase.line_search)
+        result = self._iterate()
+        self._search(self._usual_search)
+        return result
+
+    def _iterate(self) -> tuple[int, int]:
+        """Let SNES solve from the present trial; (iterations, converged reason).
+
+        After a linear solve that failed it continues once with a new preconditioner.
+        """
+        iterations = 0
+        for _ in range(1 if self.solver.direct else 2):
+            with self.problem.timer("linear solve"):  # the other parts take themselves out
+                self.snes.solve(None, self.trial)
+            iterations += self.snes.getIterationNumber()
+            if self.solver.forget_failure():
+                break
+        return iterations, self.snes.getConvergedReason()
+
+    def _search(self, kind: str) -> None:
+        """Use a kind of line search."""
+        self._petsc_options["snes_linesearch_type"] = kind
+        self.snes.setFromOptions()
+
+    # -- what SNES calls ----------------------------------------------------------------------
+
+    def _function(self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
+        # Numbers that are not finite come from an inverted element or a singular matrix. SNES sees
+        # a norm that is none: the line search cuts, or the step fails.
+        if np.isfinite(x.norm()):
+            self.problem.residual(snes, x, f, self._step)
+        else:
+            f.set(np.nan)
+
+    def _jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, P: PETSc.Mat) -> None:
+        if not self._reuse():
+            self.solver.assemble(x, self._step)
+
+    def _reuse(self) -> bool:
+        """Whether the tangent factorised last will do for an iteration that ends the step.
+
+        A Newton iteration that reduced the residual by c has moved the tangent by about as much,
+        so the old one reduces it by about c once more.
+        """
+        if not self.solver.direct or len(self.residuals) < 2 or self.residuals[-2] == 0.0:
+            return False
+        last = self.residuals[-1]
+        return REUSE_SAFETY * last * last / self.residuals[-2] <= self.options.tolerance
+
+    def _test(
+        self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]
+    ) -> PETSc.SNES.ConvergedReason | None:
+        """Residual against the present contact or reaction force: no unit enters."""
+        norm, reasons = norms[2], PETSc.SNES.ConvergedReason
+        if not np.isfinite(norm):
+            return reasons.DIVERGED_FNORM_NAN
+        scale = max(self.problem.reference_force, 1e-6 * self._largest_force)
+        self.residuals.append(norm / scale if scale > 0.0 else norm)
+        if norm <= max(self.options.tolerance * scale, self.problem.roundoff):
+            return reasons.CONVERGED_FNORM_RELATIVE
+        if iteration >= self.options.max_iterations:
+            return reasons.DIVERGED_MAX_IT
+        if self._phase.ends_wavering and self._wavers():
+            return reasons.DIVERGED_LINE_SEARCH
+        if self._phase.ends_stalled and self._is_stalled():
+            return reasons.DIVERGED_LINE_SEARCH
+        return None
+
+    def _wavers(self) -> bool:
+        """Whether the iteration is so near that it should gain far more than it does."""
+        if len(self.residuals) < 2:
+            return False
+        before, now = self.residuals[-2:]
+        return now <= KINKED and now * GAIN > before
+
+    def _is_stalled(self) -> bool:
+        """Whether the residual has stopped to fall, and another phase or start is better."""
+        recent = self.residuals[-STALL_WINDOW - 1 :]
+        stalled = len(recent) > STALL_WINDOW and recent[-1] > 0.9 * recent[0]
+        return stalled and (recent[-1] <= STALLED or not self._patient)

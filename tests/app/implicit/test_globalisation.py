@@ -1,0 +1,70 @@
+"""Which phases a step goes through: of Newton's method, and of starts and softer contacts."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from app.equilibrium.step_mode import StepMode
+from app.implicit.globalisation import APPROACH, SEARCH, Attempt, LinearStart, phases_after
+from app.implicit.linear_solver import LinearSolver
+from app.implicit.newton import KINKED, NEWTON_PHASES, STALLED, Newton
+from app.implicit.options import ImplicitOptions
+
+
+def attempt(near, contacts=1, pressed=True):
+    problem = SimpleNamespace(contacts=[None] * contacts)
+    newton = SimpleNamespace(problem=problem, trial=None, is_near=lambda: near)
+    return Attempt(newton, None, None, StepMode(), pressed)
+
+
+def test_what_is_tried_after_the_prediction_depends_on_where_it_failed():
+    assert phases_after(attempt(near=False)) == (APPROACH,)
+    assert phases_after(attempt(near=False, pressed=False)) == (APPROACH, SEARCH)
+    assert phases_after(attempt(near=True, pressed=False)) == ()
+    for near in (True, False):
+        assert phases_after(attempt(near, contacts=0)) == (LinearStart(),)
+
+
+@pytest.mark.parametrize(
+    ("ends", "ran"),
+    [
+        ([(0.5, -6)], ["line search"]),
+        ([(1e-9, 2)], ["line search"]),
+        ([(STALLED, -6), (1e-9, 2)], ["line search", "whole steps"]),
+        ([(KINKED, -6), (1e-9, 2)], ["line search", "frozen facets"]),
+        ([(KINKED, -6), (0.5, -6)], ["line search", "frozen facets"]),
+        ([(KINKED, -6), (1e-6, -6), (1e-7, -6)], [phase.name for phase in NEWTON_PHASES]),
+    ],
+)
+def test_a_phase_runs_where_the_one_before_came_near_enough(pair, monkeypatch, ends, ran):
+    """Each phase ends with a residual and a reason; iterations add up, the last reason counts."""
+    problem = pair().problem(None)
+    x = problem.new_vector()
+    newton = Newton(problem, LinearSolver(problem, x), x, ImplicitOptions())
+    names, left = [], iter(ends)
+
+    def run(self, phase, step):
+        names.append(phase.name)
+        residual, reason = next(left)
+        self.residuals = [residual] if phase.starts_over else [*self.residuals, residual]
+        return 3, reason
+
+    monkeypatch.setattr(Newton, "_run", run)
+    assert newton.solve(StepMode()) == (3 * len(ran), ends[-1][1])
+    assert names == ran
+
+
+@pytest.mark.parametrize("patient", [True, False])
+def test_patience_lets_a_phase_stall_far_from_the_solution_only(pair, patient):
+    problem = pair().problem(None)
+    x = problem.new_vector()
+    newton = Newton(problem, LinearSolver(problem, x), x, ImplicitOptions())
+    newton._patient = patient
+    for last, stalled in ((2.0 * STALLED, not patient), (0.5 * STALLED, True)):
+        newton.residuals = list(np.linspace(1.05, 1.0, 5) * last)
+        assert newton._is_stalled() == stalled
+    newton.residuals = list(np.linspace(2.0, 1.0, 5) * STALLED)
+    assert not newton._is_stalled()
