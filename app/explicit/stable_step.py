@@ -21,6 +21,7 @@ import dolfinx
 import numpy as np
 from mpi4py import MPI
 
+from app.equilibrium.places import place_of_largest
 from app.explicit.lumped_dynamics import LumpedDynamics
 from forms.bodies.internal_force import InternalForce
 from forms.contact.stiffness import PairStiffness
@@ -201,7 +202,8 @@ class StableSteps:
             assert self._contact is not None
             reason, mode = "the contact's opening and closing", self._contact
         limit = min(viscous, closing)
-        return StableStep(limit, elements, penalty, viscous, closing, reason, self._place(mode))
+        place = place_of_largest(s.dynamics.mass * mode.vector**2, self._space)
+        return StableStep(limit, elements, penalty, viscous, closing, reason, place)
 
     def _seed(self) -> Floats:
         """A rough vector (n,), m, that depends on the places of the nodes, not on the ranks."""
@@ -246,18 +248,6 @@ class StableSteps:
             if abs(step - now) <= 1e-4 * now:
                 break
         return float(step), mode
-
-    def _place(self, mode: Mode) -> tuple[float, ...]:
-        """Where a mode moves most, m, undeformed; collective."""
-        dynamics = self._stiffness.dynamics
-        moving = dynamics.mass * mode.vector**2
-        mine: tuple[float, tuple[float, ...]] = (-1.0, ())
-        if len(moving):
-            at = int(np.argmax(moving))
-            where = self._space.tabulate_dof_coordinates()[at // dynamics.dim, : dynamics.dim]
-            mine = (float(moving[at]), tuple(map(float, where)))
-        place: tuple[float, ...] = max(dynamics.comm.allgather(mine))[1]
-        return place
 
 
 def _step_of(value: float) -> float:

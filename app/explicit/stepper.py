@@ -19,12 +19,12 @@ import numpy as np
 from mpi4py import MPI
 
 from app.equilibrium.equilibrium import Equilibrium
+from app.equilibrium.places import place_text
 from app.explicit.instability import EnergyWatch, ExplicitError, folded
 from app.explicit.lumped_dynamics import LumpedDynamics
 from app.explicit.mass_scaling import scaled_mass
 from app.explicit.options import ExplicitOptions, MassScaling
 from app.explicit.stable_step import StableStep, StableSteps, Stiffness
-from app.simulation.failure_diagnosis import place_text
 from forms.bodies.internal_force import InternalForce
 from forms.contact.explicit import ExplicitContact
 from forms.contact.explicit_compiled import explicit_contact
@@ -138,7 +138,7 @@ class ExplicitStepper:
         self._stable_steps = StableSteps(stiffness, problem.space, film=not implicit)
         self._estimated = -1
         self._estimate: StableStep | None = None
-        self._watch = EnergyWatch(self)
+        self._watch = EnergyWatch(problem, self.options.energy_limit, self._stored())
         self._code = library("leapfrog.c") if self.options.compiled else None
         if self._code is not None:
             self._code.tribox_leapfrog.argtypes = LEAPFROG
@@ -171,7 +171,7 @@ class ExplicitStepper:
             self.problem.committed = self.problem.trials
             self._enter_work()
             if self.steps % self.options.check_every == 0:
-                self._watch.look()
+                self._check_energy()
 
     def _move(self, dt: float) -> None:
         """Velocities of the next half step and displacements of the next whole one."""
@@ -298,6 +298,19 @@ class ExplicitStepper:
             travel = self._last_dt * self._platen_speed
             self.work += 0.5 * float((self._pull + pull) @ travel)
         self._pull = pull
+
+    def _check_energy(self) -> None:
+        """Compare the stored energy with what was supplied; collective."""
+        work = float(self.problem.comm.allreduce(self.work, op=MPI.SUM))
+        self._watch.check(self._stored(), work, self.time, self.mass * self.v**2)
+
+    def _stored(self) -> float:
+        """Strain, interface and kinetic energy, J/m; collective."""
+        problem = self.problem
+        local = self.internal.energy(problem.u.x.array)
+        pairs = zip(problem.contacts, problem.trials, strict=True)
+        local += sum(term.interface_energy(trial) for term, trial in pairs)
+        return float(problem.comm.allreduce(local, op=MPI.SUM)) + self.kinetic_energy()
 
     def kinetic_energy(self) -> float:
         """½ v⁻·M v⁺ with v⁺ the velocities that follow, J/m; collective.
