@@ -193,7 +193,7 @@ def step_table(refinements: tuple[float, ...] = (SMALL, MIDDLE, LARGE)) -> Itera
     """What whole steps cost with contact and friction, by their parts."""
     yield (
         "| cells | points | friction | ms per step | ns per cell | million cells/s | assembly "
-        "| contact | motion | one generated assembly (ns/cell) | step / that |"
+        "| contact | time integration | one generated assembly (ns/cell) | step / that |"
     )
     yield "|---" * 11 + "|"
     for refine, friction in itertools.product(refinements, get_args(Friction)):
@@ -209,7 +209,8 @@ def step_table(refinements: tuple[float, ...] = (SMALL, MIDDLE, LARGE)) -> Itera
         total = sum(spent.values())
         assert case.stepper.steps == steps + REPEAT * STEPS
         shares = " | ".join(
-            f"{100.0 * spent[part] / total:.0f} %" for part in ("assembly", "contact", "motion")
+            f"{100.0 * spent[part] / total:.0f} %"
+            for part in ("assembly", "contact", "time integration")
         )
         problem = case.stepper.problem
         internal = InternalForce(problem.u, problem.solids, compiled=False)

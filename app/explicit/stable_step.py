@@ -250,6 +250,31 @@ class StableSteps:
         return float(step), mode
 
 
+class StepEstimate:
+    """The stable step, estimated again after a number of steps."""
+
+    def __init__(self, stable_steps: StableSteps, every: int) -> None:
+        """Estimate nothing yet.
+
+        Args:
+            stable_steps: makes the estimates.
+            every: steps between two of them.
+        """
+        self._stable_steps, self._every = stable_steps, every
+        self._made_at = 0
+        self._last: StableStep | None = None
+
+    def at(self, steps: int) -> StableStep:
+        """What the stable step is made of after so many steps; collective when it is due."""
+        if self._last is None or steps - self._made_at >= self._every:
+            self._last, self._made_at = self._stable_steps.estimate(), steps
+        return self._last
+
+    def last(self, steps: int) -> StableStep:
+        """The last estimate, due or not; collective if there is none."""
+        return self._last or self.at(steps)
+
+
 def _step_of(value: float) -> float:
     """2/√λ, s; 0 where λ is not a number."""
     if np.isnan(value):

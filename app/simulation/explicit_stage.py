@@ -103,12 +103,15 @@ class ExplicitStage:
         inertia: kinetic against strain energy of each load step.
     """
 
-    def __init__(self, simulation: Simulation, displacement: Floats) -> None:
+    def __init__(
+        self, simulation: Simulation, displacement: Floats, rate_dependent: bool = True
+    ) -> None:
         """Take over from the state that the simulation is in; collective.
 
         Args:
             simulation: the run; its contacts hold the history.
             displacement: (n,), m, of the owned unknowns.
+            rate_dependent: whether rates count in the contacts' laws at the start.
         """
         model = simulation.model
         self.simulation, self.model = simulation, model
@@ -118,6 +121,7 @@ class ExplicitStage:
             explicit_options(model.case.solver),
             displacement=displacement,
             velocity=velocity,
+            rate_dependent=rate_dependent,
         )
         self.averages = IntervalAverages(self.stepper)
         self.motion = RigidMotionHistory(model, self.stepper)

@@ -105,15 +105,16 @@ class Simulation:
                 contact.rate_dependent = stage.rate_dependent
             run_load_step = self._run_load_step
             if solver_of(stage, case.solver.kind) == "explicit":
-                run_load_step = self._explicit_stage().run_load_step
+                run_load_step = self._explicit_stage(stage.rate_dependent).run_load_step
             for load_step in load_steps_of(stage, case.film_conductance, velocity):
                 run_load_step(load_step, observer)
                 velocity = load_step.velocity
 
-    def _explicit_stage(self) -> ExplicitStage:
+    def _explicit_stage(self, rate_dependent: bool) -> ExplicitStage:
         """What carries explicit stages; it takes over where the implicit ones ended."""
         if self.explicit is None:
-            self.explicit = ExplicitStage(self, self.stepper.x.array_r)
+            self.explicit = ExplicitStage(self, self.stepper.x.array_r, rate_dependent)
+        self.explicit.stepper.rate_dependent = rate_dependent
         return self.explicit
 
     def _run_load_step(self, load_step: LoadStep, observer: Observer) -> None:

@@ -72,10 +72,14 @@ class ExplicitContact:
 
     # -- evaluation ---------------------------------------------------------------------------
 
-    def evaluate(self, u: NodalVector, dt: float) -> ContactTrial:
+    def evaluate(self, u: NodalVector, dt: float, rate_dependent: bool = True) -> ContactTrial:
         """The contact at the displacements ``u`` (m) after a step of ``dt`` (s); collective.
 
-        The film's traction is that of the step before, until :meth:`correct_film`.
+        Args:
+            u: displacements, m.
+            dt: s, length of the step.
+            rate_dependent: whether rates count in the law. Where they do, :meth:`hold_film` and
+                :meth:`correct_film` may follow.
         """
         self.exchange.gather(u, self._values)
         term, surface = self.term, self.term.surface
@@ -87,7 +91,7 @@ class ExplicitContact:
         kinematics = relate(points, today, term.anchor(nodes))
         pressure = term.penalty * _depth(kinematics, today)
         film = term.film.at(pressure)[0]
-        response = term.respond(kinematics, dt, pressure, film)
+        response = term.respond(kinematics, dt, pressure, film, rate_dependent)
         self.trial = ContactTrial(
             position=points,
             area_ratio=surface.slave_area_ratio(slave),
@@ -156,7 +160,7 @@ class ExplicitContact:
         resistance = np.zeros_like(squared)
         np.divide(response.dissipation.viscous, squared, out=resistance, where=moving)
         # At a point that has not moved the law tells nothing of its film: that of before is kept.
-        still = ~moving & (trial.pressure > 0.0) & self.term.rate_dependent
+        still = ~moving & (trial.pressure > 0.0)
         self.film = np.where(still, self.film, resistance * trial.dt)
         self._dry = response.traction - resistance[:, None] * slip
         self.film_traction = _in_plane(trial.kinematics.normal, self.film_traction)

@@ -179,7 +179,7 @@ class CompiledContact(ExplicitContact):
             other.arrays[name][:] = value
         self._adopted = state
 
-    def evaluate(self, u: NodalVector, dt: float) -> ContactTrial:
+    def evaluate(self, u: NodalVector, dt: float, rate_dependent: bool = True) -> ContactTrial:
         """See ``ExplicitContact.evaluate``."""
         self.exchange.gather(u, self._values)
         now, term = self._sets[self._turn], self.term
@@ -191,7 +191,7 @@ class CompiledContact(ExplicitContact):
         kinematics = now.kinematics()
         pressure = arrays["pressure"]
         film = term.film.at(pressure)[0]
-        response = term.respond(kinematics, dt, pressure, film)
+        response = term.respond(kinematics, dt, pressure, film, rate_dependent)
         self._dry[:] = response.traction
         self._code.tribox_pair_load(now.at)
         self.trial = ContactTrial(

@@ -165,7 +165,7 @@ class ContactTerm:
         spring = self.penalty * depth
         pressure = np.maximum(spring, 0.0)
         film, d_film = self.film.at(pressure)
-        response = self.respond(kinematics, dt, pressure, film)
+        response = self.respond(kinematics, dt, pressure, film, self.rate_dependent)
         if d_film.any():
             through_film = d_film[:, None] * response.d_traction_d_film
             response = replace(
@@ -187,7 +187,12 @@ class ContactTerm:
         )
 
     def respond(
-        self, kinematics: ContactKinematics, dt: float, pressure: Floats, film: Floats
+        self,
+        kinematics: ContactKinematics,
+        dt: float,
+        pressure: Floats,
+        film: Floats,
+        rate_dependent: bool = True,
     ) -> FrictionResponse:
         """The law's answer to today's kinematics and pressure (q,), Pa, at film thickness (q,), m.
 
@@ -200,7 +205,7 @@ class ContactTerm:
             film,
             replace(self.state.friction, elastic_slip=kinematics.elastic_slip),
             area_ratio=self.state.area_ratio,
-            rate_dependent=self.rate_dependent,
+            rate_dependent=rate_dependent,
         )
 
     def anchor(self, nodes: Floats) -> Anchor:

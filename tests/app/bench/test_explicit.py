@@ -21,7 +21,9 @@ def test_kernels_and_steps_are_measured():
         found = dict(zip(cells_of(head), cells_of(row), strict=True))
         assert int(found["cells"]) == 8 * 4 + 12 * 3
         assert float(found["ms per step"]) > 0.0
-        shares = [float(found[part].rstrip("% ")) for part in ("assembly", "contact", "motion")]
+        shares = [
+            float(found[part].rstrip("% ")) for part in ("assembly", "contact", "time integration")
+        ]
         assert sum(shares) == pytest.approx(100.0, abs=3.0)
     assert len(rows) == 2
 

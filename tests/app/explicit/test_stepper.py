@@ -342,6 +342,18 @@ def test_numpy_and_compiled_contact_agree(kind):
     assert fast.contacts[0].searches < 10
 
 
+@pytest.mark.parametrize("compiled", [True, False])
+def test_without_rates_the_film_does_nothing(compiled):
+    """The stepper tells the contacts at each step whether rates count."""
+    stepper = two_in_flight(film_law(5.0, alpha=0.5), 0.5, compiled=compiled)
+    for rated in (False, True, False):
+        stepper.rate_dependent = rated
+        for _ in range(20):
+            stepper.advance(0.01)
+        lost = stepper.problem.trials[0].response.dissipation.viscous
+        assert (np.abs(lost).max() > 0.0) == rated
+
+
 def sliding(viscosity, law=None, penalty=40.0, **options):
     """A block pressed on a fixed one by a platen and dragged along at a speed that rises to 0.2."""
     bench = Bench((1.0, 0.4, (6, 2)), (2.4, 0.4, (13, 2)))
