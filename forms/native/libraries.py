@@ -18,7 +18,7 @@ from pathlib import Path
 
 import dolfinx
 
-SOURCES = ("plane_kernel.c", "plane_contact.c", "leapfrog.c")
+SOURCES = ("plane_kernel.c", "plane_contact.c")
 FLAGS = ("-std=gnu11", "-O3", "-fno-math-errno", "-fPIC", "-shared", "-w")
 
 
