@@ -42,13 +42,32 @@ _FILM = ("tau", "film", "dry", "compliance")
 
 
 class _Pair(ctypes.Structure):
-    """``Pair`` of the C source."""
+    """``Pair`` of the C source, field by field in the same order."""
 
     _fields_ = (
         *((name, ctypes.c_int64) for name in _LONGS),
         *((name, ctypes.c_double) for name in _DOUBLES),
         *((name, ctypes.c_void_p) for name in (*_INPUTS, *_RESULTS, *_FILM)),
     )
+
+
+def check_layout(code: ctypes.CDLL, structure: type[ctypes.Structure] = _Pair) -> None:
+    """Compare a structure with that of the compiled library.
+
+    Args:
+        code: the library of ``SOURCE``.
+        structure: what its functions will be given.
+
+    Raises:
+        RuntimeError: they are not of one size, so that fields would be taken for one another.
+    """
+    code.tribox_pair_size.argtypes, code.tribox_pair_size.restype = [], ctypes.c_int64
+    theirs, ours = code.tribox_pair_size(), ctypes.sizeof(structure)
+    if theirs != ours:
+        raise RuntimeError(
+            f"{SOURCE}: its structure Pair takes {theirs} bytes, the one of {__name__} {ours}; "
+            "both must list the same fields in the same order"
+        )
 
 
 class _Buffers:
@@ -110,6 +129,7 @@ class CompiledContact(ExplicitContact):
             term: the pair, in the plane.
             code: the library of ``SOURCE``.
         """
+        check_layout(code)
         super().__init__(term)
         self._code = code
         code.tribox_pair_hold_film.argtypes = [

@@ -1,8 +1,9 @@
 /* The geometry and the loads of a contact pair in the plane, point by point.
  *
- * The same operations as geometry/surfaces/projection.py and forms/contact/explicit.py, in one pass: closest
- * point on the candidate segments, slip against the material point of the last step, transport of
- * the elastic slip, penalty pressure, and the nodal loads. The friction law is not here.
+ * The same operations as geometry/surfaces/projection.py and forms/contact/explicit.py, in one
+ * pass: closest point on the candidate segments, slip against the material point of the last step,
+ * transport of the elastic slip, penalty pressure, and the nodal loads. The friction law is not
+ * here.
  */
 
 #include <math.h>
@@ -36,6 +37,12 @@ typedef struct {
     double *tau, *film, *dry;
     const double *compliance;
 } Pair;
+
+/* For the caller to compare with the structure that it lays out itself. */
+int64_t tribox_pair_size(void)
+{
+    return (int64_t)sizeof(Pair);
+}
 
 typedef struct {
     double x, y;
