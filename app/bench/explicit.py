@@ -1,4 +1,4 @@
-"""What an explicit step costs: kernels, whole steps with contact and friction, several ranks.
+"""What an explicit step costs: kernels, contact pairs, whole steps, several ranks.
 
 ``tribox bench explicit`` prints the tables, and so does ``python3 -m app.bench.explicit``, which
 with ``--ranks 2`` adds the comparison of one and two ranks, each started by mpirun. All times are
@@ -31,6 +31,8 @@ from app.explicit.stepper import ExplicitOptions, ExplicitStepper
 from forms.bodies.internal_force import InternalForce
 from forms.bodies.materials import Hencky, Material, MooneyRivlin, NeoHookean, shear_and_bulk
 from forms.bodies.solid import Formulation, Solid
+from forms.contact.explicit import ExplicitContact
+from forms.contact.explicit_compiled import explicit_contact
 from forms.contact.penalty import ContactTerm
 from forms.friction.coulomb import CoulombLaw, CoulombParameters
 from forms.friction.friction_map import FrictionMap
@@ -38,6 +40,7 @@ from forms.friction.law import FrictionLaw
 from forms.friction.parameters import FrictionMapParameters
 from geometry.generators.two_blocks import Block, TwoBlocks
 from geometry.meshes.mesh import generate
+from geometry.surfaces.exchange import NodalVector
 from geometry.surfaces.facets import Floats
 from geometry.surfaces.surface import ContactSurface
 
@@ -186,6 +189,33 @@ def _four_times(internal: InternalForce, u: Floats, out: Floats) -> None:
         internal.evaluate(u, out)
 
 
+def contact_table(refine: float = SMALL) -> Iterator[str]:
+    """Milliseconds of one evaluation of a contact pair and its forces, in numpy and compiled."""
+    yield "| contact pair | points | numpy (ms) | compiled (ms) | ratio |"
+    yield "|---|---|---|---|---|"
+    for friction in get_args(Friction):
+        case = sliding(refine, friction)
+        case.run(3 * STEPS)
+        problem, took = case.stepper.problem, []
+        for compiled in (False, True):
+            contact = explicit_contact(problem.contacts[0], compiled)
+            out = NodalVector(problem.space)
+            action = partial(_many_contacts, contact, case.stepper.state.u, case.dt, out, friction)
+            took.append(1e3 * best(action) / STEPS)
+        numbers = f"{took[0]:.3f} | {took[1]:.3f} | {took[0] / took[1]:.1f}"
+        yield f"| {friction} | {case.points} | {numbers} |"
+
+
+def _many_contacts(
+    contact: ExplicitContact, u: NodalVector, dt: float, out: NodalVector, friction: Friction
+) -> None:
+    for _ in range(STEPS):
+        contact.evaluate(u, dt)
+        if friction == "film":
+            contact.hold_film()
+        contact.add_forces(out)
+
+
 # -- steps --------------------------------------------------------------------------------
 
 
@@ -268,6 +298,8 @@ def rank_table(refine: float = LARGE, ranks: tuple[int, ...] = (1, 2)) -> Iterat
 def explicit_table(ranks: int = 1) -> Iterator[str]:
     """Lines of the report, as Markdown: kernels, steps, and ranks where more than one is asked."""
     yield from kernel_table()
+    yield ""
+    yield from contact_table()
     yield ""
     yield from step_table()
     if ranks > 1:
