@@ -2,8 +2,8 @@
 
 ``tribox bench explicit`` prints the tables, and so does ``python3 -m app.bench.explicit``, which
 with ``--ranks 2`` adds the comparison of one and two ranks, each started by mpirun. All times are
-seconds of the processor (user and system), the best of several repetitions: other work on the
-machine hardly counts.
+seconds of the processor (user and system), the least of several repetitions, on which other work
+on the machine has little influence.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ from geometry.surfaces.surface import ContactSurface
 ROOT = Path(__file__).resolve().parents[2]
 WIDTH, SPEED, PRESSURE = 1e-3, 0.05, 1e5
 REPEAT, STEPS = 5, 20
-# A rank that waits gives its core away, so that waiting costs others nothing and counts for little.
+# A waiting rank yields its core: waiting costs the others nothing and counts for little.
 ENVIRONMENT = {**os.environ, "OMPI_MCA_mpi_yield_when_idle": "1"}
 Friction = Literal["film", "coulomb"]
 SMALL, MIDDLE, LARGE = 1.0, 3.864, 9.66  # levels of about 1 700, 25 600 and 160 000 cells
@@ -263,7 +263,7 @@ def rank_worker(refine: float, friction: Friction) -> None:
     case.run(STEPS)
     taken = []
     # Many short stretches: a rank that waits for one that another program keeps from its core
-    # counts as busy, and only a stretch without that tells what the step costs.
+    # counts as busy, and only a stretch without that measures the cost of a step.
     for _ in range(8 * REPEAT):
         comm.barrier()
         start = seconds()
@@ -296,7 +296,7 @@ def rank_table(refine: float = LARGE, ranks: tuple[int, ...] = (1, 2)) -> Iterat
 
 
 def explicit_table(ranks: int = 1) -> Iterator[str]:
-    """Lines of the report, as Markdown: kernels, steps, and ranks where more than one is asked."""
+    """Lines of the report, as Markdown: kernels, contact pairs, steps; several ranks if asked."""
     yield from kernel_table()
     yield ""
     yield from contact_table()

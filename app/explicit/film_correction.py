@@ -16,7 +16,7 @@ from forms.contact.explicit import ExplicitContact
 from geometry.surfaces.exchange import NodalVector
 from geometry.surfaces.facets import Floats
 
-REFRESH = 25  # steps between two looks at which masses the film moves
+REFRESH = 25  # steps between two evaluations of the masses that the film moves
 
 
 class FilmCorrection:
@@ -48,7 +48,7 @@ class FilmCorrection:
             contact.hold_film()
 
     def correct(self, state: ExplicitState, residual: NodalVector, dt: float) -> None:
-        """Let the films feel the velocities of the next half step; collective.
+        """Correct the films' tractions for the velocities of the next half step; collective.
 
         Args:
             state: velocities, and accelerations with the tractions that were held.

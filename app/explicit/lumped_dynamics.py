@@ -75,7 +75,7 @@ class LumpedDynamics:
 
         Args:
             residual: (n,), N, internal and contact forces less the pressures'.
-            pull: (p,), N, what draws each platen.
+            pull: (p,), N, force on each platen.
             out: accelerations.
             valid: whether the forces of this rank are valid.
 
@@ -98,7 +98,7 @@ class LumpedDynamics:
         out[dofs] = residual[dofs] * self._negative[dofs]
 
     def touched(self, pairs: Iterable[SurfaceExchange], scratch: NodalVector) -> Ints | None:
-        """Owned unknowns that the pairs' loads can reach; None if a platen's is one; collective.
+        """Owned unknowns that the pairs' loads can reach; None if one is a platen's; collective.
 
         Args:
             pairs: nodes of the contact pairs.
@@ -116,7 +116,7 @@ class LumpedDynamics:
         return float(self.comm.allreduce(float(np.dot(a * self.mass, b)), op=MPI.SUM))
 
     def project(self, w: Floats) -> Floats:
-        """``w`` (n,) made a motion that the supports allow; collective."""
+        """The part of ``w`` (n,) that supports and platens allow, M-orthogonal; collective."""
         out: Floats = np.where(self.inverse > 0.0, w, 0.0)
         means = self.sums(self.mass * out) / self.platen_mass
         for platen, mean in zip(self.platens, means, strict=True):

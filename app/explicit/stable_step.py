@@ -28,7 +28,7 @@ from forms.contact.stiffness import PairStiffness
 from geometry.surfaces.exchange import NodalVector
 from geometry.surfaces.facets import Floats
 
-FIRST, AGAIN = 40, 12  # iterations of Lanczos from nothing, and from the last vector
+FIRST, AGAIN = 40, 12  # most Lanczos iterations of the first estimate, and of later ones
 NUDGE = 1e-5  # of the smallest cell: how far nodes are moved for differences of forces
 
 
@@ -77,12 +77,12 @@ class Stiffness:
         space: dolfinx.fem.FunctionSpace,
         pairs: Sequence[PairStiffness],
     ) -> None:
-        """Make ready; collective.
+        """Allocate vectors and find the smallest cell; collective.
 
         Args:
             dynamics: masses and supports.
             internal: the bodies' forces.
-            u: today's displacements.
+            u: displacements at the last whole step.
             space: of the displacement.
             pairs: the contacts' stiffness and viscosity.
         """
@@ -126,7 +126,7 @@ def largest(
     """Largest eigenvalue of M⁻¹A by Lanczos' iteration; collective.
 
     Args:
-        dynamics: masses; held unknowns do not move, platens move as one.
+        dynamics: masses; constrained unknowns do not move, platens move as one.
         apply: w to A w, A symmetric, on the owned unknowns.
         start: (n,) start vector, of any size.
         iterations: most steps of the iteration.
@@ -143,7 +143,7 @@ def largest(
         dynamics.accelerate(apply(basis[-1]), dynamics.no_pull, z)
         np.negative(z, out=z)
         alpha.append(dynamics.dot(basis[-1], z))
-        for previous in basis:  # in full, twice the cost of none and free of ghosts
+        for previous in basis:  # full orthogonalisation: no spurious copies of eigenvalues
             z -= dynamics.dot(previous, z) * previous
         norm = float(np.sqrt(dynamics.dot(z, z)))
         values, vectors = _tridiagonal(alpha, beta)
@@ -163,10 +163,10 @@ def _tridiagonal(alpha: list[float], beta: list[float]) -> tuple[Floats, Floats]
 
 
 class StableSteps:
-    """Estimates the stable step, again and again as the bodies deform."""
+    """Estimates the stable step; each estimate starts from the eigenvectors of the last."""
 
     def __init__(self, stiffness: Stiffness, space: dolfinx.fem.FunctionSpace, film: bool) -> None:
-        """Make ready.
+        """Start without an estimate.
 
         Args:
             stiffness: K and C.
@@ -180,7 +180,7 @@ class StableSteps:
         self._noise = self._seed()
 
     def estimate(self) -> StableStep:
-        """The stable step of today's configuration; collective."""
+        """The stable step of the present configuration; collective."""
         s = self._stiffness
         self._bodies = self._largest(s.bodies, self._bodies)
         elements, mode = _step_of(self._bodies.value), self._bodies
@@ -206,7 +206,7 @@ class StableSteps:
         return StableStep(limit, elements, penalty, viscous, closing, reason, place)
 
     def _seed(self) -> Floats:
-        """A rough vector (n,), m, that depends on the places of the nodes, not on the ranks."""
+        """An irregular vector (n,) that depends on the nodes' positions, not on the ranks."""
         dynamics = self._stiffness.dynamics
         dim = dynamics.dim
         where = self._space.tabulate_dof_coordinates()[: len(dynamics.mass) // dim, :dim]
@@ -215,7 +215,7 @@ class StableSteps:
         return out
 
     def _largest(self, apply: Callable[[Floats], Floats], last: Mode | None) -> Mode:
-        """Begin with the last vector and some noise, which excites whatever else there is."""
+        """Begin with the last vector and some noise, which excites all other modes."""
         dynamics = self._stiffness.dynamics
         noise = dynamics.project(self._noise)
         if last is None:

@@ -154,7 +154,7 @@ def test_it_goes_on_from_a_state_that_others_left(pair, compiled):
 
 
 @pytest.mark.parametrize("compiled", [True, False])
-def test_what_rounding_feigns_is_no_contact(pair, compiled):
+def test_a_penetration_of_roundoff_is_no_contact(pair, compiled):
     """Blocks that just touch: neither the gap's sign nor the partition decides on a pressure."""
     blocks = pair()
     contact = explicit_contact(ContactTerm(blocks.surface(), FrictionlessLaw(), PENALTY), compiled)
