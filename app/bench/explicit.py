@@ -1,9 +1,9 @@
-"""What an explicit step costs: kernels, whole steps with contact and friction, several ranks.
+"""What an explicit step costs: kernels, contact pairs, whole steps, several ranks.
 
 ``tribox bench explicit`` prints the tables, and so does ``python3 -m app.bench.explicit``, which
 with ``--ranks 2`` adds the comparison of one and two ranks, each started by mpirun. All times are
-seconds of the processor (user and system), the best of several repetitions: other work on the
-machine hardly counts.
+seconds of the processor (user and system), the least of several repetitions, on which other work
+on the machine has little influence.
 """
 
 from __future__ import annotations
@@ -32,6 +32,8 @@ from app.explicit.stepper import ExplicitOptions, ExplicitStepper
 from forms.bodies.internal_force import InternalForce
 from forms.bodies.materials import Hencky, Material, MooneyRivlin, NeoHookean, shear_and_bulk
 from forms.bodies.solid import Formulation, Solid
+from forms.contact.explicit import ExplicitContact
+from forms.contact.explicit_compiled import explicit_contact
 from forms.contact.penalty import ContactTerm
 from forms.friction.coulomb import CoulombLaw, CoulombParameters
 from forms.friction.friction_map import FrictionMap
@@ -39,13 +41,14 @@ from forms.friction.law import FrictionLaw
 from forms.friction.parameters import FrictionMapParameters
 from geometry.generators.two_blocks import Block, TwoBlocks
 from geometry.meshes.mesh import generate
+from geometry.surfaces.exchange import NodalVector
 from geometry.surfaces.facets import Floats
 from geometry.surfaces.surface import ContactSurface
 
 ROOT = Path(__file__).resolve().parents[2]
 WIDTH, SPEED, PRESSURE = 1e-3, 0.05, 1e5
 REPEAT, STEPS = 5, 20
-# A rank that waits gives its core away, so that waiting costs others nothing and counts for little.
+# A waiting rank yields its core: waiting costs the others nothing and counts for little.
 ENVIRONMENT = {**os.environ, "OMPI_MCA_mpi_yield_when_idle": "1"}
 Friction = Literal["film", "coulomb"]
 SMALL, MIDDLE, LARGE = 1.0, 3.864, 9.66  # levels of about 1 700, 25 600 and 160 000 cells
@@ -187,6 +190,33 @@ def _four_times(internal: InternalForce, u: Floats, out: Floats) -> None:
         internal.evaluate(u, out)
 
 
+def contact_table(refine: float = SMALL) -> Iterator[str]:
+    """Milliseconds of one evaluation of a contact pair and its forces, in numpy and compiled."""
+    yield "| contact pair | points | numpy (ms) | compiled (ms) | ratio |"
+    yield "|---|---|---|---|---|"
+    for friction in get_args(Friction):
+        case = sliding(refine, friction)
+        case.run(3 * STEPS)
+        problem, took = case.stepper.problem, []
+        for compiled in (False, True):
+            contact = explicit_contact(problem.contacts[0], compiled)
+            out = NodalVector(problem.space)
+            action = partial(_many_contacts, contact, case.stepper.state.u, case.dt, out, friction)
+            took.append(1e3 * best(action) / STEPS)
+        numbers = f"{took[0]:.3f} | {took[1]:.3f} | {took[0] / took[1]:.1f}"
+        yield f"| {friction} | {case.points} | {numbers} |"
+
+
+def _many_contacts(
+    contact: ExplicitContact, u: NodalVector, dt: float, out: NodalVector, friction: Friction
+) -> None:
+    for _ in range(STEPS):
+        contact.evaluate(u, dt)
+        if friction == "film":
+            contact.hold_film()
+        contact.add_forces(out)
+
+
 # -- steps --------------------------------------------------------------------------------
 
 
@@ -194,7 +224,7 @@ def step_table(refinements: tuple[float, ...] = (SMALL, MIDDLE, LARGE)) -> Itera
     """What whole steps cost with contact and friction, by their parts."""
     yield (
         "| cells | points | friction | ms per step | ns per cell | million cells/s | assembly "
-        "| contact | motion | one generated assembly (ns/cell) | step / that |"
+        "| contact | time integration | one generated assembly (ns/cell) | step / that |"
     )
     yield "|---" * 11 + "|"
     for refine, friction in itertools.product(refinements, get_args(Friction)):
@@ -210,7 +240,8 @@ def step_table(refinements: tuple[float, ...] = (SMALL, MIDDLE, LARGE)) -> Itera
         total = sum(spent.values())
         assert case.stepper.steps == steps + REPEAT * STEPS
         shares = " | ".join(
-            f"{100.0 * spent[part] / total:.0f} %" for part in ("assembly", "contact", "motion")
+            f"{100.0 * spent[part] / total:.0f} %"
+            for part in ("assembly", "contact", "time integration")
         )
         problem = case.stepper.problem
         internal = InternalForce(problem.u, problem.solids, compiled=False)
@@ -233,7 +264,7 @@ def rank_worker(refine: float, friction: Friction) -> None:
     case.run(STEPS)
     taken = []
     # Many short stretches: a rank that waits for one that another program keeps from its core
-    # counts as busy, and only a stretch without that tells what the step costs.
+    # counts as busy, and only a stretch without that measures the cost of a step.
     for _ in range(8 * REPEAT):
         comm.barrier()
         start = seconds()
@@ -266,8 +297,10 @@ def rank_table(refine: float = LARGE, ranks: tuple[int, ...] = (1, 2)) -> Iterat
 
 
 def explicit_table(ranks: int = 1) -> Iterator[str]:
-    """Lines of the report, as Markdown: kernels, steps, and ranks where more than one is asked."""
+    """Lines of the report, as Markdown: kernels, contact pairs, steps; several ranks if asked."""
     yield from kernel_table()
+    yield ""
+    yield from contact_table()
     yield ""
     yield from step_table()
     if ranks > 1:

@@ -1,19 +1,13 @@
-"""Looks for what no explicit run recovers from: cells inside out, and energy from nowhere."""
+"""What ends an explicit run: an inverted element, or more energy than was ever supplied."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
-from mpi4py import MPI
 
 from app.equilibrium.equilibrium import Equilibrium
-from app.simulation.failure_diagnosis import place_text
+from app.equilibrium.places import place_of_largest, place_text
 from forms.bodies.materials import oedometric_modulus
 from geometry.surfaces.facets import Floats
-
-if TYPE_CHECKING:
-    from app.explicit.stepper import ExplicitStepper
 
 
 class ExplicitError(Exception):
@@ -65,53 +59,41 @@ class EnergyWatch:
     interface energy together can never exceed the supply, but for errors of the integration.
     """
 
-    def __init__(self, stepper: ExplicitStepper) -> None:
-        """Begin with what is stored now; collective."""
-        self._stepper = stepper
-        self._supplied = self._stored()
-        self._work = 0.0
+    def __init__(self, problem: Equilibrium, limit: float, stored: float) -> None:
+        """Begin with the energy that is stored at the start.
 
-    def look(self) -> None:
+        Args:
+            problem: names the place where the energy grows.
+            limit: stored over supplied energy above which the motion counts as unstable.
+            stored: J/m, of all ranks.
+        """
+        self._problem, self._limit = problem, limit
+        self._supplied = stored
+        self._work = 0.0
+        # Energy that rounding errors may hold, J/m: far below any of interest.
+        stiffest = max(oedometric_modulus(solid.material) for solid in problem.solids)
+        self._roundoff = 1e6 * problem.roundoff**2 / stiffest
+
+    def check(self, stored: float, work: float, time: float, moving: Floats) -> None:
         """Compare; collective.
+
+        Args:
+            stored: J/m, strain, interface and kinetic energy of all ranks.
+            work: J/m, of supports and loads since the start, of all ranks.
+            time: s, since the start.
+            moving: (n,), J/m, m v² of the owned unknowns.
 
         Raises:
             ExplicitError: there is more energy than was supplied.
         """
-        stepper = self._stepper
-        work = float(stepper.problem.comm.allreduce(stepper.work, op=MPI.SUM))
         self._supplied += max(work - self._work, 0.0)
         self._work = work
-        stored = self._stored()
         if not np.isfinite(stored):
-            raise folded(stepper.problem, stepper.time)
-        if not stored <= stepper.options.energy_limit * self._supplied + self._roundoff():
+            raise folded(self._problem, time)
+        if not stored <= self._limit * self._supplied + self._roundoff:
             raise ExplicitError(
                 f"the energy runs away ({stored:.3g} J/m stored, {self._supplied:.3g} J/m ever "
                 "supplied), fastest",
-                self._fastest(),
-                stepper.time,
+                place_of_largest(np.nan_to_num(moving, nan=np.inf), self._problem.space),
+                time,
             )
-
-    def _stored(self) -> float:
-        stepper, problem = self._stepper, self._stepper.problem
-        local = stepper.internal.energy(problem.u.x.array)
-        pairs = zip(problem.contacts, problem.trials, strict=True)
-        local += sum(term.interface_energy(trial) for term, trial in pairs)
-        return float(problem.comm.allreduce(local, op=MPI.SUM)) + stepper.kinetic_energy()
-
-    def _roundoff(self) -> float:
-        """Energy that rounding errors may hold, J/m: far below any of interest."""
-        problem = self._stepper.problem
-        stiffest = max(oedometric_modulus(solid.material) for solid in problem.solids)
-        return 1e6 * problem.roundoff**2 / stiffest
-
-    def _fastest(self) -> tuple[float, ...]:
-        stepper, problem = self._stepper, self._stepper.problem
-        moving = np.nan_to_num(stepper.mass * stepper.v**2, nan=np.inf)
-        mine: tuple[float, tuple[float, ...]] = (-1.0, ())
-        if len(moving):
-            at = int(np.argmax(moving)) // problem.dim
-            where = problem.space.tabulate_dof_coordinates()[at, : problem.dim]
-            mine = (float(moving.max()), tuple(map(float, where)))
-        place: tuple[float, ...] = max(problem.comm.allgather(mine))[1]
-        return place

@@ -1,4 +1,4 @@
-"""Accelerations from forces: lumped masses, supports that hold, platens that move as one."""
+"""Accelerations from forces: lumped masses, constrained unknowns, rigid platens."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ class LumpedDynamics:
 
     Attributes:
         mass: (n,), kg per unit thickness, owned unknowns; a platen's own mass is on its leader.
-        inverse: (n,), 1/mass, 0 at held unknowns.
+        inverse: (n,), 1/mass, 0 at constrained unknowns.
         platens: the platens; platen_mass: (p,), kg, their summed masses.
-        platen_acceleration: (p,), m/s², of the last call of :meth:`accelerate`, on all ranks.
+        no_pull: (p,) zeros, for platens without a force.
     """
 
     def __init__(
@@ -55,7 +55,6 @@ class LumpedDynamics:
         self.platen_mass = self.sums(self.mass)
         self._negative = -self.inverse
         self.no_pull: Floats = np.zeros(len(self.platens))
-        self.platen_acceleration: Floats = self.no_pull
 
     def sums(self, values: Floats) -> Floats:
         """Sum of ``values`` (n,) over each platen's unknowns (p,); collective."""
@@ -69,30 +68,37 @@ class LumpedDynamics:
         self.comm.Allreduce(local, total, op=MPI.SUM)
         return total
 
-    def accelerate(self, residual: Floats, pull: Floats, out: Floats, valid: bool = True) -> bool:
+    def accelerate(
+        self, residual: Floats, pull: Floats, out: Floats, valid: bool = True
+    ) -> tuple[Floats, bool]:
         """Accelerations −r/m (n,) into ``out``, m/s²; collective.
 
         Args:
             residual: (n,), N, internal and contact forces less the pressures'.
-            pull: (p,), N, what draws each platen.
+            pull: (p,), N, force on each platen.
             out: accelerations.
-            valid: whether this rank has nothing to complain of.
+            valid: whether the forces of this rank are valid.
 
         Returns:
-            Whether no rank has.
+            The platens' accelerations (p,), m/s², the same on all ranks; whether the forces of all
+            ranks are valid.
         """
         np.multiply(residual, self._negative, out=out)
         if not self.platens and self.comm.size == 1:
-            return valid
+            return self.no_pull, valid
         local = np.array([residual[p.dofs].sum() for p in self.platens] + [float(not valid)])
         total = self._summed(local)
-        self.platen_acceleration = (pull - total[:-1]) / self.platen_mass
-        for platen, value in zip(self.platens, self.platen_acceleration, strict=True):
+        platens: Floats = (pull - total[:-1]) / self.platen_mass
+        for platen, value in zip(self.platens, platens, strict=True):
             out[platen.dofs] = value
-        return bool(total[-1] == 0.0)
+        return platens, bool(total[-1] == 0.0)
+
+    def accelerate_at(self, dofs: Ints, residual: Floats, out: Floats) -> None:
+        """Renew the accelerations of owned unknowns ``dofs`` that belong to no platen."""
+        out[dofs] = residual[dofs] * self._negative[dofs]
 
     def touched(self, pairs: Iterable[SurfaceExchange], scratch: NodalVector) -> Ints | None:
-        """Owned unknowns that the pairs' loads can reach; None if a platen's is one; collective.
+        """Owned unknowns that the pairs' loads can reach; None if one is a platen's; collective.
 
         Args:
             pairs: nodes of the contact pairs.
@@ -105,21 +111,12 @@ class LumpedDynamics:
         meets = any(np.intersect1d(found, platen.dofs).size for platen in self.platens)
         return None if self.comm.allreduce(meets, op=MPI.LOR) else found
 
-    def accelerate_again(
-        self, residual: Floats, pull: Floats, touched: Ints | None, out: Floats
-    ) -> None:
-        """Renew the accelerations after the residual has changed at ``touched``; collective."""
-        if touched is None:
-            self.accelerate(residual, pull, out)
-        else:
-            out[touched] = residual[touched] * self._negative[touched]
-
     def dot(self, a: Floats, b: Floats) -> float:
         """Inner product aᵀM b over all ranks; collective."""
         return float(self.comm.allreduce(float(np.dot(a * self.mass, b)), op=MPI.SUM))
 
     def project(self, w: Floats) -> Floats:
-        """``w`` (n,) made a motion that the supports allow; collective."""
+        """The part of ``w`` (n,) that supports and platens allow, M-orthogonal; collective."""
         out: Floats = np.where(self.inverse > 0.0, w, 0.0)
         means = self.sums(self.mass * out) / self.platen_mass
         for platen, mean in zip(self.platens, means, strict=True):

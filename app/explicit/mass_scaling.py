@@ -1,4 +1,4 @@
-"""Lumped masses of a problem, raised where a longer step is asked for."""
+"""Lumped masses of a problem, raised where a longer step is wanted."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from forms.contact.stiffness import PairStiffness
 from geometry.surfaces.exchange import NodalVector
 from geometry.surfaces.facets import Floats
 
-ROUNDS = 20  # at most, in which the elements settle beside their neighbours
+ROUNDS = 20  # at most; an element's own factor changes the masses of its neighbours too
 
 
 @dataclass(frozen=True, slots=True)
 class ScaledMass:
-    """Masses to go on with.
+    """Masses with what the scaling added.
 
     Attributes:
         mass: (n,), kg per unit thickness, of the owned unknowns.
@@ -43,8 +43,8 @@ def scaled_mass(
 
     Args:
         problem: bodies and supports.
-        scaling: what is asked for; None: no scaling.
-        pairs: stiffness of the contacts, which limits the elements beside them too.
+        scaling: its settings; None: no scaling.
+        pairs: stiffness of the contacts, which limits the elements at their nodes too.
 
     Raises:
         ValueError: a body has no density.
@@ -103,7 +103,7 @@ class _Limits:
         self._dim = problem.dim
 
     def of(self, mass: Floats, scale: dolfinx.fem.Function | None = None) -> Floats:
-        """ω² (c,) of the cells with nodal masses (local unknowns) and cells' own factors."""
+        """ω² (c,) of the cells for nodal masses (local unknowns) and a factor per cell."""
         per_node = (self._stiffness / mass).reshape(-1, self._dim).max(axis=1)
         factor = scale.x.array[: len(self._alone)] if scale is not None else 1.0
         out: Floats = self._alone / factor + per_node[self._nodes].max(axis=1, initial=0.0)

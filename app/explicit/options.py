@@ -12,7 +12,7 @@ class MassScaling:
 
     Attributes:
         kind: "uniform": every density times a factor; "limiting": mass only for the elements that
-            would ask for a shorter step than ``step``.
+            would need a shorter step than ``step``.
         factor: of all densities, >= 1; with "uniform" unless ``step`` is given.
         step: s, stable step, before the safety factor, that the mass has to allow.
 
@@ -46,9 +46,8 @@ class ExplicitOptions:
         viscous: "semi-implicit": the film's viscous stress is solved for at each point and does
             not limit the step; "bounded": it is explicit, and in the bound of the step.
         reestimate_every: steps between two estimates of the stable step.
-        check_every: steps between two looks at the energy.
-        energy_limit: stored energy over all energy that was ever supplied above which the run
-            counts as unstable.
+        check_every: steps between two checks of the energy.
+        energy_limit: ratio of stored to supplied energy above which the run counts as unstable.
         compiled: whether to use the compiled kernels where there are any.
     """
 

@@ -21,13 +21,14 @@ import dolfinx
 import numpy as np
 from mpi4py import MPI
 
+from app.equilibrium.places import place_of_largest
 from app.explicit.lumped_dynamics import LumpedDynamics
 from forms.bodies.internal_force import InternalForce
 from forms.contact.stiffness import PairStiffness
 from geometry.surfaces.exchange import NodalVector
 from geometry.surfaces.facets import Floats
 
-FIRST, AGAIN = 40, 12  # iterations of Lanczos from nothing, and from the last vector
+FIRST, AGAIN = 40, 12  # most Lanczos iterations of the first estimate, and of later ones
 NUDGE = 1e-5  # of the smallest cell: how far nodes are moved for differences of forces
 
 
@@ -76,12 +77,12 @@ class Stiffness:
         space: dolfinx.fem.FunctionSpace,
         pairs: Sequence[PairStiffness],
     ) -> None:
-        """Make ready; collective.
+        """Allocate vectors and find the smallest cell; collective.
 
         Args:
             dynamics: masses and supports.
             internal: the bodies' forces.
-            u: today's displacements.
+            u: displacements at the last whole step.
             space: of the displacement.
             pairs: the contacts' stiffness and viscosity.
         """
@@ -125,7 +126,7 @@ def largest(
     """Largest eigenvalue of M⁻¹A by Lanczos' iteration; collective.
 
     Args:
-        dynamics: masses; held unknowns do not move, platens move as one.
+        dynamics: masses; constrained unknowns do not move, platens move as one.
         apply: w to A w, A symmetric, on the owned unknowns.
         start: (n,) start vector, of any size.
         iterations: most steps of the iteration.
@@ -142,7 +143,7 @@ def largest(
         dynamics.accelerate(apply(basis[-1]), dynamics.no_pull, z)
         np.negative(z, out=z)
         alpha.append(dynamics.dot(basis[-1], z))
-        for previous in basis:  # in full, twice the cost of none and free of ghosts
+        for previous in basis:  # full orthogonalisation: no spurious copies of eigenvalues
             z -= dynamics.dot(previous, z) * previous
         norm = float(np.sqrt(dynamics.dot(z, z)))
         values, vectors = _tridiagonal(alpha, beta)
@@ -162,10 +163,10 @@ def _tridiagonal(alpha: list[float], beta: list[float]) -> tuple[Floats, Floats]
 
 
 class StableSteps:
-    """Estimates the stable step, again and again as the bodies deform."""
+    """Estimates the stable step; each estimate starts from the eigenvectors of the last."""
 
     def __init__(self, stiffness: Stiffness, space: dolfinx.fem.FunctionSpace, film: bool) -> None:
-        """Make ready.
+        """Start without an estimate.
 
         Args:
             stiffness: K and C.
@@ -179,7 +180,7 @@ class StableSteps:
         self._noise = self._seed()
 
     def estimate(self) -> StableStep:
-        """The stable step of today's configuration; collective."""
+        """The stable step of the present configuration; collective."""
         s = self._stiffness
         self._bodies = self._largest(s.bodies, self._bodies)
         elements, mode = _step_of(self._bodies.value), self._bodies
@@ -201,10 +202,11 @@ class StableSteps:
             assert self._contact is not None
             reason, mode = "the contact's opening and closing", self._contact
         limit = min(viscous, closing)
-        return StableStep(limit, elements, penalty, viscous, closing, reason, self._place(mode))
+        place = place_of_largest(s.dynamics.mass * mode.vector**2, self._space)
+        return StableStep(limit, elements, penalty, viscous, closing, reason, place)
 
     def _seed(self) -> Floats:
-        """A rough vector (n,), m, that depends on the places of the nodes, not on the ranks."""
+        """An irregular vector (n,) that depends on the nodes' positions, not on the ranks."""
         dynamics = self._stiffness.dynamics
         dim = dynamics.dim
         where = self._space.tabulate_dof_coordinates()[: len(dynamics.mass) // dim, :dim]
@@ -213,7 +215,7 @@ class StableSteps:
         return out
 
     def _largest(self, apply: Callable[[Floats], Floats], last: Mode | None) -> Mode:
-        """Begin with the last vector and some noise, which excites whatever else there is."""
+        """Begin with the last vector and some noise, which excites all other modes."""
         dynamics = self._stiffness.dynamics
         noise = dynamics.project(self._noise)
         if last is None:
@@ -247,17 +249,30 @@ class StableSteps:
                 break
         return float(step), mode
 
-    def _place(self, mode: Mode) -> tuple[float, ...]:
-        """Where a mode moves most, m, undeformed; collective."""
-        dynamics = self._stiffness.dynamics
-        moving = dynamics.mass * mode.vector**2
-        mine: tuple[float, tuple[float, ...]] = (-1.0, ())
-        if len(moving):
-            at = int(np.argmax(moving))
-            where = self._space.tabulate_dof_coordinates()[at // dynamics.dim, : dynamics.dim]
-            mine = (float(moving[at]), tuple(map(float, where)))
-        place: tuple[float, ...] = max(dynamics.comm.allgather(mine))[1]
-        return place
+
+class StepEstimate:
+    """The stable step, estimated again after a number of steps."""
+
+    def __init__(self, stable_steps: StableSteps, every: int) -> None:
+        """Estimate nothing yet.
+
+        Args:
+            stable_steps: makes the estimates.
+            every: steps between two of them.
+        """
+        self._stable_steps, self._every = stable_steps, every
+        self._made_at = 0
+        self._last: StableStep | None = None
+
+    def at(self, steps: int) -> StableStep:
+        """What the stable step is made of after so many steps; collective when it is due."""
+        if self._last is None or steps - self._made_at >= self._every:
+            self._last, self._made_at = self._stable_steps.estimate(), steps
+        return self._last
+
+    def last(self, steps: int) -> StableStep:
+        """The last estimate, due or not; collective if there is none."""
+        return self._last or self.at(steps)
 
 
 def _step_of(value: float) -> float:

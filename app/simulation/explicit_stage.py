@@ -111,7 +111,7 @@ class ExplicitStage:
         Args:
             simulation: the run; its contacts hold the history.
             displacement: (n,), m, of the owned unknowns.
-            rate_dependent: whether the first stage's friction feels time.
+            rate_dependent: whether rates count in the contacts' laws at the start.
         """
         model = simulation.model
         self.simulation, self.model = simulation, model

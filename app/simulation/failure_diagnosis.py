@@ -13,6 +13,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from app.equilibrium.equilibrium import Equilibrium
+from app.equilibrium.places import place_text
 from app.implicit.newton import KINKED
 from app.implicit.stepper import StepResult
 from app.simulation.contact_resultants import ContactResultants
@@ -168,13 +169,6 @@ def most_squeezed(problem: Equilibrium) -> Squeezed:
         middle = dolfinx.mesh.compute_midpoints(mesh, dim, solid.cells[at : at + 1])[0]
         best = min(best, (float(least[at]), solid.name, tuple(map(float, middle[: problem.dim]))))
     return Squeezed(*min(problem.comm.allgather(best)))
-
-
-def place_text(place: Iterable[float]) -> str:
-    """Coordinates as they are read: what is round-off beside the others is zero."""
-    values = np.array(list(place))
-    values[np.abs(values) < 1e-12 * np.max(np.abs(values), initial=0.0)] = 0.0
-    return "(" + ", ".join(f"{value:.4g}" for value in values) + ") m"
 
 
 # -- penalties ------------------------------------------------------------------------------------

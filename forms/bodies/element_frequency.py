@@ -1,7 +1,7 @@
-"""The highest frequency of each element by itself, undeformed.
+"""The highest frequency of each undeformed element on its own.
 
-The largest eigenvalue of an assembled pencil (K, M) is at most the largest of its elements', and
-remains so when stiffness at a node is shared out among its elements in proportion to their masses.
+The largest eigenvalue of an assembled pencil (K, M) is at most the largest of its elements', also
+when stiffness at a node is divided among its elements in proportion to their masses.
 """
 
 from __future__ import annotations

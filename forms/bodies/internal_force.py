@@ -1,4 +1,4 @@
-"""Internal forces and strain energy of all bodies, as an explicit step wants them: fast.
+"""Internal forces and strain energy of all bodies, for explicit steps.
 
 Bodies of first-order plane cells and a material of :mod:`forms.bodies.materials` go through the
 compiled loop of ``plane_kernel.c``; all others through the forms that DOLFINx compiled for the
@@ -58,7 +58,7 @@ class GeneratedForce:
         ]
 
     def add(self, u: Floats, out: Floats) -> bool:
-        """See ``BodyForce.add``; logarithms of J ≤ 0 are no numbers, nor are the forces then."""
+        """See ``BodyForce.add``; the logarithm of J ≤ 0 makes the forces NaN."""
         with self._at(u):
             for form, constants in zip(self._residuals, self._constants, strict=False):
                 dolfinx.fem.assemble_vector(out, form, constants=constants)
@@ -71,17 +71,17 @@ class GeneratedForce:
 
     @contextmanager
     def _at(self, u: Floats) -> Iterator[None]:
-        """Within a ``with`` block the forms see ``u``; then what they saw before."""
-        seen = self._u.x.array
-        if u.ctypes.data == seen.ctypes.data:
+        """Within a ``with`` block the forms read ``u``, afterwards the displacement as it was."""
+        values = self._u.x.array
+        if u.ctypes.data == values.ctypes.data:
             yield
             return
-        before = seen.copy()
-        seen[:] = u
+        before = values.copy()
+        values[:] = u
         try:
             yield
         finally:
-            seen[:] = before
+            values[:] = before
 
 
 class CompiledForce:
@@ -95,7 +95,7 @@ class CompiledForce:
         material: Material,
         reduced: bool,
     ) -> None:
-        """Lay the cells out for the loop.
+        """Arrange the cells for the loop.
 
         Args:
             code: the library of ``SOURCE``.
@@ -111,16 +111,8 @@ class CompiledForce:
         self._parameters = np.array(list(material.parameters().values()))
         self._blocks = -(-count // LANES)
         self._last = count - (self._blocks - 1) * LANES
-        padded = np.concatenate([nodes, nodes[-1:].repeat(self._blocks * LANES - count, axis=0)])
-        four = padded[:, [0, 1, 2, 3 if corners == 4 else 2]]
-        x = position[four]
-        along, up = x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]
-        turned = along[:, 0] * up[:, 1] - along[:, 1] * up[:, 0] < 0.0
-        four[turned, 1:3] = four[turned, 2:0:-1]  # the loop takes right-handed cells
-        x = position[four]
-        edges = [x[:, 1] - x[:, 0], x[:, 2] - x[:, 0], x[:, 3] - x[:, 2] - x[:, 1] + x[:, 0]]
-        self._nodes = _in_lanes(four.astype(np.int32))
-        self._edges = _in_lanes(np.stack(edges, axis=1).reshape(len(four), 6))
+        four, edges = _right_handed(nodes, position, self._blocks * LANES)
+        self._nodes, self._edges = _in_lanes(four), _in_lanes(edges)
         self._forces, self._energy = code.tribox_plane_forces, code.tribox_plane_energy
         for function in (self._forces, self._energy):
             function.argtypes, function.restype = _SIGNATURE, ctypes.c_int
@@ -145,6 +137,23 @@ class CompiledForce:
         return float(np.inf if bad else self._result[0])
 
 
+def _right_handed(nodes: Ints, position: Floats, rows: int) -> tuple[Ints, Floats]:
+    """Four nodes (rows, 4) of each cell and its edges (rows, 6), m, as the loop takes them.
+
+    Triangles repeat their third node; the last cell is repeated up to the number of ``rows``.
+    """
+    count, corners = nodes.shape
+    padded = np.concatenate([nodes, nodes[-1:].repeat(rows - count, axis=0)])
+    four = padded[:, [0, 1, 2, 3 if corners == 4 else 2]].astype(np.int32)
+    x = position[four]
+    along, up = x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]
+    turned = along[:, 0] * up[:, 1] - along[:, 1] * up[:, 0] < 0.0
+    four[turned, 1:3] = four[turned, 2:0:-1]
+    x = position[four]
+    edges = [x[:, 1] - x[:, 0], x[:, 2] - x[:, 0], x[:, 3] - x[:, 2] - x[:, 1] + x[:, 0]]
+    return four, np.stack(edges, axis=1).reshape(rows, 6)
+
+
 def _in_lanes(table: NDArray[Any]) -> NDArray[Any]:
     """Rows (c, k) of the cells as (blocks, k, LANES)."""
     return np.ascontiguousarray(table.reshape(-1, LANES, table.shape[1]).transpose(0, 2, 1))
@@ -160,7 +169,7 @@ class InternalForce:
     def __init__(
         self, u: dolfinx.fem.Function, solids: Sequence[Solid], compiled: bool = True
     ) -> None:
-        """Choose the fastest way for each body.
+        """Choose the compiled loop or the generated kernels for each body.
 
         Args:
             u: displacement, m; read by the forms of bodies without a compiled loop.
@@ -200,7 +209,7 @@ class InternalForce:
 
 
 def _is_plane(space: dolfinx.fem.FunctionSpace, solid: Solid) -> bool:
-    """Whether the compiled loop knows the body's cells, element and material."""
+    """Whether the compiled loop covers the body's cells, element and material."""
     mesh = space.mesh
     plane = solid.section == "plane-strain"
     corners = mesh.topology.cell_type in (

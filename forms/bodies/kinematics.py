@@ -16,7 +16,7 @@ axis x = 0 (x the radius, y along the axis), or the whole body."""
 
 @dataclass(frozen=True, slots=True)
 class PlanePart:
-    """The in-plane part of a deformation that leaves the normal of the plane where it is.
+    """The in-plane part of a deformation that does not tilt the normal of the plane.
 
     Attributes:
         stretch: λ₃ across the plane: one in plane strain, the hoop stretch of a body of revolution.
@@ -48,10 +48,10 @@ class Kinematics:
 
 
 def section_of(dim: int, section: Section | None) -> Section:
-    """The section of a mesh in ``dim`` dimensions, plane strain unless said otherwise.
+    """The section of a mesh in ``dim`` dimensions, plane strain by default in two.
 
     Raises:
-        ValueError: a section in the plane of a mesh in space, or the other way round.
+        ValueError: a section in the plane of a mesh in space, or a spatial one of a plane mesh.
     """
     if section is None:
         return "plane-strain" if dim == 2 else "3D"
@@ -66,8 +66,8 @@ def kinematics(u: Expr, section: Section, stretch: Expr = None) -> Kinematics:
     Args:
         u: displacement.
         section: what the mesh stands for.
-        stretch: UFL variable in the place of the stretch across the plane and of its value, for
-            derivatives with respect to it, which give the stress across the plane.
+        stretch: UFL variable that stands for the stretch across the plane, so that the energy can
+            be differentiated by it, which gives the stress across the plane.
     """
     if section == "3D":
         return spatial(u)
@@ -114,10 +114,10 @@ def axisymmetric(u: Expr) -> Kinematics:
 def centre_kinematics(u: Expr, section: Section) -> Kinematics:
     """Kinematics from which the volume of a cell is taken at its centre.
 
-    A ring's cell of width h at the radius R has its volume's centroid at R + h²/(12 R). An axial
-    stress acts there, a hoop stress at R: only so do both work as they do in the whole of a
-    rectangular cell, also next to the axis, where half the width lies between them. The in-plane
-    gradient is therefore carried to the centroid by its own derivative.
+    The volume of a ring's cell of width h at the radius R has its centroid at R + h²/(12 R). The
+    work of an axial stress in a rectangular cell is that at the centroid, the work of a hoop stress
+    that at R; next to the axis the two are h/6 apart. The in-plane gradient is therefore
+    extrapolated to the centroid by its own derivative.
     """
     if section != "axisymmetric":
         return kinematics(u, section)

@@ -18,7 +18,7 @@ class FollowerPressure:
     """A pressure normal to the deformed surface: δW = −∫ p cof(F) N · δu dΓ₀.
 
     Attributes:
-        value: the pressure of today, Pa; set it before assembling.
+        value: the present pressure, Pa; set it before assembling.
         residual, tangent: compiled forms, to be added to those of the solids.
     """
 
@@ -52,7 +52,7 @@ class FollowerPressure:
         self.tangent = dolfinx.fem.form(ufl.derivative(power, u, trial))
 
     def set(self, pressure: float) -> None:
-        """Set the pressure of today, Pa, positive when it pushes on the body."""
+        """Set the pressure, Pa, positive when it pushes on the body."""
         self.value.value = pressure
 
 

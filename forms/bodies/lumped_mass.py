@@ -27,14 +27,14 @@ def lumped_mass(
     Args:
         space: blocked vector Lagrange space of first order.
         solids: the bodies.
-        scale: s, one number per cell (DG 0): by how much a cell's mass is scaled; None: 1.
+        scale: s, one number per cell (DG 0), a factor on the cell's mass; None: 1.
 
     Returns:
         Mass of each local unknown, ghosts included, kg per unit thickness.
 
     Raises:
-        ValueError: on every rank, if a body has no density, or the element's row sums are no
-            masses (second order).
+        ValueError: on every rank, if a body has no density, or the element's row sums are not
+            positive (second order).
     """
     missing = [solid.name for solid in solids if not solid.density > 0.0]
     if missing:
@@ -74,7 +74,7 @@ def mass_form(
 
 
 def cell_field(mesh: dolfinx.mesh.Mesh, value: float) -> dolfinx.fem.Function:
-    """A number per cell, the same everywhere at first."""
+    """A number per cell, ``value`` everywhere."""
     field = dolfinx.fem.Function(dolfinx.fem.functionspace(mesh, ("DG", 0)))
     field.x.array[:] = value
     return field

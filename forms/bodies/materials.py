@@ -19,7 +19,7 @@ LOGARITHM_TERMS = 10  # of the series for the logarithmic strain in space
 
 
 class Material(Protocol):
-    """What a solid asks of a material."""
+    """What a solid needs of a material."""
 
     def parameters(self) -> dict[str, float]:
         """Values of the constants in the energy, by name."""
@@ -120,7 +120,7 @@ class Hencky:
 
 
 def _plane_deviator(plane: PlanePart, log_j: Expr) -> Expr:
-    """|dev ln U|² of a deformation that leaves the normal of the plane where it is."""
+    """|dev ln U|² of a deformation that does not tilt the normal of the plane."""
     excess = plane.I1 / (2.0 * plane.J) - 1.0
     in_plane = 0.5 * (_squared_arcosh(excess) + ufl.ln(plane.J) ** 2)
     return in_plane + ufl.ln(plane.stretch) ** 2 - log_j**2 / 3.0
@@ -154,8 +154,8 @@ def _squared_arcosh(x: Expr) -> Expr:
     """arcosh(1 + x)², analytic at x = 0 where arcosh itself is not.
 
     Below x = 0.02 the Taylor series 2x − x²/3 + 4x³/45 − x⁴/35 + 16x⁵/1575 − 8x⁶/2079 is used (the
-    terms left out are below 1e-13 of the sum there); the other branch sees 0.02 instead, so
-    that neither ever divides by zero.
+    terms left out are below 1e-13 of the sum there); the other branch is given 0.02 instead, so
+    that it does not divide by zero.
     """
     series = x * (
         2.0 + x * (-1 / 3 + x * (4 / 45 + x * (-1 / 35 + x * (16 / 1575 + x * (-8 / 2079)))))

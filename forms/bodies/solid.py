@@ -76,7 +76,7 @@ def compile_energy(density: Any, measure: Any, u: dolfinx.fem.Function) -> Compi
 def compile_isotropic(
     density: Any, k: Kinematics, measure: Any, u: dolfinx.fem.Function
 ) -> CompiledForms:
-    """The same for an energy W(J, I1, I2) in space, by the chain rule over the invariants.
+    """Compile an energy W(J, I1, I2) in space, by the chain rule over the invariants.
 
     δW = W_i δI_i and ΔδW = W_ij δI_i ΔI_j + W_i ΔδI_i: test and trial functions stay out of W and
     its derivatives, which may be long.
@@ -104,7 +104,7 @@ def _vanishes(derivative: Any) -> bool:
 
 
 class _WithoutVariables(MultiFunction):
-    """Replaces variables by what they stand for; UFL's own visits shared parts again and again."""
+    """Replaces variables by their expressions; UFL's own visits shared parts many times."""
 
     expr = MultiFunction.reuse_if_untouched
 
@@ -140,7 +140,7 @@ class Solid:
 
         Raises:
             ValueError: the displacement is not of the formulation's degree, or the section does
-                not go with the mesh.
+                not fit the mesh.
         """
         self.name = name
         self.material = material
@@ -152,25 +152,29 @@ class Solid:
             raise ValueError(f"{name}: {formulation} on a displacement of degree {degree}")
         owned = mesh.topology.index_map(mesh.topology.dim).size_local
         self.cells = np.sort(cells[cells < owned])
-        constants = {
+        self._u = u
+        self._constants = {
             key: dolfinx.fem.Constant(mesh, PETSc.ScalarType(value))
             for key, value in material.parameters().items()
         }
-        self._u, self._constants = u, constants
         self._roundoff = dolfinx.fem.form(self._roundoff_density() * self._dx(None))
-        k = kinematics(u, self.section)
-        distortional, volumetric = material.energy(k, constants)
         self.full_degree = full_degree(formulation, mesh.topology.cell_name())
+        self.forms = self._energy_forms(reduced=formulation == "q1-sri")
+
+    def _energy_forms(self, reduced: bool) -> list[CompiledForms]:
+        """The forms of the strain energy; ``reduced``: the volumetric part by itself."""
+        u = self._u
+        k = kinematics(u, self.section)
+        distortional, volumetric = self.material.energy(k, self._constants)
         full = self._dx(self.full_degree)
-        if formulation == "q1-sri":
-            centre = centre_kinematics(u, self.section)
-            volumetric = material.energy(centre, constants)[1]
-            self.forms = [
-                self._compiled(k, distortional, full),
-                self._compiled(centre, volumetric, self._dx(CENTRE_DEGREE)),
-            ]
-        else:
-            self.forms = [self._compiled(k, distortional + volumetric, full)]
+        if not reduced:
+            return [self._compiled(k, distortional + volumetric, full)]
+        centre = centre_kinematics(u, self.section)
+        volumetric = self.material.energy(centre, self._constants)[1]
+        return [
+            self._compiled(k, distortional, full),
+            self._compiled(centre, volumetric, self._dx(CENTRE_DEGREE)),
+        ]
 
     def _compiled(self, k: Kinematics, density: Any, dx: Any) -> CompiledForms:
         if self.section == "3D":
@@ -190,8 +194,8 @@ class Solid:
     def cauchy_stress(self) -> Any:
         """Cauchy stress σ = J⁻¹ P Fᵀ (3, 3), Pa, the part across the plane included, in UFL."""
         sigma = self._spatial_stress() if self.section == "3D" else self._plane_stress()
-        # Variables are numbered through the whole process, and FFCx's cache looks at the number:
-        # with them in, hardly an expression would ever be found compiled.
+        # Variables are numbered over the whole process and the number enters FFCx's cache key: with
+        # them, the same expression would be compiled again in almost every run.
         return map_expr_dag(_WithoutVariables(), expand_derivatives(sigma))
 
     def _spatial_stress(self) -> Any:
@@ -227,7 +231,7 @@ class Solid:
         return abs(ufl.JacobianDeterminant(mesh)) ** (1.0 / 3.0)
 
     def roundoff_force(self) -> float:
-        """Square of this rank's nodal force noise from rounding F, (N/m)²; N² but in plane strain.
+        """Square of this rank's nodal force noise from rounding F, N² ((N/m)² in plane strain).
 
         A rounding error ε in F is a stress error ε M. In the plane, over cells of size h, the
         nodal forces of the n = 2 A/h² unknowns are ε M h each, of norm ε M √(2 A), A the body's

@@ -27,13 +27,13 @@ from geometry.surfaces.exchange import NodalVector, SurfaceExchange
 from geometry.surfaces.facets import Floats, Ints
 from geometry.surfaces.projection import Projection
 
-FEIGNED = 1e-12  # of a master facet: penetration that rounding may feign where bodies just touch
+ROUNDOFF_DEPTH = 1e-12  # penetration over a master facet's length that may be round-off alone
 
 
-def _depth(kinematics: ContactKinematics, today: Projection) -> Floats:
-    """Penetration (q,), m; none where it is no more than what rounding may feign."""
-    size = np.sqrt(np.einsum("qai,qai->qa", today.tangents, today.tangents).max(axis=1))
-    deep = kinematics.closed & (-kinematics.gap > FEIGNED * size)
+def _depth(kinematics: ContactKinematics, projection: Projection) -> Floats:
+    """Penetration (q,), m; 0 where it may be round-off alone."""
+    size = np.sqrt(np.einsum("qai,qai->qa", projection.tangents, projection.tangents).max(axis=1))
+    deep = kinematics.closed & (-kinematics.gap > ROUNDOFF_DEPTH * size)
     return np.where(deep, -kinematics.gap, 0.0)
 
 
@@ -48,14 +48,12 @@ class ExplicitContact:
     Attributes:
         term: the pair, whose state is kept up to date.
         trial: the pair at the last evaluation.
-        rate_dependent: whether the friction law feels time.
         film_traction: (q, i), Pa, τ; film: (q,), Pa s/m, c of the last evaluation.
     """
 
     def __init__(self, term: ContactTerm) -> None:
-        """Make ready; collective."""
+        """Allocate the values at the points and nodes of ``term``; collective."""
         self.term = term
-        self.rate_dependent = True
         surface = term.surface
         self.exchange = SurfaceExchange(surface)
         q, dim = len(surface.slave.weight), surface.dim
@@ -69,15 +67,19 @@ class ExplicitContact:
 
     @property
     def searches(self) -> int:
-        """How often candidates were looked for."""
+        """How often candidate facets were searched for."""
         return self.term.surface.target.search.searches
 
     # -- evaluation ---------------------------------------------------------------------------
 
-    def evaluate(self, u: NodalVector, dt: float) -> ContactTrial:
+    def evaluate(self, u: NodalVector, dt: float, rate_dependent: bool = True) -> ContactTrial:
         """The contact at the displacements ``u`` (m) after a step of ``dt`` (s); collective.
 
-        The film's traction is that of the step before, until :meth:`correct_film`.
+        Args:
+            u: displacements, m.
+            dt: s, length of the step.
+            rate_dependent: whether rates count in the law. Where they do, :meth:`hold_film` and
+                :meth:`correct_film` may follow.
         """
         self.exchange.gather(u, self._values)
         term, surface = self.term, self.term.surface
@@ -85,15 +87,15 @@ class ExplicitContact:
         slave = self._values[self.exchange.slave_rows]
         points = surface.slave_positions(slave)
         nodes = surface.master.position + self._values[first:]
-        today = surface.project(points, nodes)
-        kinematics = relate(points, today, term.anchor(nodes))
-        pressure = term.penalty * _depth(kinematics, today)
+        projection = surface.project(points, nodes)
+        kinematics = relate(points, projection, term.anchor(nodes))
+        pressure = term.penalty * _depth(kinematics, projection)
         film = term.film.at(pressure)[0]
-        response = term.respond(kinematics, dt, pressure, film, self.rate_dependent)
+        response = term.respond(kinematics, dt, pressure, film, rate_dependent)
         self.trial = ContactTrial(
             position=points,
             area_ratio=surface.slave_area_ratio(slave),
-            projection=today,
+            projection=projection,
             kinematics=kinematics,
             pressure=pressure,
             film=film,
@@ -157,8 +159,8 @@ class ExplicitContact:
         moving = squared > 0.0
         resistance = np.zeros_like(squared)
         np.divide(response.dissipation.viscous, squared, out=resistance, where=moving)
-        # At a point that has not moved the law tells nothing of its film: that of before is kept.
-        still = ~moving & (trial.pressure > 0.0) & self.rate_dependent
+        # The law gives no viscosity at a point that has not moved: the last one is kept.
+        still = ~moving & (trial.pressure > 0.0)
         self.film = np.where(still, self.film, resistance * trial.dt)
         self._dry = response.traction - resistance[:, None] * slip
         self.film_traction = _in_plane(trial.kinematics.normal, self.film_traction)
@@ -195,7 +197,7 @@ class ExplicitContact:
         change /= (1.0 + trial.dt * self.film * self.compliance)[:, None]
         self.film_traction = self.film_traction + change
         self._apply_film()
-        self._book_film()
+        self._enter_film_work()
         self.spread(-change, out)
 
     def _gather_next(
@@ -208,10 +210,10 @@ class ExplicitContact:
         self._other *= keep
         self._values += self._other
 
-    def _book_film(self) -> None:
-        """Book the work of the traction that was applied: τ²/c is the film's, the rest the step's.
+    def _enter_film_work(self) -> None:
+        """Split the work of the traction τ that was applied: τ²/c is dissipated by the film.
 
-        With τ the applied and c v the law's traction, the work done on the contact is that of τ.
+        The rest, τ·slip − τ²/c, belongs to the time integration and is entered as numerical.
         """
         assert self.trial is not None
         trial, tau = self.trial, self.film_traction
@@ -229,10 +231,10 @@ class ExplicitContact:
         )
 
     def refresh_compliance(self, inverse_mass: Floats, work: NodalVector) -> None:
-        """Find s_q, m²/kg·…: each point's area over the mass that it moves; collective.
+        """Find s_q: each point's area over the mass that it moves, m²/kg; collective.
 
         Args:
-            inverse_mass: (n,), 1/m of the owned unknowns, 0 where they are held.
+            inverse_mass: (n,), 1/m of the owned unknowns, 0 at constrained ones.
             work: scratch.
         """
         work.owned[:] = 0.0

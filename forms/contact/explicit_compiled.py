@@ -1,8 +1,8 @@
 """An explicit contact pair in the plane whose geometry and loads are compiled.
 
 The friction law stays the one of numpy; everything around it is one pass over the points in
-``plane_contact.c``. Two sets of arrays take turns, so that a step allocates next to nothing and the
-step before stays readable.
+``plane_contact.c``. Two sets of arrays take turns, so that a step allocates almost nothing and the
+results of the step before stay readable.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from forms.contact.explicit import FEIGNED, ExplicitContact
+from forms.contact.explicit import ROUNDOFF_DEPTH, ExplicitContact
 from forms.contact.kinematics import TOUCHING, ContactKinematics
 from forms.contact.penalty import ContactState, ContactTerm, ContactTrial
 from forms.native.libraries import library
@@ -25,7 +25,7 @@ from geometry.surfaces.projection import Projection
 
 SOURCE = "plane_contact.c"
 _LONGS = ("points", "corners", "candidates", "nodes", "first_master")
-_DOUBLES = ("penalty", "touching", "feigned", "slack", "tie")
+_DOUBLES = ("penalty", "touching", "roundoff", "slack", "tie")
 _INPUTS = (
     *("weight", "shape", "slope", "reference", "direction", "rows"),
     *("master", "facets", "previous", "next"),
@@ -42,13 +42,32 @@ _FILM = ("tau", "film", "dry", "compliance")
 
 
 class _Pair(ctypes.Structure):
-    """``Pair`` of the C source."""
+    """``Pair`` of the C source, field by field in the same order."""
 
     _fields_ = (
         *((name, ctypes.c_int64) for name in _LONGS),
         *((name, ctypes.c_double) for name in _DOUBLES),
         *((name, ctypes.c_void_p) for name in (*_INPUTS, *_RESULTS, *_FILM)),
     )
+
+
+def check_layout(code: ctypes.CDLL, structure: type[ctypes.Structure] = _Pair) -> None:
+    """Compare a structure with that of the compiled library.
+
+    Args:
+        code: the library of ``SOURCE``.
+        structure: what its functions will be given.
+
+    Raises:
+        RuntimeError: they are not of one size, so that fields would be taken for one another.
+    """
+    code.tribox_pair_size.argtypes, code.tribox_pair_size.restype = [], ctypes.c_int64
+    theirs, ours = code.tribox_pair_size(), ctypes.sizeof(structure)
+    if theirs != ours:
+        raise RuntimeError(
+            f"{SOURCE}: its structure Pair takes {theirs} bytes, the one of {__name__} {ours}; "
+            "both must list the same fields in the same order"
+        )
 
 
 class _Buffers:
@@ -70,7 +89,7 @@ class _Buffers:
             self.point(name, array)
 
     def point(self, name: str, array: NDArray[Any]) -> None:
-        """Let the structure's field look at an array, which somebody must keep alive."""
+        """Point the structure's field at an array, which the caller must keep alive."""
         assert array.flags.c_contiguous
         setattr(self.pair, name, array.ctypes.data)
 
@@ -110,6 +129,7 @@ class CompiledContact(ExplicitContact):
             term: the pair, in the plane.
             code: the library of ``SOURCE``.
         """
+        check_layout(code)
         super().__init__(term)
         self._code = code
         code.tribox_pair_hold_film.argtypes = [
@@ -123,7 +143,7 @@ class CompiledContact(ExplicitContact):
         slave, master = surface.slave, surface.master
         q, n = len(slave.weight), len(master.nodes)
         self._load = np.zeros_like(self._values)
-        self._kept: dict[str, NDArray[Any]] = {
+        self._inputs: dict[str, NDArray[Any]] = {
             "weight": slave.weight,
             "shape": slave.shape,
             "slope": slave.shape_derivative[:, 0],
@@ -144,7 +164,7 @@ class CompiledContact(ExplicitContact):
             "compliance": self.compliance,
             "candidate": np.zeros((q, 1), dtype=np.int32),
         }
-        self._kept = {name: np.ascontiguousarray(a) for name, a in self._kept.items()}
+        self._inputs = {name: np.ascontiguousarray(a) for name, a in self._inputs.items()}
         self._sets = [_Buffers(q, n), _Buffers(q, n)]
         for mine, other in (self._sets, self._sets[::-1]):
             self._connect(mine, other)
@@ -152,20 +172,20 @@ class CompiledContact(ExplicitContact):
         self._adopted: ContactState | None = None
 
     def _connect(self, mine: _Buffers, other: _Buffers) -> None:
-        """Let one set start from the state that the other one holds."""
+        """Make one set start from the state that the other one holds."""
         pair, surface = mine.pair, self.term.surface
-        pair.points, pair.corners = self._kept["shape"].shape
+        pair.points, pair.corners = self._inputs["shape"].shape
         pair.nodes, pair.first_master = len(surface.master.nodes), self.exchange.first_master
-        pair.penalty, pair.touching, pair.feigned = self.term.penalty, TOUCHING, FEIGNED
+        pair.penalty, pair.touching, pair.roundoff = self.term.penalty, TOUCHING, ROUNDOFF_DEPTH
         pair.candidates, pair.tie = 1, TIE * surface.target.search.slack
-        for name, array in self._kept.items():
+        for name, array in self._inputs.items():
             mine.point(name, array)
         names = {"facet": "facet", "xi": "xi", "component": "component", "length": "length"}
         for state, result in (names | {"gap": "gap_after"}).items():
             mine.point(f"{state}_before", other.arrays[result])
 
     def _take_over(self, other: _Buffers) -> None:
-        """Copy the term's state to where the next step looks for it, unless it is there."""
+        """Copy the term's state into the arrays that the next step reads, unless it is there."""
         state = self.term.state
         if state is self._adopted:
             return
@@ -179,7 +199,7 @@ class CompiledContact(ExplicitContact):
             other.arrays[name][:] = value
         self._adopted = state
 
-    def evaluate(self, u: NodalVector, dt: float) -> ContactTrial:
+    def evaluate(self, u: NodalVector, dt: float, rate_dependent: bool = True) -> ContactTrial:
         """See ``ExplicitContact.evaluate``."""
         self.exchange.gather(u, self._values)
         now, term = self._sets[self._turn], self.term
@@ -191,7 +211,7 @@ class CompiledContact(ExplicitContact):
         kinematics = now.kinematics()
         pressure = arrays["pressure"]
         film = term.film.at(pressure)[0]
-        response = term.respond(kinematics, dt, pressure, film, self.rate_dependent)
+        response = term.respond(kinematics, dt, pressure, film, rate_dependent)
         self._dry[:] = response.traction
         self._code.tribox_pair_load(now.at)
         self.trial = ContactTrial(
@@ -208,16 +228,16 @@ class CompiledContact(ExplicitContact):
         return self.trial
 
     def _search(self, now: _Buffers) -> None:
-        """Find the candidates of today's places and remember these."""
+        """Find candidate facets at the present positions, and keep these positions."""
         points, nodes = now.arrays["position"], now.arrays["current"]
         surface = self.term.surface
         found, slack = surface.target.search.table(points, nodes[surface.master.facets])
-        self._kept["candidate"] = np.ascontiguousarray(found, dtype=np.int32)
-        self._kept["searched_points"][:] = points
-        self._kept["searched_nodes"][:] = nodes
+        self._inputs["candidate"] = np.ascontiguousarray(found, dtype=np.int32)
+        self._inputs["searched_points"][:] = points
+        self._inputs["searched_nodes"][:] = nodes
         for one in self._sets:
             one.pair.candidates, one.pair.slack = found.shape[1], slack
-            one.point("candidate", self._kept["candidate"])
+            one.point("candidate", self._inputs["candidate"])
 
     def add_forces(self, out: NodalVector) -> None:
         """See ``ExplicitContact.add_forces``."""
@@ -283,14 +303,14 @@ def _facet_at(corner: Ints, nodes: int) -> Ints:
 
 
 def explicit_contact(term: ContactTerm, compiled: bool = True) -> ExplicitContact:
-    """The fastest explicit form of a pair that there is; collective.
+    """The pair, compiled where that is possible; collective.
 
     Args:
         term: the pair.
         compiled: False for numpy throughout.
     """
     surface = term.surface
-    # The compiled loop takes the stretch of the section for that of the area: not so of rings.
+    # The compiled loop takes the section's stretch as area ratio, which is wrong for rings.
     straight = surface.target.shape.count == 2 and not surface.axisymmetric
     code = library(SOURCE) if compiled and straight else None
     return ExplicitContact(term) if code is None else CompiledContact(term, code)

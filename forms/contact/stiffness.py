@@ -11,18 +11,18 @@ from forms.contact.explicit import ExplicitContact
 from forms.contact.penalty import ContactTerm
 from geometry.surfaces.exchange import NodalVector
 
-PROBES = (1e-9, 1e-6, 1e-3, 1.0)  # m/s, slip speeds at which the film is tried
+PROBES = (1e-9, 1e-6, 1e-3, 1.0)  # m/s, slip speeds at which the law is evaluated
 
 
 class PairStiffness:
     """K and C of one pair, as if all its points were closed: they may be at the next step.
 
-    Per point K_N n⊗n + k_T (I − n⊗n), with k_T the law's stiffness against slip that it has not
-    yet permitted, and C = c (I − n⊗n).
+    Per point K_N n⊗n + k_T (I − n⊗n), with k_T the law's stiffness before it
+    slips, and C = c (I − n⊗n).
     """
 
     def __init__(self, contact: ExplicitContact) -> None:
-        """Ask the law for its stiffness at rest and its largest viscosity in motion; collective."""
+        """Evaluate the law's stiffness at rest and its largest viscosity in motion; collective."""
         self.contact = contact
         term = contact.term
         self.normal = term.penalty
@@ -68,7 +68,7 @@ def elastic_stiffness(term: ContactTerm) -> float:
 
 
 def largest_viscosity(term: ContactTerm) -> float:
-    """Largest viscous traction per slip speed of any point of this rank, Pa s/m, by trials."""
+    """Largest viscous traction per slip speed of any point here, Pa s/m, over ``PROBES``."""
     q, dim = len(term.surface.slave.weight), term.surface.dim
     largest, area_ratio = 0.0, term.state.area_ratio
     for speed, level in itertools.product(PROBES, _pressures(term)) if q else ():

@@ -1,7 +1,7 @@
 """Compiles the package's C sources on first use and keeps the libraries in FFCx's cache.
 
-FFCx needs a C compiler anyway. Where there is none, or it fails, :func:`library` answers None and
-the callers use DOLFINx's generated kernels instead.
+FFCx needs a C compiler too. Where there is none, or it fails, :func:`library` returns None and the
+callers use DOLFINx's generated kernels and numpy instead.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from pathlib import Path
 
 import dolfinx
 
-SOURCES = ("plane_kernel.c", "plane_contact.c", "leapfrog.c")
+SOURCES = ("plane_kernel.c", "plane_contact.c")
 FLAGS = ("-std=gnu11", "-O3", "-fno-math-errno", "-fPIC", "-shared", "-w")
 
 
 @functools.cache
 def library(name: str) -> ctypes.CDLL | None:
-    """The library of the source ``name`` beside this module; None where it cannot be had.
+    """The compiled library of the source ``name``; None where it can be neither found nor made.
 
     Args:
         name: file name of a C source in this directory.
@@ -44,12 +44,12 @@ def library(name: str) -> ctypes.CDLL | None:
 
 
 def _trusted(directory: Path) -> bool:
-    """Whether nobody but this user and the administrator can have made a directory."""
+    """Whether a directory is new, or was made by this user or the administrator."""
     return not directory.exists() or directory.stat().st_uid in (0, os.getuid())
 
 
 def _load(file: Path) -> ctypes.CDLL | None:
-    """The library in a file; None where there is none, or not one of this system."""
+    """The library in a file; None where there is no file, or one of another system."""
     try:
         return ctypes.CDLL(str(file)) if file.exists() else None
     except OSError:
@@ -57,7 +57,7 @@ def _load(file: Path) -> ctypes.CDLL | None:
 
 
 def _caches() -> tuple[Path, Path]:
-    """Where libraries are kept: with FFCx's, or where anybody may write."""
+    """Directories for the libraries: FFCx's cache, or one for this user among temporary files."""
     options: dict[str, str] = dolfinx.jit.get_options()
     ours = Path(tempfile.gettempdir()) / f"tribox-{os.getuid()}"
     return Path(options["cache_dir"]).expanduser(), ours

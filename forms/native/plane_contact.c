@@ -1,8 +1,9 @@
 /* The geometry and the loads of a contact pair in the plane, point by point.
  *
- * The same operations as geometry/surfaces/projection.py and forms/contact/explicit.py, in one pass: closest
- * point on the candidate segments, slip against the material point of the last step, transport of
- * the elastic slip, penalty pressure, and the nodal loads. The friction law is not here.
+ * The same operations as geometry/surfaces/projection.py and forms/contact/explicit.py, in one
+ * pass: closest point on the candidate segments, slip against the material point of the last step,
+ * transport of the elastic slip, penalty pressure, and the nodal loads. The friction law is not
+ * here.
  */
 
 #include <math.h>
@@ -11,7 +12,7 @@
 typedef struct {
     /* Sizes and numbers. */
     int64_t points, corners, candidates, nodes, first_master;
-    double penalty, touching, feigned, slack, tie;
+    double penalty, touching, roundoff, slack, tie;
     /* Slave points: (q), (q, a), (q, 2); rows (q, a) of the pair's nodes. */
     const double *weight, *shape, *slope, *reference, *direction;
     const int64_t *rows;
@@ -36,6 +37,12 @@ typedef struct {
     double *tau, *film, *dry;
     const double *compliance;
 } Pair;
+
+/* For the caller to compare with the structure that it lays out itself. */
+int64_t tribox_pair_size(void)
+{
+    return (int64_t)sizeof(Pair);
+}
 
 typedef struct {
     double x, y;
@@ -108,7 +115,7 @@ static double place(Pair *p)
     return sqrt(points) + sqrt(nodes);
 }
 
-/* The closest point on a vertex: the normal is the way there, on the side of the mean normal. */
+/* The closest point on a vertex: the normal points to it, on the side of the mean normal. */
 static void at_vertex(Pair *p, int64_t q, Vector x, double free, Vector tau)
 {
     int32_t vertex = p->facets[2 * p->facet[q] + (free > 1.0)];
@@ -143,7 +150,7 @@ static void project(Pair *p, int64_t q)
     double best = INFINITY, free = 0.0;
     for (int64_t k = q * p->candidates; k < (q + 1) * p->candidates; ++k)
         best = fmin(best, sqrt(to_facet(p, x, p->candidate[k], &free)));
-    /* Of facets equally close the first, one that holds the point inside before all others. */
+    /* Of facets equally close, the first that has the foot inside, or else the first. */
     int found = 0;
     for (int64_t k = q * p->candidates; k < (q + 1) * p->candidates; ++k) {
         double f, distance = sqrt(to_facet(p, x, p->candidate[k], &f));
@@ -172,7 +179,7 @@ static void relate(Pair *p, int64_t q)
     double gap = p->gap[q], before = p->gap_before[q];
     double size = sqrt(dot(tau, tau));
     p->closed[q] = gap <= p->touching * size && p->on_surface[q];
-    p->pressure[q] = p->closed[q] && -gap > p->feigned * size ? -p->penalty * gap : 0.0;
+    p->pressure[q] = p->closed[q] && -gap > p->roundoff * size ? -p->penalty * gap : 0.0;
     p->gap_after[q] = p->on_surface[q] ? gap : INFINITY;
     Vector old = edge(p, p->facet_before[q], &start);
     Vector anchor = plus(start, p->xi_before[q], old);
@@ -188,7 +195,7 @@ static void relate(Pair *p, int64_t q)
     put(p->elastic, q, (Vector){scale * image.x, scale * image.y});
 }
 
-/* Geometry and pressure of all points; returns 1, and nothing of that, if a search is due. */
+/* Geometry and pressure of all points; returns 1 and leaves them alone if a search is due. */
 int tribox_pair_project(Pair *p)
 {
     if (!(place(p) <= p->slack))

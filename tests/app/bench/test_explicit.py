@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from app.bench.explicit import kernel_table, sliding, step_table
+from app.bench.explicit import contact_table, kernel_table, sliding, step_table
 
 
 def cells_of(line):
@@ -21,9 +21,20 @@ def test_kernels_and_steps_are_measured():
         found = dict(zip(cells_of(head), cells_of(row), strict=True))
         assert int(found["cells"]) == 8 * 4 + 12 * 3
         assert float(found["ms per step"]) > 0.0
-        shares = [float(found[part].rstrip("% ")) for part in ("assembly", "contact", "motion")]
+        shares = [
+            float(found[part].rstrip("% ")) for part in ("assembly", "contact", "time integration")
+        ]
         assert sum(shares) == pytest.approx(100.0, abs=3.0)
     assert len(rows) == 2
+
+
+def test_contact_pairs_are_measured():
+    head, _, *rows = contact_table(0.2)
+    assert len(rows) == 2
+    for row in rows:
+        found = dict(zip(cells_of(head), cells_of(row), strict=True))
+        ratio = float(found["numpy (ms)"]) / float(found["compiled (ms)"])
+        assert float(found["ratio"]) == pytest.approx(ratio, abs=0.2)
 
 
 @pytest.mark.parametrize("friction", ["film", "coulomb"])

@@ -1,4 +1,4 @@
-"""Explicit dynamics in space and round an axis: forces in the books, rings, thrown bodies."""
+"""Explicit dynamics in space and round an axis: mean forces, rings, initial velocities."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Explicit steps against closed forms: impact, free motion, loads, films; and their energy."""
+"""Explicit steps against closed forms: impact, free flight, loads, films; and their energy."""
 
 from __future__ import annotations
 
@@ -138,7 +138,7 @@ def test_bar_on_a_rigid_wall(formulation):
     assert force[-10:].max() == 0.0
 
 
-# -- free motion -----------------------------------------------------------------------------------
+# -- free flight -----------------------------------------------------------------------------------
 
 
 def ringing(dt, end=3.0):
@@ -155,7 +155,7 @@ def ringing(dt, end=3.0):
     return error
 
 
-def test_energy_of_free_motion_is_kept_to_second_order():
+def test_energy_of_free_flight_is_kept_to_second_order():
     coarse, fine = ringing(0.04), ringing(0.02)
     assert coarse < 0.01
     assert coarse / fine == pytest.approx(4.0, rel=0.4)
@@ -242,7 +242,7 @@ def test_a_stiff_spring_is_in_the_stable_step():
     assert found.limit < 0.5 * found.elements
 
 
-def test_all_loads_together_close_the_books():
+def test_the_energy_balance_closes_with_all_loads_together():
     """Supports that move, a follower pressure, a platen with a mass, friction and damping."""
     bench = Bench((1.0, 0.6, (5, 3)), (1.8, 0.6, (6, 3)))
     term = bench.contact(CoulombLaw(CoulombParameters(mu=0.4, K_T=60.0)), 60.0)
@@ -301,7 +301,7 @@ def two_in_flight(law, film=0.0, **options):
 
 @pytest.mark.parametrize("compiled", [True, False])
 @pytest.mark.parametrize("kind", ["coulomb", "thin film", "map"])
-def test_momentum_is_balanced_and_the_ledger_closes(kind, compiled):
+def test_momentum_and_energy_are_balanced(kind, compiled):
     law, film = {
         "coulomb": (CoulombLaw(CoulombParameters(mu=0.4, K_T=60.0)), 0.0),
         "thin film": (film_law(50.0), 0.5),
@@ -341,6 +341,18 @@ def test_numpy_and_compiled_contact_agree(kind):
     np.testing.assert_allclose(fast.v, slow.v, atol=1e-11)
     np.testing.assert_array_equal(mine.projection.facet, theirs.projection.facet)
     assert fast.contacts[0].searches < 10
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_without_rates_the_film_does_nothing(compiled):
+    """The stepper tells the contacts at each step whether rates count."""
+    stepper = two_in_flight(film_law(5.0, alpha=0.5), 0.5, compiled=compiled)
+    for rated in (False, True, False):
+        stepper.rate_dependent = rated
+        for _ in range(20):
+            stepper.advance(0.01)
+        lost = stepper.problem.trials[0].response.dissipation.viscous
+        assert (np.abs(lost).max() > 0.0) == rated
 
 
 def sliding(viscosity, law=None, penalty=40.0, **options):

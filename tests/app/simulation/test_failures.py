@@ -25,7 +25,6 @@ from app.simulation.failure_diagnosis import (
     loose_directions,
     most_squeezed,
     penalty_factors,
-    place_text,
 )
 from app.simulation.simulation import Observer, Simulation
 from forms.friction.coulomb import CoulombLaw, CoulombParameters
@@ -313,11 +312,6 @@ def test_loose_directions(pair):
     found = loose_directions(bodies.problem(LAW, prescribed=held))
     assert [(one.body, one.component) for one in found] == [("elastomer", 1)]
     assert found[0].text == "body elastomer has no support in y"
-
-
-def test_places_are_read_without_roundoff():
-    assert place_text((6e-4, 2.776e-21)) == "(0.0006, 0) m"
-    assert place_text((0.0, 0.0)) == "(0, 0) m"
 
 
 @pytest.mark.parametrize(

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import ctypes
+
 import numpy as np
 import pytest
 
+from forms.contact import explicit_compiled
 from forms.contact.explicit import ExplicitContact
 from forms.contact.explicit_compiled import CompiledContact, explicit_contact
 from forms.contact.penalty import ContactTerm
@@ -13,6 +16,7 @@ from forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLa
 from forms.friction.film import FilmTable
 from forms.friction.friction_map import FrictionMap
 from forms.friction.parameters import FrictionMapParameters
+from forms.native.libraries import library
 from geometry.surfaces.exchange import NodalVector
 
 PENALTY = 50.0
@@ -150,7 +154,7 @@ def test_it_goes_on_from_a_state_that_others_left(pair, compiled):
 
 
 @pytest.mark.parametrize("compiled", [True, False])
-def test_what_rounding_feigns_is_no_contact(pair, compiled):
+def test_a_penetration_of_roundoff_is_no_contact(pair, compiled):
     """Blocks that just touch: neither the gap's sign nor the partition decides on a pressure."""
     blocks = pair()
     contact = explicit_contact(ContactTerm(blocks.surface(), FrictionlessLaw(), PENALTY), compiled)
@@ -262,3 +266,21 @@ def test_stiffness_of_a_pair_is_symmetric_and_positive(pair):
     w.owned.reshape(-1, 2)[nodes, 1] = 1.0
     stiffness.add(w, out, viscous=False)
     assert w.owned @ out.owned == pytest.approx(PENALTY)
+
+
+def test_a_structure_that_is_not_that_of_the_compiled_loop_is_refused(pair, monkeypatch):
+    """One field less in Python than in C: every later pointer would be taken for another."""
+
+    class Short(ctypes.Structure):
+        _fields_ = explicit_compiled._Pair._fields_[:-1]
+
+    code = library(explicit_compiled.SOURCE)
+    explicit_compiled.check_layout(code)
+    with pytest.raises(RuntimeError, match="same fields in the same order") as error:
+        explicit_compiled.check_layout(code, Short)
+    assert f"{ctypes.sizeof(Short)};" in str(error.value)
+    assert f"{ctypes.sizeof(Short) + 8} bytes" in str(error.value)
+    made = []
+    monkeypatch.setattr(explicit_compiled, "check_layout", lambda code: made.append(code))
+    contact = explicit_contact(ContactTerm(pair().surface(), FrictionlessLaw(), PENALTY))
+    assert isinstance(contact, CompiledContact) and made == [code]
