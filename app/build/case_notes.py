@@ -12,7 +12,6 @@ from app.case.boundary import Boundary
 from app.case.case import Case
 from app.case.contact import Contact, FrictionMap
 from app.case.time_tables import TimeTable
-from app.simulation.load_steps import Inertia, LoadStep
 from forms.friction.checks import threshold_speed_warning, uniqueness_warning
 
 THICK = 1e-5  # m, film thickness that is surely a slip of units
@@ -34,29 +33,6 @@ def notes_on(case: Case) -> list[str]:
 
 
 STIFF_PENALTY = 10.0  # penalty_factor above which an explicit run pays for it
-REST = 1e-3  # kinetic over strain energy up to which a relaxed body counts as at rest
-
-
-def notes_on_inertia(case: Case, load_step: LoadStep, inertia: Inertia) -> Iterator[str]:
-    """Warnings after an explicit load step: scaled mass that is felt, and bodies not at rest.
-
-    Args:
-        case: what was run; load_step: the part that has ended.
-        load_step: see case.
-        inertia: kinetic against strain energy over it.
-    """
-    limit = case.solver.kinetic_limit
-    if case.solver.mass_scaling is not None and inertia.ratio > limit:
-        yield (
-            f"stage {load_step.label}: kinetic energy is {inertia.ratio:.2g} of the strain "
-            f"energy, above kinetic_limit = {limit:g}: the scaled mass is felt (less mass_scaling, "
-            "a longer ramp or a lower velocity)"
-        )
-    if load_step.stage.relax and inertia.last > REST:
-        yield (
-            f"stage {load_step.label}: not at rest at its end, kinetic energy is "
-            f"{inertia.last:.2g} of the strain energy (longer duration)"
-        )
 
 
 def _pressures(boundary: Boundary) -> Iterator[tuple[str, TimeTable]]:

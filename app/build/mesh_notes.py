@@ -20,6 +20,11 @@ LOCKING = 50.0  # K/G (Poisson's ratio 0.49) from which linear triangles are sai
 APART = 2.0  # distance over facet length from which bodies are said to start apart
 COARSE = 3.0  # length of slave facets over that of master facets from which they are too coarse
 LARGE = 1.0  # extent of a body, m, from which the unit of a mesh that was read is asked for
+# Penalties in units of M/h. Up to a thousand times the default Newton's method converges as ever;
+# from ten thousand times on it needs many more iterations, and rounding the coordinates begins to
+# keep the residual above the tolerance.
+STIFF_PENALTY = 3e4
+SOFT_PENALTY = 0.1
 
 
 def notes_on_ranks(case: Case, named: NamedMesh) -> Iterator[str]:
@@ -97,3 +102,23 @@ def notes_on_surfaces(
             f"{place}: the facets of the slave {contact.slave} are {slave / master:.2g} times as "
             f"long as those of {contact.master}, whose shape they cannot follow; refine the slave"
         )
+
+
+def penalty_note(index: int, factor: float) -> str | None:
+    """What is said of a penalty that is far from what works; None of others.
+
+    Args:
+        index: of the contact.
+        factor: K_N h/M.
+    """
+    if SOFT_PENALTY <= factor <= STIFF_PENALTY:
+        return None
+    what = (
+        "the bodies overlap rather than press on each other"
+        if factor < SOFT_PENALTY
+        else "Newton's method may fail or need many iterations"
+    )
+    return (
+        f"contact.{index}: the penalty is {factor:.2g} times the stiffness M/h of the elements "
+        f"beside it: {what}"
+    )

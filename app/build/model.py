@@ -20,13 +20,13 @@ from app.build.mesh_notes import (
     loose_bodies,
     notes_on_ranks,
     notes_on_surfaces,
+    penalty_note,
 )
 from app.case.boundary import COMPONENTS, solver_of
 from app.case.case import Case
 from app.case.validation import format_problem
 from app.equilibrium.equilibrium import Equilibrium, Ints
 from app.errors import InputError
-from app.simulation.failure_diagnosis import penalty_note
 from forms.bodies.kinematics import Section
 from forms.bodies.materials import Hencky, Material, MooneyRivlin, NeoHookean, oedometric_modulus
 from forms.bodies.solid import DEGREE, Formulation, Solid

@@ -12,6 +12,7 @@ import ufl
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from app.build.mesh_notes import penalty_note
 from app.equilibrium.equilibrium import Equilibrium, Ints
 from app.implicit.stepper import KINKED, StepResult
 from app.simulation.contact_resultants import ContactResultants
@@ -22,11 +23,6 @@ from geometry.surfaces.facets import Floats
 COMPONENTS = ("x", "y", "z")
 GAUSS_DEGREE = 2  # of the points at which the volume ratio is looked at
 SQUEEZED = 0.2  # volume ratio J below which an element is said to be nearly collapsed
-# Penalties in units of M/h. Up to a thousand times the default Newton's method converges as ever;
-# from ten thousand times on it needs many more iterations, and rounding the coordinates begins to
-# keep the residual above the tolerance.
-STIFF_PENALTY = 3e4
-SOFT_PENALTY = 0.1
 SUPPORT = "a support there (displacement), or a load that keeps it in contact"
 ON_EDGE = 1e-6  # reference distance from the edge of a facet below which a point is on it
 ADRIFT = 1e-6  # share of the largest displacement by which a body moves that nothing holds
@@ -183,26 +179,6 @@ def penalty_factors(problem: Equilibrium) -> list[float]:
     """K_N h/M of each contact, M of the softest body, h a slave facet's length; collective."""
     softest = min(oedometric_modulus(solid.material) for solid in problem.solids)
     return [t.penalty * t.surface.facet_length / softest for t in problem.contacts]
-
-
-def penalty_note(index: int, factor: float) -> str | None:
-    """What is said of a penalty that is far from what works; None of others.
-
-    Args:
-        index: of the contact.
-        factor: K_N h/M.
-    """
-    if SOFT_PENALTY <= factor <= STIFF_PENALTY:
-        return None
-    what = (
-        "the bodies overlap rather than press on each other"
-        if factor < SOFT_PENALTY
-        else "Newton's method may fail or need many iterations"
-    )
-    return (
-        f"contact.{index}: the penalty is {factor:.2g} times the stiffness M/h of the elements "
-        f"beside it: {what}"
-    )
 
 
 # -- all together ---------------------------------------------------------------------------------

@@ -9,12 +9,13 @@ import pytest
 from mpi4py import MPI
 from scipy.integrate import quad
 
-from app.build.case_notes import notes_on, notes_on_inertia
+from app.build.case_notes import notes_on
+from app.build.load_steps import LoadStep, load_steps_of
 from app.build.model import body_dofs, build_model, initial_velocity
 from app.case.boundary import Stage
 from app.case.case import Case, check_case, load_case, resolved_toml
 from app.case.time_tables import Program, TimeTable, smooth_step, smooth_step_integral
-from app.simulation.load_steps import Inertia, LoadStep, load_steps_of
+from app.simulation.inertia import Inertia, notes_on_inertia
 from app.simulation.simulation import Observer, Simulation
 
 DENSE = {"elastomer": 1100.0, "aluminium": 2700.0}
