@@ -224,7 +224,7 @@ def mesh(
     """Write a case's mesh (.msh) and a picture of it with the names of bodies and surfaces."""
     from mpi4py import MPI
 
-    from app.build.model import make_mesh
+    from app.build.mesh import make_mesh
     from app.case.bodies import GeneratedGeometry
     from app.case.case import load_case
     from app.results.directory import default_directory

@@ -25,7 +25,7 @@ import dolfinx
 import numpy as np
 from mpi4py import MPI
 
-from app.build.model import QUADRATURE_DEGREE
+from app.build.contacts import QUADRATURE_DEGREE
 from app.equilibrium.equilibrium import Equilibrium, Platen, Prescribed, component_dofs
 from app.explicit.stepper import ExplicitOptions, ExplicitStepper
 from forms.bodies.internal_force import InternalForce

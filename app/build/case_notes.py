@@ -32,9 +32,6 @@ def notes_on(case: Case) -> list[str]:
     ]
 
 
-STIFF_PENALTY = 10.0  # penalty_factor above which an explicit run pays for it
-
-
 def _pressures(boundary: Boundary) -> Iterator[tuple[str, TimeTable]]:
     if boundary.pressure is not None:
         yield "pressure", boundary.pressure
@@ -43,11 +40,6 @@ def _pressures(boundary: Boundary) -> Iterator[tuple[str, TimeTable]]:
 
 
 def _notes_on_contact(case: Case, contact: Contact) -> Iterator[str]:
-    if case.is_explicit and (contact.penalty_factor or 0.0) > STIFF_PENALTY:
-        yield (
-            f"penalty_factor = {contact.penalty_factor:g} shortens explicit steps and lets nodes "
-            "chatter; 1 to 3 is stiff enough for most"
-        )
     if not isinstance(contact.friction, FrictionMap) or contact.film is None:
         return
     yield from _notes_on_weakening(case, contact.friction)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import (
     Field,
@@ -79,6 +79,10 @@ class GeneratedGeometry(Model):
     def section_in(self, dim: int) -> Section:
         """What the mesh stands for, ``dim`` being its dimension."""
         return self.built_section
+
+    def resolved(self, dim: int) -> Self:
+        """With the defaults filled in that follow from the mesh: there are none."""
+        return self
 
     @property
     def slab(self) -> float:
@@ -363,6 +367,14 @@ class MeshGeometry(Model):
         if dim == 3 and self.thickness is not None:
             raise ValueError(f"thickness = {self.thickness:g} m: {_NO_SLAB}")
         return "3D" if dim == 3 else self.section or "plane-strain"
+
+    def resolved(self, dim: int) -> Self:
+        """With the defaults filled in that follow from the mesh, ``dim`` being its dimension."""
+        section = self.section_in(dim)
+        if section == "3D":
+            return self
+        thickness = self.slab if section == "plane-strain" else None
+        return self.model_copy(update={"section": section, "thickness": thickness})
 
     @field_validator("mesh", mode="before")
     @classmethod

@@ -31,7 +31,6 @@ from app.case.bodies import (
     MeshGeometry,
     TwoCylindersGeometry,
     formulation_problems,
-    formulations,
 )
 from app.case.boundary import (
     Boundary,
@@ -144,25 +143,6 @@ class Case(Model):
             if problems := list(_name_problems(bodies, geometry.bodies)):
                 raise problems_error(problems)
         return bodies
-
-    @field_validator("bodies", mode="after")
-    @classmethod
-    def _default_formulation(cls, bodies: dict[str, Body], info: ValidationInfo) -> dict[str, Body]:
-        """Fill in the formulation that suits the elements, where they are known already."""
-        geometry = info.data.get("geometry")
-        if not isinstance(geometry, GeneratedGeometry):
-            return bodies
-        try:
-            chosen = formulations(bodies, geometry.cell)
-        except ValueError:
-            return bodies  # said with all that is wrong
-        filled = {}
-        for name, body in bodies.items():
-            filled[name] = body
-            if body.formulation is None:
-                filled[name] = body.model_copy(update={"formulation": chosen[name]})
-                filled[name].model_fields_set.discard("formulation")
-        return filled
 
     @model_validator(mode="after")
     def _fits_together(self, info: ValidationInfo) -> Self:

@@ -262,19 +262,15 @@ class Stribeck(Model):
         default=None, description="tangential stiffness before slip; default: as for coulomb"
     )
 
-    def parameters(self, stiffness: float) -> StribeckParameters:
-        """What the law takes.
-
-        Args:
-            stiffness: Pa/m, where the case gives no K_T.
+    def parameters(self) -> StribeckParameters:
+        """What the law takes; `K_T` must be there.
 
         Raises:
             ValueError: the values do not fit together; the message says how.
         """
         from forms.friction.stribeck import StribeckParameters
 
-        values = self.model_dump(exclude={"law"})
-        return StribeckParameters(**values | {"K_T": self.K_T or stiffness})
+        return StribeckParameters(**self.model_dump(exclude={"law"}))
 
     def problems(self, place: Place, film: Film | None) -> Iterator[Problem]:
         """What does not fit together, `place` being this table's place in the case."""
@@ -386,6 +382,12 @@ class Contact(Model):
             return 0.0
         wet = [D for D in self.film.thicknesses if friction.D_min < D]
         return friction.eta_b / min(wet) if wet else 0.0
+
+    @property
+    def film_onset(self) -> float:
+        """Pressure from which the film is whole, Pa; 0 where the case does not give it."""
+        friction = self.friction
+        return friction.film_onset_pressure or 0.0 if isinstance(friction, FrictionMap) else 0.0
 
     def smoothing_problem(self, cell: str, degree: int) -> str | None:
         """Why the master cannot be smoothed, if it is to be and cannot.

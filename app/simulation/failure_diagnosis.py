@@ -12,15 +12,15 @@ import ufl
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from app.build.mesh_notes import penalty_note
-from app.equilibrium.equilibrium import Equilibrium, Ints
+from app.build.contact_notes import penalty_note
+from app.build.supports import Loose
+from app.equilibrium.equilibrium import Equilibrium
 from app.implicit.stepper import KINKED, StepResult
 from app.simulation.contact_resultants import ContactResultants
 from forms.bodies.materials import oedometric_modulus
 from forms.friction.friction_map import FrictionMap
 from geometry.surfaces.facets import Floats
 
-COMPONENTS = ("x", "y", "z")
 GAUSS_DEGREE = 2  # of the points at which the volume ratio is looked at
 SQUEEZED = 0.2  # volume ratio J below which an element is said to be nearly collapsed
 SUPPORT = "a support there (displacement), or a load that keeps it in contact"
@@ -46,42 +46,6 @@ def reason_of(result: StepResult) -> str:
 # -- what holds the bodies ------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class Loose:
-    """A direction in which no boundary prescribes a body's displacement.
-
-    Attributes:
-        body: the body's name; component: 0 for x, 1 for y.
-        nodes: local nodes of the body, owned by this rank.
-    """
-
-    body: str
-    component: int
-    nodes: Ints
-
-    @property
-    def text(self) -> str:
-        """The body and the direction, in words."""
-        return f"body {self.body} has no support in {COMPONENTS[self.component]}"
-
-
-def loose_directions(problem: Equilibrium) -> list[Loose]:
-    """The directions in which contact or a platen alone holds a body; collective.
-
-    A body of revolution cannot move away from its axis: it has to widen for that.
-    """
-    table = problem.space.dofmap.list
-    held, found = problem.constrained_dofs(), []
-    for solid in problem.solids:
-        nodes = np.unique(table[solid.cells])
-        nodes = nodes[nodes < problem.owned // problem.dim]
-        for component in range(1 if solid.section == "axisymmetric" else 0, problem.dim):
-            here = bool(np.isin(nodes * problem.dim + component, held).any())
-            if not problem.comm.allreduce(here, op=MPI.LOR):
-                found.append(Loose(solid.name, component, nodes))
-    return found
-
-
 def body_adrift(
     problem: Equilibrium, loose: Iterable[Loose], before: Floats, now: Floats
 ) -> str | None:
@@ -92,7 +56,7 @@ def body_adrift(
 
     Args:
         problem: the equilibrium.
-        loose: the directions, from :func:`loose_directions`.
+        loose: the directions, from :func:`app.build.supports.loose_directions`.
         before: owned unknowns, m, at the start of the step.
         now: at its end.
     """

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from app.case.bodies import formulations
 from app.case.case import Case, check_case, json_schema, load_case, resolved_toml
 from app.case.contact import Coulomb, FrictionMap
 from app.case.overrides import KeyPathError, set_value
@@ -109,10 +110,11 @@ def test_defaults_that_follow_from_other_keys(film):
     case = load_case(film, [f"{MAP}.mu_d=0.12"])
     assert case.geometry.offset == 5e-4
     assert case.geometry.shape().left() == 5e-4
-    assert case.bodies["elastomer"].formulation == "q1-sri"
+    assert formulations(case.bodies, case.geometry.cell)["elastomer"] == "q1-sri"
     assert case.contact[0].penalty_factor == 30.0 and case.contact[0].penalty is None
     triangles = load_case(film, ["geometry.cell=triangle"])
-    assert {body.formulation for body in triangles.bodies.values()} == {"q1"}
+    chosen = formulations(triangles.bodies, triangles.geometry.cell)
+    assert set(chosen.values()) == {"q1"}
     assert load_case(film, ["contact.0.penalty=1e13 Pa/m"]).contact[0].penalty_factor is None
     friction = load_case(film, [PRESET]).contact[0].friction
     assert friction.mu_d == friction.mu_s == 0.1

@@ -11,7 +11,8 @@ import pytest
 from mpi4py import MPI
 
 import app.verify.report as verification
-from app.build.model import build_model, make_mesh
+from app.build.mesh import make_mesh
+from app.build.model import build_model
 from app.case.case import check_case, load_case
 from app.errors import InputError, SolutionError
 from app.simulation.simulation import Observer, Simulation
