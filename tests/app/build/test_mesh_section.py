@@ -12,7 +12,7 @@ import pytest
 from mpi4py import MPI
 
 from app.build.model import build_model
-from app.case.case import load_case
+from app.case.case import load_case, resolved_toml
 from app.errors import InputError
 from geometry.generators.two_blocks import Block, TwoBlocks
 from geometry.generators.two_boxes import Box, TwoBoxes
@@ -96,6 +96,26 @@ def test_meshes_in_space_and_of_revolution(model):
     slab = model("blocks", 'thickness = "2 mm"', "boundary.1.displacement.x=0")
     assert (slab.section, slab.thickness) == ("plane-strain", 2e-3)
     assert model("blocks").thickness == 1.0
+
+
+@pytest.mark.parametrize(
+    ("shape", "geometry", "resolved"),
+    [
+        ("blocks", "", ("plane-strain", 1.0)),
+        ("blocks", 'thickness = "2 mm"', ("plane-strain", 2e-3)),
+        ("blocks", 'section = "axisymmetric"', ("axisymmetric", None)),
+        ("boxes", "", (None, None)),
+    ],
+)
+def test_a_resolved_case_says_what_its_mesh_stands_for(model, tmp_path, shape, geometry, resolved):
+    case = model(shape, geometry).case
+    assert (case.geometry.section, case.geometry.thickness) == resolved
+    assert {body.formulation for body in case.bodies.values()} == {"q1-sri"}
+    assert case.contact[0].quadrature_degree == (5 if shape == "boxes" else 9)
+    again = tmp_path / "again.toml"
+    again.write_text(resolved_toml(case), encoding="utf-8")
+    assert load_case(again) == case
+    assert build_model(load_case(again), MPI.COMM_SELF).case == case
 
 
 def test_linear_tetrahedra_that_lock_are_pointed_out(model):
