@@ -7,10 +7,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from app.case.bodies import BlocksGeometry, GeneratedGeometry
 from app.case.boundary import Boundary
 from app.case.case import Case
-from app.case.contact import Contact, FrictionMap
+from app.case.contact import Contact
+from app.case.friction import FrictionMap
+from app.case.generators import BlocksGeometry
+from app.case.geometry import GeneratedGeometry
 from app.case.time_tables import TimeTable
 from forms.friction.checks import threshold_speed_warning, uniqueness_warning
 

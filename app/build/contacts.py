@@ -15,14 +15,8 @@ from mpi4py import MPI
 from app.build.case_notes import highest_pressure
 from app.build.contact_notes import notes_on_penalty, notes_on_surfaces, stiffer_slave
 from app.case.case import Case
-from app.case.contact import (
-    Contact,
-    Coulomb,
-    Friction,
-    FrictionMap,
-    OwnLaw,
-    Stribeck,
-)
+from app.case.contact import Contact
+from app.case.friction import Coulomb, Friction, FrictionMap, OwnLaw, Stribeck
 from app.errors import InputError
 from forms.bodies.kinematics import Section
 from forms.bodies.materials import Material, oedometric_modulus

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from app.case.boundary import Stage
+from app.case.stage import Stage
 from app.case.time_tables import smooth_step, smooth_step_integral
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 from mpi4py import MPI
 
 from app.build.boundary_conditions import ON_AXIS
-from app.case.bodies import GeneratedGeometry
 from app.case.case import Case
+from app.case.geometry import GeneratedGeometry
 from app.case.validation import format_problem
 from app.errors import InputError
 from geometry.meshes.mesh import MeshError, NamedMesh, bodies_sharing_nodes, generate, read

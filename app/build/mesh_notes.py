@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from mpi4py import MPI
 
-from app.case.bodies import GeneratedGeometry
 from app.case.case import Case
+from app.case.geometry import GeneratedGeometry
 from forms.bodies.solid import Solid
 from geometry.meshes import metis
 from geometry.meshes.mesh import NamedMesh

@@ -15,8 +15,9 @@ from app.build.mesh import make_mesh
 from app.build.mesh_notes import large_mesh, locking_bodies, notes_on_ranks
 from app.build.solids import displacement_on, make_solids, resolved_bodies
 from app.build.supports import notes_on_supports
-from app.case.boundary import COMPONENTS, solver_of
+from app.case.boundary import COMPONENTS
 from app.case.case import Case
+from app.case.stage import solver_of
 from app.equilibrium.equilibrium import Equilibrium, Ints
 from app.implicit.linear_solver import chosen_solver
 from forms.bodies.kinematics import Section

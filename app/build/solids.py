@@ -6,13 +6,7 @@ from collections.abc import Mapping
 
 import dolfinx
 
-from app.case.bodies import (
-    Body,
-    HenckyBody,
-    MooneyRivlinBody,
-    formulation_problems,
-    formulations,
-)
+from app.case.bodies import Body, HenckyBody, MooneyRivlinBody, formulation_problems, formulations
 from app.errors import InputError
 from forms.bodies.kinematics import Section
 from forms.bodies.materials import Hencky, Material, MooneyRivlin, NeoHookean

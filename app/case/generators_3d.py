@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
-from app.case.bodies import GeneratedGeometry
+from app.case.geometry import GeneratedGeometry
 from app.case.quantities import Quantity
 from app.case.table import Count, Model, Place, Problem
 

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from app.build.load_steps import LoadStep
-from app.case.boundary import Stage
+from app.case.stage import Stage
 from app.implicit.stepper import StepResult
 from app.simulation.contact_resultants import Row
 from app.simulation.explicit_stage import Interval

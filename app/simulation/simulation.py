@@ -9,7 +9,7 @@ import numpy as np
 from app.build.load_steps import LoadStep, load_steps_of
 from app.build.model import Model
 from app.build.supports import loose_directions
-from app.case.boundary import solver_of
+from app.case.stage import solver_of
 from app.errors import InputError, SolutionError
 from app.explicit.stepper import ExplicitStepper
 from app.implicit.stepper import ImplicitOptions, ImplicitStepper, StepResult

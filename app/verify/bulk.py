@@ -8,7 +8,7 @@ import dolfinx
 import numpy as np
 from numpy.typing import NDArray
 
-from app.case.bodies import BlocksGeometry
+from app.case.generators import BlocksGeometry
 from app.results.fields import StressField
 from app.simulation.simulation import Simulation
 from app.verify.result import Check, Floats, Line, Panel, Verification, compare

@@ -12,7 +12,7 @@ import gmsh
 import meshio
 import pytest
 
-from app.case.case import load_case
+from app.case.reading import load_case
 from app.results.directory import read_table
 
 LENGTH = 1e-3

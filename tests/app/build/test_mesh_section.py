@@ -12,7 +12,8 @@ import pytest
 from mpi4py import MPI
 
 from app.build.model import build_model
-from app.case.case import load_case, resolved_toml
+from app.case.case import resolved_toml
+from app.case.reading import load_case
 from app.errors import InputError
 from geometry.generators.two_blocks import Block, TwoBlocks
 from geometry.generators.two_boxes import Box, TwoBoxes
@@ -185,7 +186,7 @@ RANKS = """
 import sys
 from pathlib import Path
 from mpi4py import MPI
-from app.case.case import load_case
+from app.case.reading import load_case
 from app.build.model import build_model
 notes = build_model(load_case(Path(sys.argv[1])), MPI.COMM_WORLD).notes
 assert len(set(map(tuple, MPI.COMM_WORLD.allgather(notes)))) == 1

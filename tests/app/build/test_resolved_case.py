@@ -11,7 +11,8 @@ import pytest
 from mpi4py import MPI
 
 from app.build.model import Model, build_model
-from app.case.case import Case, load_case, resolved_toml
+from app.case.case import Case, resolved_toml
+from app.case.reading import load_case
 from app.run.run import run_case
 from tests.app.conftest import BLOCK, FILM, SLID
 

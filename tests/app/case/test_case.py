@@ -13,9 +13,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.case.bodies import formulations
-from app.case.case import Case, check_case, json_schema, load_case, resolved_toml
-from app.case.contact import Coulomb, FrictionMap
+from app.case.case import Case, resolved_toml
+from app.case.friction import Coulomb, FrictionMap
 from app.case.overrides import KeyPathError, set_value
+from app.case.reading import check_case, load_case
+from app.case.schema import json_schema
 from app.case.time_tables import TimeTable
 from app.errors import InputError
 
@@ -192,7 +194,7 @@ def test_mesh_is_found_beside_the_case(tmp_path, monkeypatch):
 
 def test_reading_a_case_loads_nothing_heavy():
     script = (
-        "import sys; from pathlib import Path; from app.case.case import load_case;"
+        "import sys; from pathlib import Path; from app.case.reading import load_case;"
         f"load_case(Path({str(BLOCK_SLIDE)!r}));"
         "print([m for m in ('pint', 'ufl', 'dolfinx', 'gmsh', 'scipy') if m in sys.modules])"
     )

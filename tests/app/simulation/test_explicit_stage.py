@@ -11,8 +11,9 @@ from scipy.integrate import quad
 
 from app.build.load_steps import LoadStep, load_steps_of
 from app.build.model import body_dofs, build_model, initial_velocity
-from app.case.boundary import Stage
-from app.case.case import Case, check_case, load_case, resolved_toml
+from app.case.case import Case, resolved_toml
+from app.case.reading import check_case, load_case
+from app.case.stage import Stage
 from app.case.time_tables import Program, TimeTable, smooth_step, smooth_step_integral
 from app.simulation.inertia import Inertia, notes_on_inertia
 from app.simulation.simulation import Observer, Simulation
