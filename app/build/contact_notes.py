@@ -80,7 +80,7 @@ def notes_on_penalty(index: int, factor: float, explicit: bool) -> Iterator[str]
 
 
 def penalty_note(index: int, factor: float) -> str | None:
-    """What is said of a penalty that is far from what works; None of others.
+    """A line on a penalty far from those that work; None for others.
 
     Args:
         index: of the contact.

@@ -46,7 +46,7 @@ class BuiltContact:
 
     Attributes:
         table: of the case, with every default resolved.
-        term: what is solved.
+        term: its residual, tangent and history.
         notes: what the user should know, one line each.
     """
 

@@ -31,8 +31,8 @@ class Model:
     """A case made ready to be solved.
 
     Attributes:
-        case: what is solved: the case asked for, without its sweep, with every default resolved.
-            Read from a file, it gives the same numbers.
+        case: the case asked for, without its sweep and with every default resolved. Written to a
+            file and read back, it gives the same numbers.
         named: mesh with named bodies and surfaces.
         problem: residual and tangent of everything together.
         programs: each sets one load from (time, driven displacement), s and m.

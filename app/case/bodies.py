@@ -26,7 +26,7 @@ class BodyVelocity(Model):
     )
 
     def section_problems(self, section: Section, place: Place) -> Iterator[Problem]:
-        """What does not go with bodies of this section, `place` being this table's place."""
+        """Keys that do not go with this section; `place` is where this table stands."""
         if section != "3D" and self.z != 0.0:
             yield Problem((*place, "z"), "there is no z in a mesh in the plane", self.z)
         if section == "axisymmetric" and self.x != 0.0:
@@ -53,7 +53,7 @@ class _Body(Model):
     )
 
     def problems(self, place: Place) -> Iterator[Problem]:
-        """What is wrong with the material, `place` being this table's place in the case."""
+        """Mistakes in the material; `place` is where this table stands in the case."""
         return iter(())
 
     def formulation_for(self, cell: str) -> Formulation:

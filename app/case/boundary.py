@@ -1,4 +1,4 @@
-"""The `[[boundary]]` tables of a case file: what is held, pressed and moved."""
+"""The `[[boundary]]` tables of a case file: supports, motions and loads of surfaces."""
 
 from __future__ import annotations
 
@@ -144,7 +144,7 @@ class Rotation(Model):
 
 
 class Boundary(Model):
-    """What is done to one named surface."""
+    """The supports, motions and loads of one named surface."""
 
     surface: Text = Field(description="name of the surface")
     displacement: Displacement | None = Field(default=None, description="prescribed displacement")
@@ -186,7 +186,7 @@ class Boundary(Model):
             yield "spring", "end"
 
     def problems(self, place: Place) -> Iterator[Problem]:
-        """What does not fit together, `place` being this table's place in the case."""
+        """Keys that do not fit together; `place` is where this table stands in the case."""
         if not any(self.prescribed()) and self.pressure is None:
             reason = (
                 "does nothing; give displacement, velocity, platen, spring, rotation or pressure"
@@ -228,7 +228,7 @@ class Boundary(Model):
 def boundary_problems(
     boundaries: Sequence[Boundary], place: Place, section: Section | None = None
 ) -> Iterator[Problem]:
-    """What is wrong with the boundaries, each by itself, together, and with the mesh if known."""
+    """Mistakes in the boundaries: each by itself, together, and with the mesh if known."""
     decided: dict[tuple[str, str], str] = {}
     for index, boundary in enumerate(boundaries):
         yield from boundary.problems((*place, index))

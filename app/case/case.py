@@ -60,7 +60,7 @@ class Case(Model):
         min_length=1, description="pairs of surfaces that may touch, [[contact]]"
     )
     boundary: tuple[Boundary, ...] = Field(
-        min_length=1, description="what is held, moved and pressed, [[boundary]]"
+        min_length=1, description="supports, motions and loads of surfaces, [[boundary]]"
     )
     stage: tuple[Stage, ...] = Field(
         min_length=1, description="the parts of the run, one after the other, [[stage]]"
@@ -101,7 +101,7 @@ class Case(Model):
         return Case.model_validate(data, context={"source": self._source})
 
     def _swept_data(self, value: object) -> dict[str, Any]:
-        """What the user has given, with one value of the sweep; defaults are derived anew."""
+        """The keys that were given, with one value of the sweep; defaults follow from them."""
         assert self.sweep is not None
         data = self.model_dump(mode="json", exclude_unset=True, exclude={"sweep"})
         set_value(data, self.sweep.key, value)

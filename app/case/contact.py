@@ -92,7 +92,7 @@ class Contact(Model):
         )
 
     def problems(self, place: Place) -> Iterator[Problem]:
-        """What does not fit together, `place` being this table's place in the case."""
+        """Keys that do not fit together; `place` is where this table stands in the case."""
         if self.slave == self.master:
             yield Problem((*place, "master"), "must differ from slave", self.master)
         if self.penalty is not None and self.penalty_factor is not None:

@@ -34,7 +34,7 @@ class Film(Model):
         return (self.thickness,)
 
     def film(self) -> FilmThickness:
-        """What the contact takes."""
+        """The film as a function of the pressure."""
         from forms.friction.film import ConstantFilm, FilmTable
 
         if isinstance(self.thickness, tuple):

@@ -144,7 +144,7 @@ class FrictionMap(Model):
     )
 
     def parameters(self) -> FrictionMapParameters:
-        """What the law takes.
+        """The parameters of the law.
 
         Raises:
             ValueError: the values do not fit together; the message says how.
@@ -156,7 +156,7 @@ class FrictionMap(Model):
         return FrictionMapParameters(**values)
 
     def problems(self, place: Place, film: Film | None) -> Iterator[Problem]:
-        """What does not fit together, `place` being this table's place in the case."""
+        """Keys that do not fit together; `place` is where this table stands in the case."""
         found = list(self._problems(place, film))
         if not found:
             try:
@@ -219,7 +219,7 @@ class Stribeck(Model):
     )
 
     def parameters(self) -> StribeckParameters:
-        """What the law takes; `K_T` must be there.
+        """The parameters of the law; `K_T` must be given.
 
         Raises:
             ValueError: the values do not fit together; the message says how.
@@ -229,7 +229,7 @@ class Stribeck(Model):
         return StribeckParameters(**self.model_dump(exclude={"law"}))
 
     def problems(self, place: Place, film: Film | None) -> Iterator[Problem]:
-        """What does not fit together, `place` being this table's place in the case."""
+        """Keys that do not fit together; `place` is where this table stands in the case."""
         if self.mu_d > self.mu_s:
             yield Problem((*place, "mu_d"), f"must be <= mu_s = {self.mu_s:g}", self.mu_d)
 

@@ -70,7 +70,7 @@ class BlocksGeometry(PlaneGeometry):
         return max(self.lower.width, self.upper.width)
 
     def shape(self) -> TwoBlocks:
-        """What the generator takes.
+        """The shape that the generator meshes.
 
         Raises:
             ValueError: the blocks cannot be meshed so; the message says why.
@@ -84,7 +84,7 @@ class BlocksGeometry(PlaneGeometry):
         return TwoBlocks(upper, lower, self.offset, self.gap, self.cell, *self.bodies)
 
     def problems(self, place: Place) -> Iterator[Problem]:
-        """What is wrong with the blocks, `place` being this table's place in the case."""
+        """Mistakes in the blocks; `place` is where this table stands in the case."""
         found = False
         for name, block in (("upper", self.upper), ("lower", self.lower)):
             if (block.elements is None) == (block.size is None):
@@ -184,7 +184,7 @@ class _LineGeometry(PlaneGeometry):
         return FlatBlock(size.width, size.height, *zone)
 
     def shape(self) -> LineContact:
-        """What the generator takes.
+        """The shape that the generator meshes.
 
         Raises:
             ValueError: the bodies cannot be meshed so; the message says why.
@@ -195,7 +195,7 @@ class _LineGeometry(PlaneGeometry):
         return LineContact(upper, lower, self.growth, self.cell, *self.bodies)
 
     def problems(self, place: Place) -> Iterator[Problem]:
-        """What is wrong with the bodies, `place` being this table's place in the case."""
+        """Mistakes in the bodies; `place` is where this table stands in the case."""
         wrong = False
         for name, size in self.sizes():
             try:

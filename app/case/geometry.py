@@ -54,7 +54,7 @@ class GeneratedGeometry(Model):
         raise NotImplementedError
 
     def shape(self) -> Shape:
-        """What is meshed.
+        """The shape that is meshed.
 
         Raises:
             ValueError: it cannot be meshed so; the message says why.

@@ -1,4 +1,4 @@
-"""Reading a case file: TOML with overrides, and what is wrong with it in words."""
+"""Reading a case file: TOML with overrides; mistakes in it become lines of text."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def load_case(path: Path, overrides: Sequence[str] = ()) -> Case:
 
 
 def check_case(path: Path, overrides: Sequence[str] = ()) -> list[str]:
-    """All that is wrong with a case file, one line each; empty if it can be run.
+    """All mistakes in a case file, one line each; empty if it can be run.
 
     Args:
         path: the file.
@@ -47,7 +47,7 @@ def check_case(path: Path, overrides: Sequence[str] = ()) -> list[str]:
 
 
 def _read(path: Path, overrides: Sequence[str]) -> Case | list[str]:
-    """The case, or lines on what is wrong with it."""
+    """The case, or a line on each mistake in it."""
     try:
         data = _read_toml(path)
         for override in overrides:

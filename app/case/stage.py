@@ -21,7 +21,7 @@ _STEADY_KEYS = (
 
 
 class Stage(Model):
-    """One part of the run: a duration, or a list of velocities each held until steady."""
+    """One part of the run: a duration, or velocities, each kept until the force is steady."""
 
     name: Text = Field(description="name of the stage in results and messages")
     duration: Annotated[float, Quantity("s", gt=0.0)] | None = Field(
@@ -99,7 +99,7 @@ class Stage(Model):
         return {key: value for key, value in handler(self).items() if key not in idle}
 
     def problems(self, place: Place) -> Iterator[Problem]:
-        """What does not fit together, `place` being this table's place in the case."""
+        """Keys that do not fit together; `place` is where this table stands in the case."""
         given = self.model_fields_set
         if "velocities" in given and not self.velocities:
             yield Problem((*place, "velocities"), "must hold at least one velocity", [])
@@ -132,7 +132,7 @@ class Stage(Model):
 def stage_problems(
     stages: Sequence[Stage], boundaries: Sequence[Boundary], place: Place
 ) -> Iterator[Problem]:
-    """What is wrong with the stages, each by itself and together; else with the boundaries."""
+    """Mistakes in the stages, each by itself and together; without any, in what they drive."""
     found: list[Problem] = []
     names: set[str] = set()
     for index, stage in enumerate(stages):
