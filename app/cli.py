@@ -51,7 +51,7 @@ def run(
     ] = None,
 ) -> None:
     """Run a case, or every value of its sweep, and write results and figures."""
-    from app.case.case import load_case
+    from app.case.reading import load_case
     from app.results.directory import check_free, default_directory
 
     case = load_case(case_file, overrides or [])
@@ -195,7 +195,7 @@ def _see_that_it_builds(case: Case) -> list[str]:
 @cli.command()
 def check(case_file: CaseFile, overrides: Overrides = None) -> None:
     """Check a case file without running it; every problem is one line."""
-    from app.case.case import check_case, load_case
+    from app.case.reading import check_case, load_case
 
     problems = check_case(case_file, overrides or [])
     if problems:
@@ -224,9 +224,9 @@ def mesh(
     """Write a case's mesh (.msh) and a picture of it with the names of bodies and surfaces."""
     from mpi4py import MPI
 
-    from app.build.model import make_mesh
-    from app.case.bodies import GeneratedGeometry
-    from app.case.case import load_case
+    from app.build.mesh import make_mesh
+    from app.case.geometry import GeneratedGeometry
+    from app.case.reading import load_case
     from app.results.directory import default_directory
     from geometry.meshes.gmsh_model import write_msh
     from geometry.pictures.plane import save_picture
@@ -252,7 +252,7 @@ def plot(
     directory: Annotated[Path, typer.Argument(metavar="DIR", help="results directory")],
 ) -> None:
     """Draw the figures of a results directory again from its files."""
-    from app.case.case import load_case
+    from app.case.reading import load_case
     from app.figures.history import draw_history, draw_sweep
 
     if not directory.is_dir():
@@ -354,7 +354,7 @@ def verify(
 @cli.command()
 def schema() -> None:
     """Print the JSON schema of case files."""
-    from app.case.case import json_schema
+    from app.case.schema import json_schema
 
     print(json.dumps(json_schema(), indent=2, ensure_ascii=False))
 

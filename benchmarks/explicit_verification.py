@@ -15,7 +15,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from app.case.case import Case, load_case
+from app.case.case import Case
+from app.case.reading import load_case
 from app.figures.phase_plots import draw_overlay
 from app.results.directory import read_table
 from app.run.run import run_case

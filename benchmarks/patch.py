@@ -22,7 +22,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from app.build.model import build_model
-from app.case.case import load_case
+from app.case.reading import load_case
 from app.errors import SolutionError
 from app.results.fields import StressField
 from app.simulation.simulation import Observer, Simulation

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import app.bench.bench
-from app.case.case import load_case
+from app.case.reading import load_case
 
 ROOT = app.bench.bench.ROOT
 

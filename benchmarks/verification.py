@@ -19,9 +19,9 @@ from typing import Any
 
 import numpy as np
 
-from app.case.bodies import TwoCylindersGeometry
-from app.case.case import load_case
-from app.case.contact import FrictionMap
+from app.case.friction import FrictionMap
+from app.case.generators import TwoCylindersGeometry
+from app.case.reading import load_case
 from app.results.directory import read_table
 from app.run.run import run_case
 from app.verify.contact import Profile, press, pressure_checks, traction_checks

@@ -19,8 +19,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from app.bench.tables import Measured, tables
-from app.case.bodies import BlocksGeometry
-from app.case.case import Case, load_case
+from app.case.case import Case
+from app.case.generators import BlocksGeometry
+from app.case.reading import load_case
 from app.errors import InputError, SolutionError
 
 ROOT = Path(__file__).resolve().parents[2]

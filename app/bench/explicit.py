@@ -25,7 +25,7 @@ import dolfinx
 import numpy as np
 from mpi4py import MPI
 
-from app.build.model import QUADRATURE_DEGREE
+from app.build.contacts import QUADRATURE_DEGREE
 from app.equilibrium.constraints import Platen, Prescribed, component_dofs
 from app.equilibrium.equilibrium import Equilibrium
 from app.explicit.stepper import ExplicitOptions, ExplicitStepper

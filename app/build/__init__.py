@@ -1,1 +1,1 @@
-"""From a case to what is solved: mesh, bodies, contacts, loads, and notes on them."""
+"""From a case to the objects that are solved: mesh, bodies, contacts, loads; notes on them."""

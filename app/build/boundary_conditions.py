@@ -1,4 +1,4 @@
-"""What the boundaries of a case prescribe: displacements, rotations, platens and pressures."""
+"""The boundary conditions of a case: displacements, rotations, platens and pressures."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ Program = Callable[[float, float], float | Floats]
 
 
 @dataclass(frozen=True, slots=True)
-class _Hold:
-    """What decides a displacement component of a surface: equal sources agree at shared nodes."""
+class _Constraint:
+    """A displacement component of a surface; those of equal sources agree at shared nodes."""
 
     surface: str
     component: int
@@ -65,9 +65,9 @@ class Loads:
         self.notes: list[str] = []
         self.pressures: list[FollowerPressure] = []
         self.programs: list[Callable[[float, float], None]] = []
-        self._holds: list[_Hold] = []
+        self._constraints: list[_Constraint] = []
         if section == "axisymmetric":
-            self._hold_axis()
+            self._constrain_axis()
 
     def add(self, boundary: Boundary) -> None:
         """Add one boundary."""
@@ -90,17 +90,17 @@ class Loads:
     def _prescribe(
         self, surface: str, dofs: Ints, component: int, value: Program, source: object
     ) -> None:
-        held = Prescribed(dofs)
-        self.prescribed.append(held)
-        self._holds.append(_Hold(surface, component, source, dofs))
+        constrained = Prescribed(dofs)
+        self.prescribed.append(constrained)
+        self._constraints.append(_Constraint(surface, component, source, dofs))
 
         def program(time: float, driven: float) -> None:
-            held.value = value(time, driven)
+            constrained.value = value(time, driven)
 
         self.programs.append(program)
 
-    def _hold_axis(self) -> None:
-        """Keep what lies on the axis of symmetry there."""
+    def _constrain_axis(self) -> None:
+        """Constrain the nodes on the axis of symmetry: their u_x is 0."""
         space = self.u.function_space
         x = space.tabulate_dof_coordinates()[: space.dofmap.index_map.size_local, 0]
         largest = space.mesh.comm.allreduce(float(x.max(initial=0.0)), op=MPI.MAX)
@@ -132,7 +132,7 @@ class Loads:
         mine = [
             f'"{a.surface}" and "{b.surface}" share a node and both decide its displacement in '
             f"{COMPONENTS[a.component]}, each in its own way; let one of them leave it out"
-            for a, b in itertools.combinations(self._holds, 2)
+            for a, b in itertools.combinations(self._constraints, 2)
             if a.component == b.component
             and a.source != b.source
             and np.intersect1d(a.dofs, b.dofs).size
@@ -179,7 +179,7 @@ class Loads:
         platen = Platen(dofs, mass=mass / self.thickness)
         self.platens.append(platen)
         self.platen_names.append(f"{surface}_{COMPONENTS[component]}")
-        self._holds.append(_Hold(surface, component, object(), platen.dofs))
+        self._constraints.append(_Constraint(surface, component, object(), platen.dofs))
         return platen
 
     def _spring(self, surface: str, spring: Spring, facets: Ints) -> None:

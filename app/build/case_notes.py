@@ -7,12 +7,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from app.case.bodies import BlocksGeometry, GeneratedGeometry
 from app.case.boundary import Boundary
 from app.case.case import Case
-from app.case.contact import Contact, FrictionMap
+from app.case.contact import Contact
+from app.case.friction import FrictionMap
+from app.case.generators import BlocksGeometry
+from app.case.geometry import GeneratedGeometry
 from app.case.time_tables import TimeTable
-from app.simulation.load_steps import Inertia, LoadStep
 from forms.friction.checks import threshold_speed_warning, uniqueness_warning
 
 THICK = 1e-5  # m, film thickness that is surely a slip of units
@@ -33,32 +34,6 @@ def notes_on(case: Case) -> list[str]:
     ]
 
 
-STIFF_PENALTY = 10.0  # penalty_factor above which an explicit run pays for it
-REST = 1e-3  # kinetic over strain energy up to which a relaxed body counts as at rest
-
-
-def notes_on_inertia(case: Case, load_step: LoadStep, inertia: Inertia) -> Iterator[str]:
-    """Warnings after an explicit load step: scaled mass that is felt, and bodies not at rest.
-
-    Args:
-        case: what was run; load_step: the part that has ended.
-        load_step: see case.
-        inertia: kinetic against strain energy over it.
-    """
-    limit = case.solver.kinetic_limit
-    if case.solver.mass_scaling is not None and inertia.ratio > limit:
-        yield (
-            f"stage {load_step.label}: kinetic energy is {inertia.ratio:.2g} of the strain "
-            f"energy, above kinetic_limit = {limit:g}: the scaled mass is felt (less mass_scaling, "
-            "a longer ramp or a lower velocity)"
-        )
-    if load_step.stage.relax and inertia.last > REST:
-        yield (
-            f"stage {load_step.label}: not at rest at its end, kinetic energy is "
-            f"{inertia.last:.2g} of the strain energy (longer duration)"
-        )
-
-
 def _pressures(boundary: Boundary) -> Iterator[tuple[str, TimeTable]]:
     if boundary.pressure is not None:
         yield "pressure", boundary.pressure
@@ -67,11 +42,6 @@ def _pressures(boundary: Boundary) -> Iterator[tuple[str, TimeTable]]:
 
 
 def _notes_on_contact(case: Case, contact: Contact) -> Iterator[str]:
-    if case.is_explicit and (contact.penalty_factor or 0.0) > STIFF_PENALTY:
-        yield (
-            f"penalty_factor = {contact.penalty_factor:g} shortens explicit steps and lets nodes "
-            "chatter; 1 to 3 is stiff enough for most"
-        )
     if not isinstance(contact.friction, FrictionMap) or contact.film is None:
         return
     yield from _notes_on_weakening(case, contact.friction)

@@ -1,14 +1,8 @@
-"""Case files: TOML, read, completed with defaults, checked as a whole, in SI.
-
-`load_case` is what a program needs; `Case` documents itself through `json_schema` and the page on
-case files in the documentation.
-"""
+"""A case: all tables of a case file together, complete and free of contradictions, in SI."""
 
 from __future__ import annotations
 
 import difflib
-import re
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -23,31 +17,18 @@ from pydantic import (
     model_validator,
 )
 
-from app.case.bodies import (
-    BlocksGeometry,
-    Body,
-    CylinderOnBlockGeometry,
-    GeneratedGeometry,
-    MeshGeometry,
-    TwoCylindersGeometry,
-    formulation_problems,
-    formulations,
-)
-from app.case.boundary import (
-    Boundary,
-    Stage,
-    boundary_problems,
-    order_problems,
-    stage_problems,
-)
+from app.case.bodies import Body, formulation_problems
+from app.case.boundary import Boundary, boundary_problems
 from app.case.contact import Contact
+from app.case.generators import BlocksGeometry, CylinderOnBlockGeometry, TwoCylindersGeometry
 from app.case.generators_3d import BoxesGeometry, SphereGeometry
-from app.case.overrides import KeyPathError, apply_override, set_value
+from app.case.geometry import GeneratedGeometry, MeshGeometry
+from app.case.overrides import KeyPathError, set_value
 from app.case.solver import Output, Solver, Sweep
+from app.case.stage import Stage, order_problems, stage_problems
 from app.case.table import Model, Place, Problem, problems_error
 from app.case.toml_writer import toml_text
 from app.case.validation import format_problem, problems_of
-from app.errors import InputError
 
 Geometry = Annotated[
     BlocksGeometry
@@ -79,7 +60,7 @@ class Case(Model):
         min_length=1, description="pairs of surfaces that may touch, [[contact]]"
     )
     boundary: tuple[Boundary, ...] = Field(
-        min_length=1, description="what is held, moved and pressed, [[boundary]]"
+        min_length=1, description="supports, motions and loads of surfaces, [[boundary]]"
     )
     stage: tuple[Stage, ...] = Field(
         min_length=1, description="the parts of the run, one after the other, [[stage]]"
@@ -120,7 +101,7 @@ class Case(Model):
         return Case.model_validate(data, context={"source": self._source})
 
     def _swept_data(self, value: object) -> dict[str, Any]:
-        """What the user has given, with one value of the sweep; defaults are derived anew."""
+        """The keys that were given, with one value of the sweep; defaults follow from them."""
         assert self.sweep is not None
         data = self.model_dump(mode="json", exclude_unset=True, exclude={"sweep"})
         set_value(data, self.sweep.key, value)
@@ -144,25 +125,6 @@ class Case(Model):
             if problems := list(_name_problems(bodies, geometry.bodies)):
                 raise problems_error(problems)
         return bodies
-
-    @field_validator("bodies", mode="after")
-    @classmethod
-    def _default_formulation(cls, bodies: dict[str, Body], info: ValidationInfo) -> dict[str, Body]:
-        """Fill in the formulation that suits the elements, where they are known already."""
-        geometry = info.data.get("geometry")
-        if not isinstance(geometry, GeneratedGeometry):
-            return bodies
-        try:
-            chosen = formulations(bodies, geometry.cell)
-        except ValueError:
-            return bodies  # said with all that is wrong
-        filled = {}
-        for name, body in bodies.items():
-            filled[name] = body
-            if body.formulation is None:
-                filled[name] = body.model_copy(update={"formulation": chosen[name]})
-                filled[name].model_fields_set.discard("formulation")
-        return filled
 
     @model_validator(mode="after")
     def _fits_together(self, info: ValidationInfo) -> Self:
@@ -292,65 +254,6 @@ def _hint(name: str, known: Sequence[str]) -> str:
     return f'did you mean "{near[0]}"?' if near else f"there are {', '.join(known)}"
 
 
-def load_case(path: Path, overrides: Sequence[str] = ()) -> Case:
-    """Read a case file.
-
-    Args:
-        path: the file.
-        overrides: "dotted.key=value" texts that replace or add values; list entries by number
-            ("contact.0.film.thickness=10 nm"). The value is TOML if it can be, else text.
-
-    Raises:
-        InputError: the file cannot be read or the case is wrong. The message is the first
-            problem; `check_case` lists all.
-    """
-    case = _read(Path(path), overrides)
-    if isinstance(case, Case):
-        return case
-    more = f" (and {len(case) - 1} more; tribox check lists them)" if len(case) > 1 else ""
-    raise InputError(case[0] + more)
-
-
-def check_case(path: Path, overrides: Sequence[str] = ()) -> list[str]:
-    """All that is wrong with a case file, one line each; empty if it can be run.
-
-    Args:
-        path: the file.
-        overrides: as for `load_case`.
-    """
-    case = _read(Path(path), overrides)
-    return [] if isinstance(case, Case) else case
-
-
-def _read(path: Path, overrides: Sequence[str]) -> Case | list[str]:
-    """The case, or lines on what is wrong with it."""
-    try:
-        data = _read_toml(path)
-        for override in overrides:
-            apply_override(data, override)
-    except InputError as error:
-        return [str(error)]
-    try:
-        return Case.model_validate(data, context={"source": path})
-    except ValidationError as error:
-        return [f"{path}: {format_problem(p)}" for p in problems_of(error, Case, data)]
-
-
-def _read_toml(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: not a text file in UTF-8") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
-    except tomllib.TOMLDecodeError as error:
-        match = re.fullmatch(r"(.*) \(at line (\d+), column (\d+)\)", str(error))
-        line, reason = (f":{match[2]}", f"{match[1]} (column {match[3]})") if match else ("", error)
-        raise InputError(f"{path}{line}: not valid TOML: {reason}") from None
-
-
 def resolved_toml(case: Case) -> str:
     """The case as a file, with every default and unit written out; it reads back to an equal case.
 
@@ -360,37 +263,3 @@ def resolved_toml(case: Case) -> str:
     data = case.model_dump(mode="json", exclude_none=True)
     given = case.model_dump(mode="json", exclude_unset=True) if case.sweep is not None else None
     return toml_text(data, given)
-
-
-def json_schema() -> dict[str, Any]:
-    """JSON schema of a case file, with unit and meaning in the description of each key."""
-    schema = Case.model_json_schema()
-    # A preset may supply these; only the program itself can tell.
-    map_ = schema["$defs"]["FrictionMap"]
-    map_["required"] = [key for key in map_["required"] if key in ("mu_s", "K_T")]
-    schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
-    _tidy(schema)
-    return schema
-
-
-def _tidy(node: Any) -> None:
-    """Take out null, which TOML cannot say, and put units into descriptions."""
-    if isinstance(node, list):
-        for item in node:
-            _tidy(item)
-    if not isinstance(node, dict):
-        return
-    for item in node.values():
-        _tidy(item)
-    choices = [item for item in node.get("anyOf", []) if item != {"type": "null"}]
-    if len(choices) == 1 and len(node["anyOf"]) == 2:
-        del node["anyOf"]
-        node.update({key: value for key, value in choices[0].items() if key not in node})
-    elif choices:
-        node["anyOf"] = choices
-    if "default" in node and node["default"] is None:
-        del node["default"]
-    if isinstance(node.get("title"), str) and "$defs" not in node:
-        del node["title"]  # Only the key's name once more.
-    if "description" in node and node.get("x-unit", "1") != "1":
-        node["description"] = f"{node['description']} [{node['x-unit']}]"

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
-from app.case.bodies import GeneratedGeometry
+from app.case.geometry import GeneratedGeometry
 from app.case.quantities import Quantity
 from app.case.table import Count, Model, Place, Problem
 
@@ -76,7 +76,7 @@ class BoxesGeometry(GeneratedGeometry):
         return max(max(box.width, box.depth) for box in (self.lower, self.upper))
 
     def shape(self) -> TwoBoxes:
-        """What the generator takes.
+        """The shape that the generator meshes.
 
         Raises:
             ValueError: the boxes cannot be meshed so; the message says why.
@@ -90,7 +90,7 @@ class BoxesGeometry(GeneratedGeometry):
         return TwoBoxes(upper, lower, self.offset, self.gap, self.cell, *self.bodies)
 
     def problems(self, place: Place) -> Iterator[Problem]:
-        """What is wrong with the boxes, `place` being this table's place in the case."""
+        """Mistakes in the boxes; `place` is where this table stands in the case."""
         found = False
         for name, box in (("upper", self.upper), ("lower", self.lower)):
             if (box.elements is None) == (box.size is None):
@@ -180,7 +180,7 @@ class SphereGeometry(GeneratedGeometry):
         return 2.0 * max(self.sphere.radius, self.block.radius)
 
     def shape(self) -> SphereOnBlock:
-        """What the generator takes.
+        """The shape that the generator meshes.
 
         Raises:
             ValueError: the bodies cannot be meshed so; the message says why.
@@ -200,7 +200,7 @@ class SphereGeometry(GeneratedGeometry):
         )
 
     def problems(self, place: Place) -> Iterator[Problem]:
-        """What is wrong with the bodies, `place` being this table's place in the case."""
+        """Mistakes in the bodies; `place` is where this table stands in the case."""
         try:
             self.shape()
         except ValueError as error:

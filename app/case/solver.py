@@ -52,7 +52,7 @@ class MassScaling(Model):
     )
 
     def problems(self, place: Place) -> Iterator[Problem]:
-        """What does not fit together, `place` being this table's place in the case."""
+        """Keys that do not fit together; `place` is where this table stands in the case."""
         if self.kind == "limiting":
             if self.factor is not None:
                 reason = 'goes with kind = "uniform" only; limiting elements need step'
@@ -123,7 +123,7 @@ class Solver(Model):
         return {key: value for key, value in handler(self).items() if key not in idle}
 
     def problems(self, place: Place) -> Iterator[Problem]:
-        """What does not fit together, `place` being this table's place in the case."""
+        """Keys that do not fit together; `place` is where this table stands in the case."""
         if self.kind == "implicit":
             for key in EXPLICIT_KEYS:
                 if key in self.model_fields_set:
@@ -133,7 +133,7 @@ class Solver(Model):
 
 
 class Output(Model):
-    """What is written beside the history."""
+    """The files that are written beside the history."""
 
     fields_every: CountOrZero = Field(
         default=1,

@@ -43,7 +43,7 @@ def smooth_step_integral(share: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class TimeTable:
-    """A function of time through given points, held before the first and after the last.
+    """A function of time through given points, constant before the first and after the last.
 
     Attributes:
         times: s, strictly increasing, at least one.

@@ -1,4 +1,4 @@
-"""What is wrong in a case, in words: one line each, with place, value and what is allowed."""
+"""Mistakes in a case as text: one line each, with place, value and the values allowed."""
 
 from __future__ import annotations
 

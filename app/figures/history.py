@@ -14,8 +14,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from app.case.case import Case, load_case
-from app.case.contact import FrictionMap
+from app.case.case import Case
+from app.case.friction import FrictionMap
+from app.case.reading import load_case
 from app.figures.phase_plots import draw_phases
 from app.figures.style import COLOURS, MARKERS, STYLE, columns, save
 from app.results.directory import read_table

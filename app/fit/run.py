@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from app.case.contact import FrictionMap
+from app.case.friction import FrictionMap
 from app.case.overrides import apply_override
 from app.case.quantities import QuantityError, parse_quantity
 from app.case.toml_writer import toml_text

@@ -11,9 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from app.case.case import Case, load_case
-from app.case.contact import Contact, Film, FrictionMap
+from app.case.case import Case
+from app.case.contact import Contact
+from app.case.film import Film
+from app.case.friction import FrictionMap
 from app.case.overrides import apply_override
+from app.case.reading import load_case
 from app.case.validation import format_problem, problems_of
 from app.errors import InputError
 from forms.closed_forms.homogeneous_sliding import crossover_speed, threshold_speed

@@ -45,9 +45,14 @@ WORN, FEW = 2, 10
 
 def linear_options(problem: Equilibrium, kind: Linear) -> dict[str, str | float | bool]:
     """PETSc options of the linear solver that a case asks for."""
+    return DIRECT if chosen_solver(problem, kind) == "direct" else KRYLOV
+
+
+def chosen_solver(problem: Equilibrium, kind: Linear) -> Linear:
+    """The linear solver that a case asks for, "auto" decided by the number of unknowns."""
     if kind == "auto":
-        kind = "direct" if problem.size <= DIRECT_LIMIT[problem.dim] else "krylov"
-    return DIRECT if kind == "direct" else KRYLOV
+        return "direct" if problem.size <= DIRECT_LIMIT[problem.dim] else "krylov"
+    return kind
 
 
 class LinearSolver:

@@ -103,7 +103,7 @@ def _is_own(name: str, labels: Sequence[str]) -> bool:
 
 def _sweep_labels(directory: Path) -> tuple[str, ...]:
     """Names of a sweep's sub-directories, from the case file beside them; none without one."""
-    from app.case.case import load_case
+    from app.case.reading import load_case
 
     try:
         case = load_case(directory / "case.toml")

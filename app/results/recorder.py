@@ -16,7 +16,7 @@ import meshio
 import numpy as np
 from petsc4py import PETSc
 
-from app.build.case_notes import notes_on_inertia
+from app.build.load_steps import LoadStep
 from app.build.model import Model
 from app.case.case import resolved_toml
 from app.implicit.stepper import StepResult
@@ -25,7 +25,7 @@ from app.results.directory import write_history, write_json, write_table, write_
 from app.results.fields import FieldWriter
 from app.simulation.contact_resultants import Row, energy_gap
 from app.simulation.explicit_stage import Interval
-from app.simulation.load_steps import LoadStep
+from app.simulation.inertia import notes_on_inertia
 from app.simulation.simulation import Observer, Simulation
 from geometry.surfaces.facets import Floats
 

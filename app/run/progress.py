@@ -10,12 +10,12 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from app.case.boundary import Stage
+from app.build.load_steps import LoadStep
+from app.case.stage import Stage
 from app.implicit.stepper import StepResult
 from app.simulation.contact_resultants import Row
 from app.simulation.explicit_stage import Interval
 from app.simulation.failure_diagnosis import reason_of
-from app.simulation.load_steps import LoadStep
 from app.simulation.simulation import Observer, Simulation
 
 LINE_EVERY = 2.0  # s between two lines on an explicit run

@@ -12,14 +12,15 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from app.build.load_steps import LoadStep, load_steps_of
 from app.build.model import Model, initial_velocity
-from app.case.boundary import solver_of
 from app.case.solver import Solver
+from app.case.stage import solver_of
 from app.errors import SolutionError
 from app.explicit.stepper import ExplicitError, ExplicitOptions, ExplicitStepper, MassScaling
 from app.simulation.contact_resultants import measure_contact
+from app.simulation.inertia import Inertia
 from app.simulation.interval_averages import IntervalAverages
-from app.simulation.load_steps import Inertia, LoadStep, load_steps_of
 from app.simulation.rigid_motion import RigidMotionHistory
 from geometry.surfaces.facets import Floats
 

@@ -12,6 +12,8 @@ import ufl
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from app.build.contact_notes import penalty_note
+from app.build.supports import Loose
 from app.equilibrium.equilibrium import Equilibrium
 from app.equilibrium.places import place_text
 from app.implicit.newton import KINKED
@@ -19,16 +21,10 @@ from app.implicit.stepper import StepResult
 from app.simulation.contact_resultants import ContactResultants
 from forms.bodies.materials import oedometric_modulus
 from forms.friction.friction_map import FrictionMap
-from geometry.surfaces.facets import Floats, Ints
+from geometry.surfaces.facets import Floats
 
-COMPONENTS = ("x", "y", "z")
 GAUSS_DEGREE = 2  # of the points at which the volume ratio is looked at
 SQUEEZED = 0.2  # volume ratio J below which an element is said to be nearly collapsed
-# Penalties in units of M/h. Up to a thousand times the default Newton's method converges as ever;
-# from ten thousand times on it needs many more iterations, and rounding the coordinates begins to
-# keep the residual above the tolerance.
-STIFF_PENALTY = 3e4
-SOFT_PENALTY = 0.1
 SUPPORT = "a support there (displacement), or a load that keeps it in contact"
 ON_EDGE = 1e-6  # reference distance from the edge of a facet below which a point is on it
 ADRIFT = 1e-6  # share of the largest displacement by which a body moves that nothing holds
@@ -52,42 +48,6 @@ def reason_of(result: StepResult) -> str:
 # -- what holds the bodies ------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class Loose:
-    """A direction in which no boundary prescribes a body's displacement.
-
-    Attributes:
-        body: the body's name; component: 0 for x, 1 for y.
-        nodes: local nodes of the body, owned by this rank.
-    """
-
-    body: str
-    component: int
-    nodes: Ints
-
-    @property
-    def text(self) -> str:
-        """The body and the direction, in words."""
-        return f"body {self.body} has no support in {COMPONENTS[self.component]}"
-
-
-def loose_directions(problem: Equilibrium) -> list[Loose]:
-    """The directions in which contact or a platen alone holds a body; collective.
-
-    A body of revolution cannot move away from its axis: it has to widen for that.
-    """
-    table = problem.space.dofmap.list
-    held, found = problem.constrained_dofs(), []
-    for solid in problem.solids:
-        nodes = np.unique(table[solid.cells])
-        nodes = nodes[nodes < problem.owned // problem.dim]
-        for component in range(1 if solid.section == "axisymmetric" else 0, problem.dim):
-            here = bool(np.isin(nodes * problem.dim + component, held).any())
-            if not problem.comm.allreduce(here, op=MPI.LOR):
-                found.append(Loose(solid.name, component, nodes))
-    return found
-
-
 def body_adrift(
     problem: Equilibrium, loose: Iterable[Loose], before: Floats, now: Floats
 ) -> str | None:
@@ -98,7 +58,7 @@ def body_adrift(
 
     Args:
         problem: the equilibrium.
-        loose: the directions, from :func:`loose_directions`.
+        loose: the directions, from :func:`app.build.supports.loose_directions`.
         before: owned unknowns, m, at the start of the step.
         now: at its end.
     """
@@ -178,26 +138,6 @@ def penalty_factors(problem: Equilibrium) -> list[float]:
     """K_N h/M of each contact, M of the softest body, h a slave facet's length; collective."""
     softest = min(oedometric_modulus(solid.material) for solid in problem.solids)
     return [t.penalty * t.surface.facet_length / softest for t in problem.contacts]
-
-
-def penalty_note(index: int, factor: float) -> str | None:
-    """What is said of a penalty that is far from what works; None of others.
-
-    Args:
-        index: of the contact.
-        factor: K_N h/M.
-    """
-    if SOFT_PENALTY <= factor <= STIFF_PENALTY:
-        return None
-    what = (
-        "the bodies overlap rather than press on each other"
-        if factor < SOFT_PENALTY
-        else "Newton's method may fail or need many iterations"
-    )
-    return (
-        f"contact.{index}: the penalty is {factor:.2g} times the stiffness M/h of the elements "
-        f"beside it: {what}"
-    )
 
 
 # -- all together ---------------------------------------------------------------------------------

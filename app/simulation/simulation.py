@@ -6,16 +6,17 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from app.build.load_steps import LoadStep, load_steps_of
 from app.build.model import Model
-from app.case.boundary import solver_of
+from app.build.supports import loose_directions
+from app.case.stage import solver_of
 from app.errors import InputError, SolutionError
 from app.explicit.stepper import ExplicitStepper
 from app.implicit.stepper import ImplicitOptions, ImplicitStepper, StepResult
 from app.simulation.contact_resultants import ContactResultants, Row, measure_contact
 from app.simulation.energy_balance import EnergyBalance
 from app.simulation.explicit_stage import ExplicitStage, Interval
-from app.simulation.failure_diagnosis import body_adrift, explain, loose_directions, not_finite
-from app.simulation.load_steps import LoadStep, load_steps_of
+from app.simulation.failure_diagnosis import body_adrift, explain, not_finite
 
 STEADY_WINDOW = 3  # steps over which the tangential force must hold still
 EASY_ITERATIONS = 6  # up to here a cut step may grow back

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from app.case.bodies import CylinderOnBlockGeometry, TwoCylindersGeometry
 from app.case.case import Case
-from app.case.contact import Coulomb
+from app.case.friction import Coulomb
+from app.case.generators import CylinderOnBlockGeometry, TwoCylindersGeometry
 from app.results.contact_points import contact_arrays
 from app.verify.result import Check, Floats, Line, Panel, Verification, compare
 from app.verify.shipped_case import solve

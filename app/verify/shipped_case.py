@@ -8,7 +8,8 @@ from pathlib import Path
 from mpi4py import MPI
 
 from app.build.model import build_model
-from app.case.case import Case, load_case
+from app.case.case import Case
+from app.case.reading import load_case
 from app.simulation.simulation import Observer, Simulation
 
 CASES = Path(__file__).resolve().parents[2] / "cases"

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from app.case.contact import FrictionMap
+from app.case.friction import FrictionMap
 from app.friction_map.material_tests import Curve, compute_map
 from app.friction_map.setup import map_setup
 from app.simulation.contact_resultants import Row

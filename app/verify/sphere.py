@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.case.contact import Coulomb
+from app.case.friction import Coulomb
 from app.case.generators_3d import SphereGeometry
 from app.results.contact_points import contact_arrays
 from app.simulation.simulation import Simulation

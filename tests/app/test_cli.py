@@ -11,8 +11,10 @@ from pathlib import Path
 import gmsh
 import meshio
 import pytest
+from mpi4py import MPI
 
-from app.case.case import load_case
+from app.build.model import build_model
+from app.case.reading import load_case
 from app.results.directory import read_table
 
 LENGTH = 1e-3
@@ -368,7 +370,8 @@ def test_run_prints_plain_lines_while_it_goes_and_changes_by_set(tribox, case_fi
         *("effective_viscosity.png", "friction_map.png"),
     }
     again = load_case(out / "case.toml")
-    assert again == load_case(tmp_path / "case-file.toml", [w for w in override if "=" in w])
+    asked = load_case(tmp_path / "case-file.toml", [w for w in override if "=" in w])
+    assert again == build_model(asked, MPI.COMM_SELF).case
 
 
 def test_sweep_collates_its_parts(tribox, case_file, block, tmp_path):
@@ -384,6 +387,8 @@ def test_sweep_collates_its_parts(tribox, case_file, block, tmp_path):
     for label in labels:
         assert (out / label / "history.csv").is_file()
         assert f"[{label}] step    1" in result.stdout
+        assert load_case(out / label / "case.toml").contact[0].penalty is not None
+    assert load_case(out / "case.toml") == load_case(tmp_path / "case-file.toml", figures[1:])
     assert {p.name for p in (out / "figures").iterdir()} == {"sweep.png"}
     assert set(json.loads((out / "summary.json").read_text())["parts"]) == set(labels)
 

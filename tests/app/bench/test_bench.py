@@ -16,7 +16,7 @@ from app.bench import probe as bench_probe
 from app.bench.bench import Job, jobs_of, level_options, measure, run_bench
 from app.bench.probe import Probe
 from app.bench.tables import CONTACT, PARTS, Measured, tables
-from app.case.case import load_case
+from app.case.reading import load_case
 from app.errors import InputError, SolutionError
 
 ROOT = Path(__file__).parents[3]

@@ -12,7 +12,8 @@ import pytest
 from mpi4py import MPI
 
 from app.build.model import build_model
-from app.case.case import load_case
+from app.case.case import resolved_toml
+from app.case.reading import load_case
 from app.errors import InputError
 from geometry.generators.two_blocks import Block, TwoBlocks
 from geometry.generators.two_boxes import Box, TwoBoxes
@@ -98,6 +99,26 @@ def test_meshes_in_space_and_of_revolution(model):
     assert model("blocks").thickness == 1.0
 
 
+@pytest.mark.parametrize(
+    ("shape", "geometry", "resolved"),
+    [
+        ("blocks", "", ("plane-strain", 1.0)),
+        ("blocks", 'thickness = "2 mm"', ("plane-strain", 2e-3)),
+        ("blocks", 'section = "axisymmetric"', ("axisymmetric", None)),
+        ("boxes", "", (None, None)),
+    ],
+)
+def test_a_resolved_case_says_what_its_mesh_stands_for(model, tmp_path, shape, geometry, resolved):
+    case = model(shape, geometry).case
+    assert (case.geometry.section, case.geometry.thickness) == resolved
+    assert {body.formulation for body in case.bodies.values()} == {"q1-sri"}
+    assert case.contact[0].quadrature_degree == (5 if shape == "boxes" else 9)
+    again = tmp_path / "again.toml"
+    again.write_text(resolved_toml(case), encoding="utf-8")
+    assert load_case(again) == case
+    assert build_model(load_case(again), MPI.COMM_SELF).case == case
+
+
 def test_linear_tetrahedra_that_lock_are_pointed_out(model):
     assert any("linear tetrahedra lock" in note for note in model("tetrahedra").notes)
     second = model("tetrahedra", "", "bodies.elastomer.formulation=q2")
@@ -153,7 +174,7 @@ def test_a_mesh_that_may_not_be_meant_so_is_pointed_out(model, shape, said):
 
 def test_a_smooth_master_that_bulges_into_the_slave_is_named(model, monkeypatch):
     monkeypatch.setattr(
-        "app.build.model.OVERLAP", -1.0
+        "app.build.contacts.OVERLAP", -1.0
     )  # bodies that touch overlap too much already
     with pytest.raises(InputError, match=r"may touch at the start, not overlap$"):
         model("blocks")
@@ -165,7 +186,7 @@ RANKS = """
 import sys
 from pathlib import Path
 from mpi4py import MPI
-from app.case.case import load_case
+from app.case.reading import load_case
 from app.build.model import build_model
 notes = build_model(load_case(Path(sys.argv[1])), MPI.COMM_WORLD).notes
 assert len(set(map(tuple, MPI.COMM_WORLD.allgather(notes)))) == 1

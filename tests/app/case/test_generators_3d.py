@@ -7,7 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from app.case.case import check_case, load_case, resolved_toml
+from app.case.bodies import formulations
+from app.case.case import resolved_toml
+from app.case.reading import check_case, load_case
 
 COMMON = """
 [bodies.elastomer]
@@ -78,11 +80,11 @@ def test_defaults_in_space(boxes):
     assert case.geometry.built_section == case.geometry.section_in(3) == "3D"
     assert case.geometry.offset == pytest.approx((0.5e-3, 0.2e-3))
     assert case.geometry.cell == "hexahedron" and case.geometry.slab == 1.0
-    assert {body.formulation for body in case.bodies.values()} == {"q1-sri"}
+    assert set(formulations(case.bodies, case.geometry.cell).values()) == {"q1-sri"}
     cut = load_case(boxes, ["geometry.cell=tetrahedron"])
-    assert {body.formulation for body in cut.bodies.values()} == {"q1"}
+    assert set(formulations(cut.bodies, cut.geometry.cell).values()) == {"q1"}
     one = load_case(boxes, ["bodies.elastomer.formulation=q2"])
-    assert {body.formulation for body in one.bodies.values()} == {"q2"}
+    assert set(formulations(one.bodies, one.geometry.cell).values()) == {"q2"}
 
 
 def test_defaults_of_revolution(rings):

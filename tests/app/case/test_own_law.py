@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.case.case import check_case, load_case, resolved_toml
-from app.case.contact import OwnLaw
+from app.case.case import resolved_toml
+from app.case.friction import OwnLaw
 from app.case.own_law import OwnLawError, load_own_law
+from app.case.reading import check_case, load_case
 from forms.friction.law import FrictionLaw
 
 PAGE = Path(__file__).parents[3] / "docs" / "law.md"

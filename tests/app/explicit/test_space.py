@@ -8,7 +8,7 @@ import pytest
 import scipy.linalg
 from mpi4py import MPI
 
-from app.case.case import check_case
+from app.case.reading import check_case
 from app.equilibrium.constraints import Prescribed
 from app.equilibrium.equilibrium import Equilibrium
 from app.explicit.stepper import ExplicitStepper

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.case.case import load_case
+from app.case.reading import load_case
 from app.errors import InputError
 from app.fit.calibration import Calibration
 from app.fit.data import TribometerData, read_data

@@ -8,11 +8,11 @@ import pytest
 from mpi4py import MPI
 
 import app.implicit.predictor
+from app.build.load_steps import load_steps_of
 from app.build.model import build_model
 from app.case.case import Case
 from app.equilibrium.step_mode import StepMode
 from app.implicit.predictor import Predictor, lagrange_weights
-from app.simulation.load_steps import load_steps_of
 from app.simulation.simulation import Observer, Simulation
 from tests.app.conftest import BLOCK
 

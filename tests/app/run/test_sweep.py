@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from app.case.case import load_case
+from app.case.reading import load_case
 from app.errors import InputError, SolutionError, TriboxError
 from app.run.sweep import Part, collate, part_command, run_side_by_side
 

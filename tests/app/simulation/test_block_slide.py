@@ -9,7 +9,7 @@ import pytest
 from mpi4py import MPI
 
 from app.build.model import build_model
-from app.case.case import load_case
+from app.case.reading import load_case
 from app.simulation.simulation import Observer, Simulation
 
 CASE = Path(__file__).parents[3] / "cases" / "block-slide.toml"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app.case.case import load_case
+from app.case.reading import load_case
 from app.results.directory import read_table
 from app.run.run import run_case
 from forms.closed_forms.homogeneous_sliding import threshold_speed

@@ -9,12 +9,13 @@ import pytest
 from mpi4py import MPI
 from scipy.integrate import quad
 
-from app.build.case_notes import notes_on, notes_on_inertia
+from app.build.load_steps import LoadStep, load_steps_of
 from app.build.model import body_dofs, build_model, initial_velocity
-from app.case.boundary import Stage
-from app.case.case import Case, check_case, load_case, resolved_toml
+from app.case.case import Case, resolved_toml
+from app.case.reading import check_case, load_case
+from app.case.stage import Stage
 from app.case.time_tables import Program, TimeTable, smooth_step, smooth_step_integral
-from app.simulation.load_steps import Inertia, LoadStep, load_steps_of
+from app.simulation.inertia import Inertia, notes_on_inertia
 from app.simulation.simulation import Observer, Simulation
 
 DENSE = {"elastomer": 1100.0, "aluminium": 2700.0}
@@ -223,9 +224,13 @@ def test_a_relaxed_stage_that_still_moves_is_a_warning(film):
 
 
 def test_a_stiff_penalty_is_noted_where_steps_are_explicit(film):
+    def said(data: dict) -> list[str]:
+        model = build_model(Case.model_validate(data), MPI.COMM_SELF)
+        return [note for note in model.notes if "penalty" in note]
+
     data = explicit(film)
-    [line] = [note for note in notes_on(Case.model_validate(data)) if "penalty_factor" in note]
+    [line] = said(data)
     assert line.startswith("contact.0: penalty_factor = 30 shortens explicit steps")
     data["contact"][0]["penalty_factor"] = 3.0
-    assert not any("penalty" in note for note in notes_on(Case.model_validate(data)))
-    assert not any("penalty" in n for n in notes_on(Case.model_validate(tomllib.loads(film))))
+    assert said(data) == []
+    assert said(tomllib.loads(film)) == []

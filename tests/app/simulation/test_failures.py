@@ -16,13 +16,13 @@ import pytest
 from mpi4py import MPI
 
 from app.build.model import build_model
+from app.build.supports import loose_directions
 from app.case.case import Case
 from app.errors import SolutionError
 from app.implicit.stepper import StepResult
 from app.run.run import run_case
 from app.simulation.failure_diagnosis import (
     explain,
-    loose_directions,
     most_squeezed,
     penalty_factors,
 )

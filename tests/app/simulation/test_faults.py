@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from app.build.model import build_model
-from app.case.case import load_case
+from app.case.reading import load_case
 from app.errors import InputError, SolutionError
 from app.run.run import run_case
 from app.simulation.simulation import Simulation

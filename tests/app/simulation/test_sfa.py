@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from app.case.case import load_case
+from app.case.reading import load_case
 from app.figures import history as figures
 from app.results.directory import read_table
 from forms.closed_forms.homogeneous_sliding import (

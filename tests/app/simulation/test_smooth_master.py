@@ -8,7 +8,8 @@ import pytest
 from mpi4py import MPI
 
 from app.build.model import build_model
-from app.case.case import check_case, load_case, resolved_toml
+from app.case.case import resolved_toml
+from app.case.reading import check_case, load_case
 from app.errors import InputError
 from app.verify.shipped_case import CASES
 from geometry.meshes.gmsh_model import gmsh_session

@@ -11,8 +11,9 @@ import pytest
 from mpi4py import MPI
 
 import app.verify.report as verification
-from app.build.model import build_model, make_mesh
-from app.case.case import check_case, load_case
+from app.build.mesh import make_mesh
+from app.build.model import build_model
+from app.case.reading import check_case, load_case
 from app.errors import InputError, SolutionError
 from app.simulation.simulation import Observer, Simulation
 from app.verify.bulk import block_compression, neighbours

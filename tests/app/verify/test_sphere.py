@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import app.verify.sphere as verification_sphere
-from app.case.case import load_case
+from app.case.reading import load_case
 from app.verify.shipped_case import CASES as DIRECTORY
 from app.verify.sphere import (
     SECTION,

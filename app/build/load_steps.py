@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from app.case.boundary import Stage
+from app.case.stage import Stage
 from app.case.time_tables import smooth_step, smooth_step_integral
 
 
@@ -51,33 +51,6 @@ class LoadStep:
         if ramp <= 0.0:
             return self.velocity
         return self.before + (self.velocity - self.before) * smooth_step(time / ramp)
-
-
-@dataclass(slots=True)
-class Inertia:
-    """Kinetic against strain energy over one explicit load step, from its rows.
-
-    Attributes:
-        label: of the load step.
-        kinetic, strain: J/m, sums over its rows.
-        last: kinetic over strain energy at its last row.
-    """
-
-    label: str
-    kinetic: float = 0.0
-    strain: float = 0.0
-    last: float = 0.0
-
-    @property
-    def ratio(self) -> float:
-        """Mean kinetic over mean strain energy; 0 without strain energy."""
-        return self.kinetic / self.strain if self.strain > 0.0 else 0.0
-
-    def add(self, kinetic: float, strain: float) -> None:
-        """Enter a row's energies, J/m."""
-        self.kinetic += kinetic
-        self.strain += max(strain, 0.0)
-        self.last = kinetic / strain if strain > 0.0 else 0.0
 
 
 def load_steps_of(

@@ -1,0 +1,99 @@
+"""What may surprise in a contact once case and mesh are put together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from app.case.contact import Contact
+from forms.bodies.materials import Material, oedometric_modulus
+
+APART = 2.0  # distance over facet length from which bodies are said to start apart
+COARSE = 3.0  # length of slave facets over that of master facets from which they are too coarse
+STIFFER = 10.0  # modulus of the slave's body over that of the master's that is pointed out
+CHATTER = 10.0  # K_N h/M above which an explicit run pays for it
+# Penalties in units of M/h. Up to a thousand times the default Newton's method converges as ever;
+# from ten thousand times on it needs many more iterations, and rounding the coordinates begins to
+# keep the residual above the tolerance.
+STIFF_PENALTY = 3e4
+SOFT_PENALTY = 0.1
+
+
+def stiffer_slave(
+    index: int, contact: Contact, body: str, slave: Material, master: Material
+) -> Iterator[str]:
+    """A line on a slave that is on the stiffer body.
+
+    Args:
+        index: of the contact.
+        contact: what the case says.
+        body: name of the slave's body.
+        slave: material of that body.
+        master: material of the other body.
+    """
+    if oedometric_modulus(slave) > STIFFER * oedometric_modulus(master):
+        yield (
+            f"contact.{index}: the slave {contact.slave} is on the stiffer body {body}; the "
+            "softer body's surface should be the slave"
+        )
+
+
+def notes_on_surfaces(
+    place: str, contact: Contact, lengths: tuple[float, float], distance: float
+) -> Iterator[str]:
+    """A line on surfaces that are far apart, and on a slave too coarse to see its master.
+
+    Args:
+        place: of the contact in the case.
+        contact: what the case says.
+        lengths: m, mean lengths of slave and master facets.
+        distance: m, between the surfaces at the start.
+    """
+    slave, master = lengths
+    if distance > APART * slave:
+        where = f"{distance:.3g} m apart" if np.isfinite(distance) else "beside each other"
+        yield f"{place}: {contact.slave} and {contact.master} start {where}"
+    if slave > COARSE * master:
+        yield (
+            f"{place}: the facets of the slave {contact.slave} are {slave / master:.2g} times as "
+            f"long as those of {contact.master}, whose shape they cannot follow; refine the slave"
+        )
+
+
+def notes_on_penalty(index: int, factor: float, explicit: bool) -> Iterator[str]:
+    """Lines on a penalty that is far from what works, or that shortens explicit steps.
+
+    Args:
+        index: of the contact.
+        factor: K_N h/M.
+        explicit: whether a stage runs with explicit dynamics.
+    """
+    if explicit and factor > CHATTER:
+        yield (
+            f"contact.{index}: penalty_factor = {factor:g} shortens explicit steps and lets nodes "
+            "chatter; 1 to 3 is stiff enough for most"
+        )
+    note = penalty_note(index, factor)
+    if note is not None:
+        yield note
+
+
+def penalty_note(index: int, factor: float) -> str | None:
+    """A line on a penalty far from those that work; None for others.
+
+    Args:
+        index: of the contact.
+        factor: K_N h/M.
+    """
+    if SOFT_PENALTY <= factor <= STIFF_PENALTY:
+        return None
+    what = (
+        "the bodies overlap rather than press on each other"
+        if factor < SOFT_PENALTY
+        else "Newton's method may fail or need many iterations"
+    )
+    return (
+        f"contact.{index}: the penalty is {factor:.2g} times the stiffness M/h of the elements "
+        f"beside it: {what}"
+    )

@@ -1,0 +1,210 @@
+"""The contacts of a case: surfaces, and the stiffnesses that follow from mesh and bodies.
+
+Every default of a `[[contact]]` table is resolved here and nowhere else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import dolfinx
+import numpy as np
+from mpi4py import MPI
+
+from app.build.case_notes import highest_pressure
+from app.build.contact_notes import notes_on_penalty, notes_on_surfaces, stiffer_slave
+from app.case.case import Case
+from app.case.contact import Contact
+from app.case.friction import Coulomb, Friction, FrictionMap, OwnLaw, Stribeck
+from app.errors import InputError
+from forms.bodies.kinematics import Section
+from forms.bodies.materials import Material, oedometric_modulus
+from forms.contact.penalty import ContactTerm
+from forms.friction import friction_map
+from forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
+from forms.friction.law import FrictionLaw
+from forms.friction.stribeck import StribeckLaw
+from geometry.meshes.mesh import NamedMesh
+from geometry.surfaces.surface import ContactSurface, facet_length
+
+# Degree of the quadrature on slave facets, by the dimension of space.
+QUADRATURE_DEGREE = {2: 9, 3: 5}
+OVERLAP = 0.01  # depth over facet length up to which bodies only touch at the start
+# Default stiffness of stick, in units of G/h (shear modulus of the softer body over the length of a
+# slave facet): stiff against the shear of the elements beside it, yet soft enough for the onset of
+# slip to spread without a fight.
+TANGENTIAL_FACTOR = 10.0
+# Default of film_onset_pressure, as a share of the softer body's shear modulus or of the highest
+# prescribed pressure, whichever is less: only the rim of a contact feels it.
+FILM_ONSET = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class BuiltContact:
+    """One contact made ready.
+
+    Attributes:
+        table: of the case, with every default resolved.
+        term: its residual, tangent and history.
+        notes: what the user should know, one line each.
+    """
+
+    table: Contact
+    term: ContactTerm
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ContactBuilder:
+    """Makes the contacts of one case.
+
+    Attributes:
+        case: what was asked for.
+        named: the mesh.
+        space: of the displacement.
+        section: what the mesh stands for.
+        materials: of the bodies, by name.
+    """
+
+    case: Case
+    named: NamedMesh
+    space: dolfinx.fem.FunctionSpace
+    section: Section
+    materials: Mapping[str, Material]
+
+    def build(self, index: int) -> BuiltContact:
+        """The contact of this number in the case; collective.
+
+        Raises:
+            InputError: its surfaces, or its keys, do not fit.
+        """
+        asked = self.case.contact[index]
+        surface = self._surface(index, asked)
+        slave, master = self._materials(index, asked)
+        softer = min(slave, master, key=oedometric_modulus)
+        length = surface.facet_length
+        distance = _checked_distance(f"contact.{index}", asked, surface, length)
+        table = resolved_contact(
+            asked, self.named.mesh.geometry.dim, softer, length, highest_pressure(self.case)
+        )
+        law, film = friction_law(table.friction), table.film.film() if table.film else 0.0
+        assert table.penalty is not None
+        lengths = (length, facet_length(self.named.mesh, self.named.facets(asked.master)))
+        factor = table.penalty / (oedometric_modulus(softer) / length)
+        notes = (
+            *stiffer_slave(index, asked, self.named.body_of(asked.slave), slave, master),
+            *notes_on_surfaces(f"contact.{index}", asked, lengths, distance),
+            *notes_on_penalty(index, factor, self.case.is_explicit),
+        )
+        return BuiltContact(table, ContactTerm(surface, law, table.penalty, film), notes)
+
+    def _surface(self, index: int, contact: Contact) -> ContactSurface:
+        mesh = self.named.mesh
+        degree = self.space.element.basix_element.degree
+        reason = contact.smoothing_problem(mesh.topology.cell_name(), degree)
+        if reason is not None:
+            raise InputError(f"contact.{index}.smoothing_angle: {reason}")
+        try:
+            return ContactSurface(
+                self.space,
+                self.named.facets(contact.slave),
+                self.named.facets(contact.master),
+                contact.quadrature_degree or QUADRATURE_DEGREE[mesh.geometry.dim],
+                self.section == "axisymmetric",
+                contact.smoothing_angle,
+            )
+        except ValueError as error:
+            raise InputError(f"contact.{index}: {error}") from None
+
+    def _materials(self, index: int, contact: Contact) -> tuple[Material, Material]:
+        """Materials of the bodies of slave and master."""
+        owners = [self.named.body_of(name) for name in (contact.slave, contact.master)]
+        if owners[0] == owners[1]:
+            raise InputError(
+                f'contact.{index}: slave "{contact.slave}" and master "{contact.master}" are both '
+                f"on body {owners[0]}; contact is between two bodies"
+            )
+        return self.materials[owners[0]], self.materials[owners[1]]
+
+
+def resolved_contact(
+    contact: Contact, dim: int, softer: Material, length: float, pressure: float
+) -> Contact:
+    """A `[[contact]]` table with every default filled in.
+
+    Args:
+        contact: what the case says.
+        dim: of the mesh.
+        softer: the softer body's material.
+        length: m, mean length of a slave facet.
+        pressure: Pa, the highest that a boundary prescribes; 0 without one.
+    """
+    stiffness = oedometric_modulus(softer) / length
+    return contact.model_copy(
+        update={
+            "quadrature_degree": contact.quadrature_degree or QUADRATURE_DEGREE[dim],
+            "penalty": contact.penalty or (contact.penalty_factor or 0.0) * stiffness,
+            "penalty_factor": None,
+            "friction": _resolved_friction(contact.friction, softer, length, pressure),
+        }
+    )
+
+
+def _resolved_friction(
+    friction: Friction, softer: Material, length: float, pressure: float
+) -> Friction:
+    if isinstance(friction, Coulomb | Stribeck) and friction.K_T is None:
+        stiffness = TANGENTIAL_FACTOR * softer.shear_modulus / length
+        return friction.model_copy(update={"K_T": stiffness})
+    if isinstance(friction, FrictionMap) and friction.film_onset_pressure is None:
+        # A pressure that the case prescribes says better than the body what is small.
+        scale = min(softer.shear_modulus, pressure or np.inf)
+        return friction.model_copy(update={"film_onset_pressure": FILM_ONSET * scale})
+    return friction
+
+
+def friction_law(friction: Friction) -> FrictionLaw:
+    """The law of a resolved `[contact.friction]` table."""
+    if isinstance(friction, FrictionMap):
+        return friction_map.FrictionMap(friction.parameters())
+    if isinstance(friction, Coulomb):
+        assert friction.K_T is not None
+        return CoulombLaw(CoulombParameters(mu=friction.mu, K_T=friction.K_T))
+    if isinstance(friction, Stribeck):
+        return StribeckLaw(friction.parameters())
+    if isinstance(friction, OwnLaw):
+        return friction.friction_law()
+    return FrictionlessLaw()
+
+
+def _checked_distance(
+    place: str, contact: Contact, surface: ContactSurface, length: float
+) -> float:
+    """Refuse surfaces that overlap, or face away from each other, before anything has moved.
+
+    Args:
+        place: of the contact in the case.
+        contact: what the case says.
+        surface: its surfaces.
+        length: m, mean length of a slave facet.
+
+    Returns:
+        Their distance, m; infinite if no slave point is above the master.
+    """
+    points, nodes = surface.slave.position, surface.master.position
+    at = surface.project(points, nodes)
+    local = float(np.max(-at.gap, where=at.on_surface, initial=0.0))
+    depth = surface.space.mesh.comm.allreduce(local, op=MPI.MAX)
+    if depth > OVERLAP * length:
+        smooth = (
+            "; a smooth master bulges beyond its facets where flats and arcs meet: leave a gap, or "
+            "lower smoothing_angle"
+        )
+        raise InputError(
+            f"{place}: {contact.slave} starts {depth:.3g} m inside {contact.master} (or faces away "
+            "from it); the bodies may touch at the start, not overlap"
+            + (smooth if contact.smoothing_angle is not None else "")
+        )
+    nearest = float(np.min(np.abs(at.gap), where=at.on_surface, initial=np.inf))
+    return float(surface.space.mesh.comm.allreduce(nearest, op=MPI.MIN))

@@ -1,0 +1,167 @@
+"""What the `[geometry]` tables of a case file share, and that of a mesh made by the user."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
+
+from pydantic import Field, ValidationInfo, field_serializer, field_validator
+from pydantic_core import PydanticCustomError
+
+from app.case.quantities import Quantity
+from app.case.table import Model, Place, Problem
+
+if TYPE_CHECKING:
+    from forms.bodies.kinematics import Section
+    from geometry.meshes.gmsh_model import Shape
+
+Cell = Literal["quadrilateral", "triangle"]
+PlaneSection = Literal["plane-strain", "axisymmetric"]
+SECTION = (
+    'what a mesh in the plane stands for: "plane-strain" (a slab) or "axisymmetric" (x is the '
+    "radius, x = 0 the axis; forces and energies are those of the whole body of revolution)"
+)
+NO_SLAB = "goes with plane strain only: forces are those of the whole body"
+
+
+class GeneratedGeometry(Model):
+    """What all built-in generators have: one body on another, names known beforehand."""
+
+    bodies: ClassVar[tuple[str, ...]] = ("elastomer", "aluminium")
+    surfaces: ClassVar[tuple[str, ...]] = (
+        "elastomer_contact",
+        "aluminium_contact",
+        "top",
+        "bottom",
+        "elastomer_left",
+        "elastomer_right",
+        "aluminium_left",
+        "aluminium_right",
+    )
+
+    if TYPE_CHECKING:  # a field of each generator, after those its default depends on
+        cell: str
+
+    @property
+    def named_surfaces(self) -> tuple[str, ...]:
+        """The surfaces of this mesh."""
+        return self.surfaces
+
+    @property
+    def extent(self) -> float:
+        """Largest extent of a body, m."""
+        raise NotImplementedError
+
+    def shape(self) -> Shape:
+        """The shape that is meshed.
+
+        Raises:
+            ValueError: it cannot be meshed so; the message says why.
+        """
+        raise NotImplementedError
+
+    @property
+    def built_section(self) -> Section:
+        """What the mesh stands for, known before it is made."""
+        raise NotImplementedError
+
+    def section_in(self, dim: int) -> Section:
+        """What the mesh stands for, ``dim`` being its dimension."""
+        return self.built_section
+
+    def resolved(self, dim: int) -> Self:
+        """With the defaults filled in that follow from the mesh: there are none."""
+        return self
+
+    @property
+    def slab(self) -> float:
+        """Thickness of a plane-strain slab, m; 1 otherwise."""
+        return 1.0
+
+
+class PlaneGeometry(GeneratedGeometry):
+    """What the generators of plane meshes have."""
+
+    cell: Cell = Field(default="quadrilateral", description="shape of the elements")
+    thickness: Annotated[float, Quantity("m", gt=0.0)] = Field(
+        default=1.0, description="thickness of the plane-strain slab for which forces are reported"
+    )
+
+    @property
+    def built_section(self) -> Section:
+        """Plane strain."""
+        return "plane-strain"
+
+    @property
+    def slab(self) -> float:
+        """Thickness of the slab, m; 1 with axial symmetry."""
+        return self.thickness if self.built_section == "plane-strain" else 1.0
+
+
+class MeshGeometry(Model):
+    """A mesh made by the user, with named physical groups for bodies and surfaces."""
+
+    kind: Literal["file"] = Field(default="file", description="may be left out where mesh is given")
+    mesh: Path = Field(
+        description="gmsh file (.msh), relative to the case file; the names of its physical "
+        "groups are those of bodies and surfaces"
+    )
+    section: PlaneSection | None = Field(
+        default=None, description=f"{SECTION}; default: plane-strain"
+    )
+    thickness: Annotated[float, Quantity("m", gt=0.0)] | None = Field(
+        default=None,
+        description="thickness of the plane-strain slab for which forces are reported; default 1 m",
+    )
+
+    @property
+    def slab(self) -> float:
+        """Thickness of a plane-strain slab, m; 1 otherwise."""
+        return 1.0 if self.thickness is None else self.thickness
+
+    @property
+    def built_section(self) -> Section | None:
+        """What the mesh stands for, as far as the case says."""
+        return self.section
+
+    def section_in(self, dim: int) -> Section:
+        """What the mesh stands for, ``dim`` being its dimension.
+
+        Raises:
+            ValueError: a key does not go with it; the message names it.
+        """
+        if dim == 3 and self.section is not None:
+            raise ValueError(f'section = "{self.section}": the mesh is in 3D; leave it out')
+        if dim == 3 and self.thickness is not None:
+            raise ValueError(f"thickness = {self.thickness:g} m: {NO_SLAB}")
+        return "3D" if dim == 3 else self.section or "plane-strain"
+
+    def resolved(self, dim: int) -> Self:
+        """With the defaults filled in that follow from the mesh, ``dim`` being its dimension."""
+        section = self.section_in(dim)
+        if section == "3D":
+            return self
+        thickness = self.slab if section == "plane-strain" else None
+        return self.model_copy(update={"section": section, "thickness": thickness})
+
+    @field_validator("mesh", mode="before")
+    @classmethod
+    def _find(cls, value: object, info: ValidationInfo) -> Path:
+        """Make the path absolute, seen from the case file, and see that it is there."""
+        if not isinstance(value, str | Path) or not str(value):
+            raise PydanticCustomError("path", "must be the name of a mesh file, in quotes")
+        source = (info.context or {}).get("source")
+        path = (Path(source or "").parent / value).resolve()
+        if not path.is_file():
+            raise PydanticCustomError("path", "no such file ({path})", {"path": str(path)})
+        return path
+
+    @field_serializer("mesh")
+    def _as_text(self, value: Path) -> str:
+        return str(value)
+
+    def problems(self, place: Place) -> Iterator[Problem]:
+        """A slab without plane strain; no more can be said before the mesh is read."""
+        if self.section == "axisymmetric" and self.thickness is not None:
+            yield Problem((*place, "thickness"), NO_SLAB, self.thickness)

@@ -1,0 +1,188 @@
+"""The `[[stage]]` tables of a case file: the parts of a run, one after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
+
+from app.case.boundary import DRIVEN, Boundary
+from app.case.quantities import Quantity
+from app.case.table import Count, Flag, Model, Place, Problem, Text
+
+_STEADY_KEYS = (
+    "slip_step",
+    "min_steps",
+    "max_steps",
+    "steady_tolerance",
+    "film_stress_limit",
+)
+
+
+class Stage(Model):
+    """One part of the run: a duration, or velocities, each kept until the force is steady."""
+
+    name: Text = Field(description="name of the stage in results and messages")
+    duration: Annotated[float, Quantity("s", gt=0.0)] | None = Field(
+        default=None, description="length of the stage (or velocities)"
+    )
+    steps: Count = Field(default=10, description="number of equal steps; with duration")
+    velocity: Annotated[float, Quantity("m/s")] | None = Field(
+        default=None, description="velocity of driven boundaries; with duration"
+    )
+    velocities: tuple[Annotated[float, Quantity("m/s", nonzero=True)], ...] = Field(
+        default=(),
+        description="velocities of driven boundaries, one after the other, each until the "
+        "tangential force is steady (or duration)",
+    )
+    slip_step: Annotated[float, Quantity("m", gt=0.0)] | None = Field(
+        default=None, description="driven displacement in one step; needed with velocities"
+    )
+    min_steps: Count = Field(
+        default=5, description="fewest steps at each velocity; with velocities"
+    )
+    max_steps: Count = Field(
+        default=200, description="most steps at each velocity; with velocities"
+    )
+    steady_tolerance: Annotated[float, Quantity(gt=0.0)] = Field(
+        default=1e-4,
+        description="relative change of the tangential force per step, over the last 3 steps, "
+        "below which it is steady; with velocities",
+    )
+    film_stress_limit: Annotated[float, Quantity("Pa", gt=0.0)] | None = Field(
+        default=None,
+        description="velocities at which the film stress eta_b V/D of a contact would exceed this "
+        "are left out; with velocities",
+    )
+    rate_dependent: Flag = Field(
+        default=True, description="whether the film and velocity effects act in this stage"
+    )
+    solver: Literal["implicit", "explicit"] | None = Field(
+        default=None,
+        description="time integration of this stage; default: that of [solver]. Implicit stages "
+        "come before explicit ones",
+    )
+    ramp: Annotated[float, Quantity("s", ge=0.0)] = Field(
+        default=0.0,
+        description="time in which driven boundaries change smoothly to their new velocity, at "
+        "the start of the stage and of each of its velocities",
+    )
+    relax: Flag = Field(
+        default=False,
+        description="bring the bodies to rest: all velocities are set to zero at each peak of the "
+        "kinetic energy (dynamic relaxation); explicit only",
+    )
+
+    @property
+    def is_driven(self) -> bool:
+        """Whether driven boundaries move in this stage."""
+        return bool(self.velocities) or self.velocity is not None
+
+    def velocities_within(self, film_conductance: float) -> tuple[float, ...]:
+        """The velocities (m/s) that the limit on the film's stress leaves.
+
+        Args:
+            film_conductance: Pa s/m, largest eta_b/D of all contacts; 0 without a film.
+        """
+        if self.film_stress_limit is None:
+            return self.velocities
+        limit = self.film_stress_limit
+        return tuple(v for v in self.velocities if film_conductance * abs(v) <= limit)
+
+    @model_serializer(mode="wrap")
+    def _without_idle_keys(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out the keys that mean nothing in this kind of stage."""
+        idle = (
+            ("duration", "steps", "velocity") if self.velocities else ("velocities", *_STEADY_KEYS)
+        )
+        return {key: value for key, value in handler(self).items() if key not in idle}
+
+    def problems(self, place: Place) -> Iterator[Problem]:
+        """Keys that do not fit together; `place` is where this table stands in the case."""
+        given = self.model_fields_set
+        if "velocities" in given and not self.velocities:
+            yield Problem((*place, "velocities"), "must hold at least one velocity", [])
+        elif not self.velocities and self.duration is None:
+            yield Problem(place, "give either duration (with steps) or velocities (with slip_step)")
+        elif self.velocities:
+            for key in ("duration", "steps", "velocity"):
+                if key in given:
+                    reason = "does not go with velocities, whose stages last until steady"
+                    yield Problem((*place, key), reason)
+            if self.slip_step is None:
+                reason = 'missing; velocities need the displacement in one step, such as "0.5 um"'
+                yield Problem((*place, "slip_step"), reason)
+            if self.max_steps < self.min_steps:
+                reason = f"must be >= min_steps = {self.min_steps}"
+                yield Problem((*place, "max_steps"), reason, self.max_steps)
+        else:
+            for key in _STEADY_KEYS:
+                if key in given:
+                    yield Problem((*place, key), "goes with velocities only, not with duration")
+            if self.duration is not None and self.ramp > self.duration:
+                reason = f"must be <= duration = {self.duration:g} s"
+                yield Problem((*place, "ramp"), reason, self.ramp)
+        if self.relax and self.is_driven:
+            yield Problem((*place, "relax"), "does not go with a velocity: nothing comes to rest")
+        if self.ramp and not self.is_driven:
+            yield Problem((*place, "ramp"), "goes with velocity or velocities only", self.ramp)
+
+
+def stage_problems(
+    stages: Sequence[Stage], boundaries: Sequence[Boundary], place: Place
+) -> Iterator[Problem]:
+    """Mistakes in the stages, each by itself and together; without any, in what they drive."""
+    found: list[Problem] = []
+    names: set[str] = set()
+    for index, stage in enumerate(stages):
+        found.extend(stage.problems((*place, index)))
+        if stage.name in names:
+            reason = "two stages have this name"
+            found.append(Problem((*place, index, "name"), reason, stage.name))
+        names.add(stage.name)
+    yield from found or _driving_problems(stages, boundaries, place)
+
+
+def solver_of(stage: Stage, default: str) -> str:
+    """Time integration of a stage, `default` being that of [solver]."""
+    return stage.solver or default
+
+
+def order_problems(stages: Sequence[Stage], default: str, place: Place) -> Iterator[Problem]:
+    """Implicit stages after explicit ones, and explicit means in implicit stages."""
+    last = ""
+    for index, stage in enumerate(stages):
+        kind = solver_of(stage, default)
+        if stage.solver == "explicit" and default == "implicit":
+            reason = 'needs solver.kind = "explicit", which may leave stages "implicit"'
+            yield Problem((*place, index, "solver"), reason, stage.solver)
+            return
+        if kind == "implicit" and last == "explicit":
+            reason = f'"implicit" cannot follow the explicit stage {stages[index - 1].name}'
+            yield Problem((*place, index, "solver"), reason, stage.solver)
+        if kind == "implicit" and stage.relax:
+            reason = "goes with explicit stages only: an implicit step ends in equilibrium"
+            yield Problem((*place, index, "relax"), reason)
+        last = kind
+
+
+def _driving_problems(
+    stages: Sequence[Stage], boundaries: Sequence[Boundary], place: Place
+) -> Iterator[Problem]:
+    """Velocities without a driven boundary, or the other way round."""
+    movers: list[Place] = [
+        ("boundary", index, *keys)
+        for index, boundary in enumerate(boundaries)
+        for keys in boundary.driven_keys()
+    ]
+    moving = [index for index, stage in enumerate(stages) if stage.is_driven]
+    if moving and not movers:
+        key = "velocities" if stages[moving[0]].velocities else "velocity"
+        reason = (
+            'moves nothing: no boundary has displacement = { x = "driven" } (or y, z), or a spring'
+        )
+        yield Problem((*place, moving[0], key), reason)
+    if movers and not moving:
+        reason = "never moves: no stage has velocity or velocities"
+        yield Problem(movers[0], reason, DRIVEN)

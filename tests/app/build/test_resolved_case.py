@@ -1,0 +1,104 @@
+"""A model's case holds every resolved default; written and read it gives the same numbers."""
+
+from __future__ import annotations
+
+import csv
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from app.build.model import Model, build_model
+from app.case.case import Case, resolved_toml
+from app.case.reading import load_case
+from app.run.run import run_case
+from tests.app.conftest import BLOCK, FILM, SLID
+
+CASES = {"block": BLOCK, "film": FILM, "explicit": SLID}
+STRIBECK = {"law": "stribeck", "mu_s": 0.3, "mu_d": 0.2, "V_s": 1e-3}
+
+
+def built(text: str, friction: dict | None = None, **contact) -> Model:
+    data = tomllib.loads(text)
+    data["contact"][0] |= contact | ({"friction": friction} if friction else {})
+    return build_model(Case.model_validate(data), MPI.COMM_SELF)
+
+
+def history(directory: Path) -> dict[str, list[str]]:
+    with (directory / "history.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    return {name: [row[name] for row in rows] for name in rows[0]}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_case_in_the_results_reruns_to_the_same_numbers(name, tmp_path):
+    asked = tmp_path / "asked.toml"
+    asked.write_text(CASES[name], encoding="utf-8")
+    first, second = tmp_path / "first", tmp_path / "second"
+    run_case(load_case(asked), first, quiet=True, comm=MPI.COMM_SELF)
+    run_case(load_case(first / "case.toml"), second, quiet=True, comm=MPI.COMM_SELF)
+    before, after = history(first), history(second)
+    assert before.pop("stage") == after.pop("stage")
+    for column, values in before.items():
+        numbers, again = np.array(values, float), np.array(after[column], float)
+        assert np.abs(again - numbers).max() <= 1e-12 * np.abs(numbers).max(), column
+    assert (second / "case.toml").read_text() == (first / "case.toml").read_text()
+
+
+def test_every_default_of_mesh_and_bodies_is_resolved():
+    model = built(BLOCK)
+    [contact], [term] = model.case.contact, model.problem.contacts
+    assert contact.quadrature_degree == 9
+    assert contact.penalty == term.penalty and contact.penalty_factor is None
+    modulus, length = 5e6 * 0.55 / (1.45 * 0.1), 1e-4  # oedometric, of a facet
+    assert contact.penalty == pytest.approx(30.0 * modulus / length)
+    assert contact.friction.K_T == pytest.approx(10.0 * 5e6 / (2.0 * 1.45) / length)
+    assert {body.formulation for body in model.case.bodies.values()} == {"q1-sri"}
+    assert (model.case.solver.linear, model.case.solver.partition) == ("direct", "contact")
+    assert built(BLOCK, STRIBECK).case.contact[0].friction.K_T == contact.friction.K_T
+
+
+def test_the_onset_pressure_is_that_of_the_law():
+    model = built(FILM)
+    # The platen's 0.5 MPa is less than the shear modulus, 2 (C10 + C01) = 1.844 MPa.
+    assert model.film_onset == [pytest.approx(5e3)]
+    assert model.case.contact[0].friction.film_onset_pressure == model.film_onset[0]
+    assert model.problem.contacts[0].law.parameters.film_onset_pressure == model.film_onset[0]
+
+
+def test_given_values_stay_as_they_are():
+    friction = {"law": "coulomb", "mu": 0.2, "K_T": 1e11}
+    [contact] = built(BLOCK, friction, penalty=1e13, quadrature_degree=5).case.contact
+    assert (contact.penalty, contact.quadrature_degree, contact.friction.K_T) == (1e13, 5, 1e11)
+    data = tomllib.loads(FILM)
+    data["contact"][0]["friction"]["film_onset_pressure"] = 0.0
+    assert build_model(Case.model_validate(data), MPI.COMM_SELF).film_onset == [0.0]
+
+
+def test_second_order_of_one_body_is_that_of_all():
+    data = tomllib.loads(BLOCK)
+    data["bodies"]["elastomer"]["formulation"] = "q2"
+    bodies = build_model(Case.model_validate(data), MPI.COMM_SELF).case.bodies
+    assert {body.formulation for body in bodies.values()} == {"q2"}
+
+
+def test_a_sweep_is_left_out_of_what_is_solved():
+    data = tomllib.loads(BLOCK)
+    data["sweep"] = {"key": "contact.0.friction.mu", "values": [0.1, 0.3]}
+    case = Case.model_validate(data)
+    assert build_model(case, MPI.COMM_SELF).case.sweep is None
+    assert "# penalty_factor = 30.0" in resolved_toml(case)
+    [low, _] = [build_model(single, MPI.COMM_SELF).case for _, single in case.sweep_cases()]
+    assert low.contact[0].friction.mu == 0.1 and low.contact[0].penalty is not None
+
+
+def test_a_stiff_penalty_is_noted_again(tmp_path):
+    data = tomllib.loads(SLID)
+    data["contact"][0]["penalty_factor"] = 30.0
+    model = build_model(Case.model_validate(data), MPI.COMM_SELF)
+    path = tmp_path / "case.toml"
+    path.write_text(resolved_toml(model.case), encoding="utf-8")
+    assert any("penalty_factor = 30 shortens" in note for note in model.notes)
+    assert build_model(load_case(path), MPI.COMM_SELF).notes == model.notes
