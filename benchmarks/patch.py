@@ -26,6 +26,7 @@ from app.case.case import load_case
 from app.errors import SolutionError
 from app.results.fields import StressField
 from app.simulation.simulation import Observer, Simulation
+from geometry.compat import cell_nodes
 from geometry.meshes.mesh import NamedMesh
 
 PRESSURE = 1e5  # Pa, a fiftieth of the elastomer's modulus
@@ -135,7 +136,7 @@ def errors(patch: Patch, scratch: Path, *options: str) -> Errors:
 def _touching(named: NamedMesh) -> NDArray[np.bool_]:
     """Whether each cell has a node on the interface y = 0."""
     mesh = named.mesh
-    height = mesh.geometry.x[mesh.geometry.dofmap][:, :, 1]
+    height = mesh.geometry.x[cell_nodes(mesh)][:, :, 1]
     out: NDArray[np.bool_] = (np.abs(height) < 1e-9).any(axis=1)
     return out
 

@@ -16,7 +16,6 @@ import dolfinx
 import dolfinx.fem.petsc
 import numpy as np
 import ufl
-from dolfinx import cpp as _cpp
 from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
@@ -26,6 +25,7 @@ from app.equilibrium.timers import Stopwatch
 from forms.bodies.loads import FollowerPressure
 from forms.bodies.solid import Solid
 from forms.contact.penalty import ContactTerm, ContactTrial
+from geometry.compat import add_matrix
 from geometry.surfaces.facets import Floats, Longs
 
 Ints = NDArray[np.int32]
@@ -353,11 +353,7 @@ class Equilibrium:
         forms = [part.tangent for solid in self.solids for part in solid.forms]
         forms += [p.tangent for p in self.pressures if p.value.value != 0.0]
         for form in forms:
-            constants = _cpp.fem.pack_constants(form._cpp_object)
-            coefficients = _cpp.fem.pack_coefficients(form._cpp_object)
-            _cpp.fem.petsc.assemble_matrix(
-                A, form._cpp_object, constants, coefficients, [], bool(self.platens)
-            )
+            add_matrix(A, form, unrolled=bool(self.platens))
 
     def _add_blocks(self, A: PETSc.Mat, nodes: Longs, blocks: Floats | None) -> None:
         """Add point blocks (q, m, i, n, j) (None: zeros, for the pattern) to global rows."""

@@ -17,6 +17,7 @@ from app.implicit.stepper import KINKED, StepResult
 from app.simulation.contact_resultants import ContactResultants
 from forms.bodies.materials import oedometric_modulus
 from forms.friction.friction_map import FrictionMap
+from geometry.compat import cell_values
 from geometry.surfaces.facets import Floats
 
 COMPONENTS = ("x", "y", "z")
@@ -161,7 +162,7 @@ def most_squeezed(problem: Equilibrium) -> Squeezed:
     for solid in problem.solids:
         if not len(solid.cells):
             continue
-        least = np.asarray(ratio.eval(mesh, solid.cells)).min(axis=1)
+        least = cell_values(ratio, mesh, solid.cells).min(axis=1)
         least = np.where(np.isfinite(least), least, -np.inf)
         at = int(np.argmin(least))
         middle = dolfinx.mesh.compute_midpoints(mesh, dim, solid.cells[at : at + 1])[0]

@@ -15,7 +15,13 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from geometry.compat import CellPartitioner, cell_partitioner, model_to_mesh
+from geometry.compat import (
+    CellPartitioner,
+    cell_nodes,
+    cell_partitioner,
+    integration_facets,
+    model_to_mesh,
+)
 from geometry.meshes import metis
 from geometry.meshes.gmsh_model import (
     MeshError,
@@ -27,7 +33,6 @@ from geometry.meshes.gmsh_model import (
     vertices_and_facets,
 )
 from geometry.meshes.partition import share_out
-from geometry.surfaces.surface import integration_facets
 
 __all__ = ["MeshError", "NamedMesh", "bodies_sharing_nodes", "generate", "read"]
 
@@ -154,7 +159,7 @@ def bodies_sharing_nodes(named: NamedMesh) -> list[tuple[str, str]]:
     used = {}
     for name in named.bodies:
         marks = dolfinx.la.vector(geometry.index_map(), 1, dtype=np.float64)
-        marks.array[np.unique(geometry.dofmap[named.cells(name)])] = 1.0
+        marks.array[np.unique(cell_nodes(named.mesh)[named.cells(name)])] = 1.0
         # A body may use a node only on a process that does not own it.
         marks.scatter_reverse(dolfinx.la.InsertMode.add)
         used[name] = marks.array[: geometry.index_map().size_local] > 0.0

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
+from geometry.compat import entity_nodes
 from geometry.meshes.mesh import NamedMesh
 
 MAX_FACETS_OUTLINED = 20_000
@@ -51,9 +52,9 @@ def facet_polygons(mesh: dolfinx.mesh.Mesh, facets: npt.NDArray[np.int32], x: Po
         x: Position of each node of the geometry, for instance today's.
     """
     corners = 4 if mesh.topology.cell_name() == "hexahedron" else 3
-    if not len(facets):  # DOLFINx 0.9 divides by the number of facets
+    if not len(facets):
         return np.empty((0, corners, 3))
-    nodes = dolfinx.mesh.entities_to_geometry(mesh, 2, facets)
+    nodes = entity_nodes(mesh, 2, facets)
     # DOLFINx numbers a quadrilateral's corners row by row, a polygon goes round.
     cyclic = [0, 1, 3, 2] if corners == 4 else [0, 1, 2]
     return np.asarray(x[nodes][:, cyclic], dtype=np.float64)
