@@ -140,15 +140,11 @@ class FrictionMap:
     ) -> _Step:
         """Film fraction, re-entry and return mapping."""
         parameters = self.parameters
-        slip = components_first(slip_increment)
-        before = components_first(state.elastic_slip)
         closed = pressure > 0.0
-        if not closed.all():
-            slip[:, ~closed] = 0.0
-            before[:, ~closed] = 0.0
+        slip = _where_closed(slip_increment, closed)
+        before = _where_closed(state.elastic_slip, closed)
         film = _shortened(film)
-        speed = self._speed(slip, dt, state, rate_dependent)
-        at = film_point(parameters, film, speed)
+        at = film_point(parameters, film, self._speed(slip, dt, state, rate_dependent))
         kept, d_kept = self._kept(at, state)
         literal = parameters.flow_rule == "literal"
         trial = kept * before + slip
@@ -280,6 +276,14 @@ class FrictionMap:
             numerical=0.5 * K_T * step.at.solid * dot(change, change),
             opening=opening,
         )
+
+
+def _where_closed(vectors: Floats, closed: NDArray[np.bool_]) -> Floats:
+    """Vectors (q, i) as (i, q), zero where the contact is open."""
+    out = components_first(vectors)
+    if not closed.all():
+        out[:, ~closed] = 0.0
+    return out
 
 
 def _shortened(film: Floats) -> Floats:
