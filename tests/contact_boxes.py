@@ -71,7 +71,7 @@ def two_boxes(cell, fine, master=None, parallel=False):
     if comm.rank > 0:
         cells, x = cells[:0], x[:0]
     domain = ufl.Mesh(basix.ufl.element("Lagrange", cell, 1, shape=(dim,)))
-    mesh = dolfinx.mesh.create_mesh(comm, cells, x, domain)
+    mesh = dolfinx.mesh.create_mesh(comm, cells, x=x, e=domain)
     slave, master = (
         dolfinx.mesh.locate_entities_boundary(
             mesh, dim - 1, lambda X, h=h: np.isclose(X[dim - 1], h)
