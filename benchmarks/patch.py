@@ -3,10 +3,11 @@
 From the repository: ``python3 -m benchmarks.patch`` prints the tables of docs/quadrature.md;
 ``--figure FILE`` draws their figure as well.
 
-Two blocks of one width lie on each other, held sideways and from below, and are pressed from above.
-The exact stress is σ_yy = −p in every cell. The contact forces of the slave are consistent with a
-uniform pressure at any quadrature; those of the master are integrals of its shape functions, which
-have kinks inside slave facets, so a fixed number of points per slave facet gets them wrong.
+Two blocks of one width lie on each other, supported at the sides and from below, and are pressed
+from above. The exact stress is σ_yy = −p in every cell. The contact forces of the slave are
+consistent with a uniform pressure at any quadrature; those of the master are integrals of its shape
+functions, which have kinks inside slave facets, so that a fixed number of points per slave facet
+gives an error.
 """
 
 from __future__ import annotations

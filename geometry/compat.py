@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
 
 # DOLFINx calls it on every process with the communicator, the number of parts, the kinds of cells
-# and, for each kind, the vertices of the cells in a row; it returns the parts of these cells.
+# and, for each kind, the vertices of the cells in a row; it returns the part of each cell.
 CellPartitioner = Callable[..., Any]
 
 # -- meshes ---------------------------------------------------------------------------------------

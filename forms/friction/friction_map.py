@@ -43,7 +43,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class _Step:
-    """What one step of the law works with; vectors are (i, q)."""
+    """Intermediate quantities of one step of the law; vectors are (i, q)."""
 
     slip: Floats
     elastic_before: Floats
@@ -242,7 +242,7 @@ class FrictionMap:
         """dT/dalpha with slip, film thickness and pressure fixed, (i, q), Pa."""
         returned = step.returned
         if self.parameters.flow_rule == "weighted":
-            # T^e is 1 - alpha times a traction that knows alpha only through r.
+            # T^e is 1 - alpha times a traction that depends on alpha through r only.
             d_alpha = -returned.secant * step.trial
         else:
             d_alpha = (-self.parameters.K_T * returned.d_stiffness) * returned.direction
@@ -287,7 +287,7 @@ def _where_closed(vectors: Floats, closed: NDArray[np.bool_]) -> Floats:
 
 
 def _shortened(film: Floats) -> Floats:
-    """One entry for all where the film is the same everywhere: powers and roots are then free."""
+    """One entry for all where the film is the same everywhere, which saves powers and roots."""
     if film.size > 1 and bool((film == film[0]).all()):
         return film[:1]
     return film

@@ -93,7 +93,7 @@ class NamedMesh:
         """The body that a surface lies on; collective.
 
         Raises:
-            MeshError: On all processes, if there is no such surface, or not one body behind it.
+            MeshError: On all processes, if there is no such surface, or it is not on one body.
         """
         cells = integration_facets(self.mesh, self.facets(surface))[::2]
         mine = set(self.cell_tags.values[np.isin(self.cell_tags.indices, cells)].tolist())
@@ -131,7 +131,7 @@ def read(path: Path, comm: MPI.Comm, contacts: Contacts = ()) -> NamedMesh:
     Args:
         path: The file.
         comm: Communicator of the mesh.
-        contacts: As in ``generate``; names that the file does not have are passed over.
+        contacts: As in ``generate``; names that the file does not have are ignored.
 
     Returns:
         The mesh with the file's names.
@@ -143,9 +143,9 @@ def read(path: Path, comm: MPI.Comm, contacts: Contacts = ()) -> NamedMesh:
 
 
 def bodies_sharing_nodes(named: NamedMesh) -> list[tuple[str, str]]:
-    """Pairs of bodies glued together by common nodes; collective.
+    """Pairs of bodies with common nodes; collective.
 
-    Bodies in contact must not be: they could neither slide nor separate there.
+    Bodies in contact must not have any: they could neither slide nor separate there.
 
     Args:
         named: The mesh.
@@ -196,7 +196,7 @@ def _load(
 def _partitioner(
     gmsh: ModuleType | None, groups: NamedGroups, comm: MPI.Comm, contacts: Contacts
 ) -> CellPartitioner | None:
-    """Shares out cells and slave facets; None where DOLFINx's own will do; collective."""
+    """Shares out cells and slave facets; None where DOLFINx's own is used; collective."""
     known = [pair for pair in contacts if groups.surfaces.keys() >= set(pair)]
     if comm.size == 1 or not known or not comm.bcast(metis.is_available(), root=0):
         return None
@@ -212,7 +212,7 @@ def _partitioner(
 
 
 def _agreed(comm: MPI.Comm, groups: NamedGroups | None, problem: Exception | None) -> NamedGroups:
-    """The first process's result on all; or an error on all, so that none is left waiting."""
+    """The first process's result on all; or an error on all, so that none waits for the others."""
     own = (groups, None if problem is None else str(problem), isinstance(problem, MeshError))
     agreed, message, expected = comm.bcast(own, root=0)
     if problem is not None:
@@ -223,7 +223,7 @@ def _agreed(comm: MPI.Comm, groups: NamedGroups | None, problem: Exception | Non
 
 
 def _check_facets_found(named: NamedMesh, groups: NamedGroups, source: str) -> None:
-    """Facets that bound no cell would silently be left out; collective."""
+    """An error for facets that bound no cell, which DOLFINx leaves out silently; collective."""
     owned = named.mesh.topology.index_map(named.mesh.topology.dim - 1).size_local
     for name, expected in groups.facet_counts.items():
         local = int(np.count_nonzero(named.facets(name) < owned))

@@ -28,7 +28,7 @@ Points = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class _Outline:
-    """What is drawn, in m: the cells of bodies and the segments of surfaces.
+    """The drawn lines, in m: the cells of bodies and the segments of surfaces.
 
     Attributes:
         cells: Corners of each body's cells in cyclic order, (c, corner, 2).
@@ -46,7 +46,7 @@ def save_picture(named: NamedMesh, path: Path, title: str = "", dpi: int = 150) 
 
     The file appears under its name only when it is complete. Its format follows from the name
     (``.png``, ``.pdf``, ``.svg``). Surfaces are drawn a little inside their own body, so that two
-    that touch can be told apart.
+    that touch can be distinguished.
 
     Args:
         named: The mesh.
@@ -103,12 +103,12 @@ def draw(named: NamedMesh, title: str = "") -> Figure | None:
 
 
 def _local_outline(named: NamedMesh) -> _Outline:
-    """The part of the picture this process owns."""
+    """The part of the picture that this process owns."""
     mesh = named.mesh
     mesh.topology.create_connectivity(1, 2)
     to_cells = mesh.topology.connectivity(1, 2)
     x, nodes = mesh.geometry.x[:, :2], cell_nodes(mesh)
-    # DOLFINx numbers a quadrilateral's corners row by row, a polygon goes round.
+    # DOLFINx numbers a quadrilateral's corners row by row, a polygon in cyclic order.
     cyclic = [0, 1, 3, 2] if nodes.shape[1] == 4 else [0, 1, 2]
     owned_cells, owned_facets = (mesh.topology.index_map(dim).size_local for dim in (2, 1))
     cells, segments, inwards = {}, {}, {}

@@ -73,7 +73,7 @@ class MasterFacets:
 
 
 class ContactSurface:
-    """Slave points and master facets of one pair, and the positions of both today.
+    """Slave points and master facets of one pair, and the current positions of both.
 
     Attributes:
         facet_length: m, mean length of the slave facets.
@@ -155,17 +155,17 @@ class ContactSurface:
         return self.slave.position + moved
 
     def slave_area_ratio(self, displacement: Floats) -> Floats:
-        """Area stretch da/dA (q,) of the slave surface from nodal displacements (q, a, i).
+        """Area ratio da/dA (q,) of the slave surface from nodal displacements (q, a, i).
 
         The current tangents t_α = T_α + ∂u/∂T_α span the area |t_1| or |t_1 × t_2|; a ring also
         grows by r/R.
         """
         grad = np.einsum("qba,qai->qbi", self.slave.shape_derivative, displacement)
         now = self.slave.tangents + grad
-        stretch: Floats = _measure(now)
+        ratio: Floats = _measure(now)
         if self.axisymmetric:
-            stretch *= self.slave_positions(displacement)[:, 0] / self.slave.position[:, 0]
-        return stretch
+            ratio *= self.slave_positions(displacement)[:, 0] / self.slave.position[:, 0]
+        return ratio
 
 
 def _measure(tangents: Floats) -> Floats:
@@ -366,9 +366,9 @@ def _outward(
 
 
 def order_by_place(position: Floats) -> NDArray[np.int64]:
-    """Order of points (q, i), by x first, which no round-off of the partition can change."""
+    """Order of points (q, i), by x first; round-off that depends on the partition has no effect."""
     size = float(np.ptp(position, axis=0).max()) or 1.0
-    # An offset keeps round numbers away from the boundaries of rounding.
+    # The offset moves round numbers away from the points where the rounding changes.
     steps = np.floor((position - position.min(axis=0)) / (1e-8 * size) + 0.3183)
     return np.lexsort(steps.T[::-1])
 
