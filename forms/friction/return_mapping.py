@@ -127,10 +127,7 @@ def return_mapping(
             d_pressure=np.where(slipping, mu, 0.0),
             d_stiffness=_where_stuck(slipping, s),
         )
-    ratio = np.ones_like(s)
-    np.divide(threshold, elastic, out=ratio, where=slipping)
-    # Clipped: the new threshold may exceed the trial by a rounding error at the very onset.
-    np.minimum(ratio, 1.0, out=ratio)
+    ratio = _ratio(threshold, elastic, slipping)
     return Returned(
         elastic_slip=ratio * trial,
         direction=trial / np.maximum(s, TINY),
@@ -179,6 +176,15 @@ def _weakening_slopes(
 def _where_stuck(slipping: NDArray[np.bool_], values: Floats | float) -> Floats:
     """The values (q,) where the point sticks, else zero."""
     return np.where(slipping, 0.0, values)
+
+
+def _ratio(threshold: Floats, elastic: Floats, slipping: NDArray[np.bool_]) -> Floats:
+    """Traction over that of the trial (q,): 1 where the point sticks."""
+    ratio = np.ones_like(elastic)
+    np.divide(threshold, elastic, out=ratio, where=slipping)
+    # Clipped: the new threshold may exceed the trial by a rounding error at the very onset.
+    np.minimum(ratio, 1.0, out=ratio)
+    return ratio
 
 
 def _share(stiffness: Floats | float, softening: Floats, slipping: NDArray[np.bool_]) -> Floats:
