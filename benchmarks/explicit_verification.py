@@ -41,7 +41,7 @@ FILMS = {"frictional": "10 nm", "mixed": "30 nm", "viscous": "180 nm"}
 
 
 def run(case: Case) -> Simulation:
-    """Run one case into a directory that is thrown away."""
+    """Run one case into a temporary directory."""
     with tempfile.TemporaryDirectory() as scratch:
         return run_case(case, Path(scratch) / "out", quiet=True)
 

@@ -3,10 +3,11 @@
 From the repository: ``python3 -m benchmarks.patch`` prints the tables of docs/quadrature.md;
 ``--figure FILE`` draws their figure as well.
 
-Two blocks of one width lie on each other, held sideways and from below, and are pressed from above.
-The exact stress is σ_yy = −p in every cell. The contact forces of the slave are consistent with a
-uniform pressure at any quadrature; those of the master are integrals of its shape functions, which
-have kinks inside slave facets, so a fixed number of points per slave facet gets them wrong.
+Two blocks of one width lie on each other, supported at the sides and from below, and are pressed
+from above. The exact stress is σ_yy = −p in every cell. The contact forces of the slave are
+consistent with a uniform pressure at any quadrature; those of the master are integrals of its shape
+functions, which have kinks inside slave facets, so that a fixed number of points per slave facet
+gives an error.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from app.case.reading import load_case
 from app.errors import SolutionError
 from app.results.fields import StressField
 from app.simulation.simulation import Observer, Simulation
+from geometry.compat import cell_nodes
 from geometry.meshes.mesh import NamedMesh
 
 PRESSURE = 1e5  # Pa, a fiftieth of the elastomer's modulus
@@ -135,7 +137,7 @@ def errors(patch: Patch, scratch: Path, *options: str) -> Errors:
 def _touching(named: NamedMesh) -> NDArray[np.bool_]:
     """Whether each cell has a node on the interface y = 0."""
     mesh = named.mesh
-    height = mesh.geometry.x[mesh.geometry.dofmap][:, :, 1]
+    height = mesh.geometry.x[cell_nodes(mesh)][:, :, 1]
     out: NDArray[np.bool_] = (np.abs(height) < 1e-9).any(axis=1)
     return out
 

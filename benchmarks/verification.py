@@ -2,7 +2,7 @@
 
 From the repository: ``python3 -m benchmarks.verification sfa`` (steady points of the sliding test
 against the closed form; ``--results DIR`` reads a finished sweep instead of running it),
-``... stretch`` (how much of the difference the stretch of the sliding surface explains),
+``... area-ratio`` (the part of the difference that the area ratio of the sliding surface explains),
 ``... blocks`` (block-slide against the reference forces), ``... penalty`` (its forces as the
 penalty grows) and ``... cylinders`` (line contact as mesh, penalty and stiffness of stick change).
 """
@@ -140,11 +140,11 @@ def _largest(errors: Floats) -> str:
     return f"{100.0 * np.max(np.abs(errors)):.3f} %" if len(errors) else "–"
 
 
-def stretch_lines() -> Iterator[str]:
-    """Mean area stretch of the sliding surface, where the film is all there is.
+def area_ratio_lines() -> Iterator[str]:
+    """Mean area ratio of the sliding surface, where the film carries all.
 
     The film's stress is per current area and the viscosity is reported with the reference area, so
-    a steady viscous point lies above eta_b by the stretch of the closed surface.
+    a steady viscous point lies above eta_b by the area ratio of the closed surface.
     """
     keys = ['contact.0.film.thickness="250 nm"', 'stage.1.velocities=["1e-3 m/s"]']
     case = load_case(ROOT / "cases" / "sfa.toml", [*keys, "output.figures=false"])
@@ -153,11 +153,11 @@ def stretch_lines() -> Iterator[str]:
     (term,) = simulation.model.problem.contacts
     (trial,) = simulation.model.problem.trials
     closed = np.where(trial.pressure > 0.0, term.surface.slave.weight, 0.0)
-    stretch = float(closed @ term.state.stretch / closed.sum())
+    mean = float(closed @ term.state.area_ratio / closed.sum())
     friction = case.contact[0].friction
     assert isinstance(friction, FrictionMap)
     ratio = simulation.rows[-1].effective_viscosity / friction.parameters().eta_b
-    yield f"mean da/dA of the closed surface {stretch:.6f}; computed eta_eff / eta_b {ratio:.6f}"
+    yield f"mean da/dA of the closed surface {mean:.6f}; computed eta_eff / eta_b {ratio:.6f}"
 
 
 def block_row(name: str, level: int, options: Sequence[str], where: Path) -> str:
@@ -218,9 +218,9 @@ def cylinder_tables() -> Iterator[str]:
 
 
 def main() -> None:
-    """Print the tables asked for."""
+    """Print the chosen tables."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("what", choices=("sfa", "stretch", "blocks", "penalty", "cylinders"))
+    parser.add_argument("what", choices=("sfa", "area-ratio", "blocks", "penalty", "cylinders"))
     parser.add_argument("--results", type=Path, help="a finished sweep of cases/sfa.toml")
     parser.add_argument("--level", type=int, action="append", choices=(1, 2, 4))
     chosen = parser.parse_args()
@@ -231,8 +231,8 @@ def main() -> None:
             if chosen.results is None:
                 tribox("sfa", directory, [])
             print("\n".join(sliding_tables(directory)))
-        elif chosen.what == "stretch":
-            print("\n".join(stretch_lines()))
+        elif chosen.what == "area-ratio":
+            print("\n".join(area_ratio_lines()))
         elif chosen.what == "cylinders":
             for line in cylinder_tables():
                 print(line, flush=True)

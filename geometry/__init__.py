@@ -1,1 +1,1 @@
-"""Where things are: meshes, surfaces, contact search and projection."""
+"""Geometry: meshes, surfaces, contact search and projection."""

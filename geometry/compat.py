@@ -1,22 +1,34 @@
-"""What differs between DOLFINx versions in reading gmsh models (0.9: gmshio, 0.10 on: gmsh)."""
+"""Everything of DOLFINx that is private or differs between its versions 0.9, 0.10 and 0.11.
+
+No other module imports ``dolfinx.cpp``, reads an attribute that begins with an underscore, or
+branches on the version; `tests/geometry/test_compat.py` reads the sources and checks it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import dolfinx
+import dolfinx.fem.petsc
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int32]
 
 # DOLFINx calls it on every process with the communicator, the number of parts, the kinds of cells
-# and, for each kind, the vertices of the cells in a row; it returns the parts of these cells.
+# and, for each kind, the vertices of the cells in a row; it returns the part of each cell.
 CellPartitioner = Callable[..., Any]
+
+# -- meshes ---------------------------------------------------------------------------------------
 
 
 def cell_partitioner(
-    share_out: Callable[[npt.NDArray[np.int64], int], npt.NDArray[np.int32]],
+    share_out: Callable[[NDArray[np.int64], int], NDArray[np.int32]],
 ) -> CellPartitioner:
     """A partitioner for a mesh of one kind of cells that one process holds.
 
@@ -54,7 +66,7 @@ def model_to_mesh(
     """
     try:
         from dolfinx.io import gmsh as reader
-    except ImportError:
+    except ImportError:  # 0.9
         from dolfinx.io import gmshio as reader
     mesh, cell_tags, facet_tags = reader.model_to_mesh(
         model, comm, rank, gdim=gdim, partitioner=partitioner
@@ -63,3 +75,124 @@ def model_to_mesh(
         none = np.empty(0, dtype=np.int32)
         facet_tags = dolfinx.mesh.meshtags(mesh, mesh.topology.dim - 1, none, none)
     return mesh, cell_tags, facet_tags
+
+
+def cell_nodes(mesh: dolfinx.mesh.Mesh) -> Ints:
+    """Rows (c, a) of ``mesh.geometry.x`` of the nodes of each local cell."""
+    geometry = mesh.geometry
+    nodes: Ints = geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap
+    return nodes
+
+
+def entity_nodes(mesh: dolfinx.mesh.Mesh, dim: int, entities: Ints) -> Ints:
+    """Rows (e, a) of ``mesh.geometry.x`` of the corners of each local edge or face."""
+    if not len(entities):  # 0.9 divides by their number
+        return np.empty((0, dim + 1), dtype=np.int32)
+    nodes: Ints = dolfinx.mesh.entities_to_geometry(mesh, dim, entities)
+    return nodes
+
+
+def facet_kind(mesh: dolfinx.mesh.Mesh) -> str:
+    """Name of the shape of the facets of the mesh's cells, for instance "interval"."""
+    cell, fdim = mesh.topology.cell_type, mesh.topology.dim - 1
+    return str(dolfinx.cpp.mesh.to_string(dolfinx.cpp.mesh.cell_entity_type(cell, fdim, 0)))
+
+
+def facets_per_cell(mesh: dolfinx.mesh.Mesh) -> int:
+    """Number of facets of each cell of the mesh."""
+    cell, fdim = mesh.topology.cell_type, mesh.topology.dim - 1
+    return int(dolfinx.cpp.mesh.cell_num_entities(cell, fdim))
+
+
+# -- integrals over surfaces, and spaces on them --------------------------------------------------
+
+
+def integration_facets(mesh: dolfinx.mesh.Mesh, facets: Ints) -> Ints:
+    """(cell, local facet) pairs, flattened, of the owned ones among exterior ``facets``."""
+    fdim = mesh.topology.dim - 1
+    mesh.topology.create_connectivity(fdim, fdim + 1)
+    mesh.topology.create_connectivity(fdim + 1, fdim)
+    arguments = [dolfinx.fem.IntegralType.exterior_facet, mesh.topology, np.sort(facets)]
+    if not hasattr(dolfinx.mesh, "EntityMap"):
+        arguments.append(fdim)  # 0.9
+    pairs = dolfinx.fem.compute_integration_domains(*arguments)
+    return np.asarray(pairs, dtype=np.int32).reshape(-1)
+
+
+def facet_submesh(mesh: dolfinx.mesh.Mesh, facets: Ints) -> tuple[dolfinx.mesh.Mesh, Ints, Any]:
+    """A mesh whose cells are facets of another; collective.
+
+    Args:
+        mesh: The mesh.
+        facets: Local facets, owned and ghosts.
+
+    Returns:
+        The mesh of the facets, the facet of ``mesh`` behind each of its local cells, and what
+        `mixed_form` takes to relate the two.
+    """
+    fdim = mesh.topology.dim - 1
+    sub, entities = dolfinx.mesh.create_submesh(mesh, fdim, np.sort(facets))[:2]
+    if hasattr(entities, "sub_topology_to_topology"):
+        cells = sub.topology.index_map(fdim)
+        local = np.arange(cells.size_local + cells.num_ghosts, dtype=np.int32)
+        parent = entities.sub_topology_to_topology(local, False)
+        return sub, np.asarray(parent, dtype=np.int32), [entities]
+    facet_map = mesh.topology.index_map(fdim)  # 0.9: plain arrays
+    to_sub = np.full(facet_map.size_local + facet_map.num_ghosts, -1, dtype=np.int32)
+    to_sub[entities] = np.arange(len(entities), dtype=np.int32)
+    return sub, np.asarray(entities, dtype=np.int32), {sub: to_sub}
+
+
+def mixed_form(form: Any, relation: Any) -> dolfinx.fem.Form:
+    """Compile a form on a mesh with functions on a submesh of its facets, see `facet_submesh`."""
+    return dolfinx.fem.form(form, entity_maps=relation)
+
+
+def interpolation_points(space: dolfinx.fem.FunctionSpace) -> Floats:
+    """Points (p, i) of the reference cell at which a space takes values of a function."""
+    points = space.element.interpolation_points
+    found: Floats = points() if callable(points) else points
+    return found
+
+
+def cell_values(expression: dolfinx.fem.Expression, mesh: dolfinx.mesh.Mesh, cells: Ints) -> Floats:
+    """Values (c, v) of an expression at its points in cells, all of a cell in one row."""
+    return np.asarray(expression.eval(mesh, cells)).reshape(len(cells), -1)
+
+
+# -- assembly -------------------------------------------------------------------------------------
+
+
+def packed_constants(form: dolfinx.fem.Form) -> Floats:
+    """Values of a form's constants, as ``dolfinx.fem.assemble_vector`` takes them."""
+    constants: Floats = dolfinx.cpp.fem.pack_constants(form._cpp_object)
+    return constants
+
+
+def add_matrix(A: PETSc.Mat, form: dolfinx.fem.Form, unrolled: bool) -> None:
+    """Add a bilinear form to a matrix, as it is: no rows are replaced and nothing is communicated.
+
+    DOLFINx's public function cannot add a second form to a matrix, since it inserts a diagonal
+    after the first, nor address single rows of a blocked matrix.
+
+    Args:
+        A: the matrix.
+        form: the form.
+        unrolled: whether values are added by single rows and not by blocks.
+    """
+    dolfinx.cpp.fem.petsc.assemble_matrix(
+        A,
+        form._cpp_object,
+        dolfinx.cpp.fem.pack_constants(form._cpp_object),
+        dolfinx.cpp.fem.pack_coefficients(form._cpp_object),
+        [],
+        unrolled,
+    )
+
+
+# -- compiled code --------------------------------------------------------------------------------
+
+
+def compiler_cache() -> Path:
+    """Directory in which FFCx keeps compiled forms."""
+    return Path(dolfinx.jit.get_options()["cache_dir"]).expanduser()

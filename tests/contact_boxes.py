@@ -17,6 +17,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from forms.contact.penalty import ContactTerm
+from geometry.compat import cell_nodes
 from geometry.surfaces.surface import ContactSurface
 
 GAP = 0.05
@@ -40,7 +41,7 @@ def box(cell, count, low, high):
         mesh = dolfinx.mesh.create_rectangle(MPI.COMM_SELF, [low, high], count, kind)
     else:
         mesh = dolfinx.mesh.create_box(MPI.COMM_SELF, [low, high], count, kind)
-    return mesh.geometry.x[:, : len(low)], mesh.geometry.dofmap.astype(np.int64)
+    return mesh.geometry.x[:, : len(low)], cell_nodes(mesh).astype(np.int64)
 
 
 @lru_cache
@@ -70,7 +71,7 @@ def two_boxes(cell, fine, master=None, parallel=False):
     if comm.rank > 0:
         cells, x = cells[:0], x[:0]
     domain = ufl.Mesh(basix.ufl.element("Lagrange", cell, 1, shape=(dim,)))
-    mesh = dolfinx.mesh.create_mesh(comm, cells, x, domain)
+    mesh = dolfinx.mesh.create_mesh(comm, cells, x=x, e=domain)
     slave, master = (
         dolfinx.mesh.locate_entities_boundary(
             mesh, dim - 1, lambda X, h=h: np.isclose(X[dim - 1], h)

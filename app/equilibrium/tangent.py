@@ -12,7 +12,6 @@ import dolfinx
 import dolfinx.fem.petsc
 import numpy as np
 import ufl
-from dolfinx import cpp as _cpp
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -22,6 +21,7 @@ from app.equilibrium.timers import Stopwatch
 from forms.bodies.loads import FollowerPressure
 from forms.bodies.solid import Solid
 from forms.contact.penalty import ContactTerm, ContactTrial
+from geometry.compat import add_matrix
 from geometry.surfaces.facets import Floats, Longs
 
 
@@ -88,11 +88,7 @@ class Tangent:
         forms = [part.tangent for solid in self.solids for part in solid.forms]
         forms += [p.tangent for p in self.pressures if p.value.value != 0.0]
         for form in forms:
-            constants = _cpp.fem.pack_constants(form._cpp_object)
-            coefficients = _cpp.fem.pack_coefficients(form._cpp_object)
-            _cpp.fem.petsc.assemble_matrix(
-                A, form._cpp_object, constants, coefficients, [], bool(self.constraints.platens)
-            )
+            add_matrix(A, form, unrolled=bool(self.constraints.platens))
 
     def _add_blocks(self, A: PETSc.Mat, nodes: Longs, blocks: Floats | None) -> None:
         """Add point blocks (q, m, i, n, j) (None: zeros, for the pattern) to global rows."""

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from app.build.model import Model
 from app.figures.style import COLOURS, STYLE, save
 from app.results.contact_points import contact_arrays
+from geometry.compat import cell_nodes
 from geometry.pictures.space import add_facets, facet_polygons, frame, outer_facets
 from geometry.surfaces.facets import Floats
 
@@ -48,7 +49,7 @@ def _deformed_cells(model: Model) -> dict[str, Floats]:
     out = {}
     for name in model.named.bodies:
         cells = model.named.cells(name)
-        out[name] = moved[mesh.geometry.dofmap[cells[cells < owned]][:, order]]
+        out[name] = moved[cell_nodes(mesh)[cells[cells < owned]][:, order]]
     return out
 
 
@@ -66,13 +67,13 @@ def _moved_nodes(model: Model) -> Floats:
     """Positions (n, 3), m, current, of the mesh's own nodes, which are its corners."""
     problem, geometry = model.problem, model.named.mesh.geometry
     layout = problem.space.dofmap.dof_layout
-    corners = geometry.dofmap.shape[1]
-    at = [layout.entity_dofs(0, corner)[0] for corner in range(corners)]
+    nodes = cell_nodes(model.named.mesh)
+    at = [layout.entity_dofs(0, corner)[0] for corner in range(nodes.shape[1])]
     moved: Floats = geometry.x.copy()
     values = problem.u.x.array.reshape(-1, problem.dim)
     # The displacement's own nodes may be more, and are numbered in their own way.
     displacement = np.zeros((len(moved), problem.dim))
-    displacement[geometry.dofmap] = values[problem.space.dofmap.list[:, at]]
+    displacement[nodes] = values[problem.space.dofmap.list[:, at]]
     moved[:, : problem.dim] += displacement
     return moved
 

@@ -9,6 +9,7 @@ import dolfinx
 import numpy as np
 
 from forms.bodies.solid import Solid
+from geometry.compat import interpolation_points
 
 
 class StressField:
@@ -26,7 +27,7 @@ class StressField:
         self.stress = dolfinx.fem.Function(tensors, name="cauchy_stress")
         self.von_mises = dolfinx.fem.Function(scalars, name="von_mises_stress")
         self.pressure = dolfinx.fem.Function(scalars, name="pressure")
-        points = tensors.element.interpolation_points()
+        points = interpolation_points(tensors)
         self._parts = [
             (dolfinx.fem.Expression(solid.cauchy_stress(), points), solid.cells) for solid in solids
         ]

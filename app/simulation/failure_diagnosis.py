@@ -21,6 +21,7 @@ from app.implicit.stepper import StepResult
 from app.simulation.contact_resultants import ContactResultants
 from forms.bodies.materials import oedometric_modulus
 from forms.friction.friction_map import FrictionMap
+from geometry.compat import cell_values
 from geometry.surfaces.facets import Floats
 
 GAUSS_DEGREE = 2  # of the points at which the volume ratio is looked at
@@ -123,7 +124,7 @@ def most_squeezed(problem: Equilibrium) -> Squeezed:
     for solid in problem.solids:
         if not len(solid.cells):
             continue
-        least = np.asarray(ratio.eval(mesh, solid.cells)).min(axis=1)
+        least = cell_values(ratio, mesh, solid.cells).min(axis=1)
         least = np.where(np.isfinite(least), least, -np.inf)
         at = int(np.argmin(least))
         middle = dolfinx.mesh.compute_midpoints(mesh, dim, solid.cells[at : at + 1])[0]

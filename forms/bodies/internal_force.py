@@ -14,12 +14,12 @@ from typing import Any, Protocol
 
 import dolfinx
 import numpy as np
-from dolfinx import cpp as _cpp
 from numpy.typing import NDArray
 
 from forms.bodies.materials import Hencky, Material, MooneyRivlin, NeoHookean
 from forms.bodies.solid import Solid
 from forms.native.libraries import library
+from geometry.compat import packed_constants
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -52,10 +52,7 @@ class GeneratedForce:
         self._u = u
         self._residuals = [part.residual for part in solid.forms]
         self._energies = [part.energy for part in solid.forms]
-        self._constants = [
-            _cpp.fem.pack_constants(form._cpp_object)
-            for form in (*self._residuals, *self._energies)
-        ]
+        self._constants = [packed_constants(form) for form in (*self._residuals, *self._energies)]
 
     def add(self, u: Floats, out: Floats) -> bool:
         """See ``BodyForce.add``; the logarithm of J ≤ 0 makes the forces NaN."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from forms.bodies.kinematics import Section, circumference, section_of
-from geometry.surfaces.surface import integration_facets
+from geometry.compat import integration_facets
 
 
 class FollowerPressure:

@@ -1,4 +1,4 @@
-"""Closed forms that computations are verified against; of homogeneous sliding by name."""
+"""Closed forms for verification; those of homogeneous sliding can be imported from here."""
 
 from forms.closed_forms.homogeneous_sliding import (
     crossover_speed,

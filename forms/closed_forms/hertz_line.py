@@ -1,7 +1,7 @@
 r"""Closed forms of line contact between elastic cylinders at small strain, per unit length.
 
 Hertz's pressure and the tangential traction of Cattaneo and Mindlin hold for half-spaces in plane
-strain, that is for a half-width much smaller than the radii. Friction leaves the pressure as it is
+strain, that is for a half-width much smaller than the radii. Friction does not change the pressure
 where the bodies are alike or both incompressible (Dundurs' second parameter is zero). Source:
 K. L. Johnson, Contact Mechanics, Cambridge University Press 1985, sections 4.2 and 7.2.
 """

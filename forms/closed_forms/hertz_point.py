@@ -1,7 +1,7 @@
 r"""Closed forms of a sphere pressed on a flat, and twisted, at small strain.
 
 Hertz's pressure holds for half-spaces, that is for a contact radius much smaller than the sphere's.
-Twisting about the axis of symmetry leaves it as it is, whatever the bodies. Sources: K. L. Johnson,
+Twisting about the axis of symmetry does not change it for any bodies. Sources: K. L. Johnson,
 Contact Mechanics, Cambridge University Press 1985, section 4.2; J. L. Lubkin, J. Appl. Mech. 18
 (1951) 183-187, for the moment in partial slip.
 """
@@ -19,7 +19,7 @@ from scipy.special import ellipe, ellipkm1
 
 from forms.closed_forms.hertz_line import Floats, ellipse
 
-STUCK = 1e-9  # share of the contact radius from which all is said to slide
+STUCK = 1e-9  # c/a below which the whole contact counts as sliding
 
 
 @dataclass(frozen=True, slots=True)

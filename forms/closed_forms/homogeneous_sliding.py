@@ -1,6 +1,6 @@
 r"""Closed forms of homogeneous sliding under the friction-map law, to verify computations with.
 
-They know nothing of time steps: the film fraction switches sharply at the threshold speed, so a
+They contain no time steps: the film fraction switches sharply at the threshold speed, so a
 computation with a transition of finite width is compared outside that transition. All arguments
 broadcast against each other.
 """
@@ -64,7 +64,7 @@ def steady_traction(
 
     With :math:`\omega = 1 - \alpha` for the weighted flow rule. Under the literal rule
     :math:`\omega = 1`, but where :math:`\alpha = 1` the asperities have lost their stiffness and
-    never reach the threshold: there the film is all there is.
+    never reach the threshold: there the traction is the film's alone.
 
     Args:
         speed: m/s, V > 0.
@@ -117,7 +117,7 @@ def crossover_speed(film: ArrayLike, pressure: ArrayLike, mu: ArrayLike, eta_b: 
 def presliding_length(
     pressure: ArrayLike, mu: ArrayLike, alpha: ArrayLike, parameters: FrictionMapParameters
 ) -> Floats:
-    r"""Slip after which the asperities give way, m: :math:`\omega\mu p/((1 - \alpha) K_T)`.
+    r"""Slip at which the asperities reach the threshold, m: :math:`\omega\mu p/((1 - \alpha) K_T)`.
 
     That is :math:`\mu p/K_T` for the weighted rule at any film fraction (its limit at alpha = 1),
     and :math:`\mu p/((1 - \alpha) K_T)` for the literal rule, infinite at alpha = 1.

@@ -1,7 +1,7 @@
 r"""Checks of friction-map parameters against the film, the pressure and the numbers of a run.
 
-What cannot be computed is refused with a ``ValueError``; what can be, but may surprise, is told in
-one line with the numbers, for the caller to print.
+Parameters that cannot be computed with raise a ``ValueError``; where they may give unexpected
+results, a function returns one line with the numbers, for the caller to print.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ Floats = NDArray[np.float64]
 
 
 def check_film(parameters: FrictionMapParameters, film: Floats | float) -> None:
-    """Refuse a film that the law cannot work with.
+    """Check that the law can be evaluated for a film.
 
     Args:
         parameters: Of the law.
@@ -39,12 +39,12 @@ def check_film(parameters: FrictionMapParameters, film: Floats | float) -> None:
 def uniqueness_warning(
     parameters: FrictionMapParameters, pressure: float, film: Floats | float
 ) -> str | None:
-    r"""Whether slip weakening may leave two answers to one step, as a line of text.
+    r"""Whether slip weakening may give a step two solutions, as a line of text.
 
     .. math:: (1 - \alpha) K_T > \omega\, t_N (\mu_s - \mu_d) B
 
     (omega = 1 - alpha for the weighted flow rule, 1 for the literal one; alpha below the threshold
-    speed) is sufficient for one answer, not necessary. Where it fails, stick and slip can coexist
+    speed) is sufficient for one solution, not necessary. Where it fails, stick and slip can coexist
     and the traction can jump.
 
     Args:
@@ -53,14 +53,14 @@ def uniqueness_warning(
         film: (q,) or a number, m, film thickness D.
 
     Returns:
-        A message with the numbers, or None where the answer is unique.
+        A message with the numbers, or None where the solution is unique.
     """
     softening = pressure * (parameters.mu_s - parameters.mu_dynamic) * parameters.B
     stiffness, what = parameters.K_T, "K_T"
     if parameters.flow_rule == "literal":
         thickness = np.atleast_1d(np.asarray(film, dtype=np.float64))
         solid = at_rest(parameters, thickness).solid
-        # A film that carries all has no friction, so nothing that could weaken.
+        # Where the film carries all there is no friction that could weaken.
         solid = solid[solid > 0.0]
         if not solid.size:
             return None
@@ -83,10 +83,10 @@ def threshold_speed_warning(
     dt: float,
     slowest: float | None = None,
 ) -> str | None:
-    """Whether the threshold speed V* can play a part in a run, as a line of text.
+    """Whether the threshold speed V* has an effect in a run, as a line of text.
 
-    Speeds below (error of a position)/(time step) cannot be told apart from rest; and where V* is
-    below every driven speed, the film carries all (alpha = 1) throughout the sliding.
+    Speeds below (error of a position)/(time step) cannot be distinguished from rest; and where
+    V* is below every driven speed, the film carries all (alpha = 1) throughout the sliding.
 
     Args:
         parameters: Of the law.
@@ -96,8 +96,8 @@ def threshold_speed_warning(
         slowest: m/s, the lowest speed of sliding, > 0, if there is one.
 
     Returns:
-        A message with the numbers, or None where V* can be resolved and lies within reach (or
-        where there is no film between D_min and D_max, so that V* plays no part).
+        A message with the numbers, or None where V* can be resolved and lies between (or
+        where there is no film between D_min and D_max, so that V* has no effect).
     """
     thickness = np.atleast_1d(np.asarray(film, dtype=np.float64))
     inside = (thickness > parameters.D_min) & (thickness < parameters.D_max)
@@ -112,7 +112,7 @@ def threshold_speed_warning(
     if lowest <= resolved:
         return (
             f"{head} lies within round-off: speeds below {resolved:.2g} m/s (position error "
-            f"{position_error:.2g} m over a time step of {dt:.2g} s) cannot be told apart"
+            f"{position_error:.2g} m over a time step of {dt:.2g} s) cannot be distinguished"
         )
     if slowest is not None and float(v_star.max()) < slowest:
         return (

@@ -46,7 +46,7 @@ class CoulombLaw:
     r"""Coulomb friction (a ``FrictionLaw``): T = K_T g_e, |T| <= mu t_N.
 
     The elastic slip :math:`g_e` grows with the slip until :math:`K_T |g_e| = \mu t_N`; the rest of
-    the slip is permanent. The film plays no role.
+    the slip is permanent. The film has no effect.
 
     Attributes:
         parameters: Its parameters.
@@ -110,7 +110,7 @@ class FrictionlessLaw:
         area_ratio: Floats | float = 1.0,
         rate_dependent: bool = True,
     ) -> FrictionResponse:
-        """No traction; the state counts the slip. See ``FrictionLaw.update``."""
+        """No traction; the slip is added to the slip path. See ``FrictionLaw.update``."""
         require_time_step(dt, rate_dependent)
         slip, _, closed = in_contact(slip_increment, pressure, state)
         n, dim = slip_increment.shape

@@ -21,10 +21,10 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class DryStep:
-    """A step and what it was made of; vectors are (i, q).
+    """A step and its intermediate results; vectors are (i, q).
 
     Attributes:
-        response: Its answer, with the coefficient of friction held.
+        response: Its result, with a constant coefficient of friction.
         returned: The return mapping.
         slip: (i, q), m, slip increment, zero at open points.
     """

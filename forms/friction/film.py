@@ -1,6 +1,6 @@
 """Film thickness D of a contact: a number, a table over the pressure, or a field of points.
 
-D is an input of the friction law, without an evolution of its own, and not the gap of the contact.
+D is an input of the friction law; it does not evolve, and it is not the gap of the contact.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ Floats = NDArray[np.float64]
 
 @runtime_checkable
 class FilmThickness(Protocol):
-    """A film: anything that tells its thickness from the contact pressure."""
+    """A film: anything with a thickness that depends on the contact pressure."""
 
     def at(self, pressure: Floats) -> tuple[Floats, Floats]:
         """Thickness and its derivative for the pressure.
@@ -124,7 +124,7 @@ def film_thickness(value: FilmThickness | ArrayLike) -> FilmThickness:
 
 
 def require_thickness(value: ArrayLike) -> None:
-    """Refuse what is not a film thickness.
+    """Check a film thickness.
 
     Args:
         value: m, a number or an array.

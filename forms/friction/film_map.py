@@ -10,7 +10,7 @@ from one to the other may have a relative width w:
    y = \min\{\max\{(1 + w - V/V^*)/(2 w), 0\}, 1\}
 
 so that alpha is continuously differentiable in V for w > 0. Where D <= D_min there is no film:
-alpha = 0 at every speed; where D >= D_max there is nothing else: alpha = 1 at every speed.
+alpha = 0 at every speed; where D >= D_max there is only film: alpha = 1 at every speed.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class AtRest:
 
 @dataclass(frozen=True, slots=True)
 class FilmPoint:
-    """Where a point is on the map.
+    """The film fraction at points of the map.
 
     Attributes:
         alpha: (q,), film fraction.

@@ -1,11 +1,11 @@
-r"""Resistance of the film to a slip increment: what its stress is per length of slip.
+r"""Resistance of the film to a slip increment: its stress per length of slip.
 
 With :math:`\hat\eta` the viscosity at the shear rate :math:`|\Delta g_T|/(D \Delta t)`:
 
 .. math:: f = \min\{t_N/p_{on}, 1\}\, \frac{\hat\eta}{D \Delta t} \frac{da}{dA}, \qquad
    T_{film} = \alpha f \Delta g_T
 
-The film feels the pressure per current area, :math:`t_N/(da/dA)`.
+The film's pressure is per current area, :math:`t_N/(da/dA)`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-r"""How the film flows: Newtonian, with limits that a thin film under high shear and pressure has.
+r"""Flow of the film: Newtonian, with the limits of a thin film under high shear and pressure.
 
 Stress of the film per current area over shear rate :math:`\dot\gamma = V/D` and pressure p:
 
@@ -11,7 +11,7 @@ Stress of the film per current area over shear rate :math:`\dot\gamma = V/D` and
    \tau_L = \tau_0 + \zeta p
 
 after Barus (Am. J. Sci. 45, 1893), Carreau (Trans. Soc. Rheol. 16, 1972) and Bair & Winer
-(J. Lubr. Technol. 101, 1979). Each of the three is off unless asked for; without any
+(J. Lubr. Technol. 101, 1979). Each of the three is off by default; without any
 :math:`\tau = \eta_b \dot\gamma`. The stress never falls with the shear rate (n >= 0), and
 :math:`\tau \dot\gamma \ge 0`.
 """
@@ -131,7 +131,7 @@ class FilmRheology:
         """The limiting shear stress over a flow without one."""
         assert self.tau_0 is not None
         limit = self.tau_0 + self.zeta * pressure
-        limit = np.where(limit > 0.0, limit, 1.0)  # Zero at open points only, which bear no film.
+        limit = np.where(limit > 0.0, limit, 1.0)  # zero at open points only
         x = flow.value * rate / limit
         share, slope = _saturation(x)
         d_x_d_rate = (flow.value + rate * flow.d_rate) / limit

@@ -43,7 +43,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class _Step:
-    """What one step of the law works with; vectors are (i, q)."""
+    """Intermediate quantities of one step of the law; vectors are (i, q)."""
 
     slip: Floats
     elastic_before: Floats
@@ -140,15 +140,11 @@ class FrictionMap:
     ) -> _Step:
         """Film fraction, re-entry and return mapping."""
         parameters = self.parameters
-        slip = components_first(slip_increment)
-        before = components_first(state.elastic_slip)
         closed = pressure > 0.0
-        if not closed.all():
-            slip[:, ~closed] = 0.0
-            before[:, ~closed] = 0.0
+        slip = _where_closed(slip_increment, closed)
+        before = _where_closed(state.elastic_slip, closed)
         film = _shortened(film)
-        speed = self._speed(slip, dt, state, rate_dependent)
-        at = film_point(parameters, film, speed)
+        at = film_point(parameters, film, self._speed(slip, dt, state, rate_dependent))
         kept, d_kept = self._kept(at, state)
         literal = parameters.flow_rule == "literal"
         trial = kept * before + slip
@@ -246,7 +242,7 @@ class FrictionMap:
         """dT/dalpha with slip, film thickness and pressure fixed, (i, q), Pa."""
         returned = step.returned
         if self.parameters.flow_rule == "weighted":
-            # T^e is 1 - alpha times a traction that knows alpha only through r.
+            # T^e is 1 - alpha times a traction that depends on alpha through r only.
             d_alpha = -returned.secant * step.trial
         else:
             d_alpha = (-self.parameters.K_T * returned.d_stiffness) * returned.direction
@@ -282,8 +278,16 @@ class FrictionMap:
         )
 
 
+def _where_closed(vectors: Floats, closed: NDArray[np.bool_]) -> Floats:
+    """Vectors (q, i) as (i, q), zero where the contact is open."""
+    out = components_first(vectors)
+    if not closed.all():
+        out[:, ~closed] = 0.0
+    return out
+
+
 def _shortened(film: Floats) -> Floats:
-    """One entry for all where the film is the same everywhere: powers and roots are then free."""
+    """One entry for all where the film is the same everywhere, which saves powers and roots."""
     if film.size > 1 and bool((film == film[0]).all()):
         return film[:1]
     return film

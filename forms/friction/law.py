@@ -1,11 +1,11 @@
-r"""What every friction law is: one vectorised update of a state, and what it answers.
+r"""The interface of friction laws: one vectorised update of a state, and its results.
 
 Axis letters: q quadrature points, i, j space (d = 2 or 3 components; any d >= 1 works). All vectors
 lie in the tangent plane of the contact, but are given in world components: no law needs the normal.
 
 Signs: the slip increment :math:`\Delta g_T` is the slave's motion relative to the master. The
 friction traction T has the direction of the slip; **it acts on the slave as -T** and on the master
-as +T, so that :math:`T \cdot \Delta g_T` is the work the contact takes from the bodies. Tractions
+as +T, so that :math:`T \cdot \Delta g_T` is the work that the bodies do on the contact. Tractions
 are per reference area of the slave surface.
 
 Energy, at every point and step, up to round-off:
@@ -13,7 +13,7 @@ Energy, at every point and step, up to round-off:
 .. math:: T \cdot \Delta g_T - (\psi_{n+1} - \psi_n) = \text{coulomb} + \text{viscous}
    + \text{switching} + \text{numerical} + \text{opening}
 
-with :math:`\psi` from ``stored_energy``. The normal (penalty) part is not the law's business.
+with :math:`\psi` from ``stored_energy``. The normal (penalty) part does not belong to the law.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ Floats = NDArray[np.float64]
 
 
 class Regime(IntEnum):
-    """What a contact point does at the end of a step.
+    """State of motion of a contact point at the end of a step.
 
-    ``STICK`` means that the asperities hold (no permanent slip in the step), also where a film
-    with 0 < alpha < 1 creeps along with their elastic deformation. ``MIXED`` is permanent slip
+    ``STICK`` means that the asperities do not slip (no permanent slip in the step), also where a
+    film with 0 < alpha < 1 creeps along with their elastic deformation. ``MIXED`` is permanent slip
     with 0 < alpha < 1, ``SLIP`` permanent slip without a film (alpha = 0), ``VISCOUS`` a film that
     carries all (alpha = 1), moving or not.
     """
@@ -49,7 +49,7 @@ class FrictionState:
     """History of the friction law at q points, as a structure of arrays.
 
     Attributes:
-        elastic_slip: (q, i), m, elastic part of the slip, in today's tangent plane.
+        elastic_slip: (q, i), m, elastic part of the slip, in the current tangent plane.
         slip_path: (q,), m, length of the permanent slip so far.
         alpha: (q,), -, film fraction of the last converged step.
         speed: (q,), m/s, slip speed of the last converged step.
@@ -86,7 +86,7 @@ class FrictionState:
         return type(self)(**{name: value[points] for name, value in self._items()})
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Every array by name, contiguous, as a checkpoint wants them; ``from_arrays`` reverts."""
+        """Every array by name, contiguous, for a checkpoint; ``from_arrays`` is the inverse."""
         return {name: np.ascontiguousarray(value) for name, value in self._items()}
 
     @classmethod
@@ -109,7 +109,7 @@ class FrictionState:
 
 @dataclass(frozen=True, slots=True)
 class Dissipation:
-    """Where the work of one step went, per reference area. Each array (q,), J/m^2 per step.
+    """The parts of the work of one step, per reference area. Each array (q,), J/m^2 per step.
 
     Attributes:
         coulomb: Permanent slip against the friction threshold.
@@ -135,7 +135,7 @@ class Dissipation:
 
 @dataclass(frozen=True, slots=True)
 class FrictionResponse:
-    """Answer of a friction law at q points.
+    """Results of a friction law at q points.
 
     The arrays may be views that are not C-contiguous. Derivatives are exact; at a kink (onset of
     slip, end of a transition) they are those of the branch taken. All are zero at open points.
@@ -146,7 +146,7 @@ class FrictionResponse:
         d_traction_d_elastic: (q, i, j), Pa/m, derivative for the elastic slip of the input state.
         d_traction_d_pressure: (q, i), -, derivative for the contact pressure.
         d_traction_d_film: (q, i), Pa/m, derivative for the film thickness.
-        state: Trial state at the end of the step; the caller commits or drops it.
+        state: Trial state at the end of the step; the caller commits or discards it.
         regime: (q,), codes of ``Regime``.
         dissipation: The work of the step, split.
     """
@@ -182,11 +182,11 @@ class FrictionLaw(Protocol):
         """Traction, its derivatives and the trial state at the end of one step.
 
         Args:
-            slip_increment: (q, i), m, slip of the step, in today's tangent plane.
+            slip_increment: (q, i), m, slip of the step, in the current tangent plane.
             dt: s, length of the step, > 0.
             pressure: (q,), Pa, contact pressure t_N >= 0 per reference area; 0 means open.
             film: (q,), m, film thickness D >= 0.
-            state: Last converged state, its elastic slip transported to today's tangent plane.
+            state: Last converged state, its elastic slip transported to the current tangent plane.
                 It is not modified.
             area_ratio: (q,) or a number, -, da/dA of the slave surface.
             rate_dependent: False switches off all that depends on time.

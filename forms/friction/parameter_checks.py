@@ -1,4 +1,4 @@
-"""Refusals of parameters that are not allowed: one line with name, value and what is allowed."""
+"""Checks of parameters; an error is one line with name, value and the allowed values."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ def refusal(name: str, value: object, allowed: str) -> ValueError:
 
 
 def require_at_least(name: str, value: float, lowest: float) -> None:
-    """Refuse a number below a bound.
+    """Check that a number is not below a bound.
 
     Raises:
         ValueError: The value is not finite, or below ``lowest``.
@@ -21,7 +21,7 @@ def require_at_least(name: str, value: float, lowest: float) -> None:
 
 
 def require_above(name: str, value: float, bound: float, of: str = "") -> None:
-    """Refuse a number up to a bound, which may be called something in the message (``of``).
+    """Check that a number is above a bound; ``of`` precedes the bound in the message.
 
     Raises:
         ValueError: The value is not finite, or not above ``bound``.
@@ -31,7 +31,7 @@ def require_above(name: str, value: float, bound: float, of: str = "") -> None:
 
 
 def require_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
-    """Refuse a word that is not one of the choices.
+    """Check that a word is one of the choices.
 
     Raises:
         ValueError: The value is none of ``choices``.

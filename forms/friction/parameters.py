@@ -47,7 +47,7 @@ class FrictionMapParameters:
             elastic slip is kept always, which can break the second law.
         switch: "implicit": alpha from the speed of the step; "lagged": from the speed of the last
             converged step.
-        reset_slip_on_opening: Whether an opening point forgets its slip path.
+        reset_slip_on_opening: Whether the slip path of an opening point is set to zero.
         film_onset_pressure: Pa, >= 0, contact pressure up to which the film's stress grows in
             proportion to the pressure; beyond, it is whole. 0: whole as soon as there is contact,
             so that the traction jumps where a point opens.
@@ -108,7 +108,7 @@ class FrictionMapParameters:
         require_choice("switch", self.switch, ("implicit", "lagged"))
         self._check_film_fraction()
         self._check_threshold_speed()
-        _ = self.rheology  # Refuses what its parameters do not allow.
+        _ = self.rheology  # checks its own parameters
 
     def _check_film_fraction(self) -> None:
         _require_one_of("alpha", self.alpha, "beta", self.beta)
@@ -177,7 +177,7 @@ def _require_one_of(first: str, a: object, second: str, b: object) -> None:
 
 
 def _numbers(name: str, value: Any) -> float | Table:
-    """A number, or a table as tuples, refused unless its film thicknesses are positive and rise."""
+    """A number, or a table as tuples, whose film thicknesses must be positive and rise."""
     if not isinstance(value, list | tuple):
         return float(value)
     if not value or any(not isinstance(row, list | tuple) or len(row) != 2 for row in value):
@@ -216,7 +216,7 @@ PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
         "paper-swapped": MappingProxyType(
             {**_PAPER, "beta": ((10e-9, 1.0), (30e-9, 1e-5), (180e-9, 0.01))}
         ),
-        # The law as this program reads it, with the printed alpha. The threshold speed is left
+        # The law as this program interprets it, with the printed alpha. The threshold speed is left
         # to the user: the printed gamma puts it below anything that can be resolved.
         "friction-map": MappingProxyType(
             {
@@ -239,7 +239,7 @@ K_T) is in none of them; "friction-map" also leaves the threshold speed (V_star 
 def with_preset(name: str, values: Mapping[str, Any]) -> dict[str, Any]:
     """Values over a preset's, for ``FrictionMapParameters(**...)``.
 
-    A given alpha displaces the preset's beta and the other way round; likewise V_star and gamma.
+    A given alpha replaces the preset's beta and the other way round; likewise V_star and gamma.
 
     Args:
         name: One of ``PRESETS``.

@@ -13,6 +13,7 @@ with two or three components in the innermost place.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -116,27 +117,17 @@ def return_mapping(
     threshold = mu * pressure
     elastic = stiffness * s
     slipping = elastic > ROUND_OFF * threshold
-    held = _held(slipping, stiffness)
-    if not isinstance(friction, SlipWeakening):
-        tangent: Floats = held
-        d_pressure: Floats = np.where(slipping, mu, 0.0)
-        d_stiffness = np.where(slipping, 0.0, s)
-    else:
+    if isinstance(friction, SlipWeakening):
         path = _path_after(s, stiffness, pressure, slip_path, slipping, friction)
-        mu = friction.coefficient(path)
-        threshold = mu * pressure
-        softening = np.where(slipping, friction.slope(path) * pressure, 0.0)
-        share = _share(stiffness, softening, slipping)
-        tangent = held + softening * share
-        d_pressure = mu * share
-        d_stiffness = np.where(slipping, 0.0, s)
-        where = np.flatnonzero(softening)
-        kappa = np.broadcast_to(stiffness, s.shape)[where]
-        d_stiffness[where] = softening[where] * share[where] * threshold[where] / kappa**2
-    ratio = np.ones_like(s)
-    np.divide(threshold, elastic, out=ratio, where=slipping)
-    # Clipped: the new threshold may exceed the trial by a rounding error at the very onset.
-    np.minimum(ratio, 1.0, out=ratio)
+        threshold = friction.coefficient(path) * pressure
+        slopes = _weakening_slopes(s, stiffness, pressure, path, slipping, friction)
+    else:
+        slopes = _Slopes(
+            tangent=_where_stuck(slipping, stiffness),
+            d_pressure=np.where(slipping, mu, 0.0),
+            d_stiffness=_where_stuck(slipping, s),
+        )
+    ratio = _ratio(threshold, elastic, slipping)
     return Returned(
         elastic_slip=ratio * trial,
         direction=trial / np.maximum(s, TINY),
@@ -144,15 +135,56 @@ def return_mapping(
         slip=s - ratio * s,
         slipping=slipping,
         secant=ratio * stiffness,
-        tangent=tangent,
-        d_pressure=d_pressure,
+        tangent=slopes.tangent,
+        d_pressure=slopes.d_pressure,
+        d_stiffness=slopes.d_stiffness,
+    )
+
+
+class _Slopes(NamedTuple):
+    """The derivatives of |T| that `Returned` has, (q,), by the same names."""
+
+    tangent: Floats
+    d_pressure: Floats
+    d_stiffness: Floats
+
+
+def _weakening_slopes(
+    s: Floats,
+    stiffness: Floats | float,
+    pressure: Floats,
+    path: Floats,
+    slipping: NDArray[np.bool_],
+    friction: SlipWeakening,
+) -> _Slopes:
+    """Derivatives where the coefficient falls with the slip path, here that after the step."""
+    mu = friction.coefficient(path)
+    softening = np.where(slipping, friction.slope(path) * pressure, 0.0)
+    share = _share(stiffness, softening, slipping)
+    d_stiffness = _where_stuck(slipping, s)
+    where = np.flatnonzero(softening)
+    kappa = np.broadcast_to(stiffness, s.shape)[where]
+    threshold = (mu * pressure)[where]
+    d_stiffness[where] = softening[where] * share[where] * threshold / kappa**2
+    return _Slopes(
+        tangent=_where_stuck(slipping, stiffness) + softening * share,
+        d_pressure=mu * share,
         d_stiffness=d_stiffness,
     )
 
 
-def _held(slipping: NDArray[np.bool_], stiffness: Floats | float) -> Floats:
-    """The stiffness where the point sticks, else zero."""
-    return np.where(slipping, 0.0, stiffness)
+def _where_stuck(slipping: NDArray[np.bool_], values: Floats | float) -> Floats:
+    """The values (q,) where the point sticks, else zero."""
+    return np.where(slipping, 0.0, values)
+
+
+def _ratio(threshold: Floats, elastic: Floats, slipping: NDArray[np.bool_]) -> Floats:
+    """Traction over that of the trial (q,): 1 where the point sticks."""
+    ratio = np.ones_like(elastic)
+    np.divide(threshold, elastic, out=ratio, where=slipping)
+    # Clipped: the new threshold may exceed the trial by a rounding error at the very onset.
+    np.minimum(ratio, 1.0, out=ratio)
+    return ratio
 
 
 def _share(stiffness: Floats | float, softening: Floats, slipping: NDArray[np.bool_]) -> Floats:

@@ -4,7 +4,7 @@ r"""Friction that weakens with the speed (Stribeck), with an optional viscous pa
    \mu(V) = \mu_d + (\mu_s - \mu_d)\, e^{-(V/V_s)^\delta}
 
 with :math:`V = |\Delta g_T|/\Delta t` the speed of the step (Bo & Pavelescu, Wear 82, 1982). The
-traction falls with the speed where :math:`c < -\mu'(V) t_N`: stick-slip, which is the law's.
+traction falls with the speed where :math:`c < -\mu'(V) t_N`: stick-slip then belongs to the law.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class StribeckParameters:
 
 @dataclass(frozen=True, slots=True)
 class StribeckLaw:
-    """Stribeck friction (a ``FrictionLaw``); the film plays no role.
+    """Stribeck friction (a ``FrictionLaw``); the film has no effect.
 
     Attributes:
         parameters: Its parameters.

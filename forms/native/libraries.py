@@ -16,7 +16,7 @@ import subprocess
 import tempfile
 from pathlib import Path
 
-import dolfinx
+from geometry.compat import compiler_cache
 
 SOURCES = ("plane_kernel.c", "plane_contact.c")
 FLAGS = ("-std=gnu11", "-O3", "-fno-math-errno", "-fPIC", "-shared", "-w")
@@ -58,9 +58,8 @@ def _load(file: Path) -> ctypes.CDLL | None:
 
 def _caches() -> tuple[Path, Path]:
     """Directories for the libraries: FFCx's cache, or one for this user among temporary files."""
-    options: dict[str, str] = dolfinx.jit.get_options()
     ours = Path(tempfile.gettempdir()) / f"tribox-{os.getuid()}"
-    return Path(options["cache_dir"]).expanduser(), ours
+    return compiler_cache(), ours
 
 
 def _build(source: Path, target: Path) -> bool:

@@ -58,7 +58,7 @@ class Outline:
 
 
 class Body(Protocol):
-    """What can lie on either side of the contact."""
+    """A body on either side of the contact."""
 
     @property
     def contact_width(self) -> float:
@@ -209,7 +209,7 @@ class LineContact:
         pairs = ((self.upper_name, "top", upper), (self.lower_name, "bottom", lower))
         for tag, (name, _, parts) in enumerate(pairs, start=1):
             gmsh.model.addPhysicalGroup(2, parts["faces"], tag, name)
-        # Tags of curves go on from those of the faces: no number means two things.
+        # Tags of curves continue those of the faces, so that each number is used once.
         tag = len(pairs)
         for name, far, parts in pairs:
             for side in ("contact", "far", "left", "right"):
@@ -223,7 +223,7 @@ def counts(body: Body, growth: float) -> tuple[int, int, int]:
     """Cells across the contact zone (even: a node on the apex), down its box, and from it outwards.
 
     Args:
-        body: What is meshed.
+        body: The body that is meshed.
         growth: Size of a cell over that of its neighbour on the contact side.
     """
     outline, size = body.outline(), body.contact_size

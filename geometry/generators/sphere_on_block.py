@@ -41,7 +41,8 @@ class Ring:
         radius: Distance from the axis in the half planes x and z, m.
         y: Height there, m.
         diagonal: x and z half way between them, m.
-        on: What the point lies on: "sphere", "circle" (about the axis, in its own plane) or "".
+        on: The surface or curve that the point lies on: "sphere", "circle" (about the axis, in its
+            own plane) or "".
     """
 
     radius: float
@@ -248,7 +249,7 @@ class SphereOnBlock:
 
         The physical groups are the two bodies and, with U and L for their names, the surfaces
         ``U_contact`` (the contact zone), ``L_contact`` (the whole upper side), ``top`` (the flat
-        side of U), ``bottom`` (of L), ``U_side`` and ``L_side`` (what is round of them besides),
+        side of U), ``bottom`` (of L), ``U_side`` and ``L_side`` (their other round sides),
         and where the bodies are cut ``U_symmetry_x`` and ``L_symmetry_x`` (the plane x = 0) and
         ``U_symmetry_z`` and ``L_symmetry_z`` (z = 0).
         """
@@ -261,7 +262,7 @@ class SphereOnBlock:
         gmsh.model.geo.synchronize()
         for tag, ((name, _), drawing) in enumerate(zip(names, drawn, strict=True), start=1):
             gmsh.model.addPhysicalGroup(self.dim, drawing.cells, tag, name)
-        # Tags of surfaces go on from those of the bodies: no number means two things.
+        # Tags of surfaces continue those of the bodies, so that each number is used once.
         tag = len(names)
         for (name, far), drawing in zip(names, drawn, strict=True):
             for side, found in drawing.named.items():
@@ -280,7 +281,7 @@ class _Drawing:
     """One body in the current gmsh model; points, curves and faces are made once each.
 
     Attributes:
-        body: What is drawn.
+        body: The body that is drawn.
         part: How much of it.
         cell: Shape of the cells.
         cells: Tags of the faces (of the section) or volumes made.
@@ -298,7 +299,7 @@ class _Drawing:
     _middles: dict[float, int] = field(default_factory=dict)
 
     def draw(self) -> None:
-        """Make everything, and note what it is called."""
+        """Make all entities and record their names."""
         if self.part == "axisymmetric":
             for names in self.body.parts:
                 self.cells.append(self._face([(name, 0) for name in names]))
@@ -346,7 +347,7 @@ class _Drawing:
                 yield [(a, i), (b, i), (b, i + 1), (a, i + 1)]
 
     def _same(self, corner: Corner) -> Corner:
-        """The one name of a point: on the axis there is no direction."""
+        """The name of a point; points on the axis have one name for all directions."""
         name, direction = corner
         return (name, 0) if self.body.rings[name].radius == 0.0 else (name, direction % 8)
 
@@ -368,7 +369,7 @@ class _Drawing:
         return self._points[corner]
 
     def _middle(self, y: float) -> int:
-        """A point on the axis that arcs go round."""
+        """The centre, on the axis, of arcs at a height."""
         import gmsh
 
         if y not in self._middles:

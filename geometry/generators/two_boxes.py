@@ -56,7 +56,7 @@ class Box:
             raise ValueError(f"a box of {count} cells is not allowed; at most {MAX_CELLS}")
 
     def face(self) -> Block:
-        """The side that one sees from the front."""
+        """The front side, in the plane of x and y."""
         elements = None if self.elements is None else self.elements[:2]
         return Block(self.width, self.height, elements, self.size, self.grading)
 
@@ -134,7 +134,7 @@ class TwoBoxes:
         pairs = ((self.upper_name, "top", upper), (self.lower_name, "bottom", lower))
         for tag, (name, _, parts) in enumerate(pairs, start=1):
             gmsh.model.addPhysicalGroup(3, [parts["volume"]], tag, name)
-        # Tags of faces go on from those of the volumes: no number means two things.
+        # Tags of faces continue those of the volumes, so that each number is used once.
         tag = len(pairs)
         for name, far, parts in pairs:
             for side in ("contact", "far", "left", "right", "front", "back"):

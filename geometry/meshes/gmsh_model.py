@@ -56,11 +56,11 @@ class Shape(Protocol):
 
 @contextmanager
 def gmsh_session(name: str) -> Iterator[ModuleType]:
-    """A fresh gmsh model called ``name``; it is removed and gmsh left as found at the end.
+    """A new gmsh model called ``name``; at the end it is removed and gmsh's state restored.
 
-    A session of the caller's own is used and stays open. gmsh prints nothing, reads no personal
-    options file and does not take over Ctrl-C, so a mesh does not depend on whose machine it is
-    made on.
+    A session that is already open is used and stays open. gmsh prints nothing, reads no personal
+    options file and installs no handler of Ctrl-C, so a mesh does not depend on the machine that
+    it is made on.
 
     Args:
         name: Name of the new model.
@@ -94,7 +94,7 @@ def write_msh(shape: Shape, path: Path) -> None:
     The file appears under its name only when it is complete.
 
     Args:
-        shape: What to write.
+        shape: The geometry to write.
         path: The file, ending in ``.msh``, in an existing directory.
 
     Raises:
@@ -120,7 +120,7 @@ def write_msh(shape: Shape, path: Path) -> None:
 def open_msh(gmsh: ModuleType, path: Path) -> None:
     """Read a ``.msh`` file into the current model.
 
-    The header is checked first: gmsh chooses what to do with a file by its name and would run the
+    The header is checked first: gmsh treats a file according to its name and would run the
     commands of a script.
 
     Args:
@@ -151,11 +151,11 @@ def named_groups(gmsh: ModuleType, source: str) -> NamedGroups:
     """Check the current model and return its named parts.
 
     Nodes are renumbered without holes and groups of points (in 3D also of curves) are dropped:
-    DOLFINx stumbles over both.
+    DOLFINx fails on both.
 
     Args:
         gmsh: The module, from ``gmsh_session``.
-        source: What the messages call the model, for instance its file.
+        source: Name of the model in messages, for instance its file.
 
     Returns:
         The names and tags of bodies and surfaces.
@@ -195,7 +195,7 @@ def named_groups(gmsh: ModuleType, source: str) -> NamedGroups:
 def vertices_and_facets(
     gmsh: ModuleType, dim: int, tags: Iterable[int]
 ) -> tuple[npt.NDArray[np.float64], list[npt.NDArray[np.int64]]]:
-    """Where the vertices are, and the facets of some surfaces.
+    """Positions of the vertices, and the facets of some surfaces.
 
     Args:
         gmsh: The module, from ``gmsh_session``, after ``named_groups``.
@@ -315,7 +315,7 @@ def _check_facets(
         dim: Dimension of the cells.
         tag: Of the surface.
         name: Of the surface.
-        source: What the messages call the model.
+        source: Name of the model in messages.
         corners: (n,) tags of the nodes of all cells, sorted.
     """
     for entity in gmsh.model.getEntitiesForPhysicalGroup(dim - 1, tag):
@@ -373,5 +373,5 @@ def _rows(gmsh: ModuleType, element_type: int, nodes: Any) -> npt.NDArray[np.int
 
 
 def _repeated(rows: npt.NDArray[np.int64]) -> int:
-    """How many elements have the same nodes as an earlier one, in whatever order."""
+    """Number of elements with the same nodes as an earlier one, in any order."""
     return len(rows) - len(np.unique(np.sort(rows, axis=1), axis=0))

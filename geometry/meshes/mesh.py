@@ -15,7 +15,13 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from geometry.compat import CellPartitioner, cell_partitioner, model_to_mesh
+from geometry.compat import (
+    CellPartitioner,
+    cell_nodes,
+    cell_partitioner,
+    integration_facets,
+    model_to_mesh,
+)
 from geometry.meshes import metis
 from geometry.meshes.gmsh_model import (
     MeshError,
@@ -27,7 +33,6 @@ from geometry.meshes.gmsh_model import (
     vertices_and_facets,
 )
 from geometry.meshes.partition import share_out
-from geometry.surfaces.surface import integration_facets
 
 __all__ = ["MeshError", "NamedMesh", "bodies_sharing_nodes", "generate", "read"]
 
@@ -88,7 +93,7 @@ class NamedMesh:
         """The body that a surface lies on; collective.
 
         Raises:
-            MeshError: On all processes, if there is no such surface, or not one body behind it.
+            MeshError: On all processes, if there is no such surface, or it is not on one body.
         """
         cells = integration_facets(self.mesh, self.facets(surface))[::2]
         mine = set(self.cell_tags.values[np.isin(self.cell_tags.indices, cells)].tolist())
@@ -126,7 +131,7 @@ def read(path: Path, comm: MPI.Comm, contacts: Contacts = ()) -> NamedMesh:
     Args:
         path: The file.
         comm: Communicator of the mesh.
-        contacts: As in ``generate``; names that the file does not have are passed over.
+        contacts: As in ``generate``; names that the file does not have are ignored.
 
     Returns:
         The mesh with the file's names.
@@ -138,9 +143,9 @@ def read(path: Path, comm: MPI.Comm, contacts: Contacts = ()) -> NamedMesh:
 
 
 def bodies_sharing_nodes(named: NamedMesh) -> list[tuple[str, str]]:
-    """Pairs of bodies glued together by common nodes; collective.
+    """Pairs of bodies with common nodes; collective.
 
-    Bodies in contact must not be: they could neither slide nor separate there.
+    Bodies in contact must not have any: they could neither slide nor separate there.
 
     Args:
         named: The mesh.
@@ -154,7 +159,7 @@ def bodies_sharing_nodes(named: NamedMesh) -> list[tuple[str, str]]:
     used = {}
     for name in named.bodies:
         marks = dolfinx.la.vector(geometry.index_map(), 1, dtype=np.float64)
-        marks.array[np.unique(geometry.dofmap[named.cells(name)])] = 1.0
+        marks.array[np.unique(cell_nodes(named.mesh)[named.cells(name)])] = 1.0
         # A body may use a node only on a process that does not own it.
         marks.scatter_reverse(dolfinx.la.InsertMode.add)
         used[name] = marks.array[: geometry.index_map().size_local] > 0.0
@@ -191,7 +196,7 @@ def _load(
 def _partitioner(
     gmsh: ModuleType | None, groups: NamedGroups, comm: MPI.Comm, contacts: Contacts
 ) -> CellPartitioner | None:
-    """Shares out cells and slave facets; None where DOLFINx's own will do; collective."""
+    """Shares out cells and slave facets; None where DOLFINx's own is used; collective."""
     known = [pair for pair in contacts if groups.surfaces.keys() >= set(pair)]
     if comm.size == 1 or not known or not comm.bcast(metis.is_available(), root=0):
         return None
@@ -207,7 +212,7 @@ def _partitioner(
 
 
 def _agreed(comm: MPI.Comm, groups: NamedGroups | None, problem: Exception | None) -> NamedGroups:
-    """The first process's result on all; or an error on all, so that none is left waiting."""
+    """The first process's result on all; or an error on all, so that none waits for the others."""
     own = (groups, None if problem is None else str(problem), isinstance(problem, MeshError))
     agreed, message, expected = comm.bcast(own, root=0)
     if problem is not None:
@@ -218,7 +223,7 @@ def _agreed(comm: MPI.Comm, groups: NamedGroups | None, problem: Exception | Non
 
 
 def _check_facets_found(named: NamedMesh, groups: NamedGroups, source: str) -> None:
-    """Facets that bound no cell would silently be left out; collective."""
+    """An error for facets that bound no cell, which DOLFINx leaves out silently; collective."""
     owned = named.mesh.topology.index_map(named.mesh.topology.dim - 1).size_local
     for name, expected in groups.facet_counts.items():
         local = int(np.count_nonzero(named.facets(name) < owned))

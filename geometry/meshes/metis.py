@@ -1,6 +1,6 @@
 """Graph partitioning with several balance constraints, by METIS through its C interface.
 
-DOLFINx hands a mesh to a partitioner that can balance one weight only. METIS 5 balances several at
+DOLFINx's partitioners balance one weight only. METIS 5 balances several at
 once: Karypis & Kumar, Multilevel algorithms for multi-constraint graph partitioning, 1998.
 """
 
@@ -46,7 +46,7 @@ def partition(graph: scipy.sparse.csr_matrix, weights: Ints, parts: int, slack: 
         (n,) the part of each vertex; the same for the same arguments.
 
     Raises:
-        PartitionError: METIS is not there, or reports an error.
+        PartitionError: METIS is not installed, or reports an error.
     """
     library = _library()
     if library is None:
@@ -78,7 +78,7 @@ def partition(graph: scipy.sparse.csr_matrix, weights: Ints, parts: int, slack: 
 
 @cache
 def _library() -> ctypes.CDLL | None:
-    """METIS, if it is there and counts with 32-bit integers."""
+    """METIS, if it is installed with 32-bit integers."""
     for name in (_LIBRARY, ctypes.util.find_library("metis")):
         try:
             library = ctypes.CDLL(name) if name else None

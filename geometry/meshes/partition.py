@@ -1,10 +1,10 @@
-"""Which rank gets which cells: bodies and contact shared out evenly, touching facets together.
+"""The partition of a mesh: cells and slave facets divided evenly, touching facets on one rank.
 
-A step works first on all cells, then on all slave facets, and ranks wait for each other between.
+A step works first on all cells, then on all slave facets, and ranks wait for each other in between.
 A partition of the cells alone may leave every slave facet on one rank, since bodies share no node.
 So two weights are balanced at once, cells and slave facets, after Karypis, Multi-constraint mesh
 partitioning for contact/impact computations, SC 2003; and each slave facet's cell is joined by an
-edge to the cell of the master facet next to it, so that what touches tends to be on one rank.
+edge to the cell of the master facet next to it, so that facets that touch tend to be on one rank.
 
 Axis letters: c cells, f facets, v vertices.
 """

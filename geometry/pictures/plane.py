@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import dolfinx
 import numpy as np
 import numpy.typing as npt
 from matplotlib import color_sequences
@@ -14,6 +13,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from mpi4py import MPI
 
+from geometry.compat import cell_nodes, entity_nodes
 from geometry.meshes.mesh import NamedMesh
 from geometry.pictures.space import draw_space
 
@@ -28,7 +28,7 @@ Points = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class _Outline:
-    """What is drawn, in m: the cells of bodies and the segments of surfaces.
+    """The drawn lines, in m: the cells of bodies and the segments of surfaces.
 
     Attributes:
         cells: Corners of each body's cells in cyclic order, (c, corner, 2).
@@ -46,7 +46,7 @@ def save_picture(named: NamedMesh, path: Path, title: str = "", dpi: int = 150) 
 
     The file appears under its name only when it is complete. Its format follows from the name
     (``.png``, ``.pdf``, ``.svg``). Surfaces are drawn a little inside their own body, so that two
-    that touch can be told apart.
+    that touch can be distinguished.
 
     Args:
         named: The mesh.
@@ -103,27 +103,25 @@ def draw(named: NamedMesh, title: str = "") -> Figure | None:
 
 
 def _local_outline(named: NamedMesh) -> _Outline:
-    """The part of the picture this process owns."""
+    """The part of the picture that this process owns."""
     mesh = named.mesh
     mesh.topology.create_connectivity(1, 2)
     to_cells = mesh.topology.connectivity(1, 2)
-    x = mesh.geometry.x[:, :2]
-    # DOLFINx numbers a quadrilateral's corners row by row, a polygon goes round.
-    cyclic = [0, 1, 3, 2] if mesh.geometry.dofmap.shape[1] == 4 else [0, 1, 2]
+    x, nodes = mesh.geometry.x[:, :2], cell_nodes(mesh)
+    # DOLFINx numbers a quadrilateral's corners row by row, a polygon in cyclic order.
+    cyclic = [0, 1, 3, 2] if nodes.shape[1] == 4 else [0, 1, 2]
     owned_cells, owned_facets = (mesh.topology.index_map(dim).size_local for dim in (2, 1))
     cells, segments, inwards = {}, {}, {}
     for name in named.bodies:
         own = named.cells(name)
-        cells[name] = x[mesh.geometry.dofmap[own[own < owned_cells]][:, cyclic]]
+        cells[name] = x[nodes[own[own < owned_cells]][:, cyclic]]
     for name in named.surfaces:
         facets = named.facets(name)
         facets = facets[facets < owned_facets]
-        ends = np.empty((0, 2), dtype=np.int32)
-        if len(facets):  # DOLFINx 0.9 divides by the number of facets
-            ends = dolfinx.mesh.entities_to_geometry(mesh, 1, facets)
+        ends = entity_nodes(mesh, 1, facets)
         first = to_cells.array[to_cells.offsets[facets]]
         segments[name] = x[ends]
-        inwards[name] = _inward(x[ends], x[mesh.geometry.dofmap[first]].mean(axis=1))
+        inwards[name] = _inward(x[ends], x[nodes[first]].mean(axis=1))
     return _Outline(cells, segments, inwards)
 
 

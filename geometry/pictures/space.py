@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
+from geometry.compat import entity_nodes
 from geometry.meshes.mesh import NamedMesh
 
 MAX_FACETS_OUTLINED = 20_000
@@ -48,13 +49,13 @@ def facet_polygons(mesh: dolfinx.mesh.Mesh, facets: npt.NDArray[np.int32], x: Po
     Args:
         mesh: The mesh, in space.
         facets: Local facets (f,).
-        x: Position of each node of the geometry, for instance today's.
+        x: Position of each node of the geometry, for instance the current one.
     """
     corners = 4 if mesh.topology.cell_name() == "hexahedron" else 3
-    if not len(facets):  # DOLFINx 0.9 divides by the number of facets
+    if not len(facets):
         return np.empty((0, corners, 3))
-    nodes = dolfinx.mesh.entities_to_geometry(mesh, 2, facets)
-    # DOLFINx numbers a quadrilateral's corners row by row, a polygon goes round.
+    nodes = entity_nodes(mesh, 2, facets)
+    # DOLFINx numbers a quadrilateral's corners row by row, a polygon in cyclic order.
     cyclic = [0, 1, 3, 2] if corners == 4 else [0, 1, 2]
     return np.asarray(x[nodes][:, cyclic], dtype=np.float64)
 
@@ -82,7 +83,7 @@ def add_facets(axes: Any, groups: Sequence[tuple[Points, str | tuple[float, ...]
 
 
 def turned(x: Points) -> Points:
-    """Positions (…, 3) with y pointing upwards in matplotlib's axes, where z does."""
+    """Positions (…, 3) with y in the place of z, which points upwards in matplotlib's axes."""
     return np.stack([x[..., 0], -x[..., 2], x[..., 1]], axis=-1)
 
 
@@ -99,7 +100,7 @@ def frame(axes: Any, x: Points, unit: str) -> None:
 
 
 def draw_space(named: NamedMesh, title: str, factor: float, unit: str) -> Figure | None:
-    """Draw the named surfaces and what else is outside; collective.
+    """Draw the named surfaces and all other outer facets; collective.
 
     Args:
         named: A mesh in space.

@@ -99,7 +99,7 @@ def stationary_points(shape: FacetShape, nodes: Floats, points: Floats) -> tuple
     That of a flat facet may be anywhere in its plane.
 
     Newton's method for min ½ |x − ȳ(ξ)|² from the nearest of some samples, with the Gauss–Newton
-    matrix where the Hessian is not positive definite, and halved steps where they lead away.
+    matrix where the Hessian is not positive definite, and halved steps where the distance grows.
     """
     xi = _nearest_sample(shape, nodes, points)
     if shape.is_flat:
@@ -114,7 +114,7 @@ def stationary_points(shape: FacetShape, nodes: Floats, points: Floats) -> tuple
         size = np.abs(step).max(axis=1)
         done = (size < 1e-13) | ((size < 1e-9) & convex)
         found[active] = done & convex
-        # Well past the boundary: the closest point is on a side.
+        # Far outside the domain: the closest point is on a side.
         active = active[~done & (shape.excess(new) < 0.3) & np.any(new != at, axis=1)]
         if not len(active):
             break
@@ -133,7 +133,7 @@ def _nearest_sample(shape: FacetShape, nodes: Floats, points: Floats) -> Floats:
 
 @lru_cache
 def _lattice(shape: FacetShape) -> Floats:
-    """Samples (s, α), two intervals along each side, four on those that bend more."""
+    """Samples (s, α), two intervals along each side, four on shapes of higher degree."""
     steps = np.linspace(0.0, 1.0, min(2 * shape.degree, 4) + 1)
     grid = np.stack(np.meshgrid(*[steps] * shape.directions), axis=-1)
     xi = grid.reshape(-1, shape.directions)

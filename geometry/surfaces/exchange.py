@@ -12,7 +12,7 @@ from geometry.surfaces.surface import ContactSurface
 
 
 class NodalVector:
-    """A vector of unknowns that numpy, DOLFINx and PETSc see in the same memory.
+    """A vector of unknowns that numpy, DOLFINx and PETSc share in memory.
 
     Attributes:
         array: local unknowns, those of ghosts last; owned: the part that this rank owns.
@@ -22,7 +22,7 @@ class NodalVector:
     def __init__(
         self, space: dolfinx.fem.FunctionSpace, shared: dolfinx.la.Vector | None = None
     ) -> None:
-        """Make a vector of zeros, or see an existing one; collective.
+        """Make a vector of zeros, or wrap an existing one; collective.
 
         Args:
             space: blocked space of the displacement.

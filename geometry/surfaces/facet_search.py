@@ -4,16 +4,16 @@ Axis letters: q points, f facets, n nodes, a nodes of a facet, p pairs of a poin
 
 A facet lies in a sphere round the mean of its nodes, so its distance from x is at least
 |x − centre| − radius. Any known distance is an upper bound for the least, hence every facet whose
-lower bound lies below it is looked at, and none other can be the closest. Spheres are kept in k-d
+lower bound lies below it is examined, and no other can be the closest. Spheres are kept in k-d
 trees by size, so that one long facet does not make all spheres large.
 
 The pairs found stay valid while points and nodes move: if the distances of the facets that are left
 out exceed the least one by a slack s, a motion by less than s/2 cannot make one of them the
 closest.
 
-From far off a great many facets are almost equally near. In space, points many facets away are
-given the facet with the nearest centre alone: their distance is a little too large, by r²/(2 d) at
-most at the distance d from facets of radius r.
+Far away, a great many facets are almost equally near. In space, points many facets away are
+therefore paired with the facet with the nearest centre only: their distance is a little too large,
+by r²/(2 d) at most at the distance d from facets of radius r.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class FacetSearch:
     """Pairs of points and facets among which the closest are, kept while little moves."""
 
     def __init__(self, shape: FacetShape, facets: Floats) -> None:
-        """Remember a typical size.
+        """Store a typical size.
 
         Args:
             shape: of all facets.

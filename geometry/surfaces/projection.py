@@ -1,8 +1,9 @@
-"""A surface of facets: who borders on whom, and the closest point on it of every slave point.
+"""A surface of facets: which facets are neighbours, and the closest point of every slave point.
 
 Notation (axis letters): q slave points, f facets, n nodes, a nodes of a facet, v corners, i, j
 space, α, β surface directions (one in the plane, two in space). The outward normal is the tangent
-τ turned left by 90° in the plane, and τ_1 × τ_2 in space: the nodes of every facet are ordered so.
+τ turned left by 90° in the plane, and τ_1 × τ_2 in space, given by the order of a
+facet's nodes.
 """
 
 from __future__ import annotations

@@ -9,12 +9,12 @@ fixed in the reference configuration,
 
 .. math:: C_c = \sum_m E_{cm} y_m, \qquad \bar y(\xi) = \sum_c N_c(\xi) C_c,
 
-so all variations are as exact, and energy and momentum are kept as well, as with the facets
-themselves. Tangents at a node are central differences along its grid lines; where another number
-of edges than four meets inside, the first harmonic of the edges round the node (Loop & Schaefer,
-ACM Trans. Graph. 27 (2008) 8:1, for Catmull-Clark surfaces). The normal is continuous along chains
-of segments and over grids of quadrilaterals, exactly at all nodes and nearly so elsewhere. Creases
-stay sharp.
+so variations, energy and momentum are as exact as with the facets themselves. Tangents at a node
+are central differences along its grid lines; at an inner node with another number of edges than
+four, the first harmonic of the edges round the node (Loop & Schaefer, ACM Trans. Graph. 27 (2008)
+8:1, for Catmull-Clark surfaces). The normal is continuous along chains of segments and over grids
+of quadrilaterals, exactly at all nodes and nearly so elsewhere. Sides sharper than the smoothing
+angle stay sharp.
 """
 
 from __future__ import annotations
@@ -55,13 +55,13 @@ class Patches:
 
 @dataclass(slots=True)
 class _Edges:
-    """Directed edges and how they follow each other.
+    """Directed edges and their order round the nodes.
 
     Attributes:
         ends: (e, 2) from, to; reverse: (e,) the same edge the other way.
         length: (e,), m, reference.
         along: (f, a, α) edges from each corner of each facet, the first along ξ.
-        opposite: (e,) edge that goes straight on backwards at the first node; −1: none.
+        opposite: (e,) edge that continues this one backwards beyond the first node; −1: none.
         turn: (e,) next edge counter-clockwise at the first node, −1 past the last.
         valence: (e,) number of edges round the first node if it is inside the surface, else 0.
     """

@@ -20,6 +20,13 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from geometry.compat import (
+    facet_kind,
+    facet_submesh,
+    facets_per_cell,
+    integration_facets,
+    mixed_form,
+)
 from geometry.surfaces.facets import FacetShape, Floats, Ints, Longs, facet_shape, unit_normals
 from geometry.surfaces.projection import FacetSurface, Projection
 
@@ -66,7 +73,7 @@ class MasterFacets:
 
 
 class ContactSurface:
-    """Slave points and master facets of one pair, and the positions of both today.
+    """Slave points and master facets of one pair, and the current positions of both.
 
     Attributes:
         facet_length: m, mean length of the slave facets.
@@ -150,17 +157,17 @@ class ContactSurface:
         return self.slave.position + moved
 
     def slave_area_ratio(self, displacement: Floats) -> Floats:
-        """Area stretch da/dA (q,) of the slave surface from nodal displacements (q, a, i).
+        """Area ratio da/dA (q,) of the slave surface from nodal displacements (q, a, i).
 
         The current tangents t_α = T_α + ∂u/∂T_α span the area |t_1| or |t_1 × t_2|; a ring also
         grows by r/R.
         """
         grad = np.einsum("qba,qai->qbi", self.slave.shape_derivative, displacement)
         now = self.slave.tangents + grad
-        stretch: Floats = _measure(now)
+        ratio: Floats = _measure(now)
         if self.axisymmetric:
-            stretch *= self.slave_positions(displacement)[:, 0] / self.slave.position[:, 0]
-        return stretch
+            ratio *= self.slave_positions(displacement)[:, 0] / self.slave.position[:, 0]
+        return ratio
 
 
 def _measure(tangents: Floats) -> Floats:
@@ -177,12 +184,10 @@ def displacement_facet(space: dolfinx.fem.FunctionSpace) -> FacetShape:
     Raises:
         ValueError: neither the first nor the second degree, or a cell without such facets.
     """
-    mesh = space.mesh
-    facet = dolfinx.cpp.mesh.cell_entity_type(mesh.topology.cell_type, mesh.topology.dim - 1, 0)
     degree = space.element.basix_element.degree
     if degree > 2:
         raise ValueError(f"contact takes displacements of degree 1 or 2, not {degree}")
-    return facet_shape(dolfinx.cpp.mesh.to_string(facet), degree)
+    return facet_shape(facet_kind(space.mesh), degree)
 
 
 def _cells_of(
@@ -195,8 +200,7 @@ def _cells_of(
     to_cell = mesh.topology.connectivity(tdim - 1, tdim)
     to_facet = mesh.topology.connectivity(tdim, tdim - 1)
     cells = to_cell.array[to_cell.offsets[facets]]
-    per_cell = dolfinx.cpp.mesh.cell_num_entities(mesh.topology.cell_type, tdim - 1)
-    table = to_facet.array.reshape(-1, per_cell)[cells]
+    table = to_facet.array.reshape(-1, facets_per_cell(mesh))[cells]
     return cells, np.argmax(table == facets[:, None], axis=1)
 
 
@@ -205,8 +209,8 @@ def facet_nodes(space: dolfinx.fem.FunctionSpace, facets: NDArray[np.int32]) -> 
     tdim = space.mesh.topology.dim
     cells, local = _cells_of(space.mesh, facets)
     layout = space.dofmap.dof_layout
-    per_cell = dolfinx.cpp.mesh.cell_num_entities(space.mesh.topology.cell_type, tdim - 1)
-    closure = np.array([layout.entity_closure_dofs(tdim - 1, i) for i in range(per_cell)])
+    local_facets = range(facets_per_cell(space.mesh))
+    closure = np.array([layout.entity_closure_dofs(tdim - 1, i) for i in local_facets])
     nodes: NDArray[np.int32] = np.take_along_axis(
         space.dofmap.list[cells], closure[local].astype(np.int64), axis=1
     )
@@ -232,19 +236,6 @@ def _owned(mesh: dolfinx.mesh.Mesh, facets: NDArray[np.int32]) -> NDArray[np.int
     return facets[facets < size]
 
 
-def integration_facets(mesh: dolfinx.mesh.Mesh, facets: NDArray[np.int32]) -> NDArray[np.int32]:
-    """(cell, local facet) pairs, flattened, of the owned ones among ``facets``."""
-    mesh.topology.create_connectivity(mesh.topology.dim - 1, mesh.topology.dim)
-    mesh.topology.create_connectivity(mesh.topology.dim, mesh.topology.dim - 1)
-    pairs: NDArray[np.int32] = dolfinx.fem.compute_integration_domains(
-        dolfinx.fem.IntegralType.exterior_facet,
-        mesh.topology,
-        np.sort(facets),
-        mesh.topology.dim - 1,
-    )
-    return np.asarray(pairs, dtype=np.int32).reshape(-1)
-
-
 def point_operator(
     space: dolfinx.fem.FunctionSpace, facets: NDArray[np.int32], degree: int
 ) -> tuple[PETSc.Mat, Ints]:
@@ -255,13 +246,10 @@ def point_operator(
     """
     mesh = space.mesh
     fdim = mesh.topology.dim - 1
-    sub, to_parent = dolfinx.mesh.create_submesh(mesh, fdim, np.sort(facets))[:2]
+    sub, to_parent, relation = facet_submesh(mesh, facets)
     dim = mesh.geometry.dim
     element = basix.ufl.quadrature_element(sub.basix_cell(), value_shape=(dim,), degree=degree)
     points = dolfinx.fem.functionspace(sub, element)
-    parent_facets = mesh.topology.index_map(fdim)
-    to_sub = np.full(parent_facets.size_local + parent_facets.num_ghosts, -1, dtype=np.int32)
-    to_sub[to_parent] = np.arange(len(to_parent), dtype=np.int32)
     ds = ufl.Measure(
         "ds",
         domain=mesh,
@@ -269,14 +257,14 @@ def point_operator(
         metadata={"quadrature_degree": degree},
     )(1)
     form = ufl.inner(ufl.TrialFunction(space), ufl.TestFunction(points)) * ds
-    matrix = dolfinx.fem.petsc.assemble_matrix(dolfinx.fem.form(form, entity_maps={sub: to_sub}))
+    matrix = dolfinx.fem.petsc.assemble_matrix(mixed_form(form, relation))
     matrix.assemble()
     owned = points.dofmap.index_map.size_local
     per_facet = points.dofmap.dof_layout.num_dofs
     cell = np.empty(owned, dtype=np.int32)
     table = points.dofmap.list[: sub.topology.index_map(fdim).size_local]
     cell[table.reshape(-1)] = np.repeat(np.arange(len(table), dtype=np.int32), per_facet)
-    return matrix, np.asarray(to_parent, dtype=np.int32)[cell]
+    return matrix, to_parent[cell]
 
 
 def _rows(matrix: PETSc.Mat, nodes: Longs, dim: int) -> Floats:
@@ -380,9 +368,9 @@ def _outward(
 
 
 def order_by_place(position: Floats) -> NDArray[np.int64]:
-    """Order of points (q, i), by x first, which no round-off of the partition can change."""
+    """Order of points (q, i), by x first; round-off that depends on the partition has no effect."""
     size = float(np.ptp(position, axis=0).max()) or 1.0
-    # An offset keeps round numbers away from the boundaries of rounding.
+    # The offset moves round numbers away from the points where the rounding changes.
     steps = np.floor((position - position.min(axis=0)) / (1e-8 * size) + 0.3183)
     return np.lexsort(steps.T[::-1])
 

@@ -31,7 +31,7 @@ def history(run: Simulation, name: str) -> np.ndarray:
 
 
 def dynamics(run: Simulation, name: str) -> np.ndarray:
-    table = run.explicit.dynamics
+    table = run.explicit.motion
     return np.array(table.rows)[:, table.columns.index(name)]
 
 

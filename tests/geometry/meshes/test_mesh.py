@@ -90,7 +90,7 @@ def test_generated_mesh_has_the_right_measures(cell):
     blocks = TwoBlocks(BLOCKS.upper, BLOCKS.lower, BLOCKS.offset, gap=0.1e-3, cell=cell)
     named = generate(blocks, MPI.COMM_WORLD)
     assert named.mesh.geometry.dim == named.mesh.topology.dim == 2
-    assert named.mesh.geometry.cmap.degree == 1
+    assert named.mesh.ufl_domain().ufl_coordinate_element().degree == 1
     assert named.mesh.topology.cell_name() == cell
     factor = 1 if cell == "quadrilateral" else 2
     assert named.mesh.topology.index_map(2).size_global == factor * (8 * 4 + 13 * 5)

@@ -8,6 +8,7 @@ import pytest
 import scipy.sparse
 from mpi4py import MPI
 
+from geometry.compat import cell_nodes
 from geometry.generators.two_blocks import Block, TwoBlocks
 from geometry.generators.two_boxes import Box, TwoBoxes
 from geometry.meshes import metis
@@ -40,7 +41,7 @@ class Parts:
     def __init__(self, shape):
         mesh = generate(shape, MPI.COMM_SELF)
         self.position = mesh.mesh.geometry.x[:, : mesh.mesh.geometry.dim]
-        self.cells = mesh.mesh.geometry.dofmap.astype(np.int64)
+        self.cells = cell_nodes(mesh.mesh).astype(np.int64)
         self.facets, self.behind = [], []
         dim = mesh.mesh.topology.dim
         mesh.mesh.topology.create_connectivity(dim - 1, dim)

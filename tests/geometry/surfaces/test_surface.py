@@ -18,10 +18,11 @@ from petsc4py import PETSc
 
 from forms.contact.penalty import ContactTerm
 from forms.friction.coulomb import CoulombLaw, CoulombParameters
+from geometry.compat import integration_facets
 from geometry.generators.two_blocks import Block, TwoBlocks
 from geometry.meshes.gmsh_model import gmsh_session
 from geometry.meshes.mesh import generate, read
-from geometry.surfaces.surface import ContactSurface, facet_nodes, integration_facets
+from geometry.surfaces.surface import ContactSurface, facet_nodes
 
 ROOT = Path(__file__).resolve().parents[3]
 SLAVE, MASTER = "elastomer_contact", "aluminium_contact"

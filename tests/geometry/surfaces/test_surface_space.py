@@ -9,10 +9,10 @@ import pytest
 import ufl
 from mpi4py import MPI
 
-from geometry.compat import model_to_mesh
+from geometry.compat import integration_facets, model_to_mesh
 from geometry.meshes.gmsh_model import gmsh_session
 from geometry.surfaces.facets import facet_shape, unit_normals
-from geometry.surfaces.surface import ContactSurface, facet_nodes, integration_facets
+from geometry.surfaces.surface import ContactSurface, facet_nodes
 
 CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
 KINDS = [(cell, degree) for cell in CELLS for degree in (1, 2)]

@@ -1,0 +1,101 @@
+"""No function is longer than 50 lines, no class has more than 20 attributes, or a reason is given.
+
+Lines count from ``def`` to the last one, docstring included. Attributes are those that methods of
+the class assign to ``self`` and the annotated ones of its body.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+TOP = ("app", "forms", "geometry")
+LINES = 50
+ATTRIBUTES = 20
+
+# "module:Class" or "module:Class.function" and why it is allowed to be longer. Tables of a
+# case file are left out, see `_is_table`.
+REASONS: dict[str, str] = {
+    "app.simulation.history:Row": "the columns of history.csv, one attribute each",
+    "app.simulation.contact_resultants:Row": "the columns of history.csv, one attribute each",
+    "forms.friction.parameters:FrictionMapParameters": (
+        "the keys of a case file's table, in SI; the law reads them by groups (friction, rheology)"
+    ),
+}
+
+
+def sources(root: Path = ROOT) -> dict[str, str]:
+    """Text of each module by its name."""
+    files = [p for top in TOP for p in sorted((root / top).rglob("*.py"))]
+    names = [".".join(p.relative_to(root).with_suffix("").parts) for p in files]
+    return {n: p.read_text(encoding="utf-8") for n, p in zip(names, files, strict=True)}
+
+
+def too_large(text: str, module: str = "module") -> dict[str, str]:
+    """What is beyond the limits, with its size, by "module:Class.function"."""
+    return {f"{module}:{name}": size for name, size in _large(ast.parse(text), "")}
+
+
+def _large(node: ast.AST, inside: str) -> Iterator[tuple[str, str]]:
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.ClassDef):
+            count = len(attributes(child))
+            if count > ATTRIBUTES and not _is_table(child):
+                yield f"{inside}{child.name}", f"{count} attributes"
+        if isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef):
+            assert child.end_lineno is not None
+            lines = child.end_lineno - child.lineno + 1
+            if lines > LINES:
+                yield f"{inside}{child.name}", f"{lines} lines"
+        named = isinstance(child, ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef)
+        yield from _large(child, f"{inside}{child.name}." if named else inside)
+
+
+def attributes(node: ast.ClassDef) -> set[str]:
+    """Names of the attributes of a class's objects, inherited ones not counted."""
+    found = {
+        item.target.id
+        for item in node.body
+        if isinstance(item, ast.AnnAssign)
+        and isinstance(item.target, ast.Name)
+        and "ClassVar" not in ast.unparse(item.annotation)
+    }
+    for item in ast.walk(node):
+        if isinstance(item, ast.Attribute) and isinstance(item.ctx, ast.Store):
+            if isinstance(item.value, ast.Name) and item.value.id == "self":
+                found.add(item.attr)
+    return found
+
+
+def _is_table(node: ast.ClassDef) -> bool:
+    """Whether a class is a table of a case file; its keys are those that a user may write."""
+    return any(ast.unparse(base) == "Model" for base in node.bases)
+
+
+def test_functions_and_classes_are_small_or_say_why_not():
+    found: dict[str, str] = {}
+    for module, text in sources().items():
+        found |= too_large(text, module)
+    assert {name: size for name, size in found.items() if name not in REASONS} == {}
+
+
+@pytest.mark.parametrize(
+    ("text", "size"),
+    [
+        ("def f():\n" + "    pass\n" * 50, {"module:f": "51 lines"}),
+        ("def f():\n" + "    pass\n" * 49, {}),
+        ("class A:\n    def f(self):\n" + "        pass\n" * 50, {"module:A.f": "51 lines"}),
+        (
+            "class A:\n    def f(self):\n" + "".join(f"        self.a{i} = 0\n" for i in range(21)),
+            {"module:A": "21 attributes"},
+        ),
+        ("class A:\n" + "".join(f"    a{i}: int\n" for i in range(20)), {}),
+        ("class A(Model):\n" + "".join(f"    a{i}: int\n" for i in range(30)), {}),
+    ],
+)
+def test_what_is_too_large_is_seen(text, size):
+    assert too_large(text) == size
