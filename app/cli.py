@@ -53,6 +53,7 @@ def run(
     """Run a case, or every value of its sweep, and write results and figures."""
     from app.case.case import load_case
     from app.results.directory import check_free, default_directory
+    from app.results.earlier_sweep import sweep_labels
 
     case = load_case(case_file, overrides or [])
     directory = out or default_directory(case_file)
@@ -64,7 +65,7 @@ def run(
     if part is not None:
         case = _one_part(case, part)
     if np > 1 and ranks == 1:
-        check_free(directory, force)
+        check_free(directory, force, sweep_labels(directory))
         arguments = ["run", str(case_file), "--out", str(directory), *_set_options(overrides)]
         arguments += ["--force"] * force + ([] if part is None else ["--part", str(part)])
         if shutil.which("mpirun") is None:
@@ -122,12 +123,13 @@ def _run_sweep(
 ) -> None:
     from app.case.case import resolved_toml
     from app.results.directory import check_free, prepare, write_text
+    from app.results.earlier_sweep import sweep_labels
     from app.run.sweep import Part, collate, cores, part_command, run_side_by_side
 
     if ranks > 1:
         _run_sweep_together(case, directory, force)
         return
-    check_free(directory, force)
+    check_free(directory, force, sweep_labels(directory))
     _see_that_it_builds(case.sweep_cases()[0][1])
     prepare(directory)
     write_text(directory / "case.toml", resolved_toml(case))
@@ -150,11 +152,12 @@ def _run_sweep_together(case: Case, directory: Path, force: bool) -> None:
 
     from app.case.case import resolved_toml
     from app.results.directory import check_free, prepare, write_text
+    from app.results.earlier_sweep import sweep_labels
     from app.run.run import on_first, run_case
     from app.run.sweep import collate
 
     def make_ready() -> None:
-        check_free(directory, force)
+        check_free(directory, force, sweep_labels(directory))
         prepare(directory)
         write_text(directory / "case.toml", resolved_toml(case))
 

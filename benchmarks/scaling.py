@@ -26,7 +26,7 @@ from app.build.model import build_model
 from app.case.case import Case
 from app.equilibrium.timers import Stopwatch
 from app.implicit.stepper import ImplicitStepper, StepResult
-from app.simulation.contact_resultants import Row
+from app.simulation.history import Row
 from app.simulation.simulation import Observer, Simulation
 
 CASE = """

@@ -7,7 +7,7 @@ import platform
 import resource
 import time
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, astuple
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +21,10 @@ from app.build.model import Model
 from app.case.case import resolved_toml
 from app.implicit.stepper import StepResult
 from app.results.contact_points import contact_arrays
-from app.results.directory import write_history, write_json, write_table, write_text
+from app.results.directory import write_json, write_table, write_text
 from app.results.fields import FieldWriter
-from app.simulation.contact_resultants import Row, energy_gap
 from app.simulation.explicit_stage import Interval
+from app.simulation.history import COLUMNS, Row, energy_gap
 from app.simulation.load_steps import LoadStep
 from app.simulation.simulation import Observer, Simulation
 from geometry.surfaces.facets import Floats
@@ -77,7 +77,7 @@ class Recorder(Observer):
             self._output(simulation)
         self._watch(simulation, row)
         if self.first and time.monotonic() - self._written > HISTORY_EVERY:
-            write_history(self.directory / "history.csv", simulation.rows)
+            self._write_history(simulation)
             self._written = time.monotonic()
 
     def load_step(
@@ -121,7 +121,7 @@ class Recorder(Observer):
         explicit = {} if simulation.explicit is None else simulation.explicit.summary()
         shares = self.comm.gather(self._share())
         if self.first:
-            write_history(self.directory / "history.csv", simulation.rows)
+            self._write_history(simulation)
             if simulation.explicit is not None:
                 motion = simulation.explicit.motion
                 write_table(self.directory / "motion.csv", motion.columns, motion.rows)
@@ -133,7 +133,11 @@ class Recorder(Observer):
     def rescue(self, simulation: Simulation) -> None:
         """Write the history after an error of this rank alone; not collective."""
         if self.first:
-            write_history(self.directory / "history.csv", simulation.rows)
+            self._write_history(simulation)
+
+    def _write_history(self, simulation: Simulation) -> None:
+        rows = (astuple(row) for row in simulation.rows)
+        write_table(self.directory / "history.csv", COLUMNS, rows)
 
     @property
     def last_output(self) -> tuple[float, str]:

@@ -10,8 +10,8 @@ from typing import Self
 from mpi4py import MPI
 
 from app.implicit.stepper import StepResult
-from app.simulation.contact_resultants import Row
 from app.simulation.explicit_stage import Interval
+from app.simulation.history import Row
 from app.simulation.load_steps import LoadStep
 from app.simulation.simulation import Observer, Simulation
 

@@ -12,9 +12,9 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from app.case.boundary import Stage
 from app.implicit.stepper import StepResult
-from app.simulation.contact_resultants import Row
 from app.simulation.explicit_stage import Interval
 from app.simulation.failure_diagnosis import reason_of
+from app.simulation.history import Row
 from app.simulation.load_steps import LoadStep
 from app.simulation.simulation import Observer, Simulation
 

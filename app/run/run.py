@@ -11,11 +11,12 @@ from app.build.model import build_model
 from app.case.case import Case
 from app.errors import InputError, SolutionError
 from app.results.directory import check_free, prepare
+from app.results.earlier_sweep import sweep_labels
 from app.results.recorder import Recorder
 from app.run.interruption import Interruption
 from app.run.progress import Reporter, Together
-from app.simulation.contact_resultants import energy_gap
 from app.simulation.explicit_stage import notes_on_steps
+from app.simulation.history import energy_gap
 from app.simulation.simulation import Observer, Simulation
 
 
@@ -43,7 +44,7 @@ def run_case(
         InputError: the case, the mesh or the directory cannot be used; nothing has been changed.
         SolutionError: a step could not be solved; the state before it has been saved.
     """
-    on_first(comm, lambda: check_free(directory, force))
+    on_first(comm, lambda: check_free(directory, force, sweep_labels(directory)))
     model = build_model(case, comm)
     steps = notes_on_steps(model)
     simulation = Simulation(model)

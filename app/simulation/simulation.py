@@ -11,10 +11,11 @@ from app.case.boundary import solver_of
 from app.errors import InputError, SolutionError
 from app.explicit.stepper import ExplicitStepper
 from app.implicit.stepper import ImplicitOptions, ImplicitStepper, StepResult
-from app.simulation.contact_resultants import ContactResultants, Row, measure_contact
+from app.simulation.contact_resultants import ContactResultants, measure_contact
 from app.simulation.energy_balance import EnergyBalance
 from app.simulation.explicit_stage import ExplicitStage, Interval
 from app.simulation.failure_diagnosis import body_adrift, explain, loose_directions, not_finite
+from app.simulation.history import Row
 from app.simulation.load_steps import LoadStep, load_steps_of
 
 STEADY_WINDOW = 3  # steps over which the tangential force must hold still

@@ -9,7 +9,7 @@ import numpy as np
 from app.case.contact import FrictionMap
 from app.friction_map.material_tests import Curve, compute_map
 from app.friction_map.setup import map_setup
-from app.simulation.contact_resultants import Row
+from app.simulation.history import Row
 from app.verify.result import Check, Line, Panel, Verification, compare
 from app.verify.shipped_case import solve
 from forms.closed_forms.homogeneous_sliding import effective_viscosity

@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 from app.build.model import build_model
 from app.case.case import Case
-from app.simulation.contact_resultants import Row
+from app.simulation.history import Row
 from app.simulation.simulation import Observer, Simulation
 
 

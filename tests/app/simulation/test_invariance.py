@@ -14,8 +14,9 @@ from app.build.model import build_model
 from app.case.case import Case
 from app.equilibrium.equilibrium import Equilibrium, Prescribed
 from app.implicit.stepper import ImplicitOptions, ImplicitStepper
-from app.simulation.contact_resultants import ContactResultants, Row, measure_contact, turned_right
+from app.simulation.contact_resultants import ContactResultants, measure_contact, turned_right
 from app.simulation.energy_balance import EnergyBalance
+from app.simulation.history import Row
 from app.simulation.simulation import Observer, Simulation
 from forms.friction.coulomb import CoulombLaw, CoulombParameters
 from forms.friction.friction_map import FrictionMap

@@ -23,7 +23,7 @@ from app.errors import SolutionError
 from app.implicit.stepper import ImplicitStepper
 from app.results.directory import read_table
 from app.run.run import run_case
-from app.simulation.contact_resultants import PHYSICAL, Row
+from app.simulation.history import PHYSICAL, Row
 from app.simulation.simulation import Observer, Simulation
 
 TIGHT = {"tolerance": 1e-11}
