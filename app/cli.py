@@ -27,6 +27,27 @@ cli = typer.Typer(
     "film. Exit codes: 0 done, 2 wrong input, 3 no solution (the last good state is saved).",
 )
 
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        from app import __version__
+
+        print(f"tribox {__version__}")
+        raise typer.Exit
+
+
+@cli.callback()
+def _options(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="print the version and exit"
+        ),
+    ] = False,
+) -> None:
+    pass
+
+
 CaseFile = Annotated[Path, typer.Argument(metavar="CASE", help="case file (TOML)")]
 Overrides = Annotated[
     list[str] | None,
@@ -178,7 +199,7 @@ def _run_sweep_together(case: Case, directory: Path, force: bool) -> None:
 
 def _draw_sweep(case: Case, directory: Path) -> None:
     if case.output.figures:
-        from app.figures.history import draw_sweep
+        from app.figures.run_figures import draw_sweep
 
         (directory / "figures").mkdir(exist_ok=True)
         draw_sweep(case, directory)
@@ -256,7 +277,7 @@ def plot(
 ) -> None:
     """Draw the figures of a results directory again from its files."""
     from app.case.case import load_case
-    from app.figures.history import draw_history, draw_sweep
+    from app.figures.run_figures import draw_history, draw_sweep
 
     if not directory.is_dir():
         raise InputError(f"{directory}: not a results directory")

@@ -138,7 +138,7 @@ def _run(simulation: Simulation, recorder: Recorder, observer: Observer) -> None
 def draw_run(simulation: Simulation, directory: Path) -> None:
     """Draw the figures of a finished run; collective."""
     from app.figures.deformed import draw_deformed
-    from app.figures.history import draw_history
+    from app.figures.run_figures import draw_history
 
     with simulation.model.problem.timer("figures"):
         figures = directory / "figures"
