@@ -25,7 +25,8 @@ from app.build.model import build_model
 from app.case.case import load_case
 from app.errors import SolutionError
 from app.results.fields import StressField
-from app.simulation.simulation import Observer, Simulation
+from app.simulation.observer import Observer
+from app.simulation.simulation import Simulation
 from geometry.meshes.mesh import NamedMesh
 
 PRESSURE = 1e5  # Pa, a fiftieth of the elastomer's modulus

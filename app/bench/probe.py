@@ -230,7 +230,7 @@ def one_factorisation(simulation: Simulation) -> float:
     from petsc4py import PETSc
 
     assert simulation.implicit is not None
-    tangent = simulation.implicit.snes.getJacobian()[0]
+    tangent = simulation.implicit.stepper.snes.getJacobian()[0]
     fastest = float("inf")
     for _ in range(REPEATS):
         pc = PETSc.PC().create(simulation.model.problem.comm)

@@ -17,7 +17,8 @@ from app.run.interruption import Interruption
 from app.run.progress import Reporter, Together
 from app.simulation.explicit_stage import notes_on_steps
 from app.simulation.history import energy_gap
-from app.simulation.simulation import Observer, Simulation
+from app.simulation.observer import Observer
+from app.simulation.simulation import Simulation
 
 
 def run_case(
@@ -90,15 +91,16 @@ def _say_warnings(reporter: Reporter, recorder: Recorder) -> None:
 
 def _saved_line(simulation: Simulation, recorder: Recorder, directory: Path) -> str:
     """Where the last converged state of a failed run is."""
-    step = simulation.step
-    if step == 0:
+    state = simulation.state
+    if state.step == 0:
         return f"no step was solved, so {directory} holds no state"
     # An explicit run fails between two rows; its last output may be that of the row before.
     time, points = recorder.last_output
-    what = "converged" if simulation.explicit is None else "sound"
+    what = "converged" if simulation.explicit is None else "valid"
     return (
-        f"the last {what} state, step {step} at time {time:.6g} s, is saved in {directory}: last "
-        f"output of fields.bp and stress.bp, {points}, and the steps that led there in history.csv"
+        f"the last {what} state, step {state.step} at time {time:.6g} s, is saved in {directory}: "
+        f"last output of fields.bp and stress.bp, {points}, and the steps that led there in "
+        "history.csv"
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -236,3 +236,52 @@ def _least(density: Floats, position: Floats, comm: MPI.Comm) -> tuple[float, tu
     mine = (float(density[at]), tuple(map(float, position[at]))) if at >= 0 else (np.inf, ())
     least, worst = min(comm.allgather(mine))
     return least, worst
+
+
+def contact_columns(
+    pairs: Sequence[ContactResultants], velocity: float, rate_dependent: bool, thickness: float
+) -> dict[str, Any]:
+    """Columns of the history that are of the contacts: forces summed over the pairs, means by area.
+
+    Args:
+        pairs: resultants of each pair.
+        velocity: m/s, of the driven boundaries; 0 without.
+        rate_dependent: whether time counts, so that there is a slip speed.
+        thickness: m, of the slab that the results are for.
+    """
+    normal = sum(m.normal_force for m in pairs)
+    tangential = sum(m.tangential_force for m in pairs)
+    area = sum(m.area for m in pairs)
+
+    def mean(value: Callable[[ContactResultants], float]) -> float:
+        return sum(value(m) * m.area for m in pairs) / area if area > 0.0 else 0.0
+
+    film = mean(lambda m: m.film)
+    sliding = velocity != 0.0 and area > 0.0
+    viscosity = abs(tangential * film / (velocity * area)) if sliding else 0.0
+    return {
+        "slip_speed": mean(lambda m: m.speed) if rate_dependent else 0.0,
+        "normal_force": normal * thickness,
+        "tangential_force": tangential * thickness,
+        "drag": sum(m.drag for m in pairs) * thickness,
+        "friction_coefficient": abs(tangential / normal) if normal != 0.0 else 0.0,
+        "mu": mean(lambda m: m.friction_coefficient),
+        "film_thickness": film,
+        "effective_viscosity": viscosity,
+        "contact_area": area * thickness,
+        "area_ratio": mean(lambda m: m.area_ratio),
+        "stick_fraction": mean(lambda m: m.stick),
+        "viscous_fraction": mean(lambda m: m.viscous),
+        "max_penetration": max((m.penetration for m in pairs), default=0.0),
+        **_summed_vectors(pairs, thickness),
+    }
+
+
+def _summed_vectors(pairs: Sequence[ContactResultants], thickness: float) -> dict[str, float]:
+    """Columns of force vectors and of the twisting moment."""
+    out = {}
+    for kind in ("force", "friction"):
+        vectors = [getattr(m, kind) for m in pairs]
+        for axis, values in zip("xyz", zip(*vectors, strict=True), strict=False):
+            out[f"{kind}_{axis}"] = sum(values) * thickness
+    return {**out, "twist_moment": sum(m.twist_moment for m in pairs) * thickness}

@@ -14,7 +14,8 @@ from scipy.optimize import brentq
 
 from app.build.model import build_model
 from app.case.case import Case
-from app.simulation.simulation import Observer, Simulation
+from app.simulation.observer import Observer
+from app.simulation.simulation import Simulation
 
 FRICTIONLESS = {"law": "frictionless"}
 
@@ -31,7 +32,7 @@ def history(run: Simulation, name: str) -> np.ndarray:
 
 
 def dynamics(run: Simulation, name: str) -> np.ndarray:
-    table = run.explicit.dynamics
+    table = run.explicit.motion
     return np.array(table.rows)[:, table.columns.index(name)]
 
 

@@ -9,7 +9,8 @@ from mpi4py import MPI
 from app.build.model import build_model
 from app.case.case import Case
 from app.implicit.stepper import ImplicitStepper
-from app.simulation.simulation import Observer, Simulation
+from app.simulation.observer import Observer
+from app.simulation.simulation import Simulation
 from tests.app.conftest import BOXES
 
 # A soft cylinder on a soft block: half the contact zone closes in the first step, all of it with

@@ -27,7 +27,8 @@ from app.simulation.failure_diagnosis import (
     penalty_factors,
     place_text,
 )
-from app.simulation.simulation import Observer, Simulation
+from app.simulation.observer import Observer
+from app.simulation.simulation import Simulation
 from forms.friction.coulomb import CoulombLaw, CoulombParameters
 
 # Give up soon: what is tested is how.

@@ -14,7 +14,8 @@ import app.verify.report as verification
 from app.build.model import build_model, make_mesh
 from app.case.case import check_case, load_case
 from app.errors import InputError, SolutionError
-from app.simulation.simulation import Observer, Simulation
+from app.simulation.observer import Observer
+from app.simulation.simulation import Simulation
 from app.verify.bulk import block_compression, neighbours
 from app.verify.contact import cattaneo_mindlin, fit_ellipse, hertz_line
 from app.verify.report import CASES, percent, run_verify, table
