@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from app.errors import InputError, SolutionError, TriboxError
+from app.errors import InputError, TriboxError
 
 if TYPE_CHECKING:
     from app.case.case import Case
@@ -81,7 +81,10 @@ def run(
     _keep_inputs(directory, case_file, case)
     ranks = _ranks_around()
     if case.sweep is not None and part is None:
-        _run_sweep(case, case_file, directory, overrides or [], np, force, jobs, ranks)
+        from app.run.sweep_runs import SweepOptions, run_sweep
+
+        options = SweepOptions(_set_options(overrides), np, force, jobs)
+        run_sweep(case, case_file, directory, options, ranks)
         return
     if part is not None:
         case = _one_part(case, part)
@@ -132,90 +135,6 @@ def _ranks_around() -> int:
     return 1
 
 
-def _run_sweep(
-    case: Case,
-    case_file: Path,
-    directory: Path,
-    overrides: list[str],
-    np: int,
-    force: bool,
-    jobs: int | None,
-    ranks: int,
-) -> None:
-    from app.case.case import resolved_toml
-    from app.results.directory import check_free, prepare, write_text
-    from app.results.earlier_sweep import sweep_labels
-    from app.run.sweep import Part, collate, cores, part_command, run_side_by_side
-
-    if ranks > 1:
-        _run_sweep_together(case, directory, force)
-        return
-    check_free(directory, force, sweep_labels(directory))
-    _see_that_it_builds(case.sweep_cases()[0][1])
-    prepare(directory)
-    write_text(directory / "case.toml", resolved_toml(case))
-    options = [*_set_options(overrides), "--np", str(np)]
-    parts = [
-        Part(label, part_command(case_file, i, directory / label, options), directory / label)
-        for i, (label, _) in enumerate(case.sweep_cases())
-    ]
-    try:
-        run_side_by_side(parts, jobs or max(1, cores() // np), lambda line: print(line, flush=True))
-    finally:  # What has been computed is collated whatever became of the others.
-        collate(case, directory)
-        _draw_sweep(case, directory)
-    print(f"results in {directory}")
-
-
-def _run_sweep_together(case: Case, directory: Path, force: bool) -> None:
-    """All ranks of one mpirun take the values one after the other."""
-    from mpi4py import MPI
-
-    from app.case.case import resolved_toml
-    from app.results.directory import check_free, prepare, write_text
-    from app.results.earlier_sweep import sweep_labels
-    from app.run.run import on_first, run_case
-    from app.run.sweep import collate
-
-    def make_ready() -> None:
-        check_free(directory, force, sweep_labels(directory))
-        prepare(directory)
-        write_text(directory / "case.toml", resolved_toml(case))
-
-    comm = MPI.COMM_WORLD
-    on_first(comm, make_ready)
-    failed = []
-    for label, single in case.sweep_cases():
-        try:
-            run_case(single, directory / label, comm=comm)
-        except SolutionError as error:
-            failed.append(f"{label} ({error})")
-    if comm.rank == 0:
-        collate(case, directory)
-        _draw_sweep(case, directory)
-    if failed:
-        raise SolutionError(f"{len(failed)} runs of the sweep failed: {'; '.join(failed)}")
-
-
-def _draw_sweep(case: Case, directory: Path) -> None:
-    if case.output.figures:
-        from app.figures.run_figures import draw_sweep
-
-        (directory / "figures").mkdir(exist_ok=True)
-        draw_sweep(case, directory)
-
-
-def _see_that_it_builds(case: Case) -> list[str]:
-    """Find what shows only once mesh and case are put together; the notes on it."""
-    from mpi4py import MPI
-
-    from app.build.model import build_model
-    from app.simulation.explicit_stage import notes_on_steps
-
-    model = build_model(case, MPI.COMM_SELF)
-    return [*model.notes, *notes_on_steps(model)]
-
-
 @cli.command()
 def check(case_file: CaseFile, overrides: Overrides = None) -> None:
     """Check a case file without running it; every problem is one line."""
@@ -226,10 +145,12 @@ def check(case_file: CaseFile, overrides: Overrides = None) -> None:
         for line in problems:
             print(line, file=sys.stderr)
         raise typer.Exit(2)
+    from app.run.building import notes_on_building
+
     case = load_case(case_file, overrides or [])
     notes: dict[str, None] = {}  # the values of a sweep share most of theirs
     for single in [part for _, part in case.sweep_cases()] or [case]:
-        notes |= dict.fromkeys(_see_that_it_builds(single))
+        notes |= dict.fromkeys(notes_on_building(single))
     for note in notes:
         print(f"note: {note}")
     runs = len(case.sweep_cases()) or 1
@@ -314,7 +235,7 @@ def fit(
     ] = None,
     fixed: Annotated[
         list[str] | None,
-        typer.Option("--fix", metavar="KEY=VALUE", help="hold a parameter or give a column"),
+        typer.Option("--fix", metavar="KEY=VALUE", help="fix a parameter, or give a column"),
     ] = None,
     start: Annotated[
         list[str] | None,

@@ -58,7 +58,7 @@ PROBES = {
 }
 # Parts that the solution itself tells apart, and those of PETSc's events.
 TIMED = {
-    "assembly": "held rows",
+    "assembly": "constrained rows",
     "contact": "rest of contact",
     "pattern": "pattern",
     "factorisation": "numeric factorisation",

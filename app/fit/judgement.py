@@ -158,7 +158,7 @@ def star_warning(name: str, low: float | None, high: float | None) -> str | None
 def at_bound_warnings(names: Sequence[str], at_bound: NDArray[np.bool_]) -> dict[str, str]:
     """Lines on parameters that ended at a bound of the search."""
     return {
-        name: f"{name}: the search ended at its bound, so the value is none of the data's"
+        name: f"{name}: the search ended at its bound, so the data do not set the value"
         for name, hit in zip(names, at_bound, strict=True)
         if hit
     }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from mpi4py import MPI
@@ -55,23 +55,18 @@ def run_case(
     told: list[Observer] = [reporter, recorder] if reporter else [recorder]
     try:
         if reporter:
-            for note in model.notes:
-                reporter.say(f"note: {note}")
-            for note in steps:
-                reporter.say(f"note: {note}", always=not quiet)
+            _say_notes(reporter, model.notes, steps, quiet)
         with Interruption(comm) as interruption:
             _run(simulation, recorder, Together(*told, interruption))
         if case.output.figures:
             draw_run(simulation, directory)
         if reporter:
             _say_warnings(reporter, recorder)
-            reporter.say(_closing_line(simulation), always=not quiet)
-            reporter.say(f"results in {directory}", always=not quiet)
+            for line in (_closing_line(simulation), f"results in {directory}"):
+                reporter.say(line, always=not quiet)
     except SolutionError as error:
         if reporter:
-            reporter.note(f"failed: {error}")
-            _say_warnings(reporter, recorder)
-            reporter.say(_saved_line(simulation, recorder, directory))
+            _say_failure(reporter, simulation, recorder, error)
         raise
     except KeyboardInterrupt:
         if reporter:
@@ -83,15 +78,32 @@ def run_case(
     return simulation
 
 
+def _say_notes(reporter: Reporter, notes: Sequence[str], steps: Sequence[str], quiet: bool) -> None:
+    """The notes on a case, and those on the time steps of its explicit stages."""
+    for note in notes:
+        reporter.say(f"note: {note}")
+    for note in steps:
+        reporter.say(f"note: {note}", always=not quiet)
+
+
 def _say_warnings(reporter: Reporter, recorder: Recorder) -> None:
     """The warnings that came up during the run."""
     for warning in recorder.warnings[len(recorder.model.notes) :]:
         reporter.say(f"warning: {warning}")
 
 
-def _saved_line(simulation: Simulation, recorder: Recorder, directory: Path) -> str:
+def _say_failure(
+    reporter: Reporter, simulation: Simulation, recorder: Recorder, error: SolutionError
+) -> None:
+    """What went wrong, for the log, and what is saved."""
+    reporter.note(f"failed: {error}")
+    _say_warnings(reporter, recorder)
+    reporter.say(_saved_line(simulation, recorder))
+
+
+def _saved_line(simulation: Simulation, recorder: Recorder) -> str:
     """Where the last converged state of a failed run is."""
-    state = simulation.state
+    state, directory = simulation.state, recorder.directory
     if state.step == 0:
         return f"no step was solved, so {directory} holds no state"
     # An explicit run fails between two rows; its last output may be that of the row before.

@@ -35,7 +35,7 @@ class ContactResultants:
         film: m, friction_coefficient: mean of μ(d); both weighted by pressure times area.
         penetration: m, largest. speed: m/s, mean slip speed of the closed area.
         energy: J/m, penalty and elastic slip. dissipated: J/m in this step; numerical: the part of
-            it that backward Euler books beyond the trapezoidal rule, ½ (T_{n+1} − T_n)·Δg_T.
+            it that backward Euler counts beyond the trapezoidal rule, ½ (T_{n+1} − T_n)·Δg_T.
         beyond: share of the reference area that has run past the end of the master.
         least_dissipation: J/m², smallest at any point, without the time integration's own part.
         worst: where that is (m, current).
@@ -69,7 +69,7 @@ def measure_contact(
     comm: MPI.Comm,
     driven: Sequence[float] | None = None,
 ) -> ContactResultants:
-    """Measure one pair; collective.
+    """Resultants of one pair; collective.
 
     Args:
         term: the pair, before the trial is committed.

@@ -2,8 +2,8 @@
 
 What an implicit run calls a step is here an *interval*: a piece of the stage that ends with a row.
 It is cut into equal time steps no longer than the stable one. Forces in the row are means over the
-interval, so that no oscillation is sampled askew; energies are added up step by step, on each rank
-by itself, and put together once an interval.
+interval, so that they do not depend on where in an oscillation it ends; energies are added up step
+by step, on each rank by itself, and put together once an interval.
 """
 
 from __future__ import annotations

@@ -75,12 +75,12 @@ def loose_directions(problem: Equilibrium) -> list[Loose]:
     A body of revolution cannot move away from its axis: it has to widen for that.
     """
     table = problem.space.dofmap.list
-    held, found = problem.constrained_dofs(), []
+    constrained, found = problem.constrained_dofs(), []
     for solid in problem.solids:
         nodes = np.unique(table[solid.cells])
         nodes = nodes[nodes < problem.owned // problem.dim]
         for component in range(1 if solid.section == "axisymmetric" else 0, problem.dim):
-            here = bool(np.isin(nodes * problem.dim + component, held).any())
+            here = bool(np.isin(nodes * problem.dim + component, constrained).any())
             if not problem.comm.allreduce(here, op=MPI.LOR):
                 found.append(Loose(solid.name, component, nodes))
     return found
@@ -89,10 +89,10 @@ def loose_directions(problem: Equilibrium) -> list[Loose]:
 def body_adrift(
     problem: Equilibrium, loose: Iterable[Loose], before: Floats, now: Floats
 ) -> str | None:
-    """What is said of a body that moved with nothing to hold it; None where there is none.
+    """The message about a body that moved with nothing to hold it; None where there is none.
 
     Where no contact presses, a body moves in a direction in which it is loose only because the
-    linear solver found some place for it: none is better than another. Collective.
+    linear solver found some place for it, which is as good as any other. Collective.
 
     Args:
         problem: the equilibrium.
@@ -113,16 +113,16 @@ def body_adrift(
     return None
 
 
-# -- numbers that are none ------------------------------------------------------------------------
+# -- numbers that are not finite -------------------------------------------------------------------
 
 
 def not_finite(resultants: Iterable[ContactResultants]) -> str | None:
     """The first number of a step's contacts that is not finite, by its name; None if all are."""
-    for index, measure in enumerate(resultants):
-        for field in fields(measure):
-            value = getattr(measure, field.name)
+    for index, pair in enumerate(resultants):
+        for field in fields(pair):
+            value = getattr(pair, field.name)
             # Without any contact point there is no least dissipation, and no place for it.
-            empty = field.name in ("least_dissipation", "worst") and not measure.worst
+            empty = field.name in ("least_dissipation", "worst") and not pair.worst
             if not empty and not np.all(np.isfinite(value)):
                 return f"contact.{index}: {field.name} = {value}"
     return None

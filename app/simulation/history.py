@@ -65,8 +65,8 @@ class Row:
 
 RESULTANTS = (*(f"{kind}_{i}" for kind in ("force", "friction") for i in "xyz"), "twist_moment")
 COLUMNS = tuple(f.name for f in fields(Row))
-# Columns that describe the physics alone. The energy error and the resultants are left
-# out: they can be what remains of large numbers that cancel, and are to be held against those.
+# Columns that describe the physics alone. The energy error and the resultants are left out: they
+# can be small differences of large numbers, and are to be compared with those.
 PHYSICAL = tuple(
     name
     for name in COLUMNS

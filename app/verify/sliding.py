@@ -40,7 +40,7 @@ def friction_law(overrides: Sequence[str] = ()) -> Verification:
     return Verification(
         "friction-law",
         "friction map at material points, steady sliding",
-        "The law is stepped at constant speed until its traction holds still, and compared with "
+        "The law is stepped at constant speed until its traction stays the same, and compared with "
         "(1 − α) µ p + α η_b V/D outside the transition at V*.",
         tuple(checks),
         (
