@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from app.errors import InputError, SolutionError, TriboxError
+from app.errors import InputError, TriboxError
 
 if TYPE_CHECKING:
     from app.case.case import Case
@@ -26,6 +26,27 @@ cli = typer.Typer(
     help="Finite-strain frictional contact of an elastomer on aluminium through a lubricating "
     "film. Exit codes: 0 done, 2 wrong input, 3 no solution (the last good state is saved).",
 )
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        from app import __version__
+
+        print(f"tribox {__version__}")
+        raise typer.Exit
+
+
+@cli.callback()
+def _options(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="print the version and exit"
+        ),
+    ] = False,
+) -> None:
+    pass
+
 
 CaseFile = Annotated[Path, typer.Argument(metavar="CASE", help="case file (TOML)")]
 Overrides = Annotated[
@@ -53,18 +74,22 @@ def run(
     """Run a case, or every value of its sweep, and write results and figures."""
     from app.case.reading import load_case
     from app.results.directory import check_free, default_directory
+    from app.results.earlier_sweep import sweep_labels
 
     case = load_case(case_file, overrides or [])
     directory = out or default_directory(case_file)
     _keep_inputs(directory, case_file, case)
     ranks = _ranks_around()
     if case.sweep is not None and part is None:
-        _run_sweep(case, case_file, directory, overrides or [], np, force, jobs, ranks)
+        from app.run.sweep_runs import SweepOptions, run_sweep
+
+        options = SweepOptions(_set_options(overrides), np, force, jobs)
+        run_sweep(case, case_file, directory, options, ranks)
         return
     if part is not None:
         case = _one_part(case, part)
     if np > 1 and ranks == 1:
-        check_free(directory, force)
+        check_free(directory, force, sweep_labels(directory))
         arguments = ["run", str(case_file), "--out", str(directory), *_set_options(overrides)]
         arguments += ["--force"] * force + ([] if part is None else ["--part", str(part)])
         if shutil.which("mpirun") is None:
@@ -110,88 +135,6 @@ def _ranks_around() -> int:
     return 1
 
 
-def _run_sweep(
-    case: Case,
-    case_file: Path,
-    directory: Path,
-    overrides: list[str],
-    np: int,
-    force: bool,
-    jobs: int | None,
-    ranks: int,
-) -> None:
-    from app.case.case import resolved_toml
-    from app.results.directory import check_free, prepare, write_text
-    from app.run.sweep import Part, collate, cores, part_command, run_side_by_side
-
-    if ranks > 1:
-        _run_sweep_together(case, directory, force)
-        return
-    check_free(directory, force)
-    _see_that_it_builds(case.sweep_cases()[0][1])
-    prepare(directory)
-    write_text(directory / "case.toml", resolved_toml(case))
-    options = [*_set_options(overrides), "--np", str(np)]
-    parts = [
-        Part(label, part_command(case_file, i, directory / label, options), directory / label)
-        for i, (label, _) in enumerate(case.sweep_cases())
-    ]
-    try:
-        run_side_by_side(parts, jobs or max(1, cores() // np), lambda line: print(line, flush=True))
-    finally:  # What has been computed is collated whatever became of the others.
-        collate(case, directory)
-        _draw_sweep(case, directory)
-    print(f"results in {directory}")
-
-
-def _run_sweep_together(case: Case, directory: Path, force: bool) -> None:
-    """All ranks of one mpirun take the values one after the other."""
-    from mpi4py import MPI
-
-    from app.case.case import resolved_toml
-    from app.results.directory import check_free, prepare, write_text
-    from app.run.run import on_first, run_case
-    from app.run.sweep import collate
-
-    def make_ready() -> None:
-        check_free(directory, force)
-        prepare(directory)
-        write_text(directory / "case.toml", resolved_toml(case))
-
-    comm = MPI.COMM_WORLD
-    on_first(comm, make_ready)
-    failed = []
-    for label, single in case.sweep_cases():
-        try:
-            run_case(single, directory / label, comm=comm)
-        except SolutionError as error:
-            failed.append(f"{label} ({error})")
-    if comm.rank == 0:
-        collate(case, directory)
-        _draw_sweep(case, directory)
-    if failed:
-        raise SolutionError(f"{len(failed)} runs of the sweep failed: {'; '.join(failed)}")
-
-
-def _draw_sweep(case: Case, directory: Path) -> None:
-    if case.output.figures:
-        from app.figures.history import draw_sweep
-
-        (directory / "figures").mkdir(exist_ok=True)
-        draw_sweep(case, directory)
-
-
-def _see_that_it_builds(case: Case) -> list[str]:
-    """Find what shows only once mesh and case are put together; the notes on it."""
-    from mpi4py import MPI
-
-    from app.build.model import build_model
-    from app.simulation.explicit_stage import notes_on_steps
-
-    model = build_model(case, MPI.COMM_SELF)
-    return [*model.notes, *notes_on_steps(model)]
-
-
 @cli.command()
 def check(case_file: CaseFile, overrides: Overrides = None) -> None:
     """Check a case file without running it; every problem is one line."""
@@ -202,10 +145,12 @@ def check(case_file: CaseFile, overrides: Overrides = None) -> None:
         for line in problems:
             print(line, file=sys.stderr)
         raise typer.Exit(2)
+    from app.run.building import notes_on_building
+
     case = load_case(case_file, overrides or [])
     notes: dict[str, None] = {}  # the values of a sweep share most of theirs
     for single in [part for _, part in case.sweep_cases()] or [case]:
-        notes |= dict.fromkeys(_see_that_it_builds(single))
+        notes |= dict.fromkeys(notes_on_building(single))
     for note in notes:
         print(f"note: {note}")
     runs = len(case.sweep_cases()) or 1
@@ -253,7 +198,7 @@ def plot(
 ) -> None:
     """Draw the figures of a results directory again from its files."""
     from app.case.reading import load_case
-    from app.figures.history import draw_history, draw_sweep
+    from app.figures.run_figures import draw_history, draw_sweep
 
     if not directory.is_dir():
         raise InputError(f"{directory}: not a results directory")
@@ -290,7 +235,7 @@ def fit(
     ] = None,
     fixed: Annotated[
         list[str] | None,
-        typer.Option("--fix", metavar="KEY=VALUE", help="hold a parameter or give a column"),
+        typer.Option("--fix", metavar="KEY=VALUE", help="fix a parameter, or give a column"),
     ] = None,
     start: Annotated[
         list[str] | None,

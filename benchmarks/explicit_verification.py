@@ -20,7 +20,7 @@ from app.case.reading import load_case
 from app.figures.phase_plots import draw_overlay
 from app.results.directory import read_table
 from app.run.run import run_case
-from app.simulation.contact_resultants import Row
+from app.simulation.history import Row
 from app.simulation.simulation import Simulation
 from benchmarks.run import ROOT
 

@@ -26,7 +26,8 @@ from app.build.model import build_model
 from app.case.reading import load_case
 from app.errors import SolutionError
 from app.results.fields import StressField
-from app.simulation.simulation import Observer, Simulation
+from app.simulation.observer import Observer
+from app.simulation.simulation import Simulation
 from geometry.compat import cell_nodes
 from geometry.meshes.mesh import NamedMesh
 

@@ -26,8 +26,10 @@ from app.build.model import build_model
 from app.case.case import Case
 from app.equilibrium.timers import Stopwatch
 from app.implicit.stepper import ImplicitStepper, StepResult
-from app.simulation.contact_resultants import Row
-from app.simulation.simulation import Observer, Simulation
+from app.simulation.history import Row
+from app.simulation.observer import Observer
+from app.simulation.run_state import RunState
+from app.simulation.simulation import Simulation
 
 CASE = """
 [geometry]
@@ -135,26 +137,24 @@ class Account(Observer):
         else:
             self.iterations[-1] = iteration
 
-    def step(self, simulation: Simulation, row: Row, result: object) -> None:
+    def step(self, state: RunState, row: Row, result: object) -> None:
         """Count a step's Newton iterations and report."""
         assert isinstance(result, StepResult)
         self.newton += result.iterations
         self.tangents += result.factorisations
-        comm = simulation.model.named.mesh.comm
-        numbers = (
-            self.label | self.shared(simulation) | {"ranks": comm.gather(self.here(simulation))}
-        )
+        comm = state.model.named.mesh.comm
+        numbers = self.label | self.shared(state) | {"ranks": comm.gather(self.here(state))}
         if comm.rank == 0:
             self.lines.append(json.dumps(numbers))
             print(self.lines[-1], flush=True)
 
-    def cut(self, simulation: Simulation, dt: float, result: StepResult) -> None:
+    def cut(self, state: RunState, dt: float, result: StepResult) -> None:
         """Count a step that failed."""
         self.rejected += 1
 
-    def here(self, simulation: Simulation) -> dict[str, Any]:
+    def here(self, state: RunState) -> dict[str, Any]:
         """Numbers of this rank so far."""
-        problem, now = simulation.model.problem, time.process_time()
+        problem, now = state.model.problem, time.process_time()
         parts = {part: problem.timer.seconds.get(part, 0.0) for part in PARTS}
         return {
             "seconds": {"set-up": self.ready - self.start, "steps": now - self.ready, **parts},
@@ -164,17 +164,17 @@ class Account(Observer):
             "points": sum(len(term.surface.slave.weight) for term in problem.contacts),
         }
 
-    def shared(self, simulation: Simulation) -> dict[str, Any]:
+    def shared(self, state: RunState) -> dict[str, Any]:
         """Numbers of the run so far, the same on all ranks."""
-        problem, row = simulation.model.problem, simulation.rows[-1]
-        stepper, solves = simulation.stepper, self.iterations
+        problem, row = state.model.problem, state.rows[-1]
+        stepper, solves = state.stepper, self.iterations
         assert isinstance(stepper, ImplicitStepper)
         return {
             "dofs": problem.size,
             "nonzeros": stepper.solver.matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"],
             "linear": "direct" if stepper.solver.direct else "krylov",
             "stage": row.stage,
-            "steps": len(simulation.rows),
+            "steps": len(state.rows),
             "newton": self.newton,
             "tangents": self.tangents,
             "rejected": self.rejected,

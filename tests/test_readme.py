@@ -9,7 +9,7 @@ import pytest
 
 from app.cli import cli
 from app.results.directory import OWN
-from app.simulation.contact_resultants import COLUMNS
+from app.simulation.history import COLUMNS
 
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"

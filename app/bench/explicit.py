@@ -28,7 +28,8 @@ from mpi4py import MPI
 from app.build.contacts import QUADRATURE_DEGREE
 from app.equilibrium.constraints import Platen, Prescribed, component_dofs
 from app.equilibrium.equilibrium import Equilibrium
-from app.explicit.stepper import ExplicitOptions, ExplicitStepper
+from app.explicit.options import ExplicitOptions
+from app.explicit.stepper import ExplicitStepper
 from forms.bodies.internal_force import InternalForce
 from forms.bodies.materials import Hencky, Material, MooneyRivlin, NeoHookean, shear_and_bulk
 from forms.bodies.solid import Formulation, Solid

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 # The parts an attempt at a step consists of, by what they belong to.
-SOLIDS = ("solid residual", "solid tangent", "held rows")
+SOLIDS = ("solid residual", "solid tangent", "constrained rows")
 CONTACT_FORCES = (
     "search",
     "projection",
@@ -91,7 +91,7 @@ class Measured:
         """CPU seconds of a full iteration without contact: a residual, a new tangent, a solve."""
         return (
             self.sum(("solid residual",)) / self.evaluations
-            + self.sum(("solid tangent", "held rows", *FACTORISATION)) / self.tangents
+            + self.sum(("solid tangent", "constrained rows", *FACTORISATION)) / self.tangents
             + self.sum(SOLVE) / self.solves
         )
 

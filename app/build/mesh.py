@@ -11,7 +11,8 @@ from app.case.case import Case
 from app.case.geometry import GeneratedGeometry
 from app.case.validation import format_problem
 from app.errors import InputError
-from geometry.meshes.mesh import MeshError, NamedMesh, bodies_sharing_nodes, generate, read
+from geometry.meshes.gmsh_model import MeshError
+from geometry.meshes.mesh import NamedMesh, bodies_sharing_nodes, generate, read
 
 
 def make_mesh(case: Case, comm: MPI.Comm) -> NamedMesh:

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
 from geometry.surfaces.facets import Floats
 
 COLOURS = ("#1b6ca8", "#d1495b", "#2e8b57", "#8d5fa8", "#e08e1b", "#555555")
+COMPRESSION = 2  # of PNG files; 6, the default, takes three times as long for a sixth less
+DECADES, MANY_DECADES = 2.5, 5.0  # from which on an axis has ticks at 1, 2, 5; at 1 only
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 MARKERS = ("o", "s", "^", "D", "v", "P")
 STYLE = {
     "font.size": 10,
@@ -24,12 +30,40 @@ STYLE = {
 }
 
 
-def save(figure: Figure, path: Path) -> None:
-    """Write a PNG under a temporary name and rename it."""
+def save(figure: Figure, path: Path, *, tight: bool = True) -> None:
+    """Write a PNG under a temporary name and rename it.
+
+    Args:
+        figure: what to write; it is closed.
+        path: the file.
+        tight: cut or widen the page to what is drawn, which takes a second pass over all of it.
+    """
     part = path.with_suffix(".part.png")
-    figure.savefig(part, bbox_inches="tight")
+    page = "tight" if tight else None
+    figure.savefig(part, bbox_inches=page, pil_kwargs={"compress_level": COMPRESSION})
     plt.close(figure)
     part.replace(path)
+
+
+def thin_log_ticks(axes: Axes) -> None:
+    """On logarithmic axes over several decades, few ticks, and the decades as plain text.
+
+    Matplotlib's own eight ticks between two decades and its powers set as formulae take most of
+    the time of a figure. To be called when the limits of the axes are what they will be.
+    """
+    for axis in (axes.xaxis, axes.yaxis):
+        low, high = axis.get_view_interval()
+        if axis.get_scale() != "log" or high < 10.0**DECADES * low:
+            continue
+        many = high > 10.0**MANY_DECADES * low
+        axis.set_minor_locator(NullLocator() if many else LogLocator(subs=(2.0, 5.0)))
+        axis.set_minor_formatter(NullFormatter())
+        axis.set_major_formatter(FuncFormatter(lambda value, _: power_of_ten(value)))
+
+
+def power_of_ten(value: float) -> str:
+    """A decade such as 10⁻³ in plain text."""
+    return "10" + f"{round(math.log10(value))}".translate(RAISED)
 
 
 def columns(rows: list[dict[str, Any]], *names: str) -> list[Floats]:

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +29,7 @@ from app.fit.judgement import (
     star_warning,
 )
 from app.fit.model import RANGES, Coordinate, friction, with_values
+from app.fit.result import Estimate, FitResult, Found
 from forms.friction.parameters import FrictionMapParameters
 
 Floats = NDArray[np.float64]
@@ -38,79 +38,6 @@ MOST_GAPS = 40
 """Gaps of V* that are tried at first; then those beside the best."""
 ROWS_FOR_SLOPE = 3
 """Rows within the transition from which on V* has an interval from the Jacobian."""
-
-
-@dataclass(frozen=True, slots=True)
-class Estimate:
-    """One parameter of the fit.
-
-    Attributes:
-        coordinate: Which.
-        value: SI.
-        low: Lower end of the confidence interval, SI; None: open.
-        high: Upper end.
-        warning: Why the data do not determine it, if they do not.
-    """
-
-    coordinate: Coordinate
-    value: float
-    low: float | None
-    high: float | None
-    warning: str | None
-
-
-@dataclass(frozen=True, slots=True)
-class FitResult:
-    """What a fit found.
-
-    Attributes:
-        parameters: The calibrated law.
-        estimates: One for each coordinate.
-        traction: (n,), Pa, of the law, for the rows of the data.
-        scatter: Standard deviation of the logarithm of the friction.
-        degrees: Rows less parameters.
-        singular_values: Of the Jacobian with columns of unit length, relative to the largest.
-        correlation: (c, c), of the coordinates ``correlated``.
-        correlated: Names of the coordinates that have a slope.
-    """
-
-    parameters: FrictionMapParameters
-    estimates: tuple[Estimate, ...]
-    traction: Floats
-    scatter: float
-    degrees: int
-    singular_values: tuple[float, ...]
-    correlation: Floats
-    correlated: tuple[str, ...]
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """What the data do not determine, a line each."""
-        return tuple(e.warning for e in self.estimates if e.warning)
-
-
-@dataclass(frozen=True, slots=True)
-class Found:
-    """A minimum.
-
-    Attributes:
-        x: (c,), search coordinates.
-        residual: (n,), weighted.
-        jacobian: (n, c), or (n, c - 1) where V* was held.
-        at_bound: (c,), whether the search ended at a bound.
-        free: Whether V* was varied; else it was held.
-    """
-
-    x: Floats
-    residual: Floats
-    jacobian: Floats
-    at_bound: NDArray[np.bool_]
-    free: bool
-
-    @property
-    def squares(self) -> float:
-        """Sum of the squares of the residual."""
-        return float(self.residual @ self.residual)
 
 
 class Calibration:
@@ -366,7 +293,7 @@ class Calibration:
 
     def _judged(self, found: Found, star: tuple[float | None, float | None] | None) -> FitResult:
         """The result, with V* between the ends ``star`` (logarithms) unless it has a slope."""
-        judgement = Judgement(self, found, star is not None)
+        judgement = Judgement(self.coordinates, self.star, found, star is not None)
         degrees = len(self.data) - len(self.coordinates)
         scatter = math.sqrt(found.squares / degrees)
         names = [c.name for c in self.coordinates]

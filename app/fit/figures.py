@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from app.figures.style import COLOURS, MARKERS, STYLE, save
-from app.fit.calibration import FitResult
 from app.fit.data import TribometerData
 from app.fit.model import friction
+from app.fit.result import FitResult
 from forms.closed_forms.homogeneous_sliding import threshold_speed
 from forms.friction.parameters import FrictionMapParameters
 

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as t_distribution
 
 from app.fit.model import Coordinate
-
-if TYPE_CHECKING:
-    from app.fit.calibration import Calibration, Found
+from app.fit.result import Found
 
 Floats = NDArray[np.float64]
 
@@ -38,10 +35,18 @@ class Judgement:
         own: (c,), length of the part of each column that the others cannot make up.
     """
 
-    def __init__(self, calibration: Calibration, found: Found, bracketed: bool) -> None:
-        """Take the Jacobian of the search to the parameters themselves."""
-        coordinates = calibration.coordinates
-        varied = [i for i in range(len(coordinates)) if found.free or i != calibration.star]
+    def __init__(
+        self, coordinates: Sequence[Coordinate], star: int | None, found: Found, bracketed: bool
+    ) -> None:
+        """Take the Jacobian of the search to the parameters themselves.
+
+        Args:
+            coordinates: What was searched for.
+            star: Which of them is the threshold speed, if any.
+            found: The minimum.
+            bracketed: Whether the interval of the threshold speed is known otherwise.
+        """
+        varied = [i for i in range(len(coordinates)) if found.free or i != star]
         columns = {coordinates[i].key: found.jacobian[:, n] for n, i in enumerate(varied)}
         full = {coordinates[i].name: found.jacobian[:, n].copy() for n, i in enumerate(varied)}
         if {"mu_s", "mu_d"} <= full.keys():  # Searched as mu_d/mu_s.
@@ -50,10 +55,10 @@ class Judgement:
             full["gamma"] *= 0.5
             if "eta_b" in full:
                 full["eta_b"] -= 0.5 * columns["gamma"]
-        if bracketed and calibration.star is not None:
-            full.pop(coordinates[calibration.star].name, None)
+        if bracketed and star is not None:
+            full.pop(coordinates[star].name, None)
         self.names = tuple(full)
-        n = len(calibration.data)
+        n = len(found.residual)
         self.slopes = np.array(list(full.values())).T if full else np.zeros((n, 0))
         self._partners = [self._others(i) for i in range(len(full))]
         self.own = np.array([own for own, _ in self._partners])
@@ -153,7 +158,7 @@ def star_warning(name: str, low: float | None, high: float | None) -> str | None
 def at_bound_warnings(names: Sequence[str], at_bound: NDArray[np.bool_]) -> dict[str, str]:
     """Lines on parameters that ended at a bound of the search."""
     return {
-        name: f"{name}: the search ended at its bound, so the value is none of the data's"
+        name: f"{name}: the search ended at its bound, so the data do not set the value"
         for name, hit in zip(names, at_bound, strict=True)
         if hit
     }

@@ -15,13 +15,15 @@ from app.case.overrides import apply_override
 from app.case.quantities import QuantityError, parse_quantity
 from app.case.toml_writer import toml_text
 from app.errors import InputError
-from app.fit.calibration import Calibration, FitResult
+from app.fit.calibration import Calibration
 from app.fit.data import COLUMNS, CONSTANTS, TribometerData, read_data
 from app.fit.judgement import CONFIDENCE
 from app.fit.model import RANGES, coordinates
+from app.fit.result import FitResult
 from app.friction_map.run import keep_input, suffixed_directory
 from app.friction_map.setup import validated_contact
 from app.results.directory import check_free, prepare, write_json, write_table, write_text
+from app.results.earlier_sweep import sweep_labels
 from forms.friction.parameters import FrictionMapParameters
 
 ASSUMED: dict[str, Any] = {
@@ -111,7 +113,7 @@ def run_fit(
     setup = fit_setup(data_file, parameters, fixed, start)
     directory = out or suffixed_directory(data_file, "fit")
     keep_input(directory, data_file)
-    check_free(directory, force)
+    check_free(directory, force, sweep_labels(directory))
     chosen = coordinates(setup.names, setup.data, setup.base)
     result = Calibration(setup.data, setup.base, chosen, setup.starts).run()
     prepare(directory)

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from app.figures.style import COLOURS, STYLE, save
+from app.figures.style import COLOURS, STYLE, save, thin_log_ticks
 from app.friction_map.material_point import Track
 from app.friction_map.material_tests import Curve, FrictionMapResult
 from app.friction_map.setup import MapSetup
@@ -27,14 +27,14 @@ MARKER_SIZE = 4.0
 def draw_map(setup: MapSetup, result: FrictionMapResult, figures: Path) -> None:
     """Draw all figures of a map into a directory that exists."""
     with plt.rc_context(STYLE):
-        save(_by_film(setup, result.by_film), figures / "friction_map_thickness.png")
-        save(_by_load(setup, result.by_load), figures / "friction_map_load.png")
-        save(_viscosity(setup, result.by_film), figures / "effective_viscosity.png")
-        save(_stribeck(setup, result.by_film), figures / "stribeck.png")
-        save(_weakening(setup, result.weakening), figures / "slip_weakening.png")
+        save(_by_film(setup, result.by_film), figures / "friction_map_thickness.png", tight=False)
+        save(_by_load(setup, result.by_load), figures / "friction_map_load.png", tight=False)
+        save(_viscosity(setup, result.by_film), figures / "effective_viscosity.png", tight=False)
+        save(_stribeck(setup, result.by_film), figures / "stribeck.png", tight=False)
+        save(_weakening(setup, result.weakening), figures / "slip_weakening.png", tight=False)
         films = result.films or setup.films[:1]
-        save(_start_stop(setup, result.start_stop, films), figures / "start_stop.png")
-        save(_jump(setup, result.jump, films), figures / "velocity_jump.png")
+        save(_start_stop(setup, result.start_stop, films), figures / "start_stop.png", tight=False)
+        save(_jump(setup, result.jump, films), figures / "velocity_jump.png", tight=False)
 
 
 # -- steady sliding -------------------------------------------------------------------------------
@@ -115,6 +115,7 @@ def _by_film(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
     axes.set_xlabel("sliding velocity V (m/s)")
     axes.set_ylabel("friction per area F/A (kPa)")
     _legend(axes, "lower right", f"load L/A = {setup.pressure / 1e6:g} MPa")
+    thin_log_ticks(axes)
     return figure
 
 
@@ -138,6 +139,7 @@ def _by_load(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
     axes.set_xlabel("sliding velocity V (m/s)")
     axes.set_ylabel("friction per area F/A (kPa)")
     _legend(axes, "upper left", _film_label(setup, setup.film))
+    thin_log_ticks(axes)
     return figure
 
 
@@ -156,7 +158,7 @@ def _viscosity(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
     eta = setup.parameters.eta_b
     axes.axhline(eta, color="k", lw=0.8, ls="--", zorder=0)
     axes.annotate(
-        f"$\\eta_b$ = {eta:g} Pa s", (0.02, eta), xycoords=("axes fraction", "data"),
+        f"η_b = {eta:g} Pa s", (0.02, eta), xycoords=("axes fraction", "data"),
         xytext=(0, -5), textcoords="offset points", va="top", fontsize=8,
     )  # fmt: skip
     lowest = min(float(c.viscosity.min()) for c in curves if c.film > setup.parameters.D_min)
@@ -164,6 +166,7 @@ def _viscosity(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
     axes.set_xlabel("sliding velocity V (m/s)")
     axes.set_ylabel("effective viscosity F D/(A V) (Pa s)")
     _legend(axes, "upper right", f"load L/A = {setup.pressure / 1e6:g} MPa")
+    thin_log_ticks(axes)
     return figure
 
 
@@ -190,6 +193,7 @@ def _stribeck(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
     axes.set_xlabel("viscous force of the bulk fluid per area, (A V η_b/D)/A (kPa)")
     axes.set_ylabel("friction per area F/A (kPa)")
     _legend(axes, "lower right", f"load L/A = {setup.pressure / 1e6:g} MPa")
+    thin_log_ticks(axes)
     return figure
 
 

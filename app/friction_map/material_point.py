@@ -7,11 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from forms.friction.law import FrictionLaw, FrictionState
+from forms.friction.friction_map import FrictionMap
+from forms.friction.law import FrictionLaw, FrictionResponse
 
 Floats = NDArray[np.float64]
 
@@ -113,22 +115,22 @@ def follow(law: FrictionLaw, phases: Sequence[Phase], points: int) -> Track:
 
 @dataclass(frozen=True, slots=True)
 class Steady:
-    """Steady sliding of q points at one speed.
+    """Steady sliding of q points at one speed, or at v of them.
 
     Attributes:
-        traction: (q,), Pa.
-        mu: (q,), coefficient of friction at the slip reached.
-        alpha: (q,), film fraction.
-        regime: (q,), codes of ``forms.friction.law.Regime``.
-        slip: m, distance slid until all points were steady (or given up).
-        steady: (q,), whether the traction had stopped changing.
+        traction: (q,) or (v, q), Pa.
+        mu: Likewise, coefficient of friction at the slip reached.
+        alpha: Likewise, film fraction.
+        regime: Likewise, codes of ``forms.friction.law.Regime``.
+        slip: A number or (v,), m, distance slid until all points were steady (or given up).
+        steady: Like the traction, whether it had stopped changing.
     """
 
     traction: Floats
     mu: Floats
     alpha: Floats
     regime: NDArray[np.int8]
-    slip: float
+    slip: float | Floats
     steady: NDArray[np.bool_]
 
 
@@ -157,18 +159,88 @@ def slide_to_steady(
         least_slip: m, distance to slide at least; it must exceed the law's pre-sliding length.
         most_slip: m, distance after which the points count as not steady.
     """
-    state: FrictionState = law.initial_state(len(film), 1)
-    step, slid = FIRST_SLIP, 0.0
-    before: Floats = np.zeros(len(film))
-    calm: NDArray[np.int64] = np.zeros(len(film), dtype=np.int64)
-    while True:
-        response = law.update(np.full((len(film), 1), step), step / speed, pressure, film, state)
-        state, traction = response.state, response.traction[:, 0]
-        slid += step
-        change = np.abs(traction - before) <= tolerance * np.abs(traction)
-        calm = np.where(change, calm + 1, 0)
-        steady = calm >= STEPS_IN_A_ROW
-        if (slid > least_slip and bool(steady.all())) or slid > most_slip:
-            break
-        before, step = traction, step * GROWTH
-    return Steady(traction, law.coefficient(state), state.alpha, response.regime, slid, steady)
+    slide = _Slide(law, np.array([speed]), pressure, film, tolerance)
+    slide.run(least_slip, most_slip)
+    found = slide.found
+    return Steady(
+        found.traction[0], found.mu[0], found.alpha[0], found.regime[0],
+        float(np.max(found.slip)), found.steady[0],
+    )  # fmt: skip
+
+
+def slide_at_speeds(
+    law: FrictionMap,
+    speeds: Floats,
+    pressure: Floats,
+    film: Floats,
+    *,
+    tolerance: float = 1e-6,
+    least_slip: float = 1e-3,
+    most_slip: float = 100.0,
+) -> Steady:
+    """As :func:`slide_to_steady` for each of several speeds (v,), m/s, all of them side by side.
+
+    Their steps are of the same slip, so of different length in time; the friction map takes that.
+    """
+    slide = _Slide(law, speeds, pressure, film, tolerance)
+    slide.run(least_slip, most_slip)
+    return slide.found
+
+
+class _Slide:
+    """Points (v, q) that slide in growing steps, q of them at each of v speeds.
+
+    Attributes:
+        found: What the points of each speed were like when they were last looked at.
+    """
+
+    def __init__(
+        self, law: Any, speeds: Floats, pressure: Floats, film: Floats, tolerance: float
+    ) -> None:
+        shape = len(speeds), len(film)
+        self._law, self._shape, self._tolerance = law, shape, tolerance
+        # A single speed has a step of one length in time, which any law takes.
+        self._speed = np.repeat(speeds, len(film)) if len(speeds) > 1 else float(speeds[0])
+        self._pressure, self._film = np.tile(pressure, len(speeds)), np.tile(film, len(speeds))
+        self._running: NDArray[np.bool_] = np.ones(len(speeds), dtype=np.bool_)
+        self._slip: Floats = np.zeros(len(speeds))  # of ``found``
+        zeros: Floats = np.zeros(shape)
+        self.found = Steady(
+            zeros, zeros.copy(), zeros.copy(), np.zeros(shape, dtype=np.int8),
+            self._slip, np.zeros(shape, dtype=np.bool_),
+        )  # fmt: skip
+
+    def run(self, least_slip: float, most_slip: float) -> None:
+        """Slide until the points of every speed are steady or have gone too far."""
+        state = self._law.initial_state(len(self._film), 1)
+        step, slid = FIRST_SLIP, 0.0
+        before: Floats = np.zeros(len(self._film))
+        calm: NDArray[np.int64] = np.zeros(len(self._film), dtype=np.int64)
+        while self._running.any():
+            slip = np.full((len(self._film), 1), step)
+            response = self._law.update(slip, step / self._speed, self._pressure, self._film, state)
+            state, traction = response.state, response.traction[:, 0]
+            slid += step
+            change = np.abs(traction - before) <= self._tolerance * np.abs(traction)
+            calm = np.where(change, calm + 1, 0)
+            self._look(response, slid, calm >= STEPS_IN_A_ROW)
+            if slid > least_slip:
+                self._running &= ~self.found.steady.all(axis=1)
+            if slid > most_slip:
+                break
+            before, step = traction, step * GROWTH
+
+    def _look(self, response: FrictionResponse, slid: float, steady: NDArray[np.bool_]) -> None:
+        """Keep what the points of the speeds that still run are like."""
+        on, found = self._running, self.found
+        state = response.state
+        values = (
+            (found.traction, response.traction[:, 0]),
+            (found.mu, self._law.coefficient(state)),
+            (found.alpha, state.alpha),
+            (found.regime, response.regime),
+            (found.steady, steady),
+        )
+        for kept, now in values:
+            kept[on] = now.reshape(self._shape)[on]
+        self._slip[on] = slid

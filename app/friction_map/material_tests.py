@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.friction_map.material_point import Phase, Track, follow, slide_to_steady
+from app.friction_map.material_point import Phase, Track, follow, slide_at_speeds
 from app.friction_map.setup import MapSetup
 from app.results.directory import write_json, write_table
 from forms.closed_forms.homogeneous_sliding import (
@@ -141,13 +141,9 @@ def _steady_curves(
     )
     least = 3.0 * float(np.max(lengths, where=np.isfinite(lengths), initial=1e-4))
     least += 10.0 * parameters.A_d
-    runs = [
-        slide_to_steady(law, float(V), loads, films, least_slip=least, most_slip=1e4 * least)
-        for V in speeds
-    ]
+    found = slide_at_speeds(law, speeds, loads, films, least_slip=least, most_slip=1e4 * least)
     traction, mu, alpha, regime, steady = (
-        np.array([getattr(run, name) for run in runs]).T
-        for name in ("traction", "mu", "alpha", "regime", "steady")
+        getattr(found, name).T for name in ("traction", "mu", "alpha", "regime", "steady")
     )
     star = threshold_speed(films, parameters)
     exact = steady_traction(speeds, films[:, None], loads[:, None], mu, parameters)

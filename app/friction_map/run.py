@@ -11,6 +11,7 @@ from app.errors import InputError
 from app.friction_map.material_tests import compute_map, summary, write_map
 from app.friction_map.setup import law_notes, map_setup
 from app.results.directory import check_free, default_directory, prepare
+from app.results.earlier_sweep import sweep_labels
 
 BUILT_IN = Path("built-in.toml")
 """Names the results of a map without a case."""
@@ -36,7 +37,7 @@ def run_map(
     setup = map_setup(case_file, overrides)
     directory = out or suffixed_directory(case_file or BUILT_IN, "map")
     keep_input(directory, case_file)
-    check_free(directory, force)
+    check_free(directory, force, sweep_labels(directory))
     started = time.perf_counter()
     result = compute_map(setup)
     seconds = time.perf_counter() - started

@@ -7,12 +7,10 @@ import json
 import os
 import shutil
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import astuple
 from pathlib import Path
 from typing import Any
 
 from app.errors import InputError
-from app.simulation.contact_resultants import COLUMNS, Row
 
 OWN = (
     "case.toml",
@@ -46,8 +44,14 @@ def default_directory(case_file: Path) -> Path:
     return Path(root) / case_file.stem
 
 
-def check_free(directory: Path, force: bool) -> None:
+def check_free(directory: Path, force: bool, labels: Sequence[str] = ()) -> None:
     """See that results may be written; changes nothing.
+
+    Args:
+        directory: where they are to go.
+        force: whether results that are there may be cleared.
+        labels: sub-directories of a sweep whose results are there (``sweep_labels``); only
+            these count as results too.
 
     Raises:
         InputError: the directory holds results (or anything else) and ``force`` is not given, or
@@ -67,7 +71,6 @@ def check_free(directory: Path, force: bool) -> None:
             f"{directory}: holds results already; name another directory with --out, or replace "
             "them with --force"
         )
-    labels = _sweep_labels(directory)
     foreign = [name for name in present if not _is_own(name, labels)]
     if foreign:
         raise InputError(
@@ -101,17 +104,6 @@ def _is_own(name: str, labels: Sequence[str]) -> bool:
     return name.removesuffix(".part") in OWN or name in labels
 
 
-def _sweep_labels(directory: Path) -> tuple[str, ...]:
-    """Names of a sweep's sub-directories, from the case file beside them; none without one."""
-    from app.case.reading import load_case
-
-    try:
-        case = load_case(directory / "case.toml")
-    except InputError:
-        return ()
-    return case.sweep.labels if case.sweep is not None else ()
-
-
 def write_text(path: Path, text: str) -> None:
     """Write a file under a temporary name and rename it."""
     part = path.with_name(path.name + ".part")
@@ -132,11 +124,6 @@ def write_table(path: Path, columns: Sequence[str], rows: Iterable[Sequence[Any]
         out.writerow(columns)
         out.writerows([repr(v) if isinstance(v, float) else v for v in row] for row in rows)
     part.replace(path)
-
-
-def write_history(path: Path, rows: Sequence[Row]) -> None:
-    """Write ``history.csv``."""
-    write_table(path, COLUMNS, (astuple(row) for row in rows))
 
 
 def read_table(path: Path) -> list[dict[str, Any]]:

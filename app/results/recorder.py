@@ -6,8 +6,8 @@ import importlib.metadata
 import platform
 import resource
 import time
-from collections.abc import Iterator
-from dataclasses import asdict
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, astuple
 from pathlib import Path
 from typing import Any
 
@@ -21,12 +21,13 @@ from app.build.model import Model
 from app.case.case import resolved_toml
 from app.implicit.stepper import StepResult
 from app.results.contact_points import contact_arrays
-from app.results.directory import write_history, write_json, write_table, write_text
+from app.results.directory import write_json, write_table, write_text
 from app.results.fields import FieldWriter
-from app.simulation.contact_resultants import Row, energy_gap
-from app.simulation.explicit_stage import Interval
+from app.simulation.history import COLUMNS, Row, energy_gap
 from app.simulation.inertia import notes_on_inertia
-from app.simulation.simulation import Observer, Simulation
+from app.simulation.observer import Interval, Observer
+from app.simulation.run_state import RunState
+from app.simulation.simulation import Simulation
 from geometry.surfaces.facets import Floats
 
 TINY = 1e-30  # J/m², below any dissipation
@@ -71,20 +72,20 @@ class Recorder(Observer):
         self._fields = FieldWriter(model.problem.u, model.problem.solids, directory)
         self._last_output = -1
 
-    def step(self, simulation: Simulation, row: Row, result: StepResult | Interval) -> None:
+    def step(self, state: RunState, row: Row, result: StepResult | Interval) -> None:
         """Write the outputs that are due and look for a negative dissipation."""
         if self.every and row.step % self.every == 0:
-            self._output(simulation)
-        self._watch(simulation, row)
+            self._output(state)
+        self._watch(state, row)
         if self.first and time.monotonic() - self._written > HISTORY_EVERY:
-            write_history(self.directory / "history.csv", simulation.rows)
+            self._write_history(state)
             self._written = time.monotonic()
 
     def load_step(
-        self, simulation: Simulation, load_step: LoadStep, row: Row, steady: bool | None
+        self, state: RunState, load_step: LoadStep, row: Row, steady: bool | None
     ) -> None:
         """Write the fields at the end of a load step and keep its last row."""
-        self._output(simulation)
+        self._output(state)
         self.load_steps.append({"label": load_step.label, "steady": steady, **asdict(row)})
         onset = max(self.model.film_onset, default=0.0)
         pressure = row.normal_force / row.contact_area if row.contact_area > 0.0 else np.inf
@@ -95,10 +96,8 @@ class Recorder(Observer):
                 f"below film_onset_pressure = {onset:.3g} Pa, so the film carries less than "
                 "eta_b V/D"
             )
-        if simulation.explicit is not None:
-            self.warnings += notes_on_inertia(
-                self.model.case, load_step, simulation.explicit.inertia[-1]
-            )
+        if state.inertia:
+            self.warnings += notes_on_inertia(self.model.case, load_step, state.inertia[-1])
         if steady is False:
             self.warnings.append(
                 f"stage {load_step.label}: not steady after {load_step.stage.max_steps} steps "
@@ -113,15 +112,15 @@ class Recorder(Observer):
             status: done, interrupted or failed.
             failure: why it failed.
         """
-        if simulation.step:
-            self._output(simulation)
+        if simulation.state.step:
+            self._output(simulation.state)
             self.warnings.extend(self._deep_contacts())
-            self.warnings.extend(_unbalanced(simulation))
+            self.warnings.extend(_unbalanced(simulation.rows))
         self._fields.close()
         explicit = {} if simulation.explicit is None else simulation.explicit.summary()
         shares = self.comm.gather(self._share())
         if self.first:
-            write_history(self.directory / "history.csv", simulation.rows)
+            self._write_history(simulation.state)
             if simulation.explicit is not None:
                 motion = simulation.explicit.motion
                 write_table(self.directory / "motion.csv", motion.columns, motion.rows)
@@ -133,50 +132,54 @@ class Recorder(Observer):
     def rescue(self, simulation: Simulation) -> None:
         """Write the history after an error of this rank alone; not collective."""
         if self.first:
-            write_history(self.directory / "history.csv", simulation.rows)
+            self._write_history(simulation.state)
+
+    def _write_history(self, state: RunState) -> None:
+        rows = (astuple(row) for row in state.rows)
+        write_table(self.directory / "history.csv", COLUMNS, rows)
 
     @property
     def last_output(self) -> tuple[float, str]:
         """Time, s, and file of contact points of the last output; there must be one."""
         return self._outputs[-1]
 
-    def _output(self, simulation: Simulation) -> None:
-        if simulation.step == self._last_output:
+    def _output(self, state: RunState) -> None:
+        if state.step == self._last_output:
             return
-        self._last_output = simulation.step
+        self._last_output = state.step
         with self.model.problem.timer("output"):
-            self.model.problem.spread(simulation.stepper.x)
-            self._fields.write(simulation.time)
-            name = f"contact/{simulation.step:06d}.vtu"
+            self.model.problem.spread(state.stepper.x)
+            self._fields.write(state.time)
+            name = f"contact/{state.step:06d}.vtu"
             points = contact_arrays(self.model)
             if points is not None:
                 _write_points(self.directory / name, points)
-            self._outputs.append((simulation.time, name))
+            self._outputs.append((state.time, name))
 
-    def _watch(self, simulation: Simulation, row: Row) -> None:
+    def _watch(self, state: RunState, row: Row) -> None:
         """Warn once of a negative dissipation beyond round-off, and of running off the master.
 
         The deepest penetration is kept for a warning at the end.
         """
-        for index, measure in enumerate(simulation.resultants):
-            deepest = (measure.penetration, row.time, row.stage)
+        for index, pair in enumerate(state.resultants):
+            deepest = (pair.penetration, row.time, row.stage)
             self._deepest[index] = max(self._deepest[index], deepest)
-        for contact, measure in zip(self.model.case.contact, simulation.resultants, strict=True):
-            if measure.beyond > 0.0 and contact.master not in self._left:
+        for contact, pair in zip(self.model.case.contact, state.resultants, strict=True):
+            if pair.beyond > 0.0 and contact.master not in self._left:
                 self._left.add(contact.master)
                 self.warnings.append(
                     f"{contact.slave} runs past the end of {contact.master}: no contact there "
                     f"(first at time {row.time:.6g} s, stage {row.stage})"
                 )
-            if self._warned or measure.area <= 0.0 or not measure.worst:
+            if self._warned or pair.area <= 0.0 or not pair.worst:
                 continue
             scale = abs(row.dissipation) + abs(row.external_work) + abs(row.interface_energy)
-            allowed = max(1e-12 * scale / (measure.area * self.model.thickness), TINY)
-            if measure.least_dissipation < -allowed:
+            allowed = max(1e-12 * scale / (pair.area * self.model.thickness), TINY)
+            if pair.least_dissipation < -allowed:
                 self._warned = True
-                where = ", ".join(f"{c:.4g}" for c in measure.worst)
+                where = ", ".join(f"{c:.4g}" for c in pair.worst)
                 self.warnings.append(
-                    f"negative dissipation {measure.least_dissipation:.3g} J/m² at ({where}) m, "
+                    f"negative dissipation {pair.least_dissipation:.3g} J/m² at ({where}) m, "
                     f"time {row.time:.6g} s, stage {row.stage}"
                 )
 
@@ -218,8 +221,8 @@ class Recorder(Observer):
     def _summary(
         self, simulation: Simulation, status: str, shares: list[dict[str, Any]]
     ) -> dict[str, Any]:
-        rows = simulation.rows
-        problem = self.model.problem
+        rows, problem, implicit = simulation.rows, self.model.problem, simulation.implicit
+        assembled = implicit.stepper.solver.assembled if implicit else 0
         wall = time.perf_counter() - self._started
         timings = {key: round(value, 4) for key, value in simulation.stepper.seconds().items()}
         return {
@@ -228,7 +231,7 @@ class Recorder(Observer):
             "warnings": self.warnings,
             "steps": len(rows),
             "newton_iterations": sum(row.newton_iterations for row in rows),
-            "factorisations": simulation.implicit.solver.assembled if simulation.implicit else 0,
+            "factorisations": assembled,
             "attempts": sum(row.attempts for row in rows),
             "energy_error_relative": energy_gap(rows),
             "penalty": [term.penalty for term in problem.contacts],
@@ -253,9 +256,9 @@ class Recorder(Observer):
         }
 
 
-def _unbalanced(simulation: Simulation) -> Iterator[str]:
+def _unbalanced(rows: Sequence[Row]) -> Iterator[str]:
     """A warning on a run whose energies do not add up."""
-    gap = abs(energy_gap(simulation.rows))
+    gap = abs(energy_gap(rows))
     if gap > UNBALANCED:
         yield (
             f"energy is balanced only to {gap:.2g} of the work: the steps are too long for what "

@@ -11,9 +11,9 @@ from mpi4py import MPI
 
 from app.build.load_steps import LoadStep
 from app.implicit.stepper import StepResult
-from app.simulation.contact_resultants import Row
-from app.simulation.explicit_stage import Interval
-from app.simulation.simulation import Observer, Simulation
+from app.simulation.history import Row
+from app.simulation.observer import Interval, Observer
+from app.simulation.run_state import RunState
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
@@ -44,15 +44,15 @@ class Interruption(Observer):
     ) -> None:
         self._restore()
 
-    def step(self, simulation: Simulation, row: Row, result: StepResult | Interval) -> None:
+    def step(self, state: RunState, row: Row, result: StepResult | Interval) -> None:
         """Stop here if any rank has been asked to."""
         self._look()
 
-    def within(self, simulation: Simulation, load_step: LoadStep, steps: int) -> None:
+    def within(self, state: RunState, load_step: LoadStep, steps: int) -> None:
         """Stop here if any rank has been asked to."""
         self._look()
 
-    def cut(self, simulation: Simulation, dt: float, result: StepResult) -> None:
+    def cut(self, state: RunState, dt: float, result: StepResult) -> None:
         """Stop here if any rank has been asked to."""
         self._look()
 

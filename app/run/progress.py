@@ -13,10 +13,10 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from app.build.load_steps import LoadStep
 from app.case.stage import Stage
 from app.implicit.stepper import StepResult
-from app.simulation.contact_resultants import Row
-from app.simulation.explicit_stage import Interval
 from app.simulation.failure_diagnosis import reason_of
-from app.simulation.simulation import Observer, Simulation
+from app.simulation.history import Row
+from app.simulation.observer import Interval, Observer
+from app.simulation.run_state import RunState
 
 LINE_EVERY = 2.0  # s between two lines on an explicit run
 
@@ -69,11 +69,11 @@ class Reporter(Observer):
         """Log a line that somebody else prints."""
         self._log.write(line + "\n")
 
-    def step(self, simulation: Simulation, row: Row, result: StepResult | Interval) -> None:
+    def step(self, state: RunState, row: Row, result: StepResult | Interval) -> None:
         """One line of the step's forces and Newton iterations; or, now and then, of a row."""
         if isinstance(result, Interval):
             if self._pace.is_due():
-                self._explicit_line(simulation, row, result)
+                self._explicit_line(state, row, result)
             return
         self.say(
             f"step {row.step:4d}  {row.stage:<10s} t {row.time:.6g} s  V {row.velocity:.3g} m/s  "
@@ -83,18 +83,18 @@ class Reporter(Observer):
         )
         self._move_bar(row.stage, row.step)
 
-    def within(self, simulation: Simulation, load_step: LoadStep, steps: int) -> None:
+    def within(self, state: RunState, load_step: LoadStep, steps: int) -> None:
         """A line where no row has come for a while."""
         if self._pace.is_due():
             speed = self._pace.speed(steps)
             self.say(
-                f"time step {steps}  {load_step.stage.name:<10s} t {simulation.time:.8g} s  "
+                f"time step {steps}  {load_step.stage.name:<10s} t {state.time:.8g} s  "
                 f"{speed:.0f} steps/s",
                 always=False,
             )
-            self._move_bar(f"{load_step.label}, {speed:.0f} steps/s", simulation.step)
+            self._move_bar(f"{load_step.label}, {speed:.0f} steps/s", state.step)
 
-    def _explicit_line(self, simulation: Simulation, row: Row, interval: Interval) -> None:
+    def _explicit_line(self, state: RunState, row: Row, interval: Interval) -> None:
         speed = self._pace.speed(interval.total)
         self.say(
             f"row {row.step:4d}  {row.stage:<10s} t {row.time:.8g} s  V {row.velocity:.3g} m/s  "
@@ -110,7 +110,7 @@ class Reporter(Observer):
             self._bar.update(self._task, description=text, step=step)
 
     def load_step(
-        self, simulation: Simulation, load_step: LoadStep, row: Row, steady: bool | None
+        self, state: RunState, load_step: LoadStep, row: Row, steady: bool | None
     ) -> None:
         """One line of what the load step ended with."""
         how = "" if steady is None else (" steady:" if steady else " NOT steady:")
@@ -123,7 +123,7 @@ class Reporter(Observer):
         if self._bar is not None:
             self._bar.advance(self._task)
 
-    def cut(self, simulation: Simulation, dt: float, result: StepResult) -> None:
+    def cut(self, state: RunState, dt: float, result: StepResult) -> None:
         """Say that a step is tried again shorter."""
         self.say(
             f"          step of {dt:.3g} s not solved after {result.iterations} iterations "
@@ -166,24 +166,24 @@ class Together(Observer):
     def __init__(self, *observers: Observer) -> None:
         self.observers = observers
 
-    def step(self, simulation: Simulation, row: Row, result: StepResult | Interval) -> None:
+    def step(self, state: RunState, row: Row, result: StepResult | Interval) -> None:
         """Pass on."""
         for observer in self.observers:
-            observer.step(simulation, row, result)
+            observer.step(state, row, result)
 
-    def within(self, simulation: Simulation, load_step: LoadStep, steps: int) -> None:
+    def within(self, state: RunState, load_step: LoadStep, steps: int) -> None:
         """Pass on."""
         for observer in self.observers:
-            observer.within(simulation, load_step, steps)
+            observer.within(state, load_step, steps)
 
     def load_step(
-        self, simulation: Simulation, load_step: LoadStep, row: Row, steady: bool | None
+        self, state: RunState, load_step: LoadStep, row: Row, steady: bool | None
     ) -> None:
         """Pass on."""
         for observer in self.observers:
-            observer.load_step(simulation, load_step, row, steady)
+            observer.load_step(state, load_step, row, steady)
 
-    def cut(self, simulation: Simulation, dt: float, result: StepResult) -> None:
+    def cut(self, state: RunState, dt: float, result: StepResult) -> None:
         """Pass on."""
         for observer in self.observers:
-            observer.cut(simulation, dt, result)
+            observer.cut(state, dt, result)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from mpi4py import MPI
@@ -11,12 +11,14 @@ from app.build.model import build_model
 from app.case.case import Case
 from app.errors import InputError, SolutionError
 from app.results.directory import check_free, prepare
+from app.results.earlier_sweep import sweep_labels
 from app.results.recorder import Recorder
 from app.run.interruption import Interruption
 from app.run.progress import Reporter, Together
-from app.simulation.contact_resultants import energy_gap
 from app.simulation.explicit_stage import notes_on_steps
-from app.simulation.simulation import Observer, Simulation
+from app.simulation.history import energy_gap
+from app.simulation.observer import Observer
+from app.simulation.simulation import Simulation
 
 
 def run_case(
@@ -43,7 +45,7 @@ def run_case(
         InputError: the case, the mesh or the directory cannot be used; nothing has been changed.
         SolutionError: a step could not be solved; the state before it has been saved.
     """
-    on_first(comm, lambda: check_free(directory, force))
+    on_first(comm, lambda: check_free(directory, force, sweep_labels(directory)))
     model = build_model(case, comm)
     steps = notes_on_steps(model)
     simulation = Simulation(model)
@@ -53,23 +55,18 @@ def run_case(
     told: list[Observer] = [reporter, recorder] if reporter else [recorder]
     try:
         if reporter:
-            for note in model.notes:
-                reporter.say(f"note: {note}")
-            for note in steps:
-                reporter.say(f"note: {note}", always=not quiet)
+            _say_notes(reporter, model.notes, steps, quiet)
         with Interruption(comm) as interruption:
             _run(simulation, recorder, Together(*told, interruption))
         if case.output.figures:
             draw_run(simulation, directory)
         if reporter:
             _say_warnings(reporter, recorder)
-            reporter.say(_closing_line(simulation), always=not quiet)
-            reporter.say(f"results in {directory}", always=not quiet)
+            for line in (_closing_line(simulation), f"results in {directory}"):
+                reporter.say(line, always=not quiet)
     except SolutionError as error:
         if reporter:
-            reporter.note(f"failed: {error}")
-            _say_warnings(reporter, recorder)
-            reporter.say(_saved_line(simulation, recorder, directory))
+            _say_failure(reporter, simulation, recorder, error)
         raise
     except KeyboardInterrupt:
         if reporter:
@@ -81,23 +78,41 @@ def run_case(
     return simulation
 
 
+def _say_notes(reporter: Reporter, notes: Sequence[str], steps: Sequence[str], quiet: bool) -> None:
+    """The notes on a case, and those on the time steps of its explicit stages."""
+    for note in notes:
+        reporter.say(f"note: {note}")
+    for note in steps:
+        reporter.say(f"note: {note}", always=not quiet)
+
+
 def _say_warnings(reporter: Reporter, recorder: Recorder) -> None:
     """The warnings that came up during the run."""
     for warning in recorder.warnings[len(recorder.model.notes) :]:
         reporter.say(f"warning: {warning}")
 
 
-def _saved_line(simulation: Simulation, recorder: Recorder, directory: Path) -> str:
+def _say_failure(
+    reporter: Reporter, simulation: Simulation, recorder: Recorder, error: SolutionError
+) -> None:
+    """What went wrong, for the log, and what is saved."""
+    reporter.note(f"failed: {error}")
+    _say_warnings(reporter, recorder)
+    reporter.say(_saved_line(simulation, recorder))
+
+
+def _saved_line(simulation: Simulation, recorder: Recorder) -> str:
     """Where the last converged state of a failed run is."""
-    step = simulation.step
-    if step == 0:
+    state, directory = simulation.state, recorder.directory
+    if state.step == 0:
         return f"no step was solved, so {directory} holds no state"
     # An explicit run fails between two rows; its last output may be that of the row before.
     time, points = recorder.last_output
-    what = "converged" if simulation.explicit is None else "sound"
+    what = "converged" if simulation.explicit is None else "valid"
     return (
-        f"the last {what} state, step {step} at time {time:.6g} s, is saved in {directory}: last "
-        f"output of fields.bp and stress.bp, {points}, and the steps that led there in history.csv"
+        f"the last {what} state, step {state.step} at time {time:.6g} s, is saved in {directory}: "
+        f"last output of fields.bp and stress.bp, {points}, and the steps that led there in "
+        "history.csv"
     )
 
 
@@ -137,7 +152,7 @@ def _run(simulation: Simulation, recorder: Recorder, observer: Observer) -> None
 def draw_run(simulation: Simulation, directory: Path) -> None:
     """Draw the figures of a finished run; collective."""
     from app.figures.deformed import draw_deformed
-    from app.figures.history import draw_history
+    from app.figures.run_figures import draw_history
 
     with simulation.model.problem.timer("figures"):
         figures = directory / "figures"

@@ -15,7 +15,7 @@ from typing import Any
 from app.case.case import Case
 from app.errors import InputError, SolutionError, TriboxError
 from app.results.directory import write_json, write_table
-from app.simulation.contact_resultants import COLUMNS
+from app.simulation.history import COLUMNS
 
 INTERRUPTED = 130  # exit code of a run that was stopped by Ctrl-C
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -35,7 +35,7 @@ class ContactResultants:
         film: m, friction_coefficient: mean of μ(d); both weighted by pressure times area.
         penetration: m, largest. speed: m/s, mean slip speed of the closed area.
         energy: J/m, penalty and elastic slip. dissipated: J/m in this step; numerical: the part of
-            it that backward Euler books beyond the trapezoidal rule, ½ (T_{n+1} − T_n)·Δg_T.
+            it that backward Euler counts beyond the trapezoidal rule, ½ (T_{n+1} − T_n)·Δg_T.
         beyond: share of the reference area that has run past the end of the master.
         least_dissipation: J/m², smallest at any point, without the time integration's own part.
         worst: where that is (m, current).
@@ -69,7 +69,7 @@ def measure_contact(
     comm: MPI.Comm,
     driven: Sequence[float] | None = None,
 ) -> ContactResultants:
-    """Measure one pair; collective.
+    """Resultants of one pair; collective.
 
     Args:
         term: the pair, before the trial is committed.
@@ -238,73 +238,50 @@ def _least(density: Floats, position: Floats, comm: MPI.Comm) -> tuple[float, tu
     return least, worst
 
 
-@dataclass(slots=True)
-class Row:
-    """One line of the history: a converged step. SI units; forces for the given thickness.
+def contact_columns(
+    pairs: Sequence[ContactResultants], velocity: float, rate_dependent: bool, thickness: float
+) -> dict[str, Any]:
+    """Columns of the history that are of the contacts: forces summed over the pairs, means by area.
 
-    ``tangential_force`` is the friction, ``drag`` the whole resultant along the contact (with the
-    pressure on a surface that is not flat). ``velocity`` is that of the driven boundaries (0
-    without), ``effective_viscosity`` T D/(A V) with A the closed reference area, ``area_ratio``
-    the mean da/dA of that area. ``energy_error`` is external work less strain, kinetic and
-    interface energy and dissipation, these by the trapezoidal rule: ``numerical_dissipation`` is
-    what the dissipation of the backward Euler steps holds beyond it. ``force`` is the resultant of
-    all tractions on the slave, ``friction`` that of the friction on the master, ``twist_moment``
-    its moment about the mean normal through the centre of pressure.
-
-    In an explicit run a row stands for many time steps: forces are means over them, the rest is as
-    it is at their end, ``dt`` is the length of one and ``attempts`` their number.
+    Args:
+        pairs: resultants of each pair.
+        velocity: m/s, of the driven boundaries; 0 without.
+        rate_dependent: whether time counts, so that there is a slip speed.
+        thickness: m, of the slab that the results are for.
     """
+    normal = sum(m.normal_force for m in pairs)
+    tangential = sum(m.tangential_force for m in pairs)
+    area = sum(m.area for m in pairs)
 
-    step: int
-    time: float
-    stage: str
-    dt: float
-    velocity: float
-    slip_speed: float
-    driven_displacement: float
-    normal_force: float
-    tangential_force: float
-    drag: float
-    friction_coefficient: float
-    mu: float
-    film_thickness: float
-    effective_viscosity: float
-    contact_area: float
-    area_ratio: float
-    stick_fraction: float
-    viscous_fraction: float
-    max_penetration: float
-    newton_iterations: int
-    attempts: int
-    strain_energy: float
-    kinetic_energy: float
-    interface_energy: float
-    dissipation: float
-    numerical_dissipation: float
-    damping_dissipation: float
-    external_work: float
-    energy_error: float
-    force_x: float = 0.0
-    force_y: float = 0.0
-    force_z: float = 0.0
-    friction_x: float = 0.0
-    friction_y: float = 0.0
-    friction_z: float = 0.0
-    twist_moment: float = 0.0
+    def mean(value: Callable[[ContactResultants], float]) -> float:
+        return sum(value(m) * m.area for m in pairs) / area if area > 0.0 else 0.0
+
+    film = mean(lambda m: m.film)
+    sliding = velocity != 0.0 and area > 0.0
+    viscosity = abs(tangential * film / (velocity * area)) if sliding else 0.0
+    return {
+        "slip_speed": mean(lambda m: m.speed) if rate_dependent else 0.0,
+        "normal_force": normal * thickness,
+        "tangential_force": tangential * thickness,
+        "drag": sum(m.drag for m in pairs) * thickness,
+        "friction_coefficient": abs(tangential / normal) if normal != 0.0 else 0.0,
+        "mu": mean(lambda m: m.friction_coefficient),
+        "film_thickness": film,
+        "effective_viscosity": viscosity,
+        "contact_area": area * thickness,
+        "area_ratio": mean(lambda m: m.area_ratio),
+        "stick_fraction": mean(lambda m: m.stick),
+        "viscous_fraction": mean(lambda m: m.viscous),
+        "max_penetration": max((m.penetration for m in pairs), default=0.0),
+        **_summed_vectors(pairs, thickness),
+    }
 
 
-RESULTANTS = (*(f"{kind}_{i}" for kind in ("force", "friction") for i in "xyz"), "twist_moment")
-COLUMNS = tuple(f.name for f in fields(Row))
-# Columns that describe the physics alone. The energy error and the resultants are left
-# out: they can be what remains of large numbers that cancel, and are to be held against those.
-PHYSICAL = tuple(
-    name
-    for name in COLUMNS
-    if name not in ("step", "stage", "newton_iterations", "attempts", "energy_error", *RESULTANTS)
-)
-
-
-def energy_gap(rows: Sequence[Row]) -> float:
-    """Last energy error over the largest external work or kinetic energy of the run; 0 without."""
-    largest = max((max(abs(row.external_work), row.kinetic_energy) for row in rows), default=0.0)
-    return rows[-1].energy_error / largest if largest > 0.0 else 0.0
+def _summed_vectors(pairs: Sequence[ContactResultants], thickness: float) -> dict[str, float]:
+    """Columns of force vectors and of the twisting moment."""
+    out = {}
+    for kind in ("force", "friction"):
+        vectors = [getattr(m, kind) for m in pairs]
+        for axis, values in zip("xyz", zip(*vectors, strict=True), strict=False):
+            out[f"{kind}_{axis}"] = sum(values) * thickness
+    return {**out, "twist_moment": sum(m.twist_moment for m in pairs) * thickness}

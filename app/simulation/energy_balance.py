@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -63,8 +64,8 @@ class EnergyBalance:
         work, dissipation, numerical: J/m since the start; the numerical part is contained in the
             dissipation: the traction at the end of a step times the slip, less the trapezoidal
             rule. It falls in proportion to the step.
-        strain, interface: J/m, stored today, less what was stored at the start.
-        kinetic: J/m, of today; damping: J/m taken by mass-proportional damping and relaxation.
+        strain, interface: J/m, stored now, less what was stored at the start.
+        kinetic: J/m, present; damping: J/m taken by mass-proportional damping and relaxation.
     """
 
     def __init__(self, problem: Equilibrium, x: PETSc.Vec) -> None:
@@ -77,11 +78,11 @@ class EnergyBalance:
         self._start = (problem.strain_energy(), self._interface())
         self.work = self.dissipation = self.numerical = 0.0
         self.strain = self.interface = self.kinetic = self.damping = 0.0
-        self._thrown = 0.0
+        self._initial_kinetic = 0.0
 
     def set_initial_kinetic_energy(self, kinetic: float) -> None:
         """Enter the kinetic energy (J/m) that the bodies are given at the start of their motion."""
-        self.kinetic = self._thrown = kinetic
+        self.kinetic = self._initial_kinetic = kinetic
 
     def add_interval(self, resultants: Sequence[ContactResultants], flow: EnergyFlow) -> None:
         """Enter a stretch of explicit steps that ends at the displacement spread last; collective.
@@ -111,8 +112,21 @@ class EnergyBalance:
     @property
     def error(self) -> float:
         """External work that is neither stored nor dissipated, by the trapezoidal rule, J/m."""
-        stored = self.strain + self.interface + self.kinetic - self._thrown
+        stored = self.strain + self.interface + self.kinetic - self._initial_kinetic
         return self.work - stored - (self.dissipation - self.numerical) - self.damping
+
+    def columns(self, thickness: float) -> dict[str, Any]:
+        """Columns of the history that are energies, J, of a slab of ``thickness`` (m)."""
+        return {
+            "strain_energy": self.strain * thickness,
+            "kinetic_energy": self.kinetic * thickness,
+            "interface_energy": self.interface * thickness,
+            "dissipation": self.dissipation * thickness,
+            "numerical_dissipation": self.numerical * thickness,
+            "damping_dissipation": self.damping * thickness,
+            "external_work": self.work * thickness,
+            "energy_error": self.error * thickness,
+        }
 
     def _interface(self) -> float:
         pairs = zip(self.problem.contacts, self.problem.trials, strict=True)

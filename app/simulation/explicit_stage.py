@@ -1,52 +1,34 @@
-"""Carries a simulation through explicit stages: many short steps between two rows of the history.
+"""Runs explicit load steps: many short time steps between two rows of the history.
 
 What an implicit run calls a step is here an *interval*: a piece of the stage that ends with a row.
 It is cut into equal time steps no longer than the stable one. Forces in the row are means over the
-interval, so that no oscillation is sampled askew; energies are added up step by step, on each rank
-by itself, and put together once an interval.
+interval, so that they do not depend on where in an oscillation it ends; energies are added up step
+by step, on each rank by itself, and put together once an interval.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from app.build.load_steps import LoadStep, load_steps_of
 from app.build.model import Model, initial_velocity
 from app.case.solver import Solver
 from app.case.stage import solver_of
 from app.errors import SolutionError
-from app.explicit.stepper import ExplicitError, ExplicitOptions, ExplicitStepper, MassScaling
-from app.simulation.contact_resultants import measure_contact
+from app.explicit.instability import ExplicitError
+from app.explicit.options import ExplicitOptions
+from app.explicit.stepper import ExplicitStepper, MassScaling
 from app.simulation.inertia import Inertia
 from app.simulation.interval_averages import IntervalAverages
+from app.simulation.observer import Interval, Observer
 from app.simulation.rigid_motion import RigidMotionHistory
+from app.simulation.run_state import RunState
 from geometry.surfaces.facets import Floats
 
-if TYPE_CHECKING:
-    from app.simulation.simulation import Observer, Simulation
-
-CHECK_EVERY = 100  # time steps between two looks at the stable step and at the user's wishes
+CHECK_EVERY = 100  # time steps between two looks at the stable step and for an interruption
 MANY_STEPS = 1e6  # time steps of a stage that deserve a word of advice
 MOST_STEPS = 10**9  # time steps of one interval from which the run would never end
-
-
-@dataclass(frozen=True, slots=True)
-class Interval:
-    """How an explicit run got from one row to the next.
-
-    Attributes:
-        steps: time steps; dt: s, of the last of them; stable: s, stable step at the end.
-        total: time steps of the run so far.
-        kinetic_ratio: kinetic over strain energy at the end; 0 without strain energy.
-    """
-
-    steps: int
-    dt: float
-    stable: float
-    total: int
-    kinetic_ratio: float
 
 
 def explicit_options(solver: Solver) -> ExplicitOptions:
@@ -99,64 +81,55 @@ class ExplicitStage:
     """Runs the explicit load steps of a simulation.
 
     Attributes:
-        stepper: central differences; motion: mean motion of bodies and platens, by row.
+        state: what the run has come to; stepper: central differences.
+        averages: of the contacts over the interval at hand.
+        motion: mean motion of bodies and platens, by row.
         steps: time steps so far; shortest, longest: s, stable steps met.
-        inertia: kinetic against strain energy of each load step.
     """
 
-    def __init__(
-        self, simulation: Simulation, displacement: Floats, rate_dependent: bool = True
-    ) -> None:
-        """Take over from the state that the simulation is in; collective.
+    def __init__(self, state: RunState, displacement: Floats, rate_dependent: bool = True) -> None:
+        """Take over from the state that the run is in; collective.
 
         Args:
-            simulation: the run; its contacts hold the history.
+            state: of the run; its contacts hold the history.
             displacement: (n,), m, of the owned unknowns.
             rate_dependent: whether rates count in the contacts' laws at the start.
         """
-        model = simulation.model
-        self.simulation, self.model = simulation, model
-        velocity = initial_velocity(model)
+        self.state, self.model = state, state.model
         self.stepper = ExplicitStepper(
-            model.problem,
-            explicit_options(model.case.solver),
+            self.model.problem,
+            explicit_options(self.model.case.solver),
             displacement=displacement,
-            velocity=velocity,
+            velocity=initial_velocity(self.model),
             rate_dependent=rate_dependent,
         )
+        state.stepper = self.stepper
         self.averages = IntervalAverages(self.stepper)
-        self.motion = RigidMotionHistory(model, self.stepper)
+        self.motion = RigidMotionHistory(self.model, self.stepper)
         self.steps = 0
         self.shortest, self.longest = math.inf, 0.0
-        self.inertia: list[Inertia] = []
-        simulation.energy_balance.set_initial_kinetic_energy(self.stepper.kinetic_energy())
+        state.energy_balance.set_initial_kinetic_energy(self.stepper.kinetic_energy())
         self._peak = 0.0
         self._stable = 0.0
 
-    def run_load_step(self, load_step: LoadStep, observer: Observer) -> None:
+    def run(self, load_step: LoadStep, observer: Observer) -> None:
         """Run one load step to its end, or until steady; collective.
 
         Raises:
             SolutionError: an element is turned inside out, or the energy runs away.
         """
-        simulation = self.simulation
-        self.inertia.append(Inertia(load_step.label))
-        start, driven = simulation.time, simulation.driven
+        state, stage = self.state, load_step.stage
+        state.inertia.append(Inertia(load_step.label))
+        start, driven, first = state.time, state.driven, len(state.rows)
         steady: bool | None = None
-        first = len(simulation.rows)
-        for count in range(1, (load_step.steps or load_step.stage.max_steps) + 1):
+        for count in range(1, (load_step.steps or stage.max_steps) + 1):
             self._interval(load_step, start, driven, count, observer)
             if load_step.steps is None:
-                enough = (
-                    count >= load_step.stage.min_steps
-                    and count * load_step.dt >= load_step.stage.ramp
-                )
-                steady = enough and simulation.is_steady(
-                    load_step, range(first, len(simulation.rows))
-                )
+                enough = count >= stage.min_steps and count * load_step.dt >= stage.ramp
+                steady = enough and state.is_steady(load_step, range(first, len(state.rows)))
                 if steady:
                     break
-        observer.load_step(simulation, load_step, simulation.rows[-1], steady)
+        observer.load_step(state, load_step, state.rows[-1], steady)
 
     def _interval(
         self, load_step: LoadStep, start: float, driven: float, count: int, observer: Observer
@@ -178,10 +151,10 @@ class ExplicitStage:
             if last:
                 break
             elapsed += chunk * dt
-            self.simulation.time = start + elapsed
-            observer.within(self.simulation, load_step, self.steps)
-        self.simulation.time = start + end
-        self.simulation.driven = driven + load_step.travel(end)
+            self.state.time = start + elapsed
+            observer.within(self.state, load_step, self.steps)
+        self.state.time = start + end
+        self.state.driven = driven + load_step.travel(end)
         self._row(load_step, dt, done, observer)
 
     def _division(self, load_step: LoadStep, left: float) -> tuple[int, float]:
@@ -195,7 +168,7 @@ class ExplicitStage:
         share = left / longest * (1.0 - 1e-9) if longest > 0.0 else math.inf
         if not share < MOST_STEPS:
             raise SolutionError(
-                f"stage {load_step.label}, time {self.simulation.time:.9g} s: the stable step has "
+                f"stage {load_step.label}, time {self.state.time:.9g} s: the stable step has "
                 f"shrunk to {self._stable:.3g} s; an element is about to fold, or the stage is far "
                 "too long for explicit dynamics"
             )
@@ -208,12 +181,12 @@ class ExplicitStage:
             self.stepper.advance(dt)
         except ExplicitError as error:
             # What is saved is the last state without a folded element.
-            self.simulation.time = time if self.stepper.steps > before else time - dt
+            self.state.time = time if self.stepper.steps > before else time - dt
             raise SolutionError(
                 f"stage {load_step.label}, time {time:.9g} s: {error}; check the loads and the "
                 "mesh there, try a smaller step_safety or a higher penalty"
             ) from None
-        with self.model.problem.timer("books"):
+        with self.model.problem.timer("averages"):
             self.averages.enter(dt)
         if load_step.stage.relax:
             self._calm()
@@ -228,21 +201,19 @@ class ExplicitStage:
         self._peak = energy
 
     def _row(self, load_step: LoadStep, dt: float, steps: int, observer: Observer) -> None:
-        """Measure, enter the energies and add a row; collective."""
-        simulation, problem = self.simulation, self.model.problem
+        """Take the contacts' resultants, enter the energies and add a row; collective."""
+        state, problem = self.state, self.model.problem
         problem.spread(self.stepper.x)
-        with problem.timer("measures"):
-            pairs = zip(problem.contacts, problem.committed, strict=True)
-            driven = simulation.driven_direction()
-            ends = [measure_contact(term, trial, problem.comm, driven) for term, trial in pairs]
-            resultants, flow = self.averages.close(ends, driven)
-            simulation.resultants = resultants
-            simulation.energy_balance.add_interval(resultants, flow)
-        inertia = self.inertia[-1]
-        inertia.add(flow.kinetic, simulation.energy_balance.strain)
-        self.motion.add(simulation.time)
+        with problem.timer("resultants"):
+            ends = state.resultants_of(problem.committed)
+            state.resultants, flow = self.averages.close(ends, state.driven_direction())
+            state.energy_balance.add_interval(state.resultants, flow)
+        inertia = state.inertia[-1]
+        inertia.add(flow.kinetic, state.energy_balance.strain)
+        self.motion.add(state.time)
         interval = Interval(steps, dt, self._stable, self.steps, inertia.last)
-        simulation.add_row(load_step, dt, interval, steps, observer)
+        row = state.add_row(load_step, dt, 0, steps)
+        observer.step(state, row, interval)
 
     def summary(self) -> dict[str, Any]:
         """What a results summary says of the explicit part of a run; collective."""
@@ -252,5 +223,5 @@ class ExplicitStage:
             "stable_step": {"shortest": self.shortest, "longest": self.longest},
             "limited_by": stepper.limit,
             "added_mass": stepper.added_mass * t,
-            "kinetic_over_strain": {one.label: one.ratio for one in self.inertia},
+            "kinetic_over_strain": {one.label: one.ratio for one in self.state.inertia},
         }

@@ -52,10 +52,10 @@ def reason_of(result: StepResult) -> str:
 def body_adrift(
     problem: Equilibrium, loose: Iterable[Loose], before: Floats, now: Floats
 ) -> str | None:
-    """What is said of a body that moved with nothing to hold it; None where there is none.
+    """The message about a body that moved with nothing to hold it; None where there is none.
 
     Where no contact presses, a body moves in a direction in which it is loose only because the
-    linear solver found some place for it: none is better than another. Collective.
+    linear solver found some place for it, which is as good as any other. Collective.
 
     Args:
         problem: the equilibrium.
@@ -76,16 +76,16 @@ def body_adrift(
     return None
 
 
-# -- numbers that are none ------------------------------------------------------------------------
+# -- numbers that are not finite -------------------------------------------------------------------
 
 
 def not_finite(resultants: Iterable[ContactResultants]) -> str | None:
     """The first number of a step's contacts that is not finite, by its name; None if all are."""
-    for index, measure in enumerate(resultants):
-        for field in fields(measure):
-            value = getattr(measure, field.name)
+    for index, pair in enumerate(resultants):
+        for field in fields(pair):
+            value = getattr(pair, field.name)
             # Without any contact point there is no least dissipation, and no place for it.
-            empty = field.name in ("least_dissipation", "worst") and not measure.worst
+            empty = field.name in ("least_dissipation", "worst") and not pair.worst
             if not empty and not np.all(np.isfinite(value)):
                 return f"contact.{index}: {field.name} = {value}"
     return None

@@ -123,7 +123,7 @@ def _over_interval(
     driven: Sequence[float] | None,
     comm: MPI.Comm,
 ) -> ContactResultants:
-    """The measure at the end, with mean forces and added dissipation; collective."""
+    """Resultants at the end, with mean forces and the interval's dissipation; collective."""
     mine = np.array([*tally.vectors.values(), np.zeros(term.surface.dim)])
     mine[-1, :2] = tally.dissipated, tally.numerical
     total = np.empty_like(mine)

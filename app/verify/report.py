@@ -13,6 +13,7 @@ from pathlib import Path
 
 from app.errors import InputError, SolutionError
 from app.results.directory import check_free, prepare, write_text
+from app.results.earlier_sweep import sweep_labels
 from app.verify.bulk import block_compression
 from app.verify.contact import (
     cattaneo_mindlin,
@@ -62,7 +63,7 @@ def run_verify(names: Sequence[str], out: Path | None, force: bool) -> None:
     """
     chosen = chosen_names(names)
     if out is not None:
-        check_free(out, force)
+        check_free(out, force, sweep_labels(out))
     print(_columns(HEAD), flush=True)
     results = []
     for result in map(verify, chosen):

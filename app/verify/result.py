@@ -14,14 +14,14 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One number held against a closed form (or another code's result).
+    """One number compared with a closed form (or another code's result).
 
     Attributes:
         quantity: what it is, in a few words.
         error: relative (or normalised, as ``quantity`` says), >= 0.
         bar: largest error allowed.
         computed: the number, in ``unit``; None where only a deviation is measured.
-        exact: what it is held against; None likewise.
+        exact: what it is compared with; None likewise.
         unit: of both.
     """
 

@@ -10,7 +10,8 @@ from mpi4py import MPI
 from app.build.model import build_model
 from app.case.case import Case
 from app.case.reading import load_case
-from app.simulation.simulation import Observer, Simulation
+from app.simulation.observer import Observer
+from app.simulation.simulation import Simulation
 
 CASES = Path(__file__).resolve().parents[2] / "cases"
 

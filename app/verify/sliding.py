@@ -9,7 +9,7 @@ import numpy as np
 from app.case.friction import FrictionMap
 from app.friction_map.material_tests import Curve, compute_map
 from app.friction_map.setup import map_setup
-from app.simulation.contact_resultants import Row
+from app.simulation.history import Row
 from app.verify.result import Check, Line, Panel, Verification, compare
 from app.verify.shipped_case import solve
 from forms.closed_forms.homogeneous_sliding import effective_viscosity
@@ -40,7 +40,7 @@ def friction_law(overrides: Sequence[str] = ()) -> Verification:
     return Verification(
         "friction-law",
         "friction map at material points, steady sliding",
-        "The law is stepped at constant speed until its traction holds still, and compared with "
+        "The law is stepped at constant speed until its traction stays the same, and compared with "
         "(1 − α) µ p + α η_b V/D outside the transition at V*.",
         tuple(checks),
         (

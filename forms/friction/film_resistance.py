@@ -43,7 +43,7 @@ def film_resistance(
     rheology: FilmRheology,
     film: Floats,
     length: Floats,
-    dt: float,
+    dt: Floats | float,
     pressure: Floats,
     area_ratio: Floats | float,
 ) -> FilmResistance:
@@ -54,7 +54,7 @@ def film_resistance(
         rheology: ``parameters.rheology``.
         film: (q,) or (1,), m, film thickness D; one entry stands for all points.
         length: (q,), m, length of the slip increment.
-        dt: s, > 0; infinity takes the film away.
+        dt: (q,) or a number, s, > 0; infinity takes the film away.
         pressure: (q,), Pa, t_N.
         area_ratio: (q,) or a number, da/dA.
     """

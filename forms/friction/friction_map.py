@@ -96,7 +96,7 @@ class FrictionMap:
     def update(
         self,
         slip_increment: Floats,
-        dt: float,
+        dt: Floats | float,
         pressure: Floats,
         film: Floats,
         state: FrictionState,
@@ -105,6 +105,8 @@ class FrictionMap:
         rate_dependent: bool = True,
     ) -> FrictionResponse:
         """Traction, derivatives and trial state of one step; see ``FrictionLaw.update``.
+
+        The step may have another length ``dt`` (q,) at each point.
 
         With ``rate_dependent=False`` the film carries no stress and alpha is that of V = 0.
         """
@@ -131,7 +133,7 @@ class FrictionMap:
     def _solve(
         self,
         slip_increment: Floats,
-        dt: float,
+        dt: Floats | float,
         pressure: Floats,
         film: Floats,
         state: FrictionState,
@@ -178,7 +180,9 @@ class FrictionMap:
             flow=flow,
         )
 
-    def _speed(self, slip: Floats, dt: float, state: FrictionState, rate_dependent: bool) -> Floats:
+    def _speed(
+        self, slip: Floats, dt: Floats | float, state: FrictionState, rate_dependent: bool
+    ) -> Floats:
         """The speed that alpha is taken at, (q,), m/s."""
         if not rate_dependent:
             return np.zeros(slip.shape[1])
@@ -199,7 +203,7 @@ class FrictionMap:
         return kept, np.where(falls, kept / solid, 0.0)
 
     def _new_state(
-        self, step: _Step, state: FrictionState, dt: float, rate_dependent: bool
+        self, step: _Step, state: FrictionState, dt: Floats | float, rate_dependent: bool
     ) -> FrictionState:
         path = state.slip_path + step.returned.slip
         if self.parameters.reset_slip_on_opening:
@@ -213,7 +217,7 @@ class FrictionMap:
             closed=step.closed,
         )
 
-    def _derivatives(self, step: _Step, dt: float) -> tuple[Floats, Floats, Floats]:
+    def _derivatives(self, step: _Step, dt: Floats | float) -> tuple[Floats, Floats, Floats]:
         """Of T for slip (i, j, q), elastic slip (i, j, q) and film thickness (i, q)."""
         dim = len(step.slip)
         elastic = step.weight * step.returned.derivative(dim)

@@ -205,11 +205,11 @@ class FrictionLaw(Protocol):
         ...
 
 
-def require_time_step(dt: float, rate_dependent: bool) -> None:
+def require_time_step(dt: Floats | float, rate_dependent: bool) -> None:
     """Refuse a step without duration where speed matters.
 
     Raises:
         ValueError: dt is not positive (or not a number) in a rate-dependent step.
     """
-    if rate_dependent and not dt > 0.0:
+    if rate_dependent and not (dt > 0.0 if isinstance(dt, float) else np.all(dt > 0.0)):
         raise ValueError(f"dt = {dt!r} s is not allowed: a rate-dependent step needs dt > 0")

@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 
 from app.equilibrium.step_mode import StepMode
-from app.explicit.stepper import ExplicitError, ExplicitOptions, ExplicitStepper, MassScaling
-from app.implicit.stepper import ImplicitOptions, ImplicitStepper
+from app.explicit.instability import ExplicitError
+from app.explicit.options import ExplicitOptions
+from app.explicit.stepper import ExplicitStepper, MassScaling
+from app.implicit.options import ImplicitOptions
+from app.implicit.stepper import ImplicitStepper
 from forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
 from forms.friction.friction_map import FrictionMap
 from forms.friction.parameters import FrictionMapParameters

@@ -9,7 +9,8 @@ from mpi4py import MPI
 
 from app.equilibrium.constraints import Platen, Prescribed, component_dofs
 from app.equilibrium.equilibrium import Equilibrium
-from app.explicit.stepper import ExplicitOptions, ExplicitStepper
+from app.explicit.options import ExplicitOptions
+from app.explicit.stepper import ExplicitStepper
 from forms.bodies.loads import FollowerPressure
 from forms.bodies.materials import NeoHookean, oedometric_modulus
 from forms.bodies.solid import Solid

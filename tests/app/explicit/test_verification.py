@@ -14,7 +14,8 @@ from scipy.optimize import brentq
 
 from app.build.model import build_model
 from app.case.case import Case
-from app.simulation.simulation import Observer, Simulation
+from app.simulation.observer import Observer
+from app.simulation.simulation import Simulation
 
 FRICTIONLESS = {"law": "frictionless"}
 

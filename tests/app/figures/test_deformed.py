@@ -12,7 +12,8 @@ from mpi4py import MPI
 from app.build.model import Model, build_model
 from app.case.case import Case
 from app.figures.deformed import _deformed_cells, _deformed_facets, _figure, draw_deformed
-from app.simulation.simulation import Observer, Simulation
+from app.simulation.observer import Observer
+from app.simulation.simulation import Simulation
 
 CASE = """
 [geometry]

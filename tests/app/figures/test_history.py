@@ -6,7 +6,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from app.figures import history as figures
+from app.figures import steady_points as figures
 
 
 @pytest.fixture(autouse=True)

@@ -20,7 +20,8 @@ from app.implicit.linear_solver import (
     linear_options,
 )
 from app.implicit.newton import Newton
-from app.simulation.simulation import Observer, Simulation
+from app.simulation.observer import Observer
+from app.simulation.simulation import Simulation
 from forms.bodies.solid import Solid
 from tests.app.conftest import BLOCK, BOXES
 from tests.app.equilibrium.test_equilibrium import coulomb

@@ -10,8 +10,9 @@ import pytest
 import app.implicit.newton
 import app.implicit.predictor
 from app.equilibrium.constraints import Platen
+from app.implicit.options import ImplicitOptions
 from app.implicit.predictor import Predictor
-from app.implicit.stepper import ImplicitOptions, ImplicitStepper
+from app.implicit.stepper import ImplicitStepper
 from forms.friction.law import Regime
 from tests.app.equilibrium.test_equilibrium import FILM, coulomb, film_map
 

@@ -13,7 +13,8 @@ from app.build.model import build_model
 from app.case.case import Case
 from app.equilibrium.step_mode import StepMode
 from app.implicit.predictor import Predictor, lagrange_weights
-from app.simulation.simulation import Observer, Simulation
+from app.simulation.observer import Observer
+from app.simulation.simulation import Simulation
 from tests.app.conftest import BLOCK
 
 
@@ -102,14 +103,14 @@ def pressed(**slide):
     """The small block after its first stage."""
     sim = simulation(**slide)
     for load_step in load_steps_of(sim.model.case.stage[0], None, 0.0):
-        sim._run_load_step(load_step, Observer())
+        sim.implicit.run(load_step, Observer())
     return sim
 
 
 def test_a_body_that_sticks_is_not_predicted_to_slide(monkeypatch):
     """A good start costs one factorisation; where both are tried, the better one stays."""
     sim = pressed()
-    stepper = sim.implicit
+    stepper = sim.implicit.stepper
     sim.model.set_loads(1.001, 1.5e-7)
     trial = stepper.problem.new_vector()
     assert stepper.predictor.predict(stepper.x, trial) == 1
@@ -122,7 +123,7 @@ def test_a_body_that_sticks_is_not_predicted_to_slide(monkeypatch):
 def test_sliding_start_moves_the_body_as_a_whole(monkeypatch):
     """The foot of the upper body moves by as much as its top, where friction would hold it."""
     sim = pressed()
-    stepper, problem = sim.implicit, sim.model.problem
+    stepper, problem = sim.implicit.stepper, sim.model.problem
     sim.model.set_loads(2.0, 1.5e-4)
     trial = problem.new_vector()
     foot = np.unique(problem.contacts[0].surface.slave.nodes)
@@ -139,7 +140,7 @@ def test_sliding_start_moves_the_body_as_a_whole(monkeypatch):
 
 def test_friction_as_load_has_no_stiffness_and_only_in_its_mode():
     sim = pressed()
-    problem, x = sim.model.problem, sim.implicit.x
+    problem, x = sim.model.problem, sim.implicit.stepper.x
     force, same = problem.new_vector(), problem.new_vector()
 
     def stiffness():

@@ -12,8 +12,10 @@ from app.build.model import build_model
 from app.case.case import Case
 from app.equilibrium.step_mode import StepMode
 from app.implicit.globalisation import APPROACH, SEARCH
-from app.implicit.stepper import ImplicitOptions, ImplicitStepper
-from app.simulation.simulation import Observer, Simulation
+from app.implicit.options import ImplicitOptions
+from app.implicit.stepper import ImplicitStepper
+from app.simulation.observer import Observer
+from app.simulation.simulation import Simulation
 from forms.contact.penalty import ContactTerm
 from tests.app.conftest import BOXES
 

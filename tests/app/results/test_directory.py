@@ -18,6 +18,7 @@ from app.results.directory import (
     write_table,
     write_text,
 )
+from app.results.earlier_sweep import sweep_labels
 
 
 def make(directory: Path, *names: str) -> None:
@@ -60,7 +61,8 @@ def test_directories_of_a_sweep_are_results(tmp_path, block):
     make(tmp_path, "sweep.csv", "mu=0.1/case.toml", "mu=0.1/history.csv")
     sweep = '[sweep]\nkey = "contact.0.friction.mu"\nvalues = [0.1, 0.3]\n'
     (tmp_path / "case.toml").write_text(block + sweep)
-    check_free(tmp_path, force=True)
+    assert sweep_labels(tmp_path) == ("mu=0.1", "mu=0.3")
+    check_free(tmp_path, force=True, labels=sweep_labels(tmp_path))
 
 
 def test_results_of_other_runs_below_are_never_cleared(tmp_path, block):
@@ -69,7 +71,7 @@ def test_results_of_other_runs_below_are_never_cleared(tmp_path, block):
         if case:
             (tmp_path / "case.toml").write_text(case)
         with pytest.raises(InputError, match="holds other, which is no result"):
-            check_free(tmp_path, force=True)
+            check_free(tmp_path, force=True, labels=sweep_labels(tmp_path))
 
 
 def test_a_file_is_no_directory(tmp_path):

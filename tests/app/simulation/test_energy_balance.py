@@ -10,8 +10,9 @@ from mpi4py import MPI
 
 from app.build.model import build_model
 from app.case.case import Case
-from app.simulation.contact_resultants import Row
-from app.simulation.simulation import Observer, Simulation
+from app.simulation.history import Row
+from app.simulation.observer import Observer
+from app.simulation.simulation import Simulation
 
 
 def slid(text: str, refined: int) -> list[Row]:

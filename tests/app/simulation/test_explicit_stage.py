@@ -16,7 +16,8 @@ from app.case.reading import check_case, load_case
 from app.case.stage import Stage
 from app.case.time_tables import Program, TimeTable, smooth_step, smooth_step_integral
 from app.simulation.inertia import Inertia, notes_on_inertia
-from app.simulation.simulation import Observer, Simulation
+from app.simulation.observer import Observer
+from app.simulation.simulation import Simulation
 
 DENSE = {"elastomer": 1100.0, "aluminium": 2700.0}
 SPRING = {"direction": "x", "stiffness": 2000.0, "end": [[1.0, 0.0], [2.0, 3e-4]]}

@@ -26,7 +26,9 @@ from app.simulation.failure_diagnosis import (
     most_squeezed,
     penalty_factors,
 )
-from app.simulation.simulation import Observer, Simulation
+from app.simulation.implicit_stage import ImplicitStage
+from app.simulation.observer import Observer
+from app.simulation.simulation import Simulation
 from forms.friction.coulomb import CoulombLaw, CoulombParameters
 
 # Give up soon: what is tested is how.
@@ -142,13 +144,13 @@ def test_hopeless_problem_says_why_and_keeps_its_last_state(block, film, tmp_pat
 def test_saved_state_is_the_last_converged_one(monkeypatch, block, tmp_path):
     """fields.bp ends with the unknowns of the last step, whatever was tried after it."""
     seen = []
-    commit = Simulation._commit
+    commit = ImplicitStage._commit
 
-    def watched(simulation, *arguments):
-        commit(simulation, *arguments)
-        seen.append(simulation.stepper.x.array_r.reshape(-1, 2).copy())
+    def watched(stage, *arguments):
+        commit(stage, *arguments)
+        seen.append(stage.stepper.x.array_r.reshape(-1, 2).copy())
 
-    monkeypatch.setattr(Simulation, "_commit", watched)
+    monkeypatch.setattr(ImplicitStage, "_commit", watched)
     case = Case.model_validate(collapsing(block, "") | {"output": {"fields_every": 0}})
     with pytest.raises(SolutionError):
         run_case(case, tmp_path / "out", quiet=True)

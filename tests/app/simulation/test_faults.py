@@ -176,7 +176,7 @@ def test_a_load_step_whose_steps_are_all_cut_still_becomes_steady(monkeypatch, c
     from mpi4py import MPI
 
     from app.implicit.stepper import ImplicitStepper
-    from app.simulation.simulation import Observer
+    from app.simulation.observer import Observer
 
     case = load_case(case_file(film.replace('["1e-5 m/s", "2e-3 m/s"]', '["1e-5 m/s"]')))
     attempt = ImplicitStepper.attempt

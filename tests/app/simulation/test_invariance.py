@@ -14,10 +14,13 @@ from app.build.model import build_model
 from app.case.case import Case
 from app.equilibrium.constraints import Prescribed
 from app.equilibrium.equilibrium import Equilibrium
-from app.implicit.stepper import ImplicitOptions, ImplicitStepper
-from app.simulation.contact_resultants import ContactResultants, Row, measure_contact, turned_right
+from app.implicit.options import ImplicitOptions
+from app.implicit.stepper import ImplicitStepper
+from app.simulation.contact_resultants import ContactResultants, measure_contact, turned_right
 from app.simulation.energy_balance import EnergyBalance
-from app.simulation.simulation import Observer, Simulation
+from app.simulation.history import Row
+from app.simulation.observer import Observer
+from app.simulation.simulation import Simulation
 from forms.friction.coulomb import CoulombLaw, CoulombParameters
 from forms.friction.friction_map import FrictionMap
 from forms.friction.parameters import FrictionMapParameters
@@ -248,7 +251,7 @@ def leaves(value: object, name: str = "") -> Iterator[tuple[str, np.ndarray]]:
 
 def remembered(run: Simulation) -> dict[str, np.ndarray]:
     """All that the next step starts from: unknowns, contact history, loads and energies."""
-    problem, energy_balance = run.model.problem, run.energy_balance
+    problem, energy_balance = run.model.problem, run.state.energy_balance
     state = dict(item for term in problem.contacts for item in leaves(term.state))
     loads = [p.force for p in problem.platens] + [float(p.value) for p in problem.prescribed]
     energies = [
@@ -278,7 +281,7 @@ def retake(data: dict, rows: list[Row]) -> Simulation:
         pairs = zip(problem.contacts, problem.trials, strict=True)
         resultants = [measure_contact(term, trial, problem.comm) for term, trial in pairs]
         run.stepper.commit()
-        run.energy_balance.add(run.stepper.x, resultants)
+        run.state.energy_balance.add(run.stepper.x, resultants)
     return run
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from app.results.directory import read_table
-from app.simulation.contact_resultants import PHYSICAL
+from app.simulation.history import PHYSICAL
 
 SAME = 1e-9  # of each column's largest value, at a solver tolerance of 1e-11
 TIGHT = ("--set", "solver.tolerance=1e-11")

@@ -21,7 +21,7 @@ from mpi4py import MPI
 from app.case.case import Case
 from app.results.directory import read_table
 from app.run.run import run_case
-from app.simulation.contact_resultants import PHYSICAL, RESULTANTS
+from app.simulation.history import PHYSICAL, RESULTANTS
 from tests.app.conftest import FILM as STEADY
 from tests.app.conftest import SLID
 

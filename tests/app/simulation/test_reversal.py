@@ -8,8 +8,9 @@ from mpi4py import MPI
 
 from app.build.model import build_model
 from app.case.case import Case
-from app.simulation.contact_resultants import Row
-from app.simulation.simulation import Observer, Simulation
+from app.simulation.history import Row
+from app.simulation.observer import Observer
+from app.simulation.simulation import Simulation
 
 MU, K_T, PRESSURE = 0.2, 1e11, 0.5e6
 ONSET = MU * PRESSURE / K_T  # pre-sliding displacement

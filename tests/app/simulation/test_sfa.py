@@ -16,7 +16,8 @@ import pytest
 from matplotlib.figure import Figure
 
 from app.case.reading import load_case
-from app.figures import history as figures
+from app.figures import run_figures as figures
+from app.figures import steady_points
 from app.results.directory import read_table
 from forms.closed_forms.homogeneous_sliding import (
     effective_viscosity,
@@ -236,7 +237,8 @@ def test_one_command_gives_tables_and_figures(sfa, points):
 def drawn(monkeypatch) -> Iterator[dict[str, Figure]]:
     """Figures by file name, kept instead of written."""
     kept: dict[str, Figure] = {}
-    monkeypatch.setattr(figures, "save", lambda figure, path: kept.update({path.name: figure}))
+    for module in (figures, steady_points):
+        monkeypatch.setattr(module, "save", lambda figure, path: kept.update({path.name: figure}))
     yield kept
     plt.close("all")
 

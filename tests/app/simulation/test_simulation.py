@@ -23,8 +23,9 @@ from app.errors import SolutionError
 from app.implicit.stepper import ImplicitStepper
 from app.results.directory import read_table
 from app.run.run import run_case
-from app.simulation.contact_resultants import PHYSICAL, Row
-from app.simulation.simulation import Observer, Simulation
+from app.simulation.history import PHYSICAL, Row
+from app.simulation.observer import Observer
+from app.simulation.simulation import Simulation
 
 TIGHT = {"tolerance": 1e-11}
 # Between runs of the same steps, only the start of Newton's iteration differs.

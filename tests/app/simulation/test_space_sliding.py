@@ -11,7 +11,8 @@ from mpi4py import MPI
 
 from app.equilibrium.constraints import Prescribed
 from app.equilibrium.equilibrium import Equilibrium
-from app.implicit.stepper import ImplicitOptions, ImplicitStepper
+from app.implicit.options import ImplicitOptions
+from app.implicit.stepper import ImplicitStepper
 from app.simulation.contact_resultants import measure_contact
 from forms.bodies.materials import NeoHookean
 from forms.bodies.solid import Solid

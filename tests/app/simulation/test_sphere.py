@@ -11,7 +11,8 @@ from mpi4py import MPI
 from app.build.model import build_model
 from app.case.case import Case
 from app.results.contact_points import contact_arrays
-from app.simulation.simulation import Observer, Simulation
+from app.simulation.observer import Observer
+from app.simulation.simulation import Simulation
 
 SPHERE = """
 [geometry]

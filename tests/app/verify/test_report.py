@@ -15,7 +15,8 @@ from app.build.mesh import make_mesh
 from app.build.model import build_model
 from app.case.reading import check_case, load_case
 from app.errors import InputError, SolutionError
-from app.simulation.simulation import Observer, Simulation
+from app.simulation.observer import Observer
+from app.simulation.simulation import Simulation
 from app.verify.bulk import block_compression, neighbours
 from app.verify.contact import cattaneo_mindlin, fit_ellipse, hertz_line
 from app.verify.report import CASES, percent, run_verify, table

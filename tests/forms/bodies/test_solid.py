@@ -8,7 +8,8 @@ from mpi4py import MPI
 
 from app.equilibrium.constraints import Prescribed, component_dofs
 from app.equilibrium.equilibrium import Equilibrium
-from app.implicit.stepper import ImplicitOptions, ImplicitStepper
+from app.implicit.options import ImplicitOptions
+from app.implicit.stepper import ImplicitStepper
 from forms.bodies.kinematics import plane_strain
 from forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, shear_and_bulk
 from forms.bodies.solid import Solid

@@ -15,8 +15,8 @@ import ufl
 from mpi4py import MPI
 
 from geometry.generators.two_blocks import Block, TwoBlocks
-from geometry.meshes.gmsh_model import gmsh_session, write_msh
-from geometry.meshes.mesh import MeshError, bodies_sharing_nodes, generate, read
+from geometry.meshes.gmsh_model import MeshError, gmsh_session, write_msh
+from geometry.meshes.mesh import bodies_sharing_nodes, generate, read
 
 ROOT = Path(__file__).resolve().parents[3]
 BLOCKS = TwoBlocks(

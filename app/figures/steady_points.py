@@ -1,0 +1,196 @@
+"""Figures of steady sliding on the friction map: computed points on the closed form."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from app.case.case import Case
+from app.case.friction import FrictionMap
+from app.figures.style import COLOURS, MARKERS, columns, save, thin_log_ticks
+from forms.closed_forms.homogeneous_sliding import (
+    effective_viscosity,
+    steady_traction,
+    threshold_speed,
+)
+from forms.friction.parameters import FrictionMapParameters
+from geometry.surfaces.facets import Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """Steady points of one film thickness.
+
+    Attributes:
+        thickness: D, m; parameters: of the law.
+        speed: m/s; viscosity: Pa s; traction: Pa, T/A; pressure: Pa, N/A; mu: computed μ(d).
+        steady: whether each point is; label: what the series is called.
+    """
+
+    label: str
+    thickness: float
+    parameters: FrictionMapParameters
+    speed: Floats
+    viscosity: Floats
+    traction: Floats
+    pressure: float
+    mu: float
+    steady: NDArray[np.bool_]
+
+
+def steady_series(case: Case, load_steps: Iterable[dict[str, Any]], label: str = "") -> Series:
+    """The steady points of a run of the friction map.
+
+    Args:
+        case: the run's; its first contact has a film.
+        load_steps: last rows of the load steps that ran until steady.
+        label: what to call them; by default after the film thickness.
+    """
+    contact = case.contact[0]
+    assert isinstance(contact.friction, FrictionMap) and contact.film is not None
+    speed, viscosity, tangential, normal, area, mu, steady = columns(
+        sorted(load_steps, key=lambda load_step: abs(load_step["velocity"])),
+        *("velocity", "effective_viscosity", "tangential_force", "normal_force"),
+        *("contact_area", "mu", "steady"),
+    )
+    mean_pressure = float(np.mean(normal / area))
+    thickness = contact.film.at(mean_pressure)
+    return Series(
+        label=label or f"D = {thickness * 1e9:g} nm",
+        thickness=thickness,
+        parameters=contact.friction.parameters(),
+        speed=np.abs(speed),
+        viscosity=viscosity,
+        traction=np.abs(tangential) / area,
+        pressure=mean_pressure,
+        mu=float(np.mean(mu)),
+        steady=steady.astype(bool),
+    )
+
+
+def draw_steady(series: list[Series], figures: Path) -> None:
+    """Draw ``effective_viscosity.png``, where there is a film, and ``friction_map.png``."""
+    wet = [one for one in series if one.thickness > 0.0]  # D = 0 has no viscosity
+    if wet:
+        save(_viscosity_figure(wet), figures / "effective_viscosity.png")
+    save(_map_figure(series), figures / "friction_map.png")
+
+
+def _unsteady_words(series: list[Series]) -> str:
+    """What to say of the grey crosses, where there are some."""
+    return "" if all(one.steady.all() for one in series) else " (grey crosses: NOT steady)"
+
+
+def _cross_out(axes: Axes, speed: Floats, value: Floats, steady: NDArray[np.bool_]) -> None:
+    """Grey crosses over points that were not steady when they were taken."""
+    axes.loglog(speed[~steady], value[~steady], "x", ms=11, mew=2, color="0.45", zorder=5)
+
+
+def _curve_speeds(series: list[Series]) -> Floats:
+    low = min(s.speed.min() for s in series)
+    high = max(s.speed.max() for s in series)
+    return np.geomspace(low / 1.5, high * 1.5, 2000)
+
+
+def _broken(values: Floats, speed: Floats, at: float) -> Floats:
+    """A curve with a gap where it jumps, so that no line is drawn across."""
+    out = values.copy()
+    jump = np.searchsorted(speed, at)
+    if 0 < jump < len(speed):
+        out[jump - 1] = np.nan
+    return out
+
+
+def _viscosity_figure(series: list[Series]) -> Figure:
+    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4.6), sharey=True)
+    speed = _curve_speeds(series)
+    for number, one in enumerate(series):
+        for axes, scale in ((left, 1.0), (right, 1.0 / one.thickness)):
+            _viscosity_curve(axes, one, number, speed, scale)
+    eta = series[0].parameters.eta_b
+    for axes in (left, right):
+        axes.axhline(eta, color="k", lw=0.8, ls="--", zorder=0)
+    left.annotate(
+        f"η_b = {eta:g} Pa s",
+        (0.02, eta),
+        xycoords=("axes fraction", "data"),
+        xytext=(0, -8),
+        textcoords="offset points",
+        va="top",
+        fontsize=8,
+    )
+    left.set_ylim(bottom=0.3 * eta)
+    left.set_xlabel("sliding velocity V (m/s)")
+    left.set_ylabel("effective viscosity T D/(A V) (Pa s)")
+    right.set_xlabel("shear rate V/D (1/s)")
+    left.legend(frameon=True, framealpha=0.9, edgecolor="none")
+    for axes in (left, right):
+        thin_log_ticks(axes)
+    figure.suptitle(
+        f"points: computed steady states{_unsteady_words(series)}; lines: closed form; dotted: V*",
+        fontsize=9,
+        y=0.95,
+    )
+    return figure
+
+
+def _viscosity_curve(axes: Axes, one: Series, number: int, speed: Floats, scale: float) -> None:
+    """Points and closed form of one series, over the speed times ``scale``."""
+    colour = COLOURS[number % len(COLOURS)]
+    star = float(threshold_speed(one.thickness, one.parameters))
+    curve = effective_viscosity(speed, one.thickness, one.pressure, one.mu, one.parameters)
+    axes.loglog(speed * scale, _broken(curve, speed, star), color=colour, lw=1)
+    axes.loglog(
+        one.speed * scale,
+        one.viscosity,
+        MARKERS[number % len(MARKERS)],
+        ms=max(9.0 - 1.5 * number, 3.0),  # points that coincide stay visible
+        mfc="none" if number % 2 else colour,
+        color=colour,
+        label=one.label,
+    )
+    _cross_out(axes, one.speed * scale, one.viscosity, one.steady)
+    if speed[0] < star < speed[-1] and one.thickness < one.parameters.D_max:
+        axes.axvline(star * scale, color=colour, ls=":", lw=1)
+
+
+def _map_figure(series: list[Series]) -> Figure:
+    figure, axes = plt.subplots(figsize=(6.6, 4.8))
+    speed = _curve_speeds(series)
+    for colour, one in zip(_colours(len(series)), series, strict=True):
+        star = float(threshold_speed(one.thickness, one.parameters))
+        curve = steady_traction(speed, one.thickness, one.pressure, one.mu, one.parameters)
+        axes.loglog(speed, _broken(curve, speed, star) / 1e6, color=colour, lw=1)
+        viscous = (one.speed > star) | (one.thickness >= one.parameters.D_max)
+        for chosen, marker in ((~viscous, "o"), (viscous, "s")):
+            axes.loglog(
+                one.speed[chosen],
+                one.traction[chosen] / 1e6,
+                marker,
+                ms=5,
+                color=colour,
+                mfc=colour if marker == "o" else "w",
+            )
+        axes.plot([], [], color=colour, label=one.label)
+    axes.plot([], [], "o", color="0.4", label="frictional or mixed (V < V*)")
+    axes.plot([], [], "s", color="0.4", mfc="w", label="viscous (V > V* or D ≥ D_max)")
+    axes.set_xlabel("sliding velocity V (m/s)")
+    axes.set_ylabel("friction F(V; D) per area (MPa)")
+    axes.set_title(
+        f"friction map: computed points{_unsteady_words(series)} on the closed form", fontsize=9
+    )
+    axes.legend(fontsize=8)
+    thin_log_ticks(axes)
+    return figure
+
+
+def _colours(count: int) -> list[str]:
+    return [COLOURS[i % len(COLOURS)] for i in range(count)]

@@ -1,0 +1,21 @@
+"""The sub-directories of a sweep whose results a directory holds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from app.case.reading import load_case
+from app.errors import InputError
+
+
+def sweep_labels(directory: Path) -> tuple[str, ...]:
+    """Their names, from the case file beside them; none without a sweep.
+
+    Args:
+        directory: results directory, which need not exist.
+    """
+    try:
+        case = load_case(directory / "case.toml")
+    except InputError:
+        return ()
+    return case.sweep.labels if case.sweep is not None else ()

@@ -1,0 +1,124 @@
+"""Runs implicit load steps: each step in as many pieces as it takes to converge."""
+
+from __future__ import annotations
+
+from app.build.load_steps import LoadStep
+from app.build.supports import loose_directions
+from app.errors import InputError, SolutionError
+from app.implicit.options import ImplicitOptions
+from app.implicit.stepper import ImplicitStepper, StepResult
+from app.simulation.failure_diagnosis import body_adrift, explain, not_finite
+from app.simulation.observer import Observer
+from app.simulation.run_state import RunState
+
+EASY_ITERATIONS = 6  # up to here a cut step may grow back
+
+
+class ImplicitStage:
+    """Runs the implicit load steps of a simulation.
+
+    Attributes:
+        state: what the run has come to; stepper: solves the steps.
+    """
+
+    def __init__(self, state: RunState) -> None:
+        """Make ready to start; collective.
+
+        Raises:
+            InputError: PETSc refuses an option of the case.
+        """
+        self.state, self.model = state, state.model
+        solver = state.model.case.solver
+        options = ImplicitOptions(
+            solver.tolerance, solver.max_iterations, solver.linear, solver.petsc
+        )
+        try:
+            self.stepper = ImplicitStepper(state.model.problem, options)
+        except ValueError as error:
+            raise InputError(f"solver.petsc: {error}") from None
+        state.stepper = self.stepper
+        self._loose = loose_directions(state.model.problem)
+
+    def run(self, load_step: LoadStep, observer: Observer) -> None:
+        """Run one load step to its end, or until steady; collective.
+
+        Raises:
+            SolutionError: a step failed however short it was made.
+        """
+        state, begin = self.state, self.state.time
+        ends: list[int] = []
+        steady: bool | None = None
+        for count in range(1, (load_step.steps or load_step.stage.max_steps) + 1):
+            self._advance(load_step, begin, observer)
+            ends.append(len(state.rows) - 1)
+            if load_step.steps is None:
+                enough = count >= load_step.stage.min_steps
+                steady = enough and state.is_steady(load_step, ends)
+                if steady:
+                    break
+        observer.load_step(state, load_step, state.rows[-1], steady)
+
+    def _advance(self, load_step: LoadStep, begin: float, observer: Observer) -> None:
+        """One step of the load step that began at ``begin`` (s), in as many pieces as it takes.
+
+        The pieces end exactly where the whole step would have.
+        """
+        state = self.state
+        start, driven = state.time, state.driven
+        since = start - begin
+        done, piece, failures, wasted = 0.0, 1.0, 0, 0
+        while done < 1.0:
+            end = min(1.0, done + piece)
+            moved = driven + load_step.travel(since + end * load_step.dt) - load_step.travel(since)
+            self.model.set_loads(start + end * load_step.dt, moved)
+            dt = (end - done) * load_step.dt
+            result = self.stepper.attempt(dt)
+            if not result.converged:
+                failures += 1
+                wasted += result.iterations
+                piece = 0.5 * (end - done)
+                if piece < self.model.case.solver.min_step_fraction:
+                    self._give_up(load_step, dt, result)
+                observer.cut(state, dt, result)
+                continue
+            self._take_resultants(load_step)
+            state.time, state.driven = start + end * load_step.dt, moved
+            easy = result.iterations <= EASY_ITERATIONS
+            result.iterations += wasted
+            self._commit(load_step, dt, result, failures, observer)
+            done, failures, wasted = end, 0, 0
+            if easy:
+                piece = 2.0 * piece
+
+    def _take_resultants(self, load_step: LoadStep) -> None:
+        """Contact resultants of a solved step, before it is committed; collective.
+
+        Raises:
+            SolutionError: a number is not finite, or a body has been moved that nothing holds.
+        """
+        state, problem = self.state, self.model.problem
+        resultants = state.resultants_of(problem.trials)
+        wrong = not_finite(resultants)
+        pressed = any(m.normal_force > problem.roundoff for m in (*state.resultants, *resultants))
+        if wrong is None and not pressed:
+            x, trial = self.stepper.x.array_r, self.stepper.trial.array_r
+            wrong = body_adrift(problem, self._loose, x, trial)
+        if wrong is not None:
+            raise SolutionError(f"stage {load_step.label}, time {state.time:.6g} s: {wrong}")
+        state.resultants = resultants
+
+    def _commit(
+        self, load_step: LoadStep, dt: float, result: StepResult, failures: int, observer: Observer
+    ) -> None:
+        state = self.state
+        self.stepper.commit()
+        state.energy_balance.add(self.stepper.x, state.resultants)
+        row = state.add_row(load_step, dt, result.iterations, failures + 1)
+        observer.step(state, row, result)
+
+    def _give_up(self, load_step: LoadStep, dt: float, result: StepResult) -> None:
+        why = explain(self.model.problem, result, self.stepper.x, self._loose)
+        raise SolutionError(
+            f"stage {load_step.label}, time {self.state.time:.6g} s: no solution even with a step "
+            f"of {dt:.3g} s: {why}"
+        )

@@ -1,0 +1,101 @@
+"""How far a run has come: what one stage leaves to the next, whatever solves it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from app.build.load_steps import LoadStep
+from app.build.model import Model
+from app.explicit.stepper import ExplicitStepper
+from app.implicit.stepper import ImplicitStepper
+from app.simulation.contact_resultants import ContactResultants, contact_columns, measure_contact
+from app.simulation.energy_balance import EnergyBalance
+from app.simulation.history import Row
+from app.simulation.inertia import Inertia
+from forms.contact.penalty import ContactTrial
+
+STEADY_WINDOW = 3  # rows over which the tangential force must stay the same
+
+
+class RunState:
+    """History, energies and loads of a run so far.
+
+    Attributes:
+        model: what is solved; energy_balance: its energies.
+        stepper: what makes the steps at present; its ``x`` are the unknowns, m.
+        time: s; driven: m, displacement of driven boundaries; step: converged steps so far.
+        rows: the history.
+        resultants: the contacts after the last step.
+        inertia: kinetic against strain energy, of each explicit load step.
+    """
+
+    stepper: ImplicitStepper | ExplicitStepper
+
+    def __init__(self, model: Model) -> None:
+        """Begin at rest, under the loads of the start; collective."""
+        self.model = model
+        self.time = self.driven = 0.0
+        self.step = 0
+        self.rows: list[Row] = []
+        self.resultants: list[ContactResultants] = []
+        self.inertia: list[Inertia] = []
+        model.set_loads(0.0, 0.0)
+        self.energy_balance = EnergyBalance(model.problem, model.problem.new_vector())
+
+    def resultants_of(self, trials: Iterable[ContactTrial]) -> list[ContactResultants]:
+        """The resultants of all contacts at converged trials; collective."""
+        problem, driven = self.model.problem, self.driven_direction()
+        pairs = zip(problem.contacts, trials, strict=True)
+        return [measure_contact(term, trial, problem.comm, driven) for term, trial in pairs]
+
+    def driven_direction(self) -> list[float] | None:
+        """Direction of the first driven boundary, None without."""
+        for boundary in self.model.case.boundary:
+            components = boundary.driven_components()
+            if components and boundary.displacement is not None:
+                share = boundary.displacement.driven_share
+                axes = "xyz"[: self.model.problem.dim]
+                return [share(axis) if axis in components else 0.0 for axis in axes]
+        return None
+
+    def add_row(self, load_step: LoadStep, dt: float, iterations: int, attempts: int) -> Row:
+        """Add a row of the present resultants and energies to the history.
+
+        Args:
+            load_step: what the step belongs to.
+            dt: s, length of the step.
+            iterations: of Newton's method.
+            attempts: at the step; in an explicit run the time steps of the row.
+        """
+        self.step += 1
+        t, stage = self.model.thickness, load_step.stage
+        row = Row(
+            step=self.step,
+            time=self.time,
+            stage=stage.name,
+            dt=dt,
+            velocity=load_step.velocity,
+            driven_displacement=self.driven,
+            newton_iterations=iterations,
+            attempts=attempts,
+            **contact_columns(self.resultants, load_step.velocity, stage.rate_dependent, t),
+            **self.energy_balance.columns(t),
+        )
+        self.rows.append(row)
+        return row
+
+    def is_steady(self, load_step: LoadStep, ends: Sequence[int]) -> bool:
+        """Whether the tangential force has stayed the same over the last steps of a load step.
+
+        Args:
+            load_step: the load step.
+            ends: numbers of its rows; of a step made in pieces only the last.
+        """
+        last = ends[-STEADY_WINDOW - 1 :]
+        if len(last) <= STEADY_WINDOW:
+            return False
+        force = np.array([self.rows[end].tangential_force for end in last])
+        allowed = load_step.stage.steady_tolerance * float(np.abs(force[-1]))
+        return bool(np.all(np.abs(np.diff(force)) <= allowed))

@@ -1,0 +1,78 @@
+"""Commands that solve nothing start without the solver's libraries."""
+
+from __future__ import annotations
+
+import csv
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+from app.simulation.history import COLUMNS
+
+ROOT = Path(__file__).parents[2]
+DATA = ROOT / "cases" / "data" / "tribometer-synthetic.csv"
+HEAVY = ("dolfinx", "petsc4py", "mpi4py")
+# Runs one command line after another and prints after each which of the modules it has loaded.
+SCRIPT = f"""
+import json, sys
+from app.cli import main
+for line in json.loads(sys.argv[1]):
+    sys.argv = ["tribox", *line]
+    code = 0
+    try:
+        main()
+    except SystemExit as end:
+        code = end.code or 0
+    loaded = [name for name in {HEAVY!r} if name in sys.modules]
+    print(json.dumps([line[0], code, loaded]), file=sys.stderr)
+"""
+
+
+def results(directory: Path, case: str) -> Path:
+    """A results directory with as much in it as figures are drawn from."""
+    (directory / "figures").mkdir(parents=True)
+    (directory / "case.toml").write_text(case)
+    row = dict.fromkeys(COLUMNS, 1.0) | {"stage": "slide"}
+    with (directory / "history.csv").open("w", newline="") as stream:
+        out = csv.DictWriter(stream, COLUMNS)
+        out.writeheader()
+        out.writerows(row | {"step": step, "time": float(step)} for step in (1, 2, 3))
+    summary = {"load_steps": [{"label": "slide", "steady": None, **row}]}
+    (directory / "summary.json").write_text(json.dumps(summary))
+    return directory
+
+
+def test_commands_that_solve_nothing_load_no_solver(tmp_path, block):
+    wrong = tmp_path / "wrong.toml"
+    wrong.write_text(block.replace("mu = 0.2", "nu = 0.2", 1))
+    out = results(tmp_path / "out", block)
+    lines = [
+        ["--version"],
+        ["--help"],
+        ["schema"],
+        ["check", str(wrong)],
+        ["plot", str(out)],
+        ["map", "--out", str(tmp_path / "map")],
+        ["fit", str(DATA), "--parameters", "mu_s,eta_b", "--out", str(tmp_path / "fit")],
+    ]
+    done = subprocess.run(
+        [sys.executable, "-c", SCRIPT, json.dumps(lines)],
+        capture_output=True, text=True, cwd=ROOT, timeout=120,
+    )  # fmt: skip
+    told = [json.loads(line) for line in done.stderr.splitlines() if line.startswith("[")]
+    codes = {"check": 2}
+    assert told == [[line[0], codes.get(line[0], 0), []] for line in lines], done.stderr
+    assert (out / "figures" / "history.png").is_file()
+    assert (tmp_path / "map" / "summary.json").is_file()
+    assert (tmp_path / "fit" / "fit.json").is_file()
+
+
+def test_the_case_that_runs_loads_the_solver(tmp_path, block):
+    right = tmp_path / "right.toml"
+    right.write_text(block)
+    done = subprocess.run(
+        [sys.executable, "-c", SCRIPT, json.dumps([["check", str(right)]])],
+        capture_output=True, text=True, cwd=ROOT, timeout=120,
+    )  # fmt: skip
+    assert json.loads(done.stderr.splitlines()[-1]) == ["check", 0, list(HEAVY)]
