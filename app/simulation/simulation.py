@@ -83,7 +83,7 @@ class Simulation:
                 velocity = load_step.velocity
 
     def _runner(self, stage: Stage) -> StageRunner:
-        """The runner of a stage; the first explicit one takes over where the implicit ones ended."""
+        """The runner of a stage; the first explicit one takes over from the implicit ones."""
         rates = stage.rate_dependent
         if solver_of(stage, self.model.case.solver.kind) == "implicit":
             assert self.implicit is not None
