@@ -31,7 +31,7 @@ def history(run: Simulation, name: str) -> np.ndarray:
     return np.array([getattr(row, name) for row in run.rows])
 
 
-def dynamics(run: Simulation, name: str) -> np.ndarray:
+def motion(run: Simulation, name: str) -> np.ndarray:
     table = run.explicit.motion
     return np.array(table.rows)[:, table.columns.index(name)]
 
@@ -103,11 +103,11 @@ def test_bars_in_impact(other):
     assert np.max(np.abs(history(run, "energy_error"))) < 0.01 * energy
     # Momentum: what one bar loses the other gains, or the wall takes.
     mass = RHO * LENGTH * 2.0 * LENGTH / CELLS
-    lost = mass * (dynamics(run, "elastomer_vy")[-1] + SPEED)
+    lost = mass * (motion(run, "elastomer_vy")[-1] + SPEED)
     assert lost == pytest.approx(np.sum(force) * run.rows[0].time, rel=2e-3)
     if other:
         heavy = mass * 2.25 * 4 / 3
-        assert heavy * dynamics(run, "aluminium_vy")[-1] == pytest.approx(-lost, rel=1e-9)
+        assert heavy * motion(run, "aluminium_vy")[-1] == pytest.approx(-lost, rel=1e-9)
 
 
 # -- a block that slides to rest ------------------------------------------------------------------
@@ -185,7 +185,7 @@ def slide(friction: dict, duration: float) -> Slide:
         }
     )
     names = ("time", "elastomer_x", "elastomer_vx")
-    time, place, speed = (dynamics(run, name) for name in names)
+    time, place, speed = (motion(run, name) for name in names)
     return Slide(run, time - 1.0, place, speed)
 
 
