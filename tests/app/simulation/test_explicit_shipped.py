@@ -15,7 +15,7 @@ from forms.closed_forms.homogeneous_sliding import threshold_speed
 
 CASES = Path(__file__).parents[3] / "cases"
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 
 def run(name: str, directory: Path, *overrides: str, label: str | None = None):
