@@ -305,11 +305,16 @@ def schema() -> None:
 
 
 @cli.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
-def test(context: typer.Context) -> None:
-    """Run the test suite; further words go to pytest."""
+def test(
+    context: typer.Context,
+    every: Annotated[bool, typer.Option("--all", help="the long system tests too")] = False,
+) -> None:
+    """Run the tests that guard a change, or all there are; further words go to pytest."""
     root = Path(__file__).resolve().parent.parent
     os.chdir(root)
     command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider"]
+    if not every:
+        command += ["-m", "not long"]
     if not context.args and find_spec("xdist") is not None:
         command += ["-n", "2", "--dist", "loadfile"]  # all of it: two files at a time
     os.execv(sys.executable, [*command, *context.args])

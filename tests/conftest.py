@@ -6,6 +6,7 @@ import fcntl
 import gc
 import os
 import signal
+import time
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -30,6 +31,7 @@ from geometry.surfaces.facets import FacetShape, facet_shape
 from geometry.surfaces.surface import ContactSurface
 
 TESTS = Path(__file__).parent
+pytest_plugins = ["tests.budget", "tests.ranks"]
 # Two processes may want a form at once: s that one waits for the other's compiler.
 dolfinx.jit.DOLFINX_DEFAULT_JIT_OPTIONS["timeout"] = (300, "Timeout for JIT compilation")
 Motion = Callable[[np.ndarray], np.ndarray]
@@ -151,12 +153,39 @@ def pytest_collection_finish() -> None:
 
 
 @pytest.fixture(autouse=True)
-def _collect() -> Iterator[None]:
-    """Free PETSc's objects before the next test makes more; see that Ctrl-C is left as it was."""
+def _keeps_interrupt() -> Iterator[None]:
+    """See that Ctrl-C is left as it was."""
     before = signal.getsignal(signal.SIGINT)
     yield
-    gc.collect()
     assert signal.getsignal(signal.SIGINT) == before, "the test keeps Ctrl-C for itself"
+
+
+class _Collector:
+    """Frees PETSc's objects between tests, before others are made, at a bounded cost.
+
+    A collection takes most of a tenth of a second, far more than most tests: it waits until tests
+    have run for thirty times as long as the last one took.
+    """
+
+    def __init__(self) -> None:
+        self.ended, self.took = time.process_time(), 0.0
+
+    def collect(self) -> None:
+        begun = time.process_time()
+        if begun - self.ended > 30.0 * self.took:
+            gc.collect()
+            self.ended = time.process_time()
+            self.took = self.ended - begun
+
+
+_COLLECTOR = _Collector()
+
+
+@pytest.fixture(autouse=True)
+def _collect() -> Iterator[None]:
+    """Free PETSc's objects before the next tests make more."""
+    yield
+    _COLLECTOR.collect()
 
 
 def make_sheet(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 import warnings
@@ -13,8 +12,6 @@ from typing import TextIO
 import pytest
 
 from app.cli import main
-
-ROOT = Path(__file__).parents[2]
 
 BLOCK = """
 title = "small block"
@@ -231,19 +228,6 @@ def case_file(tmp_path: Path) -> Callable[..., Path]:
         return path
 
     return write
-
-
-@pytest.fixture(scope="session")
-def environment() -> dict[str, str]:
-    """Environment for another process: without what MPI, once started here, has put into ours."""
-    kept = {
-        key: value
-        for key, value in os.environ.items()
-        if not key.startswith(("PMIX_", "OMPI_COMM_WORLD", "OMPI_UNIVERSE", "PMI_"))
-    }
-    kept |= {"PYTHONPATH": str(ROOT), "MPLBACKEND": "Agg", "OMP_NUM_THREADS": "1"}
-    # Ranks that wait give way to those that work, where there are fewer cores than ranks.
-    return kept | {"OMPI_MCA_mpi_yield_when_idle": "1"}
 
 
 @pytest.fixture

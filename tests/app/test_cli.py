@@ -320,14 +320,17 @@ def test_plot_draws_again(tribox, case_file, block, tmp_path):
 
 
 @pytest.mark.parametrize("found", [True, False])
+@pytest.mark.parametrize("every", [True, False])
 @pytest.mark.parametrize("words", [(), ("tests/forms", "-k", "tangent")])
-def test_all_tests_run_two_files_at_a_time(tribox, monkeypatch, found, words):
+def test_all_tests_run_two_files_at_a_time(tribox, monkeypatch, found, every, words):
     started = []
     monkeypatch.setattr("os.execv", lambda program, command: started.append(command))
     monkeypatch.setattr("app.cli.find_spec", lambda name: object() if found else None)
-    assert tribox("test", *words).returncode == 0
+    assert tribox("test", *["--all"] * every, *words).returncode == 0
     [command] = started
     assert command[:3] == [sys.executable, "-m", "pytest"]
+    # Words of the caller come after, so that an -m of theirs holds.
+    assert ("not long" in command) != every and "--all" not in command
     assert command[len(command) - len(words) :] == [*words]
     assert ("-n" in command) == (found and not words)
     assert Path.cwd() == Path(__file__).parents[2]

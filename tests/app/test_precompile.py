@@ -5,7 +5,6 @@ from __future__ import annotations
 import tomllib
 from pathlib import Path
 
-import pytest
 from dolfinx import jit
 from mpi4py import MPI
 
@@ -13,8 +12,6 @@ from app.build.model import build_model
 from app.case.case import Case
 from app.precompile import compile_forms
 from app.results.fields import StressField
-
-pytestmark = pytest.mark.slow
 
 
 def compiled() -> set[str]:

@@ -2,15 +2,9 @@
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
-from pathlib import Path
-
 import dolfinx
 import numpy as np
 import pytest
-from mpi4py import MPI
 
 from app.equilibrium.equilibrium import Equilibrium
 from app.simulation.contact_resultants import measure_contact
@@ -20,8 +14,6 @@ from geometry.meshes.mesh import generate
 from tests.app.implicit.test_linear_solver import linear_step
 from tests.conftest import Pair
 from tests.contact_boxes import Scene
-
-ROOT = Path(__file__).resolve().parents[3]
 
 
 def facts(shape, parallel):
@@ -61,40 +53,23 @@ def facts(shape, parallel):
 
 
 SHAPES = ("hex8", "tet4")
-RANKS = """
-import json, sys
-from mpi4py import MPI
-sys.path.insert(0, sys.argv[1])
-from tests.app.equilibrium.test_contact_ranks import SHAPES, facts, step_facts
-found = {shape: facts(shape, True) for shape in SHAPES}
-found["step"] = step_facts(MPI.COMM_WORLD)
-if MPI.COMM_WORLD.rank == 0:
-    print(json.dumps(found))
-"""
 
 
-def step_facts(comm):
-    """A linear step of two blocks: a rank knows its own unknowns by their global numbers."""
+def facts_of_all(comm, directory):
+    """The facts of each shape, and of a linear step of two blocks.
+
+    In the step a rank knows its own unknowns by their global numbers.
+    """
+    found = {shape: facts(shape, comm.size > 1) for shape in SHAPES}
     blocks = TwoBlocks(Block(1.0, 0.5, (6, 2)), Block(2.0, 0.5, (7, 2)), offset=0.47)
-    return linear_step(Pair(generate(blocks, comm)), 1e-4)
+    return {**found, "step": linear_step(Pair(generate(blocks, comm)), 1e-4)}
 
 
-@pytest.fixture(scope="module")
-def on_three_ranks(environment):
-    """The facts of each shape, all from one start of MPI."""
-    command = ["mpirun", "--oversubscribe", "-n", "3", sys.executable, "-m", "mpi4py", "-c", RANKS]
-    done = subprocess.run(
-        [*command, ROOT], capture_output=True, text=True, timeout=120, env=environment
-    )
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)
-
-
-@pytest.mark.mpi
+@pytest.mark.mpi(facts_of_all, 3)
 @pytest.mark.parametrize("shape", SHAPES)
-def test_forces_and_tangent_do_not_depend_on_the_ranks(shape, on_three_ranks):
-    one, (count,) = facts(shape, False)
-    three, points = on_three_ranks[shape]
+def test_forces_and_tangent_do_not_depend_on_the_ranks(shape, on_ranks):
+    one, (count,) = on_ranks(facts_of_all, 1)[shape]
+    three, points = on_ranks(facts_of_all, 3)[shape]
     assert sum(points) == count
     assert min(points) == 0, points
     assert one["friction"][0] > 0.01 and 0.0 < one["stick"] < 1.0
@@ -102,6 +77,7 @@ def test_forces_and_tangent_do_not_depend_on_the_ranks(shape, on_three_ranks):
         np.testing.assert_allclose(three[name], value, rtol=1e-10, atol=1e-13, err_msg=name)
 
 
-@pytest.mark.mpi
-def test_a_linear_step_does_not_depend_on_the_ranks(on_three_ranks):
-    assert on_three_ranks["step"] == pytest.approx(step_facts(MPI.COMM_SELF), rel=1e-9)
+@pytest.mark.mpi(facts_of_all, 3)
+def test_a_linear_step_does_not_depend_on_the_ranks(on_ranks):
+    one, three = (on_ranks(facts_of_all, ranks)["step"] for ranks in (1, 3))
+    assert three == pytest.approx(one, rel=1e-9)

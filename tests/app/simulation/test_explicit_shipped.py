@@ -15,8 +15,6 @@ from forms.closed_forms.homogeneous_sliding import threshold_speed
 
 CASES = Path(__file__).parents[3] / "cases"
 
-pytestmark = pytest.mark.slow
-
 
 def run(name: str, directory: Path, *overrides: str, label: str | None = None):
     case = load_case(CASES / name, overrides)
@@ -48,6 +46,7 @@ def test_impact(tmp_path):
     assert 0.0 < 3.0 - speed[-1] <= 0.3 * (3.0 + rebound[-1]) * 1.001
 
 
+@pytest.mark.long
 def test_stick_slip(tmp_path):
     simulation, motion = run(
         "stick-slip.toml", tmp_path, "stage.1.duration=10 ms", "stage.1.steps=200"
@@ -71,6 +70,7 @@ def test_stick_slip(tmp_path):
     assert error < 0.01 * column(simulation.rows, "external_work").max()
 
 
+@pytest.mark.long
 def test_sliding_by_both_solvers(tmp_path):
     small = (
         *("geometry.upper.width=2 mm", "geometry.upper.elements=[20, 2]"),

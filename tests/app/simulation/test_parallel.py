@@ -14,11 +14,11 @@ import pytest
 
 from app.results.directory import read_table
 from app.simulation.history import PHYSICAL
+from tests.app.conftest import BLOCK, FILM
+from tests.ranks import command
 
 SAME = 1e-9  # of each column's largest value, at a solver tolerance of 1e-11
 TIGHT = ("--set", "solver.tolerance=1e-11")
-
-pytestmark = pytest.mark.mpi
 
 
 def differences(mine: list[dict], theirs: list[dict]) -> dict[str, float]:
@@ -32,9 +32,19 @@ def differences(mine: list[dict], theirs: list[dict]) -> dict[str, float]:
     return found
 
 
-def test_np_starts_the_ranks_itself(tribox, case_file, block, tmp_path):
+def run_block(comm, directory):
+    """Run the small block by the command line; what it ends with and says, and its results."""
+    path, out = directory / "block.toml", directory / "out"
+    if comm.rank == 0:
+        path.write_text(BLOCK, encoding="utf-8")
+    comm.barrier()
+    return [*command(comm, "run", path, "--out", out, *TIGHT), str(out)]
+
+
+@pytest.mark.mpi(run_block, 3)
+def test_np_starts_the_ranks_itself(tribox, on_ranks, case_file, block, tmp_path):
     path, histories = case_file(block), []
-    for ranks, options in ((1, {}), (2, {"process": True}), (3, {"ranks": 3})):
+    for ranks, options in ((1, {}), (2, {"process": True})):
         out = tmp_path / f"{ranks}"
         words = ("--np", 2) if ranks == 2 else ()
         result = tribox("run", path, "--out", out, *TIGHT, *words, **options)
@@ -42,11 +52,17 @@ def test_np_starts_the_ranks_itself(tribox, case_file, block, tmp_path):
         assert json.loads((out / "summary.json").read_text())["ranks"] == ranks
         assert result.stdout.count("step    1 ") == 1
         histories.append(read_table(out / "history.csv"))
+    codes, said, out = on_ranks(run_block, 3)
+    assert codes in (3 * [0], 3 * [None]), said
+    assert json.loads((Path(out) / "summary.json").read_text())["ranks"] == 3
+    assert said.count("step    1 ") == 1
+    histories.append(read_table(Path(out) / "history.csv"))
     for history in histories[1:]:
         apart = differences(history, histories[0])
         assert {k: v for k, v in apart.items() if v > SAME} == {}
 
 
+@pytest.mark.mpi
 def test_ranks_refuse_together_with_one_line(tribox, case_file, block, tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "mine.txt").write_text("mine")
@@ -57,17 +73,24 @@ def test_ranks_refuse_together_with_one_line(tribox, case_file, block, tmp_path)
     assert [p.name for p in (tmp_path / "out").iterdir()] == ["mine.txt"]
 
 
-def test_ranks_give_up_together(tribox, case_file, film, tmp_path):
-    text = film.replace('thickness = "1 mm"', 'thickness = "1 mm"\ngap = "50 mm"', 1)
-    result = tribox(
-        *("run", case_file(text), "--out", tmp_path / "out"),
-        *("--set", "solver.min_step_fraction=0.6", "--set", "solver.max_iterations=5"),
-        ranks=2,
-    )
-    assert result.returncode == 3
-    said = [line for line in result.stderr.splitlines() if line.startswith("tribox: ")]
+def give_up(comm, directory):
+    """Bodies too far apart for the platen to find, as the command line says it on each rank."""
+    text = FILM.replace('thickness = "1 mm"', 'thickness = "1 mm"\ngap = "50 mm"', 1)
+    path, out = directory / "gap.toml", directory / "out"
+    if comm.rank == 0:
+        path.write_text(text, encoding="utf-8")
+    comm.barrier()
+    quick = ("--set", "solver.min_step_fraction=0.6", "--set", "solver.max_iterations=5")
+    return [*command(comm, "run", path, "--out", out, *quick), str(out)]
+
+
+@pytest.mark.mpi(give_up, 2)
+def test_ranks_give_up_together(on_ranks):
+    codes, text, out = on_ranks(give_up, 2)
+    assert codes == [3, 3]
+    said = [line for line in text.splitlines() if line.startswith("tribox: ")]
     assert len(said) == 1 and "no solution" in said[0]
-    assert json.loads((tmp_path / "out" / "summary.json").read_text())["status"] == "failed"
+    assert json.loads((Path(out) / "summary.json").read_text())["status"] == "failed"
 
 
 def children(pid: int) -> list[int]:
@@ -76,6 +99,7 @@ def children(pid: int) -> list[int]:
     return [int(word) for path in lists for word in path.read_text().split()]
 
 
+@pytest.mark.mpi
 def test_ranks_stop_together_when_interrupted(case_file, block, environment, tmp_path):
     words = ["run", str(case_file(block)), "--out", str(tmp_path / "out")]
     words += ["--set", "stage.1.steps=2000"]

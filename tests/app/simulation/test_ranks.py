@@ -1,14 +1,11 @@
 """Results do not depend on the number of ranks: in the plane, round an axis and in space.
 
-Each number of ranks is one start of MPI that runs all cases, so that starting takes little of the
-time; the cases themselves are as small as they can be with stick, slip, film and lift-off in them.
+The cases are as small as they can be with stick, slip, film and lift-off in them.
 """
 
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 
@@ -24,11 +21,10 @@ from app.run.run import run_case
 from app.simulation.history import PHYSICAL, RESULTANTS
 from tests.app.conftest import FILM as STEADY
 from tests.app.conftest import SLID
+from tests.ranks import command
 
-ROOT = Path(__file__).parents[3]
 RANKS = (1, 2, 3, 4)
 SAME = 1e-9  # of each column's largest value, at a solver tolerance of 1e-11
-pytestmark = [pytest.mark.mpi, pytest.mark.slow]
 
 BODIES = """
 [bodies.elastomer]
@@ -184,6 +180,8 @@ def _plane(text: str) -> str:
 
 
 _RINGS = BLOCKS.replace('thickness = "1 mm"', 'section = "axisymmetric"')
+# So deep that of three ranks one has all slaves, one all masters, and one no part in the contact.
+_DEEP = _RINGS.replace("[6, 3]", "[6, 6]").replace("0.8 mm", "1.6 mm").replace("[8, 4]", "[8, 8]")
 _TETS = BOXES.replace('kind = "two-boxes"', 'kind = "two-boxes"\ncell = "tetrahedron"')
 _SLID = SLID.replace('duration = "20 us"', 'duration = "13 us"')
 _ROUND = (
@@ -194,68 +192,71 @@ CASES = {
     "plane-explicit": _SLID,
     "plane-film": BLOCKS + BODIES + FILM + _plane(PLATEN) + TIGHT,
     "plane-lifted": BLOCKS + BODIES + COULOMB + _plane(LIFTED) + KRYLOV,
-    "rings": _RINGS + BODIES + COULOMB + PRESSED + APART,
+    "rings": _DEEP + BODIES + COULOMB + PRESSED + APART,
     "hexes-film": BOXES + BODIES + FILM + PLATEN + TIGHT,
     "hexes-lifted": BOXES + BODIES + COULOMB + LIFTED + KRYLOV,
     "tets-lifted": _TETS + BODIES + COULOMB + LIFTED + APART,
     "rings-explicit": _RINGS + BODIES + COULOMB + _ROUND,
     "hexes-explicit": BOXES + BODIES + STEADY_FILM + THROWN,
 }
-# Explicit steps make ranks wait for each other many times each.
-_FEWER = {
-    "plane-steady": (1, 2, 3),
-    "plane-explicit": (1, 2, 3),
-    "rings-explicit": (1, 3),
-    "hexes-explicit": (1, 4),
-}
 SLIDING = ("plane-steady", "plane-explicit")  # the others lift off
-RANKS_OF = {case: _FEWER.get(case, RANKS) for case in CASES}
+# Beside one rank. Explicit steps make ranks wait for each other many times each.
+RANKS = dict.fromkeys(CASES, (3,)) | {"rings-explicit": (2,), "hexes-explicit": (2,)}
+LONG = dict.fromkeys(CASES, (2, 4)) | {
+    **{"plane-steady": (2,), "plane-explicit": (2,)},
+    **{"rings-explicit": (3,), "hexes-explicit": (4,)},
+}
 
 
 # -- runs -----------------------------------------------------------------------------------------
 
 
-def run_all(directory: Path) -> None:
-    """Run all cases on the ranks there are, and note how the contact is shared out; collective."""
-    comm, facets = MPI.COMM_WORLD, {}
+def run_all(comm: MPI.Comm, directory: Path, ranks: dict[str, tuple[int, ...]] = RANKS) -> dict:
+    """Run the cases for this number of ranks, and note how the contact is shared out."""
+    facets = {}
     for name, text in CASES.items():
-        if comm.size not in RANKS_OF[name]:
+        if comm.size > 1 and comm.size not in ranks[name]:
             continue
         case = Case.model_validate(tomllib.loads(text))
         mesh = run_case(case, directory / name, quiet=True).model.named
         owned = mesh.mesh.topology.index_map(mesh.mesh.topology.dim - 1).size_local
         surfaces = [mesh.facets(f"{body}_contact") for body in case.bodies]
         facets[name] = comm.allgather([int(np.sum(surface < owned)) for surface in surfaces])
-    if comm.rank == 0:
-        (directory / "facets.json").write_text(json.dumps(facets))
+    return {"directory": str(directory), "facets": facets}
 
 
-RUN = "import sys; from pathlib import Path; from tests.app.simulation.test_ranks import run_all; "
-RUN += "run_all(Path(sys.argv[1]))"
+def run_long(comm: MPI.Comm, directory: Path) -> dict:
+    """Run the cases on more numbers of ranks."""
+    return run_all(comm, directory, LONG)
+
+
+def scene(case: str, ranks: int):
+    """Which of the two runs a case on a number of ranks."""
+    return run_long if ranks in LONG[case] else run_all
+
+
+def sharing(cases) -> list:
+    """Cases, each with the numbers of ranks to be held against one, as parameters of a test."""
+    return [
+        pytest.param(case, n, marks=[pytest.mark.mpi(scene(case, n), n), *more], id=f"{case}-{n}")
+        for ranks, more in ((RANKS, ()), (LONG, (pytest.mark.long,)))
+        for case in cases
+        for n in ranks[case]
+    ]
 
 
 @pytest.fixture(scope="module")
-def results(tmp_path_factory, environment) -> Path:
-    """Results of all cases on each number of ranks, in a directory named after it."""
-    where = tmp_path_factory.mktemp("ranks")
-    for ranks in RANKS:
-        directory = where / f"{ranks}"
-        directory.mkdir()
-        start = ["mpirun", "--oversubscribe", "-n", str(ranks), sys.executable, "-m", "mpi4py"]
-        done = subprocess.run(
-            [*start, "-c", RUN, str(directory)],
-            cwd=ROOT,
-            env=environment,
-            capture_output=True,
-            text=True,
-            timeout=250.0,
-        )
-        assert done.returncode == 0, done.stderr
-    return where
+def results(on_ranks):
+    """A function that gives the results of a case on a number of ranks."""
+
+    def find(case: str, ranks: int) -> Path:
+        return Path(on_ranks(scene(case, ranks), ranks)["directory"]) / case
+
+    return find
 
 
-def rows_of(results: Path, ranks: int, case: str) -> list[dict]:
-    return read_table(results / f"{ranks}" / case / "history.csv")
+def rows_of(results, case: str, ranks: int = 1) -> list[dict]:
+    return read_table(results(case, ranks) / "history.csv")
 
 
 def largest(rows: list[dict], name: str) -> float:
@@ -267,40 +268,34 @@ def largest(rows: list[dict], name: str) -> float:
     return lever * max(abs(row[other]) for row in rows for other in same)
 
 
-@pytest.mark.parametrize("case", CASES)
-def test_history(results, case):
+@pytest.mark.parametrize(("case", "ranks"), sharing(CASES))
+def test_history(results, case, ranks):
     """All physical columns, also the resultants in space, agree row by row with those of a rank."""
-    alone = rows_of(results, 1, case)
-    names = (*PHYSICAL, *RESULTANTS)
-    for ranks in RANKS_OF[case][1:]:
-        rows = rows_of(results, ranks, case)
-        assert [row["stage"] for row in rows] == [row["stage"] for row in alone]
-        apart = {
-            name: max(abs(a[name] - b[name]) for a, b in zip(rows, alone, strict=True))
-            for name in names
-        }
-        assert {n: v for n, v in apart.items() if v > SAME * largest(alone, n)} == {}, ranks
+    alone, rows = rows_of(results, case), rows_of(results, case, ranks)
+    assert [row["stage"] for row in rows] == [row["stage"] for row in alone]
+    apart = {
+        name: max(abs(a[name] - b[name]) for a, b in zip(rows, alone, strict=True))
+        for name in (*PHYSICAL, *RESULTANTS)
+    }
+    assert {n: v for n, v in apart.items() if v > SAME * largest(alone, n)} == {}
 
 
-def test_motion_of_a_thousand_steps(results):
-    alone, *others = (
-        read_table(results / f"{ranks}" / "plane-explicit" / "motion.csv")
-        for ranks in RANKS_OF["plane-explicit"]
-    )
-    rows = rows_of(results, 1, "plane-explicit")
+@pytest.mark.parametrize(("case", "ranks"), sharing(["plane-explicit"]))
+def test_motion_of_a_thousand_steps(results, case, ranks):
+    alone, other = (read_table(results(case, n) / "motion.csv") for n in (1, ranks))
+    rows = rows_of(results, case)
     assert sum(row["attempts"] for row in rows[2:]) > 1000
     for name in alone[0]:
         # The aluminium hardly moves: its velocity is round-off beside that of the layer.
         if not name.startswith("aluminium"):
             mine = np.array([row[name] for row in alone])
-            for other in others:
-                apart = np.max(np.abs(np.array([row[name] for row in other]) - mine))
-                assert apart <= SAME * np.max(np.abs(mine)), name
+            apart = np.max(np.abs(np.array([row[name] for row in other]) - mine))
+            assert apart <= SAME * np.max(np.abs(mine)), name
 
 
 @pytest.mark.parametrize("case", [case for case in CASES if case not in SLIDING])
 def test_the_cases_stick_slide_and_lift_off(results, case):
-    rows = rows_of(results, 1, case)
+    rows = rows_of(results, case)
     area = [row["contact_area"] for row in rows]
     assert max(row["stick_fraction"] for row in rows) > 0.2
     assert any(0.0 < row["stick_fraction"] < 0.5 for row in rows)
@@ -310,38 +305,38 @@ def test_the_cases_stick_slide_and_lift_off(results, case):
         assert max(row["viscous_fraction"] for row in rows) > 0.8
 
 
-def test_a_rank_may_own_no_contact_facet(results):
+@pytest.mark.parametrize(
+    ("run", "counts"),
+    [
+        pytest.param(run_all, (2, 3), marks=pytest.mark.mpi(run_all, 2, 3), id="few"),
+        pytest.param(
+            run_long, (2, 3, 4), marks=[pytest.mark.mpi(run_long, 2, 3, 4), pytest.mark.long]
+        ),
+    ],
+)
+def test_a_rank_may_own_no_contact_facet(on_ranks, run, counts):
     """One rank has neither slave nor master facets; another has slaves and no masters."""
-    shares = [
-        tuple(share)
-        for ranks in RANKS
-        for found in json.loads((results / f"{ranks}" / "facets.json").read_text()).values()
-        for share in found
-    ]
+    found = [on_ranks(run, ranks)["facets"] for ranks in counts]
+    shares = [tuple(share) for one in found for shares in one.values() for share in shares]
     assert (0, 0) in shares
     assert any(slave > 0 and master == 0 for slave, master in shares)
     assert any(slave == 0 and master > 0 for slave, master in shares)
-    for case in CASES:
-        sums = {
-            ranks: np.sum(
-                json.loads((results / f"{ranks}" / "facets.json").read_text())[case], axis=0
-            ).tolist()
-            for ranks in RANKS_OF[case]
-        }
-        assert all(total == sums[1] for total in sums.values()), case
+    alone = on_ranks(run_all, 1)["facets"]
+    for one in found:
+        for case, shares in one.items():
+            assert np.sum(shares, axis=0).tolist() == alone[case][0], case
 
 
-@pytest.mark.parametrize("case", ["plane-film", "hexes-film", "hexes-explicit"])
-def test_all_ranks_write_one_output(results, case):
+@pytest.mark.parametrize(("case", "ranks"), sharing(["plane-film", "hexes-film", "hexes-explicit"]))
+def test_all_ranks_write_one_output(results, case, ranks):
     """Fields, contact points and motion hold all of the bodies, whoever computed them."""
-    found = {ranks: _outputs(results / f"{ranks}" / case, ranks) for ranks in RANKS_OF[case]}
-    for ranks in RANKS_OF[case][1:]:
-        assert found[ranks].keys() == found[1].keys()
-        for name, expected in found[1].items():
-            scale = np.abs(expected).max()
-            np.testing.assert_allclose(
-                found[ranks][name], expected, rtol=0, atol=1e-8 * scale, err_msg=f"{name} {ranks}"
-            )
+    alone, found = (_outputs(results(case, n), n) for n in (1, ranks))
+    assert found.keys() == alone.keys()
+    for name, expected in alone.items():
+        scale = np.abs(expected).max()
+        np.testing.assert_allclose(
+            found[name], expected, rtol=0, atol=1e-8 * scale, err_msg=f"{name} {ranks}"
+        )
 
 
 def _outputs(directory: Path, ranks: int) -> dict[str, np.ndarray]:
@@ -401,15 +396,30 @@ FAILURES = [
 ]
 
 
-@pytest.mark.parametrize(("case", "more", "changes", "code", "said"), FAILURES)
-def test_ranks_fail_together(tribox, case_file, tmp_path, case, more, changes, code, said):
+def fail(comm: MPI.Comm, directory: Path) -> list:
+    """What each failing run ends with on each rank, and says."""
+    ends = []
+    for number, (case, more, changes, _, _) in enumerate(FAILURES):
+        path, out = directory / f"{number}.toml", directory / f"{number}"
+        if comm.rank == 0:
+            path.write_text(CASES[case] + more, encoding="utf-8")
+        comm.barrier()
+        words = [word for change in changes for word in ("--set", change)]
+        ends.append(command(comm, "run", path, "--out", out, *words))
+    return [str(directory), ends]
+
+
+@pytest.mark.mpi(fail, 3)
+@pytest.mark.parametrize("number", range(len(FAILURES)))
+def test_ranks_fail_together(on_ranks, number):
     """One line, the exit code, and an end: no rank is left waiting for one that gave up."""
-    out = tmp_path / "out"
-    words = [word for change in changes for word in ("--set", change)]
-    done = tribox("run", case_file(CASES[case] + more), "--out", out, *words, ranks=3)
-    assert done.returncode == code, done.stdout + done.stderr
-    [line] = [line for line in done.stderr.splitlines() if line.startswith("tribox: ")]
-    assert said in line and "Traceback" not in done.stderr
+    _, _, _, code, expected = FAILURES[number]
+    directory, ends = on_ranks(fail, 3)
+    codes, said = ends[number]
+    out = Path(directory) / f"{number}"
+    assert codes == 3 * [code], said
+    [line] = [line for line in said.splitlines() if line.startswith("tribox: ")]
+    assert expected in line and "Traceback" not in said
     assert out.exists() == (code == 3)
     if code == 3:
         assert json.loads((out / "summary.json").read_text())["status"] == "failed"

@@ -26,7 +26,7 @@ from forms.closed_forms.homogeneous_sliding import (
 )
 from forms.friction.parameters import FrictionMapParameters
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 CASE = Path(__file__).parents[3] / "cases" / "sfa.toml"
 CLOSE = 5e-3  # agreement asked for between computed points and closed forms

@@ -47,11 +47,21 @@ def failed(found: Verification) -> set[str]:
 # --- the cases themselves ------------------------------------------------------------------------
 
 
-# Cases in space of tens of seconds; test_verification_sphere.py runs them coarse.
-LONG = {"hertz-point", "sphere-twist", "curved-sliding"}
+# Cases in space of tens of seconds; test_sphere.py runs them coarse.
+APART = {"hertz-point", "sphere-twist", "curved-sliding"}
+LONG = {
+    "patch-space",  # coarse in test_space.py
+    "isotropy",  # coarse in test_space.py
+    "mindlin-reversal",  # of the same parts as cattaneo-mindlin; reversal in test_reversal.py
+}
 
 
-@pytest.mark.parametrize("name", [name for name in CASES if name not in LONG])
+def by_tier(names: list[str]) -> list:
+    """Names of cases as parameters of a test, the long ones marked."""
+    return [pytest.param(name, marks=[pytest.mark.long] * (name in LONG)) for name in names]
+
+
+@pytest.mark.parametrize("name", by_tier([name for name in CASES if name not in APART]))
 def test_every_check_is_within_its_bar(name):
     found = result(name)
     assert found.name == name and found.title and found.setup and not found.failure
@@ -71,7 +81,7 @@ TRACTION = {"stick half-width c", "traction profile, rms / (µ p0)"}
         ("hertz-line", PRESSURE),
         ("hertz-two-cylinders", PRESSURE),
         ("cattaneo-mindlin", PRESSURE | TRACTION),
-        ("mindlin-reversal", TRACTION),
+        pytest.param("mindlin-reversal", TRACTION, marks=pytest.mark.long),
     ],
 )
 def test_bars_of_the_contact_cases_are_two_per_cent(name, wanted):
@@ -267,6 +277,7 @@ def test_errors_name_the_key(name, override, message):
     assert lines and message in lines[0], lines
 
 
+@cache
 def pressed(*overrides: str, text: str | None = None, path=None) -> float:
     """Normal force of a coarse cylinder on a block."""
     if text is not None:

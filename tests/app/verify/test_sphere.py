@@ -69,6 +69,7 @@ def test_contact_beyond_the_fine_zone_is_no_result():
         press_sphere([*SECTION, "geometry.contact_width=0.5 mm"])
 
 
+@pytest.mark.long
 def test_twist_goes_over_into_full_slip():
     found = sphere_twist(["geometry.contact_size=110 um"])
     last = found.checks[-3:]
@@ -82,6 +83,7 @@ def test_twist_goes_over_into_full_slip():
     assert np.all(np.diff(moments) > 0.0) and moments[0] < 0.5 < 0.97 < moments[-1] < 1.0
 
 
+@pytest.mark.long
 def test_a_smooth_master_takes_the_jumps_out_of_sliding():
     smooth, faceted = roll([SMOOTH, *QUICK]), roll(QUICK)
     assert max(map(jumps, smooth)) < 1e-4

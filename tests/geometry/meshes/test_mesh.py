@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
 from pathlib import Path
 
 import dolfinx
@@ -18,7 +15,6 @@ from geometry.generators.two_blocks import Block, TwoBlocks
 from geometry.meshes.gmsh_model import MeshError, gmsh_session, write_msh
 from geometry.meshes.mesh import bodies_sharing_nodes, generate, read
 
-ROOT = Path(__file__).resolve().parents[3]
 BLOCKS = TwoBlocks(
     Block(1.0e-3, 0.5e-3, (8, 4), grading=3.0), Block(2.0e-3, 0.4e-3, (13, 5)), offset=0.35e-3
 )
@@ -69,17 +65,22 @@ def group(dim, entities, name="", tag=-1):
     return gmsh.model.addPhysicalGroup(dim, entities, tag, name)
 
 
+def write_built(builder, path, version=4.1, save_all=False):
+    """Run a builder in a gmsh session and write what it leads to."""
+    with gmsh_session("test"):
+        builder()
+        gmsh.option.setNumber("Mesh.MshFileVersion", version)
+        gmsh.option.setNumber("Mesh.SaveAll", int(save_all))
+        gmsh.write(str(path))
+
+
 @pytest.fixture
 def msh(tmp_path):
     """A function that runs a builder in a gmsh session and returns the file it leads to."""
 
     def make(builder, version=4.1, save_all=False):
         path = tmp_path / "case.msh"
-        with gmsh_session("test"):
-            builder()
-            gmsh.option.setNumber("Mesh.MshFileVersion", version)
-            gmsh.option.setNumber("Mesh.SaveAll", int(save_all))
-            gmsh.write(str(path))
+        write_built(builder, path, version, save_all)
         return path
 
     return make
@@ -376,8 +377,23 @@ def contact_shares(comm):
     return maps[0].size_local, int(np.count_nonzero(slaves < maps[1].size_local))
 
 
-def facts(path, comm):
+def seamed():
+    """The strip with the seam of its bodies, and one side, as surfaces, meshed."""
+    left, right, c = strip()
+    group(2, [left], "left")
+    group(2, [right], "right")
+    group(1, [c[6]], "seam")
+    group(1, [c[5]], "wall")
+    gmsh.option.setNumber("Mesh.MeshSizeMax", 0.2)
+    gmsh.model.mesh.generate(2)
+
+
+def facts(comm, directory):
     """What must not depend on the number of processes, and every process's error."""
+    path = directory / "mesh.msh"
+    if comm.rank == 0:
+        write_built(seamed, path)
+    comm.barrier()
     named, strip = generate(BLOCKS, comm), read(path, comm)
     with pytest.raises(MeshError) as caught:
         read(Path("missing.msh"), comm)
@@ -391,39 +407,9 @@ def facts(path, comm):
     }
 
 
-RANKS = """
-import json, sys
-from pathlib import Path
-from mpi4py import MPI
-sys.path[:0] = sys.argv[1:3]
-import test_mesh
-found = test_mesh.facts(Path(sys.argv[3]), MPI.COMM_WORLD)
-if MPI.COMM_WORLD.rank == 0:
-    print(json.dumps(found))
-"""
-
-
-@pytest.mark.mpi
-def test_same_on_one_and_two_ranks(msh):
-    def glued():
-        left, right, c = strip()
-        group(2, [left], "left")
-        group(2, [right], "right")
-        group(1, [c[6]], "seam")
-        group(1, [c[5]], "wall")
-        gmsh.option.setNumber("Mesh.MeshSizeMax", 0.2)
-        gmsh.model.mesh.generate(2)
-
-    path = msh(glued)
-    one = facts(path, MPI.COMM_SELF)
-    done = subprocess.run(
-        ["mpirun", "-n", "2", sys.executable, "-c", RANKS, ROOT, Path(__file__).parent, path],
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
-    assert done.returncode == 0, done.stderr
-    two = json.loads(done.stdout)
+@pytest.mark.mpi(facts, 2)
+def test_same_on_one_and_two_ranks(on_ranks):
+    one, two = on_ranks(facts, 1), on_ranks(facts, 2)
     assert two["errors"] == 2 * one["errors"] == 2 * ["missing.msh: no such file"]
     for key in ("measures", "strip"):
         assert two[key] == pytest.approx(one[key], rel=1e-12)
@@ -434,7 +420,7 @@ def test_same_on_one_and_two_ranks(msh):
     assert sum(cells) == 97 and min(cells) >= 46
     assert slaves == [4, 4]
     assert two["glued"] == [[], [["left", "right"]]]
-    assert one["glued"] == [[], [("left", "right")]]
+    assert one["glued"] == [[], [["left", "right"]]]
 
 
 # --- in space -------------------------------------------------------------------------------------

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
 from dataclasses import replace
 from itertools import combinations
-from pathlib import Path
 
 import dolfinx
 import numpy as np
@@ -22,7 +18,6 @@ from geometry.generators.two_boxes import Box, TwoBoxes
 from geometry.meshes.mesh import NamedMesh, generate
 from geometry.pictures.plane import draw, save_picture
 
-ROOT = Path(__file__).resolve().parents[3]
 BLOCKS = TwoBlocks(Block(1.0e-3, 0.5e-3, (8, 4)), Block(2.0e-3, 0.4e-3, (13, 5)))
 
 
@@ -121,7 +116,7 @@ def test_facets_of_no_named_surface_are_drawn_too():
     assert [t.get_text() for t in figure.legends[0].get_texts()] == ["other facets: 20"]
 
 
-def facts(comm):
+def facts(comm, directory):
     """What is drawn: area and number of each body's cells, ends and number of each surface's."""
     figure = draw(generate(BLOCKS, comm))
     if comm.rank > 0:
@@ -138,28 +133,9 @@ def facts(comm):
     }
 
 
-RANKS = """
-import json, sys
-from mpi4py import MPI
-sys.path[:0] = sys.argv[1:3]
-import test_picture
-found = test_picture.facts(MPI.COMM_WORLD)
-if MPI.COMM_WORLD.rank == 0:
-    print(json.dumps(found))
-"""
-
-
-@pytest.mark.mpi
-def test_two_ranks_draw_what_one_draws():
-    one = facts(MPI.COMM_SELF)
-    done = subprocess.run(
-        ["mpirun", "-n", "2", sys.executable, "-c", RANKS, ROOT, Path(__file__).parent],
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
-    assert done.returncode == 0, done.stderr
-    two = json.loads(done.stdout)
+@pytest.mark.mpi(facts, 2)
+def test_two_ranks_draw_what_one_draws(on_ranks):
+    one, two = on_ranks(facts, 1), on_ranks(facts, 2)
     assert (two["labels"], two["facets"]) == (one["labels"], one["facets"])
     assert two["area"] == pytest.approx(one["area"], rel=1e-12)
     np.testing.assert_allclose(two["ends"], one["ends"], atol=1e-12)

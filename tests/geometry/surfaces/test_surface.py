@@ -2,12 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
-import sys
-from pathlib import Path
-
 import dolfinx
 import gmsh
 import numpy as np
@@ -24,7 +18,6 @@ from geometry.meshes.gmsh_model import gmsh_session
 from geometry.meshes.mesh import generate, read
 from geometry.surfaces.surface import ContactSurface, facet_nodes
 
-ROOT = Path(__file__).resolve().parents[3]
 SLAVE, MASTER = "elastomer_contact", "aluminium_contact"
 A = np.array([[0.31, -0.47], [0.22, 0.18]])
 SHIFT = np.array([0.05, -0.02])
@@ -236,7 +229,7 @@ def test_cubic_displacements_are_refused(mesh):
         surface_on(space, mesh, 3)
 
 
-def contact_facts(comm):
+def contact_facts(comm, directory):
     """Contact forces of a deformed pair, summarised so that no numbering enters; collective."""
     blocks = TwoBlocks(Block(1.0, 0.5, (6, 6)), Block(2.0, 0.5, (19, 4)), 0.47)
     named = generate(blocks, comm)
@@ -277,38 +270,10 @@ def upper_nodes(named, space):
     return np.unique(space.dofmap.list[named.cells("elastomer")])
 
 
-RANKS = """
-import json, sys
-from mpi4py import MPI
-sys.path[:0] = sys.argv[1:3]
-import test_surface
-found = test_surface.contact_facts(MPI.COMM_WORLD)
-if MPI.COMM_WORLD.rank == 0:
-    print(json.dumps(found))
-"""
-
-
-@pytest.mark.mpi
-def test_contact_forces_do_not_depend_on_the_ranks():
+@pytest.mark.mpi(contact_facts, 3)
+def test_contact_forces_do_not_depend_on_the_ranks(on_ranks):
     """Three ranks, of which one at least owns no slave facet, against one."""
-    one = contact_facts(MPI.COMM_SELF)
-    environment = {
-        key: value
-        for key, value in os.environ.items()
-        if not key.startswith(("PMIX_", "OMPI_COMM_WORLD", "OMPI_UNIVERSE", "PMI_"))
-    }
-    done = subprocess.run(
-        [
-            *("mpirun", "--oversubscribe", "-n", "3", sys.executable, "-m", "mpi4py", "-c", RANKS),
-            *(ROOT, Path(__file__).parent),
-        ],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        env=environment,
-    )
-    assert done.returncode == 0, done.stderr
-    three = json.loads(done.stdout)
+    one, three = on_ranks(contact_facts, 1), on_ranks(contact_facts, 3)
     assert min(three["points"]) == 0 < max(three["points"]), three["points"]
     assert sum(three["points"]) == one["points"][0]
     assert three["pressed"] == one["pressed"] > 0

@@ -1,0 +1,179 @@
+"""Tests on several ranks: one start of MPI for each number of ranks, whoever asks.
+
+Starting ranks takes longer than most of what they are tested with. So a test names the functions it
+needs on ranks, and on how many::
+
+    @pytest.mark.mpi(facts, 2, 3)
+    def test_ranks_agree(on_ranks):
+        assert on_ranks(facts, 2) == on_ranks(facts, 3) == on_ranks(facts, 1)
+
+The functions of all tests that are to run are then called one after the other by the same ranks, as
+``facts(comm, directory)``: collectively, with a directory for that function and number of ranks.
+The test is given what the first rank returns, as JSON. On one rank this process calls them.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import traceback
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mpi4py import MPI
+
+ROOT = Path(__file__).resolve().parents[1]
+Scene = Callable[[MPI.Comm, Path], Any]
+
+
+def mpi_environment() -> dict[str, str]:
+    """Environment for another process: without what MPI, once started here, has put into ours."""
+    kept = {
+        key: value
+        for key, value in os.environ.items()
+        if not key.startswith(("PMIX_", "OMPI_COMM_WORLD", "OMPI_UNIVERSE", "PMI_"))
+    }
+    kept |= {"PYTHONPATH": str(ROOT), "MPLBACKEND": "Agg", "OMP_NUM_THREADS": "1"}
+    # Ranks that wait give way to those that work, where there are fewer cores than ranks.
+    return kept | {"OMPI_MCA_mpi_yield_when_idle": "1"}
+
+
+@pytest.fixture(scope="session")
+def environment() -> dict[str, str]:
+    """Environment for another process: without what MPI, once started here, has put into ours."""
+    return mpi_environment()
+
+
+class OnRanks:
+    """Calls functions on ranks; each number of ranks is started once in a run of the tests."""
+
+    def __init__(self, session: pytest.Session, directory: Path) -> None:
+        self.directory = directory
+        self._scenes: dict[int, list[str]] = {}
+        self._alone: dict[str, Any] = {}
+        for item in session.items:
+            for mark in item.iter_markers("mpi"):
+                scenes = [part for part in mark.args if not isinstance(part, int)]
+                for count in (part for part in mark.args if isinstance(part, int)):
+                    wanted = self._scenes.setdefault(count, [])
+                    wanted += [name_of(s) for s in scenes if name_of(s) not in wanted]
+
+    def __call__(self, scene: Scene, count: int) -> Any:
+        """What a function returns on the first of a number of ranks."""
+        name = name_of(scene)
+        if count == 1:
+            if name not in self._alone:
+                self._alone[name] = call(scene, MPI.COMM_SELF, self.directory / "1")
+            return self._alone[name]
+        assert name in self._scenes[count], f"@pytest.mark.mpi({scene.__name__}, {count})"
+        directory = self.directory / f"{count}"
+        if not directory.exists():
+            self._start(count, directory)
+        found = directory / f"{name}.json"
+        assert found.exists(), (directory / "said.txt").read_text(encoding="utf-8")
+        return json.loads(found.read_text(encoding="utf-8"))
+
+    def _start(self, count: int, directory: Path) -> None:
+        # Tests that start ranks are alone (see conftest.py): no other process does so now.
+        directory.mkdir(parents=True)
+        command = ["mpirun", "--oversubscribe", "-n", f"{count}", sys.executable, "-m"]
+        command += ["tests.ranks", f"{directory}", *self._scenes[count]]
+        done = subprocess.run(
+            command,
+            cwd=ROOT,
+            env=mpi_environment(),
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            timeout=400.0,
+        )
+        (directory / "said.txt").write_text(f"{done.stdout}\nexit code {done.returncode}")
+
+
+@pytest.fixture(scope="session")
+def on_ranks(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> OnRanks:
+    """Calls a function that is named in the test's marker on a number of ranks."""
+    base = tmp_path_factory.getbasetemp()
+    # Processes that share the tests out share these directories.
+    shared = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+    return OnRanks(request.session, shared / "ranks")
+
+
+def name_of(scene: Scene) -> str:
+    return f"{scene.__module__}:{scene.__qualname__}"
+
+
+def call(scene: Scene, comm: MPI.Comm, directory: Path) -> Any:
+    """Call a function, collectively, with a directory of its own; returns what JSON makes of it."""
+    own = directory / name_of(scene).replace(":", ".")
+    own.mkdir(parents=True, exist_ok=True)
+    return json.loads(json.dumps(scene(comm, own)))
+
+
+# -- what ranks do --------------------------------------------------------------------------------
+
+
+def main(directory: Path, names: list[str]) -> None:
+    """Call functions on all ranks there are; write what the first rank returns."""
+    comm = MPI.COMM_WORLD
+    for name in names:
+        module, function = name.split(":")
+        try:
+            found = call(getattr(importlib.import_module(module), function), comm, directory)
+        except BaseException:
+            print(f"{name} on rank {comm.rank} of {comm.size}:\n{traceback.format_exc()}")
+            sys.stdout.flush()
+            comm.Abort(1)
+        if comm.rank == 0:
+            (directory / f"{name}.json").write_text(json.dumps(found), encoding="utf-8")
+        comm.barrier()
+
+
+def command(comm: MPI.Comm, *words: object) -> tuple[list[Any], str]:
+    """Call tribox on all ranks as if they had been started for it.
+
+    Returns:
+        What each rank would end with, and all that they print to standard output and error.
+    """
+    from app.cli import main as tribox
+
+    before = sys.argv
+    sys.argv = ["tribox", *map(str, words)]
+    try:
+        with tempfile.TemporaryFile("w+", encoding="utf-8") as file:
+            with _output_to(file.fileno()), pytest.raises(SystemExit) as ended:
+                tribox()
+            file.seek(0)
+            said = file.read()
+    finally:
+        sys.argv = before
+    return comm.allgather(ended.value.code), "".join(comm.allgather(said))
+
+
+@contextlib.contextmanager
+def _output_to(descriptor: int) -> Iterator[None]:
+    """Standard output and error of this process, and of libraries in it, to a file."""
+    streams = {1: sys.stdout, 2: sys.stderr}
+    kept = {number: os.dup(number) for number in streams}
+    try:
+        for number, stream in streams.items():
+            stream.flush()
+            os.dup2(descriptor, number)
+        yield
+    finally:
+        for number, stream in streams.items():
+            stream.flush()
+            os.dup2(kept[number], number)
+            os.close(kept[number])
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), sys.argv[2:])
