@@ -66,7 +66,7 @@ class MasterFacets:
 
 
 class ContactSurface:
-    """Slave points and master facets of one pair, and the positions of both today.
+    """Slave points and master facets of one pair, and the current positions of both.
 
     Attributes:
         facet_length: m, mean length of the slave facets.
@@ -150,7 +150,7 @@ class ContactSurface:
         return self.slave.position + moved
 
     def slave_area_ratio(self, displacement: Floats) -> Floats:
-        """Area stretch da/dA (q,) of the slave surface from nodal displacements (q, a, i).
+        """Area ratio da/dA (q,) of the slave surface from nodal displacements (q, a, i).
 
         The current tangents t_α = T_α + ∂u/∂T_α span the area |t_1| or |t_1 × t_2|; a ring also
         grows by r/R.
