@@ -32,6 +32,18 @@ class Prescribed:
     dofs: Ints
     value: float | Floats = 0.0
 
+    @classmethod
+    def on(
+        cls, u: dolfinx.fem.Function, facets: Ints, component: int, value: float = 0.0
+    ) -> Prescribed:
+        """One displacement component (0 is x) of all nodes on local facets."""
+        return cls(component_dofs(u.function_space, facets, component), value)
+
+    @classmethod
+    def components(cls, u: dolfinx.fem.Function, facets: Ints) -> list[Prescribed]:
+        """All displacement components of the nodes on local facets, at zero: one part for each."""
+        return [cls.on(u, facets, axis) for axis in range(u.function_space.mesh.geometry.dim)]
+
 
 @dataclass(slots=True)
 class Platen:

@@ -1,7 +1,7 @@
 """Which entries of the tangent the contact of one pair may fill, now and in the steps to come.
 
 Axis letters: s slave facets, f master facets, n nodes, q slave points. A slave facet couples with
-the master facets that its points touch, today and at the last step; those two couple with each
+the master facets that its points touch, now and at the last step; those two couple with each
 other. Room is made for neighbours too, so that a sliding body does not need a new pattern, with a
 new symbolic factorisation, at every step. The room only grows.
 """
@@ -40,12 +40,12 @@ class ContactWindow:
         """Whether the tangent of a trial fits in."""
         closed = trial.kinematics.closed
         slave = term.surface.slave.facet[closed]
-        today, before = trial.projection.facet[closed], term.state.facet[closed]
-        moved = today != before
+        current, before = trial.projection.facet[closed], term.state.facet[closed]
+        moved = current != before
         return (
-            _contains(self.touching, slave, today)
+            _contains(self.touching, slave, current)
             and _contains(self.touching, slave[moved], before[moved])
-            and _contains(self.together, today[moved], before[moved])
+            and _contains(self.together, current[moved], before[moved])
         )
 
 
@@ -59,21 +59,21 @@ def _contains(table: scipy.sparse.csr_matrix, row: Ints, column: Ints) -> bool:
 
 
 def widened(window: ContactWindow | None, term: ContactTerm, trial: ContactTrial) -> ContactWindow:
-    """A window that holds the last one, the facets in use today, and rings of their neighbours."""
+    """A window that holds the last one, the facets in use now, and rings of their neighbours."""
     surface = term.surface
     near = trial.projection.gap <= NEAR * surface.target.search.slack
     near = trial.kinematics.closed | (near & trial.projection.on_surface)
     slave = surface.slave.facet[near]
-    today, before = trial.projection.facet[near], term.state.facet[near]
+    current, before = trial.projection.facet[near], term.state.facet[near]
     facets = len(surface.master.facets)
     count = int(surface.slave.facet.max(initial=-1)) + 1
     if window is None:
         rings = _rings(surface.target.neighbours, MARGIN[surface.shape.directions])
     else:
         rings = window.rings
-    used = _table(np.tile(slave, 2), np.concatenate([today, before]), (count, facets))
+    used = _table(np.tile(slave, 2), np.concatenate([current, before]), (count, facets))
     touching = _present(used @ rings)
-    pairs = _table(today, before, (facets, facets))
+    pairs = _table(current, before, (facets, facets))
     pairs = _present(rings @ (pairs + pairs.T) @ rings + rings)
     if window is not None:
         touching = _present(touching + window.touching)

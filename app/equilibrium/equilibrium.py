@@ -206,6 +206,15 @@ class Equilibrium:
             return np.zeros(self.owned)
         return -self._assembled([p.residual for p in self.pressures])
 
+    def reaction(self, part: Prescribed | Platen) -> float:
+        """Force of a support or platen on the bodies at the last evaluation; collective.
+
+        Returns:
+            N (in plane strain per unit thickness), along the coordinate axis of the part.
+        """
+        local = float(self.unbalanced[part.dofs].sum())
+        return float(self.comm.allreduce(local, op=MPI.SUM))
+
     def worst_place(self) -> tuple[float, ...]:
         """Where the largest out-of-balance force of the last evaluation is, m; collective."""
         return worst_place(self.unbalanced, self.constraints)

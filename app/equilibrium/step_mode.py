@@ -31,7 +31,7 @@ class StepMode:
         """Each contact with its mode."""
         return zip(contacts, self.modes or (AS_IS,) * len(contacts), strict=True)
 
-    def softened(
+    def with_penalty_scale(
         self, contacts: Sequence[ContactTerm], penalty_scale: float, adhesive_facets: float = 0.0
     ) -> StepMode:
         """The same with another penalty scale and adhesive gap.

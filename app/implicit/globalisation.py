@@ -119,7 +119,7 @@ class SoftContact:
             attempt.trial.array[:] = problem.constrained_values(attempt.x)
         iterations, reason = 0, 0
         for stage in (*self.stages, Softness(1.0)):
-            soft = attempt.step.softened(
+            soft = attempt.step.with_penalty_scale(
                 problem.contacts, stage.penalty_scale, stage.adhesive_facets
             )
             more, reason = attempt.newton.solve(soft, patient=True)

@@ -205,7 +205,7 @@ class Predictor:
         return norm
 
     def _driving(self, x: PETSc.Vec) -> Drive:
-        """Increments from the converged state to today's prescribed values and loads."""
+        """Increments from the converged state to the current prescribed values and loads."""
         problem = self.problem
         pulls = [platen.pull(0.0) for platen in problem.platens]
         loads = np.array(pulls + [float(load.value.value) for load in problem.pressures])

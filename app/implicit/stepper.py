@@ -20,7 +20,11 @@ from app.implicit.newton import Newton
 from app.implicit.options import ImplicitOptions
 from app.implicit.predictor import Predictor
 
-__all__ = ["ImplicitOptions", "ImplicitStepper", "StepResult"]
+__all__ = ["ImplicitOptions", "ImplicitStepper", "NotConvergedError", "StepResult"]
+
+
+class NotConvergedError(Exception):
+    """A step has no solution that Newton's method finds; a shorter one may."""
 
 
 @dataclass(slots=True)
@@ -88,6 +92,21 @@ class ImplicitStepper:
             reason=reason,
             residuals=newton.residuals,
         )
+
+    def advance(self, dt: float) -> StepResult:
+        """Make a step of ``dt`` (s) under the loads that are set, and commit it; collective.
+
+        Raises:
+            NotConvergedError: there is no solution; nothing was committed.
+        """
+        result = self.attempt(dt)
+        if not result.converged:
+            raise NotConvergedError(
+                f"the step of {dt:g} s did not converge in {result.iterations} iterations; move "
+                "less in one step"
+            )
+        self.commit()
+        return result
 
     def commit(self) -> None:
         """Accept the last attempt: unknowns, contact history and predictor."""

@@ -13,101 +13,26 @@ over the points q.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
+import dolfinx
 import numpy as np
 import scipy.sparse
 from petsc4py import PETSc
 
 from forms.contact.kinematics import Anchor, ContactKinematics, Variations, relate, vary
+from forms.contact.state import AS_IS, ContactMode, ContactState, ContactTrial
 from forms.friction.film import FilmThickness, film_thickness
-from forms.friction.law import FrictionLaw, FrictionResponse, FrictionState
+from forms.friction.law import FrictionLaw, FrictionResponse
 from geometry.surfaces.closest_point import solve_small
 from geometry.surfaces.facets import Floats, Ints, Longs, unit_normals
 from geometry.surfaces.projection import Projection
 from geometry.surfaces.surface import ContactSurface
 
+__all__ = ["AS_IS", "ContactMode", "ContactState", "ContactTerm", "ContactTrial"]
+
 # Entries of point blocks that must be saved for a second group of them to pay for its overhead.
 WORTH_FOLDING = 50_000
-
-
-@dataclass(frozen=True, slots=True)
-class ContactMode:
-    """How a contact is evaluated; the default is the contact as it is.
-
-    The other modes serve the search for a solution: what is committed was evaluated at a penalty
-    scale of one, without an adhesive gap, and with friction that has its stiffness.
-
-    Attributes:
-        rate_dependent: whether the friction law feels time; without, the film carries no stress.
-        penalty_scale: factor of the penalty K_N.
-        adhesive_gap: m; points with a gap up to this count as closed and are pulled together.
-        frozen_facets: (q,) master facets that the points do not leave for a neighbour as soon as
-            they pass an edge; None where the closest point decides.
-        friction_as_load: whether friction is a given load without stiffness.
-    """
-
-    rate_dependent: bool = True
-    penalty_scale: float = 1.0
-    adhesive_gap: float = 0.0
-    frozen_facets: Ints | None = field(default=None, compare=False)
-    friction_as_load: bool = False
-
-    def equals(self, other: ContactMode) -> bool:
-        """Whether both are the same mode; of frozen facets only the same array counts as equal."""
-        return self == other and self.frozen_facets is other.frozen_facets
-
-
-AS_IS = ContactMode()
-
-
-@dataclass(slots=True)
-class ContactState:
-    """The history at the points: all that the next step knows of the converged ones.
-
-    Attributes:
-        facet: (q,) and xi: (q, α): the master material point Ȳ_n.
-        slip_components: (q, α), e^α = τ^α·g_e on that facet; slip_length: (q,), m, L = |g_e|.
-        gap: (q,), m; +inf where there was no projection on the surface.
-        area_ratio: (q,) area ratio da/dA of the slave surface.
-        friction: the law's own state; friction_traction: (q, i), Pa, T.
-    """
-
-    facet: Ints
-    xi: Floats
-    slip_components: Floats
-    slip_length: Floats
-    gap: Floats
-    area_ratio: Floats
-    friction: FrictionState
-    friction_traction: Floats
-
-
-@dataclass(slots=True)
-class ContactTrial:
-    """The contact of one set of displacements, against the last converged state.
-
-    Attributes:
-        position: (q, i), m, current; area_ratio: (q,), current; pressure: (q,), Pa: t_N.
-        film: (q,), m: D at that pressure.
-        traction: (q, i), Pa, on the slave: t = t_N n − T, per reference area.
-        response: the law's; its derivative for the pressure holds that through the film too.
-        stiffness: Pa/m, the penalty that it was evaluated with; None: that of the pair.
-        anchor: places of the last converged step, moved with the current master; None where nobody
-            will ask for the tangent.
-    """
-
-    position: Floats
-    area_ratio: Floats
-    projection: Projection
-    kinematics: ContactKinematics
-    pressure: Floats
-    film: Floats
-    traction: Floats
-    response: FrictionResponse
-    dt: float
-    stiffness: float | None = None
-    anchor: Anchor | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,6 +99,31 @@ class ContactTerm:
             friction_traction=np.zeros((q, surface.dim)),
         )
         self._last: _Evaluation | None = None
+
+    @classmethod
+    def between(
+        cls,
+        u: dolfinx.fem.Function,
+        slave_facets: Ints,
+        master_facets: Ints,
+        law: FrictionLaw,
+        penalty: float,
+        quadrature_degree: int = 5,
+    ) -> ContactTerm:
+        """The contact of two surfaces of bodies that move by ``u`` (m); collective.
+
+        Args:
+            u: displacement.
+            slave_facets: local facets (owned and ghosts) of the slave surface.
+            master_facets: likewise, of the master surface.
+            law: friction law.
+            penalty: K_N, Pa/m.
+            quadrature_degree: degree integrated exactly on an affine slave facet.
+        """
+        space = u.function_space
+        return cls(
+            ContactSurface(space, slave_facets, master_facets, quadrature_degree), law, penalty
+        )
 
     def evaluate(self, x: PETSc.Vec, dt: float, mode: ContactMode = AS_IS) -> ContactTrial:
         """The contact at the displacements ``x`` (m) after a step of ``dt`` (s); collective.

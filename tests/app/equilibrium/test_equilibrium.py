@@ -157,7 +157,7 @@ def state(pair, setting, shift, phase, angle, seed):
 
 
 def prepared(pair, setting, **parts):
-    """The problem with a history of one step, the unknowns of today, and its matrix."""
+    """The problem with a history of one step, the current unknowns, and its matrix."""
     problem = pair().problem(setting.law, film=setting.film, degree=setting.degree, **parts)
     (term,) = problem.contacts
     before = state(pair(), setting, setting.before, 0.4, 0.1, 1)
@@ -256,9 +256,9 @@ def changed_kinematics(patch, change):
     """Contact kinematics whose variations went through ``change``."""
     whole = forms.contact.penalty.vary
 
-    def less(points, today, anchor):
-        variations = whole(points, today, anchor)
-        change(variations, points, today, anchor)
+    def less(points, projection, anchor):
+        variations = whole(points, projection, anchor)
+        change(variations, points, projection, anchor)
         return variations
 
     patch.setattr(forms.contact.penalty, "vary", less)

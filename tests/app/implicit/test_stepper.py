@@ -102,7 +102,9 @@ def test_a_softened_step_leaves_no_trace_even_when_it_fails(monkeypatch):
     assert stepper.attempt(0.5).converged
     whole = term.evaluate(stepper.trial, 0.5)
     assert whole is problem.trials[0] and whole.stiffness == stiff
-    soft = term.evaluate(stepper.trial, 0.5, *StepMode().softened(problem.contacts, 0.1).modes)
+    soft = term.evaluate(
+        stepper.trial, 0.5, *StepMode().with_penalty_scale(problem.contacts, 0.1).modes
+    )
     assert soft.stiffness == pytest.approx(0.1 * stiff) and term.penalty == stiff
     np.testing.assert_allclose(soft.pressure, 0.1 * whole.pressure, rtol=1e-14)
 

@@ -16,9 +16,9 @@ KINKED = np.array([[0.0, 0.0], [1.0, 0.31], [2.1, -0.12], [2.9, 0.33], [4.0, 0.2
 RNG = np.random.default_rng(11)
 
 
-def related(points, today, anchor):
+def related(points, projection, anchor):
     """Kinematics and their variations in one."""
-    both = (relate(points, today, anchor), vary(points, today, anchor))
+    both = (relate(points, projection, anchor), vary(points, projection, anchor))
     return SimpleNamespace(**{f.name: getattr(k, f.name) for k in both for f in fields(k)})
 
 
@@ -26,7 +26,7 @@ class Scene:
     """Points against a kinked master, with an anchor from an earlier step on the same facets.
 
     Attributes:
-        points: (q, i) and nodes: (n, i), today.
+        points: (q, i) and nodes: (n, i), current.
         facet, xi, components, length, gap: (q, …), what the last step left.
     """
 
@@ -38,7 +38,7 @@ class Scene:
         self.line = FacetSurface(SEGMENT, chain.astype(np.int32), self.nodes)
 
     def at(self, points, nodes):
-        today = self.line.project(points, nodes)
+        projection = self.line.project(points, nodes)
         ends = nodes[self.line.facets[self.facet]]
         tangents = np.einsum("qba,qai->qbi", SEGMENT.first(self.xi), ends)
         anchor = Anchor(
@@ -47,16 +47,16 @@ class Scene:
             slip_length=self.length,
             gap=self.gap,
         )
-        return today, related(points, today, anchor)
+        return projection, related(points, projection, anchor)
 
     def now(self):
         return self.at(self.points, self.nodes)
 
-    def coordinates(self, today, d_points, d_nodes):
+    def coordinates(self, projection, d_points, d_nodes):
         """z = (a, b, c, d) of a variation of points and nodes, (q, 4 i)."""
-        here = d_nodes[self.line.facets[today.facet]]
+        here = d_nodes[self.line.facets[projection.facet]]
         there = d_nodes[self.line.facets[self.facet]]
-        a = d_points - np.einsum("qa,qai->qi", SEGMENT.values(today.xi), here)
+        a = d_points - np.einsum("qa,qai->qi", SEGMENT.values(projection.xi), here)
         b = here[:, 1] - here[:, 0]
         c = d_points - np.einsum("qa,qai->qi", SEGMENT.values(self.xi), there)
         d = self.components * (there[:, 1] - there[:, 0])
@@ -101,16 +101,16 @@ def rotation(angle):
 def test_variations_against_central_differences(kind):
     """Interior points on tilted facets, and points clamped to a vertex of either kind."""
     s = scene(kind)
-    today, k = s.now()
-    assert (today.clamped == (kind in ("groove", "ridge"))).all()
+    projection, k = s.now()
+    assert (projection.clamped == (kind in ("groove", "ridge"))).all()
     assert k.closed.all() == (kind != "ridge")
     h = 1e-6
     for _ in range(6):
         d_points, d_nodes = RNG.normal(size=s.points.shape), RNG.normal(size=s.nodes.shape)
         after, k_after = s.at(s.points + h * d_points, s.nodes + h * d_nodes)
         before, k_before = s.at(s.points - h * d_points, s.nodes - h * d_nodes)
-        np.testing.assert_array_equal(after.clamped, today.clamped)
-        z = s.coordinates(today, d_points, d_nodes)
+        np.testing.assert_array_equal(after.clamped, projection.clamped)
+        z = s.coordinates(projection, d_points, d_nodes)
 
         def check(name, exact, plus, minus):
             difference = (plus - minus) / (2.0 * h)
@@ -119,7 +119,7 @@ def test_variations_against_central_differences(kind):
 
         check("gap", np.einsum("qr,qr->q", k.d_gap, z), k_after.gap, k_before.gap)
         # A vertex belongs to two facets: either may be named, and ξ is then 0 or 1.
-        same = (after.facet == today.facet) & (before.facet == today.facet)
+        same = (after.facet == projection.facet) & (before.facet == projection.facet)
         assert same.any()
         check("xi", np.einsum("qbr,qr->qb", k.d_xi, z)[same], after.xi[same], before.xi[same])
         for name, field in (("normal", "normal"), ("slip", "slip"), ("elastic", "elastic_slip")):
@@ -189,8 +189,8 @@ def test_rigid_motion_changes_nothing(kind, angle):
 def test_a_point_at_rest_on_a_turning_master_does_not_slip(kind):
     """The anchor is the point's own projection; also where that is a vertex in a groove."""
     s = scene(kind)
-    today, _ = s.now()
-    s.facet, s.xi = today.facet, today.xi
+    projection, _ = s.now()
+    s.facet, s.xi = projection.facet, projection.xi
     for angle in (0.0, 0.7):
         turn = rotation(angle)
         _, k = s.at(s.points @ turn.T, s.nodes @ turn.T)
@@ -247,7 +247,7 @@ class Triangle:
         xi = np.linalg.solve(tau @ tau.T, tau @ (points - nodes[0]).T).T
         foot = nodes[0] + xi @ tau
         q = len(points)
-        today = Projection(
+        projection = Projection(
             facet=np.zeros(q, dtype=np.int32),
             xi=xi,
             foot=foot,
@@ -263,11 +263,11 @@ class Triangle:
             slip_length=self.length,
             gap=self.gap,
         )
-        return today, related(points, today, anchor)
+        return projection, related(points, projection, anchor)
 
-    def coordinates(self, today, d_points, d_nodes):
+    def coordinates(self, projection, d_points, d_nodes):
         d_tau = d_nodes[1:] - d_nodes[0]
-        a = d_points - d_nodes[0] - today.xi @ d_tau
+        a = d_points - d_nodes[0] - projection.xi @ d_tau
         b = np.broadcast_to(d_tau.reshape(-1), (len(a), 6))
         c = d_points - d_nodes[0] - self.xi_before @ d_tau
         return np.concatenate([a, b, c, self.components @ d_tau], axis=1)
@@ -276,7 +276,7 @@ class Triangle:
 def test_variations_with_two_surface_directions():
     """In space the elastic slip can turn within the plane: the block d matters."""
     s = Triangle()
-    today, k = s.at(s.points, s.nodes)
+    projection, k = s.at(s.points, s.nodes)
     assert np.abs(k.d_elastic[..., -3:]).max() > 0.1
     rng = np.random.default_rng(9)
     h = 1e-6
@@ -284,7 +284,7 @@ def test_variations_with_two_surface_directions():
         d_points, d_nodes = rng.normal(size=s.points.shape), rng.normal(size=(3, 3))
         after, k_after = s.at(s.points + h * d_points, s.nodes + h * d_nodes)
         before, k_before = s.at(s.points - h * d_points, s.nodes - h * d_nodes)
-        z = s.coordinates(today, d_points, d_nodes)
+        z = s.coordinates(projection, d_points, d_nodes)
         for exact, plus, minus in (
             (np.einsum("qr,qr->q", k.d_gap, z), k_after.gap, k_before.gap),
             (np.einsum("qbr,qr->qb", k.d_xi, z), after.xi, before.xi),

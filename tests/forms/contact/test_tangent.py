@@ -144,7 +144,7 @@ def without_geometry(name):
         patch.setattr(
             forms.contact.kinematics,
             "_vary_projection",
-            lambda today, size: whole(replace(today, **{name: None}), size),
+            lambda projection, size: whole(replace(projection, **{name: None}), size),
         )
 
     return switch
@@ -230,7 +230,7 @@ def test_rigid_motion_of_both_bodies_leaves_the_contact_alone(shape):
 
 @pytest.mark.parametrize("shape", ["Q4", "T6", "tet4", "hex8"])
 def test_adding_up_and_folding_change_nothing(monkeypatch, shape):
-    """Points with the same nodes as one block, and the last step's facet folded onto today's."""
+    """Points with the same nodes as one block, and the last facet folded onto the current one."""
     scene, x = prepared(shape, STATES["stick"], fine=True, degree=5)
     monkeypatch.setattr(forms.contact.penalty, "WORTH_FOLDING", np.inf)
     trial = scene.term.evaluate(x, 1.0)
