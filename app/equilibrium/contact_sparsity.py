@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse
 
-from forms.contact.penalty import ContactTerm, ContactTrial
+from forms.contact.penalty import ContactTerm
+from forms.contact.state import ContactTrial
 from geometry.surfaces.facets import Floats, Ints, Longs
 
 # Rings of neighbouring master facets beyond those in use that a window includes, by the number of

@@ -21,7 +21,8 @@ from app.equilibrium.tangent import Tangent
 from app.equilibrium.timers import Stopwatch
 from forms.bodies.loads import FollowerPressure
 from forms.bodies.solid import Solid
-from forms.contact.penalty import ContactTerm, ContactTrial
+from forms.contact.penalty import ContactTerm
+from forms.contact.state import ContactTrial
 from geometry.surfaces.facets import Floats, Ints
 
 

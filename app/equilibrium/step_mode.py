@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from forms.contact.penalty import AS_IS, ContactMode, ContactTerm, ContactTrial
+from forms.contact.penalty import ContactTerm
+from forms.contact.state import AS_IS, ContactMode, ContactTrial
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,7 +20,8 @@ from app.equilibrium.contact_sparsity import BlockPlaces, ContactWindow, coupled
 from app.equilibrium.timers import Stopwatch
 from forms.bodies.loads import FollowerPressure
 from forms.bodies.solid import Solid
-from forms.contact.penalty import ContactTerm, ContactTrial
+from forms.contact.penalty import ContactTerm
+from forms.contact.state import ContactTrial
 from geometry.compat import add_matrix
 from geometry.surfaces.facets import Floats, Longs
 

@@ -12,7 +12,7 @@ from app.equilibrium.equilibrium import Equilibrium
 from app.explicit.leap_frog import LeapFrog
 from app.explicit.state import ExplicitState
 from forms.bodies.internal_force import InternalForce
-from forms.contact.penalty import ContactTrial
+from forms.contact.state import ContactTrial
 from geometry.surfaces.facets import Floats
 
 

@@ -27,7 +27,7 @@ from app.explicit.stable_step import StableStep, StableSteps, StepEstimate, Stif
 from app.explicit.state import ExplicitState
 from forms.bodies.internal_force import InternalForce
 from forms.contact.explicit_compiled import explicit_contact
-from forms.contact.penalty import ContactTrial
+from forms.contact.state import ContactTrial
 from forms.contact.stiffness import PairStiffness
 from geometry.surfaces.exchange import NodalVector
 from geometry.surfaces.facets import Floats

@@ -6,7 +6,8 @@ import numpy as np
 
 from app.build.model import Model
 from app.simulation.contact_resultants import turned_right
-from forms.contact.penalty import ContactTerm, ContactTrial
+from forms.contact.penalty import ContactTerm
+from forms.contact.state import ContactTrial
 from geometry.surfaces.facets import Floats
 from geometry.surfaces.surface import order_by_place
 

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from forms.contact.penalty import ContactTerm, ContactTrial
+from forms.contact.penalty import ContactTerm
+from forms.contact.state import ContactTrial
 from forms.friction.law import Regime
 from geometry.surfaces.facets import Floats
 

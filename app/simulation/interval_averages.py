@@ -11,7 +11,8 @@ from mpi4py import MPI
 from app.explicit.stepper import ExplicitStepper
 from app.simulation.contact_resultants import ContactResultants, resultants, vector_integrals
 from app.simulation.energy_balance import EnergyFlow
-from forms.contact.penalty import ContactTerm, ContactTrial
+from forms.contact.penalty import ContactTerm
+from forms.contact.state import ContactTrial
 from geometry.surfaces.facets import Floats
 
 

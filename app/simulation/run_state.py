@@ -14,7 +14,7 @@ from app.simulation.contact_resultants import ContactResultants, contact_columns
 from app.simulation.energy_balance import EnergyBalance
 from app.simulation.history import Row
 from app.simulation.inertia import Inertia
-from forms.contact.penalty import ContactTrial
+from forms.contact.state import ContactTrial
 
 STEADY_WINDOW = 3  # rows over which the tangential force must stay the same
 

@@ -22,7 +22,8 @@ from dataclasses import replace
 import numpy as np
 
 from forms.contact.kinematics import ContactKinematics, relate
-from forms.contact.penalty import ContactTerm, ContactTrial
+from forms.contact.penalty import ContactTerm
+from forms.contact.state import ContactTrial
 from geometry.surfaces.exchange import NodalVector, SurfaceExchange
 from geometry.surfaces.facets import Floats, Ints
 from geometry.surfaces.projection import Projection

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from forms.contact.explicit import ROUNDOFF_DEPTH, ExplicitContact
 from forms.contact.kinematics import TOUCHING, ContactKinematics
-from forms.contact.penalty import ContactState, ContactTerm, ContactTrial
+from forms.contact.penalty import ContactTerm
+from forms.contact.state import ContactState, ContactTrial
 from forms.native.libraries import library
 from geometry.surfaces.exchange import NodalVector
 from geometry.surfaces.facet_search import TIE

@@ -13,7 +13,8 @@ from app.equilibrium.constraints import Platen
 from app.equilibrium.step_mode import DEFAULT_STEP, StepMode
 from app.equilibrium.tangent import Tangent
 from forms.bodies.loads import FollowerPressure
-from forms.contact.penalty import ContactMode, ContactTerm
+from forms.contact.penalty import ContactTerm
+from forms.contact.state import ContactMode
 from forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
 from forms.friction.film import FilmTable
 from forms.friction.friction_map import FrictionMap

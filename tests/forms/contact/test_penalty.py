@@ -7,7 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from forms.contact.penalty import ContactMode, ContactTerm
+from forms.contact.penalty import ContactTerm
+from forms.contact.state import ContactMode
 from forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
 from forms.friction.friction_map import FrictionMap
 from forms.friction.law import Regime
