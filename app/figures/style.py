@@ -15,7 +15,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLoca
 from geometry.surfaces.facets import Floats
 
 COLOURS = ("#1b6ca8", "#d1495b", "#2e8b57", "#8d5fa8", "#e08e1b", "#555555")
-COMPRESSION = 2  # of PNG files; 6, the default, takes three times as long for a sixth less
+COMPRESSION = 2  # of PNG files; 6, the default, takes a third longer for an eighth less
 DECADES, MANY_DECADES = 2.5, 5.0  # from which on an axis has ticks at 1, 2, 5; at 1 only
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 MARKERS = ("o", "s", "^", "D", "v", "P")
