@@ -61,16 +61,10 @@ def run_case(
         if case.output.figures:
             draw_run(simulation, directory)
         if reporter:
-            _say_warnings(reporter, recorder)
-            for line in (_closing_line(simulation), f"results in {directory}"):
-                reporter.say(line, always=not quiet)
-    except SolutionError as error:
+            _say_end(reporter, simulation, recorder, quiet)
+    except (SolutionError, KeyboardInterrupt) as error:
         if reporter:
             _say_failure(reporter, simulation, recorder, error)
-        raise
-    except KeyboardInterrupt:
-        if reporter:
-            reporter.say(f"interrupted; the results so far are in {directory}")
         raise
     finally:
         if reporter:
@@ -92,10 +86,23 @@ def _say_warnings(reporter: Reporter, recorder: Recorder) -> None:
         reporter.say(f"warning: {warning}")
 
 
+def _say_end(reporter: Reporter, simulation: Simulation, recorder: Recorder, quiet: bool) -> None:
+    """Warnings, figures of the run and the place of the results."""
+    _say_warnings(reporter, recorder)
+    for line in (_closing_line(simulation), f"results in {recorder.directory}"):
+        reporter.say(line, always=not quiet)
+
+
 def _say_failure(
-    reporter: Reporter, simulation: Simulation, recorder: Recorder, error: SolutionError
+    reporter: Reporter,
+    simulation: Simulation,
+    recorder: Recorder,
+    error: SolutionError | KeyboardInterrupt,
 ) -> None:
-    """What went wrong, for the log, and what is saved."""
+    """What ended the run, for the log, and what is saved."""
+    if isinstance(error, KeyboardInterrupt):
+        reporter.say(f"interrupted; the results so far are in {recorder.directory}")
+        return
     reporter.note(f"failed: {error}")
     _say_warnings(reporter, recorder)
     reporter.say(_saved_line(simulation, recorder))

@@ -153,8 +153,8 @@ def test_points_on_edges_of_the_master_do_not_stop_the_iteration():
     assert last.tangential_force == pytest.approx(smooth.tangential_force, rel=1e-6)
     # Nothing of it is left for the next step.
     (term,) = sim.model.problem.contacts
-    again = term.evaluate(sim.implicit.x, 1.0)
+    again = term.evaluate(sim.implicit.stepper.x, 1.0)
     points, nodes = again.position, term.surface.master.position
-    nodes = nodes + term.surface.displacements(sim.implicit.x)[1]
+    nodes = nodes + term.surface.displacements(sim.implicit.stepper.x)[1]
     closest = term.surface.project(points, nodes)
     np.testing.assert_array_equal(again.projection.facet, closest.facet)
