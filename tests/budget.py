@@ -1,7 +1,8 @@
 """What tests cost: their CPU time, beside what each took when ``budget.csv`` was written.
 
-Processes that a test starts, ranks say, count with it; what tests share counts with the first that
-asks for it. Nothing fails for its cost: the summary of a run shows what has grown.
+Processes that a test starts count with it, but for the ranks that tests share: they have lines of
+their own (`tests/ranks.py`). Anything else that is shared counts with the first that asks for it.
+Nothing fails for its cost: the summary of a run shows what has grown.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ BUDGET = Path(__file__).with_name("budget.csv")
 LEAST = 0.2  # s; cheaper tests are noted together, one line for each file
 GROWTH = 2.0  # what is pointed out costs so many times its budget,
 EXCESS = 0.5  # and so many seconds more
+RANKS = "tests/ranks.py"  # the file whose lines are those of ranks that tests share
 
 # CPU time in seconds by tier and test, or by tier and file for all of its cheap tests together.
 Costs = Mapping[tuple[str, str], float]
@@ -68,7 +70,7 @@ def report(costs: Costs, budget: Costs) -> Iterator[str]:
     """Lines on what each tier cost, and on what costs much more than its budget."""
     found = grouped(costs, set(budget))
     for tier in sorted({tier for tier, _ in costs}):
-        count = sum(mine == tier for mine, _ in costs)
+        count = sum(mine == tier and not test.startswith(RANKS) for mine, test in costs)
         total = sum(cost for (mine, _), cost in found.items() if mine == tier)
         noted = sum(budget.get(key, 0.0) for key in found if key[0] == tier)
         yield f"{tier}: {total:.0f} s of CPU time in {count} tests, budget {noted:.0f} s"
@@ -89,6 +91,11 @@ class Meter:
     def __init__(self) -> None:
         self.costs: Counter[tuple[str, str]] = Counter()
         self.since = cpu_time()
+        self.apart: list[tuple[str, str, float]] = []
+
+    def charge(self, tier: str, name: str, seconds: float) -> None:
+        """Note CPU time that has just been used on a line of its own, not on that of the test."""
+        self.apart.append((tier, name, seconds))
 
     def pytest_collection_finish(self) -> None:
         self.since = cpu_time()
@@ -97,13 +104,15 @@ class Meter:
     def pytest_runtest_makereport(self) -> Generator[None, pytest.TestReport, pytest.TestReport]:
         made = yield
         now = cpu_time()
-        made.cpu_time = now - self.since
-        self.since = now
+        made.cpu_time = now - self.since - sum(seconds for *_, seconds in self.apart)
+        made.cpu_apart, self.apart, self.since = self.apart, [], now
         return made
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         tier = "long" if "long" in report.keywords else "guard"
         self.costs[tier, report.nodeid] += getattr(report, "cpu_time", 0.0)
+        for tier, name, seconds in getattr(report, "cpu_apart", ()):
+            self.costs[tier, name] += seconds
 
     def pytest_terminal_summary(self, terminalreporter, config: pytest.Config) -> None:
         if config.option.collectonly or not self.costs:

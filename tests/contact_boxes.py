@@ -9,16 +9,15 @@ from __future__ import annotations
 
 from functools import lru_cache
 
-import basix.ufl
 import dolfinx
 import numpy as np
-import ufl
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from forms.contact.penalty import ContactTerm
 from geometry.compat import cell_nodes
 from geometry.surfaces.surface import ContactSurface
+from tests.grid import coordinate_element, grid
 
 GAP = 0.05
 PENALTY = 50.0
@@ -36,11 +35,7 @@ SHAPES = {
 
 def box(cell, count, low, high):
     """Corners and cells of a box, (n, i) and (c, v)."""
-    kind = dolfinx.mesh.CellType[cell]
-    if len(low) == 2:
-        mesh = dolfinx.mesh.create_rectangle(MPI.COMM_SELF, [low, high], count, kind)
-    else:
-        mesh = dolfinx.mesh.create_box(MPI.COMM_SELF, [low, high], count, kind)
+    mesh = grid(cell, count, high, low)
     return mesh.geometry.x[:, : len(low)], cell_nodes(mesh).astype(np.int64)
 
 
@@ -70,8 +65,7 @@ def two_boxes(cell, fine, master=None, parallel=False):
     comm = MPI.COMM_WORLD if parallel else MPI.COMM_SELF
     if comm.rank > 0:
         cells, x = cells[:0], x[:0]
-    domain = ufl.Mesh(basix.ufl.element("Lagrange", cell, 1, shape=(dim,)))
-    mesh = dolfinx.mesh.create_mesh(comm, cells, x=x, e=domain)
+    mesh = dolfinx.mesh.create_mesh(comm, cells, x=x, e=coordinate_element(cell, dim))
     slave, master = (
         dolfinx.mesh.locate_entities_boundary(
             mesh, dim - 1, lambda X, h=h: np.isclose(X[dim - 1], h)

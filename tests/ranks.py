@@ -29,6 +29,8 @@ from typing import Any
 import pytest
 from mpi4py import MPI
 
+from tests.budget import RANKS, Meter, cpu_time
+
 ROOT = Path(__file__).resolve().parents[1]
 Scene = Callable[[MPI.Comm, Path], Any]
 
@@ -52,18 +54,23 @@ def environment() -> dict[str, str]:
 
 
 class OnRanks:
-    """Calls functions on ranks; each number of ranks is started once in a run of the tests."""
+    """Calls functions on ranks; each number of ranks is started once in a run of the tests.
+
+    What only long tests ask for has a start of its own, so that the cost of the others shows.
+    """
 
     def __init__(self, session: pytest.Session, directory: Path) -> None:
         self.directory = directory
-        self._scenes: dict[int, list[str]] = {}
+        self._meter: Meter = session.config.pluginmanager.get_plugin("meter")
+        self._tiers: dict[tuple[str, int], str] = {}
         self._alone: dict[str, Any] = {}
         for item in session.items:
+            tier = "long" if item.get_closest_marker("long") else "guard"
             for mark in item.iter_markers("mpi"):
                 scenes = [part for part in mark.args if not isinstance(part, int)]
                 for count in (part for part in mark.args if isinstance(part, int)):
-                    wanted = self._scenes.setdefault(count, [])
-                    wanted += [name_of(s) for s in scenes if name_of(s) not in wanted]
+                    for key in ((name_of(s), count) for s in scenes):
+                        self._tiers[key] = min(tier, self._tiers.get(key, tier))
 
     def __call__(self, scene: Scene, count: int) -> Any:
         """What a function returns on the first of a number of ranks."""
@@ -72,19 +79,22 @@ class OnRanks:
             if name not in self._alone:
                 self._alone[name] = call(scene, MPI.COMM_SELF, self.directory / "1")
             return self._alone[name]
-        assert name in self._scenes[count], f"@pytest.mark.mpi({scene.__name__}, {count})"
-        directory = self.directory / f"{count}"
+        tier = self._tiers.get((name, count))
+        assert tier is not None, f"@pytest.mark.mpi({scene.__name__}, {count})"
+        directory = self.directory / f"{count}-{tier}"
         if not directory.exists():
-            self._start(count, directory)
+            self._start(tier, count, directory)
         found = directory / f"{name}.json"
         assert found.exists(), (directory / "said.txt").read_text(encoding="utf-8")
         return json.loads(found.read_text(encoding="utf-8"))
 
-    def _start(self, count: int, directory: Path) -> None:
+    def _start(self, tier: str, count: int, directory: Path) -> None:
         # Tests that start ranks are alone (see conftest.py): no other process does so now.
         directory.mkdir(parents=True)
         command = ["mpirun", "--oversubscribe", "-n", f"{count}", sys.executable, "-m"]
-        command += ["tests.ranks", f"{directory}", *self._scenes[count]]
+        names = [name for (name, ranks), of in self._tiers.items() if (of, ranks) == (tier, count)]
+        command += ["tests.ranks", f"{directory}", *names]
+        before = cpu_time()
         done = subprocess.run(
             command,
             cwd=ROOT,
@@ -95,6 +105,7 @@ class OnRanks:
             text=True,
             timeout=400.0,
         )
+        self._meter.charge(tier, f"{RANKS}::{count} ranks", cpu_time() - before)
         (directory / "said.txt").write_text(f"{done.stdout}\nexit code {done.returncode}")
 
 

@@ -21,6 +21,7 @@ from forms.friction.coulomb import CoulombLaw, CoulombParameters
 from geometry.surfaces.exchange import NodalVector
 from tests.app.case.test_generators_3d import COMMON, RINGS
 from tests.contact_boxes import GAP, Scene
+from tests.grid import grid
 
 SOFT = NeoHookean(shear_modulus=1.0, bulk_modulus=5.0)
 WAY = np.array([0.6, 0.8, 0.0])
@@ -98,10 +99,8 @@ def test_rows_hold_mean_vectors(shape):
 def test_a_ring_breathes():
     """A thin ring of radius R thrown outwards swings with ω = √(E/ρ)/R."""
     radius, size, density = 10.0, 0.2, 2.0
-    corners = [[radius - 0.5 * size, 0.0], [radius + 0.5 * size, size]]
-    mesh = dolfinx.mesh.create_rectangle(
-        MPI.COMM_SELF, corners, (2, 2), dolfinx.mesh.CellType.quadrilateral
-    )
+    low, high = [radius - 0.5 * size, 0.0], [radius + 0.5 * size, size]
+    mesh = grid("quadrilateral", (2, 2), high, low)
     space = dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (2,)))
     u = dolfinx.fem.Function(space)
     solid = Solid("ring", u, np.arange(4, dtype=np.int32), SOFT, "q1-sri", density, "axisymmetric")

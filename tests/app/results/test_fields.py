@@ -6,18 +6,18 @@ import adios2
 import dolfinx
 import numpy as np
 import pytest
-from mpi4py import MPI
 
 from app.results.fields import FieldWriter, StressField
 from forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, shear_and_bulk
 from forms.bodies.solid import Solid
+from tests.grid import grid
 
 E, NU = 3.0e6, 0.4
 
 
 def stretched(gradient: np.ndarray, material: object) -> StressField:
     """Stress of a square under the displacement gradient (2, 2)."""
-    mesh = dolfinx.mesh.create_unit_square(MPI.COMM_SELF, 2, 2, dolfinx.mesh.CellType.quadrilateral)
+    mesh = grid("quadrilateral", (2, 2))
     u = dolfinx.fem.Function(dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (2,))))
     u.interpolate(lambda x: gradient @ x[:2])
     cells = np.arange(4, dtype=np.int32)
@@ -66,11 +66,7 @@ def test_hencky_stress_at_large_strain_is_linear_in_logarithmic_strain() -> None
 
 def strained(cell: str, gradient: np.ndarray, material: object, section: str, degree: int = 1):
     """Stress of two cells a side under the displacement gradient (i, i)."""
-    kind = getattr(dolfinx.mesh.CellType, cell)
-    if section == "3D":
-        mesh = dolfinx.mesh.create_unit_cube(MPI.COMM_SELF, 2, 2, 2, kind)
-    else:
-        mesh = dolfinx.mesh.create_unit_square(MPI.COMM_SELF, 2, 2, kind)
+    mesh = grid(cell, (2, 2, 2) if section == "3D" else (2, 2))
     dim = mesh.geometry.dim
     u = dolfinx.fem.Function(dolfinx.fem.functionspace(mesh, ("Lagrange", degree, (dim,))))
     u.name = "displacement"

@@ -7,12 +7,12 @@ import os
 import dolfinx
 import numpy as np
 import pytest
-from mpi4py import MPI
 
 import forms.native.libraries
 from forms.bodies.internal_force import CompiledForce, GeneratedForce, InternalForce
 from forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean
 from forms.bodies.solid import Solid
+from tests.grid import grid
 
 MATERIALS = {
     "neo-hookean": NeoHookean(1.0, 5.0),
@@ -24,8 +24,7 @@ KINDS = [("quadrilateral", "q1"), ("quadrilateral", "q1-sri"), ("triangle", "q1"
 
 def body(cell, material, formulation, cells=(5, 3), distortion=0.15):
     """A displacement on a distorted mesh, and the body on all of it."""
-    kind = getattr(dolfinx.mesh.CellType, cell)
-    mesh = dolfinx.mesh.create_rectangle(MPI.COMM_SELF, [[0, 0], [1.0, 0.7]], cells, kind)
+    mesh = grid(cell, cells, [1.0, 0.7])
     x = mesh.geometry.x
     x[:, :2] += distortion / max(cells) * np.random.default_rng(3).uniform(-1, 1, (len(x), 2))
     u = dolfinx.fem.Function(dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (2,))))

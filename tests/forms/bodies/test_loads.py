@@ -3,9 +3,9 @@
 import dolfinx
 import numpy as np
 import pytest
-from mpi4py import MPI
 
 from forms.bodies.loads import FollowerPressure, reference_area
+from tests.grid import grid
 
 P = 0.7
 
@@ -13,8 +13,7 @@ P = 0.7
 @pytest.fixture(scope="module", params=["quadrilateral", "triangle"])
 def block(request):
     """A rectangle of 2 by 1."""
-    cell = getattr(dolfinx.mesh.CellType, request.param)
-    mesh = dolfinx.mesh.create_rectangle(MPI.COMM_SELF, [[0.0, 0.0], [2.0, 1.0]], [4, 3], cell)
+    mesh = grid(request.param, (4, 3), [2.0, 1.0])
     space = dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (2,)))
     return dolfinx.fem.Function(space)
 

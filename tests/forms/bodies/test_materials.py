@@ -4,7 +4,6 @@ import dolfinx
 import numpy as np
 import pytest
 import ufl
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from forms.bodies.kinematics import plane_strain
@@ -16,6 +15,7 @@ from forms.bodies.materials import (
     shear_and_bulk,
 )
 from forms.bodies.solid import compile_energy
+from tests.grid import grid
 
 MATERIALS = {
     "neo-hookean": NeoHookean(shear_modulus=1.3, bulk_modulus=4.0),
@@ -53,9 +53,7 @@ class Cell:
     """One unit square of a material under homogeneous deformation."""
 
     def __init__(self, material):
-        mesh = dolfinx.mesh.create_unit_square(
-            MPI.COMM_SELF, 1, 1, dolfinx.mesh.CellType.quadrilateral
-        )
+        mesh = grid("quadrilateral", (1, 1))
         space = dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (2,)))
         self.u = dolfinx.fem.Function(space)
         self.where = space.tabulate_dof_coordinates()[:, :2]

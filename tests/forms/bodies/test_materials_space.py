@@ -5,10 +5,10 @@ from __future__ import annotations
 import dolfinx
 import numpy as np
 import pytest
-from mpi4py import MPI
 
 from forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean
 from forms.bodies.solid import Solid
+from tests.grid import grid
 
 G, K = 1.3, 4.0
 MATERIALS = {
@@ -37,8 +37,7 @@ class Cube:
     """A unit cube of one hexahedron under homogeneous deformation."""
 
     def __init__(self, name):
-        kind = dolfinx.mesh.CellType.hexahedron
-        mesh = dolfinx.mesh.create_unit_cube(MPI.COMM_SELF, 1, 1, 1, kind)
+        mesh = grid("hexahedron", (1, 1, 1))
         self.u = dolfinx.fem.Function(dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (3,))))
         self.solid = Solid("cube", self.u, np.zeros(1, np.int32), MATERIALS[name], "q1")
 

@@ -4,7 +4,6 @@ import dolfinx
 import numpy as np
 import pytest
 import ufl
-from mpi4py import MPI
 
 from app.equilibrium.constraints import Prescribed, component_dofs
 from app.equilibrium.equilibrium import Equilibrium
@@ -13,6 +12,7 @@ from app.implicit.stepper import ImplicitStepper
 from forms.bodies.kinematics import plane_strain
 from forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, shear_and_bulk
 from forms.bodies.solid import Solid
+from tests.grid import grid
 
 MATERIALS = {
     "neo-hookean": NeoHookean(1.0, 5.0),
@@ -23,8 +23,7 @@ MATERIALS = {
 
 def rectangle(width=1.0, height=1.0, nx=3, ny=3, cell="quadrilateral", distortion=0.0):
     """Displacement on a rectangle whose inner nodes may be moved about."""
-    kind = getattr(dolfinx.mesh.CellType, cell)
-    mesh = dolfinx.mesh.create_rectangle(MPI.COMM_SELF, [[0, 0], [width, height]], [nx, ny], kind)
+    mesh = grid(cell, (nx, ny), [width, height])
     x = mesh.geometry.x
     inside = (x[:, 0] % width > 1e-9) & (x[:, 1] % height > 1e-9)
     inside &= (x[:, 0] < width - 1e-9) & (x[:, 1] < height - 1e-9)

@@ -6,7 +6,6 @@ import dolfinx
 import numpy as np
 import pytest
 import ufl
-from mpi4py import MPI
 
 from app.equilibrium.constraints import Prescribed, component_dofs
 from app.equilibrium.equilibrium import Equilibrium
@@ -16,6 +15,7 @@ from forms.bodies.kinematics import axisymmetric, section_of, spatial
 from forms.bodies.loads import FollowerPressure, mean_normal, reference_area
 from forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, shear_and_bulk
 from forms.bodies.solid import DEGREE, Solid
+from tests.grid import grid
 
 NEO = NeoHookean(1.0, 5.0)
 RUBBER = MooneyRivlin(0.4, 0.1, 5.0)
@@ -26,10 +26,8 @@ SPACE = ("hexahedron", "tetrahedron")
 def box(cell, degree=1, counts=2, distortion=0.0, size=(1.0, 1.0, 1.0), left=0.0, shear=0.0):
     """Displacement on a box (a rectangle from x = left in the plane), inner nodes moved about."""
     dim = 3 if cell in SPACE else 2
-    kind = getattr(dolfinx.mesh.CellType, cell)
     n = [counts] * dim if isinstance(counts, int) else list(counts)
-    make = dolfinx.mesh.create_box if dim == 3 else dolfinx.mesh.create_rectangle
-    mesh = make(MPI.COMM_SELF, [[0.0] * dim, list(size[:dim])], n, kind)
+    mesh = grid(cell, n, size[:dim])
     x = mesh.geometry.x
     inside = ((x > 1e-9)[:, :dim] & (x[:, :dim] < np.array(size[:dim]) - 1e-9)).all(axis=1)
     moves = np.random.default_rng(2).uniform(-1, 1, (len(x), dim)) * distortion
@@ -97,7 +95,7 @@ ELEMENTS = {
 }
 
 
-@pytest.fixture(params=ELEMENTS)
+@pytest.fixture(scope="module", params=ELEMENTS)
 def element(request):
     """A few distorted elements away from the axis, out of shape, as (displacement, solid)."""
     cell, formulation, section, material = ELEMENTS[request.param]

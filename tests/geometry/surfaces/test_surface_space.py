@@ -13,6 +13,7 @@ from geometry.compat import integration_facets, model_to_mesh
 from geometry.meshes.gmsh_model import gmsh_session
 from geometry.surfaces.facets import facet_shape, unit_normals
 from geometry.surfaces.surface import ContactSurface, facet_nodes
+from tests.grid import grid
 
 CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
 KINDS = [(cell, degree) for cell in CELLS for degree in (1, 2)]
@@ -22,9 +23,7 @@ def free_mesh(cell, bend=0.1):
     """A mesh without structure of the unit square or cube, sheared; hexahedra: shifted nodes."""
     dim = 2 if cell in ("triangle", "quadrilateral") else 3
     if cell == "hexahedron":
-        mesh = dolfinx.mesh.create_box(
-            MPI.COMM_SELF, [[0.0] * 3, [1.0] * 3], [3, 2, 2], dolfinx.mesh.CellType.hexahedron
-        )
+        mesh = grid(cell, (3, 2, 2))
         x = mesh.geometry.x
         inner = (np.abs(x[:, :2] - 0.5) < 0.4).all(axis=1)
         shift = 0.08 * np.random.default_rng(0).uniform(-1.0, 1.0, x.shape)

@@ -1,0 +1,39 @@
+"""Blocks of equal cells, with the coordinate element that meshes of gmsh have.
+
+DOLFINx's own meshes have another one, of the same functions at degree 1. Forms on them are not
+those that the image holds: the tests that make them would compile them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import basix.ufl
+import dolfinx
+import numpy as np
+import ufl
+from mpi4py import MPI
+
+from geometry.compat import cell_nodes
+
+
+def coordinate_element(cell: str, dim: int) -> ufl.Mesh:
+    """The domain of meshes of straight cells, as `generate` makes them."""
+    variant = basix.LagrangeVariant.equispaced
+    return ufl.Mesh(basix.ufl.element("Lagrange", cell, 1, lagrange_variant=variant, shape=(dim,)))
+
+
+def grid(
+    cell: str,
+    counts: Sequence[int],
+    high: Sequence[float] | None = None,
+    low: Sequence[float] | None = None,
+) -> dolfinx.mesh.Mesh:
+    """A rectangle or box between two corners, the unit square or cube by itself, on one rank."""
+    dim = len(counts)
+    corners = [list(low or [0.0] * dim), list(high or [1.0] * dim)]
+    make = dolfinx.mesh.create_box if dim == 3 else dolfinx.mesh.create_rectangle
+    made = make(MPI.COMM_SELF, corners, list(counts), dolfinx.mesh.CellType[cell])
+    cells = cell_nodes(made).astype(np.int64)
+    x = made.geometry.x[:, :dim]
+    return dolfinx.mesh.create_mesh(MPI.COMM_SELF, cells, x=x, e=coordinate_element(cell, dim))
