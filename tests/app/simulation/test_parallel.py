@@ -14,7 +14,7 @@ import pytest
 
 from app.results.directory import read_table
 from app.simulation.history import PHYSICAL
-from tests.app.conftest import BLOCK, FILM
+from tests.app.conftest import BLOCK
 from tests.ranks import command
 
 SAME = 1e-9  # of each column's largest value, at a solver tolerance of 1e-11
@@ -73,24 +73,19 @@ def test_ranks_refuse_together_with_one_line(tribox, case_file, block, tmp_path)
     assert [p.name for p in (tmp_path / "out").iterdir()] == ["mine.txt"]
 
 
-def give_up(comm, directory):
-    """Bodies too far apart for the platen to find, as the command line says it on each rank."""
-    text = FILM.replace('thickness = "1 mm"', 'thickness = "1 mm"\ngap = "50 mm"', 1)
-    path, out = directory / "gap.toml", directory / "out"
-    if comm.rank == 0:
-        path.write_text(text, encoding="utf-8")
-    comm.barrier()
-    quick = ("--set", "solver.min_step_fraction=0.6", "--set", "solver.max_iterations=5")
-    return [*command(comm, "run", path, "--out", out, *quick), str(out)]
-
-
-@pytest.mark.mpi(give_up, 2)
-def test_ranks_give_up_together(on_ranks):
-    codes, text, out = on_ranks(give_up, 2)
-    assert codes == [3, 3]
-    said = [line for line in text.splitlines() if line.startswith("tribox: ")]
+@pytest.mark.mpi
+def test_ranks_give_up_together(tribox, case_file, film, tmp_path):
+    """Bodies too far apart for the platen to find: one line, and mpirun ends with the code."""
+    text = film.replace('thickness = "1 mm"', 'thickness = "1 mm"\ngap = "50 mm"', 1)
+    result = tribox(
+        *("run", case_file(text), "--out", tmp_path / "out"),
+        *("--set", "solver.min_step_fraction=0.6", "--set", "solver.max_iterations=5"),
+        ranks=2,
+    )
+    assert result.returncode == 3
+    said = [line for line in result.stderr.splitlines() if line.startswith("tribox: ")]
     assert len(said) == 1 and "no solution" in said[0]
-    assert json.loads((Path(out) / "summary.json").read_text())["status"] == "failed"
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["status"] == "failed"
 
 
 def children(pid: int) -> list[int]:
