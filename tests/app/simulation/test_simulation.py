@@ -112,6 +112,7 @@ def test_a_step_that_was_cut_ends_where_its_pieces_would_have(monkeypatch, block
         before = [a.copy() for s in (stepper.x.array_r, *state) for a in flat(s)]
         result = attempt(stepper, dt)
         calls.append(dt)
+        spent.append(result.iterations)
         after = [a for s in (stepper.x.array_r, *state) for a in flat(s)]
         untouched.append(all(np.array_equal(a, b) for a, b in zip(before, after, strict=True)))
         if len(calls) in (5, 6):
@@ -119,6 +120,7 @@ def test_a_step_that_was_cut_ends_where_its_pieces_would_have(monkeypatch, block
         return result
 
     calls: list[float] = []
+    spent: list[int] = []
     monkeypatch.setattr(ImplicitStepper, "attempt", fail_twice)
     seen = Cuts()
     run = simulate(data, seen)
@@ -128,6 +130,9 @@ def test_a_step_that_was_cut_ends_where_its_pieces_would_have(monkeypatch, block
     # Pieces grow back after an easy one: a quarter, a half, and the quarter that is left.
     assert [row.dt / whole for row in run.rows[4:7]] == pytest.approx([0.25, 0.5, 0.25])
     assert [row.attempts for row in run.rows[3:7]] == [1, 3, 1, 1]
+    # Iterations of the attempts that failed count for the row that came of them.
+    assert run.rows[4].newton_iterations == sum(spent[4:7])
+    assert sum(row.newton_iterations for row in run.rows) == sum(spent)
     assert all(untouched)
     assert run.rows[-1].time == pytest.approx(2.0 if kind == "coulomb" else 1.1, rel=1e-14)
     assert_same_history(run.rows, replay(data, run.rows).rows)
