@@ -98,6 +98,11 @@ def test_a_directory_that_cannot_be_made(tmp_path):
 def test_a_file_is_there_whole_or_not_at_all(tmp_path):
     write_text(tmp_path / "a.txt", "old")
     write_json(tmp_path / "a.json", {"x": 1.5})
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.json", "a.txt"]
+    with (tmp_path / "a.txt").open() as reader:
+        write_text(tmp_path / "a.txt", "new")
+        assert reader.read() == "old"  # whoever has it open goes on reading the whole old file
+    write_text(tmp_path / "a.txt", "old")
     with pytest.raises(ValueError, match="not JSON compliant"):
         write_json(tmp_path / "a.json", {"x": float("nan")})
     assert json.loads((tmp_path / "a.json").read_text()) == {"x": 1.5}
