@@ -246,7 +246,7 @@ def test_image_is_made_once(docker: Machine) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "anew"),
+    ("name", "rebuilt"),
     [
         ("Dockerfile", True),
         ("docker/entry", True),
@@ -255,14 +255,14 @@ def test_image_is_made_once(docker: Machine) -> None:
         ("cases/sfa.toml", False),
     ],
 )
-def test_only_dependencies_and_forms_make_it_anew(docker: Machine, name: str, anew: bool) -> None:
+def test_only_dependencies_and_forms_rebuild_it(docker: Machine, name: str, rebuilt: bool) -> None:
     docker.launch("check")
     before = image_of(docker.container())
     with (docker.checkout / name).open("a") as stream:
         stream.write("# changed\n")
     docker.launch("check")
-    assert (image_of(docker.container()) != before) == anew
-    assert len(docker.calls_of("build")) == 1 + anew
+    assert (image_of(docker.container()) != before) == rebuilt
+    assert len(docker.calls_of("build")) == 1 + rebuilt
 
 
 @pytest.mark.parametrize("name", ["app/precompile.py", "geometry", ".dockerignore"])

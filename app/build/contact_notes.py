@@ -69,10 +69,11 @@ def notes_on_penalty(index: int, factor: float, explicit: bool) -> Iterator[str]
         factor: K_N h/M.
         explicit: whether a stage runs with explicit dynamics.
     """
-    if explicit and factor > CHATTER:
+    # The factor is found from K_N again, so that one of just this size may come out above it.
+    if explicit and factor > (1.0 + 1e-9) * CHATTER:
         yield (
-            f"contact.{index}: penalty_factor = {factor:g} shortens explicit steps and lets nodes "
-            "chatter; 1 to 3 is stiff enough for most"
+            f"contact.{index}: a penalty of penalty_factor = {factor:.4g} shortens explicit steps "
+            "and lets nodes chatter; 1 to 3 is stiff enough for most"
         )
     note = penalty_note(index, factor)
     if note is not None:

@@ -138,20 +138,23 @@ def friction(parameters: FrictionMapParameters, data: TribometerData) -> Floats:
     out = np.empty(len(data))
     steady = data.steady
     if steady.any():
-        settled = _settled(parameters)
+        steady_law = _at_steady_friction(parameters)
         rows = _rows(data, steady)
         lengths = presliding_length(
-            rows.pressure, settled.mu_s, 1.0 - at_rest(settled, rows.thickness).solid, settled
+            rows.pressure,
+            steady_law.mu_s,
+            1.0 - at_rest(steady_law, rows.thickness).solid,
+            steady_law,
         )
         slip = np.where(np.isfinite(lengths), 10.0 * lengths, 1.0)
-        out[steady] = _one_step(settled, rows, slip)
+        out[steady] = _one_step(steady_law, rows, slip)
     if not steady.all():
         rows = _rows(data, ~steady)
         out[~steady] = _one_step(parameters, rows, rows.slip)
     return out
 
 
-def _settled(parameters: FrictionMapParameters) -> FrictionMapParameters:
+def _at_steady_friction(parameters: FrictionMapParameters) -> FrictionMapParameters:
     """The parameters with the coefficient of friction of steady sliding."""
     mu = parameters.mu_s if parameters.B == 0.0 else parameters.mu_dynamic
     return dataclasses.replace(parameters, mu_s=mu, mu_d=mu, B=0.0)

@@ -22,6 +22,9 @@ from forms.closed_forms.homogeneous_sliding import steady_traction, threshold_sp
 Floats = NDArray[np.float64]
 
 MARKER_SIZE = 4.0
+# Left margin, over the page's width, of panels whose ticks may have many digits beside two lines of
+# label: these pages are not widened to what is drawn.
+WIDE_MARGIN = 0.2
 
 
 def draw_map(setup: MapSetup, result: FrictionMapResult, figures: Path) -> None:
@@ -270,6 +273,7 @@ def _start_stop(setup: MapSetup, track: Track, films: tuple[float, ...]) -> Figu
     panels[-1].set_ylabel("V (μm/s)", fontsize=8)
     panels[-1].set_xlabel(f"time ({unit})")
     figure.align_ylabels(panels)
+    figure.subplots_adjust(left=WIDE_MARGIN)
     return figure
 
 
@@ -308,4 +312,5 @@ def _jump(setup: MapSetup, track: Track, films: tuple[float, ...]) -> Figure:
     _name_phases(panels[0, 0], replace(track, phase=tuple(names)), slip)
     panels[-1, 0].set_xlabel("slip (μm)")
     figure.align_ylabels(panels[:, 0])
+    figure.subplots_adjust(left=WIDE_MARGIN)
     return figure

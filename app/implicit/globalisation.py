@@ -46,7 +46,7 @@ class Attempt:
 
     @property
     def has_contacts(self) -> bool:
-        """Whether there is a contact that could be softened."""
+        """Whether there is a contact that could be made softer."""
         return bool(self.newton.problem.contacts)
 
     def return_to_start(self) -> None:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
 from app.errors import InputError
+from app.friction_map.figures import _jump, _start_stop
 from app.friction_map.material_point import Phase, follow, slide_to_steady
 from app.friction_map.material_tests import compute_map
 from app.friction_map.run import run_map
@@ -149,6 +152,19 @@ def test_a_jump_over_the_threshold_leaves_the_film_alone(built_in):
     assert track.alpha[fast] == pytest.approx(1.0)
     assert track.traction[fast[-1]] == pytest.approx(setup.parameters.eta_b * speed / D, rel=1e-12)
     assert (track.dissipated >= -1e-15).all()
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-6])
+def test_labels_of_small_panels_stay_on_the_page(built_in, scale):
+    setup, result = built_in
+    films = setup.films[-3:]
+    for draw, track in ((_start_stop, result.start_stop), (_jump, result.jump)):
+        track = replace(track, traction=scale * track.traction[:, -3:])
+        figure = draw(setup, track, films)
+        figure.canvas.draw()
+        panels = figure.axes[: len(films)]
+        assert min(axes.yaxis.label.get_window_extent().x0 for axes in panels) > 0.0
+        plt.close(figure)
 
 
 def test_a_case_decides_films_pressure_and_parameters():

@@ -109,7 +109,7 @@ def test_forces_are_means_so_that_they_add_up_to_the_momentum(thrown):
     assert np.allclose(mass * (2.0 - at["elastomer_vx"]), dragged, atol=2e-2 * dragged.max())
 
 
-def test_the_ledger_closes_in_impact_with_friction(thrown):
+def test_energies_balance_in_impact_with_friction(thrown):
     energy = 0.5 * 1100.0 * 8.0 * 1e-3 * 0.5e-3 * 1e-3
     # Tight enough to see friction's trapezoidal part: with its sign wrong it is 2e-3.
     assert np.max(np.abs(column(thrown, "energy_error"))) < 2e-4 * energy

@@ -231,7 +231,7 @@ def test_a_stiff_penalty_is_noted_where_steps_are_explicit(film):
 
     data = explicit(film)
     [line] = said(data)
-    assert line.startswith("contact.0: penalty_factor = 30 shortens explicit steps")
+    assert line.startswith("contact.0: a penalty of penalty_factor = 30 shortens explicit steps")
     data["contact"][0]["penalty_factor"] = 3.0
     assert said(data) == []
     assert said(tomllib.loads(film)) == []

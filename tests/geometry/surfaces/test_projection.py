@@ -62,7 +62,7 @@ def test_closest_point_is_that_of_brute_force(seed, facets):
 
 
 def test_deformed_surface_keeps_the_connectivity():
-    """Facets and samples are set up on the reference, the search runs on today's nodes."""
+    """Facets and samples are set up on the reference, the search runs on the current nodes."""
     rng = np.random.default_rng(4)
     nodes = np.stack([np.linspace(0.0, 5.0, 26), np.zeros(26)], axis=1)
     line = polyline(nodes, rng.permutation(25))

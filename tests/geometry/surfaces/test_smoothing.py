@@ -10,7 +10,7 @@ from geometry.surfaces.projection import FacetSurface
 from geometry.surfaces.smoothing import smooth_patches
 
 KINDS = ["interval", "quadrilateral"]
-CREASE = np.pi / 6
+SMOOTHING_ANGLE = np.pi / 6
 
 
 def grid_of(cell, count, height, sheet):
@@ -35,7 +35,7 @@ def places(patches, nodes, xi):
 @pytest.mark.parametrize("cell", KINDS)
 def test_patches_pass_through_the_nodes_and_move_with_the_body(sheet, cell):
     shape, facets, nodes = grid_of(cell, 5, sphere, sheet)
-    patches = smooth_patches(shape, facets, nodes, CREASE)
+    patches = smooth_patches(shape, facets, nodes, SMOOTHING_ANGLE)
     np.testing.assert_allclose(patches.extraction.sum(axis=2), 1.0, rtol=1e-13)
     np.testing.assert_allclose(
         places(patches, nodes, shape.points), nodes[facets], rtol=0, atol=1e-13
@@ -55,7 +55,7 @@ def test_planes_stay_plane(sheet, cell):
     """Whatever the sizes of the facets."""
     shape, facets, nodes = grid_of(cell, 6, lambda *x: 0.0 * x[0], sheet)
     nodes[:, 0] = nodes[:, 0] ** 2
-    patches = smooth_patches(shape, facets, nodes, CREASE)
+    patches = smooth_patches(shape, facets, nodes, SMOOTHING_ANGLE)
     xi = np.random.default_rng(1).random((9, shape.directions))
     np.testing.assert_allclose(places(patches, nodes, xi)[..., -1], 0.0, atol=1e-14)
 
@@ -68,7 +68,7 @@ def test_parabolas_are_reproduced_on_even_grids(sheet, cell):
         return 0.3 * x[0] ** 2 - 0.2 * x[-1] ** 2 + 0.5 * x[0] * x[-1]
 
     shape, facets, nodes = grid_of(cell, 4, lambda *x: 0.0 * x[0], sheet)
-    patches = smooth_patches(shape, facets, nodes, CREASE)
+    patches = smooth_patches(shape, facets, nodes, SMOOTHING_ANGLE)
     nodes[:, -1] = parabola(*nodes[:, :-1].T)
     xi = np.random.default_rng(2).random((9, shape.directions))
     found = places(patches, nodes, xi).reshape(-1, nodes.shape[1])
@@ -79,7 +79,7 @@ def test_parabola_on_uneven_segments():
     x = np.array([0.0, 0.3, 0.4, 0.9, 1.0, 1.5])
     nodes = np.column_stack([x, x])
     facets = np.stack([np.arange(5), np.arange(1, 6)], axis=1).astype(np.int32)
-    patches = smooth_patches(facet_shape("interval", 1), facets, nodes, CREASE)
+    patches = smooth_patches(facet_shape("interval", 1), facets, nodes, SMOOTHING_ANGLE)
     # In the arc length the tangents are those of the parabola through three nodes.
     nodes = np.column_stack([x, x**2])
     found = places(patches, nodes, np.linspace(0.0, 1.0, 7)[:, None])
@@ -99,7 +99,7 @@ def walk(cell, count, sheet, smoothing_angle):
 @pytest.mark.parametrize("cell", KINDS)
 def test_normals_do_not_jump(sheet, cell):
     """Over the seams of a sphere; the facets themselves jump by the angle between them."""
-    for smoothing_angle, most in ((None, None), (CREASE, 1.05)):
+    for smoothing_angle, most in ((None, None), (SMOOTHING_ANGLE, 1.05)):
         at, exact = walk(cell, 8, sheet, smoothing_angle)
         step = np.abs(np.diff(exact, axis=0)).max()
         jump = np.abs(np.diff(at.normal, axis=0)).max()
@@ -112,7 +112,7 @@ def test_fourth_order(sheet, cell):
     """Place and normal of a sphere converge with h⁴ and h³."""
     gaps, normals = [], []
     for count in (8, 16):
-        at, exact = walk(cell, count, sheet, CREASE)
+        at, exact = walk(cell, count, sheet, SMOOTHING_ANGLE)
         gaps.append(np.abs(at.gap).max())
         normals.append(np.abs(at.normal - exact).max())
     assert gaps[0] / gaps[1] > 13.0
@@ -131,7 +131,7 @@ def test_distorted_grid_has_small_jumps_only(sheet):
     points[:, 2] = sphere(*points[:, :2].T)
     jumps = [
         np.abs(np.diff(FacetSurface(shape, facets, nodes, c).project(points, nodes).normal, axis=0))
-        for c in (None, CREASE)
+        for c in (None, SMOOTHING_ANGLE)
     ]
     assert jumps[1].max() < 0.03 * jumps[0].max()
 
@@ -162,10 +162,10 @@ def test_all_patches_round_a_node_have_one_normal_there(count):
 
 
 @pytest.mark.parametrize("cell", KINDS)
-def test_creases_stay_sharp(sheet, cell):
+def test_sharp_edges_stay_sharp(sheet, cell):
     """A roof: its sides remain plane, and its ridge where it was."""
     shape, facets, nodes = grid_of(cell, 6, lambda *x: -np.abs(x[0] - 0.5), sheet)
-    patches = smooth_patches(shape, facets, nodes, CREASE)
+    patches = smooth_patches(shape, facets, nodes, SMOOTHING_ANGLE)
     xi = np.random.default_rng(4).random((9, shape.directions))
     found = places(patches, nodes, xi)
     np.testing.assert_allclose(found[..., -1], -np.abs(found[..., 0] - 0.5), atol=1e-14)
@@ -178,7 +178,7 @@ def test_closed_chain():
     angle = -2.0 * np.pi * np.arange(16) / 16
     nodes = np.column_stack([np.cos(angle), np.sin(angle)])
     facets = np.stack([np.arange(16), (np.arange(16) + 1) % 16], axis=1).astype(np.int32)
-    surface = FacetSurface(facet_shape("interval", 1), facets, nodes, CREASE)
+    surface = FacetSurface(facet_shape("interval", 1), facets, nodes, SMOOTHING_ANGLE)
     at = surface.project(1.1 * np.column_stack([np.cos(angle + 0.1), np.sin(angle + 0.1)]), nodes)
     np.testing.assert_allclose(at.gap, 0.1, atol=4e-4)
     assert at.on_surface.all() and not at.clamped.any()
@@ -187,4 +187,4 @@ def test_closed_chain():
 @pytest.mark.parametrize("kind", [("triangle", 1), ("quadrilateral", 2)])
 def test_other_facets_are_refused(sheet, kind):
     with pytest.raises(ValueError, match="a smooth master needs first-order"):
-        FacetSurface(*sheet(*kind, (2, 2), sphere), CREASE)
+        FacetSurface(*sheet(*kind, (2, 2), sphere), SMOOTHING_ANGLE)
