@@ -6,8 +6,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from app.case.case import Case
@@ -31,7 +31,7 @@ def draw_history(directory: Path) -> None:
     figures = directory / "figures"
     if not rows:
         return
-    with plt.rc_context(STYLE):
+    with rc_context(STYLE):
         save(forces_figure(rows), figures / "history.png")
         save(energies_figure(rows), figures / "energy.png")
         case = load_case(directory / "case.toml")
@@ -65,7 +65,7 @@ def draw_sweep(case: Case, directory: Path) -> None:
     rows = read_table(directory / "sweep.csv")
     figures = directory / "figures"
     parts = case.sweep_cases()
-    with plt.rc_context(STYLE):
+    with rc_context(STYLE):
         laws = [single.contact[0] for _, single in parts]
         film = all(isinstance(c.friction, FrictionMap) for c in laws)
         series = [
@@ -89,7 +89,8 @@ def _sweep_ends(case: Case, rows: list[dict[str, Any]]) -> Figure:
     """Forces at the end of each run of the sweep."""
     assert case.sweep is not None
     last = {row["label"]: row for row in rows}
-    figure, axes = plt.subplots(figsize=(6, 3.6))
+    figure = Figure(figsize=(6, 3.6))
+    axes = figure.subplots()
     at = np.arange(len(last))
     normal, tangential = columns(list(last.values()), "normal_force", "tangential_force")
     axes.bar(at - 0.2, normal, 0.4, color=COLOURS[0], label="normal")
