@@ -8,9 +8,11 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 from numpy.typing import NDArray
+from PIL import Image
 
 Floats = NDArray[np.float64]
 
@@ -39,8 +41,15 @@ def save(figure: Figure, path: Path, *, tight: bool = True) -> None:
         tight: cut or widen the page to what is drawn, which takes a second pass over all of it.
     """
     part = path.with_suffix(".part.png")
-    page = "tight" if tight else None
-    figure.savefig(part, bbox_inches=page, pil_kwargs={"compress_level": COMPRESSION})
+    if tight:
+        packing = {"compress_level": COMPRESSION}
+        figure.savefig(part, bbox_inches="tight", pil_kwargs=packing)
+    else:
+        # Without the channel of transparency, which is the same everywhere: a fifth less to pack.
+        canvas = FigureCanvasAgg(figure)
+        canvas.draw()
+        page = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+        page.save(part, compress_level=COMPRESSION, dpi=(figure.dpi, figure.dpi))
     part.replace(path)
 
 
