@@ -5,8 +5,8 @@ from __future__ import annotations
 import itertools
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
@@ -35,7 +35,7 @@ def draw_deformed(model: Model, path: Path) -> None:
     bodies = {
         name: np.concatenate([rank[name] for rank in gathered]) for name in model.named.bodies
     }
-    with plt.rc_context(STYLE):
+    with rc_context(STYLE):
         figure = _figure if flat else _figure_in_space
         save(figure(bodies, points, model.case.title), path)
 
@@ -82,9 +82,8 @@ def _figure(bodies: dict[str, Floats], points: dict[str, Floats], title: str) ->
     corners = np.concatenate([cells.reshape(-1, 2) for cells in bodies.values()])
     width, height = np.ptp(corners, axis=0)
     slender = width > SLENDER * height
-    figure, (top, bottom) = plt.subplots(
-        2, 1, figsize=(8, 6), sharex=True, height_ratios=(1.4, 1), layout="constrained"
-    )
+    figure = Figure(figsize=(8, 6), layout="constrained")
+    top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(1.4, 1))
     for colour, (name, cells) in zip(BODY_COLOURS, bodies.items(), strict=False):
         lines = 0.15 if len(cells) < 4000 else 0.0
         top.add_collection(
@@ -122,7 +121,7 @@ def _figure(bodies: dict[str, Floats], points: dict[str, Floats], title: str) ->
 
 def _figure_in_space(bodies: dict[str, Floats], points: dict[str, Floats], title: str) -> Figure:
     """The bodies from outside, and the pressure on the contact seen from above."""
-    figure = plt.figure(figsize=(11, 5.5), layout="constrained")
+    figure = Figure(figsize=(11, 5.5), layout="constrained")
     left = figure.add_subplot(1, 2, 1, projection="3d")
     colours = dict(zip(bodies, itertools.cycle(BODY_COLOURS), strict=False))
     add_facets(left, [(facets * 1e3, colours[name]) for name, facets in bodies.items()])

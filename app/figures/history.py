@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -39,7 +38,8 @@ def _mark_stages(axes: Axes, rows: list[dict[str, Any]], named: bool) -> None:
 
 def forces_figure(rows: list[dict[str, Any]]) -> Figure:
     """Forces and their ratio over the steps."""
-    figure, (top, bottom) = plt.subplots(2, 1, figsize=(7, 5.4), sharex=True)
+    figure = Figure(figsize=(7, 5.4))
+    top, bottom = figure.subplots(2, 1, sharex=True)
     step, normal, tangential, friction = columns(
         rows, "step", "normal_force", "tangential_force", "friction_coefficient"
     )
@@ -58,7 +58,8 @@ def forces_figure(rows: list[dict[str, Any]]) -> Figure:
 
 def energies_figure(rows: list[dict[str, Any]]) -> Figure:
     """Where the work of the run went, over the steps."""
-    figure, axes = plt.subplots(figsize=(7, 4))
+    figure = Figure(figsize=(7, 4))
+    axes = figure.subplots()
     step, strain, interface, dissipated, numerical, kinetic, damping, error = columns(
         rows,
         "step",

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib import rc_context
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from app.figures.style import STYLE
 from forms.friction.friction_map import Floats, FrictionMap
@@ -154,14 +155,14 @@ def draw_law(directory: Path) -> list[Path]:
     directory.mkdir(parents=True, exist_ok=True)
     files = []
     for name, draw in FIGURES.items():
-        with plt.rc_context(STYLE):
-            figure, axes = plt.subplots(1, 2, figsize=(9.0, 3.6), layout="constrained")
+        with rc_context(STYLE):
+            figure = Figure(figsize=(9.0, 3.6), layout="constrained")
+            axes = figure.subplots(1, 2)
             draw(axes)
             for one in axes:
                 one.legend(fontsize="small")
             files.append(directory / f"{name}.png")
             figure.savefig(files[-1], dpi=130)
-            plt.close(figure)
     return files
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import matplotlib.pyplot as plt
+from matplotlib import rc_context
+from matplotlib.figure import Figure
 
 from app.case.case import Case
 from app.figures.style import COLOURS, STYLE, columns, save
@@ -36,8 +37,9 @@ def draw_phase(rows: list[dict[str, Any]], name: str, path: Path) -> None:
         path: the picture.
     """
     time, force, speed = columns(rows, "time", f"{name}_force", f"{name}_v")
-    with plt.rc_context(STYLE):
-        figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
+    with rc_context(STYLE):
+        figure = Figure(figsize=(10, 4), layout="constrained")
+        left, right = figure.subplots(1, 2)
         left.plot((time - time[0]) * 1e3, force, color=COLOURS[0], lw=1)
         left.set_xlabel("time since the first explicit row (ms)")
         left.set_ylabel("force in the spring (N)")
@@ -58,8 +60,9 @@ def draw_overlay(
         runs: by what to call them, rows of the implicit history (dots) and the explicit (a line).
         path: the picture.
     """
-    with plt.rc_context(STYLE):
-        figure, axes = plt.subplots(figsize=(7, 4.4))
+    with rc_context(STYLE):
+        figure = Figure(figsize=(7, 4.4))
+        axes = figure.subplots()
         for number, (label, (implicit, explicit)) in enumerate(runs.items()):
             colour = COLOURS[number % len(COLOURS)]
             at, force, speed = columns(

@@ -6,14 +6,13 @@ import json
 from pathlib import Path
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from app.case.case import Case
 from app.case.friction import FrictionMap
 from app.case.reading import load_case
-from app.errors import InputError
 from app.figures.history import energies_figure, forces_figure
 from app.figures.phase_plots import draw_phases
 from app.figures.steady_points import draw_steady, steady_series
@@ -31,7 +30,7 @@ def draw_history(directory: Path) -> None:
     figures = directory / "figures"
     if not rows:
         return
-    with plt.rc_context(STYLE):
+    with rc_context(STYLE):
         save(forces_figure(rows), figures / "history.png")
         save(energies_figure(rows), figures / "energy.png")
         case = load_case(directory / "case.toml")
@@ -42,18 +41,12 @@ def draw_history(directory: Path) -> None:
 
 
 def _load_steps(directory: Path) -> list[dict[str, Any]]:
-    """The load steps of a run, from its summary; none if it was killed before it wrote one.
-
-    Raises:
-        InputError: the summary is from a version that called them something else.
-    """
+    """The load steps of a run, from its summary; none if it was killed before it wrote one."""
     summary = directory / "summary.json"
     if not summary.is_file():
         return []
-    load_steps = json.loads(summary.read_text(encoding="utf-8")).get("load_steps")
-    if load_steps is None:
-        raise InputError(f"{summary}: has no load_steps; it is from an earlier version of tribox")
-    return list(load_steps)
+    found = json.loads(summary.read_text(encoding="utf-8"))
+    return list(found.get("load_steps") or found.get("legs", []))  # legs: their earlier name
 
 
 def draw_sweep(case: Case, directory: Path) -> None:
@@ -65,7 +58,7 @@ def draw_sweep(case: Case, directory: Path) -> None:
     rows = read_table(directory / "sweep.csv")
     figures = directory / "figures"
     parts = case.sweep_cases()
-    with plt.rc_context(STYLE):
+    with rc_context(STYLE):
         laws = [single.contact[0] for _, single in parts]
         film = all(isinstance(c.friction, FrictionMap) for c in laws)
         series = [
@@ -89,7 +82,8 @@ def _sweep_ends(case: Case, rows: list[dict[str, Any]]) -> Figure:
     """Forces at the end of each run of the sweep."""
     assert case.sweep is not None
     last = {row["label"]: row for row in rows}
-    figure, axes = plt.subplots(figsize=(6, 3.6))
+    figure = Figure(figsize=(6, 3.6))
+    axes = figure.subplots()
     at = np.arange(len(last))
     normal, tangential = columns(list(last.values()), "normal_force", "tangential_force")
     axes.bar(at - 0.2, normal, 0.4, color=COLOURS[0], label="normal")

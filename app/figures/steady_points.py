@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -110,7 +109,8 @@ def _broken(values: Floats, speed: Floats, at: float) -> Floats:
 
 
 def _viscosity_figure(series: list[Series]) -> Figure:
-    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4.6), sharey=True)
+    figure = Figure(figsize=(10, 4.6))
+    left, right = figure.subplots(1, 2, sharey=True)
     speed = _curve_speeds(series)
     for number, one in enumerate(series):
         for axes, scale in ((left, 1.0), (right, 1.0 / one.thickness)):
@@ -163,7 +163,8 @@ def _viscosity_curve(axes: Axes, one: Series, number: int, speed: Floats, scale:
 
 
 def _map_figure(series: list[Series]) -> Figure:
-    figure, axes = plt.subplots(figsize=(6.6, 4.8))
+    figure = Figure(figsize=(6.6, 4.8))
+    axes = figure.subplots()
     speed = _curve_speeds(series)
     for colour, one in zip(_colours(len(series)), series, strict=True):
         star = float(threshold_speed(one.thickness, one.parameters))

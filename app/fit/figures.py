@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -44,11 +44,11 @@ class _Group:
 def draw_fit(data: TribometerData, result: FitResult, figures: Path) -> None:
     """Draw ``fit.png``: data and law over velocity, or over slip, and the residuals."""
     kinds = [over for over in (True, False) if (data.steady == over).any()]
-    with plt.rc_context(STYLE):
-        figure, panels = plt.subplots(
-            2, len(kinds), figsize=(7.2 * len(kinds), 6.4), sharex="col", squeeze=False,
-            height_ratios=[2.6, 1.0],
-        )  # fmt: skip
+    with rc_context(STYLE):
+        figure = Figure(figsize=(7.2 * len(kinds), 6.4))
+        panels = figure.subplots(
+            2, len(kinds), sharex="col", squeeze=False, height_ratios=[2.6, 1.0]
+        )
         for column, steady in enumerate(kinds):
             _panel(panels[0, column], panels[1, column], data, result, steady)
         _title(figure, data, result)

@@ -7,8 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -29,7 +29,7 @@ WIDE_MARGIN = 0.2
 
 def draw_map(setup: MapSetup, result: FrictionMapResult, figures: Path) -> None:
     """Draw all figures of a map into a directory that exists."""
-    with plt.rc_context(STYLE):
+    with rc_context(STYLE):
         save(_by_film(setup, result.by_film), figures / "friction_map_thickness.png", tight=False)
         save(_by_load(setup, result.by_load), figures / "friction_map_load.png", tight=False)
         save(_viscosity(setup, result.by_film), figures / "effective_viscosity.png", tight=False)
@@ -80,7 +80,7 @@ def _dots(axes: Axes, x: Floats, y: NDArray[Any], colour: str, label: str) -> No
 
 def _explain(axes: Axes, star: bool) -> None:
     text = "circles: law stepped to steady sliding; lines: closed form"
-    axes.set_title(text + ("; dotted: V*" if star else ""), fontsize=8.5)
+    axes.set_title(text + ("; dotted: V*" if star else ""), fontsize=8.5, y=1.0)
 
 
 def _mark_stars(setup: MapSetup, axes: Axes, curves: Sequence[Curve]) -> bool:
@@ -101,14 +101,14 @@ def _legend(axes: Axes, place: str, title: str | None = None) -> None:
     )  # fmt: skip
 
 
-def _log_log(axes: Axes) -> None:
-    axes.set_xscale("log")
-    axes.set_yscale("log")
+def _log_log() -> tuple[Figure, Axes]:
+    """A figure with both axes logarithmic."""
+    figure = Figure(figsize=(7, 5))
+    return figure, figure.subplots(subplot_kw={"xscale": "log", "yscale": "log"})
 
 
 def _by_film(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
-    figure, axes = plt.subplots(figsize=(7, 5))
-    _log_log(axes)
+    figure, axes = _log_log()
     fine = _fine(setup.speeds)
     for number, curve in enumerate(curves):
         colour = _colour(number)
@@ -123,8 +123,7 @@ def _by_film(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
 
 
 def _by_load(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
-    figure, axes = plt.subplots(figsize=(7, 5))
-    _log_log(axes)
+    figure, axes = _log_log()
     fine = _fine(setup.speeds)
     for number, curve in enumerate(curves):
         colour = _colour(number)
@@ -147,8 +146,7 @@ def _by_load(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
 
 
 def _viscosity(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
-    figure, axes = plt.subplots(figsize=(7, 5))
-    _log_log(axes)
+    figure, axes = _log_log()
     fine = _fine(setup.speeds)
     for number, curve in enumerate(curves):
         if curve.film <= setup.parameters.D_min:
@@ -175,8 +173,7 @@ def _viscosity(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
 
 def _stribeck(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
     """Friction over the paper's A V eta_b/D, the force a Newtonian film would drag with."""
-    figure, axes = plt.subplots(figsize=(7, 5))
-    _log_log(axes)
+    figure, axes = _log_log()
     eta, fine = setup.parameters.eta_b, _fine(setup.speeds)
     for number, curve in enumerate(curves):
         if curve.film <= setup.parameters.D_min:
@@ -205,7 +202,8 @@ def _stribeck(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
 
 def _weakening(setup: MapSetup, track: Track) -> Figure:
     p = setup.parameters
-    figure, axes = plt.subplots(figsize=(7, 4.4))
+    figure = Figure(figsize=(7, 4.4))
+    axes = figure.subplots()
     end = float(track.slip_path[-1, 0]) or p.mu_s * setup.pressure / p.K_T
     path = np.asarray(np.linspace(0.0, end, 2000), dtype=np.float64)
     mu = p.friction.coefficient(path)
@@ -228,8 +226,8 @@ def _weakening(setup: MapSetup, track: Track) -> Figure:
     axes.set_xlim(left=0.0)
     axes.set_title(
         f"dry contact under {setup.pressure / 1e6:g} MPa; the rise is elastic, over μp/K_T",
-        fontsize=8.5,
-    )
+        fontsize=8.5, y=1.0,
+    )  # fmt: skip
     axes.set_xlabel("slip (μm)")
     axes.set_ylabel("coefficient of friction F/L (-)")
     axes.legend(loc="lower right", fontsize=8)
@@ -257,10 +255,10 @@ def _name_phases(axes: Axes, track: Track, x: Floats) -> None:
 
 def _start_stop(setup: MapSetup, track: Track, films: tuple[float, ...]) -> Figure:
     """Traction and velocity over time, one panel for each film: the sizes differ by far."""
-    figure, panels = plt.subplots(
-        len(films) + 1, 1, figsize=(7, 1.3 + 1.45 * len(films)), sharex=True,
-        height_ratios=[*(1.0 for _ in films), 0.55],
-    )  # fmt: skip
+    figure = Figure(figsize=(7, 1.3 + 1.45 * len(films)))
+    panels = figure.subplots(
+        len(films) + 1, 1, sharex=True, height_ratios=[*(1.0 for _ in films), 0.55]
+    )
     unit, factor = _time_unit(track.time[-1])
     time = track.time * factor
     for q, (axes, film) in enumerate(zip(panels[:-1], films, strict=True)):
@@ -270,9 +268,8 @@ def _start_stop(setup: MapSetup, track: Track, films: tuple[float, ...]) -> Figu
     _name_phases(panels[0], track, time)
     speed = np.concatenate([[0.0], track.speed[:, 0]])
     panels[-1].step(np.concatenate([[0.0], time]), speed * 1e6, color="0.25", where="pre", lw=1.2)
-    panels[-1].set_ylabel("V (μm/s)", fontsize=8)
+    _name_ordinate(panels[-1], "V (μm/s)")
     panels[-1].set_xlabel(f"time ({unit})")
-    figure.align_ylabels(panels)
     figure.subplots_adjust(left=WIDE_MARGIN)
     return figure
 
@@ -285,8 +282,19 @@ def _traction_panel(
     axes.plot(
         np.concatenate([[0.0], x]), np.concatenate([[0.0], traction]) * scale, color=colour, lw=1.3
     )
-    axes.set_ylabel(f"D = {film * 1e9:g} nm\nF/A ({unit})", fontsize=8)
+    _name_ordinate(axes, f"D = {film * 1e9:g} nm\nF/A ({unit})")
     axes.margins(y=0.12)
+
+
+def _name_ordinate(axes: Axes, text: str) -> None:
+    """Label and few ticks of the y axis of one panel of several.
+
+    The place of the label is given: to align labels, matplotlib sets all ticks of all panels anew
+    for each of them.
+    """
+    axes.set_ylabel(text, fontsize=8)
+    axes.yaxis.set_label_coords(-0.125, 0.5)
+    axes.locator_params(axis="y", nbins=4)
 
 
 def _time_unit(longest: float) -> tuple[str, float]:
@@ -298,9 +306,8 @@ def _time_unit(longest: float) -> tuple[str, float]:
 
 def _jump(setup: MapSetup, track: Track, films: tuple[float, ...]) -> Figure:
     """Traction over slip: time would hide the fast phase."""
-    figure, panels = plt.subplots(
-        len(films), 1, figsize=(7, 0.9 + 1.5 * len(films)), sharex=True, squeeze=False
-    )
+    figure = Figure(figsize=(7, 0.9 + 1.5 * len(films)))
+    panels = figure.subplots(len(films), 1, sharex=True, squeeze=False)
     slip = track.slip[:, 0] * 1e6
     named = [f"{name}\n{track.speed[first, 0]:.2g} m/s" for name, first, _ in _phases(track)]
     spans = _phases(track)
@@ -311,6 +318,5 @@ def _jump(setup: MapSetup, track: Track, films: tuple[float, ...]) -> Figure:
             axes.axvline(slip[first - 1], color="0.6", lw=0.8, ls=":", zorder=0)
     _name_phases(panels[0, 0], replace(track, phase=tuple(names)), slip)
     panels[-1, 0].set_xlabel("slip (μm)")
-    figure.align_ylabels(panels[:, 0])
     figure.subplots_adjust(left=WIDE_MARGIN)
     return figure

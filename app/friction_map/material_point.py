@@ -5,7 +5,7 @@ Axis letters: n steps, q points; the slip is along one line, so its vectors have
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -77,40 +77,92 @@ class Track:
     dissipated: Floats
 
 
+@dataclass(frozen=True, slots=True)
+class Program:
+    """Points that go through the same phases.
+
+    Attributes:
+        phases: One after the other.
+        points: Number q of points; what a phase gives as a number holds for all of them.
+    """
+
+    phases: Sequence[Phase]
+    points: int
+
+    def steps(self, value: Callable[[Phase], ArrayLike]) -> Floats:
+        """What each phase says of its points, at each step, (n, q)."""
+        parts = [
+            np.broadcast_to(np.asarray(value(phase), dtype=np.float64), (phase.steps, self.points))
+            for phase in self.phases
+        ]
+        return np.concatenate(parts)
+
+
 def follow(law: FrictionLaw, phases: Sequence[Phase], points: int) -> Track:
-    """Step a law through phases, all points side by side, from a state without history.
+    """Step a law through phases from a state without history; see :func:`follow_all`."""
+    (track,) = follow_all(law, [Program(phases, points)])
+    return track
+
+
+def follow_all(law: Any, programs: Sequence[Program]) -> tuple[Track, ...]:
+    """Step a law through programs, all points of all of them side by side.
+
+    Programs with steps of different length need a law that takes a ``dt`` (q,), as the friction
+    map does. A program that ends before the others has its last step repeated, which nobody sees.
 
     Args:
         law: The law.
-        phases: One after the other.
-        points: Number q of points; what a phase gives as a number holds for all of them.
+        programs: Each from a state without history; all phases alike in ``rate_dependent``.
 
     Raises:
-        ValueError: An array of a phase does not fit q points.
+        ValueError: An array of a phase does not fit its points, or the phases are not alike.
     """
-    state = law.initial_state(points, 1)
-    names, time = [], [0.0]
-    columns: list[tuple[NDArray[np.generic], ...]] = []
-    for phase in phases:
-        speed, pressure, film = (
-            np.broadcast_to(np.asarray(value, dtype=np.float64), (points,)).copy()
-            for value in (phase.speed, phase.pressure, phase.film)
+    phases = [phase for program in programs for phase in program.phases]
+    rate_dependent = phases[0].rate_dependent
+    if any(phase.rate_dependent != rate_dependent for phase in phases):
+        raise ValueError("time counts in all phases or in none")
+    dt, speed, pressure, film = (
+        _side_by_side([program.steps(value) for program in programs])
+        for value in (
+            lambda phase: phase.duration / phase.steps,
+            lambda phase: phase.speed,
+            lambda phase: phase.pressure,
+            lambda phase: phase.film,
         )
-        dt = phase.duration / phase.steps
-        for _ in range(phase.steps):
-            response = law.update(
-                (speed * dt)[:, None], dt, pressure, film, state,
-                rate_dependent=phase.rate_dependent,
-            )  # fmt: skip
-            state = response.state
-            names.append(phase.name)
-            time.append(time[-1] + dt)
-            columns.append((
-                speed * dt, speed, response.traction[:, 0], state.slip_path, state.alpha,
-                law.coefficient(state), response.regime, response.dissipation.total,
-            ))  # fmt: skip
-    slip, *others = (np.array(column) for column in zip(*columns, strict=True))
-    return Track(tuple(names), np.array(time[1:]), np.cumsum(slip, axis=0), *others)
+    )
+    state = law.initial_state(dt.shape[1], 1)
+    columns: list[tuple[NDArray[np.generic], ...]] = []
+    for n in range(len(dt)):
+        step = float(dt[n, 0]) if len(programs) == 1 else dt[n]
+        response = law.update(
+            (speed[n] * step)[:, None], step, pressure[n], film[n], state,
+            rate_dependent=rate_dependent,
+        )  # fmt: skip
+        state = response.state
+        columns.append((
+            speed[n] * step, speed[n], response.traction[:, 0], state.slip_path, state.alpha,
+            law.coefficient(state), response.regime, response.dissipation.total,
+        ))  # fmt: skip
+    table = [np.array(column) for column in zip(*columns, strict=True)]
+    return tuple(_tracks(programs, dt, table))
+
+
+def _side_by_side(parts: Sequence[Floats]) -> Floats:
+    """Tables (n, q) of different length in one, the last row of each repeated to the end."""
+    longest = max(len(part) for part in parts)
+    ends = [np.pad(part, ((0, longest - len(part)), (0, 0)), mode="edge") for part in parts]
+    return np.concatenate(ends, axis=1)
+
+
+def _tracks(programs: Sequence[Program], dt: Floats, table: Sequence[Any]) -> Iterator[Track]:
+    """What the points of each program went through."""
+    first = 0
+    for program in programs:
+        names = tuple(phase.name for phase in program.phases for _ in range(phase.steps))
+        own = slice(0, len(names)), slice(first, first + program.points)
+        slip, *others = (column[own] for column in table)
+        yield Track(names, np.cumsum(dt[own][:, 0]), np.cumsum(slip, axis=0), *others)
+        first += program.points
 
 
 @dataclass(frozen=True, slots=True)

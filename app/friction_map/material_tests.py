@@ -11,7 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.friction_map.material_point import Phase, Track, follow, slide_at_speeds
+from app.friction_map.material_point import (
+    Phase,
+    Program,
+    Track,
+    follow,
+    follow_all,
+    slide_at_speeds,
+)
 from app.friction_map.setup import MapSetup
 from app.results.directory import write_json, write_table
 from forms.closed_forms.homogeneous_sliding import (
@@ -121,12 +128,14 @@ def compute_map(setup: MapSetup) -> FrictionMapResult:
     loads = np.array([*(setup.pressure for _ in setup.films), *setup.loads])
     curves = _steady_curves(setup, law, films, loads)
     tested = _tested_films(setup)
+    moved = tested or setup.films[:1]
+    start_stop, jump = follow_all(law, [_start_stop(setup, moved), _velocity_jump(setup, moved)])
     return FrictionMapResult(
         by_film=curves[: len(setup.films)],
         by_load=curves[len(setup.films) :],
         weakening=_weakening(setup, law),
-        start_stop=_start_stop(setup, law, tested),
-        jump=_velocity_jump(setup, law, tested),
+        start_stop=start_stop,
+        jump=jump,
         films=tested,
     )
 
@@ -196,10 +205,8 @@ def _distance(setup: MapSetup) -> float:
     return 3.0 * _build_up(setup) + (0.0 if p.friction.constant else p.A_d + 4.0 / p.B)
 
 
-def _start_stop(setup: MapSetup, law: FrictionMap, films: tuple[float, ...]) -> Track:
+def _start_stop(setup: MapSetup, films: tuple[float, ...]) -> Program:
     """Below V*: start, rest, start again, reverse."""
-    if not films:
-        films = setup.films[:1]
     V, _ = _slow_and_fast(setup)
     time = _distance(setup) / V
     D, p = np.array(films), setup.pressure
@@ -210,13 +217,11 @@ def _start_stop(setup: MapSetup, law: FrictionMap, films: tuple[float, ...]) -> 
         Phase("rest again", 0.5 * time, 20, 0.0, p, D),
         Phase("reverse", time, 120, -V, p, D),
     ]
-    return follow(law, phases, len(films))
+    return Program(phases, len(films))
 
 
-def _velocity_jump(setup: MapSetup, law: FrictionMap, films: tuple[float, ...]) -> Track:
+def _velocity_jump(setup: MapSetup, films: tuple[float, ...]) -> Program:
     """From below V* to above and back."""
-    if not films:
-        films = setup.films[:1]
     slow, fast = _slow_and_fast(setup)
     way = _distance(setup)
     D, p = np.array(films), setup.pressure
@@ -225,7 +230,7 @@ def _velocity_jump(setup: MapSetup, law: FrictionMap, films: tuple[float, ...]) 
         Phase("fast", 0.5 * way / fast, 60, fast, p, D),
         Phase("slow again", way / slow, 120, slow, p, D),
     ]
-    return follow(law, phases, len(films))
+    return Program(phases, len(films))
 
 
 # -- files ----------------------------------------------------------------------------------------

@@ -5,22 +5,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from app.case.case import Case
 from app.case.contact import Contact
 from app.case.film import Film
 from app.case.friction import FrictionMap
 from app.case.overrides import apply_override
-from app.case.reading import load_case
 from app.case.validation import format_problem, problems_of
 from app.errors import InputError
 from forms.closed_forms.homogeneous_sliding import crossover_speed, threshold_speed
 from forms.friction.parameters import FrictionMapParameters
+
+if TYPE_CHECKING:
+    from app.case.case import Case
 
 Floats = NDArray[np.float64]
 
@@ -97,6 +98,9 @@ def map_setup(case_file: Path | None, overrides: Sequence[str] = ()) -> MapSetup
             f"{PRESSURE / 1e6:g} MPa as in the paper"
         )
         return _setup("built-in parameters", contact.friction, contact.film, (), None, note)
+    # All tables of a case take longer to import than the law without a case takes to map.
+    from app.case.reading import load_case
+
     case = load_case(case_file, overrides)
     contact = case.contact[0]
     if not isinstance(contact.friction, FrictionMap) or contact.film is None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from app.case.reading import load_case
 from app.errors import InputError
 
 
@@ -14,6 +13,11 @@ def sweep_labels(directory: Path) -> tuple[str, ...]:
     Args:
         directory: results directory, which need not exist.
     """
+    if not (directory / "case.toml").is_file():
+        return ()
+    # Not before: most directories are new, and the tables of a case take a while to import.
+    from app.case.reading import load_case
+
     try:
         case = load_case(directory / "case.toml")
     except InputError:

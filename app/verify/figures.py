@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import matplotlib.pyplot as plt
+from matplotlib import rc_context
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from app.figures.style import COLOURS, MARKERS, STYLE, save
 from app.verify.result import Panel, Verification
@@ -18,10 +19,9 @@ def draw(result: Verification, path: Path) -> None:
         result: with at least one panel.
         path: the file.
     """
-    with plt.rc_context(STYLE):
-        figure, axes = plt.subplots(
-            1, len(result.panels), figsize=(6.5 * len(result.panels), 4.0), squeeze=False
-        )
+    with rc_context(STYLE):
+        figure = Figure(figsize=(6.5 * len(result.panels), 4.0))
+        axes = figure.subplots(1, len(result.panels), squeeze=False)
         for panel, ax in zip(result.panels, axes[0], strict=True):
             _draw_panel(panel, ax)
         figure.suptitle(result.title, fontsize=10)

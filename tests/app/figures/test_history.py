@@ -5,6 +5,7 @@ from __future__ import annotations
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from app.figures import steady_points as figures
 
@@ -16,8 +17,8 @@ def _close_all():
 
 
 def test_saving_leaves_a_picture_and_no_open_figure(tmp_path):
-    figure, axes = plt.subplots()
-    axes.plot([0, 1], [0, 1])
+    figure = Figure()
+    figure.subplots().plot([0, 1], [0, 1])
     figures.save(figure, tmp_path / "a.png")
     assert [p.name for p in tmp_path.iterdir()] == ["a.png"]
     assert plt.imread(tmp_path / "a.png").std() > 0.0
