@@ -24,7 +24,7 @@ Floats = NDArray[np.float64]
 MARKER_SIZE = 4.0
 # Left margin, over the page's width, of panels whose ticks may have many digits beside two lines of
 # label: these pages are not widened to what is drawn.
-WIDE_MARGIN = 0.2
+WIDE_MARGIN = 0.17
 
 
 def draw_map(setup: MapSetup, result: FrictionMapResult, figures: Path) -> None:
@@ -104,6 +104,7 @@ def _legend(axes: Axes, place: str, title: str | None = None) -> None:
 def _log_log() -> tuple[Figure, Axes]:
     """A figure with both axes logarithmic."""
     figure = Figure(figsize=(7, 5))
+    figure.subplots_adjust(right=0.97, top=0.92)
     return figure, figure.subplots(subplot_kw={"xscale": "log", "yscale": "log"})
 
 
@@ -270,7 +271,7 @@ def _start_stop(setup: MapSetup, track: Track, films: tuple[float, ...]) -> Figu
     panels[-1].step(np.concatenate([[0.0], time]), speed * 1e6, color="0.25", where="pre", lw=1.2)
     _name_ordinate(panels[-1], "V (μm/s)")
     panels[-1].set_xlabel(f"time ({unit})")
-    figure.subplots_adjust(left=WIDE_MARGIN)
+    figure.subplots_adjust(left=WIDE_MARGIN, right=0.97)
     return figure
 
 
@@ -318,5 +319,5 @@ def _jump(setup: MapSetup, track: Track, films: tuple[float, ...]) -> Figure:
             axes.axvline(slip[first - 1], color="0.6", lw=0.8, ls=":", zorder=0)
     _name_phases(panels[0, 0], replace(track, phase=tuple(names)), slip)
     panels[-1, 0].set_xlabel("slip (μm)")
-    figure.subplots_adjust(left=WIDE_MARGIN)
+    figure.subplots_adjust(left=WIDE_MARGIN, right=0.97)
     return figure
