@@ -67,22 +67,31 @@ def grouped(costs: Costs, alone: set[tuple[str, str]]) -> dict[tuple[str, str], 
 
 
 def report(costs: Costs, budget: Costs) -> Iterator[str]:
-    """Lines on what each tier cost, and on what costs much more than its budget."""
+    """Lines on what each tier cost, what has no budget, and what costs much more than its own."""
     found = grouped(costs, set(budget))
     for tier in sorted({tier for tier, _ in costs}):
         count = sum(mine == tier and not test.startswith(RANKS) for mine, test in costs)
         total = sum(cost for (mine, _), cost in found.items() if mine == tier)
         noted = sum(budget.get(key, 0.0) for key in found if key[0] == tier)
         yield f"{tier}: {total:.0f} s of CPU time in {count} tests, budget {noted:.0f} s"
-    grown = budget and {
+    new = {
+        (tier, test): cost
+        for (tier, test), cost in costs.items()
+        if (tier, test) not in budget and (tier, file_of(test)) not in budget
+    }
+    if new:
+        files = len({file_of(test) for _, test in new})
+        where = f"{len(new)} tests in {files} files"
+        yield f"no budget yet: {where}, {sum(new.values()):.1f} s together"
+    grown = {
         key: cost
         for key, cost in found.items()
-        if cost > max(GROWTH * budget.get(key, 0.0), budget.get(key, 0.0) + EXCESS)
+        if key in budget and cost > max(GROWTH * budget[key], budget[key] + EXCESS)
     }
     for key in sorted(grown, key=lambda key: -grown[key]):
-        tier, test = key
+        _, test = key
         what = test if "::" in test else f"{test}, all its cheap tests"
-        yield f"over budget: {grown[key]:.1f} s instead of {budget.get(key, 0.0):.1f} s: {what}"
+        yield f"over budget: {grown[key]:.1f} s instead of {budget[key]:.1f} s: {what}"
 
 
 class Meter:

@@ -48,6 +48,20 @@ def test_growth_is_pointed_out():
     assert second == f"over budget: 1.1 s instead of 0.2 s: {MINE}, all its cheap tests"
 
 
+def test_what_has_no_budget_is_summed_up():
+    # New files go by the file, as their tests have no lines of their own yet.
+    new = {
+        ("guard", "tests/test_new.py::test_x"): 10.1,
+        ("guard", "tests/test_new.py::test_y"): 0.3,
+        ("long", "tests/test_newer.py::test_z"): 5.0,
+    }
+    *_, last = budget.report({**COSTS, **new}, NOTED)
+    assert last == "no budget yet: 3 tests in 2 files, 15.4 s together"
+    assert not any("over budget" in line for line in budget.report({**COSTS, **new}, NOTED))
+    *_, last = budget.report(new, {})
+    assert last == "no budget yet: 3 tests in 2 files, 15.4 s together"
+
+
 def test_times_of_processes_that_have_ended_count(environment):
     before = budget.cpu_time()
     subprocess.run([sys.executable, "-c", "sum(range(10**7))"], env=environment, check=True)

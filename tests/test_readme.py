@@ -15,6 +15,7 @@ ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"
 PAGES = (README, *sorted((ROOT / "docs").glob("*.md")), *sorted((ROOT / "benchmarks").glob("*.md")))
 NUMBER = re.compile(r"\d+\.?\d*")
+SOURCE = re.compile(r"(?<![\w/.])(?:app|forms|geometry|tests|benchmarks|cases)/[\w./*-]*")
 
 
 def blocks(kind: str) -> list[str]:
@@ -50,6 +51,14 @@ def test_links_lead_somewhere(page):
     for target in re.findall(r"\]\(([^)\s]+)\)", text):
         if not target.startswith(("http://", "https://", "#")):
             assert (page.parent / target.partition("#")[0]).exists(), target
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_files_that_are_named_exist(page):
+    text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    for quoted in re.findall(r"`([^`]+)`", text):
+        for name in SOURCE.findall(quoted):
+            assert next(ROOT.glob(name.rstrip("/.")), None), name
 
 
 def test_the_picture_on_top_is_small_enough():

@@ -246,7 +246,7 @@ def _name_problems(bodies: Mapping[str, Any], names: Sequence[str]) -> Iterator[
             yield Problem((name,), f"no such body; {_hint(name, names)}")
     for name in names:
         if name not in bodies:
-            yield Problem((name,), "missing; material and formulation of this body")
+            yield Problem((name,), f"missing; add [bodies.{name}] with its material")
 
 
 def _hint(name: str, known: Sequence[str]) -> str:

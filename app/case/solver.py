@@ -79,7 +79,7 @@ class Solver(Model):
         default=1e-8,
         description="residual at which a step is solved, relative to the contact force",
     )
-    max_iterations: Count = Field(default=25, description="most Newton iterations in one step")
+    max_iterations: Count = Field(default=25, description="most Newton iterations in one attempt")
     min_step_fraction: Annotated[float, Quantity(gt=0.0, le=1.0)] = Field(
         default=1e-4, description="smallest part of a step that is tried before giving up"
     )

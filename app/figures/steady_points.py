@@ -184,7 +184,7 @@ def _map_figure(series: list[Series]) -> Figure:
     axes.plot([], [], "o", color="0.4", label="frictional or mixed (V < V*)")
     axes.plot([], [], "s", color="0.4", mfc="w", label="viscous (V > V* or D ≥ D_max)")
     axes.set_xlabel("sliding velocity V (m/s)")
-    axes.set_ylabel("friction F(V; D) per area (MPa)")
+    axes.set_ylabel("friction T(V; D) per area (MPa)")
     axes.set_title(
         f"friction map: computed points{_unsteady_words(series)} on the closed form", fontsize=9
     )

@@ -22,10 +22,10 @@ from forms.friction.parameters import FrictionMapParameters
 Floats = NDArray[np.float64]
 
 AXES = {
-    "traction": "friction per area F/A (kPa)",
-    "force": "friction per area F/A (kPa)",
-    "friction_coefficient": "friction coefficient F/L (-)",
-    "effective_viscosity": "effective viscosity F D/(A V) (Pa s)",
+    "traction": "friction per area T/A (kPa)",
+    "force": "friction per area T/A (kPa)",
+    "friction_coefficient": "friction coefficient T/L (-)",
+    "effective_viscosity": "effective viscosity T D/(A V) (Pa s)",
 }
 
 

@@ -117,7 +117,7 @@ def _by_film(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
         _dots(axes, curve.speed, curve.traction / 1e3, colour, _film_label(setup, curve.film))
     _explain(axes, _mark_stars(setup, axes, curves))
     axes.set_xlabel("sliding velocity V (m/s)")
-    axes.set_ylabel("friction per area F/A (kPa)")
+    axes.set_ylabel("friction per area T/A (kPa)")
     _legend(axes, "lower right", f"load L/A = {setup.pressure / 1e6:g} MPa")
     thin_log_ticks(axes)
     return figure
@@ -140,7 +140,7 @@ def _by_load(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
             textcoords="offset points", ha="right", va="top", fontsize=9, color="0.3",
         )  # fmt: skip
     axes.set_xlabel("sliding velocity V (m/s)")
-    axes.set_ylabel("friction per area F/A (kPa)")
+    axes.set_ylabel("friction per area T/A (kPa)")
     _legend(axes, "upper left", _film_label(setup, setup.film))
     thin_log_ticks(axes)
     return figure
@@ -166,7 +166,7 @@ def _viscosity(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
     lowest = min(float(c.viscosity.min()) for c in curves if c.film > setup.parameters.D_min)
     axes.set_ylim(bottom=min(0.2 * eta, 0.7 * lowest))
     axes.set_xlabel("sliding velocity V (m/s)")
-    axes.set_ylabel("effective viscosity F D/(A V) (Pa s)")
+    axes.set_ylabel("effective viscosity T D/(A V) (Pa s)")
     _legend(axes, "upper right", f"load L/A = {setup.pressure / 1e6:g} MPa")
     thin_log_ticks(axes)
     return figure
@@ -188,11 +188,11 @@ def _stribeck(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
         _dots(axes, curve.speed * scale, curve.traction / 1e3, colour, label)
     low, high = axes.get_xlim()
     ends = np.array([low, high])
-    axes.plot(ends, ends, color="k", lw=0.8, ls="--", label="Newtonian: F = A V η_b/D")
+    axes.plot(ends, ends, color="k", lw=0.8, ls="--", label="Newtonian: T = A V η_b/D")
     axes.set_xlim(low, high)
     _explain(axes, False)
     axes.set_xlabel("viscous force of the bulk fluid per area, (A V η_b/D)/A (kPa)")
-    axes.set_ylabel("friction per area F/A (kPa)")
+    axes.set_ylabel("friction per area T/A (kPa)")
     _legend(axes, "lower right", f"load L/A = {setup.pressure / 1e6:g} MPa")
     thin_log_ticks(axes)
     return figure
@@ -230,7 +230,7 @@ def _weakening(setup: MapSetup, track: Track) -> Figure:
         fontsize=8.5, y=1.0,
     )  # fmt: skip
     axes.set_xlabel("slip (μm)")
-    axes.set_ylabel("coefficient of friction F/L (-)")
+    axes.set_ylabel("coefficient of friction T/L (-)")
     axes.legend(loc="lower right", fontsize=8)
     return figure
 
@@ -283,7 +283,7 @@ def _traction_panel(
     axes.plot(
         np.concatenate([[0.0], x]), np.concatenate([[0.0], traction]) * scale, color=colour, lw=1.3
     )
-    _name_ordinate(axes, f"D = {film * 1e9:g} nm\nF/A ({unit})")
+    _name_ordinate(axes, f"D = {film * 1e9:g} nm\nT/A ({unit})")
     axes.margins(y=0.12)
 
 

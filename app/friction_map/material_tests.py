@@ -105,8 +105,8 @@ class FrictionMapResult:
     """All curves of a map.
 
     Attributes:
-        by_film: F(V; D), one curve for each thickness.
-        by_load: F(V; L), one for each load.
+        by_film: T(V; D), one curve for each thickness.
+        by_load: T(V; L), one for each load.
         weakening: One dry point, slid from rest.
         start_stop: Points of the thicknesses ``films``.
         jump: Likewise.

@@ -55,10 +55,10 @@ class MapSetup:
         title: For the figures.
         friction: As the case file says it.
         parameters: Of the law.
-        films: m, film thicknesses D of F(V; D), rising.
-        film: m, film thickness of F(V; L).
-        pressure: Pa, load per area of F(V; D).
-        loads: Pa, loads per area of F(V; L), rising.
+        films: m, film thicknesses D of T(V; D), rising.
+        film: m, film thickness of T(V; L).
+        pressure: Pa, load per area of T(V; D).
+        loads: Pa, loads per area of T(V; L), rising.
         speeds: (v,), m/s, rising.
         notes: What was assumed, a line each.
     """

@@ -14,7 +14,8 @@ class ImplicitOptions:
 
     Attributes:
         tolerance: residual norm allowed, relative to the contact or reaction force.
-        max_iterations: Newton iterations before a step counts as failed.
+        max_iterations: Newton iterations before an attempt counts as failed; a step may make
+            several.
         linear: the linear solver; "auto" is direct up to a number of unknowns.
         petsc: further PETSc options, without prefix.
     """
