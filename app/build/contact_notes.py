@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from app.case.contact import Contact
+from app.case.friction import Coulomb, Friction, Stribeck
 from forms.bodies.materials import Material, oedometric_modulus
 
 APART = 2.0  # distance over facet length from which bodies are said to start apart
@@ -18,6 +19,7 @@ CHATTER = 10.0  # K_N h/M above which an explicit run pays for it
 # keep the residual above the tolerance.
 STIFF_PENALTY = 3e4
 SOFT_PENALTY = 0.1
+SOFT_STICK = 0.1  # K_T h/G below which the elastic slip is longer than the shear of the elements
 
 
 def stiffer_slave(
@@ -78,6 +80,26 @@ def notes_on_penalty(index: int, factor: float, explicit: bool) -> Iterator[str]
     note = penalty_note(index, factor)
     if note is not None:
         yield note
+
+
+def note_on_stick(index: int, friction: Friction, stiffness: float) -> Iterator[str]:
+    """A line on dry friction that sticks far more softly than the bodies shear.
+
+    The default is found from the mesh and the bodies; a resolved case that is run with a finer mesh
+    or a stiffer body keeps the value it had.
+
+    Args:
+        index: of the contact.
+        friction: the resolved law.
+        stiffness: Pa/m, G/h of the softer body beside the contact.
+    """
+    if isinstance(friction, Coulomb | Stribeck) and friction.K_T is not None:
+        factor = friction.K_T / stiffness
+        if factor < SOFT_STICK:
+            yield (
+                f"contact.{index}: K_T is {factor:.2g} times the stiffness G/h of the elements "
+                "beside it: points move a good way before they slip (leave K_T out for 10 G/h)"
+            )
 
 
 def penalty_note(index: int, factor: float) -> str | None:

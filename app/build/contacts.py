@@ -13,7 +13,12 @@ import numpy as np
 from mpi4py import MPI
 
 from app.build.case_notes import highest_pressure
-from app.build.contact_notes import notes_on_penalty, notes_on_surfaces, stiffer_slave
+from app.build.contact_notes import (
+    note_on_stick,
+    notes_on_penalty,
+    notes_on_surfaces,
+    stiffer_slave,
+)
 from app.case.case import Case
 from app.case.contact import Contact
 from app.case.friction import Coulomb, Friction, FrictionMap, OwnLaw, Stribeck
@@ -96,6 +101,7 @@ class ContactBuilder:
             *stiffer_slave(index, asked, self.named.body_of(asked.slave), slave, master),
             *notes_on_surfaces(f"contact.{index}", asked, lengths, distance),
             *notes_on_penalty(index, factor, self.case.is_explicit),
+            *note_on_stick(index, table.friction, softer.shear_modulus / length),
         )
         return BuiltContact(table, ContactTerm(surface, law, table.penalty, film), notes)
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from app.build.contact_notes import notes_on_penalty
+from app.build.contact_notes import note_on_stick, notes_on_penalty
+from app.case.friction import Coulomb
 
 
 def test_a_stiff_penalty_is_noted_in_explicit_runs_only():
@@ -17,3 +18,11 @@ def test_a_stiff_penalty_is_noted_in_explicit_runs_only():
 @pytest.mark.parametrize("factor", [10.0, np.nextafter(10.0, 11.0), 3.0])
 def test_round_off_in_the_factor_makes_no_note(factor):
     assert not list(notes_on_penalty(0, factor, True))
+
+
+def test_a_stick_far_softer_than_the_elements_is_noted():
+    """As where a resolved case is run with a body a thousand times stiffer."""
+    friction = Coulomb.model_validate({"law": "coulomb", "mu": 0.2, "K_T": 1e10})
+    assert not list(note_on_stick(0, friction, 1e9))
+    [note] = note_on_stick(0, friction, 1e12)
+    assert note.startswith("contact.0: K_T is 0.01 times the stiffness G/h")
