@@ -289,7 +289,7 @@ def _name_ordinate(axes: Axes, text: str) -> None:
     for each of them.
     """
     axes.set_ylabel(text, fontsize=8)
-    axes.yaxis.set_label_coords(-0.085, 0.5)
+    axes.yaxis.set_label_coords(-0.1, 0.5)
     axes.locator_params(axis="y", nbins=4)
 
 
