@@ -13,6 +13,8 @@ from app.simulation.history import COLUMNS
 ROOT = Path(__file__).parents[2]
 DATA = ROOT / "cases" / "data" / "tribometer-synthetic.csv"
 HEAVY = ("dolfinx", "petsc4py", "mpi4py")
+# Figures are made without pyplot, which would keep each of them open until it is told to close it.
+PYPLOT = "matplotlib.pyplot"
 # Runs one command line after another and prints after each which of the modules it has loaded.
 SCRIPT = f"""
 import json, sys
@@ -24,7 +26,7 @@ for line in json.loads(sys.argv[1]):
         main()
     except SystemExit as end:
         code = end.code or 0
-    loaded = [name for name in {HEAVY!r} if name in sys.modules]
+    loaded = [name for name in {(*HEAVY, PYPLOT)!r} if name in sys.modules]
     print(json.dumps([line[0], code, loaded]), file=sys.stderr)
 """
 
