@@ -1,17 +1,23 @@
-"""``python3 -m app``."""
+"""``python3 -m app``, and the command ``tribox`` of an installation."""
+
+from __future__ import annotations
 
 import atexit
 import gc
 import sys
 
-# Imports make a million objects that stay; looking through them again and again costs a tenth of a
-# second, and the program itself leaves few cycles.
-gc.set_threshold(100_000)
 
-from app.cli import main  # noqa: E402
+def start() -> None:
+    """Run the command line as a process of its own, with little time for the garbage collector."""
+    # Imports make a million objects that stay; looking through them again and again costs a tenth
+    # of a second, and the program itself leaves few cycles.
+    gc.set_threshold(100_000)
+    atexit.register(_skip_last_collection)
+    from app.cli import main
+
+    main()
 
 
-@atexit.register
 def _skip_last_collection() -> None:
     """At the end memory goes back as a whole: looking for cycles in it costs a fifth of a second.
 
@@ -21,4 +27,5 @@ def _skip_last_collection() -> None:
         gc.freeze()
 
 
-main()
+if __name__ == "__main__":
+    start()

@@ -1,5 +1,6 @@
 """What an installation with pip takes along: all packages, and the C sources beside them."""
 
+import importlib
 import tomllib
 from pathlib import Path
 
@@ -7,9 +8,18 @@ ROOT = Path(__file__).parents[1]
 TOP = ("app", "forms", "geometry")
 
 
-def settings() -> dict:
+def project() -> dict:
     with (ROOT / "pyproject.toml").open("rb") as stream:
-        return tomllib.load(stream)["tool"]["setuptools"]
+        return tomllib.load(stream)
+
+
+def settings() -> dict:
+    return project()["tool"]["setuptools"]
+
+
+def test_the_command_of_an_installation_exists():
+    module, _, name = project()["project"]["scripts"]["tribox"].partition(":")
+    assert callable(getattr(importlib.import_module(module), name))
 
 
 def test_every_directory_with_modules_is_a_package_that_is_found():
