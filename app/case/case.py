@@ -217,13 +217,18 @@ class Case(Model):
         """Each value must make a valid case, and a directory of its own."""
         assert self.sweep is not None
         labels = self.sweep.labels
+        parts: dict[int, Case] = {}
         for index, (label, value) in enumerate(zip(labels, self.sweep.values, strict=True)):
             place = ("sweep", "values", index)
             if label in labels[:index]:
                 yield Problem(place, "is in the list twice", value)
             try:
                 data = self._swept_data(value)
-                self._rebuilt(data)
+                part = self._rebuilt(data)
+                same = [earlier for earlier, case in parts.items() if case == part]
+                if same and label not in labels[:index]:  # in other units, say
+                    yield Problem(place, f"is the same as sweep.values.{same[0]}", value)
+                parts[index] = part
             except KeyPathError as error:
                 yield Problem(("sweep", "key"), str(error), self.sweep.key)
                 return

@@ -136,6 +136,8 @@ MISTAKES = [
     ('sweep={ key = "contact.1.mu", values = [1] }', 'contact has no entry "1"; entries are'),
     ('sweep={ key = "title.a", values = [1] }', "sweep.key = \"title.a\": title is no table"),
     ('sweep={ key = "a b", values = [1] }', 'sweep.key = "a b": not a dotted key'),
+    ('sweep={ key = "contact.0.film.thickness", values = ["1 nm", "2 nm", "0.001 um"] }',
+     'sweep.values.2 = "0.001 um": is the same as sweep.values.0'),
     ('sweep={ key = "contact.0.film.thickness", values = ["1 nm", "-3 nm"] }',
      'sweep.values.1 = "-3 nm": must be >= 0 m'),
     ('sweep={ key = "contact.0.friction.mu_s", values = [0.05] }',
