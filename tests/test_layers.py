@@ -34,7 +34,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("app.figures",),
     ("app.friction_map",),
     ("app.fit", "app.run"),
-    ("app.verify", "app.bench"),
+    ("app.verify", "app.bench", "app.fit_model", "app.fit_run"),
     ("app.cli",),
     ("app.__main__",),
 )

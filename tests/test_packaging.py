@@ -4,6 +4,8 @@ import importlib
 import tomllib
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[1]
 TOP = ("app", "forms", "geometry")
 
@@ -20,6 +22,25 @@ def settings() -> dict:
 def test_the_command_of_an_installation_exists():
     module, _, name = project()["project"]["scripts"]["tribox"].partition(":")
     assert callable(getattr(importlib.import_module(module), name))
+
+
+@pytest.mark.parametrize(
+    ("module", "names"),
+    [
+        ("app.case", "Case, load_case, check_case, json_schema, resolved_toml"),
+        ("app.run", "run_case"),
+        ("app.fit", "Calibration, coordinates, fit_setup"),
+        ("app.fit_model", "coordinates"),
+        ("app.fit_run", "fit_setup"),
+        ("forms.friction", "Dissipation, FrictionLaw, FrictionResponse, FrictionState, Regime"),
+        ("forms.friction_map", "FrictionMap"),
+        ("forms.friction_parameters", "FrictionMapParameters, with_preset"),
+        ("forms.closed_forms", "effective_viscosity, film_fraction, steady_traction"),
+    ],
+)
+def test_documented_imports_stay_where_they_are(module, names):
+    for name in names.split(", "):
+        assert callable(getattr(importlib.import_module(module), name))
 
 
 def test_every_directory_with_modules_is_a_package_that_is_found():
