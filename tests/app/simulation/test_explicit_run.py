@@ -24,7 +24,7 @@ from app.results.directory import read_table
 from app.run.run import run_case
 from app.simulation.observer import Observer
 from app.simulation.simulation import Simulation
-from tests.app.conftest import SLID
+from tests.app.conftest import FILM, SLID
 
 # A block thrown obliquely on aluminium: it touches, slides, and flies off again.
 THROWN = """
@@ -209,6 +209,25 @@ def test_relaxation_ends_in_the_implicit_equilibrium():
 
 
 # -- files and failures ---------------------------------------------------------------------------
+
+
+def test_without_rates_no_viscosity_counts_from_the_first_forces_on():
+    """An explicit stage that takes over from an implicit one begins with forces of its own."""
+    runs = []
+    for viscosity in ("0.8 Pa*s", "80 Pa*s"):
+        data = tomllib.loads(FILM)
+        for name, density in (("elastomer", 1100.0), ("aluminium", 2700.0)):
+            data["bodies"][name]["density"] = density
+        data["bodies"]["elastomer"]["velocity"] = {"x": 0.1}
+        data["contact"][0]["friction"]["eta_b"] = viscosity
+        data["boundary"][1]["displacement"] = {"x": 0}
+        data["solver"] = {"kind": "explicit"}
+        slide = {"name": "slide", "duration": "20 ns", "steps": 2, "rate_dependent": False}
+        data["stage"] = [{**data["stage"][0], "solver": "implicit"}, slide]
+        runs.append(simulate(data))
+    for name in ("tangential_force", "kinetic_energy", "strain_energy", "dissipation"):
+        np.testing.assert_array_equal(column(runs[0], name), column(runs[1], name), err_msg=name)
+    assert column(runs[0], "kinetic_energy")[-1] > 0.0
 
 
 def test_files_of_an_explicit_run(tmp_path):
