@@ -25,7 +25,6 @@ import dolfinx
 import numpy as np
 from mpi4py import MPI
 
-from app.build.contacts import QUADRATURE_DEGREE
 from app.equilibrium.constraints import Platen, Prescribed, component_dofs
 from app.equilibrium.equilibrium import Equilibrium
 from app.explicit.options import ExplicitOptions
@@ -44,7 +43,7 @@ from geometry.generators.two_blocks import Block, TwoBlocks
 from geometry.meshes.mesh import generate
 from geometry.surfaces.exchange import NodalVector
 from geometry.surfaces.facets import Floats
-from geometry.surfaces.surface import ContactSurface
+from geometry.surfaces.surface import QUADRATURE_DEGREE, ContactSurface
 
 ROOT = Path(__file__).resolve().parents[2]
 WIDTH, SPEED, PRESSURE = 1e-3, 0.05, 1e5

@@ -31,10 +31,8 @@ from forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLa
 from forms.friction.law import FrictionLaw
 from forms.friction.stribeck import StribeckLaw
 from geometry.meshes.mesh import NamedMesh
-from geometry.surfaces.surface import ContactSurface, facet_length
+from geometry.surfaces.surface import QUADRATURE_DEGREE, ContactSurface, facet_length
 
-# Degree of the quadrature on slave facets, by the dimension of space.
-QUADRATURE_DEGREE = {2: 9, 3: 5}
 OVERLAP = 0.01  # depth over facet length up to which bodies only touch at the start
 # Default stiffness of stick, in units of G/h (shear modulus of the softer body over the length of a
 # slave facet): stiff against the shear of the elements beside it, yet soft enough for the onset of

@@ -27,7 +27,7 @@ from forms.friction.law import FrictionLaw, FrictionResponse
 from geometry.surfaces.closest_point import solve_small
 from geometry.surfaces.facets import Floats, Ints, Longs, unit_normals
 from geometry.surfaces.projection import Projection
-from geometry.surfaces.surface import ContactSurface
+from geometry.surfaces.surface import QUADRATURE_DEGREE, ContactSurface
 
 __all__ = ["AS_IS", "ContactMode", "ContactState", "ContactTerm", "ContactTrial"]
 
@@ -108,7 +108,7 @@ class ContactTerm:
         master_facets: Ints,
         law: FrictionLaw,
         penalty: float,
-        quadrature_degree: int = 5,
+        quadrature_degree: int | None = None,
     ) -> ContactTerm:
         """The contact of two surfaces of bodies that move by ``u`` (m); collective.
 
@@ -118,12 +118,12 @@ class ContactTerm:
             master_facets: likewise, of the master surface.
             law: friction law.
             penalty: K_N, Pa/m.
-            quadrature_degree: degree integrated exactly on an affine slave facet.
+            quadrature_degree: degree integrated exactly on an affine slave facet; None: 9 in the
+                plane, 5 in space, as for cases.
         """
         space = u.function_space
-        return cls(
-            ContactSurface(space, slave_facets, master_facets, quadrature_degree), law, penalty
-        )
+        degree = quadrature_degree or QUADRATURE_DEGREE[space.mesh.geometry.dim]
+        return cls(ContactSurface(space, slave_facets, master_facets, degree), law, penalty)
 
     def evaluate(self, x: PETSc.Vec, dt: float, mode: ContactMode = AS_IS) -> ContactTrial:
         """The contact at the displacements ``x`` (m) after a step of ``dt`` (s); collective.

@@ -30,6 +30,9 @@ from geometry.compat import (
 from geometry.surfaces.facets import FacetShape, Floats, Ints, Longs, facet_shape, unit_normals
 from geometry.surfaces.projection import FacetSurface, Projection
 
+# Default degree of the quadrature on slave facets, by the dimension of space.
+QUADRATURE_DEGREE = {2: 9, 3: 5}
+
 
 @dataclass(slots=True)
 class SlavePoints:
