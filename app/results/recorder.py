@@ -234,7 +234,7 @@ class Recorder(Observer):
             "factorisations": assembled,
             "attempts": sum(row.attempts for row in rows),
             "energy_error_relative": energy_gap(rows),
-            "penalty": [term.penalty for term in problem.contacts],
+            "penalty": [float(np.mean(term.penalty)) for term in problem.contacts],
             "film_onset_pressure": self.model.film_onset,
             "penetration_over_facet": [
                 depth / length
