@@ -14,12 +14,14 @@ from typing import Any
 import dolfinx
 import meshio
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from app.build.load_steps import LoadStep
 from app.build.model import Model
 from app.case.case import resolved_toml
 from app.implicit.stepper import StepResult
+from app.results.contact_nodes import contact_nodes, nodal_pressure, write_contact_nodes
 from app.results.contact_points import contact_arrays
 from app.results.directory import write_json, write_table, write_text
 from app.results.fields import FieldWriter
@@ -37,6 +39,7 @@ TINY = 1e-30  # J/m², below any dissipation
 PENETRATION = 0.02
 UNBALANCED = 0.05  # energy error over the work from which a run is warned of
 HISTORY_EVERY = 2.0  # s between two rewrites of history.csv while running
+POINTS, NODES = "contact", "contact_nodes"  # directories, and names of their indices by time
 
 
 class Recorder(Observer):
@@ -62,14 +65,16 @@ class Recorder(Observer):
         self._thin = False
         self._left: set[str] = set()
         contacts = model.problem.contacts
-        self._facet = [term.surface.facet_length for term in contacts]
-        self._deepest = [(0.0, 0.0, "")] * len(contacts)
+        self._penalty = [_extent(self.comm, term.penalty) for term in contacts]
+        self._deepest = [(0.0, 0.0, 0.0, "")] * len(contacts)
         self.warnings: list[str] = list(model.notes)
         if self.first:
             write_text(directory / "case.toml", resolved_toml(model.case))
-            (directory / "contact").mkdir()
+            for name in (POINTS, NODES):
+                (directory / name).mkdir()
         self.comm.barrier()
-        self._fields = FieldWriter(model.problem.u, model.problem.solids, directory)
+        surfaces = [term.surface for term in contacts]
+        self._fields = FieldWriter(model.problem.u, model.problem.solids, directory, surfaces)
         self._last_output = -1
 
     def step(self, state: RunState, row: Row, result: StepResult | Interval) -> None:
@@ -141,19 +146,23 @@ class Recorder(Observer):
     @property
     def last_output(self) -> tuple[float, str]:
         """Time, s, and file of contact points of the last output; there must be one."""
-        return self._outputs[-1]
+        when, name = self._outputs[-1]
+        return when, f"{POINTS}/{name}"
 
     def _output(self, state: RunState) -> None:
         if state.step == self._last_output:
             return
         self._last_output = state.step
-        with self.model.problem.timer("output"):
-            self.model.problem.spread(state.stepper.x)
-            self._fields.write(state.time)
-            name = f"contact/{state.step:06d}.vtu"
-            points = contact_arrays(self.model)
-            if points is not None:
-                _write_points(self.directory / name, points)
+        problem = self.model.problem
+        with problem.timer("output"):
+            problem.spread(state.stepper.x)
+            pairs = zip(problem.contacts, problem.committed, strict=True)
+            self._fields.write(state.time, [nodal_pressure(*pair) for pair in pairs])
+            name = f"{state.step:06d}.vtu"
+            points, nodes = contact_arrays(self.model), contact_nodes(self.model)
+            if points is not None and nodes is not None:
+                _write_points(self.directory / POINTS / name, points)
+                write_contact_nodes(self.directory / NODES / name, nodes)
             self._outputs.append((state.time, name))
 
     def _watch(self, state: RunState, row: Row) -> None:
@@ -162,7 +171,7 @@ class Recorder(Observer):
         The deepest penetration is kept for a warning at the end.
         """
         for index, pair in enumerate(state.resultants):
-            deepest = (pair.penetration, row.time, row.stage)
+            deepest = (pair.relative_penetration, pair.penetration, row.time, row.stage)
             self._deepest[index] = max(self._deepest[index], deepest)
         for contact, pair in zip(self.model.case.contact, state.resultants, strict=True):
             if pair.beyond > 0.0 and contact.master not in self._left:
@@ -185,11 +194,10 @@ class Recorder(Observer):
 
     def _deep_contacts(self) -> Iterator[str]:
         """A warning on each contact whose bodies overlap noticeably, or never pressed at all."""
-        pairs = zip(self._deepest, self._facet, strict=True)
-        for index, ((depth, time_, stage), length) in enumerate(pairs):
-            if depth > PENETRATION * length:
+        for index, (share, depth, time_, stage) in enumerate(self._deepest):
+            if share > PENETRATION:
                 yield (
-                    f"contact.{index}: penetration up to {depth:.3g} m, {depth / length:.2g} of a "
+                    f"contact.{index}: penetration up to {depth:.3g} m, {share:.2g} of a "
                     f"slave facet's length (time {time_:.6g} s, stage {stage}): from "
                     f"{PENETRATION:g} on the contact is noticeably too soft; raise the penalty "
                     "(penalty_factor) or refine the surface"
@@ -198,15 +206,16 @@ class Recorder(Observer):
                 yield f"contact.{index}: the bodies never pressed on each other"
 
     def _write_series(self) -> None:
-        """Index of the contact files by time, as ParaView reads it."""
-        sets = "\n".join(
-            f'    <DataSet timestep="{t!r}" file="{name}"/>' for t, name in self._outputs
-        )
-        write_text(
-            self.directory / "contact.pvd",
-            '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n'
-            f"{sets}\n  </Collection>\n</VTKFile>\n",
-        )
+        """Indices of the contact files by time, as ParaView reads them."""
+        for kind in (POINTS, NODES):
+            sets = "\n".join(
+                f'    <DataSet timestep="{t!r}" file="{kind}/{name}"/>' for t, name in self._outputs
+            )
+            write_text(
+                self.directory / f"{kind}.pvd",
+                '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n'
+                f"  <Collection>\n{sets}\n  </Collection>\n</VTKFile>\n",
+            )
 
     def _share(self) -> dict[str, Any]:
         """What this rank has of the work."""
@@ -234,12 +243,9 @@ class Recorder(Observer):
             "factorisations": assembled,
             "attempts": sum(row.attempts for row in rows),
             "energy_error_relative": energy_gap(rows),
-            "penalty": [float(np.mean(term.penalty)) for term in problem.contacts],
+            "penalty": self._penalty,
             "film_onset_pressure": self.model.film_onset,
-            "penetration_over_facet": [
-                depth / length
-                for (depth, _, _), length in zip(self._deepest, self._facet, strict=True)
-            ],
+            "penetration_over_facet": [share for share, *_ in self._deepest],
             "penetration_over_film": [_penetration_over_film(row) for row in rows[-1:]],
             "load_steps": self.load_steps,
             "dofs": int(problem.space.dofmap.index_map.size_global * problem.dim),
@@ -254,6 +260,12 @@ class Recorder(Observer):
                 "python": platform.python_version(),
             },
         }
+
+
+def _extent(comm: MPI.Comm, values: Floats) -> list[float]:
+    """Smallest and largest of values of all ranks; collective."""
+    least = comm.allreduce(float(np.min(values, initial=np.inf)), op=MPI.MIN)
+    return [least, comm.allreduce(float(np.max(values, initial=0.0)), op=MPI.MAX)]
 
 
 def _unbalanced(rows: Sequence[Row]) -> Iterator[str]:
