@@ -64,6 +64,7 @@ def stiff(block: str, film: str) -> dict:
 def collapsing(block: str, film: str) -> dict:
     """The upper body is pressed to less than nothing."""
     data = plain(block)
+    data["contact"][0]["friction"] = {"law": "frictionless"}
     data["boundary"][1]["displacement"]["y"] = [[0.0, 0.0], [1.0, -6e-4]]
     data["stage"][0]["steps"] = 8
     return data
@@ -73,7 +74,7 @@ def wedged(block: str, film: str) -> dict:
     """The corner of a body that cannot slide is folded under."""
     data = plain(block)
     data["contact"][0]["friction"]["mu"] = 5.0
-    data["solver"] = {"min_step_fraction": 0.02, "max_iterations": 20}
+    data["solver"] = {"min_step_fraction": 0.1, "max_iterations": 20}
     data["boundary"][1]["displacement"] = {
         "x": [[1.0, 0.0], [2.0, 1e-3]],
         "y": [[0.0, 0.0], [1.0, -1.5e-4]],
@@ -84,6 +85,7 @@ def wedged(block: str, film: str) -> dict:
 def overrun(block: str, film: str) -> dict:
     """A body is slid over the end of the other, where its points lose their force at once."""
     data = plain(block)
+    data["contact"][0]["pressure"] = "pointwise"
     data["geometry"]["upper"]["elements"] = [30, 8]
     data["geometry"]["lower"] = {"width": 1.5e-3, "height": 5e-4, "elements": [45, 4]}
     data["boundary"][1]["displacement"]["x"] = [[1.0, 0.0], [2.0, 4e-4]]
@@ -133,9 +135,10 @@ def test_hopeless_problem_says_why_and_keeps_its_last_state(block, film, tmp_pat
     assert summary["steps"] == len(rows)
     assert f"failed: {text}" in (out / "log.txt").read_text()
     if rows:
-        points = meshio.read(out / "contact" / f"{len(rows):06d}.vtu").point_data
+        name = "contact" if case.contact[0].pressure == "pointwise" else "contact_nodes"
+        saved = meshio.read(out / name / f"{len(rows):06d}.vtu").point_data
         deepest = float(rows[-1]["max_penetration"])
-        assert np.nanmax(-points["gap"]) == pytest.approx(deepest, rel=1e-12) and deepest > 0.0
+        assert np.nanmax(-saved["gap"]) == pytest.approx(deepest, rel=1e-12) and deepest > 0.0
         moved = last_displacement(out)
         assert np.all(np.isfinite(moved)) and 1e-7 < np.max(np.abs(moved)) < 2e-3
     assert bool(rows) is (problem in (lifted, collapsing, wedged, overrun))
@@ -230,7 +233,7 @@ def test_bodies_that_never_press_are_warned_of(block, tmp_path):
             {"penalty_factor": 3e-8},
             "3e-08 times the stiffness M/h of the elements beside it: the b",
         ),
-        ({"penalty": 1e8}, "0.00053 times"),
+        ({"penalty": 1e8}, "0.00058 times"),
         ({}, None),
     ],
 )
