@@ -17,6 +17,7 @@ from forms.contact.penalty import ContactTerm
 from forms.contact.pressure import AveragedPressure
 from forms.contact.state import ContactTrial
 from geometry.surfaces.facets import Floats, Ints, Longs
+from geometry.surfaces.kinks import Kinks
 from geometry.surfaces.vertices import SlaveVertices
 
 # Rings of neighbouring master facets beyond those in use that a window includes, by the number of
@@ -45,10 +46,23 @@ class ContactWindow:
         slave = term.surface.slave.facet[closed]
         current, before = trial.projection.facet[closed], term.state.facet[closed]
         moved = current != before
+        kinks = trial.projection.kinks
+        if kinks is not None and not self._holds_kinks(term, trial, kinks):
+            return False
         return (
             _contains(self.touching, slave, current)
             and _contains(self.touching, slave[moved], before[moved])
             and _contains(self.together, current[moved], before[moved])
+        )
+
+    def _holds_kinks(self, term: ContactTerm, trial: ContactTrial, kinks: Kinks) -> bool:
+        """Whether the facets beside those of the points near kinks fit in."""
+        closed = trial.kinematics.closed[kinks.points]
+        at, beside = kinks.points[closed], kinks.beside[closed]
+        return (
+            _contains(self.touching, term.surface.slave.facet[at], beside)
+            and _contains(self.together, trial.projection.facet[at], beside)
+            and _contains(self.together, beside, term.state.facet[at])
         )
 
 

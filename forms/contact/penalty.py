@@ -16,7 +16,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from forms.contact.kinematics import Anchor, ContactKinematics, relate
-from forms.contact.pressure import PressureKind, normal_rule
+from forms.contact.pressure import AveragedPressure, PressureKind, normal_rule
 from forms.contact.state import AS_IS, ContactMode, ContactState, ContactTrial
 from forms.contact.tangent import Coupling, PairTangent
 from forms.friction.film import FilmThickness, film_thickness
@@ -151,7 +151,8 @@ class ContactTerm:
     ) -> ContactTrial:
         points = self.surface.slave_positions(slave)
         nodes = self.surface.master.position + master
-        current = self.surface.project(points, nodes, mode.frozen_facets)
+        blended = isinstance(self.rule, AveragedPressure)
+        current = self.surface.project(points, nodes, mode.frozen_facets, blended)
         anchor = self.anchor(nodes)
         normal = self.rule.evaluate(current, mode)
         kinematics = relate(points, current, anchor, normal.closed)
@@ -255,7 +256,7 @@ class ContactTerm:
 
     def coupling(self, trial: ContactTrial) -> Coupling | None:
         """See :meth:`forms.contact.tangent.PairTangent.vertex_coupling`; collective."""
-        return self.linearised.vertex_coupling(trial)
+        return self.linearised.vertex_coupling(self.state, trial)
 
     def interface_energy(self, trial: ContactTrial) -> float:
         """Penalty and elastic-slip energy of this rank's points, J per unit thickness."""

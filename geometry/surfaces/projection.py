@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from geometry.surfaces.closest_point import CORNER, INTERIOR, closest_points, stationary_points
 from geometry.surfaces.facet_search import TIE, FacetSearch
 from geometry.surfaces.facets import Bools, FacetShape, Floats, Ints, unit_normals
+from geometry.surfaces.kinks import Kinks, KinkSearch
 from geometry.surfaces.smoothing import smooth_patches
 
 # Reference distance past the edge of a facet up to which a point may stay on it.
@@ -40,6 +41,7 @@ class Projection:
         curvature: (q, α, β, i), m, current: ∂²ȳ/∂ξ^α∂ξ^β; None where all facets are flat.
         along: (q, α) reference direction of the edge that a clamped point can move along, zero at a
             corner; None in the plane, where there are corners only.
+        kinks: points whose normal is that of two facets, and ȳ with it; None where none is.
     """
 
     facet: Ints
@@ -52,6 +54,7 @@ class Projection:
     on_surface: Bools
     curvature: Floats | None = None
     along: Floats | None = None
+    kinks: Kinks | None = None
 
     def of(self, take: NDArray[np.int64]) -> Projection:
         """The same of the points ``take`` (p,)."""
@@ -66,6 +69,7 @@ class Projection:
             self.on_surface[take],
             None if self.curvature is None else self.curvature[take],
             None if self.along is None else self.along[take],
+            None if self.kinks is None else self.kinks.of(take),
         )
 
 
@@ -105,9 +109,12 @@ class FacetSurface:
         count = len(nodes)
         corners = self.facets[:, : shape.corners]
         self._around, self._corner = _facets_around(corners, count)
+        self._kinks: KinkSearch | None = None
         if shape.directions == 1:
             _require_one_each(corners)
             self._open = np.count_nonzero(self._around >= 0, axis=1) < 2
+            across = _segments_across(corners, count)
+            self._kinks = KinkSearch(self.shape, across, self._controls(nodes))
         else:
             self._across, self._across_side = _facets_across(shape, corners)
             self._open = np.zeros(count, dtype=bool)
@@ -126,7 +133,11 @@ class FacetSurface:
         self.neighbours.data[:] = 1
 
     def project(
-        self, points: Floats, nodes: Floats, frozen_facets: Ints | None = None
+        self,
+        points: Floats,
+        nodes: Floats,
+        frozen_facets: Ints | None = None,
+        half_width: Floats | None = None,
     ) -> Projection:
         """Closest points on the whole surface.
 
@@ -138,6 +149,9 @@ class FacetSurface:
             nodes: (n, i), m, current: master nodes.
             frozen_facets: (q,) facets that the points stay on as long as they are no more than
                 ``OVERRUN`` past an edge, as if the facet continued there.
+            half_width: (q,), m: half the length of slave surface that each point stands for; in the
+                plane the normal then has no jumps (:mod:`geometry.surfaces.kinks`). None: closest
+                points everywhere.
         """
         controls = self._controls(nodes)
         point, facet = self.search.pairs(points, controls)
@@ -159,7 +173,14 @@ class FacetSurface:
             facet = np.where(stays, frozen_facets, facet)
             entity = np.where(stays, INTERIOR, entity)
             xi = np.where(stays[:, None], there, xi)
-        return self._at(points, controls, facet, xi, entity)
+        kinks = None
+        if self._kinks is not None and half_width is not None:
+            kinks, moved = self._kinks.project(points, controls, facet, xi, half_width)
+            entity[moved] = INTERIOR
+        out = self._at(points, controls, facet, xi, entity)
+        if kinks is not None and len(kinks.points):
+            _turn(out, kinks, points)
+        return out
 
     def places(self, facet: Ints, xi: Floats, nodes: Floats) -> tuple[Floats, Floats]:
         """Points ȳ (q, i) and tangents (q, α, i) of material places, on current nodes (n, i)."""
@@ -273,6 +294,23 @@ class FacetSurface:
         outward = out.normal[rows] + beyond
         unit: Floats = outward / np.linalg.norm(outward, axis=1)[:, None]
         return unit
+
+
+def _turn(out: Projection, kinks: Kinks, points: Floats) -> None:
+    """Give the points at kinks the normal of both facets."""
+    at, share = kinks.points, kinks.share[:, None]
+    m = share * out.normal[at] + (1.0 - share) * unit_normals(kinks.tangent[:, None])
+    out.normal[at] = m / np.linalg.norm(m, axis=1)[:, None]
+    out.gap[at] = np.einsum("qi,qi->q", points[at] - out.foot[at], out.normal[at])
+    out.kinks = kinks
+
+
+def _segments_across(corners: Ints, count: int) -> Ints:
+    """Facet (f, 2) beyond each end of each segment, −1 at the ends of the surface."""
+    at_end = np.full((2, count), -1, dtype=np.int32)  # the segment that starts, and that ends, here
+    at_end[0, corners[:, 0]] = at_end[1, corners[:, 1]] = np.arange(len(corners), dtype=np.int32)
+    out: Ints = np.stack([at_end[1, corners[:, 0]], at_end[0, corners[:, 1]]], axis=1)
+    return out
 
 
 def _facets_around(corners: Ints, count: int) -> tuple[Ints, Ints]:

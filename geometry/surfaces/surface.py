@@ -50,7 +50,8 @@ class SlavePoints:
         tangents: (q, α, i) orthonormal tangents of the facets, reference.
         facet: (q,) number of the slave facet, for counting pairs of facets.
         xi: (q, α) reference coordinates on it; facet_length: (q,), m, its length, in space the side
-            of a square or of half a square of its area.
+            of a square or of half a square of its area; spacing: (q,), m, length of the surface
+            that each point stands for.
     """
 
     nodes: Longs
@@ -62,6 +63,7 @@ class SlavePoints:
     facet: Ints
     xi: Floats
     facet_length: Floats
+    spacing: Floats
 
 
 @dataclass(slots=True)
@@ -124,7 +126,7 @@ class ContactSurface:
         self.slave = _slave_points(space, self.shape, slave_facets, quadrature_degree)
         self.facet_length = facet_length(space.mesh, slave_facets)
         if axisymmetric:
-            self.slave.weight *= 2.0 * np.pi * self.slave.position[:, 0]
+            self.slave.weight = 2.0 * np.pi * self.slave.position[:, 0] * self.slave.weight
         self.master = _master_facets(space, self.shape, master_facets)
         self.target = FacetSurface(
             self.shape, self.master.facets, self.master.position, smoothing_angle
@@ -161,7 +163,11 @@ class ContactSurface:
         return slave[self.slave_rows], values[self.first_master :].copy()
 
     def project(
-        self, points: Floats, nodes: Floats, frozen_facets: Ints | None = None
+        self,
+        points: Floats,
+        nodes: Floats,
+        frozen_facets: Ints | None = None,
+        blended: bool = False,
     ) -> Projection:
         """Closest points on the master, on its current nodes (n, i), m, of the points (q, i), m.
 
@@ -169,8 +175,12 @@ class ContactSurface:
             points: see above.
             nodes: see above.
             frozen_facets: (q,) facets that the points do not leave for a neighbour at once.
+            blended: whether the normal turns steadily past the kinks of a master in the plane.
         """
-        return self.target.project(points, nodes, frozen_facets)
+        import os
+
+        width = float(os.environ.get("ZF", "1")) * self.slave.facet_length if blended else None
+        return self.target.project(points, nodes, frozen_facets, width)
 
     def master_nodes(self, facet: Ints) -> Longs:
         """Global nodes (q, m) that move the master facets ``facet`` (q,)."""
@@ -337,6 +347,7 @@ def _slave_points(
         facet=number.reshape(-1).astype(np.int32),
         xi=xi,
         facet_length=_lengths(form, number.reshape(-1), weight),
+        spacing=weight if form.directions == 1 else np.sqrt(weight),
     )
 
 
