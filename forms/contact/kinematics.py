@@ -8,9 +8,9 @@ Per point the motion enters through vectors that are linear in the nodal displac
     b_α = δu²_,α(ξ̄)          change of the master's tangents there,
     c   = δu¹ − δu²(Ȳ_n)     relative motion at the master material point Ȳ_n of the last step,
     d   = e^α δu²_,α(Ȳ_n)    change of the advected elastic slip,
-    f   = δu²_,ξ at a kink  change of the next facet's tangent, of points near a kink only,
+    f_e = δe_A, δe_B        change of the slave's chords, of points projected along rays only,
 
-stacked as z = (a, b_α, c, d, f). Each variation below is given as a matrix that multiplies z.
+stacked as z = (a, b_α, c, d, f_e). Each variation below is given as a matrix that multiplies z.
 Closest-point variation: Laursen & Simo, Int. J. Numer. Meth. Engng 36 (1993) 3451; the slip against
 the advected material point Ȳ_n is this project's, objective because both its ends move with the
 bodies.
@@ -22,9 +22,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.surfaces.facets import Bools, Floats, Longs, unit_normals
-from geometry.surfaces.kinks import Kinks, turned
+from geometry.surfaces.facets import Bools, Floats, Longs
 from geometry.surfaces.projection import Projection
+from geometry.surfaces.slave_normals import PointNormals
 
 
 @dataclass(slots=True)
@@ -71,7 +71,7 @@ class Variations:
     """How the kinematics change with the generalised coordinates.
 
     Attributes:
-        d_gap: (q, r·i): δg, which is n·a but near kinks; d_normal, d_slip, d_elastic: (q, i, r·j).
+        d_gap: (q, r·i): δg, which is n·a but along rays; d_normal, d_slip, d_elastic: (q, i, r·j).
         d_xi: (q, α, r·j): ∂ξ^α/∂z.
     """
 
@@ -119,7 +119,7 @@ def vary(points: Floats, projection: Projection, anchor: Anchor) -> Variations:
 
     Args:
         points: (q, i), m, current: closed slave points.
-        projection: their closest points on the deformed master; all near kinks, or none.
+        projection: their closest points on the deformed master, or those along rays.
         anchor: state of the last converged step, moved with the current master.
     """
     n = projection.normal
@@ -127,12 +127,12 @@ def vary(points: Floats, projection: Projection, anchor: Anchor) -> Variations:
     lead = (1 + projection.tangents.shape[1]) * dim
     a, c, d = slice(0, dim), slice(lead, lead + dim), slice(lead + dim, lead + 2 * dim)
     d_gap: Floats
-    if projection.kinks is None:
+    if projection.rays is None:
         d_gap = np.zeros((count, lead + 2 * dim))
         d_gap[:, a] = n
         d_xi, d_normal = _vary_projection(projection, lead + 2 * dim)
     else:
-        d_gap, d_xi, d_normal = _vary_at_kinks(projection, projection.kinks, lead + 3 * dim)
+        d_gap, d_xi, d_normal = _vary_along_rays(projection, projection.rays, lead + 4 * dim)
     plane = np.eye(dim) - _outer(n, n)
     s = _apart(points, projection, anchor)
     d_slip = _vary_in_plane(n, s, d_normal)
@@ -225,37 +225,23 @@ def _vary_clamped(projection: Projection, at: Longs, size: int) -> tuple[Floats,
     return d_xi, d_normal
 
 
-def _vary_at_kinks(
-    projection: Projection, kinks: Kinks, size: int
+def _vary_along_rays(
+    projection: Projection, rays: PointNormals, size: int
 ) -> tuple[Floats, Floats, Floats]:
-    """∂g/∂z (q, r·i), ∂ξ/∂z (q, 1, r·j) and ∂n/∂z (q, i, r·j) of points near kinks in the plane.
+    """∂g/∂z (q, r·i), ∂ξ/∂z (q, 1, r·j) and ∂n/∂z (q, i, r·j) of points projected along rays.
 
-    With x = ȳ(ξ) + g n̂(ξ), n̂ = m/|m|, m = λ n_1 + (1 − λ) n_2 and t̂ = n̂ turned to the right:
+    With x = ȳ(ξ) + g n and t = n turned to the right:
 
-        δξ = (t̂·a − g t̂·δn̂|_ξ)/(t̂·τ + g t̂·n̂'),   δn̂ = δn̂|_ξ + n̂' δξ,   δg = n̂·a − n̂·τ δξ.
+        δξ = (t·a − g t·δn)/(t·τ),   δg = n·a − n·τ δξ.
     """
     n, gap, tau = projection.normal, projection.gap, projection.tangents[:, 0]
     count, dim = n.shape
-    own, other = unit_normals(tau[:, None]), unit_normals(kinks.tangent[:, None])
-    share, slope = kinks.share[:, None], kinks.slope[:, None]
-    m, d_m = share * own + (1.0 - share) * other, slope * (own - other)
-    if projection.curvature is not None:
-        d_m = d_m + share * turned(tau, own, projection.curvature[:, 0, 0])
-    over = 1.0 / np.linalg.norm(m, axis=1)[:, None]
-    d_n = over * _in_plane(n, d_m)
     along = np.stack([n[:, 1], -n[:, 0]], axis=1)
     d_normal = np.zeros((count, dim, size))
-    for tangent, normal, part, place in (
-        (tau, own, share, slice(dim, 2 * dim)),
-        (kinks.tangent, other, 1.0 - share, slice(size - dim, size)),
-    ):
-        turns = -_outer(tangent, normal) / _dot(tangent, tangent)[:, None, None]
-        change = (over * part)[:, :, None] * turns
-        d_normal[:, :, place] = change - _outer(n, np.einsum("qi,qij->qj", n, change))
+    d_normal[:, :, -2 * dim : -dim], d_normal[:, :, -dim:] = rays.change[:, 0], rays.change[:, 1]
     d_xi = -gap[:, None] * np.einsum("qi,qir->qr", along, d_normal)
     d_xi[:, :dim] += along
-    d_xi /= (_dot(along, tau) + gap * _dot(along, d_n))[:, None]
-    d_normal += _outer(d_n, d_xi)
+    d_xi /= _dot(along, tau)[:, None]
     d_gap = -_dot(n, tau)[:, None] * d_xi
     d_gap[:, :dim] += n
     return d_gap, d_xi[:, None], d_normal

@@ -25,6 +25,7 @@ from forms.contact.kinematics import Variations, vary
 from forms.contact.pressure import AveragedPressure, NormalRule
 from forms.contact.state import ContactState, ContactTrial
 from geometry.surfaces.facets import Bools, Floats, Ints, Longs
+from geometry.surfaces.slave_normals import CHORDS
 from geometry.surfaces.surface import ContactSurface
 
 # Entries of point blocks that must be saved for a second group of them to pay for its overhead.
@@ -80,16 +81,17 @@ class PairTangent:
 
         Points with the same nodes are added up where that saves much, and points that are still on
         the master facet of the last step need its nodes once only, so there may be two groups of
-        blocks, and one of points near kinks. Open points contribute nothing and are left out.
+        blocks. Open points contribute nothing and are left out.
         """
-        take, near = _closed_points(trial)
+        take = np.nonzero(trial.kinematics.closed)[0]
         size = self.surface.target.stencil.shape[1] * self.surface.dim
-        at_kinks = [self._blocks(state, trial, near)] if len(near) else []
         stayed = trial.projection.facet[take] == state.facet[take]
+        if trial.projection.rays is not None:
+            return [self._blocks(state, trial, take)] if len(take) else []
         if 5 * np.count_nonzero(stayed) * size**2 < WORTH_FOLDING:
-            return ([self._blocks(state, trial, take)] if len(take) else []) + at_kinks
+            return [self._blocks(state, trial, take)] if len(take) else []
         parts = [(take[stayed], True), (take[~stayed], False)]
-        return at_kinks + [
+        return [
             _added_up(
                 self._point_facets(state, trial, part), *self._blocks(state, trial, part, folded)
             )
@@ -131,10 +133,7 @@ class PairTangent:
     def generalised_rows(
         self, state: ContactState, trial: ContactTrial, take: Longs
     ) -> tuple[Floats, Longs]:
-        """Coefficients (q, r, m) of z = (a, b_α, c, d, f) on nodes of the pair (q, m).
-
-        The points ``take`` are all near kinks, or none.
-        """
+        """Coefficients (q, r, m) of z = (a, b_α, c, d, f_e) on nodes of the pair (q, m)."""
         slave, target = self.surface.slave, self.surface.target
         xi, facet = trial.projection.xi[take], trial.projection.facet[take]
         mine = slave.shape[take]
@@ -152,13 +151,12 @@ class PairTangent:
         components = state.slip_components[take]
         rows[:, lead + 1, before] = np.einsum("qb,qbm->qm", components, target.slopes(*last))
         nodes = [self.surface.slave_rows[take], *map(self._master_rows, (facet, last[0]))]
-        kinks = trial.projection.of(take).kinks
-        if kinks is None or not len(kinks.points):
+        if trial.projection.rays is None:
             return rows, np.concatenate(nodes, axis=1)
-        beside = np.zeros((count, lead + 3, a + 3 * m))
-        beside[:, :-1, :-m] = rows
-        beside[:, -1, -m:] = target.slopes(kinks.beside, kinks.there)[:, 0]
-        return beside, np.concatenate([*nodes, self._master_rows(kinks.beside)], axis=1)
+        chords = np.zeros((count, lead + 4, a + 2 * m + 4))
+        chords[:, :-2, :-4] = rows
+        chords[:, -2:, -4:] = CHORDS
+        return chords, np.concatenate([*nodes, self.surface.chain_rows[take]], axis=1)
 
     def _master_rows(self, facet: Ints) -> Longs:
         """Nodes of the pair (q, m) that move master facets (q,)."""
@@ -182,10 +180,10 @@ class PairTangent:
         direction = trial.kinematics.normal[take]
         by_pressure = direction - trial.response.d_traction_d_pressure[take]
         left = self._vertex_rows(trial, take, by_pressure, normal.active)
-        right = self._vertex_rows(trial, take, direction, normal.active)
-        near = _closed_points(trial)[1]
-        if len(near):
-            right = right + self._vertex_rows_at_kinks(state, trial, near, normal.active)
+        if trial.projection.rays is None:
+            right = self._vertex_rows(trial, take, direction, normal.active)
+        else:
+            right = self._gap_rows(state, trial, take, normal.active)
         nodes = columns = self.surface.nodes
         if self.surface.vertices.comm.size > 1:
             right, columns = self._completed(right)
@@ -209,18 +207,17 @@ class PairTangent:
         first, summed = _sums(key, values)
         return self._scattered(take[first], rows[first], summed, active)
 
-    def _vertex_rows_at_kinks(
-        self, state: ContactState, trial: ContactTrial, near: Longs, active: Bools
+    def _gap_rows(
+        self, state: ContactState, trial: ContactTrial, take: Longs, active: Bools
     ) -> scipy.sparse.csr_matrix:
-        """What ∂g/∂u has beside G_aᵀ n at the points ``near`` kinks (p,): (v, m·i)."""
+        """Σ_q w N_A ∂g/∂u (v, m·i) of the points ``take`` (p,) that are projected along rays."""
         assert trial.anchor is not None
-        v = vary(trial.position[near], trial.projection.of(near), trial.anchor.of(near))
-        rows, nodes = self.generalised_rows(state, trial, near)
-        d_gap = v.d_gap.reshape(len(near), rows.shape[1], -1).copy()
-        d_gap[:, 0] -= trial.kinematics.normal[near]
-        share = self.surface.slave.weight[near][:, None] * self.surface.vertices.shape[near]
-        values = np.einsum("pk,prm,pri->pkmi", share, rows, d_gap)
-        return self._scattered(near, nodes, values, active)
+        v = vary(trial.position[take], trial.projection.of(take), trial.anchor.of(take))
+        rows, nodes = self.generalised_rows(state, trial, take)
+        d_gap = v.d_gap.reshape(len(take), rows.shape[1], -1)
+        share = self.surface.slave.weight[take][:, None] * self.surface.vertices.shape[take]
+        values = np.einsum("pk,pmi->pkmi", share, np.einsum("prm,pri->pmi", rows, d_gap))
+        return self._scattered(take, nodes, values, active)
 
     def _scattered(
         self, points: Longs, rows: Longs, values: Floats, active: Bools
@@ -256,17 +253,6 @@ class PairTangent:
         data = np.concatenate([mine.data, value[here]])
         size = (vertices.count, dim * len(columns))
         return scipy.sparse.csr_matrix((data, (rows, cols)), shape=size), columns
-
-
-def _closed_points(trial: ContactTrial) -> tuple[Longs, Longs]:
-    """Closed points (p,) that are not near kinks, and those that are."""
-    closed = trial.kinematics.closed
-    kinks = trial.projection.kinks
-    if kinks is None:
-        return np.nonzero(closed)[0], np.empty(0, dtype=np.int64)
-    plain = closed.copy()
-    plain[kinks.points] = False
-    return np.nonzero(plain)[0], np.nonzero(closed & ~plain)[0]
 
 
 def _sums(key: Longs, values: Floats) -> tuple[Longs, Floats]:

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from geometry.surfaces.closest_point import CORNER, INTERIOR, closest_points, stationary_points
 from geometry.surfaces.facet_search import TIE, FacetSearch
 from geometry.surfaces.facets import Bools, FacetShape, Floats, Ints, unit_normals
-from geometry.surfaces.kinks import Kinks, KinkSearch
+from geometry.surfaces.rays import RaySearch
+from geometry.surfaces.slave_normals import PointNormals
 from geometry.surfaces.smoothing import smooth_patches
 
 # Reference distance past the edge of a facet up to which a point may stay on it.
@@ -41,7 +42,7 @@ class Projection:
         curvature: (q, α, β, i), m, current: ∂²ȳ/∂ξ^α∂ξ^β; None where all facets are flat.
         along: (q, α) reference direction of the edge that a clamped point can move along, zero at a
             corner; None in the plane, where there are corners only.
-        kinks: points whose normal is that of two facets, and ȳ with it; None where none is.
+        rays: the slave's normals, where ȳ lies along them; None where it is the closest point.
     """
 
     facet: Ints
@@ -54,7 +55,7 @@ class Projection:
     on_surface: Bools
     curvature: Floats | None = None
     along: Floats | None = None
-    kinks: Kinks | None = None
+    rays: PointNormals | None = None
 
     def of(self, take: NDArray[np.int64]) -> Projection:
         """The same of the points ``take`` (p,)."""
@@ -69,7 +70,7 @@ class Projection:
             self.on_surface[take],
             None if self.curvature is None else self.curvature[take],
             None if self.along is None else self.along[take],
-            None if self.kinks is None else self.kinks.of(take),
+            None if self.rays is None else self.rays.of(take),
         )
 
 
@@ -109,12 +110,11 @@ class FacetSurface:
         count = len(nodes)
         corners = self.facets[:, : shape.corners]
         self._around, self._corner = _facets_around(corners, count)
-        self._kinks: KinkSearch | None = None
+        self._rays: RaySearch | None = None
         if shape.directions == 1:
             _require_one_each(corners)
             self._open = np.count_nonzero(self._around >= 0, axis=1) < 2
-            across = _segments_across(corners, count)
-            self._kinks = KinkSearch(self.shape, across, self._controls(nodes))
+            self._rays = RaySearch(self.shape, self.facets, self._controls(nodes))
         else:
             self._across, self._across_side = _facets_across(shape, corners)
             self._open = np.zeros(count, dtype=bool)
@@ -137,7 +137,7 @@ class FacetSurface:
         points: Floats,
         nodes: Floats,
         frozen_facets: Ints | None = None,
-        half_width: Floats | None = None,
+        rays: PointNormals | None = None,
     ) -> Projection:
         """Closest points on the whole surface.
 
@@ -149,9 +149,8 @@ class FacetSurface:
             nodes: (n, i), m, current: master nodes.
             frozen_facets: (q,) facets that the points stay on as long as they are no more than
                 ``OVERRUN`` past an edge, as if the facet continued there.
-            half_width: (q,), m: half the length of slave surface that each point stands for; in the
-                plane the normal then has no jumps (:mod:`geometry.surfaces.kinks`). None: closest
-                points everywhere.
+            rays: normals of the slave at the points, to project along in the plane; None: closest
+                points.
         """
         controls = self._controls(nodes)
         point, facet = self.search.pairs(points, controls)
@@ -173,14 +172,20 @@ class FacetSurface:
             facet = np.where(stays, frozen_facets, facet)
             entity = np.where(stays, INTERIOR, entity)
             xi = np.where(stays[:, None], there, xi)
-        kinks = None
-        if self._kinks is not None and half_width is not None:
-            kinks, moved = self._kinks.project(points, controls, facet, xi, half_width)
-            entity[moved] = INTERIOR
-        out = self._at(points, controls, facet, xi, entity)
-        if kinks is not None and len(kinks.points):
-            _turn(out, kinks, points)
+        if rays is None:
+            return self._at(points, controls, facet, xi, entity)
+        assert self._rays is not None
+        facet, xi, met = self._rays.hits(points, rays.normal, controls, facet, xi)
+        out = self._at(points, controls, facet, xi, np.full_like(entity, INTERIOR))
+        out.normal = rays.normal
+        out.gap = np.einsum("qi,qi->q", points - out.foot, out.normal)
+        out.on_surface, out.rays = met, rays
         return out
+
+    @property
+    def has_kinks(self) -> bool:
+        """Whether facets of a master in the plane meet at an angle."""
+        return self._rays is not None and self._rays.has_kinks
 
     def places(self, facet: Ints, xi: Floats, nodes: Floats) -> tuple[Floats, Floats]:
         """Points ȳ (q, i) and tangents (q, α, i) of material places, on current nodes (n, i)."""
@@ -294,23 +299,6 @@ class FacetSurface:
         outward = out.normal[rows] + beyond
         unit: Floats = outward / np.linalg.norm(outward, axis=1)[:, None]
         return unit
-
-
-def _turn(out: Projection, kinks: Kinks, points: Floats) -> None:
-    """Give the points at kinks the normal of both facets."""
-    at, share = kinks.points, kinks.share[:, None]
-    m = share * out.normal[at] + (1.0 - share) * unit_normals(kinks.tangent[:, None])
-    out.normal[at] = m / np.linalg.norm(m, axis=1)[:, None]
-    out.gap[at] = np.einsum("qi,qi->q", points[at] - out.foot[at], out.normal[at])
-    out.kinks = kinks
-
-
-def _segments_across(corners: Ints, count: int) -> Ints:
-    """Facet (f, 2) beyond each end of each segment, −1 at the ends of the surface."""
-    at_end = np.full((2, count), -1, dtype=np.int32)  # the segment that starts, and that ends, here
-    at_end[0, corners[:, 0]] = at_end[1, corners[:, 1]] = np.arange(len(corners), dtype=np.int32)
-    out: Ints = np.stack([at_end[1, corners[:, 0]], at_end[0, corners[:, 1]]], axis=1)
-    return out
 
 
 def _facets_around(corners: Ints, count: int) -> tuple[Ints, Ints]:
