@@ -23,6 +23,7 @@ from geometry.surfaces.facets import Bools, FacetShape, Floats, Ints, Longs, uni
 KINK = np.radians(3.0)  # angle between undeformed facets from which on they form a kink
 _GRAZING = 0.05  # cosine between a facet and t below which a ray only grazes it
 _HOPS = 50  # facets that a ray's hit may be away from the closest point
+_MET = 1e-9  # ξ that a hit may be off
 _ITERATIONS = 12  # of Newton's method along a curved facet; three or four are usual
 
 
@@ -103,7 +104,7 @@ class RaySearch:
         self, points: Floats, along: Floats, controls: Floats, xi: Floats
     ) -> tuple[Floats, Bools]:
         """ξ (p, 1) of the rays on their facets, and whether they do not only graze them (p,)."""
-        out, steep = xi[:, 0].copy(), np.zeros(len(xi), dtype=bool)
+        out, met = xi[:, 0].copy(), np.zeros(len(xi), dtype=bool)
         for _ in range(_ITERATIONS):
             place = out[:, None]
             tau = np.einsum("pba,pai->pbi", self.shape.first(place), controls)[:, 0]
@@ -111,12 +112,11 @@ class RaySearch:
             slope = np.einsum("pi,pi->p", along, tau)
             steep = slope > _GRAZING * np.linalg.norm(tau, axis=1)
             step = np.einsum("pi,pi->p", along, apart) / np.where(steep, slope, np.inf)
-            new = np.clip(out + step, 0.0, 1.0)
-            done = np.max(np.abs(new - out), initial=0.0) < 1e-15
-            out = new
-            if done:
+            met = steep & (np.abs(step) < _MET)
+            if np.max(np.abs(step), initial=0.0) < 1e-15:
                 break
-        return out[:, None], steep
+            out = np.clip(out + step, 0.0, 1.0)
+        return out[:, None], met
 
 
 def _segments_across(ends: Ints) -> Ints:
