@@ -10,8 +10,9 @@ gap is Hertz's (Johnson 1985, eq. 4.43 integrated),
    \qquad \rho = 1 + (x - x_e)/a,
 
 and beyond the ends of any smooth contact of other bodies too it begins like this. The gap of the
-nodes from 0.15 to 1.2 half-widths beyond an end is fitted by this function times (c + c' (rho-1)),
-which leaves the place x_e of the end, the amplitude and a slow change of it free. These nodes are
+nodes from about 0.15 to 1.2 half-widths beyond an end is fitted by this function times
+(c + c' (rho-1)), which leaves the place x_e of the end, the amplitude and a slow change of it free.
+Which nodes these are follows from their gap, so that no node inside the contact is among them. These nodes are
 free and bear no contact, so their places are those of the discretised body under the load as a
 whole: the fit neither asks the contact which points are closed nor is sensitive to what happens in
 a facet at the end. The tool's surface is the cubic spline through its nodes.
@@ -28,8 +29,8 @@ from scipy.optimize import minimize_scalar
 
 from geometry.surfaces.facets import Floats
 
-INNER, OUTER = 0.15, 1.2
-"""Where beyond an end the gap is fitted, in half-widths."""
+LEAST, MOST = 0.12, 2.9
+"""Gaps between which nodes are fitted, relative to a²/2R: 0.16 to 1.2 a beyond the end."""
 ROUGH = 0.05
 """Gap, relative to a²/2R, up to which a node counts as touching in the first guess."""
 
@@ -81,47 +82,47 @@ def extent(rubber: Floats, tool: Floats, undeformed: Floats) -> Extent:
     inside = (rubber[:, 0] > tool[0, 0]) & (rubber[:, 0] < tool[-1, 0])
     x = rubber[inside, 0]
     gap = np.abs(CubicSpline(*tool.T)(x) - rubber[inside, 1])
-    left, right = _rough(x, gap, tool)
+    curvature = abs(float(CubicSpline(*tool.T)(x[np.argmin(gap)], 2)))
+    left, right = _rough(x, gap, curvature)
     for _ in range(4):
-        a = 0.5 * (right - left)
-        ends = [_end(s * x, gap, s * e, a, beyond_line) for s, e in ((-1.0, left), (1.0, right))]
-        left, right = -ends[0], ends[1]
+        a, middle = 0.5 * (right - left), 0.5 * (right + left)
+        unit = 0.5 * curvature * a**2
+        used = (gap > LEAST * unit) & (gap < MOST * unit)
+        west, east = used & (x < middle), used & (x > middle)
+        left = -_end(-x[west], gap[west], a, beyond_line)
+        right = _end(x[east], gap[east], a, beyond_line)
     return _measured(rubber, undeformed, left, right)
 
 
-def _rough(x: Floats, gap: Floats, tool: Floats) -> tuple[float, float]:
-    """Ends of the nodes whose gap is small against a²/2R, m; the radius is that of the tool."""
-    curvature = abs(float(CubicSpline(*tool.T)(x[np.argmin(gap)], 2)))
+def _rough(x: Floats, gap: Floats, curvature: float) -> tuple[float, float]:
+    """Ends of the nodes whose gap is small against a²/2R, m."""
     near = gap < ROUGH * gap.max()
     for _ in range(3):
         if near.sum() < 2:
             raise ValueError("the surfaces do not touch")
         a = 0.5 * float(np.ptp(x[near]))
         near = gap < ROUGH * 0.5 * curvature * a**2
+    if near.sum() < 2:
+        raise ValueError("the surfaces do not touch")
     return float(x[near][0]), float(x[near][-1])
 
 
-def _end(
-    x: Floats, gap: Floats, guess: float, a: float, shape: Callable[[Floats], Floats]
-) -> float:
-    """The end x_e, m, on the side where x grows, of a contact of half-width ``a`` (m)."""
-    window = (x > guess + INNER * a) & (x < guess + OUTER * a)
-    if window.sum() < 4:
-        raise ValueError("the surface ends too near the contact for its end to be found")
-    at, g = x[window], gap[window]
+def _end(x: Floats, gap: Floats, a: float, shape: Callable[[Floats], Floats]) -> float:
+    """The end x_e, m, left of free nodes at x (n,), of a contact of half-width ``a`` (m)."""
+    if len(x) < 4:
+        raise ValueError("too few nodes lie beside the contact for its end to be found")
 
     def misfit(end: float) -> float:
-        rho = 1.0 + (at - end) / a
+        rho = 1.0 + (x - end) / a
         f = shape(rho)
         basis = np.stack([f, f * (rho - 1.0)], axis=1) / np.sqrt(f)[:, None]
-        wanted = g / np.sqrt(f)
+        wanted = gap / np.sqrt(f)
         c, *_ = np.linalg.lstsq(basis, wanted, rcond=None)
-        return float(np.sum((basis @ c - wanted) ** 2)) / float(g.max())
+        return float(np.sum((basis @ c - wanted) ** 2)) / float(gap.max())
 
-    reach = 0.999 * INNER * a
-    found = minimize_scalar(
-        misfit, bounds=(guess - 3.0 * reach, guess + reach), options={"xatol": 1e-7 * a}
-    )
+    first = float(x.min())
+    bounds = (first - 0.6 * a, first - 1e-3 * a)
+    found = minimize_scalar(misfit, bounds=bounds, options={"xatol": 1e-7 * a})
     return float(found.x)
 
 
