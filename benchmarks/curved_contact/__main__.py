@@ -3,7 +3,8 @@
 From the repository, ``python3 -m benchmarks.curved_contact NAME [--quick] [...]``; NAME is
 
 - ``film``: drag of a film over a round tool against η V/D times the length of the contact;
-- ``hard``: iterations and cuts over ridges, kinks with a film, an end, a first touch, block-slide.
+- ``hard``: iterations and cuts over ridges, kinks with a film, an end, a first touch, block-slide;
+- ``plough``: friction against μ times the pressure in ploughing and rolling, by steps per mm.
 
 ``--axis size=80,40 --axis nu=.45`` runs the product of the values given, everything else as in the
 base problem; without it each axis is varied by itself. ``--quick`` runs one small problem.
@@ -22,7 +23,7 @@ from typing import Any
 
 from benchmarks.curved_contact.tables import chosen, line, markdown
 
-NAMES = ("film", "hard")
+NAMES = ("film", "hard", "plough")
 
 
 def setups_of(problem: Any, quick: bool, given: dict[str, str]) -> list[Any]:

@@ -12,8 +12,8 @@ gap is Hertz's (Johnson 1985, eq. 4.43 integrated),
 and beyond the ends of any smooth contact of other bodies too it begins like this. The gap of the
 nodes from about 0.15 to 1.2 half-widths beyond an end is fitted by this function times
 (c + c' (rho-1)), which leaves the place x_e of the end, the amplitude and a slow change of it free.
-Which nodes these are follows from their gap, so that no node inside the contact is among them. These nodes are
-free and bear no contact, so their places are those of the discretised body under the load as a
+Which nodes these are follows from their gap, so that no node inside the contact is among them. They
+are free and bear no contact, so their places are those of the discretised body under the load as a
 whole: the fit neither asks the contact which points are closed nor is sensitive to what happens in
 a facet at the end. The tool's surface is the cubic spline through its nodes.
 """

@@ -25,6 +25,7 @@ from benchmarks.curved_contact.runs import Frame, Outcome, run
 from benchmarks.curved_contact.shapes import tool_on_rubber
 
 MM = 1e-3
+RADIUS = 5 * MM
 STRESS, FILM = 3200.0, 250e-9  # Pa, η V/D; m
 SHARE = 0.97  # facets of 80 um are made of 77.6, so that a step is no whole number of them
 
@@ -167,20 +168,24 @@ def case_of(setup: Setup) -> str:
     return text + (SCALING.format(step=3e-10 * setup.size * 5.0) if explicit else "")
 
 
-def solve(setup: Setup, scratch: Path, overrides: tuple[str, ...]) -> Outcome:
-    """Mesh and run it."""
-    size = SHARE * setup.size * 1e-6
+def mesh(path: Path, size: float, ring: float = 0.0) -> None:
+    """Write the mesh with facets of ``size`` (m) on the rubber, its axis at ``ring`` (m)."""
     tool_on_rubber(
-        scratch / "mesh.msh",
-        radius=5 * MM,
+        path,
+        radius=RADIUS,
         size=size,
         tool_size=1.3 * size,
         zone=2 * round(2.2 * MM / size) * size,
         tool_zone=3 * MM,
         width=10 * MM,
         height=2 * MM,
-        axis=setup.ring * MM,
+        axis=ring,
     )
+
+
+def solve(setup: Setup, scratch: Path, overrides: tuple[str, ...]) -> Outcome:
+    """Mesh and run it."""
+    mesh(scratch / "mesh.msh", SHARE * setup.size * 1e-6, setup.ring * MM)
     return run(case_of(setup), scratch, overrides)
 
 
