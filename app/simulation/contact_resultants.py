@@ -34,9 +34,7 @@ class ContactResultants:
         area: m, closed reference area; area_ratio: mean da/dA of it; stick, viscous: shares of it,
             by regime.
         film: m, friction_coefficient: mean of μ(d); both weighted by pressure times area.
-        penetration: m, largest; relative_penetration: largest over the length of the slave facets
-            there; both of vertices, or of points where the pressure follows from their own gaps.
-        speed: m/s, mean slip speed of the closed area.
+        penetration: m, largest. speed: m/s, mean slip speed of the closed area.
         energy: J/m, penalty and elastic slip. dissipated: J/m in this step; numerical: the part of
             it that backward Euler counts beyond the trapezoidal rule, ½ (T_{n+1} − T_n)·Δg_T.
         beyond: share of the reference area that has run past the end of the master.
@@ -57,7 +55,6 @@ class ContactResultants:
     film: float
     friction_coefficient: float
     penetration: float
-    relative_penetration: float
     speed: float
     energy: float
     dissipated: float
@@ -85,8 +82,12 @@ def measure_contact(
     total = {name: float(value[0]) for name, value in scalars.items()}
     area, force = total["closed"], total["load"]
     vectors = _summed(comm, vector_integrals(term, trial))
-    parts = trial.response.dissipation
-    penetration, relative = _penetrations(term, trial, comm)
+    k, parts = trial.kinematics, trial.response.dissipation
+    normal = trial.normal_contact
+    # Point by point the own gaps; averaged pressure answers to the mean ones.
+    gap = np.where(k.closed, k.gap, 0.0) if normal.gap is None else normal.gap
+    local = float(np.max(-gap, initial=0.0))
+    penetration = comm.allreduce(local, op=MPI.MAX)
     least, worst = _least(parts.total - parts.numerical, trial.position, comm)
     return ContactResultants(
         **resultants(vectors, driven, term.surface.axisymmetric),
@@ -97,7 +98,6 @@ def measure_contact(
         film=_over(total["film"], force),
         friction_coefficient=_over(total["mu"], force),
         penetration=penetration,
-        relative_penetration=relative,
         speed=_over(total["slip"], area) / trial.dt,
         energy=total["energy"],
         dissipated=total["dissipated"],
@@ -106,21 +106,6 @@ def measure_contact(
         least_dissipation=least,
         worst=worst,
     )
-
-
-def _penetrations(term: ContactTerm, trial: ContactTrial, comm: MPI.Comm) -> tuple[float, float]:
-    """Largest penetration, m, and largest over the length of the facets there; collective.
-
-    Averaged pressure answers to the mean gaps at the vertices, else the points' own gaps count.
-    """
-    gap, k = trial.nodal_gap, trial.kinematics
-    if gap is None:
-        depth, length = np.where(k.closed, -k.gap, 0.0), term.surface.slave.facet_length
-    else:
-        depth, length = -gap, term.surface.vertices.length
-    largest = np.array([np.max(part, initial=0.0) for part in (depth, depth / length)])
-    comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
-    return float(largest[0]), float(largest[1])
 
 
 def _scalars(term: ContactTerm, trial: ContactTrial) -> dict[str, float]:
