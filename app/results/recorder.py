@@ -26,6 +26,7 @@ from app.results.fields import FieldWriter
 from app.simulation.history import COLUMNS, Row, energy_gap
 from app.simulation.inertia import notes_on_inertia
 from app.simulation.observer import Interval, Observer
+from app.simulation.roundoff_watch import RoundOffWatch
 from app.simulation.run_state import RunState
 from app.simulation.simulation import Simulation
 from geometry.surfaces.facets import Floats
@@ -61,6 +62,8 @@ class Recorder(Observer):
         self._warned = False
         self._thin = False
         self._left: set[str] = set()
+        self._roundoff = RoundOffWatch(model.problem, model.case.solver.tolerance)
+        self._label = ""
         contacts = model.problem.contacts
         self._facet = [term.surface.facet_length for term in contacts]
         self._deepest = [(0.0, 0.0, "")] * len(contacts)
@@ -77,6 +80,8 @@ class Recorder(Observer):
         if self.every and row.step % self.every == 0:
             self._output(state)
         self._watch(state, row)
+        self._label = row.stage
+        self._roundoff.step(row, result)
         if self.first and time.monotonic() - self._written > HISTORY_EVERY:
             self._write_history(state)
             self._written = time.monotonic()
@@ -86,6 +91,7 @@ class Recorder(Observer):
     ) -> None:
         """Write the fields at the end of a load step and keep its last row."""
         self._output(state)
+        self._roundoff.end(load_step.label)
         self.load_steps.append({"label": load_step.label, "steady": steady, **asdict(row)})
         onset = max(self.model.film_onset, default=0.0)
         pressure = row.normal_force / row.contact_area if row.contact_area > 0.0 else np.inf
@@ -116,6 +122,8 @@ class Recorder(Observer):
             self._output(simulation.state)
             self.warnings.extend(self._deep_contacts())
             self.warnings.extend(_unbalanced(simulation.rows))
+            self._roundoff.end(self._label)
+            self.warnings.extend(self._roundoff.warnings())
         self._fields.close()
         explicit = {} if simulation.explicit is None else simulation.explicit.summary()
         shares = self.comm.gather(self._share())
@@ -223,7 +231,7 @@ class Recorder(Observer):
     ) -> dict[str, Any]:
         rows, problem, implicit = simulation.rows, self.model.problem, simulation.implicit
         assembled = implicit.stepper.solver.assembled if implicit else 0
-        wall = time.perf_counter() - self._started
+        wall, worst = time.perf_counter() - self._started, self._roundoff.worst
         timings = {key: round(value, 4) for key, value in simulation.stepper.seconds().items()}
         return {
             "title": self.model.case.title,
@@ -234,6 +242,7 @@ class Recorder(Observer):
             "factorisations": assembled,
             "attempts": sum(row.attempts for row in rows),
             "energy_error_relative": energy_gap(rows),
+            "residual_at_roundoff": worst.share if worst else None,
             "penalty": [term.penalty for term in problem.contacts],
             "film_onset_pressure": self.model.film_onset,
             "penetration_over_facet": [

@@ -99,7 +99,8 @@ class ImplicitStage:
         state, problem = self.state, self.model.problem
         resultants = state.resultants_of(problem.trials)
         wrong = not_finite(resultants)
-        pressed = any(m.normal_force > problem.roundoff for m in (*state.resultants, *resultants))
+        noise = problem.roundoff
+        pressed = any(m.normal_force > noise for m in (*state.resultants, *resultants))
         if wrong is None and not pressed:
             x, trial = self.stepper.x.array_r, self.stepper.trial.array_r
             wrong = body_adrift(problem, self._loose, x, trial)
