@@ -79,14 +79,23 @@ class Scene:
     """One contact of two boxes and a way to move them."""
 
     def __init__(
-        self, shape, law, degree=3, fine=False, film=0.0, master=None, parallel=False, **options
+        self,
+        shape,
+        law,
+        degree=3,
+        fine=False,
+        film=0.0,
+        master=None,
+        parallel=False,
+        pressure="averaged",
+        **options,
     ):
         cell, order = SHAPES[shape]
         mesh, slave, master = two_boxes(cell, fine, master, parallel)
         self.dim = mesh.geometry.dim
         self.space = dolfinx.fem.functionspace(mesh, ("Lagrange", order, (self.dim,)))
         self.surface = ContactSurface(self.space, slave, master, degree, **options)
-        self.term = ContactTerm(self.surface, law, PENALTY, film)
+        self.term = ContactTerm(self.surface, law, PENALTY, film, pressure)
         self.where = self.space.tabulate_dof_coordinates()[:, : self.dim]
         self.size = self.where.size
 
@@ -130,6 +139,15 @@ class Scene:
             dofs = (nodes[..., None] * self.dim + np.arange(self.dim)).reshape(len(nodes), -1)
             blocks = blocks.reshape(len(nodes), dofs.shape[1], dofs.shape[1])
             np.add.at(out, (dofs[:, :, None], dofs[:, None, :]), blocks)
+        coupling = self.term.coupling(self.term.evaluate(x, dt))
+        if coupling is not None:
+            axes = np.arange(self.dim)
+            rows, columns = (
+                (nodes[:, None] * self.dim + axes).reshape(-1)
+                for nodes in (coupling.rows, coupling.columns)
+            )
+            whole = coupling.matrix.toarray()
+            np.add.at(out, (rows[:, None], columns[None, :]), whole)
         return out
 
     def error(self, x, steps=(1e-5, 2e-6)):

@@ -26,11 +26,13 @@ from app.errors import InputError
 from forms.bodies.kinematics import Section
 from forms.bodies.materials import Material, oedometric_modulus
 from forms.contact.penalty import ContactTerm
+from forms.contact.pressure import PressureKind
 from forms.friction import friction_map
 from forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
 from forms.friction.law import FrictionLaw
 from forms.friction.stribeck import StribeckLaw
 from geometry.meshes.mesh import NamedMesh
+from geometry.surfaces.facets import Floats
 from geometry.surfaces.surface import QUADRATURE_DEGREE, ContactSurface, facet_length
 
 OVERLAP = 0.01  # depth over facet length up to which bodies only touch at the start
@@ -92,16 +94,18 @@ class ContactBuilder:
             asked, self.named.mesh.geometry.dim, softer, length, highest_pressure(self.case)
         )
         law, film = friction_law(table.friction), table.film.film() if table.film else 0.0
-        assert table.penalty is not None
         lengths = (length, facet_length(self.named.mesh, self.named.facets(asked.master)))
-        factor = table.penalty / (oedometric_modulus(softer) / length)
+        modulus = penalty_modulus(softer, table.pressure)
+        penalty = _penalty(table, surface, modulus)
+        factor = float(np.mean(penalty)) * length / modulus
         notes = (
             *stiffer_slave(index, asked, self.named.body_of(asked.slave), slave, master),
             *notes_on_surfaces(f"contact.{index}", asked, lengths, distance),
             *notes_on_penalty(index, factor, self.case.is_explicit),
             *note_on_stick(index, table.friction, softer.shear_modulus / length),
         )
-        return BuiltContact(table, ContactTerm(surface, law, table.penalty, film), notes)
+        term = ContactTerm(surface, law, penalty, film, table.pressure)
+        return BuiltContact(table, term, notes)
 
     def _surface(self, index: int, contact: Contact) -> ContactSurface:
         mesh = self.named.mesh
@@ -144,15 +148,40 @@ def resolved_contact(
         length: m, mean length of a slave facet.
         pressure: Pa, the highest that a boundary prescribes; 0 without one.
     """
-    stiffness = oedometric_modulus(softer) / length
     return contact.model_copy(
         update={
             "quadrature_degree": contact.quadrature_degree or QUADRATURE_DEGREE[dim],
-            "penalty": contact.penalty or (contact.penalty_factor or 0.0) * stiffness,
-            "penalty_factor": None,
             "friction": _resolved_friction(contact.friction, softer, length, pressure),
         }
     )
+
+
+def penalty_modulus(softer: Material, pressure: PressureKind) -> float:
+    """Modulus, Pa, that the penalty of a pair is a multiple of, over the length of a facet.
+
+    What a soft penalty costs is the approach of the bodies: for bodies that bend and bulge into
+    each other it goes with the shear modulus G; a layer that cannot give sideways answers with the
+    oedometric modulus M. Both count, where the pressure is averaged, as max(10 G, M/10). Point by
+    point it is M.
+
+    Args:
+        softer: material of the softer body.
+        pressure: "averaged" or "pointwise".
+    """
+    modulus = oedometric_modulus(softer)
+    if pressure == "pointwise":
+        return modulus
+    return max(10.0 * softer.shear_modulus, 0.1 * modulus)
+
+
+def _penalty(contact: Contact, surface: ContactSurface, modulus: float) -> float | Floats:
+    """Penalty of the pair, Pa/m: as given, or of each vertex or point from its own facets."""
+    if contact.penalty is not None:
+        return contact.penalty
+    averaged = contact.pressure == "averaged"
+    length = surface.vertices.length if averaged else surface.slave.facet_length
+    stiffness: Floats = (contact.penalty_factor or 0.0) * modulus / length
+    return stiffness
 
 
 def _resolved_friction(

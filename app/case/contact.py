@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidatorFunctionWrapHandler, field_validator
 
@@ -28,6 +28,11 @@ class Contact(Model):
         description="degree of the quadrature on slave facets; default 9 in the plane (five points "
         "per segment), 5 in space",
     )
+    pressure: Literal["averaged", "pointwise"] = Field(
+        default="averaged",
+        description='"averaged": the pressure follows from the mean gap around each vertex of the '
+        'slave facets; "pointwise": from the gap of each quadrature point, as in the paper',
+    )
     penalty: Annotated[float, Quantity("Pa/m", gt=0.0)] | None = Field(
         default=None, description="normal stiffness K_N (or penalty_factor)"
     )
@@ -35,8 +40,9 @@ class Contact(Model):
         default_factory=lambda data: (
             DEFAULT_PENALTY_FACTOR if data.get("penalty") is None else None
         ),
-        description="K_N = penalty_factor * M/h, with the oedometric modulus M of the softer body "
-        f"and the length h of a slave facet; default: {DEFAULT_PENALTY_FACTOR:g}, without penalty",
+        description="K_N = penalty_factor * max(10 G, M/10)/h, with shear and oedometric modulus G "
+        "and M of the softer body and the local length h of the slave facets; with pointwise "
+        f"pressure penalty_factor * M/h; default: {DEFAULT_PENALTY_FACTOR:g}, without penalty",
     )
     smoothing_angle: Annotated[float, Quantity("rad", gt=0.0, le=math.pi)] | None = Field(
         default=None,

@@ -14,8 +14,10 @@ import numpy as np
 import scipy.sparse
 
 from forms.contact.penalty import ContactTerm
+from forms.contact.pressure import AveragedPressure
 from forms.contact.state import ContactTrial
 from geometry.surfaces.facets import Floats, Ints, Longs
+from geometry.surfaces.vertices import SlaveVertices
 
 # Rings of neighbouring master facets beyond those in use that a window includes, by the number of
 # surface directions: in space every ring costs far more entries.
@@ -155,22 +157,52 @@ class BlockPlaces:
 
 
 def coupled_nodes(term: ContactTerm, window: ContactWindow) -> Longs:
-    """Pairs (p, 2) of global nodes that a window couples; each pair once."""
+    """Pairs (p, 2) of global nodes that a window couples; each pair once; collective.
+
+    An averaged pressure couples all nodes of the facets around a vertex, and of those that they
+    touch; of a vertex at the seam of two ranks those of both.
+    """
     surface = term.surface
-    if not window.touching.nnz:
-        return np.empty((0, 2), dtype=np.int64)
     _, first = np.unique(surface.slave.facet, return_index=True)
     mine = surface.slave.nodes[first]
     others = surface.master.nodes[surface.target.stencil]
     nodes = np.unique(np.concatenate([mine.reshape(-1), others.reshape(-1)]))
-    slaves = _incidence(np.searchsorted(nodes, mine), len(nodes))
-    masters = _incidence(np.searchsorted(nodes, others), len(nodes))
     active = np.diff(window.touching.indptr) > 0
+    slaves = _incidence(np.searchsorted(nodes, mine), len(nodes))
     slaves = scipy.sparse.diags(active.astype(np.int32), dtype=np.int32) @ slaves
-    across = slaves.T @ (window.touching @ masters)
-    pattern = slaves.T @ slaves + across + across.T + masters.T @ (window.together @ masters)
+    masters = _incidence(np.searchsorted(nodes, others), len(nodes))
+    touched = slaves + window.touching @ masters
+    pattern = slaves.T @ touched + touched.T @ slaves + masters.T @ (window.together @ masters)
+    pairs = _upper(pattern, nodes)
+    if not isinstance(term.rule, AveragedPressure):
+        return pairs
+    around = _incidence(surface.vertices.of_point[first], surface.vertices.count).T
+    patches, nodes = _of_all_ranks(around @ touched, nodes, surface.vertices)
+    return np.unique(np.concatenate([pairs, _upper(patches.T @ patches, nodes)]), axis=0)
+
+
+def _upper(pattern: scipy.sparse.spmatrix, nodes: Longs) -> Longs:
+    """Pairs (p, 2) of the global ``nodes`` above the diagonal of a symmetric pattern (n, n)."""
     upper = scipy.sparse.triu(_present(pattern), k=1, format="coo")
     return np.stack([nodes[upper.row], nodes[upper.col]], axis=1)
+
+
+def _of_all_ranks(
+    patches: scipy.sparse.spmatrix, nodes: Longs, vertices: SlaveVertices
+) -> tuple[scipy.sparse.csr_matrix, Longs]:
+    """Nodes around each vertex (v, n), of shared vertices those of all ranks; collective."""
+    if vertices.comm.size == 1:
+        return _present(patches), nodes
+    mine = _present(patches).tocoo()
+    shared = vertices.shared[mine.row]
+    gathered = vertices.comm.allgather((mine.row[shared], nodes[mine.col[shared]]))
+    here = np.zeros(vertices.count, dtype=bool)
+    here[mine.row] = True
+    vertex = np.concatenate([mine.row, *(row for row, _ in gathered)])
+    node = np.concatenate([nodes[mine.col], *(column for _, column in gathered)])
+    vertex, node = vertex[here[vertex]], node[here[vertex]]
+    distinct, number = np.unique(node, return_inverse=True)
+    return _table(vertex, number.reshape(-1), (vertices.count, len(distinct))), distinct
 
 
 def _incidence(table: Longs, count: int) -> scipy.sparse.csr_matrix:

@@ -22,6 +22,7 @@ from forms.bodies.loads import FollowerPressure
 from forms.bodies.solid import Solid
 from forms.contact.penalty import ContactTerm
 from forms.contact.state import ContactTrial
+from forms.contact.tangent import Coupling
 from geometry.compat import add_matrix
 from geometry.surfaces.facets import Floats, Longs
 
@@ -74,14 +75,18 @@ class Tangent:
         """
         with timer("contact"):
             self._keep_pattern(A, trials, timer)
-            pairs = zip(self.contacts, trials, strict=True)
+            pairs = list(zip(self.contacts, trials, strict=True))
             blocks = [group for term, trial in pairs for group in term.tangent(trial)]
+            couplings = [term.coupling(trial) for term, trial in pairs]
         with timer("assembly"):
             A.zeroEntries()
             self._assemble_forms(A)
         with timer("contact"):
             for nodes, values in blocks:
                 self._add_blocks(A, nodes, values)
+            for coupling in couplings:
+                if coupling is not None:
+                    self._add_coupling(A, coupling)
             self.constraints.add_following_rows(A)
             A.assemble()
 
@@ -100,6 +105,20 @@ class Tangent:
             places.add_up(blocks),
             addv=PETSc.InsertMode.ADD_VALUES,
             rowmap=self.constraints.condensed(places.rows).astype(PETSc.IntType),
+        )
+
+    def _add_coupling(self, A: PETSc.Mat, coupling: Coupling) -> None:
+        """Add a sparse part of the tangent to global rows."""
+        of_nodes, matrix = self.constraints.unknowns.of_nodes, coupling.matrix
+        columns = of_nodes(coupling.columns).reshape(-1)[matrix.indices]
+        A.setValuesIJV(
+            matrix.indptr.astype(PETSc.IntType),
+            self.constraints.condensed(columns).astype(PETSc.IntType),
+            matrix.data,
+            addv=PETSc.InsertMode.ADD_VALUES,
+            rowmap=self.constraints.condensed(of_nodes(coupling.rows).reshape(-1)).astype(
+                PETSc.IntType
+            ),
         )
 
     def _places(self, nodes: Longs) -> BlockPlaces:

@@ -9,7 +9,7 @@ from app.simulation.contact_resultants import turned_right
 from forms.contact.penalty import ContactTerm
 from forms.contact.state import ContactTrial
 from geometry.surfaces.facets import Floats
-from geometry.surfaces.surface import order_by_place
+from geometry.surfaces.ordering import order_by_place
 
 
 def contact_arrays(model: Model) -> dict[str, Floats] | None:

@@ -243,7 +243,7 @@ class Recorder(Observer):
             "attempts": sum(row.attempts for row in rows),
             "energy_error_relative": energy_gap(rows),
             "residual_at_roundoff": worst.share if worst else None,
-            "penalty": [term.penalty for term in problem.contacts],
+            "penalty": [float(np.mean(term.penalty)) for term in problem.contacts],
             "film_onset_pressure": self.model.film_onset,
             "penetration_over_facet": [
                 depth / length

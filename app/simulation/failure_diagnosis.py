@@ -138,7 +138,7 @@ def most_squeezed(problem: Equilibrium) -> Squeezed:
 def penalty_factors(problem: Equilibrium) -> list[float]:
     """K_N h/M of each contact, M of the softest body, h a slave facet's length; collective."""
     softest = min(oedometric_modulus(solid.material) for solid in problem.solids)
-    return [t.penalty * t.surface.facet_length / softest for t in problem.contacts]
+    return [float(np.mean(t.penalty)) * t.surface.facet_length / softest for t in problem.contacts]
 
 
 # -- all together ---------------------------------------------------------------------------------

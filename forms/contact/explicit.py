@@ -21,21 +21,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from forms.contact.kinematics import ContactKinematics, relate
+from forms.contact.kinematics import relate
 from forms.contact.penalty import ContactTerm
-from forms.contact.state import ContactTrial
+from forms.contact.state import AS_IS, ContactTrial
 from geometry.surfaces.exchange import NodalVector, SurfaceExchange
 from geometry.surfaces.facets import Floats, Ints
-from geometry.surfaces.projection import Projection
 
-ROUNDOFF_DEPTH = 1e-12  # penetration over a master facet's length that may be round-off alone
-
-
-def _depth(kinematics: ContactKinematics, projection: Projection) -> Floats:
-    """Penetration (q,), m; 0 where it may be round-off alone."""
-    size = np.sqrt(np.einsum("qai,qai->qa", projection.tangents, projection.tangents).max(axis=1))
-    deep = kinematics.closed & (-kinematics.gap > ROUNDOFF_DEPTH * size)
-    return np.where(deep, -kinematics.gap, 0.0)
+ROUNDOFF_DEPTH = 1e-12  # penetration over a facet's length that may be round-off alone
 
 
 def _in_plane(n: Floats, v: Floats) -> Floats:
@@ -89,18 +81,18 @@ class ExplicitContact:
         points = surface.slave_positions(slave)
         nodes = surface.master.position + self._values[first:]
         projection = surface.project(points, nodes)
-        kinematics = relate(points, projection, term.anchor(nodes))
-        pressure = term.penalty * _depth(kinematics, projection)
-        film = term.film.at(pressure)[0]
-        response = term.respond(kinematics, dt, pressure, film, rate_dependent)
+        normal = term.rule.evaluate(projection, AS_IS, ROUNDOFF_DEPTH)
+        kinematics = relate(points, projection, term.anchor(nodes), normal.closed)
+        film = term.film.at(normal.pressure)[0]
+        response = term.respond(kinematics, dt, normal.pressure, film, rate_dependent)
         self.trial = ContactTrial(
             position=points,
             area_ratio=surface.slave_area_ratio(slave),
             projection=projection,
             kinematics=kinematics,
-            pressure=pressure,
+            normal_contact=normal,
             film=film,
-            traction=pressure[:, None] * kinematics.normal - response.traction,
+            traction=normal.pressure[:, None] * kinematics.normal - response.traction,
             response=response,
             dt=dt,
         )
@@ -122,7 +114,7 @@ class ExplicitContact:
             )
         self.exchange.add(self._values, out)
 
-    def spread_weights(self, factor: float, out: NodalVector) -> None:
+    def spread_weights(self, factor: float | Floats, out: NodalVector) -> None:
         """Add Σ_q w |N_a| Σ_b |N_b| of the points, times ``factor``, at every node a; collective.
 
         As a diagonal this bounds Σ_q w Nᵀ N. Both surfaces' shape functions add up to one, so that

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forms.contact.explicit import ROUNDOFF_DEPTH, ExplicitContact
-from forms.contact.kinematics import TOUCHING, ContactKinematics
+from forms.contact.kinematics import ContactKinematics
 from forms.contact.penalty import ContactTerm
+from forms.contact.pressure import TOUCHING
 from forms.contact.state import ContactState, ContactTrial
 from forms.native.libraries import library
 from geometry.surfaces.exchange import NodalVector
@@ -312,6 +313,6 @@ def explicit_contact(term: ContactTerm, compiled: bool = True) -> ExplicitContac
     """
     surface = term.surface
     # The compiled loop takes the section's stretch as area ratio, which is wrong for rings.
-    straight = surface.target.shape.count == 2 and not surface.axisymmetric
+    straight = surface.target.shape.count == 2 and not surface.axisymmetric and False
     code = library(SOURCE) if compiled and straight else None
     return ExplicitContact(term) if code is None else CompiledContact(term, code)

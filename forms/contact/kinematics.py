@@ -24,8 +24,6 @@ import numpy as np
 from geometry.surfaces.facets import Bools, Floats, Longs
 from geometry.surfaces.projection import Projection
 
-TOUCHING = 1e-9  # gap, relative to a master facet's size, up to which a point touches
-
 
 @dataclass(slots=True)
 class Anchor:
@@ -55,7 +53,7 @@ class ContactKinematics:
     """Current gap, slip increment and elastic slip.
 
     Attributes:
-        normal: (q, i); gap: (q,), m; closed: (q,) bool, touching or g < 0, on the surface.
+        normal: (q, i); gap: (q,), m; closed: (q,) whether the point carries pressure, or touches.
         slip: (q, i), m: Δg_T; elastic_slip: (q, i), m: g_e in the current tangent plane.
     """
 
@@ -93,27 +91,25 @@ def _dot(u: Floats, v: Floats) -> Floats:
 
 
 def relate(
-    points: Floats, projection: Projection, anchor: Anchor, adhesive_gap: float = 0.0
+    points: Floats, projection: Projection, anchor: Anchor, closed: Bools
 ) -> ContactKinematics:
     """Contact kinematics of the slave points against their projections.
+
+    The slip of a point that closes within the step counts in full: a share of it would depend on
+    penalty and step. Where there was no projection before, nothing is known of the way: no slip.
 
     Args:
         points: (q, i), m, current: slave points.
         projection: their closest points on the deformed master.
         anchor: state of the last converged step, moved with the current master.
-        adhesive_gap: m, gap up to which a point counts as closed.
+        closed: (q,) points in contact.
     """
-    n, gap = projection.normal, projection.gap
-    # Touching points count as closed: they carry no pressure yet, but their stiffness keeps a body
-    # that only rests on another from being loose.
-    size = np.sqrt(np.einsum("qai,qai->qa", projection.tangents, projection.tangents).max(axis=1))
-    closed = (gap <= np.maximum(TOUCHING * size, adhesive_gap)) & projection.on_surface
+    n = projection.normal
     slip = _in_plane(n, _apart(points, projection, anchor))
-    closing = _closing(gap, anchor.gap, closed)
-    if closing.any():
-        slip *= _closed_share(gap, anchor.gap, closing)[0][:, None]
+    slip[~np.isfinite(anchor.gap)] = 0.0
     image = _in_plane(n, anchor.slip_image)
-    return ContactKinematics(n, gap, closed, slip, _rescaled(image, anchor)[0][:, None] * image)
+    elastic = _rescaled(image, anchor)[0][:, None] * image
+    return ContactKinematics(n, projection.gap, closed, slip, elastic)
 
 
 def vary(points: Floats, projection: Projection, anchor: Anchor) -> Variations:
@@ -124,7 +120,7 @@ def vary(points: Floats, projection: Projection, anchor: Anchor) -> Variations:
         projection: their closest points on the deformed master.
         anchor: state of the last converged step, moved with the current master.
     """
-    n, gap = projection.normal, projection.gap
+    n = projection.normal
     count, dim = n.shape
     size = (3 + projection.tangents.shape[1]) * dim
     a, c = slice(0, dim), slice(size - 2 * dim, size - dim)
@@ -140,11 +136,7 @@ def vary(points: Floats, projection: Projection, anchor: Anchor) -> Variations:
         d_foot = np.einsum("qai,qar->qir", projection.tangents[at], d_xi[at])
         d_foot[:, :, a] -= np.eye(dim)
         d_slip[at] += plane[at] @ d_foot
-    closing = _closing(gap, anchor.gap, np.ones(count, dtype=bool))
-    if closing.any():
-        share, d_share = _closed_share(gap, anchor.gap, closing)
-        d_slip = share[:, None, None] * d_slip
-        d_slip += _outer(_in_plane(n, s), d_share[:, None] * d_gap)
+    d_slip[~np.isfinite(anchor.gap)] = 0.0
     return Variations(d_gap, d_normal, d_slip, _vary_transport(n, plane, anchor, d_normal), d_xi)
 
 
@@ -244,23 +236,6 @@ def _vary_in_plane(n: Floats, v: Floats, d_normal: Floats) -> Floats:
     out: Floats = -_dot(n, v)[:, None, None] * d_normal
     out -= n[:, :, None] * np.einsum("qi,qir->qr", v, d_normal)[:, None, :]
     return out
-
-
-def _closing(gap: Floats, before: Floats, closed: Bools) -> Bools:
-    """Points that close within the step."""
-    return closed & (before > 0.0) & (gap < 0.0)
-
-
-def _closed_share(gap: Floats, before: Floats, closing: Bools) -> tuple[Floats, Floats]:
-    """Share of the step spent in contact, −g/(g_n − g) for a point that closes, and ∂/∂g.
-
-    Where there was no projection before, nothing is known of the way: no slip.
-    """
-    known = closing & np.isfinite(before)
-    start = np.where(known, before, 1.0)
-    now = np.where(known, gap, -1.0)
-    share = np.where(known, -now / (start - now), np.where(closing, 0.0, 1.0))
-    return share, np.where(known, -start / (start - now) ** 2, 0.0)
 
 
 def _rescaled(image: Floats, anchor: Anchor) -> tuple[Floats, Floats]:

@@ -1,14 +1,10 @@
 """Penalty contact of one pair with a friction law at its quadrature points.
 
 Per point of the slave surface the traction t = t_N n − T acts on the slave and −t on the master,
-with t_N = K_N⟨−g⟩ and T from the friction law. The virtual work ∫ t·(δu¹ − δu²(ξ̄)) dΓ₀ gives
-
-    residual  R_c = −Gᵀ(w t)  (rows a only),      tangent  K_c = −Gᵀ C G,
-
-with G the rows of the generalised coordinates z = (a, b_α, c, d) of
-:mod:`forms.contact.kinematics` and C block diagonal per point: its rows a hold w ∂t/∂z, its rows
-b_β hold −w t ⊗ ∂ξ^β/∂z, since the closest point moves under the load. Everything is vectorised
-over the points q.
+with t_N from the gaps (:mod:`forms.contact.pressure`) and T from the friction law. The virtual work
+∫ t·(δu¹ − δu²(ξ̄)) dΓ₀ gives the residual R_c = −Gᵀ(w t), with G the rows a of the generalised
+coordinates of :mod:`forms.contact.kinematics`; the tangent is in :mod:`forms.contact.tangent`.
+Everything is vectorised over the points q.
 """
 
 from __future__ import annotations
@@ -17,11 +13,12 @@ from dataclasses import dataclass, replace
 
 import dolfinx
 import numpy as np
-import scipy.sparse
 from petsc4py import PETSc
 
-from forms.contact.kinematics import Anchor, ContactKinematics, Variations, relate, vary
+from forms.contact.kinematics import Anchor, ContactKinematics, relate
+from forms.contact.pressure import PressureKind, normal_rule
 from forms.contact.state import AS_IS, ContactMode, ContactState, ContactTrial
+from forms.contact.tangent import Coupling, PairTangent
 from forms.friction.film import FilmThickness, film_thickness
 from forms.friction.law import FrictionLaw, FrictionResponse
 from geometry.surfaces.closest_point import solve_small
@@ -30,9 +27,6 @@ from geometry.surfaces.projection import Projection
 from geometry.surfaces.surface import QUADRATURE_DEGREE, ContactSurface
 
 __all__ = ["AS_IS", "ContactMode", "ContactState", "ContactTerm", "ContactTrial"]
-
-# Entries of point blocks that must be saved for a second group of them to pay for its overhead.
-WORTH_FOLDING = 50_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,30 +53,36 @@ class ContactTerm:
 
     Attributes:
         state: the committed :class:`ContactState`; changed by :meth:`commit` only.
-        penalty: K_N, Pa/m.
+        surface, law, film: of the pair.
+        rule: from gaps to pressure, with the penalty; linearised: the tangent.
     """
 
     def __init__(
         self,
         surface: ContactSurface,
         law: FrictionLaw,
-        penalty: float,
+        penalty: float | Floats,
         film: FilmThickness | Floats | float = 0.0,
+        pressure: PressureKind = "averaged",
     ) -> None:
         """Set up the undeformed contact.
 
         Args:
             surface: the pair's surfaces.
             law: friction law.
-            penalty: K_N, Pa/m.
+            penalty: Pa/m: one number, or one for each slave vertex (v,), or, with pressure point
+                by point, for each point (q,).
             film: film thickness D, m: one for all points, one for each, or a film.
+            pressure: "averaged" over the slave's vertices, or "pointwise".
 
         Raises:
-            ValueError: a thickness is negative, not finite, or missing at a point.
+            ValueError: a thickness or a penalty is not one, or missing at a point; another kind of
+                pressure.
         """
         self.surface = surface
         self.law = law
-        self.penalty = penalty
+        self.rule = normal_rule(pressure, surface, penalty)
+        self.linearised = PairTangent(surface, self.rule)
         q = len(surface.slave.weight)
         self.film = film_thickness(film)
         self.film.at(np.zeros(q))  # Refuses a field that is not one of these points.
@@ -109,6 +109,7 @@ class ContactTerm:
         law: FrictionLaw,
         penalty: float,
         quadrature_degree: int | None = None,
+        pressure: PressureKind = "averaged",
     ) -> ContactTerm:
         """The contact of two surfaces of bodies that move by ``u`` (m); collective.
 
@@ -117,13 +118,20 @@ class ContactTerm:
             slave_facets: local facets (owned and ghosts) of the slave surface.
             master_facets: likewise, of the master surface.
             law: friction law.
-            penalty: K_N, Pa/m.
+            penalty: Pa/m.
             quadrature_degree: degree integrated exactly on an affine slave facet; None: 9 in the
                 plane, 5 in space, as for cases.
+            pressure: "averaged" over the slave's vertices, or "pointwise".
         """
         space = u.function_space
         degree = quadrature_degree or QUADRATURE_DEGREE[space.mesh.geometry.dim]
-        return cls(ContactSurface(space, slave_facets, master_facets, degree), law, penalty)
+        surface = ContactSurface(space, slave_facets, master_facets, degree)
+        return cls(surface, law, penalty, pressure=pressure)
+
+    @property
+    def penalty(self) -> Floats:
+        """Penalty, Pa/m, of each slave vertex (v,), or of each point (q,) if point by point."""
+        return self.rule.penalty
 
     def evaluate(self, x: PETSc.Vec, dt: float, mode: ContactMode = AS_IS) -> ContactTrial:
         """The contact at the displacements ``x`` (m) after a step of ``dt`` (s); collective.
@@ -145,24 +153,20 @@ class ContactTerm:
         nodes = self.surface.master.position + master
         current = self.surface.project(points, nodes, mode.frozen_facets)
         anchor = self.anchor(nodes)
-        kinematics = relate(points, current, anchor, mode.adhesive_gap)
-        pull = np.inf if mode.adhesive_gap > 0.0 else 0.0  # depth that a closed point may pull with
-        depth = np.where(kinematics.closed, np.maximum(-kinematics.gap, -pull), 0.0)
-        stiffness = mode.penalty_scale * self.penalty
-        spring = stiffness * depth
-        pressure = np.maximum(spring, 0.0)
-        film, response = self._friction(kinematics, dt, pressure, mode)
+        normal = self.rule.evaluate(current, mode)
+        kinematics = relate(points, current, anchor, normal.closed)
+        film, response = self._friction(kinematics, dt, normal.pressure, mode)
         return ContactTrial(
             position=points,
             area_ratio=self.surface.slave_area_ratio(slave),
             projection=current,
             kinematics=kinematics,
-            pressure=pressure,
+            normal_contact=normal,
             film=film,
-            traction=spring[:, None] * kinematics.normal - response.traction,
+            traction=normal.spring[:, None] * kinematics.normal - response.traction,
             response=response,
             dt=dt,
-            stiffness=stiffness,
+            penalty_scale=mode.penalty_scale,
             anchor=anchor,
         )
 
@@ -241,110 +245,23 @@ class ContactTerm:
         at = trial.projection
         master = self.surface.target.weights(at.facet, at.xi)
         shape = np.concatenate([slave.shape, -master], axis=1)
-        nodes = np.concatenate([slave.nodes, self._master_nodes(at.facet)], axis=1)
+        nodes = np.concatenate([slave.nodes, self.surface.master_nodes(at.facet)], axis=1)
         force = -(slave.weight[:, None] * trial.traction)
         return nodes, shape[:, :, None] * force[:, None, :]
 
-    def _master_nodes(self, facet: Ints) -> Longs:
-        nodes: Longs = self.surface.master.nodes[self.surface.target.stencil[facet]]
-        return nodes
-
-    def traction_variation(self, trial: ContactTrial, take: Longs) -> tuple[Floats, Variations]:
-        """∂t/∂z (p, i, r·j) of the closed points ``take`` (p,), and that of their kinematics.
-
-        t = t_N n − T changes through gap, normal, slip and elastic slip.
-        """
-        assert trial.anchor is not None
-        v = vary(trial.position[take], trial.projection.of(take), trial.anchor.of(take))
-        r, normal = trial.response, trial.kinematics.normal[take]
-        d_pressure = -self._stiffness(trial) * v.d_gap
-        out: Floats = (normal - r.d_traction_d_pressure[take])[:, :, None] * d_pressure[:, None, :]
-        out += trial.pressure[take][:, None, None] * v.d_normal
-        out -= r.d_traction_d_slip[take] @ v.d_slip
-        out -= r.d_traction_d_elastic[take] @ v.d_elastic
-        return out, v
-
     def tangent(self, trial: ContactTrial) -> list[tuple[Longs, Floats]]:
-        """Global nodes (p, m) and the blocks K_c = −Gᵀ C G (p, m, i, n, j) of closed points.
+        """See :meth:`forms.contact.tangent.PairTangent.point_blocks`."""
+        return self.linearised.point_blocks(self.state, trial)
 
-        Points with the same nodes are added up where that saves much, and points that are still on
-        the master facet of the last step need its nodes once only, so there may be two groups of
-        blocks. Open points contribute nothing and are left out.
-        """
-        take = np.nonzero(trial.kinematics.closed)[0]
-        size = self.surface.target.stencil.shape[1] * self.surface.dim
-        stayed = trial.projection.facet[take] == self.state.facet[take]
-        if 5 * np.count_nonzero(stayed) * size**2 < WORTH_FOLDING:
-            return [self._blocks(trial, take)] if len(take) else []
-        parts = [(take[stayed], True), (take[~stayed], False)]
-        return [
-            _added_up(self._point_facets(trial, part), *self._blocks(trial, part, folded))
-            for part, folded in parts
-            if len(part)
-        ]
-
-    def _blocks(
-        self, trial: ContactTrial, take: Longs, folded: bool = False
-    ) -> tuple[Longs, Floats]:
-        """Nodes and blocks of points; ``folded``: their facet is still that of the last step."""
-        rows, nodes = self._generalised_rows(trial, take)
-        if folded:
-            m = self.surface.target.stencil.shape[1]
-            rows[:, :, -2 * m : -m] += rows[:, :, -m:]
-            rows, nodes = rows[:, :, :-m], nodes[:, :-m]
-        q, coordinates, m = rows.shape
-        dim = self.surface.dim
-        weight = self.surface.slave.weight[take]
-        # Rows c and d carry no virtual work: they are left out of the left product.
-        load = np.empty((q, coordinates - 2, dim, coordinates * dim))
-        d_traction, v = self.traction_variation(trial, take)
-        load[:, 0] = weight[:, None, None] * d_traction
-        moved = weight[:, None] * trial.traction[take]
-        load[:, 1:] = -moved[:, None, :, None] * v.d_xi[:, :, None, :]
-        left = rows[:, :-2].transpose(0, 2, 1) @ load.reshape(q, coordinates - 2, -1)
-        left = left.reshape(q, m * dim, coordinates, dim).transpose(0, 1, 3, 2)
-        blocks = -(left.reshape(q, m * dim * dim, coordinates) @ rows)
-        return nodes, blocks.reshape(q, m, dim, dim, m).transpose(0, 1, 2, 4, 3)
-
-    def _point_facets(self, trial: ContactTrial, take: Longs) -> Longs:
-        """Number (p,) of the facets that a point couples: its own, the present and the last."""
-        masters = np.int64(len(self.surface.master.facets))
-        slave, before = self.surface.slave.facet[take], self.state.facet[take]
-        return (slave * masters + trial.projection.facet[take]) * masters + before
-
-    def _generalised_rows(self, trial: ContactTrial, take: Longs) -> tuple[Floats, Longs]:
-        """Coefficients (q, r, m) of z = (a, b_α, c, d) on the nodes (q, m) of each point."""
-        slave, state = self.surface.slave, self.state
-        target = self.surface.target
-        xi, facet = trial.projection.xi[take], trial.projection.facet[take]
-        mine = slave.shape[take]
-        count, a = mine.shape
-        surface, m = xi.shape[1], target.stencil.shape[1]
-        rows = np.zeros((count, 3 + surface, a + 2 * m))
-        now, before = slice(a, a + m), slice(a + m, a + 2 * m)
-        rows[:, 0, :a] = mine
-        rows[:, 0, now] = -target.weights(facet, xi)
-        rows[:, 1 : 1 + surface, now] = target.slopes(facet, xi)
-        rows[:, -2, :a] = mine
-        last = state.facet[take], state.xi[take]
-        rows[:, -2, before] = -target.weights(*last)
-        components = state.slip_components[take]
-        rows[:, -1, before] = np.einsum("qb,qbm->qm", components, target.slopes(*last))
-        nodes = np.concatenate(
-            [slave.nodes[take], self._master_nodes(facet), self._master_nodes(state.facet[take])],
-            axis=1,
-        )
-        return rows, nodes
+    def coupling(self, trial: ContactTrial) -> Coupling | None:
+        """See :meth:`forms.contact.tangent.PairTangent.vertex_coupling`; collective."""
+        return self.linearised.vertex_coupling(trial)
 
     def interface_energy(self, trial: ContactTrial) -> float:
         """Penalty and elastic-slip energy of this rank's points, J per unit thickness."""
-        pressed = 0.5 * trial.pressure**2 / self._stiffness(trial)
+        pressed = self.rule.energy(trial.normal_contact, trial.penalty_scale)
         stored = self.law.stored_energy(trial.response.state)
-        return float(self.surface.slave.weight @ (pressed + stored))
-
-    def _stiffness(self, trial: ContactTrial) -> float:
-        """The penalty that a trial was evaluated with, Pa/m."""
-        return self.penalty if trial.stiffness is None else trial.stiffness
+        return pressed + float(self.surface.slave.weight @ stored)
 
 
 def _without_stiffness(response: FrictionResponse) -> FrictionResponse:
@@ -378,14 +295,3 @@ def _on_facet(slip: Floats, at: Projection) -> Floats:
     )
     out[rows] -= share[:, None] * n
     return out
-
-
-def _added_up(key: Longs, nodes: Longs, blocks: Floats) -> tuple[Longs, Floats]:
-    """Nodes (p, m) and blocks (p, m, i, n, j) of points with the same ``key`` (q,), added up."""
-    _, first, group = np.unique(key, return_index=True, return_inverse=True)
-    ones, points = np.ones(len(key)), np.arange(len(key))
-    adding = scipy.sparse.csr_matrix((ones, (group.reshape(-1), points)))
-    # The order of the axes in memory, so that nothing is copied.
-    plain = blocks.transpose(0, 1, 2, 4, 3)
-    added = (adding @ plain.reshape(len(key), -1)).reshape(len(first), *plain.shape[1:])
-    return nodes[first], added.transpose(0, 1, 2, 4, 3)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 from forms.contact.kinematics import Anchor, ContactKinematics
 from forms.friction.law import FrictionResponse, FrictionState
-from geometry.surfaces.facets import Floats, Ints
+from geometry.surfaces.facets import Bools, Floats, Ints
 from geometry.surfaces.projection import Projection
 
 
@@ -44,6 +44,25 @@ AS_IS = ContactMode()
 
 
 @dataclass(slots=True)
+class NormalContact:
+    """Normal contact of one set of gaps.
+
+    Attributes:
+        closed: (q,) points that carry pressure, or touch; all have a master below them.
+        spring: (q,), Pa: t_N, negative where an adhesive gap pulls; pressure: (q,), Pa, t_N ≥ 0.
+        gap: (v,), m, mean gaps of the vertices; nodal_pressure: (v,), Pa, s_A ≥ 0; active: (v,)
+            whether a vertex carries pressure, or touches. None point by point.
+    """
+
+    closed: Bools
+    spring: Floats
+    pressure: Floats
+    gap: Floats | None = None
+    nodal_pressure: Floats | None = None
+    active: Bools | None = None
+
+
+@dataclass(slots=True)
 class ContactState:
     """The history at the points: all that the next step knows of the converged ones.
 
@@ -70,11 +89,12 @@ class ContactTrial:
     """The contact of one set of displacements, against the last converged state.
 
     Attributes:
-        position: (q, i), m, current; area_ratio: (q,), current; pressure: (q,), Pa: t_N.
+        position: (q, i), m, current; area_ratio: (q,), current.
+        normal_contact: pressure and what it comes from.
         film: (q,), m: D at that pressure.
         traction: (q, i), Pa, on the slave: t = t_N n − T, per reference area.
         response: the law's; its derivative for the pressure holds that through the film too.
-        stiffness: Pa/m, the penalty that it was evaluated with; None: that of the pair.
+        penalty_scale: factor of the penalty that it was evaluated with.
         anchor: places of the last converged step, moved with the current master; None where nobody
             will ask for the tangent.
     """
@@ -83,10 +103,25 @@ class ContactTrial:
     area_ratio: Floats
     projection: Projection
     kinematics: ContactKinematics
-    pressure: Floats
+    normal_contact: NormalContact
     film: Floats
     traction: Floats
     response: FrictionResponse
     dt: float
-    stiffness: float | None = None
+    penalty_scale: float = 1.0
     anchor: Anchor | None = None
+
+    @property
+    def pressure(self) -> Floats:
+        """Contact pressure t_N (q,), Pa."""
+        return self.normal_contact.pressure
+
+    @property
+    def nodal_pressure(self) -> Floats | None:
+        """Contact pressure at the slave vertices (v,), Pa; None point by point."""
+        return self.normal_contact.nodal_pressure
+
+    @property
+    def nodal_gap(self) -> Floats | None:
+        """Mean gap of the slave vertices (v,), m; None point by point."""
+        return self.normal_contact.gap

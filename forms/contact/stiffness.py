@@ -17,15 +17,15 @@ PROBES = (1e-9, 1e-6, 1e-3, 1.0)  # m/s, slip speeds at which the law is evaluat
 class PairStiffness:
     """K and C of one pair, as if all its points were closed: they may be at the next step.
 
-    Per point K_N n⊗n + k_T (I − n⊗n), with k_T the law's stiffness before it
-    slips, and C = c (I − n⊗n).
+    Per point K_N n⊗n + k_T (I − n⊗n), with k_T the law's stiffness before it slips, and
+    C = c (I − n⊗n). An averaged pressure is nowhere stiffer than K_N = Σ_A N_A K_A at the points.
     """
 
     def __init__(self, contact: ExplicitContact) -> None:
         """Evaluate the law's stiffness at rest and its largest viscosity in motion; collective."""
         self.contact = contact
         term = contact.term
-        self.normal = term.penalty
+        self.normal = term.rule.point_stiffness()
         comm = term.surface.space.mesh.comm
         self.tangential = comm.allreduce(elastic_stiffness(term), op=MPI.MAX)
         self.viscosity = comm.allreduce(largest_viscosity(term), op=MPI.MAX)
@@ -43,11 +43,11 @@ class PairStiffness:
         if viscous:
             contact.spread(-self.viscosity * along, out)
         else:
-            contact.spread(-(self.normal * across + self.tangential * along), out)
+            contact.spread(-(self.normal[:, None] * across + self.tangential * along), out)
 
     def add_bound(self, out: NodalVector) -> None:
         """Add to ``out`` a diagonal that is nowhere softer than K (its row sums); collective."""
-        self.contact.spread_weights(max(self.normal, self.tangential), out)
+        self.contact.spread_weights(np.maximum(self.normal, self.tangential), out)
 
 
 def elastic_stiffness(term: ContactTerm) -> float:
@@ -85,5 +85,5 @@ def largest_viscosity(term: ContactTerm) -> float:
 
 def _pressures(term: ContactTerm) -> tuple[float, float]:
     """A low and a high pressure, Pa: penetrations of a hundredth and a tenth of a facet or so."""
-    length = term.surface.facet_length
-    return 1e-2 * term.penalty * length, 1e-1 * term.penalty * length
+    stiffness = float(np.max(term.penalty, initial=0.0)) * term.surface.facet_length
+    return 1e-2 * stiffness, 1e-1 * stiffness

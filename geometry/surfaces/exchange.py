@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import dolfinx
 import numpy as np
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from geometry.surfaces.facets import Floats, Longs
+from geometry.surfaces.facets import Floats
 from geometry.surfaces.surface import ContactSurface
 
 
@@ -61,10 +60,8 @@ class SurfaceExchange:
 
     def __init__(self, surface: ContactSurface) -> None:
         """Find the nodes of ``surface``."""
-        slave: Longs = np.unique(surface.slave.nodes)
-        self.nodes = np.concatenate([slave, surface.master.nodes])
-        self.slave_rows: NDArray[np.int64] = np.searchsorted(slave, surface.slave.nodes)
-        self.first_master = len(slave)
+        self.nodes, self.slave_rows = surface.nodes, surface.slave_rows
+        self.first_master = surface.first_master
         self.dim = surface.dim
         self._alone = surface.space.mesh.comm.size == 1
         self._scatter: PETSc.Scatter | None = None

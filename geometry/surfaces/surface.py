@@ -28,7 +28,9 @@ from geometry.compat import (
     mixed_form,
 )
 from geometry.surfaces.facets import FacetShape, Floats, Ints, Longs, facet_shape, unit_normals
+from geometry.surfaces.ordering import order_by_place
 from geometry.surfaces.projection import FacetSurface, Projection
+from geometry.surfaces.vertices import slave_vertices
 
 # Default degree of the quadrature on slave facets, by the dimension of space.
 QUADRATURE_DEGREE = {2: 9, 3: 5}
@@ -47,6 +49,8 @@ class SlavePoints:
         position: (q, i), m, reference.
         tangents: (q, α, i) orthonormal tangents of the facets, reference.
         facet: (q,) number of the slave facet, for counting pairs of facets.
+        xi: (q, α) reference coordinates on it; facet_length: (q,), m, its length, in space the side
+            of a square or of half a square of its area.
     """
 
     nodes: Longs
@@ -56,6 +60,8 @@ class SlavePoints:
     position: Floats
     tangents: Floats
     facet: Ints
+    xi: Floats
+    facet_length: Floats
 
 
 @dataclass(slots=True)
@@ -79,7 +85,11 @@ class ContactSurface:
     """Slave points and master facets of one pair, and the current positions of both.
 
     Attributes:
+        slave, master: points and facets; vertices: of the slave facets.
+        target: search for the closest point on the master.
         facet_length: m, mean length of the slave facets.
+        nodes: (m,) global nodes of the pair: those of this rank's slave facets, then all master
+            nodes from row ``first_master`` on; slave_rows: (q, a) rows of the points' nodes.
     """
 
     def __init__(
@@ -119,10 +129,18 @@ class ContactSurface:
         self.target = FacetSurface(
             self.shape, self.master.facets, self.master.position, smoothing_angle
         )
-        needed = np.unique(self.slave.nodes)
-        self._slave_rows = np.searchsorted(needed, self.slave.nodes)
-        self._slave_count = len(needed)
-        self._gather_nodes = np.concatenate([needed, self.master.nodes])
+        self.vertices = slave_vertices(
+            space,
+            self.shape,
+            self.slave.nodes,
+            self.slave.xi,
+            self.slave.weight,
+            self.slave.facet_length,
+        )
+        needed: Longs = np.unique(self.slave.nodes)
+        self.slave_rows: Longs = np.searchsorted(needed, self.slave.nodes)
+        self.first_master = len(needed)
+        self.nodes: Longs = np.concatenate([needed, self.master.nodes])
         self._scatter: PETSc.Scatter | None = None
 
     def displacements(self, x: PETSc.Vec) -> tuple[Floats, Floats]:
@@ -133,14 +151,14 @@ class ContactSurface:
         """
         if self._scatter is None:
             index = PETSc.IS().createBlock(
-                self.dim, self._gather_nodes.astype(PETSc.IntType), comm=PETSc.COMM_SELF
+                self.dim, self.nodes.astype(PETSc.IntType), comm=PETSc.COMM_SELF
             )
-            self._here = PETSc.Vec().createSeq(self.dim * len(self._gather_nodes))
+            self._here = PETSc.Vec().createSeq(self.dim * len(self.nodes))
             self._scatter = PETSc.Scatter().create(x, index, self._here, None)
         self._scatter.scatter(x, self._here, addv=False, mode=False)
         values = self._here.array_r.reshape(-1, self.dim)
-        slave = values[: self._slave_count]
-        return slave[self._slave_rows], values[self._slave_count :].copy()
+        slave = values[: self.first_master]
+        return slave[self.slave_rows], values[self.first_master :].copy()
 
     def project(
         self, points: Floats, nodes: Floats, frozen_facets: Ints | None = None
@@ -153,6 +171,11 @@ class ContactSurface:
             frozen_facets: (q,) facets that the points do not leave for a neighbour at once.
         """
         return self.target.project(points, nodes, frozen_facets)
+
+    def master_nodes(self, facet: Ints) -> Longs:
+        """Global nodes (q, m) that move the master facets ``facet`` (q,)."""
+        nodes: Longs = self.master.nodes[self.target.stencil[facet]]
+        return nodes
 
     def slave_positions(self, displacement: Floats) -> Floats:
         """Current positions (q, i) of the slave points from nodal displacements (q, a, i)."""
@@ -301,7 +324,8 @@ def _slave_points(
     corners = space.tabulate_dof_coordinates()[:, : mesh.geometry.dim][local]
     # Shape functions reproduce the reference coordinates: so each point's are known, in the order
     # in which the operator has the points.
-    derivative = form.first(shape @ form.points)
+    xi = shape @ form.points
+    derivative = form.first(xi)
     tangents, derivative = _orthonormal(np.einsum("qba,qai->qbi", derivative, corners), derivative)
     return SlavePoints(
         nodes=nodes.astype(np.int64),
@@ -311,7 +335,18 @@ def _slave_points(
         position=np.einsum("qa,qai->qi", shape, corners),
         tangents=tangents,
         facet=number.reshape(-1).astype(np.int32),
+        xi=xi,
+        facet_length=_lengths(form, number.reshape(-1), weight),
     )
+
+
+def _lengths(form: FacetShape, facet: Longs, weight: Floats) -> Floats:
+    """Length (q,), m, of each point's facet from the weights on it."""
+    size = np.bincount(facet, weight).astype(np.float64)
+    if form.directions == 2:
+        size = np.sqrt(2.0 * size if form.cell == "triangle" else size)
+    out: Floats = size[facet]
+    return out
 
 
 def _orthonormal(tangents: Floats, derivative: Floats) -> tuple[Floats, Floats]:
@@ -368,14 +403,6 @@ def _outward(
     local[flip] = local[flip][:, order]
     position[flip] = position[flip][:, order]
     return local, position
-
-
-def order_by_place(position: Floats) -> NDArray[np.int64]:
-    """Order of points (q, i), by x first; round-off that depends on the partition has no effect."""
-    size = float(np.ptp(position, axis=0).max()) or 1.0
-    # The offset moves round numbers away from the points where the rounding changes.
-    steps = np.floor((position - position.min(axis=0)) / (1e-8 * size) + 0.3183)
-    return np.lexsort(steps.T[::-1])
 
 
 def _require_facets(mesh: dolfinx.mesh.Mesh, facets: NDArray[np.int32], side: str) -> None:

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 import forms.contact.kinematics
-import forms.contact.penalty
+import forms.contact.tangent
 from app.equilibrium.constraints import Platen
 from app.equilibrium.step_mode import DEFAULT_STEP, StepMode
 from app.equilibrium.tangent import Tangent
 from forms.bodies.loads import FollowerPressure
-from forms.contact.penalty import ContactTerm
 from forms.contact.state import ContactMode
+from forms.contact.tangent import PairTangent
 from forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
 from forms.friction.film import FilmTable
 from forms.friction.friction_map import FrictionMap
@@ -244,25 +244,25 @@ def test_whole_tangent_against_finite_differences(pair, name):
 
 def without_normal_of_pressure(patch):
     """t_N δn left out."""
-    whole = ContactTerm.traction_variation
+    whole = PairTangent.traction_variation
 
     def less(self, trial, take):
         d_traction, v = whole(self, trial, take)
         return d_traction - trial.pressure[take][:, None, None] * v.d_normal, v
 
-    patch.setattr(ContactTerm, "traction_variation", less)
+    patch.setattr(PairTangent, "traction_variation", less)
 
 
 def changed_kinematics(patch, change):
     """Contact kinematics whose variations went through ``change``."""
-    whole = forms.contact.penalty.vary
+    whole = forms.contact.tangent.vary
 
     def less(points, projection, anchor):
         variations = whole(points, projection, anchor)
         change(variations, points, projection, anchor)
         return variations
 
-    patch.setattr(forms.contact.penalty, "vary", less)
+    patch.setattr(forms.contact.tangent, "vary", less)
 
 
 def without(name):
@@ -297,14 +297,14 @@ def without_rows(which):
     """A generalised coordinate left out of the operator G: its rows are zero."""
 
     def switch(patch):
-        whole = ContactTerm._generalised_rows
+        whole = PairTangent.generalised_rows
 
-        def less(self, trial, take):
-            rows, nodes = whole(self, trial, take)
+        def less(self, state, trial, take):
+            rows, nodes = whole(self, state, trial, take)
             rows[:, which] = 0.0
             return rows, nodes
 
-        patch.setattr(ContactTerm, "_generalised_rows", less)
+        patch.setattr(PairTangent, "generalised_rows", less)
 
     return switch
 
@@ -313,7 +313,7 @@ def without_derivative(name):
     """A derivative of the friction law left out."""
 
     def switch(patch):
-        whole = ContactTerm.traction_variation
+        whole = PairTangent.traction_variation
 
         def less(self, trial, take):
             table = getattr(trial.response, name)
@@ -324,7 +324,7 @@ def without_derivative(name):
             finally:
                 table[:] = kept
 
-        patch.setattr(ContactTerm, "traction_variation", less)
+        patch.setattr(PairTangent, "traction_variation", less)
 
     return switch
 

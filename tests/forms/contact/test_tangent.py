@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import forms.contact.kinematics
-import forms.contact.penalty
-from forms.contact.penalty import ContactTerm
+import forms.contact.tangent
+from forms.contact.tangent import PairTangent
 from forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
 from forms.friction.friction_map import FrictionMap
 from forms.friction.law import Regime
@@ -110,28 +110,28 @@ def test_tangent_of_points_at_a_corner():
 
 def without(name):
     def switch(patch):
-        whole = forms.contact.penalty.vary
+        whole = forms.contact.tangent.vary
 
         def less(*arguments):
             variations = whole(*arguments)
             getattr(variations, name)[:] = 0.0
             return variations
 
-        patch.setattr(forms.contact.penalty, "vary", less)
+        patch.setattr(forms.contact.tangent, "vary", less)
 
     return switch
 
 
 def without_rows(which):
     def switch(patch):
-        whole = ContactTerm._generalised_rows
+        whole = PairTangent.generalised_rows
 
-        def less(self, trial, take):
-            rows, nodes = whole(self, trial, take)
+        def less(self, state, trial, take):
+            rows, nodes = whole(self, state, trial, take)
             rows[:, which] = 0.0
             return rows, nodes
 
-        patch.setattr(ContactTerm, "_generalised_rows", less)
+        patch.setattr(PairTangent, "generalised_rows", less)
 
     return switch
 
@@ -232,11 +232,11 @@ def test_rigid_motion_of_both_bodies_leaves_the_contact_alone(shape):
 def test_adding_up_and_folding_change_nothing(monkeypatch, shape):
     """Points with the same nodes as one block, and the last facet folded onto the current one."""
     scene, x = prepared(shape, STATES["stick"], fine=True, degree=5)
-    monkeypatch.setattr(forms.contact.penalty, "WORTH_FOLDING", np.inf)
+    monkeypatch.setattr(forms.contact.tangent, "WORTH_FOLDING", np.inf)
     trial = scene.term.evaluate(x, 1.0)
     plain = scene.tangent(x)
     assert len(scene.term.tangent(trial)) == 1
-    monkeypatch.setattr(forms.contact.penalty, "WORTH_FOLDING", 0)
+    monkeypatch.setattr(forms.contact.tangent, "WORTH_FOLDING", 0)
     groups = scene.term.tangent(trial)
     a = scene.surface.shape.count
     assert [nodes.shape[1] for nodes, _ in groups] == [2 * a, 3 * a]

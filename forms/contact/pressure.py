@@ -1,0 +1,165 @@
+"""How the gap of a pair becomes its contact pressure: averaged over vertices, or point by point.
+
+Axis letters: q points, v vertices of the slave facets.
+
+**Averaged** (the default): with the linear shape functions N_A of the vertices A and the weights w
+of the points,
+
+    m_A = Σ_q w N_A,   g_A = (1/m_A) Σ_q w N_A g_q,   s_A = K_A⟨−g_A⟩,   t_N(q) = Σ_A N_A s_A.
+
+The gap is averaged over the points that have a master below them, while m_A is that of the whole
+support, so that the pressure fades where a slave hangs over the end of its master. Its energy is
+½ Σ_A m_A s_A²/K_A. A facet may then lie on a curved master with small gaps and overlaps of its
+points, as its chord must, and carries an even pressure. The test functions of the gap are those of
+mortar methods with linear multipliers (Puso & Laursen, Comput. Methods Appl. Mech. Engng 193 (2004)
+601); here the multiplier is eliminated by the penalty.
+
+**Pointwise** (Luege & Luccioni): t_N = K_N⟨−g⟩ at each point. Over a curved master only few points
+of a facet touch as soon as its sagitta exceeds the penetration.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, Protocol
+
+import numpy as np
+
+from forms.contact.state import ContactMode, NormalContact
+from geometry.surfaces.facets import Bools, Floats
+from geometry.surfaces.projection import Projection
+from geometry.surfaces.surface import ContactSurface
+
+PressureKind = Literal["averaged", "pointwise"]
+
+TOUCHING = 1e-9  # gap, relative to a facet's size, up to which a point or a vertex touches
+
+
+class NormalRule(Protocol):
+    """From the gaps to the pressure.
+
+    Attributes:
+        penalty: Pa/m, of each vertex (v,) or each point (q,).
+    """
+
+    penalty: Floats
+
+    def evaluate(self, at: Projection, mode: ContactMode, least_depth: float) -> NormalContact:
+        """Pressure of the points ``at`` their projections; collective.
+
+        Args:
+            at: projections of all points.
+            mode: penalty scale and adhesive gap.
+            least_depth: depth over facet length up to which there is no pressure.
+        """
+        ...
+
+    def energy(self, normal: NormalContact, penalty_scale: float) -> float:
+        """Energy of the penalty, this rank's part, J per unit thickness."""
+        ...
+
+    def point_stiffness(self) -> Floats:
+        """(q,), Pa/m: springs at the points that are together at least as stiff."""
+        ...
+
+
+class AveragedPressure:
+    """Pressure from the mean gaps at the vertices of the slave facets."""
+
+    def __init__(self, surface: ContactSurface, penalty: float | Floats) -> None:
+        """Take the penalty, Pa/m: one number, or one for each vertex (v,)."""
+        self.surface, self.vertices = surface, surface.vertices
+        self.penalty = _expanded(penalty, self.vertices.count, "vertices")
+
+    def evaluate(
+        self, at: Projection, mode: ContactMode, least_depth: float = 0.0
+    ) -> NormalContact:
+        """See :class:`NormalRule`."""
+        vertices = self.vertices
+        weight = self.surface.slave.weight
+        gap = vertices.sums(weight * np.where(at.on_surface, at.gap, 0.0)) / vertices.area
+        covered = vertices.sums(weight * at.on_surface) > 0.0
+        reach = np.maximum(TOUCHING * vertices.length, mode.adhesive_gap)
+        active = covered & (gap <= reach)
+        depth = _depth(-gap, active, mode, least_depth * vertices.length)
+        spring = mode.penalty_scale * self.penalty * depth
+        closed = at.on_surface & active[vertices.of_point].any(axis=1)
+        at_points = np.where(closed, vertices.at_points(spring), 0.0)
+        return NormalContact(
+            closed=closed,
+            spring=at_points,
+            pressure=np.maximum(at_points, 0.0),
+            gap=gap,
+            nodal_pressure=np.maximum(spring, 0.0),
+            active=active,
+        )
+
+    def energy(self, normal: NormalContact, penalty_scale: float) -> float:
+        """See :class:`NormalRule`."""
+        assert normal.nodal_pressure is not None
+        density = 0.5 * normal.nodal_pressure**2 / (penalty_scale * self.penalty)
+        return float(self.surface.slave.weight @ self.vertices.at_points(density))
+
+    def point_stiffness(self) -> Floats:
+        """See :class:`NormalRule`; by Jensen's inequality (∫N_A g)²/m_A ≤ ∫N_A g²."""
+        return self.vertices.at_points(self.penalty)
+
+
+class PointwisePressure:
+    """Pressure of each point from its own gap."""
+
+    def __init__(self, surface: ContactSurface, penalty: float | Floats) -> None:
+        """Take the penalty, Pa/m: one number, or one for each point (q,)."""
+        self.surface = surface
+        self.penalty = _expanded(penalty, len(surface.slave.weight), "points")
+
+    def evaluate(
+        self, at: Projection, mode: ContactMode, least_depth: float = 0.0
+    ) -> NormalContact:
+        """See :class:`NormalRule`."""
+        # Touching points count as closed: they carry no pressure yet, but their stiffness keeps a
+        # body that only rests on another from being loose.
+        size = np.sqrt(np.einsum("qai,qai->qa", at.tangents, at.tangents).max(axis=1))
+        closed = (at.gap <= np.maximum(TOUCHING * size, mode.adhesive_gap)) & at.on_surface
+        depth = _depth(-at.gap, closed, mode, least_depth * size)
+        spring = mode.penalty_scale * self.penalty * depth
+        return NormalContact(closed, spring, np.maximum(spring, 0.0))
+
+    def energy(self, normal: NormalContact, penalty_scale: float) -> float:
+        """See :class:`NormalRule`."""
+        density = 0.5 * normal.pressure**2 / (penalty_scale * self.penalty)
+        return float(self.surface.slave.weight @ density)
+
+    def point_stiffness(self) -> Floats:
+        """See :class:`NormalRule`."""
+        return self.penalty
+
+
+def normal_rule(
+    kind: PressureKind, surface: ContactSurface, penalty: float | Floats
+) -> AveragedPressure | PointwisePressure:
+    """The rule of a kind; ``penalty`` in Pa/m, of each vertex (v,) or point (q,) or one for all.
+
+    Raises:
+        ValueError: another kind, or numbers that do not fit the vertices or points.
+    """
+    if kind == "averaged":
+        return AveragedPressure(surface, penalty)
+    if kind == "pointwise":
+        return PointwisePressure(surface, penalty)
+    raise ValueError(f'the contact pressure is "averaged" or "pointwise", not {kind!r}')
+
+
+def _depth(depth: Floats, closed: Bools, mode: ContactMode, least: Floats) -> Floats:
+    """Depth that the penalty acts on: below zero only within an adhesive gap."""
+    held = np.where(mode.adhesive_gap > 0.0, depth, np.where(depth > least, depth, 0.0))
+    out: Floats = np.where(closed, held, 0.0)
+    return out
+
+
+def _expanded(penalty: float | Floats, count: int, what: str) -> Floats:
+    out = np.array(penalty, dtype=np.float64)
+    if out.ndim and out.shape != (count,):
+        raise ValueError(f"penalty: {out.size} numbers for {count} {what}")
+    if not np.all(np.isfinite(out) & (out > 0.0)):
+        raise ValueError("penalty: must be positive and finite")
+    return np.array(np.broadcast_to(out, (count,)))

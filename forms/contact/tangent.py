@@ -1,0 +1,244 @@
+"""The tangent of one contact pair.
+
+With the rows G of the generalised coordinates z = (a, b_α, c, d) of
+:mod:`forms.contact.kinematics`,
+
+    K_c = −Gᵀ C G  +  Σ_A (K_A H_A/m_A) L_A R_Aᵀ.
+
+C is block diagonal per point: its rows a hold w ∂t/∂z at fixed averaged pressure, its rows b_β hold
+−w t ⊗ ∂ξ^β/∂z, since the closest point moves under the load. The sum over the active vertices
+(H_A = 1) is that of the averaged pressure, with
+
+    R_A = Σ_q w N_A G_aᵀ n = m_A ∂g_A/∂u,    L_A = Σ_q w N_A G_aᵀ (n − ∂T/∂t_N):
+
+one sparse product. Point by point there is no such sum, and ∂t/∂z holds K_N ∂g/∂z.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse
+
+from forms.contact.kinematics import Variations, vary
+from forms.contact.pressure import AveragedPressure, NormalRule
+from forms.contact.state import ContactState, ContactTrial
+from geometry.surfaces.facets import Bools, Floats, Longs
+from geometry.surfaces.surface import ContactSurface
+
+# Entries of point blocks that must be saved for a second group of them to pay for its overhead.
+WORTH_FOLDING = 50_000
+
+
+@dataclass(frozen=True, slots=True)
+class Coupling:
+    """A sparse part of the tangent between nodes of the pair.
+
+    Attributes:
+        rows, columns: global nodes; matrix: their unknowns, (rows · i, columns · i).
+    """
+
+    rows: Longs
+    columns: Longs
+    matrix: scipy.sparse.csr_matrix
+
+
+@dataclass(frozen=True, slots=True)
+class PairTangent:
+    """Makes the tangent of one pair.
+
+    Attributes:
+        surface: of the pair; rule: from gaps to pressure.
+    """
+
+    surface: ContactSurface
+    rule: NormalRule
+
+    # -- point by point -----------------------------------------------------------------------
+
+    def traction_variation(self, trial: ContactTrial, take: Longs) -> tuple[Floats, Variations]:
+        """∂t/∂z (p, i, r·j) of the closed points ``take`` (p,), and that of their kinematics.
+
+        t = t_N n − T changes through gap, normal, slip and elastic slip; through an averaged
+        pressure elsewhere, see :meth:`vertex_coupling`.
+        """
+        assert trial.anchor is not None
+        v = vary(trial.position[take], trial.projection.of(take), trial.anchor.of(take))
+        r, normal = trial.response, trial.kinematics.normal[take]
+        out: Floats = trial.normal_contact.spring[take][:, None, None] * v.d_normal
+        if not isinstance(self.rule, AveragedPressure):
+            d_pressure = -(trial.penalty_scale * self.rule.penalty[take])[:, None] * v.d_gap
+            by_pressure = normal - r.d_traction_d_pressure[take]
+            out += by_pressure[:, :, None] * d_pressure[:, None, :]
+        out -= r.d_traction_d_slip[take] @ v.d_slip
+        out -= r.d_traction_d_elastic[take] @ v.d_elastic
+        return out, v
+
+    def point_blocks(self, state: ContactState, trial: ContactTrial) -> list[tuple[Longs, Floats]]:
+        """Global nodes (p, m) and the blocks −Gᵀ C G (p, m, i, n, j) of closed points.
+
+        Points with the same nodes are added up where that saves much, and points that are still on
+        the master facet of the last step need its nodes once only, so there may be two groups of
+        blocks. Open points contribute nothing and are left out.
+        """
+        take = np.nonzero(trial.kinematics.closed)[0]
+        size = self.surface.target.stencil.shape[1] * self.surface.dim
+        stayed = trial.projection.facet[take] == state.facet[take]
+        if 5 * np.count_nonzero(stayed) * size**2 < WORTH_FOLDING:
+            return [self._blocks(state, trial, take)] if len(take) else []
+        parts = [(take[stayed], True), (take[~stayed], False)]
+        return [
+            _added_up(
+                self._point_facets(state, trial, part), *self._blocks(state, trial, part, folded)
+            )
+            for part, folded in parts
+            if len(part)
+        ]
+
+    def _blocks(
+        self, state: ContactState, trial: ContactTrial, take: Longs, folded: bool = False
+    ) -> tuple[Longs, Floats]:
+        """Nodes and blocks of points; ``folded``: their facet is still that of the last step."""
+        rows, nodes = self.generalised_rows(state, trial, take)
+        if folded:
+            m = self.surface.target.stencil.shape[1]
+            rows[:, :, -2 * m : -m] += rows[:, :, -m:]
+            rows, nodes = rows[:, :, :-m], nodes[:, :-m]
+        q, coordinates, m = rows.shape
+        dim = self.surface.dim
+        weight = self.surface.slave.weight[take]
+        # Rows c and d carry no virtual work: they are left out of the left product.
+        load = np.empty((q, coordinates - 2, dim, coordinates * dim))
+        d_traction, v = self.traction_variation(trial, take)
+        load[:, 0] = weight[:, None, None] * d_traction
+        moved = weight[:, None] * trial.traction[take]
+        load[:, 1:] = -moved[:, None, :, None] * v.d_xi[:, :, None, :]
+        left = rows[:, :-2].transpose(0, 2, 1) @ load.reshape(q, coordinates - 2, -1)
+        left = left.reshape(q, m * dim, coordinates, dim).transpose(0, 1, 3, 2)
+        blocks = -(left.reshape(q, m * dim * dim, coordinates) @ rows)
+        return nodes, blocks.reshape(q, m, dim, dim, m).transpose(0, 1, 2, 4, 3)
+
+    def _point_facets(self, state: ContactState, trial: ContactTrial, take: Longs) -> Longs:
+        """Number (p,) of the facets that a point couples: its own, the present and the last."""
+        masters = np.int64(len(self.surface.master.facets))
+        slave, before = self.surface.slave.facet[take], state.facet[take]
+        return (slave * masters + trial.projection.facet[take]) * masters + before
+
+    def generalised_rows(
+        self, state: ContactState, trial: ContactTrial, take: Longs
+    ) -> tuple[Floats, Longs]:
+        """Coefficients (q, r, m) of z = (a, b_α, c, d) on the nodes (q, m) of each point."""
+        slave, target = self.surface.slave, self.surface.target
+        xi, facet = trial.projection.xi[take], trial.projection.facet[take]
+        mine = slave.shape[take]
+        count, a = mine.shape
+        surface, m = xi.shape[1], target.stencil.shape[1]
+        rows = np.zeros((count, 3 + surface, a + 2 * m))
+        now, before = slice(a, a + m), slice(a + m, a + 2 * m)
+        rows[:, 0, :a] = mine
+        rows[:, 0, now] = -target.weights(facet, xi)
+        rows[:, 1 : 1 + surface, now] = target.slopes(facet, xi)
+        rows[:, -2, :a] = mine
+        last = state.facet[take], state.xi[take]
+        rows[:, -2, before] = -target.weights(*last)
+        components = state.slip_components[take]
+        rows[:, -1, before] = np.einsum("qb,qbm->qm", components, target.slopes(*last))
+        nodes = np.concatenate(
+            [
+                slave.nodes[take],
+                self.surface.master_nodes(facet),
+                self.surface.master_nodes(state.facet[take]),
+            ],
+            axis=1,
+        )
+        return rows, nodes
+
+    # -- averaged pressure --------------------------------------------------------------------
+
+    def vertex_coupling(self, trial: ContactTrial) -> Coupling | None:
+        """The sum over the vertices; None point by point; collective.
+
+        A vertex at the seam of two ranks needs the whole R_A on both: it is exchanged.
+        """
+        rule, normal = self.rule, trial.normal_contact
+        if not isinstance(rule, AveragedPressure):
+            return None
+        assert normal.active is not None
+        take = np.nonzero(trial.kinematics.closed)[0]
+        direction = trial.kinematics.normal[take]
+        left = self._vertex_rows(
+            trial, take, direction - trial.response.d_traction_d_pressure[take], normal.active
+        )
+        right = self._vertex_rows(trial, take, direction, normal.active)
+        nodes = columns = self.surface.nodes
+        if self.surface.vertices.comm.size > 1:
+            right, columns = self._completed(right)
+        stiffness = trial.penalty_scale * rule.penalty / rule.vertices.area
+        # Only the active vertices have rows; the others would fill the product with zeros.
+        product = (left.T.multiply(stiffness[None, :])).tocsr() @ right
+        return Coupling(nodes, columns, product)
+
+    def _vertex_rows(
+        self, trial: ContactTrial, take: Longs, along: Floats, active: Bools
+    ) -> scipy.sparse.csr_matrix:
+        """Σ_q w N_A G_aᵀ d (v, m·i) of the points ``take`` (p,), along the vectors d (p, i)."""
+        surface = self.surface
+        slave, target, vertices = surface.slave, surface.target, surface.vertices
+        facet = trial.projection.facet[take]
+        shape = np.concatenate(
+            [slave.shape[take], -target.weights(facet, trial.projection.xi[take])], axis=1
+        )
+        rows = np.concatenate(
+            [surface.slave_rows[take], surface.first_master + target.stencil[facet]], axis=1
+        )
+        share = slave.weight[take][:, None] * vertices.shape[take]
+        values = np.einsum("pk,pm,pi->pkmi", share, shape, along)
+        key = slave.facet[take].astype(np.int64) * len(surface.master.facets) + facet
+        first, summed = _sums(key, values)
+        dim, count = surface.dim, len(surface.nodes)
+        vertex = vertices.of_point[take][first][:, :, None, None]
+        column = dim * rows[first][:, None, :, None] + np.arange(dim)
+        vertex, column = np.broadcast_arrays(vertex, column)
+        keep = active[vertex.reshape(-1)]
+        entries = summed.reshape(-1)[keep]
+        place = vertex.reshape(-1)[keep], column.reshape(-1)[keep]
+        return scipy.sparse.csr_matrix((entries, place), shape=(vertices.count, dim * count))
+
+    def _completed(self, right: scipy.sparse.csr_matrix) -> tuple[scipy.sparse.csr_matrix, Longs]:
+        """R with the other ranks' parts of shared vertices, and its columns' nodes; collective."""
+        surface, dim = self.surface, self.surface.dim
+        vertices = surface.vertices
+        part = right[vertices.shared].tocoo()
+        at = np.nonzero(vertices.shared)[0][part.row], surface.nodes[part.col // dim]
+        gathered = vertices.comm.allgather((*at, part.col % dim, part.data))
+        others = [g for rank, g in enumerate(gathered) if rank != vertices.comm.rank]
+        vertex, node, axis, value = (np.concatenate(p) for p in zip(*others, strict=True))
+        new = np.unique(node)
+        columns = np.concatenate([surface.nodes, new])
+        first = dim * len(surface.nodes)
+        column = first + dim * np.searchsorted(new, node) + axis
+        mine = right.tocoo()
+        here = np.isin(vertex, np.unique(surface.vertices.of_point))
+        rows = np.concatenate([mine.row, vertex[here]])
+        cols = np.concatenate([mine.col, column[here]])
+        data = np.concatenate([mine.data, value[here]])
+        size = (vertices.count, dim * len(columns))
+        return scipy.sparse.csr_matrix((data, (rows, cols)), shape=size), columns
+
+
+def _sums(key: Longs, values: Floats) -> tuple[Longs, Floats]:
+    """One row of each ``key`` (q,), and the sums (g, …) of ``values`` (q, …) with the same key."""
+    _, first, group = np.unique(key, return_index=True, return_inverse=True)
+    ones, points = np.ones(len(key)), np.arange(len(key))
+    shape = (len(first), len(key))
+    adding = scipy.sparse.csr_matrix((ones, (group.reshape(-1), points)), shape=shape)
+    size = int(np.prod(values.shape[1:]))
+    return first, (adding @ values.reshape(len(key), size)).reshape(len(first), *values.shape[1:])
+
+
+def _added_up(key: Longs, nodes: Longs, blocks: Floats) -> tuple[Longs, Floats]:
+    """Nodes (p, m) and blocks (p, m, i, n, j) of points with the same ``key`` (q,), added up."""
+    # The order of the axes in memory, so that nothing is copied.
+    first, added = _sums(key, blocks.transpose(0, 1, 2, 4, 3))
+    return nodes[first], added.transpose(0, 1, 2, 4, 3)
