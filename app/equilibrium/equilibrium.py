@@ -121,7 +121,7 @@ class Equilibrium:
     @property
     def roundoff(self) -> float:
         """Residual norm below which only round-off is left, at ``u``; N/m; collective."""
-        return self.rounding.norm(self.u.x.array[: self.owned])
+        return self.rounding.norm(self.u.x.array[: self.owned], self.reference_force)
 
     def constrained_dofs(self) -> Ints:
         """Owned local unknowns with a prescribed displacement."""

@@ -13,6 +13,8 @@ from forms.bodies.materials import oedometric_modulus
 from forms.bodies.solid import Solid
 from geometry.surfaces.facets import Floats, Ints
 
+CARRIED = 1e-6  # residual over the force that the motion of bodies may leave at most
+
 
 class RoundOff:
     """Norm of the residual that rounding alone leaves, at any displacement.
@@ -57,20 +59,25 @@ class RoundOff:
             size *= np.sqrt(total / count)
         return nodes, np.finfo(float).eps * oedometric_modulus(solid.material) * size
 
-    def squares(self, u: Floats) -> Floats:
-        """r² of each solid, N² ((N/m)² in plane strain); collective.
+    def squares(self, u: Floats) -> tuple[Floats, Floats]:
+        """Squares of the first and the second part of r, solid by solid; collective.
 
         Args:
             u: (n,), m, owned unknowns.
         """
         moved = u.reshape(-1, self._dim)
         local = [float(np.sum((size[:, None] * moved[nodes]) ** 2)) for nodes, size in self._parts]
-        out: Floats = self._at_rest + self._comm.allreduce(np.array(local))
-        return out
+        carried: Floats = self._comm.allreduce(np.array(local))
+        return self._at_rest, carried
 
-    def norm(self, u: Floats) -> float:
-        """The same of all solids together, N (N/m in plane strain); collective."""
-        return float(np.sqrt(self.squares(u).sum()))
+    def norm(self, u: Floats, force: float) -> float:
+        """Norm r of all solids at the owned unknowns (n,), m, as a force in N (N/m); collective.
+
+        The part of the motion is ``CARRIED`` of ``force`` at most: a body that nothing holds any
+        more may be put so far away that nothing but rounding is left of its forces.
+        """
+        at_rest, carried = (float(part.sum()) for part in self.squares(u))
+        return float(np.sqrt(at_rest + min(carried, (CARRIED * force) ** 2)))
 
 
 def reference_force(unbalanced: Floats, contact_squared: float, constraints: Constraints) -> float:

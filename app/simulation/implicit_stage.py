@@ -118,7 +118,8 @@ class ImplicitStage:
         observer.step(state, row, result)
 
     def _give_up(self, load_step: LoadStep, dt: float, result: StepResult) -> None:
-        why = explain(self.model.problem, result, self.stepper.x, self._loose)
+        model = self.model
+        why = explain(model.problem, result, self.stepper.x, self._loose, model.thickness)
         raise SolutionError(
             f"stage {load_step.label}, time {self.state.time:.6g} s: no solution even with a step "
             f"of {dt:.3g} s: {why}"

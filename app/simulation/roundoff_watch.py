@@ -12,7 +12,6 @@ from app.simulation.observer import Interval
 from forms.bodies.materials import oedometric_modulus
 
 TOUCHING = 1e-9  # penetration over a facet's length up to which bodies only touch
-CARRIED = 4.0  # noise squared over that at rest from which on the motion of a body makes it
 RIGID = 1e4  # stiffness over that of another body beyond which a body need not go to be rigid
 
 
@@ -82,9 +81,9 @@ class RoundOffWatch:
     def _noisiest(self) -> tuple[str, bool]:
         """The body whose rounding leaves most, and whether by its motion; collective."""
         rounding, u = self._problem.rounding, self._problem.u.x.array[: self._problem.owned]
-        now, at_rest = rounding.squares(u), rounding.squares(0.0 * u)
-        at = int(now.argmax())
-        return rounding.names[at], bool(now[at] > CARRIED * at_rest[at])
+        at_rest, carried = rounding.squares(u)
+        at = int((at_rest + carried).argmax())
+        return rounding.names[at], bool(carried[at] > at_rest[at])
 
     def warnings(self) -> Iterator[str]:
         """One line if some load step ended at round-off."""
