@@ -23,6 +23,7 @@ from app.implicit.stepper import StepResult
 from app.results.contact_points import contact_arrays
 from app.results.directory import write_json, write_table, write_text
 from app.results.fields import FieldWriter
+from app.simulation.contact_warnings import ContactWarnings
 from app.simulation.history import COLUMNS, Row, energy_gap
 from app.simulation.inertia import notes_on_inertia
 from app.simulation.observer import Interval, Observer
@@ -32,10 +33,6 @@ from app.simulation.simulation import Simulation
 from geometry.surfaces.facets import Floats
 
 TINY = 1e-30  # J/m², below any dissipation
-# Largest penetration, relative to the length of a slave facet, from which on it is warned of. The
-# default penalty leaves 0.005 in cases/block-slide.toml; on blocks of 10 elements the forces are
-# 0.1 % too small at 0.001 and 1.2 % at 0.009, in proportion.
-PENETRATION = 0.02
 UNBALANCED = 0.05  # energy error over the work from which a run is warned of
 HISTORY_EVERY = 2.0  # s between two rewrites of history.csv while running
 
@@ -64,9 +61,7 @@ class Recorder(Observer):
         self._left: set[str] = set()
         self._roundoff = RoundOffWatch(model.problem, model.case.solver.tolerance)
         self._label = ""
-        contacts = model.problem.contacts
-        self._facet = [term.surface.facet_length for term in contacts]
-        self._deepest = [(0.0, 0.0, "")] * len(contacts)
+        self._contacts = ContactWarnings(model.problem)
         self.warnings: list[str] = list(model.notes)
         if self.first:
             write_text(directory / "case.toml", resolved_toml(model.case))
@@ -82,6 +77,7 @@ class Recorder(Observer):
         self._watch(state, row)
         self._label = row.stage
         self._roundoff.step(row, result)
+        self._contacts.step(row, self.model.thickness)
         if self.first and time.monotonic() - self._written > HISTORY_EVERY:
             self._write_history(state)
             self._written = time.monotonic()
@@ -120,7 +116,7 @@ class Recorder(Observer):
         """
         if simulation.state.step:
             self._output(simulation.state)
-            self.warnings.extend(self._deep_contacts())
+            self.warnings.extend(self._contacts.warnings())
             self.warnings.extend(_unbalanced(simulation.rows))
             self._roundoff.end(self._label)
             self.warnings.extend(self._roundoff.warnings())
@@ -165,13 +161,7 @@ class Recorder(Observer):
             self._outputs.append((state.time, name))
 
     def _watch(self, state: RunState, row: Row) -> None:
-        """Warn once of a negative dissipation beyond round-off, and of running off the master.
-
-        The deepest penetration is kept for a warning at the end.
-        """
-        for index, pair in enumerate(state.resultants):
-            deepest = (pair.penetration, row.time, row.stage)
-            self._deepest[index] = max(self._deepest[index], deepest)
+        """Warn once of a negative dissipation beyond round-off, and of running off the master."""
         for contact, pair in zip(self.model.case.contact, state.resultants, strict=True):
             if pair.beyond > 0.0 and contact.master not in self._left:
                 self._left.add(contact.master)
@@ -190,20 +180,6 @@ class Recorder(Observer):
                     f"negative dissipation {pair.least_dissipation:.3g} J/m² at ({where}) m, "
                     f"time {row.time:.6g} s, stage {row.stage}"
                 )
-
-    def _deep_contacts(self) -> Iterator[str]:
-        """A warning on each contact whose bodies overlap noticeably, or never pressed at all."""
-        pairs = zip(self._deepest, self._facet, strict=True)
-        for index, ((depth, time_, stage), length) in enumerate(pairs):
-            if depth > PENETRATION * length:
-                yield (
-                    f"contact.{index}: penetration up to {depth:.3g} m, {depth / length:.2g} of a "
-                    f"slave facet's length (time {time_:.6g} s, stage {stage}): from "
-                    f"{PENETRATION:g} on the contact is noticeably too soft; raise the penalty "
-                    "(penalty_factor) or refine the surface"
-                )
-            elif depth == 0.0:
-                yield f"contact.{index}: the bodies never pressed on each other"
 
     def _write_series(self) -> None:
         """Index of the contact files by time, as ParaView reads it."""
@@ -245,10 +221,8 @@ class Recorder(Observer):
             "residual_at_roundoff": worst.share if worst else None,
             "penalty": [float(np.mean(term.penalty)) for term in problem.contacts],
             "film_onset_pressure": self.model.film_onset,
-            "penetration_over_facet": [
-                depth / length
-                for (depth, _, _), length in zip(self._deepest, self._facet, strict=True)
-            ],
+            "penetration_over_facet": self._contacts.over_facet,
+            "penetration_over_approach": self._contacts.over_approach,
             "penetration_over_film": [_penetration_over_film(row) for row in rows[-1:]],
             "load_steps": self.load_steps,
             "dofs": int(problem.space.dofmap.index_map.size_global * problem.dim),
