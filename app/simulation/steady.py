@@ -6,7 +6,8 @@ drag grows slowly. So two things are asked of the tangential force T, at a way s
 velocity:
 
 1. What friction will still lose by what its law says of itself,
-   :math:`E = \int \omega (\mu(d) - \mu_\infty) t_N \, dA`, is at most ``SETTLED`` of T.
+   :math:`E = \int \omega (\mu(d) - \mu_\infty) t_N \, dA`, is at most ``SETTLED`` of T, or the
+   tolerance below if that is more.
 2. T - E, which does not feel the weakening, stays the same to within a tolerance over the last
    :math:`\max\{s/8, L\}` of the way, with the longer of two lengths for L: the pre-sliding length
    :math:`\mu p/K_T`, and the elastic length T/k in which the bodies are sheared under the load that
@@ -58,22 +59,23 @@ class Steadiness:
         left: what friction has still to lose by its law, over the tangential force.
         change: of the tangential force without that, relative, over the distance.
         distance: m, of drive.
+        allowed: tolerance of what is left.
     """
 
     steady: bool
     left: float
     change: float
     distance: float
+    allowed: float = SETTLED
 
     @property
     def reason(self) -> str:
         """What is missing, in words."""
-        changes = (
+        if self.left > self.allowed:
+            return f"friction has still to change by {self.left:.2g} of the tangential force"
+        return (
             f"the tangential force changes by {self.change:.2g} of itself in {self.distance:.2g} m"
         )
-        if self.left <= SETTLED:
-            return changes
-        return f"friction has still to fall by {self.left:.2g} of the tangential force"
 
 
 def measure_settling(
@@ -164,13 +166,19 @@ class SlidWay:
             length = max(length, now / self._stiffness)
         length = max(SHARE * float(way[-1]), length)
         change = change_over(way, force - excess, length)
-        settled = self.knows_end and left <= SETTLED * now
+        allowed = max(SETTLED, tolerance)
+        settled = self.knows_end and left <= allowed * now
         steady = settled and change <= tolerance * now
         if not steady and 0.0 < self.settling_slip <= way[-1]:
             longest = max(length, self.settling_slip)
             steady = change_over(way, force, longest) <= tolerance * now
-        share = 1.0 / now if now > 0.0 else np.inf
-        return Steadiness(steady, left * share if left else 0.0, change * share, length)
+        return Steadiness(steady, _over(left, now), _over(change, now), length, allowed)
+
+
+def _over(part: float, whole: float) -> float:
+    if whole > 0.0:
+        return part / whole
+    return np.inf if part > 0.0 else 0.0
 
 
 def change_over(way: Floats, values: Floats, length: float) -> float:
