@@ -180,8 +180,7 @@ def _penalty(contact: Contact, surface: ContactSurface, modulus: float) -> float
         return contact.penalty
     averaged = contact.pressure == "averaged"
     length = surface.vertices.length if averaged else surface.slave.facet_length
-    stiffness: Floats = (contact.penalty_factor or 0.0) * modulus / length
-    return stiffness
+    return np.asarray((contact.penalty_factor or 0.0) * modulus / length, dtype=np.float64)
 
 
 def _resolved_friction(

@@ -102,8 +102,8 @@ class Recorder(Observer):
             self.warnings += notes_on_inertia(self.model.case, load_step, state.inertia[-1])
         if steady is False:
             self.warnings.append(
-                f"stage {load_step.label}: not steady after {load_step.stage.max_steps} steps "
-                "(raise max_steps, slip_step or steady_tolerance)"
+                f"stage {load_step.label}: not steady after {load_step.stage.max_steps} steps: "
+                f"{state.steadiness.reason} (raise max_steps or slip_step)"
             )
 
     def close(self, simulation: Simulation, status: str, failure: str | None = None) -> None:

@@ -45,15 +45,13 @@ class ImplicitStage:
         Raises:
             SolutionError: a step failed however short it was made.
         """
-        state, begin = self.state, self.state.time
-        ends: list[int] = []
+        state, begin, first = self.state, self.state.time, len(self.state.rows)
         steady: bool | None = None
         for count in range(1, (load_step.steps or load_step.stage.max_steps) + 1):
             self._advance(load_step, begin, observer)
-            ends.append(len(state.rows) - 1)
             if load_step.steps is None:
                 enough = count >= load_step.stage.min_steps
-                steady = enough and state.is_steady(load_step, ends)
+                steady = enough and state.is_steady(load_step, first)
                 if steady:
                     break
         observer.load_step(state, load_step, state.rows[-1], steady)

@@ -16,7 +16,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from forms.contact.kinematics import Anchor, ContactKinematics, relate
-from forms.contact.pressure import PressureKind, normal_rule
+from forms.contact.pressure import AveragedPressure, PressureKind, normal_rule
 from forms.contact.state import AS_IS, ContactMode, ContactState, ContactTrial
 from forms.contact.tangent import Coupling, PairTangent
 from forms.friction.film import FilmThickness, film_thickness
@@ -35,17 +35,12 @@ class _Evaluation:
 
     dt: float
     mode: ContactMode
-    slave: Floats
-    master: Floats
+    values: Floats
     trial: ContactTrial
 
-    def answers(self, dt: float, mode: ContactMode, slave: Floats, master: Floats) -> bool:
-        return (
-            self.dt == dt
-            and self.mode.equals(mode)
-            and np.array_equal(self.slave, slave)
-            and np.array_equal(self.master, master)
-        )
+    def answers(self, dt: float, mode: ContactMode, values: Floats) -> bool:
+        same = np.array_equal(self.values, values)
+        return self.dt == dt and self.mode.equals(mode) and same
 
 
 class ContactTerm:
@@ -138,27 +133,32 @@ class ContactTerm:
 
         Nothing is changed; the evaluation of the same ``x`` twice in a row costs one gather.
         """
-        slave, master = self.surface.displacements(x)
+        values = self.surface.gather(x)
         last = self._last
-        if last is not None and last.answers(dt, mode, slave, master):
+        # An averaged pressure is summed over the ranks: they must all evaluate, or none.
+        known = last is not None and last.answers(dt, mode, values)
+        if last is not None and self.surface.vertices.on_all_ranks(known):
             return last.trial
-        trial = self._evaluate(slave, master, dt, mode)
-        self._last = _Evaluation(dt, mode, slave, master, trial)
+        trial = self._evaluate(values, dt, mode)
+        self._last = _Evaluation(dt, mode, values, trial)
         return trial
 
-    def _evaluate(
-        self, slave: Floats, master: Floats, dt: float, mode: ContactMode
-    ) -> ContactTrial:
-        points = self.surface.slave_positions(slave)
-        nodes = self.surface.master.position + master
-        current = self.surface.project(points, nodes, mode.frozen_facets)
+    def _evaluate(self, values: Floats, dt: float, mode: ContactMode) -> ContactTrial:
+        surface = self.surface
+        slave = values[surface.slave_rows]
+        points = surface.slave_positions(slave)
+        nodes = surface.master.position + values[surface.first_master :]
+        normals = None
+        if isinstance(self.rule, AveragedPressure):
+            normals = surface.slave_normals(values)
+        current = surface.project(points, nodes, mode.frozen_facets, normals)
         anchor = self.anchor(nodes)
         normal = self.rule.evaluate(current, mode)
         kinematics = relate(points, current, anchor, normal.closed)
         film, response = self._friction(kinematics, dt, normal.pressure, mode)
         return ContactTrial(
             position=points,
-            area_ratio=self.surface.slave_area_ratio(slave),
+            area_ratio=surface.slave_area_ratio(slave),
             projection=current,
             kinematics=kinematics,
             normal_contact=normal,
@@ -255,7 +255,7 @@ class ContactTerm:
 
     def coupling(self, trial: ContactTrial) -> Coupling | None:
         """See :meth:`forms.contact.tangent.PairTangent.vertex_coupling`; collective."""
-        return self.linearised.vertex_coupling(trial)
+        return self.linearised.vertex_coupling(self.state, trial)
 
     def interface_energy(self, trial: ContactTrial) -> float:
         """Penalty and elastic-slip energy of this rank's points, J per unit thickness."""

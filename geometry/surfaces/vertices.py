@@ -60,6 +60,12 @@ class SlaveVertices:
         out: Floats = np.einsum("qk,qk->q", self.shape, values[self.of_point])
         return out
 
+    def on_all_ranks(self, here: bool) -> bool:
+        """Whether something holds on all ranks; collective."""
+        if self.comm.size == 1:
+            return here
+        return bool(self.comm.allreduce(here, op=MPI.LAND))
+
     def _total(self, local: Floats) -> Floats:
         if self.comm.size == 1:
             return local
