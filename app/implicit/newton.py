@@ -227,7 +227,7 @@ class Newton:
             return reasons.DIVERGED_FNORM_NAN
         scale = max(self.problem.reference_force, 1e-6 * self._largest_force)
         self.residuals.append(norm / scale if scale > 0.0 else norm)
-        if norm <= max(self.options.tolerance * scale, self.problem.roundoff):
+        if norm <= self.options.tolerance * scale or norm <= self.problem.roundoff:
             return reasons.CONVERGED_FNORM_RELATIVE
         if iteration >= self.options.max_iterations:
             return reasons.DIVERGED_MAX_IT

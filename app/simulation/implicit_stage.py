@@ -45,15 +45,13 @@ class ImplicitStage:
         Raises:
             SolutionError: a step failed however short it was made.
         """
-        state, begin = self.state, self.state.time
-        ends: list[int] = []
+        state, begin, first = self.state, self.state.time, len(self.state.rows)
         steady: bool | None = None
         for count in range(1, (load_step.steps or load_step.stage.max_steps) + 1):
             self._advance(load_step, begin, observer)
-            ends.append(len(state.rows) - 1)
             if load_step.steps is None:
                 enough = count >= load_step.stage.min_steps
-                steady = enough and state.is_steady(load_step, ends)
+                steady = enough and state.is_steady(load_step, first)
                 if steady:
                     break
         observer.load_step(state, load_step, state.rows[-1], steady)
@@ -99,7 +97,8 @@ class ImplicitStage:
         state, problem = self.state, self.model.problem
         resultants = state.resultants_of(problem.trials)
         wrong = not_finite(resultants)
-        pressed = any(m.normal_force > problem.roundoff for m in (*state.resultants, *resultants))
+        noise = problem.roundoff
+        pressed = any(m.normal_force > noise for m in (*state.resultants, *resultants))
         if wrong is None and not pressed:
             x, trial = self.stepper.x.array_r, self.stepper.trial.array_r
             wrong = body_adrift(problem, self._loose, x, trial)
@@ -117,7 +116,8 @@ class ImplicitStage:
         observer.step(state, row, result)
 
     def _give_up(self, load_step: LoadStep, dt: float, result: StepResult) -> None:
-        why = explain(self.model.problem, result, self.stepper.x, self._loose)
+        model = self.model
+        why = explain(model.problem, result, self.stepper.x, self._loose, model.thickness)
         raise SolutionError(
             f"stage {load_step.label}, time {self.state.time:.6g} s: no solution even with a step "
             f"of {dt:.3g} s: {why}"

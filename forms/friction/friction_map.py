@@ -36,6 +36,7 @@ from forms.friction.law import (
 )
 from forms.friction.parameters import FrictionMapParameters
 from forms.friction.return_mapping import Returned, components_first, dot, return_mapping
+from forms.friction.settling import SETTLED
 from forms.friction.slip_weakening import SlipWeakening
 
 Floats = NDArray[np.float64]
@@ -92,6 +93,28 @@ class FrictionMap:
     def coefficient(self, state: FrictionState) -> Floats:
         """mu(d) at the slip path reached, (q,)."""
         return self._friction.coefficient(state.slip_path)
+
+    @property
+    def settling_slip(self) -> float:
+        """Slip from which on mu(d) is within ``SETTLED`` of where it tends, m."""
+        return self._friction.settling_slip(SETTLED * self._friction.mu_d)
+
+    def unsettled(self, state: FrictionState, pressure: Floats) -> Floats:
+        r"""What asperities have still to lose, :math:`\omega (\mu(d) - \mu_d) t_N`, (q,), Pa."""
+        solid = 1.0 - state.alpha
+        weight = np.sign(solid) if self.parameters.flow_rule == "literal" else solid
+        return weight * self._friction.above_end(state.slip_path) * pressure
+
+    def presliding_length(self, state: FrictionState, pressure: Floats) -> Floats:
+        r"""Elastic slip of sliding asperities, :math:`\mu t_N/K_T`, (q,), m.
+
+        Under the literal flow rule it is :math:`\mu t_N/((1 - \alpha) K_T)`.
+        """
+        length = self.coefficient(state) * pressure / self.parameters.K_T
+        solid = 1.0 - state.alpha
+        if self.parameters.flow_rule == "literal":
+            return np.divide(length, solid, out=np.zeros_like(length), where=solid > 0.0)
+        return np.where(solid > 0.0, length, 0.0)
 
     def update(
         self,

@@ -162,7 +162,10 @@ class FrictionResponse:
 
 
 class FrictionLaw(Protocol):
-    """A friction law: anything with these four methods."""
+    """A friction law: anything with these four methods.
+
+    It may also say where its friction tends: :mod:`forms.friction.settling`.
+    """
 
     def initial_state(self, n: int, dim: int) -> FrictionState:
         """State of n points that have never been in contact, in dim space dimensions."""

@@ -92,6 +92,13 @@ class StribeckLaw:
         """mu(V) at the speed of the last step, (q,)."""
         return self.parameters.coefficient(state.speed)[0]
 
+    def presliding_length(self, state: FrictionState, pressure: Floats) -> Floats:
+        """Elastic slip of a point that slides, mu t_N/K_T, (q,), m."""
+        length = np.asarray(
+            self.coefficient(state) * pressure / self.parameters.K_T, dtype=np.float64
+        )
+        return length
+
     def update(
         self,
         slip_increment: Floats,

@@ -300,8 +300,14 @@ def test_the_cases_stick_slide_and_lift_off(results, case):
     assert max(row["stick_fraction"] for row in rows) > 0.2
     assert any(0.0 < row["stick_fraction"] < 0.5 for row in rows)
     assert rows[-1]["dissipation"] > 0.0
-    assert area[-1] < (0.7 if case.endswith("film") else 1e-9) * max(area)
-    if case.endswith("film"):
+    if not case.endswith("film"):
+        assert area[-1] < 1e-9 * max(area)
+    else:
+        # Points stay closed up to a facet beyond the last vertex that carries pressure.
+        last = max((results(case, 1) / "contact_nodes").glob("*.vtu"))
+        nodes = meshio.read(last).point_data
+        opened = nodes["area"] @ (nodes["pressure"] == 0.0) / nodes["area"].sum()
+        assert 0.3 < opened < 1.0
         assert max(row["viscous_fraction"] for row in rows) > 0.8
 
 
