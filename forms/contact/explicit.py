@@ -23,6 +23,7 @@ import numpy as np
 
 from forms.contact.kinematics import relate
 from forms.contact.penalty import ContactTerm
+from forms.contact.rim import rim_cover
 from forms.contact.state import AS_IS, ContactTrial
 from geometry.surfaces.exchange import NodalVector, SurfaceExchange
 from geometry.surfaces.facets import Floats, Ints
@@ -84,7 +85,8 @@ class ExplicitContact:
         normal = term.rule.evaluate(projection, AS_IS, ROUNDOFF_DEPTH)
         kinematics = relate(points, projection, term.anchor(nodes), normal.closed)
         film = term.film.at(normal.pressure)[0]
-        response = term.respond(kinematics, dt, normal.pressure, film, rate_dependent)
+        normal.cover = rim_cover(surface, normal, projection.gap, term.state.gap)[0]
+        response = term.respond(kinematics, dt, normal, film, rate_dependent)
         self.trial = ContactTrial(
             position=points,
             area_ratio=surface.slave_area_ratio(slave),

@@ -10,6 +10,7 @@ Everything is vectorised over the points q.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import dolfinx
 import numpy as np
@@ -17,7 +18,14 @@ from petsc4py import PETSc
 
 from forms.contact.kinematics import Anchor, ContactKinematics, relate
 from forms.contact.pressure import AveragedPressure, PressureKind, normal_rule
-from forms.contact.state import AS_IS, ContactMode, ContactState, ContactTrial
+from forms.contact.rim import rim_cover
+from forms.contact.state import (
+    AS_IS,
+    ContactMode,
+    ContactState,
+    ContactTrial,
+    NormalContact,
+)
 from forms.contact.tangent import Coupling, PairTangent
 from forms.friction.film import FilmThickness, film_thickness
 from forms.friction.law import FrictionLaw, FrictionResponse
@@ -155,7 +163,8 @@ class ContactTerm:
         anchor = self.anchor(nodes)
         normal = self.rule.evaluate(current, mode)
         kinematics = relate(points, current, anchor, normal.closed)
-        film, response = self._friction(kinematics, dt, normal.pressure, mode)
+        normal.cover, normal.cover_slope = rim_cover(surface, normal, current.gap, self.state.gap)
+        film, response = self._friction(kinematics, dt, normal, mode)
         return ContactTrial(
             position=points,
             area_ratio=surface.slave_area_ratio(slave),
@@ -171,11 +180,11 @@ class ContactTerm:
         )
 
     def _friction(
-        self, kinematics: ContactKinematics, dt: float, pressure: Floats, mode: ContactMode
+        self, kinematics: ContactKinematics, dt: float, normal: NormalContact, mode: ContactMode
     ) -> tuple[Floats, FrictionResponse]:
         """Film thickness (q,), m, and the law's answer, its derivatives through the film too."""
-        film, d_film = self.film.at(pressure)
-        response = self.respond(kinematics, dt, pressure, film, mode.rate_dependent)
+        film, d_film = self.film.at(normal.pressure)
+        response = self.respond(kinematics, dt, normal, film, mode.rate_dependent)
         if d_film.any():
             through_film = d_film[:, None] * response.d_traction_d_film
             response = replace(
@@ -187,22 +196,26 @@ class ContactTerm:
         self,
         kinematics: ContactKinematics,
         dt: float,
-        pressure: Floats,
+        normal: NormalContact,
         film: Floats,
         rate_dependent: bool = True,
     ) -> FrictionResponse:
-        """The law's answer to kinematics and pressure (q,), Pa, at film thickness (q,), m.
+        """The law's answer to kinematics and pressure at film thickness (q,), m.
 
         The committed state holds the elastic slip of the last step; the law sees it transported.
         """
+        cover: dict[str, Any] = {}
+        if getattr(self.law, "takes_film_cover", False):
+            cover["film_cover"] = normal.cover
         return self.law.update(
             kinematics.slip,
             dt,
-            pressure,
+            normal.pressure,
             film,
             replace(self.state.friction, elastic_slip=kinematics.elastic_slip),
             area_ratio=self.state.area_ratio,
             rate_dependent=rate_dependent,
+            **cover,
         )
 
     def anchor(self, nodes: Floats) -> Anchor:

@@ -52,6 +52,8 @@ class NormalContact:
         spring: (q,), Pa: t_N, negative where an adhesive gap pulls; pressure: (q,), Pa, t_N ≥ 0.
         gap: (v,), m, mean gaps of the vertices; nodal_pressure: (v,), Pa, s_A ≥ 0; active: (v,)
             whether a vertex carries pressure, or touches. None point by point.
+        cover: (q,) share of each point's piece of the surface that is closed: less than 1 only at
+            the rim (:mod:`forms.contact.rim`); cover_slope: (q,), 1/m, its derivative for the gap.
     """
 
     closed: Bools
@@ -60,6 +62,8 @@ class NormalContact:
     gap: Floats | None = None
     nodal_pressure: Floats | None = None
     active: Bools | None = None
+    cover: Floats | float = 1.0
+    cover_slope: Floats | None = None
 
 
 @dataclass(slots=True)

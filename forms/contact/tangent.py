@@ -74,6 +74,7 @@ class PairTangent:
             out += by_pressure[:, :, None] * d_pressure[:, None, :]
         out -= r.d_traction_d_slip[take] @ v.d_slip
         out -= r.d_traction_d_elastic[take] @ v.d_elastic
+        _add_cover(out, trial, take, v)
         return out, v
 
     def point_blocks(self, state: ContactState, trial: ContactTrial) -> list[tuple[Longs, Floats]]:
@@ -253,6 +254,20 @@ class PairTangent:
         data = np.concatenate([mine.data, value[here]])
         size = (vertices.count, dim * len(columns))
         return scipy.sparse.csr_matrix((data, (rows, cols)), shape=size), columns
+
+
+def _add_cover(out: Floats, trial: ContactTrial, take: Longs, v: Variations) -> None:
+    """Add −∂T/∂χ ∂χ/∂z to ``out`` (p, i, r·j), with the film's part of T proportional to χ."""
+    normal, slip = trial.normal_contact, trial.kinematics.slip[take]
+    if normal.cover_slope is None or not normal.cover_slope[take].any():
+        return
+    cover = np.broadcast_to(normal.cover, trial.pressure.shape)[take]
+    squared = np.einsum("pi,pi->p", slip, slip) * cover
+    resistance = np.zeros_like(squared)
+    viscous = trial.response.dissipation.viscous[take]
+    np.divide(viscous, squared, out=resistance, where=squared > 0.0)
+    by_gap = (resistance * normal.cover_slope[take])[:, None] * slip
+    out -= by_gap[:, :, None] * v.d_gap[:, None, :]
 
 
 def _sums(key: Longs, values: Floats) -> tuple[Longs, Floats]:
