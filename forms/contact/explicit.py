@@ -23,7 +23,6 @@ import numpy as np
 
 from forms.contact.kinematics import relate
 from forms.contact.penalty import ContactTerm
-from forms.contact.rim import rim_cover
 from forms.contact.state import AS_IS, ContactTrial
 from geometry.surfaces.exchange import NodalVector, SurfaceExchange
 from geometry.surfaces.facets import Floats, Ints
@@ -85,7 +84,7 @@ class ExplicitContact:
         normal = term.rule.evaluate(projection, AS_IS, ROUNDOFF_DEPTH)
         kinematics = relate(points, projection, term.anchor(nodes), normal.closed)
         film = term.film.at(normal.pressure)[0]
-        normal.cover = rim_cover(surface, normal, projection.gap, term.state.gap)[0]
+        term.cover_rim(normal)
         response = term.respond(kinematics, dt, normal, film, rate_dependent)
         self.trial = ContactTrial(
             position=points,

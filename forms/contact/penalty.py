@@ -56,7 +56,7 @@ class ContactTerm:
 
     Attributes:
         state: the committed :class:`ContactState`; changed by :meth:`commit` only.
-        surface, law, film: of the pair.
+        surface, law, film: of the pair; modulus: Pa, E*, or None.
         rule: from gaps to pressure, with the penalty; linearised: the tangent.
     """
 
@@ -67,6 +67,7 @@ class ContactTerm:
         penalty: float | Floats,
         film: FilmThickness | Floats | float = 0.0,
         pressure: PressureKind = "averaged",
+        modulus: float | None = None,
     ) -> None:
         """Set up the undeformed contact.
 
@@ -77,6 +78,8 @@ class ContactTerm:
                 by point, for each point (q,).
             film: film thickness D, m: one for all points, one for each, or a film.
             pressure: "averaged" over the slave's vertices, or "pointwise".
+            modulus: Pa, E* of both bodies together, 1/E* = Σ (1 − ν)/2G, from which the end of the
+                contact within a facet is found; None: facets with some pressure count whole.
 
         Raises:
             ValueError: a thickness or a penalty is not one, or missing at a point; another kind of
@@ -84,6 +87,7 @@ class ContactTerm:
         """
         self.surface = surface
         self.law = law
+        self.modulus = modulus
         self.rule = normal_rule(pressure, surface, penalty)
         self.linearised = PairTangent(surface, self.rule)
         q = len(surface.slave.weight)
@@ -163,7 +167,7 @@ class ContactTerm:
         anchor = self.anchor(nodes)
         normal = self.rule.evaluate(current, mode)
         kinematics = relate(points, current, anchor, normal.closed)
-        normal.cover, normal.cover_slope = rim_cover(surface, normal, current.gap, self.state.gap)
+        self.cover_rim(normal, mode.penalty_scale)
         film, response = self._friction(kinematics, dt, normal, mode)
         return ContactTrial(
             position=points,
@@ -177,7 +181,25 @@ class ContactTerm:
             dt=dt,
             penalty_scale=mode.penalty_scale,
             anchor=anchor,
+            of_point=surface.vertices.of_point,
         )
+
+    def cover_rim(self, normal: NormalContact, penalty_scale: float = 1.0) -> None:
+        """Find how much of the facets at the rim of the contact touches; collective."""
+        stiffness = penalty_scale * self.rule.penalty
+        normal.cover, slope = rim_cover(self.surface, normal, stiffness, self.modulus)
+        if not self._has_film or normal.active is None:
+            return
+        normal.cover_slope = slope
+        felt = np.zeros(len(normal.active))
+        if slope is not None:
+            felt[self.surface.vertices.of_point[slope != 0.0]] = 1.0
+        normal.rim = (self.surface.vertices.total(felt) > 0.0) & ~normal.active
+
+    @property
+    def _has_film(self) -> bool:
+        """Whether the law has a part that acts on the covered area only."""
+        return bool(getattr(self.law, "takes_film_cover", False))
 
     def _friction(
         self, kinematics: ContactKinematics, dt: float, normal: NormalContact, mode: ContactMode
@@ -205,7 +227,7 @@ class ContactTerm:
         The committed state holds the elastic slip of the last step; the law sees it transported.
         """
         cover: dict[str, Any] = {}
-        if getattr(self.law, "takes_film_cover", False):
+        if self._has_film:
             cover["film_cover"] = normal.cover
         return self.law.update(
             kinematics.slip,
