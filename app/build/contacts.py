@@ -104,7 +104,8 @@ class ContactBuilder:
             *notes_on_penalty(index, factor, self.case.is_explicit, table.pressure),
             *note_on_stick(index, table.friction, softer.shear_modulus / length),
         )
-        term = ContactTerm(surface, law, penalty, film, table.pressure)
+        modulus = contact_modulus(slave, master)
+        term = ContactTerm(surface, law, penalty, film, table.pressure, modulus)
         return BuiltContact(table, term, notes)
 
     def _surface(self, index: int, contact: Contact) -> ContactSurface:
@@ -154,6 +155,15 @@ def resolved_contact(
             "friction": _resolved_friction(contact.friction, softer, length, pressure),
         }
     )
+
+
+def contact_modulus(*bodies: Material) -> float:
+    """E*, Pa, of bodies pressed on each other: 1/E* = Σ (1 − ν)/2G, with G/M = (1 − 2ν)/2(1 − ν)."""
+    compliance = 0.0
+    for body in bodies:
+        ratio = body.shear_modulus / oedometric_modulus(body)
+        compliance += 1.0 / (4.0 * body.shear_modulus * (1.0 - ratio))
+    return 1.0 / compliance
 
 
 def penalty_modulus(softer: Material, pressure: PressureKind) -> float:

@@ -41,7 +41,7 @@ class ContactWindow:
 
     def holds(self, term: ContactTerm, trial: ContactTrial) -> bool:
         """Whether the tangent of a trial fits in."""
-        closed = trial.kinematics.closed
+        closed = trial.coupled()
         slave = term.surface.slave.facet[closed]
         current, before = trial.projection.facet[closed], term.state.facet[closed]
         moved = current != before
@@ -65,7 +65,7 @@ def widened(window: ContactWindow | None, term: ContactTerm, trial: ContactTrial
     """A window that holds the last one, the facets in use now, and rings of their neighbours."""
     surface = term.surface
     near = trial.projection.gap <= NEAR * surface.target.search.slack
-    near = trial.kinematics.closed | (near & trial.projection.on_surface)
+    near = trial.coupled() | (near & trial.projection.on_surface)
     slave = surface.slave.facet[near]
     current, before = trial.projection.facet[near], term.state.facet[near]
     facets = len(surface.master.facets)

@@ -3,15 +3,17 @@
 With the rows G of the generalised coordinates z = (a, b_α, c, d) of
 :mod:`forms.contact.kinematics`,
 
-    K_c = −Gᵀ C G  +  Σ_A (K_A H_A/m_A) L_A R_Aᵀ.
+    K_c = −Gᵀ C G  +  Σ_A (1/m_A) L_A R_Aᵀ.
 
 C is block diagonal per point: its rows a hold w ∂t/∂z at fixed averaged pressure, its rows b_β hold
-−w t ⊗ ∂ξ^β/∂z, since the closest point moves under the load. The sum over the active vertices
-(H_A = 1) is that of the averaged pressure, with
+−w t ⊗ ∂ξ^β/∂z, since the closest point moves under the load. The sum over the vertices is that of
+the averaged pressure, with H_A = 1 where they are active and
 
-    R_A = Σ_q w N_A G_aᵀ n = m_A ∂g_A/∂u,    L_A = Σ_q w N_A G_aᵀ (n − ∂T/∂t_N):
+    R_A = Σ_q w N_A G_aᵀ n = m_A ∂g_A/∂u,
+    L_A = Σ_q w G_aᵀ (K_A H_A N_A (n − ∂T/∂t_N) + ∂T/∂χ ∂χ/∂g_A),
 
-one sparse product. Point by point there is no such sum, and ∂t/∂z holds K_N ∂g/∂z.
+one sparse product; χ is the film's cover at the rim (:mod:`forms.contact.rim`). Point by point
+there is no such sum, and ∂t/∂z holds K_N ∂g/∂z.
 """
 
 from __future__ import annotations
@@ -176,33 +178,41 @@ class PairTangent:
         if not isinstance(rule, AveragedPressure):
             return None
         assert normal.active is not None
-        take = np.nonzero(trial.kinematics.closed)[0]
+        vertices, take = rule.vertices, np.nonzero(trial.kinematics.closed)[0]
         direction = trial.kinematics.normal[take]
         by_pressure = direction - trial.response.d_traction_d_pressure[take]
-        left = self._vertex_rows(trial, take, by_pressure, normal.active)
+        stiffness = np.where(normal.active, trial.penalty_scale * rule.penalty, 0.0)
+        share = vertices.shape[take] * stiffness[vertices.of_point[take]]
+        by_gap = share[:, :, None] * by_pressure[:, None, :]
+        if normal.cover_slope is not None:
+            film = _film_per_cover(trial, take)
+            by_gap += normal.cover_slope[take][:, :, None] * film[:, None, :]
+        needs = normal.needs()
+        left = self._vertex_rows(trial, take, by_gap, needs)
+        support = np.nonzero(trial.coupled())[0]
         if trial.projection.rays is None:
-            right = self._vertex_rows(trial, take, direction, normal.active)
+            along = trial.kinematics.normal[support][:, None, :]
+            by_motion = vertices.shape[support][:, :, None] * along
+            right = self._vertex_rows(trial, support, by_motion, needs)
         else:
-            right = self._gap_rows(state, trial, take, normal.active)
+            right = self._gap_rows(state, trial, support, needs)
         nodes = columns = self.surface.nodes
-        if self.surface.vertices.comm.size > 1:
+        if vertices.comm.size > 1:
             right, columns = self._completed(right)
-        stiffness = trial.penalty_scale * rule.penalty / rule.vertices.area
-        # Only the active vertices have rows; the others would fill the product with zeros.
-        product = (left.T.multiply(stiffness[None, :])).tocsr() @ right
+        # Only vertices that are needed have rows; others would fill the product with zeros.
+        product = (left.T.multiply((1.0 / vertices.area)[None, :])).tocsr() @ right
         return Coupling(nodes, columns, product)
 
     def _vertex_rows(
         self, trial: ContactTrial, take: Longs, along: Floats, active: Bools
     ) -> scipy.sparse.csr_matrix:
-        """Σ_q w N_A G_aᵀ d (v, m·i) of the points ``take`` (p,), along the vectors d (p, i)."""
+        """Σ_q w G_aᵀ d_A (v, m·i) of the points ``take`` (p,) and vectors d (p, k, i)."""
         surface, slave = self.surface, self.surface.slave
         facet = trial.projection.facet[take]
         master = surface.target.weights(facet, trial.projection.xi[take])
         shape = np.concatenate([slave.shape[take], -master], axis=1)
         rows = np.concatenate([surface.slave_rows[take], self._master_rows(facet)], axis=1)
-        share = slave.weight[take][:, None] * surface.vertices.shape[take]
-        values = np.einsum("pk,pm,pi->pkmi", share, shape, along)
+        values = np.einsum("p,pm,pki->pkmi", slave.weight[take], shape, along)
         key = slave.facet[take].astype(np.int64) * len(surface.master.facets) + facet
         first, summed = _sums(key, values)
         return self._scattered(take[first], rows[first], summed, active)
@@ -253,6 +263,18 @@ class PairTangent:
         data = np.concatenate([mine.data, value[here]])
         size = (vertices.count, dim * len(columns))
         return scipy.sparse.csr_matrix((data, (rows, cols)), shape=size), columns
+
+
+def _film_per_cover(trial: ContactTrial, take: Longs) -> Floats:
+    """∂T/∂χ (p, i), Pa: the film's part of T is proportional to χ and along the slip."""
+    slip = trial.kinematics.slip[take]
+    cover = np.broadcast_to(trial.normal_contact.cover, trial.pressure.shape)[take]
+    squared = np.einsum("pi,pi->p", slip, slip) * cover
+    resistance = np.zeros_like(squared)
+    viscous = trial.response.dissipation.viscous[take]
+    np.divide(viscous, squared, out=resistance, where=squared > 0.0)
+    out: Floats = resistance[:, None] * slip
+    return out
 
 
 def _sums(key: Longs, values: Floats) -> tuple[Longs, Floats]:

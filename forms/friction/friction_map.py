@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,8 +72,10 @@ class FrictionMap:
 
     Attributes:
         parameters: Its parameters.
+        takes_film_cover: That ``update`` takes the share of the area that is wet.
     """
 
+    takes_film_cover: ClassVar[bool] = True
     parameters: FrictionMapParameters
     _friction: SlipWeakening = field(init=False, repr=False)
     _rheology: FilmRheology = field(init=False, repr=False)
@@ -125,6 +128,7 @@ class FrictionMap:
         state: FrictionState,
         *,
         area_ratio: Floats | float = 1.0,
+        film_cover: Floats | float = 1.0,
         rate_dependent: bool = True,
     ) -> FrictionResponse:
         """Traction, derivatives and trial state of one step; see ``FrictionLaw.update``.
@@ -134,7 +138,9 @@ class FrictionMap:
         With ``rate_dependent=False`` the film carries no stress and alpha is that of V = 0.
         """
         require_time_step(dt, rate_dependent)
-        step = self._solve(slip_increment, dt, pressure, film, state, area_ratio, rate_dependent)
+        step = self._solve(
+            slip_increment, dt, pressure, film, state, (area_ratio, film_cover), rate_dependent
+        )
         new = self._new_state(step, state, dt, rate_dependent)
         traction = step.weight * step.returned.secant * step.trial
         traction += step.resistance * step.slip
@@ -160,10 +166,10 @@ class FrictionMap:
         pressure: Floats,
         film: Floats,
         state: FrictionState,
-        area_ratio: Floats | float,
+        area: tuple[Floats | float, Floats | float],
         rate_dependent: bool,
     ) -> _Step:
-        """Film fraction, re-entry and return mapping."""
+        """Film fraction, re-entry and return mapping; ``area``: area ratio and cover."""
         parameters = self.parameters
         closed = pressure > 0.0
         slip = _where_closed(slip_increment, closed)
@@ -187,7 +193,7 @@ class FrictionMap:
             np.sqrt(dot(slip, slip)),
             dt if rate_dependent else math.inf,
             pressure,
-            area_ratio,
+            *area,
         )
         return _Step(
             slip=slip,

@@ -52,7 +52,8 @@ class SlavePoints:
         facet: (q,) number of the slave facet, for counting pairs of facets; mesh_facet: (q,) its
             local number in the mesh.
         xi: (q, α) reference coordinates on it; facet_length: (q,), m, its length, in space the side
-            of a square or of half a square of its area.
+            of a square or of half a square of its area; facet_share: (q,) share of it that the
+            point stands for.
     """
 
     nodes: Longs
@@ -65,6 +66,7 @@ class SlavePoints:
     mesh_facet: Ints
     xi: Floats
     facet_length: Floats
+    facet_share: Floats
 
 
 @dataclass(slots=True)
@@ -373,6 +375,7 @@ def _slave_points(
         mesh_facet=facet.astype(np.int32),
         xi=xi,
         facet_length=_lengths(form, number.reshape(-1), weight),
+        facet_share=weight / np.bincount(number.reshape(-1), weight)[number.reshape(-1)],
     )
 
 

@@ -53,7 +53,7 @@ class SlaveVertices:
             (self.shape * values[:, None]).reshape(-1),
             minlength=self.count,
         ).astype(np.float64, copy=False)
-        return self._total(local)
+        return self.total(local)
 
     def at_points(self, values: Floats) -> Floats:
         """Σ_A N_A f_A (q,) of vertex values ``values`` (v,)."""
@@ -66,7 +66,8 @@ class SlaveVertices:
             return here
         return bool(self.comm.allreduce(here, op=MPI.LAND))
 
-    def _total(self, local: Floats) -> Floats:
+    def total(self, local: Floats) -> Floats:
+        """Sum (v,) of the ranks' values ``local`` (v,); collective."""
         if self.comm.size == 1:
             return local
         total = np.empty_like(local)
