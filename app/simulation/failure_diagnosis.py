@@ -23,7 +23,6 @@ from app.implicit.stepper import StepResult
 from app.simulation.contact_resultants import ContactResultants
 from app.simulation.pair_bodies import (
     Hold,
-    bodies_of,
     has_spring,
     hold_of,
     load_on,
@@ -233,9 +232,8 @@ def _of_supports(problem: Equilibrium, loose: Iterable[Loose]) -> Findings:
     )
     if tried and before:
         return
-    pairs = [(term, bodies_of(problem, term)) for term in problem.contacts]
     for one in loose:
-        driven = [i for i, pair in enumerate(pairs) if presses(problem, one, *pair)]
+        driven = [i for i in range(len(problem.contacts)) if presses(problem, one, i)]
         if driven:
             yield (
                 f"the load on body {one.body} presses it on contact.{driven[0]}, and no state was "

@@ -105,20 +105,24 @@ def _share(problem: Equilibrium, some: Ints, dofs: Ints) -> bool:
     return bool(problem.comm.allreduce(here, op=MPI.LOR))
 
 
-def presses(problem: Equilibrium, one: Loose, term: ContactTerm, bodies: PairBodies) -> bool:
-    """Whether the load on a body drives it into a contact, as it is undeformed; collective."""
+def presses(problem: Equilibrium, one: Loose, index: int) -> bool:
+    """Whether the load on a body drives it into contact number ``index``, which it has reached.
+
+    It has where the surfaces were no further than a facet's length apart when the last step was
+    solved. Collective.
+    """
+    term = problem.contacts[index]
+    surface, bodies, load = term.surface, bodies_of(problem, term), load_on(problem, one)
     if one.body not in (bodies.slave.name, bodies.master.name):
         return False
-    surface = term.surface
     at = surface.project(surface.slave.position, surface.master.position)
-    weight = np.where(at.on_surface, surface.slave.weight, 0.0)
-    normal = problem.comm.allreduce(weight @ at.normal)
+    if problem.committed:
+        at = problem.committed[index].projection
+    near = at.on_surface & (at.gap < surface.facet_length)
+    normal = problem.comm.allreduce((surface.slave.weight * near) @ at.normal)
     # The normal points out of the master: against it the slave is pressed.
     into = -normal if one.body == bodies.slave.name else normal
-    size = float(np.linalg.norm(into))
-    return bool(
-        load_on(problem, one) * into[one.component] > 0.5 * size * abs(load_on(problem, one))
-    )
+    return bool(load * into[one.component] > 0.5 * float(np.linalg.norm(into)) * abs(load))
 
 
 # -- friction -------------------------------------------------------------------------------------

@@ -217,7 +217,7 @@ def test_command_ends_with_code_3_and_one_line(tribox, case_file, block):
 # -- penalties ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("factor", "deep"), [(3e-8, True), (0.3, True), (10.0, False)])
+@pytest.mark.parametrize(("factor", "deep"), [(3e-8, True), (0.3, True), (30.0, False)])
 def test_penetration_is_warned_of_from_a_share_of_the_element_on(block, tmp_path, factor, deep):
     data = plain(block)
     data["contact"][0]["penalty_factor"] = factor
@@ -229,7 +229,7 @@ def test_penetration_is_warned_of_from_a_share_of_the_element_on(block, tmp_path
     found = [line for line in summary["warnings"] if "penetration up to" in line]
     assert len(found) == deep
     if deep:
-        assert f"{share:.2g} of a slave facet's length" in found[0]
+        assert f"up to {share:.2g} of the local slave facet's length" in found[0]
         assert "raise the penalty" in found[0]
 
 
@@ -424,3 +424,27 @@ def test_a_body_of_revolution_may_shrink_before_it_touches():
     simulation.run(Observer())
     assert simulation.rows[-1].normal_force == 0.0
     assert simulation.rows[-1].external_work > 0.0
+
+
+def test_a_load_into_a_contact_does_not_lack_a_support(block):
+    """A platen presses the upper body on the lower one, and no step has been tried yet."""
+    data = plain(block)
+    data["boundary"][1] = {
+        "surface": "top",
+        "displacement": {"x": 0.0},
+        "platen": {"direction": "y", "pressure": [[0.0, 0.4e6], [1.0, 0.4e6]]},
+    }
+    model = build_model(Case.model_validate(data), MPI.COMM_SELF)
+    problem, result = model.problem, StepResult(False, 30, 30, -5, [0.5])
+    loose = loose_directions(problem)
+    said = {}
+    for sign in (1.0, -1.0):
+        model.set_loads(0.5, 0.0)
+        problem.platens[0].force *= sign
+        x = problem.new_vector()
+        problem.residual(None, x, problem.new_vector())
+        said[sign] = explain(problem, result, x, loose)
+    assert "the load on body elastomer presses it on contact.0" in said[1.0]
+    assert "try to bring the bodies together by displacement first" in said[1.0]
+    assert "body elastomer has no support in y and no contact presses on it" in said[-1.0]
+    assert "no support" not in said[1.0] and "presses it on" not in said[-1.0]
