@@ -27,7 +27,10 @@ _CELLS = {
     "triangle": ("triangle", [0, 1, 2]),
     "quadrilateral": ("quad", [0, 1, 3, 2]),
 }
-_AVERAGED = ("slip_increment", "slip_rate", "slip_path", "film_thickness", "alpha", "dissipation")
+_AVERAGED = (
+    *("cover", "slip_increment", "slip_rate", "slip_path"),
+    *("film_thickness", "alpha", "dissipation"),
+)
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,7 +22,8 @@ def contact_arrays(model: Model) -> dict[str, Floats] | None:
         On the first rank, arrays by name (SI), points sorted by pair and reference position:
         ``position`` and ``reference`` (q, i), m; ``pair``; ``gap``, ``slip_increment``,
         ``slip_path``, ``film_thickness``, m; ``slip_rate``, m/s; ``pressure``,
-        ``tangential_traction``, Pa; ``alpha``; ``regime``; ``dissipation``, J/m² in the last step.
+        ``tangential_traction``, Pa; ``cover``, share that touches; ``alpha``; ``regime``;
+        ``dissipation``, J/m² in the last step.
         In the plane slip and friction count positive to the right of the normal; in space they are
         lengths, beside the vectors ``slip_vector``, m, and ``friction_traction``, Pa, (q, i).
         None on the others.
@@ -52,6 +53,7 @@ def point_values(term: ContactTerm, trial: ContactTrial) -> dict[str, Floats]:
         "reference": term.surface.slave.position,
         "gap": np.where(trial.projection.on_surface, k.gap, np.nan),
         "pressure": trial.pressure,
+        "cover": np.where(trial.pressure > 0.0, trial.normal_contact.cover, 0.0),
         "tangential_traction": friction,
         "slip_increment": slip,
         "slip_rate": np.where(trial.pressure > 0.0, slip / trial.dt, 0.0),

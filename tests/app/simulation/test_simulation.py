@@ -231,7 +231,16 @@ def test_a_run_that_breaks_off_keeps_what_it_had(block, tmp_path):
 # -- files ----------------------------------------------------------------------------------------
 
 POINT_DATA = {
-    *("reference", "pair", "gap", "slip_increment", "slip_path", "film_thickness", "slip_rate"),
+    *(
+        "reference",
+        "pair",
+        "gap",
+        "cover",
+        "slip_increment",
+        "slip_path",
+        "film_thickness",
+        "slip_rate",
+    ),
     *("pressure", "tangential_traction", "alpha", "regime", "dissipation"),
 }
 
@@ -272,8 +281,8 @@ def test_results_agree_with_the_history(block, tmp_path):
     # Two Gauss points on each slave segment: each stands for half of it.
     weight = 1e-3 / len(points.points)
     assert len(points.points) == 20
-    pressed = got["pressure"] > 0.0
-    assert weight * np.sum(pressed) * 1e-3 == pytest.approx(rows[-1]["contact_area"])
+    assert np.array_equal(got["cover"] > 0.0, got["pressure"] > 0.0)
+    assert weight * np.sum(got["cover"]) * 1e-3 == pytest.approx(rows[-1]["contact_area"])
     assert weight * np.sum(got["tangential_traction"]) * 1e-3 == pytest.approx(
         rows[-1]["tangential_force"]
     )
@@ -289,7 +298,11 @@ def test_results_agree_with_the_history(block, tmp_path):
     [[penalty, same]] = summary["penalty"]
     assert got["pressure"] == pytest.approx(penalty * np.maximum(-got["gap"], 0.0))
     assert penalty == pytest.approx(same)
-    for name, column in (("pressure", "normal_force"), ("tangential_traction", "tangential_force")):
+    for name, column in (
+        ("pressure", "normal_force"),
+        ("tangential_traction", "tangential_force"),
+        ("cover", "contact_area"),
+    ):
         assert got["area"] @ got[name] * 1e-3 == pytest.approx(rows[-1][column])
     assert np.all(np.diff(got["reference"][:, 0]) > 0.0)
     assert not list(out.rglob("*.part*"))
