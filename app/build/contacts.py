@@ -101,7 +101,7 @@ class ContactBuilder:
         notes = (
             *stiffer_slave(index, asked, self.named.body_of(asked.slave), slave, master),
             *notes_on_surfaces(f"contact.{index}", asked, lengths, distance),
-            *notes_on_penalty(index, factor, self.case.is_explicit),
+            *notes_on_penalty(index, factor, self.case.is_explicit, table.pressure),
             *note_on_stick(index, table.friction, softer.shear_modulus / length),
         )
         modulus = contact_modulus(slave, master)

@@ -255,7 +255,8 @@ class Newton:
         scale = max(self.problem.reference_force, 1e-6 * self._largest_force)
         self.residuals.append(norm / scale if scale > 0.0 else norm)
         idle = self._phase is WHOLE_STEPS and iteration == 0  # a change may hide in the tolerance
-        if not idle and norm <= max(self._tolerance * scale, self.problem.roundoff):
+        small = norm <= self._tolerance * scale or norm <= self.problem.roundoff
+        if small and not idle:
             return reasons.CONVERGED_FNORM_RELATIVE
         if iteration >= self._limit:
             return reasons.DIVERGED_MAX_IT

@@ -1,4 +1,7 @@
-"""Data of the contact points of all pairs, gathered to the first rank in an order of their own."""
+"""Data of the contact points of all pairs, gathered to the first rank in an order of their own.
+
+Nodal values, the contact pressure to look at among them: :mod:`app.results.contact_nodes`.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +29,7 @@ def contact_arrays(model: Model) -> dict[str, Floats] | None:
     """
     problem = model.problem
     mine = [
-        _arrays(index, term, trial)
+        {"pair": np.full(len(trial.pressure), float(index)), **point_values(term, trial)}
         for index, (term, trial) in enumerate(zip(problem.contacts, problem.committed, strict=True))
     ]
     gathered = problem.comm.gather(mine)
@@ -39,14 +42,14 @@ def contact_arrays(model: Model) -> dict[str, Floats] | None:
     return {name: values[order] for name, values in joined.items()}
 
 
-def _arrays(index: int, term: ContactTerm, trial: ContactTrial) -> dict[str, Floats]:
+def point_values(term: ContactTerm, trial: ContactTrial) -> dict[str, Floats]:
+    """Arrays of :func:`contact_arrays`, but for ``pair``, of this rank's points of one pair."""
     k, response = trial.kinematics, trial.response
     state = response.state
     slip, friction = _along(k.slip, k.normal), _along(response.traction, k.normal)
     out = {
         "position": trial.position,
         "reference": term.surface.slave.position,
-        "pair": np.full(len(k.gap), float(index)),
         "gap": np.where(trial.projection.on_surface, k.gap, np.nan),
         "pressure": trial.pressure,
         "tangential_traction": friction,

@@ -101,7 +101,8 @@ class ImplicitStage:
         state, problem = self.state, self.model.problem
         resultants = state.resultants_of(problem.trials)
         wrong = not_finite(resultants)
-        pressed = any(m.normal_force > problem.roundoff for m in (*state.resultants, *resultants))
+        noise = problem.roundoff
+        pressed = any(m.normal_force > noise for m in (*state.resultants, *resultants))
         if wrong is None and not pressed:
             x, trial = self.stepper.x.array_r, self.stepper.trial.array_r
             wrong = body_adrift(problem, self._loose, x, trial)
@@ -119,7 +120,8 @@ class ImplicitStage:
         observer.step(state, row, result)
 
     def _give_up(self, load_step: LoadStep, dt: float, result: StepResult) -> None:
-        why = explain(self.model.problem, result, self.stepper.x, self._loose)
+        model = self.model
+        why = explain(model.problem, result, self.stepper.x, self._loose, model.thickness)
         raise SolutionError(
             f"stage {load_step.label}, time {self.state.time:.6g} s: no solution even with a step "
             f"of {dt:.3g} s: {why}"

@@ -139,7 +139,7 @@ def test_a_step_that_was_cut_ends_where_its_pieces_would_have(monkeypatch, block
 
 
 def test_steps_cut_for_want_of_iterations_end_where_their_pieces_would_have(block):
-    data = plain(block, max_iterations=2)
+    data = plain(block, max_iterations=1)
     data["stage"][1]["steps"] = 1
     seen = Cuts()
     run = simulate(data, seen)
@@ -237,8 +237,11 @@ POINT_DATA = {
 }
 
 
-def outputs(directory) -> list[tuple[float, str]]:
-    sets = ET.parse(directory / "contact.pvd").getroot().iter("DataSet")
+NODE_DATA = (POINT_DATA - {"regime"}) | {"area"}
+
+
+def outputs(directory, index="contact.pvd") -> list[tuple[float, str]]:
+    sets = ET.parse(directory / index).getroot().iter("DataSet")
     return [(float(s.attrib["timestep"]), s.attrib["file"]) for s in sets]
 
 
@@ -275,7 +278,20 @@ def test_results_agree_with_the_history(block, tmp_path):
     assert weight * np.sum(got["tangential_traction"]) * 1e-3 == pytest.approx(
         rows[-1]["tangential_force"]
     )
-    assert np.max(-got["gap"][pressed]) == pytest.approx(rows[-1]["max_penetration"])
+    assert np.all(np.diff(got["reference"][:, 0]) > 0.0)
+
+    assert [time for time, _ in outputs(out, "contact_nodes.pvd")] == [row["time"] for row in rows]
+    nodes = meshio.read(out / outputs(out, "contact_nodes.pvd")[-1][1])
+    got = nodes.point_data
+    assert set(got) == NODE_DATA
+    assert nodes.cells_dict["line"].tolist() == [[i, i + 1] for i in range(10)]
+    assert got["area"].sum() == pytest.approx(1e-3)
+    assert np.max(-got["gap"]) == pytest.approx(rows[-1]["max_penetration"])
+    [[penalty, same]] = summary["penalty"]
+    assert got["pressure"] == pytest.approx(penalty * np.maximum(-got["gap"], 0.0))
+    assert penalty == pytest.approx(same)
+    for name, column in (("pressure", "normal_force"), ("tangential_traction", "tangential_force")):
+        assert got["area"] @ got[name] * 1e-3 == pytest.approx(rows[-1][column])
     assert np.all(np.diff(got["reference"][:, 0]) > 0.0)
     assert not list(out.rglob("*.part*"))
 
