@@ -53,14 +53,15 @@ class SlaveVertices:
             (self.shape * values[:, None]).reshape(-1),
             minlength=self.count,
         ).astype(np.float64, copy=False)
-        return self._total(local)
+        return self.total(local)
 
     def at_points(self, values: Floats) -> Floats:
         """Σ_A N_A f_A (q,) of vertex values ``values`` (v,)."""
         out: Floats = np.einsum("qk,qk->q", self.shape, values[self.of_point])
         return out
 
-    def _total(self, local: Floats) -> Floats:
+    def total(self, local: Floats) -> Floats:
+        """Sum over all ranks of vertex values ``local`` (…, v); collective."""
         if self.comm.size == 1:
             return local
         total = np.empty_like(local)

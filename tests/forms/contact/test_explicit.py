@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from forms.contact import explicit_compiled
 from forms.contact.explicit import ExplicitContact
 from forms.contact.explicit_compiled import CompiledContact, explicit_contact
 from forms.contact.penalty import ContactTerm
+from forms.contact.pressure import PressureKind
 from forms.contact.stiffness import PairStiffness, elastic_stiffness, largest_viscosity
 from forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
 from forms.friction.film import FilmTable
@@ -45,6 +47,15 @@ LAWS = {
     "map": (film_law(), 0.5),
     "film over the pressure": (film_law(), FilmTable(((0.0, 0.8), (5.0, 0.3)))),
 }
+
+
+NORMAL = ("gap", "nodal_pressure", "active")
+
+
+def uneven(surface, kind):
+    """A penalty of its own at each vertex or point."""
+    count = surface.vertices.count if kind == "averaged" else len(surface.slave.weight)
+    return PENALTY * np.linspace(0.8, 1.25, count)
 
 
 def bent(size, phase):
@@ -95,13 +106,17 @@ def residual(term, trial, size):
 
 
 @pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize("kind", get_args(PressureKind))
 @pytest.mark.parametrize("name", LAWS)
-def test_the_same_contact_along_a_path(pair, name, compiled):
+def test_the_same_contact_along_a_path(pair, name, kind, compiled):
     """Positions, projections, slip, elastic slip, law, loads and history of every step."""
     blocks = pair(lower=(5, 2))
     law, film = LAWS[name]
-    reference = ContactTerm(blocks.surface(), law, PENALTY, film)
-    contact = explicit_contact(ContactTerm(blocks.surface(), law, PENALTY, film), compiled)
+    surface = blocks.surface()
+    penalty = uneven(surface, kind)
+    reference = ContactTerm(surface, law, penalty, film, kind)
+    own = ContactTerm(blocks.surface(), law, penalty, film, kind)
+    contact = explicit_contact(own, compiled)
     assert isinstance(contact, CompiledContact) == compiled
     u, out = vectors(blocks)
     seen = set()
@@ -117,20 +132,30 @@ def test_the_same_contact_along_a_path(pair, name, compiled):
         for part in ("closed", "slip", "elastic_slip"):
             mine, theirs = (getattr(t.kinematics, part) for t in (trial, expected))
             np.testing.assert_allclose(mine, theirs, atol=1e-13, err_msg=f"{part}, step {step}")
+        for part in NORMAL if kind == "averaged" else ():
+            mine, theirs = (getattr(t.normal_contact, part) for t in (trial, expected))
+            np.testing.assert_allclose(mine, theirs, atol=1e-13, err_msg=f"{part}, step {step}")
         for part in ("position", "area_ratio", "pressure", "film", "traction"):
             mine, theirs = (getattr(t, part) for t in (trial, expected))
             np.testing.assert_allclose(mine, theirs, atol=1e-11, err_msg=f"{part}, step {step}")
         force = residual(reference, expected, len(out.owned) // 2)
         np.testing.assert_allclose(out.owned - 1.0, force, atol=1e-12)
         k = expected.kinematics
-        seen |= {("clamped", bool((expected.projection.clamped & k.closed).any()))}
-        seen |= {("off", bool((~expected.projection.on_surface).any()))}
+        at = expected.projection
+        seen |= {("clamped", bool((at.clamped & k.closed).any()))}
+        seen |= {("off", bool((~at.on_surface).any()))}
+        closes = k.closed & (reference.state.gap > 0.0)
+        seen |= {("closes", bool((closes & np.isfinite(reference.state.gap)).any()))}
+        seen |= {("closes from nowhere", bool((closes & np.isinf(reference.state.gap)).any()))}
+        seen |= {("open beneath a pressure", bool(((expected.pressure > 0) & (at.gap > 0)).any()))}
         reference.commit(expected)
         contact.commit()
         for part in ("facet", "xi", "slip_components", "slip_length", "gap", "area_ratio"):
             mine, theirs = (getattr(t.state, part) for t in (contact.term, reference))
             np.testing.assert_allclose(mine, theirs, atol=1e-11, err_msg=f"{part}, step {step}")
-    assert {("clamped", True), ("off", True)} <= seen
+    assert {("clamped", True), ("off", True), ("closes", True)} <= seen
+    assert ("closes from nowhere", True) in seen
+    assert (("open beneath a pressure", True) in seen) == (kind == "averaged")
 
 
 @pytest.mark.parametrize("compiled", [True, False])
