@@ -267,7 +267,7 @@ def test_mass_only_where_the_step_is_limited(pair):
     assert scaled.added_mass == pytest.approx(scaled.mass.sum() / 2.0 - 4.5)
     same = stepper(problem, x, mass_scaling=MassScaling("limiting", step=1e-3 * wanted))
     assert same.added_mass == 0.0 and same.masses.scaled == 0.0
-    problem.contacts[0].penalty = 400.0
+    problem.contacts[0].rule.penalty[:] = 400.0
     stiff = stepper(problem, x, mass_scaling=MassScaling("limiting", step=wanted))
     assert stiff.estimate().penalty > 0.99 * wanted
     assert stiff.added_mass > 1.5 * scaled.added_mass
