@@ -71,8 +71,10 @@ class Pair:
         self, law: FrictionLaw | None, penalty: float = 50.0, film: float = 0.0, **parts
     ) -> Equilibrium:
         """Both bodies, free but for ``parts``, with one contact (none without a law)."""
-        degree = parts.pop("degree", 5)
-        contacts = [] if law is None else [ContactTerm(self.surface(degree), law, penalty, film)]
+        degree, pressure = parts.pop("degree", 5), parts.pop("pressure", "averaged")
+        contacts = []
+        if law is not None:
+            contacts.append(ContactTerm(self.surface(degree), law, penalty, film, pressure))
         return Equilibrium(self.u, self.solids(), contacts, **parts)
 
     def nodes(self, body: str) -> np.ndarray:

@@ -158,7 +158,7 @@ def resolved_contact(
 
 
 def contact_modulus(*bodies: Material) -> float:
-    """E*, Pa, of bodies pressed on each other: 1/E* = Σ (1 − ν)/2G, with G/M = (1 − 2ν)/2(1 − ν)."""
+    """E*, Pa, of two bodies: 1/E* = Σ (1 − ν)/2G, with G/M = (1 − 2ν)/2(1 − ν)."""
     compliance = 0.0
     for body in bodies:
         ratio = body.shear_modulus / oedometric_modulus(body)

@@ -175,6 +175,8 @@ class Equilibrium:
         with self.timer("contact"):
             self._evaluate_contacts(x, step)
             contact_squared = self._contact_forces(f)
+        if step.holding is not None:
+            f.array[:] += step.holding.force(x.array_r)
         self.unbalanced = f.array_r.copy()
         self.reference_force = reference_force(self.unbalanced, contact_squared, self.constraints)
         self.constraints.constrain_residual(f.array, x.array_r)
@@ -237,7 +239,7 @@ class Equilibrium:
         self.spread(x)
         with self.timer("contact"):
             self._evaluate_contacts(x, step)
-        self.tangent.assemble(A, self.trials, self.timer)
+        self.tangent.assemble(A, self.trials, self.timer, step.holding)
 
     def jacobian(
         self,

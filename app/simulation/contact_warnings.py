@@ -27,6 +27,7 @@ from mpi4py import MPI
 
 from app.equilibrium.equilibrium import Equilibrium
 from app.simulation.history import Row
+from app.simulation.pair_bodies import pressed_by_force
 from forms.contact.penalty import ContactTerm
 from forms.contact.state import ContactTrial
 from geometry.surfaces.facets import Bools, Floats, Longs
@@ -184,6 +185,7 @@ class ContactWarnings:
         """Make ready; nothing has pressed yet."""
         self._problem = problem
         self._probes = [PairProbe(term) for term in problem.contacts]
+        self._by_force = [pressed_by_force(problem, term) for term in problem.contacts]
         count = len(self._probes)
         self.over_facet, self.over_approach = [0.0] * count, [0.0] * count
         self._deepest = [(0.0, 0.0, "")] * count
@@ -220,7 +222,8 @@ class ContactWarnings:
             comb = self._is_comb(state)
             if comb:
                 yield self._comb(index, state)
-            if self.over_facet[index] > PENETRATION or self.over_approach[index] > APPROACH:
+            costly = self.over_approach[index] > APPROACH and not self._by_force[index]
+            if self.over_facet[index] > PENETRATION or costly:
                 yield self._soft(index, comb)
             widest = self._widest[index]
             if widest is not None and widest.layers < FEW:
@@ -245,6 +248,11 @@ class ContactWarnings:
     def _soft(self, index: int, comb: bool) -> str:
         depth, time, stage = self._deepest[index]
         share = self.over_approach[index]
+        cost = (
+            "the bodies come that much too close under the given force"
+            if self._by_force[index]
+            else f"the normal force is about {100.0 * share / (1.0 + share):.2g} % too small"
+        )
         cure = (
             'use pressure = "averaged", then raise penalty_factor'
             if comb
@@ -253,8 +261,7 @@ class ContactWarnings:
         return (
             f"contact.{index}: penetration up to {depth:.3g} m (time {time:.6g} s, stage {stage}), "
             f"up to {self.over_facet[index]:.2g} of the local slave facet's length, and on average "
-            f"{share:.2g} of the approach of the bodies: under prescribed displacements the normal "
-            f"force is about {100.0 * share / (1.0 + share):.2g} % too small; {cure}"
+            f"{share:.2g} of the approach of the bodies: {cost}; {cure}"
         )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from app.build.load_steps import LoadStep
-from app.build.supports import loose_directions
+from app.build.supports import Loose, loose_directions
 from app.errors import InputError, SolutionError
 from app.implicit.options import ImplicitOptions
 from app.implicit.stepper import ImplicitStepper, StepResult
@@ -37,7 +37,11 @@ class ImplicitStage:
         except ValueError as error:
             raise InputError(f"solver.petsc: {error}") from None
         state.stepper = self.stepper
-        self._loose = loose_directions(state.model.problem)
+
+    @property
+    def _loose(self) -> list[Loose]:
+        """The directions in which contact alone holds a body at present; collective."""
+        return loose_directions(self.model.problem)
 
     def run(self, load_step: LoadStep, observer: Observer) -> None:
         """Run one load step to its end, or until steady; collective.

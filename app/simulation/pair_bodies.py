@@ -9,7 +9,7 @@ import numpy as np
 from mpi4py import MPI
 
 from app.build.contacts import penalty_modulus
-from app.build.supports import Loose
+from app.build.supports import Loose, loose_directions
 from app.equilibrium.equilibrium import Equilibrium
 from forms.bodies.materials import oedometric_modulus
 from forms.bodies.solid import Solid
@@ -123,6 +123,19 @@ def presses(problem: Equilibrium, one: Loose, index: int) -> bool:
     # The normal points out of the master: against it the slave is pressed.
     into = -normal if one.body == bodies.slave.name else normal
     return bool(load * into[one.component] > 0.5 * float(np.linalg.norm(into)) * abs(load))
+
+
+def pressed_by_force(problem: Equilibrium, term: ContactTerm) -> bool:
+    """Whether nothing prescribes a displacement of one of the bodies across a contact; collective.
+
+    The normal force is given then, and not what a soft contact costs.
+    """
+    surface, bodies = term.surface, bodies_of(problem, term)
+    at = surface.project(surface.slave.position, surface.master.position)
+    normal = np.abs(problem.comm.allreduce((surface.slave.weight * at.on_surface) @ at.normal))
+    names = (bodies.slave.name, bodies.master.name)
+    loose = [one.component for one in loose_directions(problem) if one.body in names]
+    return any(normal[axis] > 0.5 * np.linalg.norm(normal) for axis in loose)
 
 
 # -- friction -------------------------------------------------------------------------------------

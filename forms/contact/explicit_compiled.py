@@ -1,8 +1,9 @@
 """An explicit contact pair in the plane whose geometry and loads are compiled.
 
-The friction law stays the one of numpy; everything around it is one pass over the points in
-``plane_contact.c``. Two sets of arrays take turns, so that a step allocates almost nothing and the
-results of the step before stay readable.
+The friction law stays the one of numpy, and so does the way from the gaps at the slave's vertices
+to their pressures; everything else is two passes over the points in ``plane_contact.c``. Two sets
+of arrays take turns, so that a step allocates almost nothing and the results of the step before
+stay readable.
 """
 
 from __future__ import annotations
@@ -17,8 +18,8 @@ from numpy.typing import NDArray
 from forms.contact.explicit import ROUNDOFF_DEPTH, ExplicitContact
 from forms.contact.kinematics import ContactKinematics
 from forms.contact.penalty import ContactTerm
-from forms.contact.pressure import TOUCHING
-from forms.contact.state import ContactState, ContactTrial
+from forms.contact.pressure import TOUCHING, AveragedPressure
+from forms.contact.state import AS_IS, ContactState, ContactTrial, NormalContact
 from forms.native.libraries import library
 from geometry.surfaces.exchange import NodalVector
 from geometry.surfaces.facet_search import TIE
@@ -26,11 +27,12 @@ from geometry.surfaces.facets import Ints
 from geometry.surfaces.projection import Projection
 
 SOURCE = "plane_contact.c"
-_LONGS = ("points", "corners", "candidates", "nodes", "first_master")
-_DOUBLES = ("penalty", "touching", "roundoff", "slack", "tie")
+_LONGS = ("points", "corners", "candidates", "nodes", "first_master", "vertices", "averaged")
+_DOUBLES = ("touching", "roundoff", "slack", "tie")
 _INPUTS = (
     *("weight", "shape", "slope", "reference", "direction", "rows"),
     *("master", "facets", "previous", "next"),
+    *("penalty", "of_point", "vertex_shape", "sums", "nodal_pressure", "active"),
     *("candidate", "searched_points", "searched_nodes", "values", "load"),
     *("facet_before", "xi_before", "component_before", "length_before", "gap_before"),
 )
@@ -143,7 +145,7 @@ class CompiledContact(ExplicitContact):
         code.tribox_pair_commit.argtypes = [ctypes.c_void_p, ctypes.c_void_p]
         surface = term.surface
         slave, master = surface.slave, surface.master
-        q, n = len(slave.weight), len(master.nodes)
+        q, n, vertices = len(slave.weight), len(master.nodes), surface.vertices
         self._load = np.zeros_like(self._values)
         self._inputs: dict[str, NDArray[Any]] = {
             "weight": slave.weight,
@@ -156,6 +158,12 @@ class CompiledContact(ExplicitContact):
             "facets": master.facets.astype(np.int32),
             "previous": _facet_at(master.facets[:, 1], n),
             "next": _facet_at(master.facets[:, 0], n),
+            "penalty": term.rule.point_stiffness(),
+            "of_point": vertices.of_point.astype(np.int64),
+            "vertex_shape": vertices.shape,
+            "sums": np.zeros((2, vertices.count)),
+            "nodal_pressure": np.zeros(vertices.count),
+            "active": np.zeros(vertices.count, dtype=np.bool_),
             "values": self._values,
             "load": self._load,
             "searched_points": np.full((q, 2), np.inf),
@@ -178,7 +186,9 @@ class CompiledContact(ExplicitContact):
         pair, surface = mine.pair, self.term.surface
         pair.points, pair.corners = self._inputs["shape"].shape
         pair.nodes, pair.first_master = len(surface.master.nodes), self.exchange.first_master
-        pair.penalty, pair.touching, pair.roundoff = self.term.penalty, TOUCHING, ROUNDOFF_DEPTH
+        pair.vertices = surface.vertices.count
+        pair.averaged = isinstance(self.term.rule, AveragedPressure)
+        pair.touching, pair.roundoff = TOUCHING, ROUNDOFF_DEPTH
         pair.candidates, pair.tie = 1, TIE * surface.target.search.slack
         for name, array in self._inputs.items():
             mine.point(name, array)
@@ -209,11 +219,12 @@ class CompiledContact(ExplicitContact):
         if self._code.tribox_pair_project(now.at):
             self._search(now)
             self._code.tribox_pair_project(now.at)
+        normal = self._press(now)
         arrays = now.arrays
         kinematics = now.kinematics()
-        pressure = arrays["pressure"]
-        film = term.film.at(pressure)[0]
-        response = term.respond(kinematics, dt, pressure, film, rate_dependent)
+        film = term.film.at(normal.pressure)[0]
+        term.cover_rim(normal)
+        response = term.respond(kinematics, dt, normal, film, rate_dependent)
         self._dry[:] = response.traction
         self._code.tribox_pair_load(now.at)
         self.trial = ContactTrial(
@@ -221,13 +232,25 @@ class CompiledContact(ExplicitContact):
             area_ratio=arrays["area_ratio"],
             projection=now.projection(),
             kinematics=kinematics,
-            pressure=pressure,
+            normal_contact=normal,
             film=film,
             traction=arrays["traction"],
             response=response,
             dt=dt,
         )
         return self.trial
+
+    def _press(self, now: _Buffers) -> NormalContact:
+        """Pressure of the points that have been projected, and their kinematics; collective."""
+        rule, inputs, arrays = self.term.rule, self._inputs, now.arrays
+        gap = nodal = active = None
+        if isinstance(rule, AveragedPressure):
+            gaps, covered = rule.vertices.total(inputs["sums"])
+            gap, active, nodal = rule.at_vertices(gaps, covered, AS_IS, ROUNDOFF_DEPTH)
+            inputs["nodal_pressure"][:], inputs["active"][:] = nodal, active
+        self._code.tribox_pair_relate(now.at)
+        pressure = arrays["pressure"]
+        return NormalContact(arrays["closed"], pressure, pressure, gap, nodal, active)
 
     def _search(self, now: _Buffers) -> None:
         """Find candidate facets at the present positions, and keep these positions."""
@@ -313,6 +336,6 @@ def explicit_contact(term: ContactTerm, compiled: bool = True) -> ExplicitContac
     """
     surface = term.surface
     # The compiled loop takes the section's stretch as area ratio, which is wrong for rings.
-    straight = surface.target.shape.count == 2 and not surface.axisymmetric and False
+    straight = surface.target.shape.count == 2 and not surface.axisymmetric
     code = library(SOURCE) if compiled and straight else None
     return ExplicitContact(term) if code is None else CompiledContact(term, code)

@@ -167,7 +167,7 @@ class ContactTerm:
         anchor = self.anchor(nodes)
         normal = self.rule.evaluate(current, mode)
         kinematics = relate(points, current, anchor, normal.closed)
-        self.cover_rim(normal, mode.penalty_scale)
+        self.cover_rim(normal, mode.penalty_scale, linearise=True)
         film, response = self._friction(kinematics, dt, normal, mode)
         return ContactTrial(
             position=points,
@@ -184,11 +184,19 @@ class ContactTerm:
             of_point=surface.vertices.of_point,
         )
 
-    def cover_rim(self, normal: NormalContact, penalty_scale: float = 1.0) -> None:
-        """Find how much of the facets at the rim of the contact touches; collective."""
+    def cover_rim(
+        self, normal: NormalContact, penalty_scale: float = 1.0, linearise: bool = False
+    ) -> None:
+        """Find how much of the facets at the rim of the contact touches; collective.
+
+        Args:
+            normal: contact to be completed.
+            penalty_scale: factor of the penalty that it was found with.
+            linearise: whether the tangent will be asked for.
+        """
         stiffness = penalty_scale * self.rule.penalty
         normal.cover, slope = rim_cover(self.surface, normal, stiffness, self.modulus)
-        if not self._has_film or normal.active is None:
+        if not (linearise and self._has_film) or normal.active is None:
             return
         normal.cover_slope = slope
         felt = np.zeros(len(normal.active))

@@ -76,12 +76,10 @@ class AveragedPressure:
         """See :class:`NormalRule`."""
         vertices = self.vertices
         weight = self.surface.slave.weight
-        gap = vertices.sums(weight * np.where(at.on_surface, at.gap, 0.0)) / vertices.area
-        covered = vertices.sums(weight * at.on_surface) > 0.0
-        reach = np.maximum(TOUCHING * vertices.length, mode.adhesive_gap)
-        active = covered & (gap <= reach)
-        depth = _depth(-gap, active, mode, least_depth * vertices.length)
-        spring = mode.penalty_scale * self.penalty * depth
+        gaps = vertices.sums(weight * np.where(at.on_surface, at.gap, 0.0))
+        gap, active, spring = self.at_vertices(
+            gaps, vertices.sums(weight * at.on_surface), mode, least_depth
+        )
         closed = at.on_surface & active[vertices.of_point].any(axis=1)
         at_points = np.where(closed, vertices.at_points(spring), 0.0)
         return NormalContact(
@@ -92,6 +90,24 @@ class AveragedPressure:
             nodal_pressure=np.maximum(spring, 0.0),
             active=active,
         )
+
+    def at_vertices(
+        self, gaps: Floats, covered: Floats, mode: ContactMode, least_depth: float = 0.0
+    ) -> tuple[Floats, Bools, Floats]:
+        """Mean gap g_A (v,), m, whether a vertex carries pressure or touches, and its t_N, Pa.
+
+        Args:
+            gaps: (v,) Σ_q w N_A g_q over the points that have a master below them, of all ranks.
+            covered: (v,) Σ_q w N_A over the same points.
+            mode: penalty scale and adhesive gap.
+            least_depth: depth over facet length up to which there is no pressure.
+        """
+        length = self.vertices.length
+        gap: Floats = gaps / self.vertices.area
+        reach = np.maximum(TOUCHING * length, mode.adhesive_gap)
+        active: Bools = (covered > 0.0) & (gap <= reach)
+        depth = _depth(-gap, active, mode, least_depth * length)
+        return gap, active, mode.penalty_scale * self.penalty * depth
 
     def energy(self, normal: NormalContact, penalty_scale: float) -> float:
         """See :class:`NormalRule`."""

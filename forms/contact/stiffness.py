@@ -10,6 +10,7 @@ from mpi4py import MPI
 from forms.contact.explicit import ExplicitContact
 from forms.contact.penalty import ContactTerm
 from geometry.surfaces.exchange import NodalVector
+from geometry.surfaces.facets import Floats
 
 PROBES = (1e-9, 1e-6, 1e-3, 1.0)  # m/s, slip speeds at which the law is evaluated
 
@@ -55,7 +56,7 @@ def elastic_stiffness(term: ContactTerm) -> float:
     q, dim = len(term.surface.slave.weight), term.surface.dim
     if q == 0:
         return 0.0
-    pressure = np.full(q, _pressures(term)[-1])
+    pressure = _pressures(term)[-1]
     response = term.law.update(
         np.zeros((q, dim)),
         1.0,
@@ -71,10 +72,9 @@ def largest_viscosity(term: ContactTerm) -> float:
     """Largest viscous traction per slip speed of any point here, Pa s/m, over ``PROBES``."""
     q, dim = len(term.surface.slave.weight), term.surface.dim
     largest, area_ratio = 0.0, term.state.area_ratio
-    for speed, level in itertools.product(PROBES, _pressures(term)) if q else ():
+    for speed, pressure in itertools.product(PROBES, _pressures(term)) if q else ():
         slip = np.zeros((q, dim))
         slip[:, 0] = speed
-        pressure = np.full(q, level)
         film = term.film.at(pressure)[0]
         state = term.law.initial_state(q, dim)
         state.speed[:] = speed
@@ -83,7 +83,10 @@ def largest_viscosity(term: ContactTerm) -> float:
     return largest
 
 
-def _pressures(term: ContactTerm) -> tuple[float, float]:
-    """A low and a high pressure, Pa: penetrations of a hundredth and a tenth of a facet or so."""
-    stiffness = float(np.max(term.penalty, initial=0.0)) * term.surface.facet_length
+def _pressures(term: ContactTerm) -> tuple[Floats, Floats]:
+    """A low and a high pressure (q,), Pa: a hundredth and a tenth of the facet deep in the penalty.
+
+    Each point's own: they depend neither on the grading of the mesh nor on the ranks.
+    """
+    stiffness = term.rule.point_stiffness() * term.surface.slave.facet_length
     return 1e-2 * stiffness, 1e-1 * stiffness

@@ -1,9 +1,10 @@
 /* The geometry and the loads of a contact pair in the plane, point by point.
  *
- * The same operations as geometry/surfaces/projection.py and forms/contact/explicit.py, in one
- * pass: closest point on the candidate segments, slip against the material point of the last step,
- * transport of the elastic slip, penalty pressure, and the nodal loads. The friction law is not
- * here.
+ * The same operations as geometry/surfaces/projection.py and forms/contact/explicit.py, in two
+ * passes. The first finds the closest points on the candidate segments and adds the gaps up at the
+ * slave's vertices. From the sums of all ranks the caller finds the vertices' pressures. The second
+ * gives pressure, slip against the material point of the last step and transport of the elastic
+ * slip. The nodal loads follow the friction law, which is not here.
  */
 
 #include <math.h>
@@ -11,14 +12,23 @@
 
 typedef struct {
     /* Sizes and numbers. */
-    int64_t points, corners, candidates, nodes, first_master;
-    double penalty, touching, roundoff, slack, tie;
+    int64_t points, corners, candidates, nodes, first_master, vertices, averaged;
+    double touching, roundoff, slack, tie;
     /* Slave points: (q), (q, a), (q, 2); rows (q, a) of the pair's nodes. */
     const double *weight, *shape, *slope, *reference, *direction;
     const int64_t *rows;
     /* Master: (n, 2) positions, (f, 2) nodes, facets that end and start at a node. */
     const double *master;
     const int32_t *facets, *previous, *next;
+    /* Penalty (q) of points, where the pressure is not averaged. */
+    const double *penalty;
+    /* Vertices of the slave facets: (q, 2) numbers and shape functions; the sums (2, v) of gaps and
+     * of covered area that the first pass makes; (v) what the second pass is given. */
+    const int64_t *of_point;
+    const double *vertex_shape;
+    double *sums;
+    const double *nodal_pressure;
+    const uint8_t *active;
     /* Search: candidates (q, k), and where points and nodes were then. */
     const int32_t *candidate;
     const double *searched_points, *searched_nodes;
@@ -173,21 +183,47 @@ static void project(Pair *p, int64_t q)
         at_vertex(p, q, x, free, tau);
 }
 
+/* Add the gap of a point with a master below it, and its area, to its facet's vertices. */
+static void add_to_vertices(Pair *p, int64_t q)
+{
+    if (!p->on_surface[q])
+        return;
+    double area = p->weight[q], gap = area * p->gap[q];
+    for (int64_t k = 2 * q; k < 2 * q + 2; ++k) {
+        p->sums[p->of_point[k]] += p->vertex_shape[k] * gap;
+        p->sums[p->vertices + p->of_point[k]] += p->vertex_shape[k] * area;
+    }
+}
+
+/* Whether the point is closed, and its pressure: of the vertices, or of its own gap. */
+static void press(Pair *p, int64_t q)
+{
+    double pressure = 0.0;
+    if (p->averaged) {
+        const int64_t *vertex = p->of_point + 2 * q;
+        const double *shape = p->vertex_shape + 2 * q;
+        p->closed[q] = p->on_surface[q] && (p->active[vertex[0]] || p->active[vertex[1]]);
+        if (p->closed[q])
+            pressure = shape[0] * p->nodal_pressure[vertex[0]] + shape[1] * p->nodal_pressure[vertex[1]];
+    } else {
+        Vector tau = at(p->tangent, q);
+        double gap = p->gap[q], size = sqrt(dot(tau, tau));
+        p->closed[q] = p->on_surface[q] && gap <= p->touching * size;
+        if (p->closed[q] && -gap > p->roundoff * size)
+            pressure = -p->penalty[q] * gap;
+    }
+    p->pressure[q] = pressure;
+}
+
+/* Slip and elastic slip. Without a projection at the last step the way is not known: no slip. */
 static void relate(Pair *p, int64_t q)
 {
-    Vector n = at(p->normal, q), tau = at(p->tangent, q), start;
-    double gap = p->gap[q], before = p->gap_before[q];
-    double size = sqrt(dot(tau, tau));
-    p->closed[q] = gap <= p->touching * size && p->on_surface[q];
-    p->pressure[q] = p->closed[q] && -gap > p->roundoff * size ? -p->penalty * gap : 0.0;
-    p->gap_after[q] = p->on_surface[q] ? gap : INFINITY;
+    Vector n = at(p->normal, q), start, slip = {0.0, 0.0};
+    p->gap_after[q] = p->on_surface[q] ? p->gap[q] : INFINITY;
     Vector old = edge(p, p->facet_before[q], &start);
     Vector anchor = plus(start, p->xi_before[q], old);
-    Vector slip = in_plane(n, less(p->clamped[q] ? at(p->foot, q) : at(p->position, q), anchor));
-    if (p->closed[q] && before > 0.0 && gap < 0.0) { /* closed within the step */
-        double share = isfinite(before) ? -gap / (before - gap) : 0.0;
-        slip = (Vector){share * slip.x, share * slip.y};
-    }
+    if (isfinite(p->gap_before[q]))
+        slip = in_plane(n, less(p->clamped[q] ? at(p->foot, q) : at(p->position, q), anchor));
     put(p->slip, q, slip);
     double c = p->component_before[q];
     Vector image = in_plane(n, (Vector){c * old.x, c * old.y});
@@ -195,16 +231,29 @@ static void relate(Pair *p, int64_t q)
     put(p->elastic, q, (Vector){scale * image.x, scale * image.y});
 }
 
-/* Geometry and pressure of all points; returns 1 and leaves them alone if a search is due. */
+/* Projections of all points, and the sums at the vertices; returns 1 and leaves them alone if a
+ * search is due. */
 int tribox_pair_project(Pair *p)
 {
     if (!(place(p) <= p->slack))
         return 1;
+    for (int64_t v = 0; v < 2 * p->vertices; ++v)
+        p->sums[v] = 0.0;
     for (int64_t q = 0; q < p->points; ++q) {
         project(p, q);
-        relate(p, q);
+        if (p->averaged)
+            add_to_vertices(p, q);
     }
     return 0;
+}
+
+/* Pressure, slip and elastic slip of all points. */
+void tribox_pair_relate(Pair *p)
+{
+    for (int64_t q = 0; q < p->points; ++q) {
+        press(p, q);
+        relate(p, q);
+    }
 }
 
 static void clear(Pair *p)

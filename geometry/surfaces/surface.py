@@ -145,6 +145,11 @@ class ContactSurface:
             self.slave.facet_length,
         )
         self.normals = self._find_normals() if self.target.has_kinks else None
+        self._number_nodes()
+        self._scatter: PETSc.Scatter | None = None
+
+    def _number_nodes(self) -> None:
+        """Number the nodes of the pair, and find those of each point."""
         chain: Longs = np.empty((0, 4), dtype=np.int64)
         if self.normals is not None:
             chain = self.vertices.nodes[self.normals.around]
@@ -153,7 +158,6 @@ class ContactSurface:
         self.chain_rows: Longs = np.searchsorted(needed, chain)
         self.first_master = len(needed)
         self.nodes: Longs = np.concatenate([needed, self.master.nodes])
-        self._scatter: PETSc.Scatter | None = None
 
     def _find_normals(self) -> SlaveNormals:
         """Normals of a slave in the plane; collective."""

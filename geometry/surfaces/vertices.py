@@ -67,7 +67,7 @@ class SlaveVertices:
         return bool(self.comm.allreduce(here, op=MPI.LAND))
 
     def total(self, local: Floats) -> Floats:
-        """Sum (v,) of the ranks' values ``local`` (v,); collective."""
+        """Sum over all ranks of vertex values ``local`` (…, v); collective."""
         if self.comm.size == 1:
             return local
         total = np.empty_like(local)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from app.equilibrium.constraints import Platen
 from app.equilibrium.step_mode import DEFAULT_STEP, StepMode
 from app.equilibrium.tangent import Tangent
 from forms.bodies.loads import FollowerPressure
-from forms.contact.state import ContactMode
+from forms.contact.state import ContactMode, ContactTrial
 from forms.contact.tangent import PairTangent
 from forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
 from forms.friction.film import FilmTable
@@ -58,6 +58,7 @@ class Setting:
     degree: int = 5
     bend: float = 0.08
     rate_dependent: bool = True
+    pressure: str = "averaged"
 
     @property
     def step(self):
@@ -111,10 +112,17 @@ SETTINGS = {
         Regime.SLIP,
     ),
     "closing": (Setting(coulomb(50.0), before=(0.0, 0.02), now=(0.06, -0.05)), Regime.STICK),
-    "partly open": (Setting(coulomb(0.3), now=(0.12, -0.003)), Regime.SLIP),
-    "open part": (Setting(film_map(), FILM, now=(0.12, -0.003)), Regime.OPEN),
+    "partly open": (Setting(coulomb(0.3), now=(0.12, -0.003), degree=9), Regime.SLIP),
+    "open part": (Setting(film_map(), FILM, now=(0.12, -0.003), degree=9), Regime.OPEN),
     "open": (Setting(coulomb(0.2), now=(0.0, 0.3)), Regime.OPEN),
 }
+
+
+for name in ("stick", "slip", "mixed", "groove", "closing", "partly open", "open part"):
+    SETTINGS[f"{name}, pointwise"] = (
+        replace(SETTINGS[name][0], pressure="pointwise"),
+        SETTINGS[name][1],
+    )
 
 
 def wave(bend, phase, turn):
@@ -159,7 +167,8 @@ def state(pair, setting, shift, phase, angle, seed):
 
 def prepared(pair, setting, **parts):
     """The problem with a history of one step, the current unknowns, and its matrix."""
-    problem = pair().problem(setting.law, film=setting.film, degree=setting.degree, **parts)
+    parts |= {"film": setting.film, "degree": setting.degree, "pressure": setting.pressure}
+    problem = pair().problem(setting.law, **parts)
     (term,) = problem.contacts
     before = state(pair(), setting, setting.before, 0.4, 0.1, 1)
     term.commit(term.evaluate(before, 1.0, *setting.step.modes))
@@ -309,35 +318,30 @@ def without_rows(which):
     return switch
 
 
-def without_derivative(name):
-    """A derivative of the friction law left out."""
+def without_derivative(name, inside="traction_variation"):
+    """A derivative of the friction law left out of one part of the tangent."""
 
     def switch(patch):
-        whole = PairTangent.traction_variation
+        whole = getattr(PairTangent, inside)
 
-        def less(self, trial, take):
+        def less(self, *arguments):
+            (trial,) = (a for a in arguments if isinstance(a, ContactTrial))
             table = getattr(trial.response, name)
             kept = table.copy()
             table[:] = 0.0
             try:
-                return whole(self, trial, take)
+                return whole(self, *arguments)
             finally:
                 table[:] = kept
 
-        patch.setattr(PairTangent, "traction_variation", less)
+        patch.setattr(PairTangent, inside, less)
 
     return switch
 
 
-def without_share(patch):
-    """The change of the in-contact share of closing points left out."""
-    whole = forms.contact.kinematics._closed_share
-
-    def less(*arguments):
-        share, slope = whole(*arguments)
-        return share, np.zeros_like(slope)
-
-    patch.setattr(forms.contact.kinematics, "_closed_share", less)
+def without_coupling(patch):
+    """The change of the averaged pressure left out."""
+    patch.setattr(PairTangent, "vertex_coupling", lambda *arguments: None)
 
 
 def without_part_of_solids(part):
@@ -361,12 +365,15 @@ def without_part_of_solids(part):
     return switch
 
 
+BY_PRESSURE = without_derivative("d_traction_d_pressure", "vertex_coupling")
+
 # Each term, the switch that leaves it out of the tangent, and a setting in which it matters. The
 # rows d of the operator are missing: in the plane a vector of given length knows no other freedom
 # than the angle of the normal (see test_contact_kinematics for three dimensions).
 TERMS = {
     "turning of the pressure": (without_normal_of_pressure, "slip"),
-    "gap": (without("d_gap"), "slip"),
+    "averaged pressure": (without_coupling, "slip"),
+    "gap": (without("d_gap"), "slip, pointwise"),
     "slip": (without("d_slip"), "stick"),
     "slip through the normal": (without_normal_of("d_slip"), "slip"),
     "elastic slip": (without("d_elastic"), "stick"),
@@ -377,13 +384,17 @@ TERMS = {
     "rows b": (without_rows(1), "stick"),
     "rows c": (without_rows(2), "stick"),
     "rows c, film": (without_rows(2), "viscous by speed"),
-    "traction by pressure": (without_derivative("d_traction_d_pressure"), "slip"),
-    "traction by pressure, map": (without_derivative("d_traction_d_pressure"), "mixed"),
+    "traction by pressure": (BY_PRESSURE, "slip"),
+    "traction by pressure, map": (BY_PRESSURE, "mixed"),
+    "traction by pressure, pointwise": (
+        without_derivative("d_traction_d_pressure"),
+        "slip, pointwise",
+    ),
     "traction by elastic slip": (without_derivative("d_traction_d_elastic"), "stick"),
     "traction by elastic slip, map": (without_derivative("d_traction_d_elastic"), "mixed"),
     "traction by slip": (without_derivative("d_traction_d_slip"), "stick"),
     "traction by slip, film": (without_derivative("d_traction_d_slip"), "viscous by speed"),
-    "share of closing points": (without_share, "closing"),
+    "slip of closing points": (without("d_slip"), "closing"),
     "solids": (without_part_of_solids(None), "slip"),
     "distortional part": (without_part_of_solids(0), "slip"),
     "volumetric part": (without_part_of_solids(1), "slip"),
@@ -402,7 +413,7 @@ def test_each_term_of_the_tangent_is_needed(pair, monkeypatch, name):
 
 def test_settings_hold_what_they_are_named_after(pair):
     found = {}
-    for name in ("groove", "closing", "partly open"):
+    for name in ("groove", "closing", "partly open", "partly open, pointwise"):
         problem, x, _ = prepared(pair, SETTINGS[name][0])
         unbalanced(problem, x)
         found[name] = problem.trials[0], problem.contacts[0].state
@@ -410,8 +421,12 @@ def test_settings_hold_what_they_are_named_after(pair):
     assert np.count_nonzero(trial.projection.clamped & trial.kinematics.closed) >= 5
     trial, state = found["closing"]
     assert np.count_nonzero((state.gap > 0.0) & trial.kinematics.closed) >= 5
+    for name in ("partly open", "partly open, pointwise"):
+        trial, _ = found[name]
+        assert 5 <= np.count_nonzero(trial.kinematics.closed) <= len(trial.pressure) - 5
     trial, _ = found["partly open"]
-    assert 5 <= np.count_nonzero(trial.kinematics.closed) <= len(trial.pressure) - 5
+    # Points with a gap under a pressure that their neighbours make.
+    assert np.count_nonzero(trial.pressure[trial.projection.gap > 0.0]) >= 2
 
 
 def test_tangent_with_held_edges_platen_and_pressure(pair):

@@ -34,11 +34,11 @@ def film(viscosity, alpha=1.0, **changes):
     return FrictionMap(FrictionMapParameters(**(values | changes)))
 
 
-def pressed(pair, law, penalty, film=0.0):
+def pressed(pair, law, penalty, film=0.0, pressure="averaged"):
     """Two blocks pressed together between rigid plates, at rest, with their history."""
     blocks = pair()
     held = [blocks.held(s, c) for s in ("bottom", "top") for c in (0, 1)]
-    problem = blocks.problem(law, penalty, film, prescribed=held, degree=3)
+    problem = blocks.problem(law, penalty, film, prescribed=held, degree=3, pressure=pressure)
     for solid in problem.solids:
         solid.density = 1.0
     problem.u.x.array[:] = 0.0
@@ -86,11 +86,13 @@ def growth(stepper, dt, steps):
     return np.abs(stepper.v).max() / before
 
 
-@pytest.mark.parametrize("penalty", [20.0, 800.0])
-def test_penalty_contact(pair, penalty):
+@pytest.mark.parametrize(
+    ("penalty", "kind"), [(20.0, "averaged"), (800.0, "averaged"), (800.0, "pointwise")]
+)
+def test_penalty_contact(pair, penalty, kind):
     """The bodies limit the step at the low penalty, the contact at the high one."""
     law = CoulombLaw(CoulombParameters(mu=0.5, K_T=30.0))
-    problem, x = pressed(pair, law, penalty)
+    problem, x = pressed(pair, law, penalty, pressure=kind)
     one = stepper(problem, x)
     stiffness, mass = dense(problem, one, x)
     highest = np.linalg.eigvals(stiffness / mass[:, None]).real.max()
@@ -267,7 +269,7 @@ def test_mass_only_where_the_step_is_limited(pair):
     assert scaled.added_mass == pytest.approx(scaled.mass.sum() / 2.0 - 4.5)
     same = stepper(problem, x, mass_scaling=MassScaling("limiting", step=1e-3 * wanted))
     assert same.added_mass == 0.0 and same.masses.scaled == 0.0
-    problem.contacts[0].penalty = 400.0
+    problem.contacts[0].rule.penalty[:] = 400.0
     stiff = stepper(problem, x, mass_scaling=MassScaling("limiting", step=wanted))
     assert stiff.estimate().penalty > 0.99 * wanted
     assert stiff.added_mass > 1.5 * scaled.added_mass

@@ -74,7 +74,7 @@ def bars(other: bool, **solver) -> Simulation:
                 {
                     "slave": "elastomer_contact",
                     "master": "aluminium_contact",
-                    "penalty_factor": 3.0,
+                    "penalty_factor": 1.0,  # 3 M/h: a stiffer contact chatters
                     "friction": FRICTIONLESS,
                 }
             ],

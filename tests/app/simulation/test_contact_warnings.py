@@ -118,3 +118,19 @@ def test_the_share_of_the_approach_is_the_error_of_the_force(block, tmp_path):
         share += summary["penetration_over_approach"]
     assert 1.0 - force[0] / force[1] == pytest.approx(share[0] / (1.0 + share[0]), rel=0.1)
     assert share[1] == pytest.approx(0.01 * share[0], rel=0.1) and share[0] > 0.01
+
+
+def test_a_contact_pressed_by_force_loses_none(block, tmp_path):
+    """The same block under a platen: it comes too close, and that is no fault of its forces."""
+    data = tomllib.loads(block)
+    data["contact"][0]["penalty_factor"] = 5.0
+    data["stage"] = data["stage"][:1]
+    data["boundary"][1] = {
+        "surface": "top",
+        "displacement": {"x": 0.0},
+        "platen": {"direction": "y", "pressure": [[0.0, 0.0], [1.0, 0.3e6]]},
+    }
+    run_case(Case.model_validate(data), tmp_path / "out", quiet=True)
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["penetration_over_approach"][0] > 0.01
+    assert not [line for line in summary["warnings"] if "penetration" in line]

@@ -3,21 +3,28 @@
 from __future__ import annotations
 
 import ctypes
+from typing import get_args
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 
 from forms.contact import explicit_compiled
 from forms.contact.explicit import ExplicitContact
 from forms.contact.explicit_compiled import CompiledContact, explicit_contact
 from forms.contact.penalty import ContactTerm
+from forms.contact.pressure import PressureKind
 from forms.contact.stiffness import PairStiffness, elastic_stiffness, largest_viscosity
 from forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
 from forms.friction.film import FilmTable
 from forms.friction.friction_map import FrictionMap
 from forms.friction.parameters import FrictionMapParameters
 from forms.native.libraries import library
+from geometry.generators.two_blocks import Block, TwoBlocks
+from geometry.meshes.mesh import generate
 from geometry.surfaces.exchange import NodalVector
+from tests.conftest import Pair
+from tests.forms.contact.test_penalty import whole_tangent
 
 PENALTY = 50.0
 
@@ -45,6 +52,15 @@ LAWS = {
     "map": (film_law(), 0.5),
     "film over the pressure": (film_law(), FilmTable(((0.0, 0.8), (5.0, 0.3)))),
 }
+
+
+NORMAL = ("gap", "nodal_pressure", "active")
+
+
+def uneven(surface, kind):
+    """A penalty of its own at each vertex or point."""
+    count = surface.vertices.count if kind == "averaged" else len(surface.slave.weight)
+    return PENALTY * np.linspace(0.8, 1.25, count)
 
 
 def bent(size, phase):
@@ -95,13 +111,17 @@ def residual(term, trial, size):
 
 
 @pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize("kind", get_args(PressureKind))
 @pytest.mark.parametrize("name", LAWS)
-def test_the_same_contact_along_a_path(pair, name, compiled):
+def test_the_same_contact_along_a_path(pair, name, kind, compiled):
     """Positions, projections, slip, elastic slip, law, loads and history of every step."""
     blocks = pair(lower=(5, 2))
     law, film = LAWS[name]
-    reference = ContactTerm(blocks.surface(), law, PENALTY, film)
-    contact = explicit_contact(ContactTerm(blocks.surface(), law, PENALTY, film), compiled)
+    surface = blocks.surface()
+    penalty = uneven(surface, kind)
+    reference = ContactTerm(surface, law, penalty, film, kind)
+    own = ContactTerm(blocks.surface(), law, penalty, film, kind)
+    contact = explicit_contact(own, compiled)
     assert isinstance(contact, CompiledContact) == compiled
     u, out = vectors(blocks)
     seen = set()
@@ -117,20 +137,30 @@ def test_the_same_contact_along_a_path(pair, name, compiled):
         for part in ("closed", "slip", "elastic_slip"):
             mine, theirs = (getattr(t.kinematics, part) for t in (trial, expected))
             np.testing.assert_allclose(mine, theirs, atol=1e-13, err_msg=f"{part}, step {step}")
+        for part in NORMAL if kind == "averaged" else ():
+            mine, theirs = (getattr(t.normal_contact, part) for t in (trial, expected))
+            np.testing.assert_allclose(mine, theirs, atol=1e-13, err_msg=f"{part}, step {step}")
         for part in ("position", "area_ratio", "pressure", "film", "traction"):
             mine, theirs = (getattr(t, part) for t in (trial, expected))
             np.testing.assert_allclose(mine, theirs, atol=1e-11, err_msg=f"{part}, step {step}")
         force = residual(reference, expected, len(out.owned) // 2)
         np.testing.assert_allclose(out.owned - 1.0, force, atol=1e-12)
         k = expected.kinematics
-        seen |= {("clamped", bool((expected.projection.clamped & k.closed).any()))}
-        seen |= {("off", bool((~expected.projection.on_surface).any()))}
+        at = expected.projection
+        seen |= {("clamped", bool((at.clamped & k.closed).any()))}
+        seen |= {("off", bool((~at.on_surface).any()))}
+        closes = k.closed & (reference.state.gap > 0.0)
+        seen |= {("closes", bool((closes & np.isfinite(reference.state.gap)).any()))}
+        seen |= {("closes from nowhere", bool((closes & np.isinf(reference.state.gap)).any()))}
+        seen |= {("open beneath a pressure", bool(((expected.pressure > 0) & (at.gap > 0)).any()))}
         reference.commit(expected)
         contact.commit()
         for part in ("facet", "xi", "slip_components", "slip_length", "gap", "area_ratio"):
             mine, theirs = (getattr(t.state, part) for t in (contact.term, reference))
             np.testing.assert_allclose(mine, theirs, atol=1e-11, err_msg=f"{part}, step {step}")
-    assert {("clamped", True), ("off", True)} <= seen
+    assert {("clamped", True), ("off", True), ("closes", True)} <= seen
+    assert ("closes from nowhere", True) in seen
+    assert (("open beneath a pressure", True) in seen) == (kind == "averaged")
 
 
 @pytest.mark.parametrize("compiled", [True, False])
@@ -241,6 +271,68 @@ def test_the_law_tells_its_stiffness_and_its_viscosity(pair):
     dry = ContactTerm(blocks.surface(), CoulombLaw(CoulombParameters(mu=0.3, K_T=7.0)), PENALTY)
     assert elastic_stiffness(dry) == pytest.approx(7.0)
     assert largest_viscosity(dry) == 0.0
+
+
+def test_the_pressures_of_the_probes_are_those_of_each_points_own_facet(pair):
+    """The same on a facet of another length with its own penalty, whatever the mean length."""
+    law = film_law(alpha=0.25, film_onset_pressure=1e-3, barus=0.1)
+    surface = pair().surface()
+    found = set()
+    for kind, count in (("averaged", surface.vertices.count), ("pointwise", 18)):
+        term = ContactTerm(surface, law, np.full(count, PENALTY), 0.5, kind)
+        before = largest_viscosity(term)
+        term.rule.penalty /= 7.0
+        surface.slave.facet_length[:] *= 7.0
+        assert largest_viscosity(term) == pytest.approx(before, rel=1e-12)
+        surface.slave.facet_length[:] /= 7.0
+        found |= {round(before, 12)}
+    assert len(found) == 1 and found != {2.5}
+
+
+def graded(ratio=20.0):
+    """Blocks of their own whose facets grow to the right, upper and lower, by ``ratio``."""
+    named = generate(
+        TwoBlocks(Block(1.0, 0.5, (8, 2)), Block(2.0, 0.5, (9, 2)), 0.47), MPI.COMM_SELF
+    )
+    x = named.mesh.geometry.x
+    x[:, 0] = 2.0 * (ratio ** (x[:, 0] / 2.0) - 1.0) / (ratio - 1.0)
+    return Pair(named)
+
+
+@pytest.mark.parametrize("kind", get_args(PressureKind))
+def test_stiffness_of_a_pair_is_nowhere_less_than_that_of_the_contact(kind):
+    """On a graded mesh with penalties of each facet's own: K_pair − K_c is not negative."""
+    blocks = graded()
+    surface = blocks.surface(3)
+    averaged = kind == "averaged"
+    length = surface.vertices.length if averaged else surface.slave.facet_length
+    assert length.max() > 3.0 * length.min()
+    term = ContactTerm(surface, FrictionlessLaw(), PENALTY / length, pressure=kind)
+    # Touching everywhere: the stiffness of the penalty, without that of pressures that turn.
+    x = blocks.displaced(lambda X: 0.0 * X, lambda X: 0.0 * X)
+    trial = term.evaluate(x, 1.0)
+    assert trial.kinematics.closed.all()
+    contact = ExplicitContact(term)
+    u, out = vectors(blocks)
+    u.owned[:] = x.array_r
+    contact.evaluate(u, 1.0)
+    stiffness, w = PairStiffness(contact), NodalVector(blocks.u.function_space)
+    size = len(u.owned)
+    matrix, mass = np.empty((size, size)), np.zeros(size)
+    for column in range(size):
+        w.owned[:], out.owned[:] = np.arange(size) == column, 0.0
+        stiffness.add(w, out, viscous=False)
+        matrix[column] = out.owned
+    out.owned[:] = 0.0
+    contact.spread_weights(0.5, out)
+    mass[:] = np.where(out.owned > 0.0, out.owned, np.inf)
+    exact = whole_tangent(term, trial, blocks)
+    scale = np.abs(matrix).max()
+    assert np.linalg.eigvalsh(matrix - exact).min() > -1e-12 * scale
+    # Nor is it much more than it: of the highest frequencies on the nodes' areas.
+    root = 1.0 / np.sqrt(mass)
+    highest = [np.linalg.eigvalsh(root[:, None] * k * root).max() for k in (matrix, exact)]
+    assert highest[0] < 1.5 * highest[1]
 
 
 def test_stiffness_of_a_pair_is_symmetric_and_positive(pair):

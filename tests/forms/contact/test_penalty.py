@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import get_args
 
 import numpy as np
 import pytest
 
 from forms.contact.penalty import ContactTerm
+from forms.contact.pressure import PressureKind
 from forms.contact.state import ContactMode
 from forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
 from forms.friction.friction_map import FrictionMap
@@ -22,8 +24,11 @@ def coulomb(mu, K_T=60.0):
     return CoulombLaw(CoulombParameters(mu=mu, K_T=K_T))
 
 
-def term_of(blocks, law, film=0.0, degree=5):
-    return ContactTerm(blocks.surface(degree), law, PENALTY, film)
+KINDS = get_args(PressureKind)
+
+
+def term_of(blocks, law, film=0.0, degree=5, pressure="averaged", penalty=PENALTY):
+    return ContactTerm(blocks.surface(degree), law, penalty, film, pressure)
 
 
 def shifted(x, y):
@@ -68,15 +73,33 @@ def nodal(term, trial, size):
     return out
 
 
+def whole_tangent(term, trial, blocks):
+    """Dense tangent of the pair (2 n, 2 n): the points' blocks, and the vertices' part."""
+    size = 2 * blocks.u.function_space.dofmap.index_map.size_local
+    out = np.zeros((size, size))
+
+    def dofs(nodes):
+        return (2 * nodes[..., None] + np.arange(2)).reshape(*nodes.shape[:-1], -1)
+
+    for nodes, stiffness in term.tangent(trial):
+        at, m = dofs(nodes), 2 * nodes.shape[1]
+        np.add.at(out, (at[:, :, None], at[:, None, :]), stiffness.reshape(-1, m, m))
+    coupling = term.coupling(trial)
+    if coupling is not None:
+        out[np.ix_(dofs(coupling.rows), dofs(coupling.columns))] += coupling.matrix.toarray()
+    return out
+
+
 def committed(term, x, dt=1.0):
     trial = term.evaluate(x, dt)
     term.commit(trial)
     return trial
 
 
-def test_flat_penetration_in_numbers(pair):
+@pytest.mark.parametrize("kind", KINDS)
+def test_flat_penetration_in_numbers(pair, kind):
     blocks = pair()
-    term = term_of(blocks, coulomb(0.3))
+    term = term_of(blocks, coulomb(0.3), pressure=kind)
     trial = term.evaluate(blocks.displaced(shifted(0.0, DOWN), still), 1.0)
     np.testing.assert_allclose(trial.pressure, PENALTY * 0.02, rtol=1e-12)
     np.testing.assert_allclose(trial.kinematics.gap, -0.02, rtol=1e-12)
@@ -121,10 +144,11 @@ def test_balance_of_momentum_on_a_bent_master(pair):
     assert moment == pytest.approx(expected, rel=1e-10)
 
 
-def test_frictionless_forces_are_the_derivative_of_the_energy(pair):
+@pytest.mark.parametrize("kind", KINDS)
+def test_frictionless_forces_are_the_derivative_of_the_energy(pair, kind):
     """Also for points clamped to a vertex, on a master with grooves and ridges."""
     blocks = pair()
-    term = term_of(blocks, FrictionlessLaw(), degree=20)
+    term = term_of(blocks, FrictionlessLaw(), degree=20, pressure=kind)
     x = blocks.displaced(summed(bent(-0.3), shifted(0.03, -0.08)), bent(-0.3))
     trial = term.evaluate(x, 1.0)
     assert np.count_nonzero(trial.projection.clamped & trial.kinematics.closed) >= 3
@@ -239,9 +263,11 @@ def test_film_feels_the_stretch_of_the_last_step(pair):
     np.testing.assert_allclose(trial.response.traction[:, 0], 1.2 * 5.0 / 2.0 * 0.1, rtol=1e-10)
 
 
-def test_open_points_carry_nothing_and_are_left_out_of_the_tangent(pair):
+@pytest.mark.parametrize("kind", KINDS)
+def test_open_points_carry_nothing_and_are_left_out_of_the_tangent(pair, kind):
+    """A tilted block: closed where the own gap, or the mean gap of a vertex of the facet, is."""
     blocks = pair()
-    term = term_of(blocks, coulomb(0.3))
+    term = term_of(blocks, coulomb(0.3), pressure=kind)
 
     def tilted(X):
         return np.stack([0.0 * X[:, 0], 0.05 * (X[:, 0] - 0.9)], axis=1)
@@ -249,7 +275,24 @@ def test_open_points_carry_nothing_and_are_left_out_of_the_tangent(pair):
     trial = term.evaluate(blocks.displaced(tilted, still), 1.0)
     closed = trial.kinematics.closed
     assert 3 < np.count_nonzero(closed) < len(closed) - 3
-    np.testing.assert_array_equal(closed, trial.kinematics.gap < 0.0)
+    x, vertices = term.surface.slave.position[:, 0], term.surface.vertices
+    if kind == "pointwise":
+        np.testing.assert_array_equal(closed, trial.kinematics.gap < 0.0)
+    else:
+        # Of a straight gap the mean over the hat of a vertex is its value there, but at the ends:
+        # a third of a facet h off them.
+        place, h = vertices.position[:, 0].copy(), 1.0 / 6.0
+        place[np.argmin(place)] += h / 3.0
+        place[np.argmax(place)] -= h / 3.0
+        np.testing.assert_allclose(trial.nodal_gap, 0.05 * (place - 0.9), atol=1e-15)
+        active = place < 0.9
+        np.testing.assert_array_equal(closed, active[vertices.of_point].any(axis=1))
+        nodal = PENALTY * 0.05 * np.maximum(0.9 - place, 0.0)
+        np.testing.assert_allclose(trial.nodal_pressure, nodal, atol=1e-14)
+        order = np.argsort(vertices.position[:, 0])
+        expected = np.interp(x, vertices.position[order, 0], nodal[order])
+        np.testing.assert_allclose(trial.pressure, expected, atol=1e-14)
+        assert np.any(trial.pressure[trial.kinematics.gap > 0.0] > 0.0)
     assert not trial.traction[~closed].any()
     assert (trial.response.regime[~closed] == Regime.OPEN).all()
     ((nodes, blocks_),) = term.tangent(trial)
@@ -257,16 +300,18 @@ def test_open_points_carry_nothing_and_are_left_out_of_the_tangent(pair):
     assert nodes.shape[1] == blocks_.shape[1] == 2 + 4
 
 
-def test_touching_points_have_a_stiffness_but_no_pressure(pair):
+@pytest.mark.parametrize("kind", KINDS)
+def test_touching_points_have_a_stiffness_but_no_pressure(pair, kind):
     """A body that only rests on another is not loose."""
     blocks = pair()
-    term = term_of(blocks, coulomb(0.3))
+    term = term_of(blocks, coulomb(0.3), pressure=kind)
     trial = term.evaluate(blocks.displaced(still, still), 1.0)
     assert not trial.pressure.any()
-    ((nodes, stiffness),) = term.tangent(trial)
-    assert len(nodes) == len(term.surface.slave.weight)
-    vertical = sum(block[:2, 1, :2, 1].sum() for block in stiffness)
-    assert vertical == pytest.approx(PENALTY, rel=1e-10)
+    stiffness = whole_tangent(term, trial, blocks)
+    slave = 2 * np.unique(term.surface.slave.nodes) + 1
+    assert stiffness[np.ix_(slave, slave)].sum() == pytest.approx(PENALTY, rel=1e-10)
+    master = 2 * term.surface.master.nodes + 1
+    assert stiffness[np.ix_(slave, master)].sum() == pytest.approx(-PENALTY, rel=1e-10)
 
 
 def test_past_the_end_of_the_master_there_is_no_contact(pair):
@@ -286,47 +331,71 @@ def test_past_the_end_of_the_master_there_is_no_contact(pair):
     assert new.any() and not back.kinematics.slip[new].any()
 
 
-def test_frictionless_tangent_is_symmetric(pair):
+@pytest.mark.parametrize("kind", KINDS)
+def test_frictionless_tangent_is_symmetric(pair, kind):
     blocks = pair()
-    term = term_of(blocks, FrictionlessLaw())
+    term = term_of(blocks, FrictionlessLaw(), pressure=kind)
     x = blocks.displaced(summed(bent(0.08), shifted(0.03, -0.06)), bent(0.08))
-    ((_, stiffness),) = term.tangent(term.evaluate(x, 1.0))
-    q, m = stiffness.shape[:2]
-    square = stiffness.reshape(q, 2 * m, 2 * m)
-    np.testing.assert_allclose(square, square.transpose(0, 2, 1), rtol=0, atol=1e-12)
+    stiffness = whole_tangent(term, term.evaluate(x, 1.0), blocks)
+    assert np.abs(stiffness).max() > 1.0
+    np.testing.assert_allclose(stiffness, stiffness.T, rtol=0, atol=1e-12)
     # With one row of zero sum for each direction: a common translation costs nothing.
-    np.testing.assert_allclose(stiffness.sum(axis=3), 0.0, atol=1e-12)
+    for axis in (0, 1):
+        np.testing.assert_allclose(stiffness[:, axis::2].sum(axis=1), 0.0, atol=1e-12)
+
+
+def test_slip_and_friction_do_not_depend_on_penalty_and_step_that_close_the_contact(pair):
+    """A block that comes down while it slides: the way of the step counts in full."""
+    blocks = pair()
+    friction = {}
+    for kind, penalty, above in (
+        ("averaged", PENALTY, 0.01),
+        ("averaged", 1e3 * PENALTY, 0.01),
+        ("averaged", PENALTY, 1.0),
+        ("pointwise", PENALTY, 1.0),
+    ):
+        term = term_of(blocks, coulomb(50.0), pressure=kind, penalty=penalty)
+        committed(term, blocks.displaced(shifted(0.0, above), still))
+        trial = term.evaluate(blocks.displaced(shifted(0.07, DOWN), still), 1.0)
+        np.testing.assert_allclose(trial.kinematics.slip, [[0.07, 0.0]] * 18, atol=1e-14)
+        friction[kind, penalty, above] = trial.response.traction
+    for traction in friction.values():
+        np.testing.assert_allclose(traction, [[60.0 * 0.07, 0.0]] * 18, atol=1e-12)
 
 
 # -- modes ----------------------------------------------------------------------------------------
 
 
-def test_the_penalty_scale_is_in_pressure_energy_and_tangent(pair):
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_penalty_scale_is_in_pressure_energy_and_tangent(pair, kind):
     """The same as a pair of that penalty, whose penalty stays what it is."""
     blocks = pair()
     law = CoulombLaw(CoulombParameters(mu=0.3, K_T=60.0))
     x = blocks.displaced(shifted(0.01, DOWN), still)
-    term, soft = term_of(blocks, law), term_of(blocks, law)
-    soft.penalty = 0.25 * term.penalty
+    term = term_of(blocks, law, pressure=kind)
+    soft = term_of(blocks, law, pressure=kind, penalty=0.25 * PENALTY)
     trial = term.evaluate(x, 1.0, ContactMode(penalty_scale=0.25))
     expected = soft.evaluate(x, 1.0)
-    assert trial.pressure.max() > 0.0 and term.penalty == 4.0 * soft.penalty
+    assert trial.pressure.max() > 0.0
+    np.testing.assert_array_equal(term.penalty, PENALTY)
     np.testing.assert_array_equal(trial.pressure, expected.pressure)
     np.testing.assert_array_equal(trial.traction, expected.traction)
     assert term.interface_energy(trial) == soft.interface_energy(expected)
-    for mine, other in zip(term.tangent(trial), soft.tangent(expected), strict=True):
-        np.testing.assert_array_equal(mine[1], other[1])
+    mine = whole_tangent(term, trial, blocks)
+    assert np.abs(mine).max() > 0.1
+    np.testing.assert_array_equal(mine, whole_tangent(soft, expected, blocks))
 
 
-def test_an_adhesive_gap_pulls_open_points_and_gives_them_no_pressure(pair):
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_adhesive_gap_pulls_open_points_and_gives_them_no_pressure(pair, kind):
     blocks = pair()
-    term = term_of(blocks, FrictionlessLaw())
+    term = term_of(blocks, FrictionlessLaw(), pressure=kind)
     x = blocks.displaced(shifted(0.0, 0.01), still)
     assert not term.evaluate(x, 1.0).kinematics.closed.any()
     trial = term.evaluate(x, 1.0, ContactMode(adhesive_gap=0.02))
     closed = trial.kinematics.closed
     assert closed.any() and not trial.pressure.any()
-    np.testing.assert_allclose(trial.traction[closed, 1], -0.01 * term.penalty, rtol=1e-9)
+    np.testing.assert_allclose(trial.traction[closed, 1], -0.01 * PENALTY, rtol=1e-9)
     assert not term.evaluate(x, 1.0, ContactMode(adhesive_gap=0.005)).kinematics.closed.any()
 
 
