@@ -61,6 +61,7 @@ def pressed(
     block["contact_size"] = changes.pop("size", block["contact_size"])
     data["contact"][0] |= changes
     run_case(Case.model_validate(data), directory / "out", quiet=True, force=True, comm=comm)
+    comm.barrier()  # the first rank writes
     summary = json.loads((directory / "out" / "summary.json").read_text())
     lines = [line for line in summary["warnings"] if line.startswith("contact.0")]
     return lines, summary
