@@ -4,7 +4,8 @@ From the repository, ``python3 -m benchmarks.curved_contact NAME [--quick] [...]
 
 - ``film``: drag of a film over a round tool against η V/D times the length of the contact;
 - ``hard``: iterations and cuts over ridges, kinks with a film, an end, a first touch, block-slide;
-- ``plough``: friction against μ times the pressure in ploughing and rolling, by steps per mm.
+- ``plough``: friction against μ times the pressure in ploughing and rolling, by steps per mm;
+- ``pressed``: pressure of cylinders and spheres against Hertz's, pressed by displacement or force.
 
 ``--axis size=80,40 --axis nu=.45`` runs the product of the values given, everything else as in the
 base problem; without it each axis is varied by itself. ``--quick`` runs one small problem.
@@ -23,7 +24,7 @@ from typing import Any
 
 from benchmarks.curved_contact.tables import chosen, line, markdown
 
-NAMES = ("film", "hard", "plough")
+NAMES = ("film", "hard", "plough", "pressed")
 
 
 def setups_of(problem: Any, quick: bool, given: dict[str, str]) -> list[Any]:

@@ -68,13 +68,14 @@ def beyond_point(rho: Floats) -> Floats:
     return out
 
 
-def extent(rubber: Floats, tool: Floats, undeformed: Floats) -> Extent:
+def extent(rubber: Floats, tool: Floats, undeformed: Floats, radius: float) -> Extent:
     """The contact of two surfaces that run from left to right.
 
     Args:
         rubber: (n, 2), m, current nodes of the surface whose length counts.
         tool: (m, 2), m, current nodes of the other.
         undeformed: (n, 2), m, the first surface's nodes before.
+        radius: m, relative radius of the undeformed surfaces.
 
     Raises:
         ValueError: the surfaces do not touch, or touch up to their ends.
@@ -82,11 +83,10 @@ def extent(rubber: Floats, tool: Floats, undeformed: Floats) -> Extent:
     inside = (rubber[:, 0] > tool[0, 0]) & (rubber[:, 0] < tool[-1, 0])
     x = rubber[inside, 0]
     gap = np.abs(CubicSpline(*tool.T)(x) - rubber[inside, 1])
-    curvature = abs(float(CubicSpline(*tool.T)(x[np.argmin(gap)], 2)))
-    left, right = _rough(x, gap, curvature)
+    left, right = _rough(x, gap, radius)
     for _ in range(4):
         a, middle = 0.5 * (right - left), 0.5 * (right + left)
-        unit = 0.5 * curvature * a**2
+        unit = 0.5 * a**2 / radius
         used = (gap > LEAST * unit) & (gap < MOST * unit)
         west, east = used & (x < middle), used & (x > middle)
         left = -_end(-x[west], gap[west], a, beyond_line)
@@ -94,14 +94,40 @@ def extent(rubber: Floats, tool: Floats, undeformed: Floats) -> Extent:
     return _measured(rubber, undeformed, left, right)
 
 
-def _rough(x: Floats, gap: Floats, curvature: float) -> tuple[float, float]:
+def half_width(
+    rubber: Floats, tool: Floats, radius: float, shape: Callable[[Floats], Floats]
+) -> float:
+    """Half-width, m, of a contact that is symmetric about x = 0, from its right end.
+
+    Args:
+        rubber: (n, 2), m, current nodes of one surface, from left to right.
+        tool: (m, 2), m, of the other.
+        radius: m, relative radius of the undeformed surfaces.
+        shape: :func:`beyond_line` or :func:`beyond_point`.
+
+    Raises:
+        ValueError: the surfaces do not touch, or one ends too near the contact.
+    """
+    inside = (rubber[:, 0] >= 0.0) & (rubber[:, 0] < tool[-1, 0])
+    x = rubber[inside, 0]
+    gap = np.abs(CubicSpline(*tool.T)(x) - rubber[inside, 1])
+    unit = gap.max()
+    a = float(x[gap < ROUGH * unit].max(initial=0.0))
+    for _ in range(6):
+        unit = 0.5 * a**2 / radius
+        used = (gap > LEAST * unit) & (gap < MOST * unit) & (x > 0.5 * a)
+        a = _end(x[used], gap[used], a, shape)
+    return a
+
+
+def _rough(x: Floats, gap: Floats, radius: float) -> tuple[float, float]:
     """Ends of the nodes whose gap is small against a²/2R, m."""
     near = gap < ROUGH * gap.max()
     for _ in range(3):
         if near.sum() < 2:
             raise ValueError("the surfaces do not touch")
         a = 0.5 * float(np.ptp(x[near]))
-        near = gap < ROUGH * 0.5 * curvature * a**2
+        near = gap < ROUGH * 0.5 * a**2 / radius
     if near.sum() < 2:
         raise ValueError("the surfaces do not touch")
     return float(x[near][0]), float(x[near][-1])

@@ -75,7 +75,7 @@ AXES: dict[str, tuple[Any, ...]] = {
     "smooth": (True, False),
     "slave": ("rubber", "tool"),
     "tool": ("aluminium", "rubber"),
-    "ring": (0.0, 500.0),
+    "ring": (0.0, 200.0),
 }
 
 CASE = """
@@ -195,6 +195,7 @@ def contact_of(outcome: Outcome, frame: Frame) -> Extent:
         frame.nodes["rubber_contact"],
         frame.nodes["tool_contact"],
         outcome.reference["rubber_contact"],
+        RADIUS,
     )
 
 

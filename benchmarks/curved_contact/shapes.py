@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from geometry.generators.cylinders import FlatBlock, HalfCylinder, LineContact
+from geometry.generators.sphere_on_block import Body, SphereOnBlock, _Drawing
 from geometry.meshes.gmsh_model import Shape, write_msh
 from geometry.surfaces.facets import Floats
 
@@ -136,3 +137,55 @@ class Ridge:
 def ridge(path: Path, degrees: float) -> None:
     """Write the mesh of a block above a ridge (negative: groove) of so many degrees."""
     write_msh(Ridge(degrees), path)
+
+
+@dataclass(frozen=True, slots=True)
+class TwoHemispheres:
+    """Two like hemispheres, ``tool`` above ``rubber``, in section or in space.
+
+    Attributes:
+        upper: the upper one, as the sphere of a sphere on a block.
+        lower: the lower one likewise, turned upside down.
+    """
+
+    upper: SphereOnBlock
+    lower: SphereOnBlock
+
+    def build(self) -> None:
+        """Mesh them in the current gmsh model, the lower one first."""
+        import gmsh
+
+        tags: dict[str, list[int]] = {}
+        dim = self.upper.dim
+        for shape, name, far, way in (
+            (self.lower, "rubber", "bottom", -1.0),
+            (self.upper, "tool", "top", 1.0),
+        ):
+            drawing = _Drawing(_mirrored(shape.bodies()[0], way), shape.part, shape.cell)
+            drawing.draw()
+            tags[name] = drawing.cells
+            tags |= {far if s == "far" else f"{name}_{s}": t for s, t in drawing.named.items()}
+        gmsh.model.geo.synchronize()
+        for name, found in tags.items():
+            gmsh.model.addPhysicalGroup(dim - (name not in ("tool", "rubber")), found, name=name)
+        gmsh.model.mesh.generate(dim)
+
+
+def _mirrored(body: Body, way: float) -> Body:
+    """The body in the plane y = 0's mirror if ``way`` is -1."""
+    rings = {name: replace(ring, y=way * ring.y) for name, ring in body.rings.items()}
+    return replace(body, rings=rings, centre=way * body.centre)
+
+
+def graded(half: float, ratio: float) -> Callable[[Floats], Floats]:
+    """Moves nodes at |x| < ``half`` (m) and y <= 0 so that equal facets grow 1 : ``ratio``."""
+    steep = math.acosh(ratio)
+
+    def move(at: Floats) -> Floats:
+        inside = (np.abs(at[:, 0]) < half) & (at[:, 1] <= 1e-12)
+        out = at.copy()
+        share = at[inside, 0] / half
+        out[inside, 0] = half * np.sinh(steep * share) / math.sinh(steep)
+        return out
+
+    return move

@@ -63,7 +63,7 @@ def columns(rows: Sequence[Row]) -> list[str]:
 def markdown(rows: Sequence[Row]) -> Iterator[str]:
     """Lines of a table."""
     names = columns(rows)
-    yield "| " + " | ".join(names) + " |"
+    yield "| " + " | ".join(name.replace("|", "/") for name in names) + " |"
     yield "|---" * len(names) + "|"
     for row in rows:
         yield "| " + " | ".join(cell(row.get(name, "")).replace("|", "/") for name in names) + " |"

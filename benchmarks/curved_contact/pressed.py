@@ -1,0 +1,200 @@
+"""Round bodies pressed together without friction, against Hertz.
+
+An elastomer (E = 10 MPa) under a round tool of aluminium, or two like round elastomers whose nodes
+do not match; cylinders, or spheres as sections of revolution; pressed by displacement or by a
+platen's force from a first touch. The bodies are forty half-widths in size, strains are about 1 %.
+Half-width and peak are held against those of the computed load; the half-width twice, by the
+ellipse that fits the pressure best and by the free surface beside the contact. ``worst`` is the
+largest deviation of any nodal pressure (of a point's, where the contact has none of nodes) inside
+0.9 a, over p0.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from app.verify.contact import case_modulus, fit_ellipse
+from benchmarks.curved_contact.extent import beyond_line, beyond_point, half_width
+from benchmarks.curved_contact.runs import Frame, Outcome, run
+from benchmarks.curved_contact.shapes import Moved, TwoHemispheres, graded
+from forms.closed_forms.hertz_line import LineContact, relative_radius
+from forms.closed_forms.hertz_point import PointContact
+from geometry.generators.cylinders import FlatBlock, HalfCylinder
+from geometry.generators.cylinders import LineContact as Lines
+from geometry.generators.sphere_on_block import SphereOnBlock
+from geometry.meshes.gmsh_model import Shape, write_msh
+
+MM = 1e-3
+RADIUS = 10 * MM
+ZONE = 1.2 * MM
+FINEST = 30.0  # largest over smallest facet of a graded slave
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """One row of the table.
+
+    Attributes:
+        kind: "cylinder" or "sphere" of aluminium on an elastomer, "cylinders" or "spheres": two
+            elastomers, "graded": the cylinder on facets that grow 1 : 30.
+        by: "displacement" or "force"; size: µm, facets of the slave; nu: of the elastomer.
+        slave: "rubber" (below) or "tool" (above).
+        smooth: whether the master is smoothed.
+    """
+
+    kind: str = "cylinder"
+    by: str = "displacement"
+    size: float = 20.0
+    nu: float = 0.4999
+    slave: str = "rubber"
+    smooth: bool = False
+
+    @property
+    def point(self) -> bool:
+        """Whether it is a point contact."""
+        return self.kind.startswith("sphere")
+
+    @property
+    def twice(self) -> bool:
+        """Whether both bodies are round and soft."""
+        return self.kind.endswith("s")
+
+
+BASE = Setup()
+QUICK = replace(BASE, nu=0.495)
+ROWS = (
+    *(Setup(k) for k in ("cylinder", "sphere", "cylinders", "spheres", "graded")),
+    *(Setup(k, "force") for k in ("cylinder", "sphere")),
+    Setup("cylinder", smooth=True),
+    Setup("cylinder", slave="tool"),
+    Setup("cylinder", size=10.0),
+)
+
+CASE = """
+title = "round bodies pressed"
+[geometry]
+mesh = "mesh.msh"
+section = "{section}"
+[bodies.tool]
+{tool}
+[bodies.rubber]
+{rubber}
+[[contact]]
+slave = "{slave}_contact"
+master = "{master}_contact"
+friction = {{ law = "frictionless" }}
+{smoothing}
+[[boundary]]
+surface = "bottom"
+displacement = {{ x = 0, y = 0 }}
+[[boundary]]
+surface = "top"
+{load}
+[[stage]]
+name = "press"
+duration = "1 s"
+steps = 4
+[output]
+figures = false
+"""
+STIFF = 'material = "hencky"\nE = "70 GPa"\nnu = 0.33'
+SOFT = 'material = "neo-hookean"\nE = "10 MPa"\nnu = %r'
+DOWN = 'displacement = {{ x = 0, y = [["0 s", 0], ["1 s", {0}]] }}'
+LOADED = """displacement = {{ x = 0 }}
+platen = {{ direction = "y", force = [["0 s", 0], ["1 s", {0}]] }}"""
+
+
+def shape_of(setup: Setup) -> Shape:
+    """What is meshed."""
+    size, other = setup.size * 1e-6, 1.3 * setup.size * 1e-6
+    upper, lower = (size, other) if setup.slave == "tool" else (other, size)
+    if setup.point:
+        sphere = SphereOnBlock(
+            RADIUS, 8 * MM, 8 * MM, ZONE, lower, 1.25, upper_name="tool", lower_name="rubber"
+        )
+        if setup.kind == "sphere":
+            return sphere
+        return TwoHemispheres(replace(sphere, contact_size=upper), sphere)
+    tool = HalfCylinder(RADIUS, ZONE, upper)
+    if setup.kind == "cylinders":
+        return Lines(
+            tool, HalfCylinder(RADIUS, ZONE, lower), 1.25, "quadrilateral", "tool", "rubber"
+        )
+    wide = setup.kind == "graded"
+    zone = 4 * MM if wide else ZONE
+    block = FlatBlock(20 * MM, 10 * MM, zone, lower)
+    lines = Lines(tool, block, 1.25, "quadrilateral", "tool", "rubber")
+    return Moved(lines, graded(0.5 * zone, FINEST)) if wide else lines
+
+
+def load_of(setup: Setup) -> str:
+    """Lines of the boundary that presses, to a half-width of about 0.25 mm."""
+    deep, force = (-6.5e-6, 0.03) if setup.point else (-13e-6, 65.0)
+    if setup.by == "force":
+        return LOADED.format(force)
+    return DOWN.format(deep * (2 if setup.twice else 1))
+
+
+def row(setup: Setup, scratch: Path, overrides: tuple[str, ...] = ()) -> dict[str, Any]:
+    """Solve one problem; its row of the table."""
+    write_msh(shape_of(setup), scratch / "mesh.msh")
+    soft = SOFT % setup.nu
+    text = CASE.format(
+        section="axisymmetric" if setup.point else "plane-strain",
+        tool=soft if setup.twice else STIFF,
+        rubber=soft,
+        slave=setup.slave,
+        master={"rubber": "tool", "tool": "rubber"}[setup.slave],
+        smoothing='smoothing_angle = "30 deg"' if setup.smooth else "",
+        load=load_of(setup),
+    )
+    outcome = run(text, scratch, overrides)
+    out = asdict(setup) | {
+        "newton": outcome.iterations(),
+        "most": outcome.most,
+        "cuts": outcome.cuts,
+        "seconds": outcome.seconds,
+    }
+    if outcome.failure:
+        return out | {"failure": outcome.failure}
+    return out | measured(setup, outcome, outcome.frames[-1])
+
+
+def measured(setup: Setup, outcome: Outcome, last: Frame) -> dict[str, Any]:
+    """The pressure against Hertz's under the computed load."""
+    radius = relative_radius(RADIUS, RADIUS) if setup.twice else RADIUS
+    modulus = case_modulus(outcome.model.case)
+    exact: LineContact | PointContact
+    if setup.point:
+        exact = PointContact(last.row.normal_force, radius, modulus)
+        a = exact.contact_radius
+    else:
+        exact = LineContact(last.row.normal_force, radius, modulus)
+        a = exact.half_width
+    closed = last.pressure > 0.0
+    width, peak = fit_ellipse(last.position[closed, 0], last.pressure[closed])
+    at, p = last.position[:, 0], last.pressure
+    if last.nodal is not None and last.at is not None:
+        at, p = last.at[:, 0], last.nodal
+    inside = np.abs(at) < 0.9 * a
+    apart = np.abs(p[inside] - exact.pressure(at[inside])) / exact.peak
+    free = half_width(
+        last.nodes["rubber_contact"],
+        last.nodes["tool_contact"],
+        radius,
+        beyond_point if setup.point else beyond_line,
+    )
+    return {
+        "a Hertz µm": a * 1e6,
+        "a fit %": 100 * (width / a - 1.0),
+        "a surface %": 100 * (free / a - 1.0),
+        "p0 fit %": 100 * (peak / exact.peak - 1.0),
+        "p max %": 100 * (float(np.max(p)) / exact.peak - 1.0),
+        "worst %": 100 * float(apart.max()),
+        "worst of": "points" if last.nodal is None else "nodes",
+        "load N": last.row.normal_force,
+    }
