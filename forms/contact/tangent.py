@@ -224,7 +224,7 @@ class PairTangent:
         assert trial.anchor is not None
         v = vary(trial.position[take], trial.projection.of(take), trial.anchor.of(take))
         rows, nodes = self.generalised_rows(state, trial, take)
-        d_gap = v.d_gap.reshape(len(take), rows.shape[1], -1)
+        d_gap = v.d_gap.reshape(len(take), rows.shape[1], self.surface.dim)
         share = self.surface.slave.weight[take][:, None] * self.surface.vertices.shape[take]
         values = np.einsum("pk,pmi->pkmi", share, np.einsum("prm,pri->pmi", rows, d_gap))
         return self._scattered(take, nodes, values, active)
