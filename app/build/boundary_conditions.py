@@ -45,6 +45,8 @@ class Loads:
         platen_names: of the platens, such as "top_x": surface and direction.
         notes: what the user should know of them, one line each.
         programs: each sets one load from (time, driven displacement), s and m.
+        stage: name of the present stage, which says whether a platen's force or displacement is
+            given.
     """
 
     def __init__(
@@ -65,6 +67,7 @@ class Loads:
         self.notes: list[str] = []
         self.pressures: list[FollowerPressure] = []
         self.programs: list[Callable[[float, float], None]] = []
+        self.stage = ""
         self._constraints: list[_Constraint] = []
         if section == "axisymmetric":
             self._constrain_axis()
@@ -167,9 +170,13 @@ class Loads:
         else:
             assert boundary.platen.force is not None
             table, scale = boundary.platen.force, inward / self.thickness
+        travel, stages = boundary.platen.displacement, boundary.platen.displacement_stages
 
         def program(time: float, driven: float) -> None:
-            platen.force = scale * table(time)
+            if travel is not None and self.stage in stages:
+                platen.force, platen.displacement = 0.0, inward * travel(time)
+            else:
+                platen.force, platen.displacement = scale * table(time), None
 
         self.programs.append(program)
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from app.build.settling_notes import notes_on_settling
 from app.case.boundary import Boundary
 from app.case.case import Case
 from app.case.contact import Contact
@@ -56,6 +57,7 @@ def _notes_on_contact(case: Case, contact: Contact) -> Iterator[str]:
         note = uniqueness_warning(parameters, pressure, film)
         if note:
             yield note
+    yield from notes_on_settling(case, contact, pressure)
     steps = list(_driven_steps(case))
     if steps:
         note = threshold_speed_warning(

@@ -9,14 +9,16 @@ import numpy as np
 from app.case.contact import Contact
 from app.case.friction import Coulomb, Friction, Stribeck
 from forms.bodies.materials import Material, oedometric_modulus
+from forms.contact.pressure import PressureKind
 
 APART = 2.0  # distance over facet length from which bodies are said to start apart
 COARSE = 3.0  # length of slave facets over that of master facets from which they are too coarse
 STIFFER = 10.0  # modulus of the slave's body over that of the master's that is pointed out
-CHATTER = 10.0  # K_N h/M above which an explicit run pays for it
-# Penalties in units of M/h. Up to a thousand times the default Newton's method converges as ever;
-# from ten thousand times on it needs many more iterations, and rounding the coordinates begins to
-# keep the residual above the tolerance.
+CHATTER = 10.0  # penalty_factor above which an explicit run pays for it
+# Penalties in units of the stiffness of the elements beside them (`penalty_factor`). Up to a
+# thousand times the default Newton's method converges as ever; from ten thousand times on it needs
+# many more iterations, and rounding the coordinates begins to keep the residual above the
+# tolerance.
 STIFF_PENALTY = 3e4
 SOFT_PENALTY = 0.1
 SOFT_STICK = 0.1  # K_T h/G below which the elastic slip is longer than the shear of the elements
@@ -63,13 +65,16 @@ def notes_on_surfaces(
         )
 
 
-def notes_on_penalty(index: int, factor: float, explicit: bool) -> Iterator[str]:
+def notes_on_penalty(
+    index: int, factor: float, explicit: bool, pressure: PressureKind = "averaged"
+) -> Iterator[str]:
     """Lines on a penalty that is far from what works, or that shortens explicit steps.
 
     Args:
         index: of the contact.
-        factor: K_N h/M.
+        factor: penalty over the stiffness of the elements beside it, as `penalty_factor`.
         explicit: whether a stage runs with explicit dynamics.
+        pressure: "averaged" or "pointwise".
     """
     # The factor is found from K_N again, so that one of just this size may come out above it.
     if explicit and factor > (1.0 + 1e-9) * CHATTER:
@@ -77,7 +82,7 @@ def notes_on_penalty(index: int, factor: float, explicit: bool) -> Iterator[str]
             f"contact.{index}: a penalty of penalty_factor = {factor:.4g} shortens explicit steps "
             "and lets nodes chatter; 1 to 3 is stiff enough for most"
         )
-    note = penalty_note(index, factor)
+    note = penalty_note(index, factor, pressure)
     if note is not None:
         yield note
 
@@ -102,12 +107,13 @@ def note_on_stick(index: int, friction: Friction, stiffness: float) -> Iterator[
             )
 
 
-def penalty_note(index: int, factor: float) -> str | None:
+def penalty_note(index: int, factor: float, pressure: PressureKind = "averaged") -> str | None:
     """A line on a penalty far from those that work; None for others.
 
     Args:
         index: of the contact.
-        factor: K_N h/M.
+        factor: penalty over the stiffness of the elements beside it, as `penalty_factor`.
+        pressure: "averaged" or "pointwise", which compare with other moduli.
     """
     if SOFT_PENALTY <= factor <= STIFF_PENALTY:
         return None
@@ -116,7 +122,8 @@ def penalty_note(index: int, factor: float) -> str | None:
         if factor < SOFT_PENALTY
         else "Newton's method may fail or need many iterations"
     )
+    modulus = "M" if pressure == "pointwise" else "max(10 G, M/10)"
     return (
-        f"contact.{index}: the penalty is {factor:.2g} times the stiffness M/h of the elements "
-        f"beside it: {what}"
+        f"contact.{index}: the penalty is {factor:.2g} times the stiffness {modulus}/h of the "
+        f"softer body's elements beside it: {what}"
     )

@@ -101,10 +101,11 @@ class ContactBuilder:
         notes = (
             *stiffer_slave(index, asked, self.named.body_of(asked.slave), slave, master),
             *notes_on_surfaces(f"contact.{index}", asked, lengths, distance),
-            *notes_on_penalty(index, factor, self.case.is_explicit),
+            *notes_on_penalty(index, factor, self.case.is_explicit, table.pressure),
             *note_on_stick(index, table.friction, softer.shear_modulus / length),
         )
-        term = ContactTerm(surface, law, penalty, film, table.pressure)
+        modulus = contact_modulus(slave, master)
+        term = ContactTerm(surface, law, penalty, film, table.pressure, modulus)
         return BuiltContact(table, term, notes)
 
     def _surface(self, index: int, contact: Contact) -> ContactSurface:
@@ -156,6 +157,15 @@ def resolved_contact(
     )
 
 
+def contact_modulus(*bodies: Material) -> float:
+    """E*, Pa, of two bodies: 1/E* = Σ (1 − ν)/2G, with G/M = (1 − 2ν)/2(1 − ν)."""
+    compliance = 0.0
+    for body in bodies:
+        ratio = body.shear_modulus / oedometric_modulus(body)
+        compliance += 1.0 / (4.0 * body.shear_modulus * (1.0 - ratio))
+    return 1.0 / compliance
+
+
 def penalty_modulus(softer: Material, pressure: PressureKind) -> float:
     """Modulus, Pa, that the penalty of a pair is a multiple of, over the length of a facet.
 
@@ -180,8 +190,7 @@ def _penalty(contact: Contact, surface: ContactSurface, modulus: float) -> float
         return contact.penalty
     averaged = contact.pressure == "averaged"
     length = surface.vertices.length if averaged else surface.slave.facet_length
-    stiffness: Floats = (contact.penalty_factor or 0.0) * modulus / length
-    return stiffness
+    return np.asarray((contact.penalty_factor or 0.0) * modulus / length, dtype=np.float64)
 
 
 def _resolved_friction(

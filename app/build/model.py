@@ -40,6 +40,7 @@ class Model:
         thickness: m, of the plane-strain slab, per unit of which the solver works; 1 otherwise.
         notes: what the user should know before the run, one line each.
         platen_names: of the problem's platens, such as "top_x": surface and direction.
+        loads: what the boundaries prescribe.
     """
 
     case: Case
@@ -50,11 +51,17 @@ class Model:
     thickness: float = 1.0
     notes: list[str] = field(default_factory=list)
     platen_names: list[str] = field(default_factory=list)
+    loads: Loads | None = None
 
     @property
     def film_onset(self) -> list[float]:
         """Pressure at which the film is whole, Pa, for each contact; 0 without a film."""
         return [contact.film_onset for contact in self.case.contact]
+
+    def begin_stage(self, name: str) -> None:
+        """Let the loads be those of a stage from the next :meth:`set_loads` on."""
+        if self.loads is not None:
+            self.loads.stage = name
 
     def set_loads(self, time: float, driven: float) -> None:
         """Set every prescribed displacement and load to its value at ``time`` (s).
@@ -89,7 +96,8 @@ def build_model(case: Case, comm: MPI.Comm) -> Model:
     problem = Equilibrium(u, solids, terms, loads.prescribed, loads.platens, loads.pressures)
     resolved = _resolved(case.model_copy(update={"bodies": bodies}), contacts, problem)
     model = Model(resolved, named, problem, loads.programs, section, case.geometry.slab)
-    model.platen_names = loads.platen_names
+    model.platen_names, model.loads = loads.platen_names, loads
+    model.begin_stage(case.stage[0].name)
     model.notes = _notes(case, model, contacts, loads)
     return model
 

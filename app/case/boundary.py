@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
@@ -24,6 +24,7 @@ _Velocity = Annotated[TimeTable, Program("m/s")]
 _Pressure = Annotated[TimeTable, Program("Pa")]
 _Force = Annotated[TimeTable, Program("N")]
 _Angle = Annotated[TimeTable, Program("rad")]
+_Travel = Annotated[TimeTable, Program("m")]
 _Length = Annotated[float, Quantity("m")]
 _Weight = Annotated[float, Quantity()]
 _Mass = Annotated[float, Quantity("kg", ge=0.0)]
@@ -92,7 +93,10 @@ class Velocity(Model):
 
 
 class Platen(Model):
-    """A rigid platen glued to the surface in one direction: one displacement, a given force."""
+    """A rigid platen glued to the surface in one direction: one displacement, a given force.
+
+    In some stages its displacement may be given instead, and the force follows.
+    """
 
     direction: Component = Field(description="direction in which the platen moves")
     pressure: _Pressure | None = Field(
@@ -103,7 +107,44 @@ class Platen(Model):
         description="total force, > 0 presses into the body (or pressure); in plane strain on the "
         "slab of the given thickness",
     )
+    displacement: _Travel | None = Field(
+        default=None,
+        description="displacement, > 0 into the body, in the stages of displacement_stages, where "
+        "it takes the place of the force",
+    )
+    displacement_stages: tuple[Text, ...] = Field(
+        default=(),
+        description="names of the stages in which the displacement is given and not the force",
+    )
     mass: _Mass = Field(default=0.0, description=_MASS)
+
+    def problems(self, place: Place) -> Iterator[Problem]:
+        """Keys that do not fit together; `place` is where this table stands in the case."""
+        if (self.pressure is None) == (self.force is None):
+            found = "neither" if self.force is None else "both"
+            yield Problem(place, f"give either pressure or force, found {found}")
+        if self.displacement is not None and not self.displacement_stages:
+            reason = 'missing; displacement acts in the stages named here, such as ["press"]'
+            yield Problem((*place, "displacement_stages"), reason)
+        if self.displacement is None and self.displacement_stages:
+            reason = "missing; displacement_stages says where it takes the place of the force"
+            yield Problem((*place, "displacement"), reason)
+
+    def stage_problems(self, solvers: Mapping[str, str], place: Place) -> Iterator[Problem]:
+        """Stages that are not there, or not implicit.
+
+        Args:
+            solvers: time integration of each stage by its name.
+            place: where this table stands in the case.
+        """
+        here = (*place, "displacement_stages")
+        for name in self.displacement_stages:
+            if name not in solvers:
+                reason = f"no stage has this name; there are {', '.join(solvers)}"
+                yield Problem(here, reason, name)
+        if self.displacement_stages and "explicit" in solvers.values():
+            reason = "does not go with explicit stages; a platen's force is given in all of them"
+            yield Problem(here, reason, list(self.displacement_stages))
 
 
 class Spring(Model):
@@ -192,10 +233,8 @@ class Boundary(Model):
                 "does nothing; give displacement, velocity, platen, spring, rotation or pressure"
             )
             yield Problem(place, reason)
-        platen = self.platen
-        if platen is not None and (platen.pressure is None) == (platen.force is None):
-            found = "neither" if platen.force is None else "both"
-            yield Problem((*place, "platen"), f"give either pressure or force, found {found}")
+        if self.platen is not None:
+            yield from self.platen.problems((*place, "platen"))
         if self.displacement is not None:
             yield from self.displacement.problems((*place, "displacement"))
         if self.rotation is not None:
@@ -241,3 +280,18 @@ def boundary_problems(
             if first != name:
                 reason = f'"{boundary.surface}" is already moved in {component} by {first}'
                 yield Problem(here, reason)
+
+
+def control_problems(
+    boundaries: Sequence[Boundary], solvers: Mapping[str, str], place: Place
+) -> Iterator[Problem]:
+    """Mistakes in the stages that platens name.
+
+    Args:
+        boundaries: all of them.
+        solvers: time integration of each stage by its name.
+        place: where the boundaries stand in the case.
+    """
+    for index, boundary in enumerate(boundaries):
+        if boundary.platen is not None:
+            yield from boundary.platen.stage_problems(solvers, (*place, index, "platen"))

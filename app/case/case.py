@@ -18,14 +18,14 @@ from pydantic import (
 )
 
 from app.case.bodies import Body, formulation_problems
-from app.case.boundary import Boundary, boundary_problems
+from app.case.boundary import Boundary, boundary_problems, control_problems
 from app.case.contact import Contact
 from app.case.generators import BlocksGeometry, CylinderOnBlockGeometry, TwoCylindersGeometry
 from app.case.generators_3d import BoxesGeometry, SphereGeometry
 from app.case.geometry import GeneratedGeometry, MeshGeometry
 from app.case.overrides import KeyPathError, set_value
 from app.case.solver import Output, Solver, Sweep
-from app.case.stage import Stage, order_problems, stage_problems
+from app.case.stage import Stage, order_problems, solver_of, stage_problems
 from app.case.table import Model, Place, Problem, problems_error
 from app.case.toml_writer import toml_text
 from app.case.validation import format_problem, problems_of
@@ -155,6 +155,8 @@ class Case(Model):
         yield from stage_problems(self.stage, self.boundary, ("stage",))
         yield from self.solver.problems(("solver",))
         yield from order_problems(self.stage, self.solver.kind, ("stage",))
+        solvers = {stage.name: solver_of(stage, self.solver.kind) for stage in self.stage}
+        yield from control_problems(self.boundary, solvers, ("boundary",))
         yield from self._inertia_problems()
         for index, stage in enumerate(self.stage):
             if stage.velocities and not stage.velocities_within(self.film_conductance):

@@ -47,8 +47,9 @@ class Stage(Model):
     )
     steady_tolerance: Annotated[float, Quantity(gt=0.0)] = Field(
         default=1e-4,
-        description="relative change of the tangential force per step, over the last 3 steps, "
-        "below which it is steady; with velocities",
+        description="relative change of the tangential force, without known weakening, over the "
+        "elastic lengths and the last eighth of the way slid, below which it is steady; with "
+        "velocities",
     )
     film_stress_limit: Annotated[float, Quantity("Pa", gt=0.0)] | None = Field(
         default=None,

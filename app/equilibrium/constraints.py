@@ -47,7 +47,7 @@ class Prescribed:
 
 @dataclass(slots=True)
 class Platen:
-    """One displacement for a whole surface, under a given total force.
+    """One displacement for a whole surface, under a given total force or prescribed itself.
 
     Attributes:
         dofs: local scalar unknowns of the surface, owned by this rank.
@@ -56,6 +56,7 @@ class Platen:
         stiffness: N/m, likewise, of a spring that draws the surface; end: m, displacement of its
             far end.
         mass: kg, likewise, that the surface carries beside its own.
+        displacement: m, along the coordinate axis; if given, it is prescribed and no force is.
         all_dofs: global unknowns of the surface on all ranks, sorted; the first leads.
     """
 
@@ -64,6 +65,7 @@ class Platen:
     stiffness: float = 0.0
     end: float = 0.0
     mass: float = 0.0
+    displacement: float | None = None
     all_dofs: Longs = field(default_factory=lambda: np.empty(0, dtype=np.int64))
 
     def pull(self, displacement: float) -> float:
@@ -124,7 +126,6 @@ class Constraints:
 
     Attributes:
         unknowns: numbering; prescribed, platens: the parts.
-        dofs: owned local unknowns with a prescribed displacement, sorted.
     """
 
     def __init__(
@@ -136,13 +137,36 @@ class Constraints:
         for platen in self.platens:
             platen.gather(unknowns.space)
         parts = [part.dofs for part in self.prescribed]
-        self.dofs: Ints = np.unique(np.concatenate(parts)) if parts else np.empty(0, dtype=np.int32)
+        self._supported: Ints = (
+            np.unique(np.concatenate(parts)) if parts else np.empty(0, dtype=np.int32)
+        )
+
+    @property
+    def held(self) -> list[Platen]:
+        """The platens whose displacement is prescribed at present."""
+        return [platen for platen in self.platens if platen.displacement is not None]
+
+    @property
+    def controls(self) -> list[bool]:
+        """Of each platen, whether its displacement is prescribed at present."""
+        return [platen.displacement is not None for platen in self.platens]
+
+    @property
+    def dofs(self) -> Ints:
+        """Owned local unknowns with a prescribed displacement, sorted."""
+        held = self.held
+        if not held:
+            return self._supported
+        out: Ints = np.unique(np.concatenate([self._supported, *(p.dofs for p in held)]))
+        return out
 
     def values(self, x: PETSc.Vec) -> Floats:
         """Owned unknowns (…,) with the prescribed values put into a copy of ``x``."""
         values: Floats = x.array_r.copy()
         for part in self.prescribed:
             values[part.dofs] = part.value
+        for platen in self.held:
+            values[platen.dofs] = platen.displacement
         return values
 
     # -- residual -----------------------------------------------------------------------------
@@ -157,7 +181,10 @@ class Constraints:
         for part in self.prescribed:
             values[part.dofs] = at[part.dofs] - part.value
         for platen in self.platens:
-            self._balance_platen(platen, values, at)
+            if platen.displacement is None:
+                self._balance_platen(platen, values, at)
+            else:
+                values[platen.dofs] = at[platen.dofs] - platen.displacement
 
     def _balance_platen(self, platen: Platen, values: Floats, at: Floats) -> None:
         """Row of the leading unknown: sum of forces; of the others: follow the leader."""
@@ -207,6 +234,18 @@ class Constraints:
             leader = int(platen.all_dofs[0])
             if platen.stiffness and first <= leader < first + owned:
                 A.setValue(leader, leader, platen.stiffness, addv=PETSc.InsertMode.ADD_VALUES)
+
+    def add_diagonal(self, A: PETSc.Mat, stiffness: Floats) -> None:
+        """Add springs of the owned unknowns (n,), N/m, those of a platen to its leading one."""
+        owned = np.nonzero(stiffness)[0]
+        rows = self.condensed((owned + self.unknowns.first).astype(np.int32))
+        A.setValuesIJV(
+            np.arange(len(rows) + 1, dtype=PETSc.IntType),
+            rows.astype(PETSc.IntType),
+            stiffness[owned],
+            addv=PETSc.InsertMode.ADD_VALUES,
+            rowmap=rows.astype(PETSc.IntType),
+        )
 
     def add_pattern(self, A: PETSc.Mat, extra: PETSc.Mat) -> None:
         """Room in ``extra`` for entries of ``A`` renumbered onto a platen's leading unknown."""

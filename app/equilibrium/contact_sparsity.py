@@ -16,7 +16,7 @@ import scipy.sparse
 from forms.contact.penalty import ContactTerm
 from forms.contact.pressure import AveragedPressure
 from forms.contact.state import ContactTrial
-from geometry.surfaces.facets import Floats, Ints, Longs
+from geometry.surfaces.facets import Bools, Floats, Ints, Longs
 from geometry.surfaces.vertices import SlaveVertices
 
 # Rings of neighbouring master facets beyond those in use that a window includes, by the number of
@@ -41,7 +41,7 @@ class ContactWindow:
 
     def holds(self, term: ContactTerm, trial: ContactTrial) -> bool:
         """Whether the tangent of a trial fits in."""
-        closed = trial.kinematics.closed
+        closed = trial.coupled()
         slave = term.surface.slave.facet[closed]
         current, before = trial.projection.facet[closed], term.state.facet[closed]
         moved = current != before
@@ -65,7 +65,7 @@ def widened(window: ContactWindow | None, term: ContactTerm, trial: ContactTrial
     """A window that holds the last one, the facets in use now, and rings of their neighbours."""
     surface = term.surface
     near = trial.projection.gap <= NEAR * surface.target.search.slack
-    near = trial.kinematics.closed | (near & trial.projection.on_surface)
+    near = trial.coupled() | (near & trial.projection.on_surface)
     slave = surface.slave.facet[near]
     current, before = trial.projection.facet[near], term.state.facet[near]
     facets = len(surface.master.facets)
@@ -176,9 +176,24 @@ def coupled_nodes(term: ContactTerm, window: ContactWindow) -> Longs:
     pairs = _upper(pattern, nodes)
     if not isinstance(term.rule, AveragedPressure):
         return pairs
+    if surface.normals is not None:  # those take the vertices of the next facets too
+        chain = surface.nodes[surface.chain_rows[first]]
+        nodes, touched = _with(nodes, touched, chain, active)
     around = _incidence(surface.vertices.of_point[first], surface.vertices.count).T
     patches, nodes = _of_all_ranks(around @ touched, nodes, surface.vertices)
     return np.unique(np.concatenate([pairs, _upper(patches.T @ patches, nodes)]), axis=0)
+
+
+def _with(
+    nodes: Longs, touched: scipy.sparse.spmatrix, more: Longs, active: Bools
+) -> tuple[Longs, scipy.sparse.csr_matrix]:
+    """Nodes (n,) and those of each facet (f, n), with ``more`` (f, s) for the ``active`` ones."""
+    both = np.unique(np.concatenate([nodes, more.reshape(-1)]))
+    known = _present(touched).tocoo()
+    facets = np.repeat(np.nonzero(active)[0], more.shape[1])
+    row = np.concatenate([known.row, facets])
+    node = np.concatenate([nodes[known.col], more[active].reshape(-1)])
+    return both, _table(row, np.searchsorted(both, node), (len(more), len(both)))
 
 
 def _upper(pattern: scipy.sparse.spmatrix, nodes: Longs) -> Longs:

@@ -15,7 +15,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from app.equilibrium.constraints import Constraints, Platen, Prescribed, Unknowns
-from app.equilibrium.measures import reference_force, roundoff_force, worst_place
+from app.equilibrium.measures import RoundOff, reference_force, worst_place
 from app.equilibrium.step_mode import DEFAULT_STEP, StepMode
 from app.equilibrium.tangent import Tangent
 from app.equilibrium.timers import Stopwatch
@@ -43,7 +43,7 @@ class Equilibrium:
         solids, contacts, pressures: the parts.
         unknowns: their numbering; constraints: what is prescribed; tangent: the matrix.
         timer: seconds by part.
-        roundoff: N/m, residual norm below which only round-off is left.
+        rounding: what rounding alone leaves of the residual.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class Equilibrium:
         self.committed: list[ContactTrial] = []
         self.unbalanced: Floats = np.zeros(self.owned)
         self.reference_force = 0.0
-        self.roundoff = roundoff_force(self.solids, self.comm)
+        self.rounding = RoundOff(self.space, self.solids)
         self._strain_energy: float | None = None
         self._work = dolfinx.la.vector(self.space.dofmap.index_map, self.dim)
 
@@ -117,6 +117,11 @@ class Equilibrium:
     def pattern_changes(self) -> int:
         """How often the matrix's pattern was made or widened."""
         return self.tangent.pattern_changes
+
+    @property
+    def roundoff(self) -> float:
+        """Residual norm below which only round-off is left, at ``u``; N/m; collective."""
+        return self.rounding.norm(self.u.x.array[: self.owned], self.reference_force)
 
     def constrained_dofs(self) -> Ints:
         """Owned local unknowns with a prescribed displacement."""
@@ -170,6 +175,8 @@ class Equilibrium:
         with self.timer("contact"):
             self._evaluate_contacts(x, step)
             contact_squared = self._contact_forces(f)
+        if step.holding is not None:
+            f.array[:] += step.holding.force(x.array_r)
         self.unbalanced = f.array_r.copy()
         self.reference_force = reference_force(self.unbalanced, contact_squared, self.constraints)
         self.constraints.constrain_residual(f.array, x.array_r)
@@ -232,7 +239,7 @@ class Equilibrium:
         self.spread(x)
         with self.timer("contact"):
             self._evaluate_contacts(x, step)
-        self.tangent.assemble(A, self.trials, self.timer)
+        self.tangent.assemble(A, self.trials, self.timer, step.holding)
 
     def jacobian(
         self,

@@ -1,10 +1,11 @@
-"""How the contacts of a step are evaluated: its duration, and the mode of each pair."""
+"""How a step is evaluated: its duration, the mode of each contact pair, and holding springs."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
+from app.equilibrium.holding_springs import HoldingSprings
 from forms.contact.penalty import ContactTerm
 from forms.contact.state import AS_IS, ContactMode, ContactTrial
 
@@ -16,10 +17,12 @@ class StepMode:
     Attributes:
         dt: duration of the step, s.
         modes: mode of each contact pair; empty: all pairs as they are.
+        holding: springs that hold bodies while a solution is sought; None in what is committed.
     """
 
     dt: float = 1.0
     modes: tuple[ContactMode, ...] = ()
+    holding: HoldingSprings | None = None
 
     @classmethod
     def of_stage(
@@ -50,7 +53,11 @@ class StepMode:
             )
             for term, mode in self.pairs(contacts)
         ]
-        return StepMode(self.dt, tuple(changed))
+        return replace(self, modes=tuple(changed))
+
+    def held(self, springs: HoldingSprings | None) -> StepMode:
+        """The same with bodies held by springs."""
+        return replace(self, holding=springs)
 
     def frozen(self, contacts: Sequence[ContactTerm], trials: Sequence[ContactTrial]) -> StepMode:
         """The same with all points frozen on their facets of these evaluations."""
@@ -58,12 +65,12 @@ class StepMode:
             replace(mode, frozen_facets=trial.projection.facet)
             for (_, mode), trial in zip(self.pairs(contacts), trials, strict=True)
         ]
-        return StepMode(self.dt, tuple(changed))
+        return replace(self, modes=tuple(changed))
 
     def with_friction_as_load(self, contacts: Sequence[ContactTerm]) -> StepMode:
         """The same with friction that has no stiffness: bodies slide on each other freely."""
         changed = [replace(mode, friction_as_load=True) for _, mode in self.pairs(contacts)]
-        return StepMode(self.dt, tuple(changed))
+        return replace(self, modes=tuple(changed))
 
 
 DEFAULT_STEP = StepMode()

@@ -17,6 +17,7 @@ from petsc4py import PETSc
 
 from app.equilibrium.constraints import Constraints
 from app.equilibrium.contact_sparsity import BlockPlaces, ContactWindow, coupled_nodes, widened
+from app.equilibrium.holding_springs import HoldingSprings
 from app.equilibrium.timers import Stopwatch
 from forms.bodies.loads import FollowerPressure
 from forms.bodies.solid import Solid
@@ -63,7 +64,13 @@ class Tangent:
         self._widen(A, trials)
         return A
 
-    def assemble(self, A: PETSc.Mat, trials: Sequence[ContactTrial], timer: Stopwatch) -> None:
+    def assemble(
+        self,
+        A: PETSc.Mat,
+        trials: Sequence[ContactTrial],
+        timer: Stopwatch,
+        holding: HoldingSprings | None = None,
+    ) -> None:
         """Fill ``A`` at the displacements spread last; collective.
 
         All rows are free but those that follow a platen.
@@ -72,6 +79,7 @@ class Tangent:
             A: the matrix.
             trials: contacts at these displacements.
             timer: seconds by part.
+            holding: springs that hold bodies; None: there are none.
         """
         with timer("contact"):
             self._keep_pattern(A, trials, timer)
@@ -88,6 +96,8 @@ class Tangent:
                 if coupling is not None:
                     self._add_coupling(A, coupling)
             self.constraints.add_following_rows(A)
+            if holding is not None:
+                self.constraints.add_diagonal(A, holding.stiffness)
             A.assemble()
 
     def _assemble_forms(self, A: PETSc.Mat) -> None:

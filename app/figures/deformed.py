@@ -8,11 +8,13 @@ from pathlib import Path
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
-from matplotlib.collections import PolyCollection
+from matplotlib.collections import Collection, LineCollection, PolyCollection
 from matplotlib.figure import Figure
+from matplotlib.tri import Triangulation
 
 from app.build.model import Model
 from app.figures.style import COLOURS, STYLE, save
+from app.results.contact_nodes import ContactNodes, contact_nodes
 from app.results.contact_points import contact_arrays
 from geometry.compat import cell_nodes
 from geometry.pictures.space import add_facets, facet_polygons, frame, outer_facets
@@ -29,15 +31,15 @@ def draw_deformed(model: Model, path: Path) -> None:
     flat = model.named.mesh.geometry.dim == 2
     cells = _deformed_cells(model) if flat else _deformed_facets(model)
     gathered = problem.comm.gather(cells)
-    points = contact_arrays(model)
-    if gathered is None or points is None:
+    points, nodes = contact_arrays(model), contact_nodes(model)
+    if gathered is None or points is None or nodes is None:
         return
     bodies = {
         name: np.concatenate([rank[name] for rank in gathered]) for name in model.named.bodies
     }
     with rc_context(STYLE):
         figure = _figure if flat else _figure_in_space
-        save(figure(bodies, points, model.case.title), path)
+        save(figure(bodies, points, nodes, model.case.title), path)
 
 
 def _deformed_cells(model: Model) -> dict[str, Floats]:
@@ -78,7 +80,10 @@ def _moved_nodes(model: Model) -> Floats:
     return moved
 
 
-def _figure(bodies: dict[str, Floats], points: dict[str, Floats], title: str) -> Figure:
+def _figure(
+    bodies: dict[str, Floats], points: dict[str, Floats], nodes: ContactNodes, title: str
+) -> Figure:
+    """The bodies with the pressure between them, and below the tractions along the contact."""
     corners = np.concatenate([cells.reshape(-1, 2) for cells in bodies.values()])
     width, height = np.ptp(corners, axis=0)
     slender = width > SLENDER * height
@@ -101,25 +106,34 @@ def _figure(bodies: dict[str, Floats], points: dict[str, Floats], title: str) ->
         top.set_xlim(middle - half, middle + half)
         top.set_aspect("equal", adjustable="datalim")
     top.grid(False)
-    pressed = points["pressure"] > 0.0
-    marks = top.scatter(
-        *(points["position"][pressed] * 1e3).T,
-        c=points["pressure"][pressed] / 1e6,
-        s=6,
-        cmap="inferno",
-        zorder=3,
-    )
+    marks = top.add_collection(_pressed_facets(nodes))
     figure.colorbar(marks, ax=top, label="contact pressure (MPa)")
     # Below: bodies may fill all of the frame.
     top.legend(loc="upper center", bbox_to_anchor=(0.5, -0.02), ncols=len(bodies), fontsize=8)
     stretched = " (vertical scale stretched)" if slender else ""
     top.set_title(f"{title}\ndeformed{stretched}", fontsize=9)
     top.set_ylabel("y (mm)")
-    _along(bottom, points)
+    _along(bottom, points, nodes)
     return figure
 
 
-def _figure_in_space(bodies: dict[str, Floats], points: dict[str, Floats], title: str) -> Figure:
+def _pressed_facets(nodes: ContactNodes) -> LineCollection:
+    """The slave facets that carry pressure, in its colours, in the plane."""
+    values, facets = nodes.values, nodes.facets
+    pressure = values["pressure"][facets].mean(axis=1)
+    pressed = pressure > 0.0
+    return LineCollection(
+        list(values["position"][facets[pressed]] * 1e3),
+        array=pressure[pressed] / 1e6,
+        cmap="inferno",
+        linewidths=2.5,
+        zorder=3,
+    )
+
+
+def _figure_in_space(
+    bodies: dict[str, Floats], points: dict[str, Floats], nodes: ContactNodes, title: str
+) -> Figure:
     """The bodies from outside, and the pressure on the contact seen from above."""
     figure = Figure(figsize=(11, 5.5), layout="constrained")
     left = figure.add_subplot(1, 2, 1, projection="3d")
@@ -131,12 +145,10 @@ def _figure_in_space(bodies: dict[str, Floats], points: dict[str, Floats], title
     left.legend(loc="upper right", fontsize=8)
     left.set_title(f"{title}\ndeformed", fontsize=9)
     right = figure.add_subplot(1, 2, 2)
-    pressed = points["pressure"] > 0.0
-    x, z = points["position"][:, 0] * 1e3, points["position"][:, 2] * 1e3
-    right.plot(x[~pressed], z[~pressed], ".", color="0.8", ms=2)
-    marks = right.scatter(
-        x[pressed], z[pressed], c=points["pressure"][pressed] / 1e6, s=8, cmap="inferno"
-    )
+    marks = _seen_from_above(right, nodes)
+    open_ = points["pressure"] <= 0.0
+    x, z = points["position"][open_][:, 0] * 1e3, points["position"][open_][:, 2] * 1e3
+    right.plot(x, z, ".", color="0.8", ms=1)
     figure.colorbar(marks, ax=right, label="contact pressure (MPa)")
     right.set(xlabel="x (mm)", ylabel="z (mm)", aspect="equal")
     right.set_title("contact, from above", fontsize=9)
@@ -145,23 +157,39 @@ def _figure_in_space(bodies: dict[str, Floats], points: dict[str, Floats], title
     return figure
 
 
-def _along(axes: Axes, points: dict[str, Floats]) -> None:
-    """Pressure and friction along the interface."""
-    for pair in np.unique(points["pair"]):
-        chosen = points["pair"] == pair
-        order = np.argsort(points["position"][chosen][:, 0])
-        x = points["position"][chosen][order, 0] * 1e3
+def _seen_from_above(axes: Axes, nodes: ContactNodes) -> Collection:
+    """Nodal pressure over the slave's facets, shaded between the nodes."""
+    values, facets = nodes.values, nodes.facets
+    halves = [facets[:, :3]] if nodes.kind == "triangle" else [facets[:, :3], facets[:, [0, 2, 3]]]
+    triangles = np.concatenate(halves)
+    pressed = (values["pressure"][triangles] > 0.0).any(axis=1)
+    x, z = values["position"][:, 0] * 1e3, values["position"][:, 2] * 1e3
+    mesh = Triangulation(x, z, triangles, mask=~pressed)
+    return axes.tripcolor(mesh, values["pressure"] / 1e6, shading="gouraud", cmap="inferno")
+
+
+def _along(axes: Axes, points: dict[str, Floats], nodes: ContactNodes) -> None:
+    """Pressure and friction along the interface: nodal ones as lines, those of points faint."""
+    values = nodes.values
+    for pair in np.unique(values["pair"]):
+        at, of = (np.nonzero(table["pair"] == pair)[0] for table in (values, points))
+        at = at[np.argsort(values["position"][at, 0])]
         for colour, name, label in (
             (COLOURS[0], "pressure", "pressure"),
             (COLOURS[1], "tangential_traction", "friction"),
         ):
+            shown = label if pair == 0 else None
             axes.plot(
-                x,
-                points[name][chosen][order] / 1e6,
+                points["position"][of, 0] * 1e3,
+                points[name][of] / 1e6,
+                ".",
                 color=colour,
-                lw=1.2,
-                label=label if pair == 0 else None,
+                alpha=0.25,
+                ms=3,
+                mew=0,
             )
+            place, value = values["position"][at, 0] * 1e3, values[name][at] / 1e6
+            axes.plot(place, value, color=colour, lw=1.2, label=shown)
     axes.set_xlabel("x (mm)")
-    axes.set_ylabel("traction (MPa)")
+    axes.set_ylabel("traction (MPa), points faint")
     axes.legend(fontsize=8)

@@ -2,64 +2,19 @@
 
 The first phase starts from the prediction. Those after it start elsewhere, or approach the solution
 through softer contacts: where many points open or close at once, a stiff penalty makes Newton's
-method try one set of them after another, while a soft one lets it find the region. Bodies that
+method try one set of them after another, while a soft one lets it find the region. Bodies that a
+load presses on each other are held by springs meanwhile (:mod:`app.implicit.approach`); others that
 touch nowhere find each other by contacts that pull as well.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Protocol
+from dataclasses import dataclass
 
-import numpy as np
 from petsc4py import PETSc
 
-from app.equilibrium.step_mode import StepMode
-from app.implicit.newton import Newton
-from app.implicit.predictor import Predictor
-from geometry.surfaces.facets import Floats
-
-
-@dataclass(slots=True)
-class Attempt:
-    """A step that is being tried.
-
-    Attributes:
-        newton: whose ``trial`` becomes the solution; predictor: finds starts.
-        x: the last converged unknowns.
-        step: duration and contact modes, as they are committed.
-        pressed: whether anything pressed at the last converged state.
-        start: (n,), m, the predicted start of the owned unknowns.
-    """
-
-    newton: Newton
-    predictor: Predictor
-    x: PETSc.Vec
-    step: StepMode
-    pressed: bool
-    start: Floats = field(default_factory=lambda: np.empty(0))
-
-    @property
-    def trial(self) -> PETSc.Vec:
-        """The unknowns that are iterated."""
-        return self.newton.trial
-
-    @property
-    def has_contacts(self) -> bool:
-        """Whether there is a contact that could be made softer."""
-        return bool(self.newton.problem.contacts)
-
-    def return_to_start(self) -> None:
-        """Put the predicted start back."""
-        self.trial.array[:] = self.start
-
-
-class Phase(Protocol):
-    """One way to solve a step."""
-
-    def run(self, attempt: Attempt) -> tuple[int, int]:
-        """Solve from a start of its own; iterations and PETSc's converged reason; collective."""
-        ...
+from app.implicit.approach import HeldApproach, is_adrift, strays
+from app.implicit.attempt import Attempt, Phase
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,8 +23,14 @@ class PredictedStart:
 
     def run(self, attempt: Attempt) -> tuple[int, int]:
         """See :class:`Phase`."""
+        attempt.newton.forget()
+        if is_adrift(attempt):
+            attempt.start = attempt.trial.array_r.copy()
+            return 0, PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH
         started = attempt.predictor.predict(attempt.x, attempt.trial, attempt.step)
         attempt.start = attempt.trial.array_r.copy()
+        if strays(attempt):
+            return started, PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH
         more, reason = attempt.newton.solve(attempt.step, patient=not attempt.has_contacts)
         return started + more, reason
 
@@ -144,7 +105,8 @@ def phases_after(attempt: Attempt) -> tuple[Phase, ...]:
         return (LinearStart(),)
     if attempt.newton.is_near():
         return ()
-    return (APPROACH,) if attempt.pressed else (APPROACH, SEARCH)
+    held = (HeldApproach(),) if attempt.bodies.directions else ()
+    return (*held, APPROACH) if attempt.pressed else (*held, APPROACH, SEARCH)
 
 
 def solve(attempt: Attempt) -> tuple[int, int]:

@@ -64,6 +64,11 @@ NEWTON_PHASES = (
 )
 
 
+# Where whole steps are right from the start: while the points that touch are being found, the
+# residual says nothing of the distance to the solution, and a line search cuts good steps short.
+WHOLE_STEPS = NewtonPhase("whole steps", line_search="basic", starts_over=True)
+
+
 class Newton:
     """Solves for the unknowns at given loads, from the start that ``trial`` holds.
 
@@ -92,6 +97,7 @@ class Newton:
         self._residual = problem.new_vector()
         self._largest_force = 0.0
         self._step, self._phase, self._patient = DEFAULT_STEP, NEWTON_PHASES[0], False
+        self._tolerance, self._limit = options.tolerance, options.max_iterations
         prefix = f"{PREFIX}{next(_numbers)}_"  # of its own: options must not reach the next run
         self._petsc_options = PETSc.Options(prefix)
         self.snes = self._new_snes(prefix)
@@ -125,6 +131,23 @@ class Newton:
 
     # -- solution -----------------------------------------------------------------------------
 
+    def search(self, step: StepMode, tolerance: float, limit: int) -> tuple[int, int]:
+        """Make whole Newton steps only; collective.
+
+        Args:
+            step: duration and contact modes.
+            tolerance: relative residual that is enough, instead of that of the options.
+            limit: iterations at most.
+
+        Returns:
+            Newton iterations, and PETSc's converged reason.
+        """
+        self._tolerance, self._limit = tolerance, min(limit, self.options.max_iterations)
+        try:
+            return self._run(WHOLE_STEPS, step)
+        finally:
+            self._tolerance, self._limit = self.options.tolerance, self.options.max_iterations
+
     def solve(self, step: StepMode, patient: bool = False) -> tuple[int, int]:
         """Go through the phases until one converges; collective.
 
@@ -150,6 +173,10 @@ class Newton:
     def is_near(self, relative: float = STALLED) -> bool:
         """Whether the last phase came so near that the bodies touch where they will."""
         return bool(self.residuals and self.residuals[-1] <= relative)
+
+    def forget(self) -> None:
+        """Forget the residuals of the last solution: a start was dropped before any iteration."""
+        self.residuals = []
 
     def evaluate(self, step: StepMode) -> None:
         """Evaluate the problem at ``trial``, unless that was done last; collective."""
@@ -216,7 +243,7 @@ class Newton:
         if not self.solver.direct or len(self.residuals) < 2 or self.residuals[-2] == 0.0:
             return False
         last = self.residuals[-1]
-        return REUSE_SAFETY * last * last / self.residuals[-2] <= self.options.tolerance
+        return REUSE_SAFETY * last * last / self.residuals[-2] <= self._tolerance
 
     def _test(
         self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]
@@ -227,9 +254,11 @@ class Newton:
             return reasons.DIVERGED_FNORM_NAN
         scale = max(self.problem.reference_force, 1e-6 * self._largest_force)
         self.residuals.append(norm / scale if scale > 0.0 else norm)
-        if norm <= max(self.options.tolerance * scale, self.problem.roundoff):
+        idle = self._phase is WHOLE_STEPS and iteration == 0  # a change may hide in the tolerance
+        small = norm <= self._tolerance * scale or norm <= self.problem.roundoff
+        if small and not idle:
             return reasons.CONVERGED_FNORM_RELATIVE
-        if iteration >= self.options.max_iterations:
+        if iteration >= self._limit:
             return reasons.DIVERGED_MAX_IT
         if self._phase.ends_wavering and self._wavers():
             return reasons.DIVERGED_LINE_SEARCH

@@ -215,6 +215,9 @@ class Predictor:
     def _proportion(self, drive: Drive) -> float | None:
         """Factor by which ``drive`` continues the last one; None where it does not."""
         last = self._drive or Drive(0.0 * drive.constrained, 0.0 * drive.loads, drive.total)
+        changed = float(len(last.constrained) != len(drive.constrained))
+        if self._sum(np.array([changed]))[0]:  # a platen's force was given, now its displacement is
+            return None
         local = np.array(
             [
                 drive.constrained @ last.constrained,

@@ -14,8 +14,10 @@ from petsc4py import PETSc
 
 from app.equilibrium.equilibrium import Equilibrium
 from app.equilibrium.step_mode import StepMode
-from app.implicit.globalisation import Attempt, solve
+from app.implicit.attempt import Attempt
+from app.implicit.globalisation import solve
 from app.implicit.linear_solver import LinearSolver
+from app.implicit.loose_bodies import LooseBodies
 from app.implicit.newton import Newton
 from app.implicit.options import ImplicitOptions
 from app.implicit.predictor import Predictor
@@ -68,6 +70,7 @@ class ImplicitStepper:
         self.solver = LinearSolver(problem, self.x)
         self.newton = Newton(problem, self.solver, self.trial, self.options)
         self.predictor = Predictor(problem, self.solver)
+        self._bodies, self._held = LooseBodies(problem), problem.constraints.controls
         self._pressed = False  # whether anything pressed at the last converged state
 
     @property
@@ -78,9 +81,13 @@ class ImplicitStepper:
     def attempt(self, dt: float) -> StepResult:
         """Try a step of ``dt`` (s) under the loads that are set; commits nothing; collective."""
         problem, newton = self.problem, self.newton
+        if problem.constraints.controls != self._held:
+            self._bodies, self._held = LooseBodies(problem), problem.constraints.controls
         step = StepMode.of_stage(dt, problem.contacts, self.rate_dependent)
         assembled = self.solver.assembled
-        iterations, reason = solve(Attempt(newton, self.predictor, self.x, step, self._pressed))
+        iterations, reason = solve(
+            Attempt(newton, self.predictor, self.x, step, self._pressed, self._bodies)
+        )
         if reason > 0:
             newton.evaluate(step)
         return StepResult(

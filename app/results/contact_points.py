@@ -1,4 +1,7 @@
-"""Data of the contact points of all pairs, gathered to the first rank in an order of their own."""
+"""Data of the contact points of all pairs, gathered to the first rank in an order of their own.
+
+Nodal values, the contact pressure to look at among them: :mod:`app.results.contact_nodes`.
+"""
 
 from __future__ import annotations
 
@@ -19,14 +22,15 @@ def contact_arrays(model: Model) -> dict[str, Floats] | None:
         On the first rank, arrays by name (SI), points sorted by pair and reference position:
         ``position`` and ``reference`` (q, i), m; ``pair``; ``gap``, ``slip_increment``,
         ``slip_path``, ``film_thickness``, m; ``slip_rate``, m/s; ``pressure``,
-        ``tangential_traction``, Pa; ``alpha``; ``regime``; ``dissipation``, J/m² in the last step.
+        ``tangential_traction``, Pa; ``cover``, share that touches; ``alpha``; ``regime``;
+        ``dissipation``, J/m² in the last step.
         In the plane slip and friction count positive to the right of the normal; in space they are
         lengths, beside the vectors ``slip_vector``, m, and ``friction_traction``, Pa, (q, i).
         None on the others.
     """
     problem = model.problem
     mine = [
-        _arrays(index, term, trial)
+        {"pair": np.full(len(trial.pressure), float(index)), **point_values(term, trial)}
         for index, (term, trial) in enumerate(zip(problem.contacts, problem.committed, strict=True))
     ]
     gathered = problem.comm.gather(mine)
@@ -39,16 +43,17 @@ def contact_arrays(model: Model) -> dict[str, Floats] | None:
     return {name: values[order] for name, values in joined.items()}
 
 
-def _arrays(index: int, term: ContactTerm, trial: ContactTrial) -> dict[str, Floats]:
+def point_values(term: ContactTerm, trial: ContactTrial) -> dict[str, Floats]:
+    """Arrays of :func:`contact_arrays`, but for ``pair``, of this rank's points of one pair."""
     k, response = trial.kinematics, trial.response
     state = response.state
     slip, friction = _along(k.slip, k.normal), _along(response.traction, k.normal)
     out = {
         "position": trial.position,
         "reference": term.surface.slave.position,
-        "pair": np.full(len(k.gap), float(index)),
         "gap": np.where(trial.projection.on_surface, k.gap, np.nan),
         "pressure": trial.pressure,
+        "cover": np.where(trial.pressure > 0.0, trial.normal_contact.cover, 0.0),
         "tangential_traction": friction,
         "slip_increment": slip,
         "slip_rate": np.where(trial.pressure > 0.0, slip / trial.dt, 0.0),

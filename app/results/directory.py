@@ -22,6 +22,8 @@ OWN = (
     "stress.bp",
     "contact.pvd",
     "contact",
+    "contact_nodes.pvd",
+    "contact_nodes",
     "figures",
     "sweep.csv",
     "mesh.msh",

@@ -1,4 +1,4 @@
-"""Field output for ParaView: displacement at the nodes, Cauchy stress in the cells."""
+"""Field output for ParaView: displacement and contact pressure at nodes, stress in the cells."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ import numpy as np
 
 from forms.bodies.solid import Solid
 from geometry.compat import interpolation_points
+from geometry.surfaces.facets import Floats, Longs, facet_shape
+from geometry.surfaces.surface import ContactSurface
 
 
 class StressField:
@@ -44,29 +46,91 @@ class StressField:
         self.von_mises.x.array[:] = np.sqrt(1.5 * np.einsum("cij,cij->c", deviator, deviator))
 
 
+class ContactPressureField:
+    """Contact pressure at the nodes of slave surfaces, 0 at all others.
+
+    Attributes:
+        pressure: Pa, at the nodes of the displacement.
+    """
+
+    def __init__(self, u: dolfinx.fem.Function, surfaces: Sequence[ContactSurface]) -> None:
+        """Find the nodes; collective."""
+        space = u.function_space
+        degree = space.element.basix_element.degree
+        scalars = dolfinx.fem.functionspace(space.mesh, ("Lagrange", degree))
+        # Files hold one set of nodes, so both numberings must be the same; DOLFINx makes them so.
+        assert np.array_equal(scalars.dofmap.list, space.dofmap.list)
+        self.pressure = dolfinx.fem.Function(scalars, name="contact_pressure")
+        self._rows = [_interpolation(surface) for surface in surfaces]
+
+    def update(self, pressures: Sequence[Floats]) -> None:
+        """Take the pressures (v,), Pa, at the vertices of each surface, on all ranks.
+
+        Where surfaces share a node the largest counts.
+        """
+        out = self.pressure.x.array
+        out[:] = 0.0
+        for (nodes, vertices, share), values in zip(self._rows, pressures, strict=True):
+            here = np.einsum("nk,nk->n", share, values[vertices])
+            out[nodes] = np.maximum(out[nodes], here)
+
+
+def _interpolation(surface: ContactSurface) -> tuple[Longs, Longs, Floats]:
+    """Local nodes (n,) of a slave surface, their facets' vertices (n, k) and shares; collective."""
+    slave, vertices, form = surface.slave, surface.vertices, surface.shape
+    linear = facet_shape(form.cell, 1).values(form.points)
+    _, first = np.unique(slave.facet, return_index=True)
+    number = np.repeat(vertices.of_point[first], form.count, axis=0)
+    share = np.tile(linear, (len(first), 1))
+    mine = (slave.nodes[first].reshape(-1), number, share)
+    # A rank may have a node of the surface, but none of the facets around it.
+    gathered = zip(*vertices.comm.allgather(mine), strict=True)
+    nodes, number, share = (np.concatenate(parts) for parts in gathered)
+    distinct, once = np.unique(nodes, return_index=True)
+    local = surface.space.dofmap.index_map.global_to_local(distinct).astype(np.int64)
+    here = local >= 0
+    return local[here], number[once][here], share[once][here]
+
+
 class FieldWriter:
     """Writes ``fields.bp`` and ``stress.bp``, as ParaView reads them; collective."""
 
-    def __init__(self, u: dolfinx.fem.Function, solids: Sequence[Solid], directory: Path) -> None:
+    def __init__(
+        self,
+        u: dolfinx.fem.Function,
+        solids: Sequence[Solid],
+        directory: Path,
+        surfaces: Sequence[ContactSurface] = (),
+    ) -> None:
         """Open the files.
 
         Args:
             u: displacement, m.
             solids: the bodies.
             directory: where the files go.
+            surfaces: of the contact pairs.
         """
         self._stress = StressField(u, solids)
+        self._contact = ContactPressureField(u, surfaces) if surfaces else None
+        nodes = [u, self._contact.pressure] if self._contact else [u]
         comm = u.function_space.mesh.comm
         cells = [self._stress.stress, self._stress.von_mises, self._stress.pressure]
         # The default engine writes garbage from a rank without cells; BP4 does not.
         self._writers = [
             dolfinx.io.VTXWriter(comm, directory / name, functions, engine="BP4")
-            for name, functions in (("fields.bp", [u]), ("stress.bp", cells))
+            for name, functions in (("fields.bp", nodes), ("stress.bp", cells))
         ]
 
-    def write(self, time: float) -> None:
-        """Write the present state at ``time`` (s)."""
+    def write(self, time: float, pressures: Sequence[Floats] = ()) -> None:
+        """Write the present state at ``time`` (s).
+
+        Args:
+            time: s.
+            pressures: Pa, (v,) at the vertices of each slave surface.
+        """
         self._stress.update()
+        if self._contact is not None:
+            self._contact.update(pressures)
         for writer in self._writers:
             writer.write(time)
 

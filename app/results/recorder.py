@@ -14,29 +14,30 @@ from typing import Any
 import dolfinx
 import meshio
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from app.build.load_steps import LoadStep
 from app.build.model import Model
 from app.case.case import resolved_toml
 from app.implicit.stepper import StepResult
+from app.results.contact_nodes import contact_nodes, nodal_pressure, write_contact_nodes
 from app.results.contact_points import contact_arrays
 from app.results.directory import write_json, write_table, write_text
 from app.results.fields import FieldWriter
+from app.simulation.contact_warnings import ContactWarnings
 from app.simulation.history import COLUMNS, Row, energy_gap
 from app.simulation.inertia import notes_on_inertia
 from app.simulation.observer import Interval, Observer
+from app.simulation.roundoff_watch import RoundOffWatch
 from app.simulation.run_state import RunState
 from app.simulation.simulation import Simulation
 from geometry.surfaces.facets import Floats
 
 TINY = 1e-30  # J/m², below any dissipation
-# Largest penetration, relative to the length of a slave facet, from which on it is warned of. The
-# default penalty leaves 0.005 in cases/block-slide.toml; on blocks of 10 elements the forces are
-# 0.1 % too small at 0.001 and 1.2 % at 0.009, in proportion.
-PENETRATION = 0.02
 UNBALANCED = 0.05  # energy error over the work from which a run is warned of
 HISTORY_EVERY = 2.0  # s between two rewrites of history.csv while running
+POINTS, NODES = "contact", "contact_nodes"  # directories, and names of their indices by time
 
 
 class Recorder(Observer):
@@ -61,15 +62,18 @@ class Recorder(Observer):
         self._warned = False
         self._thin = False
         self._left: set[str] = set()
-        contacts = model.problem.contacts
-        self._facet = [term.surface.facet_length for term in contacts]
-        self._deepest = [(0.0, 0.0, "")] * len(contacts)
+        self._roundoff = RoundOffWatch(model.problem, model.case.solver.tolerance)
+        self._label = ""
+        self._contacts = ContactWarnings(model.problem)
+        self._penalty = [_extent(self.comm, t.penalty) for t in model.problem.contacts]
         self.warnings: list[str] = list(model.notes)
         if self.first:
             write_text(directory / "case.toml", resolved_toml(model.case))
-            (directory / "contact").mkdir()
+            for name in (POINTS, NODES):
+                (directory / name).mkdir()
         self.comm.barrier()
-        self._fields = FieldWriter(model.problem.u, model.problem.solids, directory)
+        surfaces = [term.surface for term in model.problem.contacts]
+        self._fields = FieldWriter(model.problem.u, model.problem.solids, directory, surfaces)
         self._last_output = -1
 
     def step(self, state: RunState, row: Row, result: StepResult | Interval) -> None:
@@ -77,6 +81,9 @@ class Recorder(Observer):
         if self.every and row.step % self.every == 0:
             self._output(state)
         self._watch(state, row)
+        self._label = row.stage
+        self._roundoff.step(row, result)
+        self._contacts.step(row, self.model.thickness)
         if self.first and time.monotonic() - self._written > HISTORY_EVERY:
             self._write_history(state)
             self._written = time.monotonic()
@@ -86,6 +93,7 @@ class Recorder(Observer):
     ) -> None:
         """Write the fields at the end of a load step and keep its last row."""
         self._output(state)
+        self._roundoff.end(load_step.label)
         self.load_steps.append({"label": load_step.label, "steady": steady, **asdict(row)})
         onset = max(self.model.film_onset, default=0.0)
         pressure = row.normal_force / row.contact_area if row.contact_area > 0.0 else np.inf
@@ -100,8 +108,8 @@ class Recorder(Observer):
             self.warnings += notes_on_inertia(self.model.case, load_step, state.inertia[-1])
         if steady is False:
             self.warnings.append(
-                f"stage {load_step.label}: not steady after {load_step.stage.max_steps} steps "
-                "(raise max_steps, slip_step or steady_tolerance)"
+                f"stage {load_step.label}: not steady after {load_step.stage.max_steps} steps: "
+                f"{state.steadiness.reason} (raise max_steps or slip_step)"
             )
 
     def close(self, simulation: Simulation, status: str, failure: str | None = None) -> None:
@@ -114,8 +122,10 @@ class Recorder(Observer):
         """
         if simulation.state.step:
             self._output(simulation.state)
-            self.warnings.extend(self._deep_contacts())
+            self.warnings.extend(self._contacts.warnings())
             self.warnings.extend(_unbalanced(simulation.rows))
+            self._roundoff.end(self._label)
+            self.warnings.extend(self._roundoff.warnings())
         self._fields.close()
         explicit = {} if simulation.explicit is None else simulation.explicit.summary()
         shares = self.comm.gather(self._share())
@@ -141,29 +151,27 @@ class Recorder(Observer):
     @property
     def last_output(self) -> tuple[float, str]:
         """Time, s, and file of contact points of the last output; there must be one."""
-        return self._outputs[-1]
+        when, name = self._outputs[-1]
+        return when, f"{POINTS}/{name}"
 
     def _output(self, state: RunState) -> None:
         if state.step == self._last_output:
             return
         self._last_output = state.step
-        with self.model.problem.timer("output"):
-            self.model.problem.spread(state.stepper.x)
-            self._fields.write(state.time)
-            name = f"contact/{state.step:06d}.vtu"
-            points = contact_arrays(self.model)
-            if points is not None:
-                _write_points(self.directory / name, points)
+        problem = self.model.problem
+        with problem.timer("output"):
+            problem.spread(state.stepper.x)
+            pairs = zip(problem.contacts, problem.committed, strict=True)
+            self._fields.write(state.time, [nodal_pressure(*pair) for pair in pairs])
+            name = f"{state.step:06d}.vtu"
+            points, nodes = contact_arrays(self.model), contact_nodes(self.model)
+            if points is not None and nodes is not None:
+                _write_points(self.directory / POINTS / name, points)
+                write_contact_nodes(self.directory / NODES / name, nodes)
             self._outputs.append((state.time, name))
 
     def _watch(self, state: RunState, row: Row) -> None:
-        """Warn once of a negative dissipation beyond round-off, and of running off the master.
-
-        The deepest penetration is kept for a warning at the end.
-        """
-        for index, pair in enumerate(state.resultants):
-            deepest = (pair.penetration, row.time, row.stage)
-            self._deepest[index] = max(self._deepest[index], deepest)
+        """Warn once of a negative dissipation beyond round-off, and of running off the master."""
         for contact, pair in zip(self.model.case.contact, state.resultants, strict=True):
             if pair.beyond > 0.0 and contact.master not in self._left:
                 self._left.add(contact.master)
@@ -183,30 +191,17 @@ class Recorder(Observer):
                     f"time {row.time:.6g} s, stage {row.stage}"
                 )
 
-    def _deep_contacts(self) -> Iterator[str]:
-        """A warning on each contact whose bodies overlap noticeably, or never pressed at all."""
-        pairs = zip(self._deepest, self._facet, strict=True)
-        for index, ((depth, time_, stage), length) in enumerate(pairs):
-            if depth > PENETRATION * length:
-                yield (
-                    f"contact.{index}: penetration up to {depth:.3g} m, {depth / length:.2g} of a "
-                    f"slave facet's length (time {time_:.6g} s, stage {stage}): from "
-                    f"{PENETRATION:g} on the contact is noticeably too soft; raise the penalty "
-                    "(penalty_factor) or refine the surface"
-                )
-            elif depth == 0.0:
-                yield f"contact.{index}: the bodies never pressed on each other"
-
     def _write_series(self) -> None:
-        """Index of the contact files by time, as ParaView reads it."""
-        sets = "\n".join(
-            f'    <DataSet timestep="{t!r}" file="{name}"/>' for t, name in self._outputs
-        )
-        write_text(
-            self.directory / "contact.pvd",
-            '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n'
-            f"{sets}\n  </Collection>\n</VTKFile>\n",
-        )
+        """Indices of the contact files by time, as ParaView reads them."""
+        for kind in (POINTS, NODES):
+            sets = "\n".join(
+                f'    <DataSet timestep="{t!r}" file="{kind}/{name}"/>' for t, name in self._outputs
+            )
+            write_text(
+                self.directory / f"{kind}.pvd",
+                '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n'
+                f"  <Collection>\n{sets}\n  </Collection>\n</VTKFile>\n",
+            )
 
     def _share(self) -> dict[str, Any]:
         """What this rank has of the work."""
@@ -223,7 +218,7 @@ class Recorder(Observer):
     ) -> dict[str, Any]:
         rows, problem, implicit = simulation.rows, self.model.problem, simulation.implicit
         assembled = implicit.stepper.solver.assembled if implicit else 0
-        wall = time.perf_counter() - self._started
+        wall, worst = time.perf_counter() - self._started, self._roundoff.worst
         timings = {key: round(value, 4) for key, value in simulation.stepper.seconds().items()}
         return {
             "title": self.model.case.title,
@@ -234,12 +229,11 @@ class Recorder(Observer):
             "factorisations": assembled,
             "attempts": sum(row.attempts for row in rows),
             "energy_error_relative": energy_gap(rows),
-            "penalty": [float(np.mean(term.penalty)) for term in problem.contacts],
+            "residual_at_roundoff": worst.share if worst else None,
+            "penalty": self._penalty,
             "film_onset_pressure": self.model.film_onset,
-            "penetration_over_facet": [
-                depth / length
-                for (depth, _, _), length in zip(self._deepest, self._facet, strict=True)
-            ],
+            "penetration_over_facet": self._contacts.over_facet,
+            "penetration_over_approach": self._contacts.over_approach,
             "penetration_over_film": [_penetration_over_film(row) for row in rows[-1:]],
             "load_steps": self.load_steps,
             "dofs": int(problem.space.dofmap.index_map.size_global * problem.dim),
@@ -254,6 +248,12 @@ class Recorder(Observer):
                 "python": platform.python_version(),
             },
         }
+
+
+def _extent(comm: MPI.Comm, values: Floats) -> list[float]:
+    """Smallest and largest of values of all ranks; collective."""
+    least = comm.allreduce(float(np.min(values, initial=np.inf)), op=MPI.MIN)
+    return [least, comm.allreduce(float(np.max(values, initial=0.0)), op=MPI.MAX)]
 
 
 def _unbalanced(rows: Sequence[Row]) -> Iterator[str]:

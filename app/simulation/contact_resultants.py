@@ -112,9 +112,10 @@ def _scalars(term: ContactTerm, trial: ContactTrial) -> dict[str, float]:
     """This rank's integrals over the reference area."""
     k, response = trial.kinematics, trial.response
     weight = term.surface.slave.weight
-    closed = np.where(trial.pressure > 0.0, weight, 0.0)
+    pressed = np.where(trial.pressure > 0.0, weight, 0.0)
+    closed = pressed * trial.normal_contact.cover
     regime, parts = response.regime, response.dissipation
-    load = closed * trial.pressure
+    load = pressed * trial.pressure
     out = {
         "closed": closed.sum(),
         "stick": closed[regime == Regime.STICK].sum(),

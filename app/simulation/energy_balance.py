@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -30,10 +31,9 @@ class Work:
     def at(cls, problem: Equilibrium, position: Floats) -> Work:
         """Forces of the state that was evaluated last; collective."""
         force = problem.load_forces()
-        constrained = problem.constrained_dofs()
-        force[constrained] += problem.unbalanced[constrained]
-        for platen in problem.platens:
-            force[platen.dofs] += problem.unbalanced[platen.dofs]
+        moved = [problem.constrained_dofs(), *(platen.dofs for platen in problem.platens)]
+        given = np.unique(np.concatenate(moved))  # a platen's displacement may be prescribed
+        force[given] += problem.unbalanced[given]
         return cls(force, position.copy())
 
     def until(self, other: Work, comm: MPI.Comm) -> float:

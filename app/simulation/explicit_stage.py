@@ -126,7 +126,7 @@ class ExplicitStage:
             self._interval(load_step, start, driven, count, observer)
             if load_step.steps is None:
                 enough = count >= stage.min_steps and count * load_step.dt >= stage.ramp
-                steady = enough and state.is_steady(load_step, range(first, len(state.rows)))
+                steady = enough and state.is_steady(load_step, first)
                 if steady:
                     break
         observer.load_step(state, load_step, state.rows[-1], steady)

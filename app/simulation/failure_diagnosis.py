@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields
 
 import basix
@@ -14,12 +14,22 @@ from petsc4py import PETSc
 
 from app.build.contact_notes import penalty_note
 from app.build.supports import Loose
+from app.case.boundary import COMPONENTS
+from app.case.contact import DEFAULT_PENALTY_FACTOR
 from app.equilibrium.equilibrium import Equilibrium
 from app.equilibrium.places import place_text
 from app.implicit.newton import KINKED
 from app.implicit.stepper import StepResult
 from app.simulation.contact_resultants import ContactResultants
-from forms.bodies.materials import oedometric_modulus
+from app.simulation.pair_bodies import (
+    Hold,
+    has_spring,
+    hold_of,
+    load_on,
+    penalty_factor,
+    presses,
+    pressure_kind,
+)
 from forms.friction.friction_map import FrictionMap
 from geometry.compat import cell_values
 from geometry.surfaces.facets import Floats
@@ -29,6 +39,8 @@ SQUEEZED = 0.2  # volume ratio J below which an element is said to be nearly col
 SUPPORT = "a support there (displacement), or a load that keeps it in contact"
 ON_EDGE = 1e-6  # reference distance from the edge of a facet below which a point is on it
 ADRIFT = 1e-6  # share of the largest displacement by which a body moves that nothing holds
+AT_LIMIT = 0.9  # friction or load over mu N from which on a body slides away
+ALONG = 0.5  # component of the friction over all of it that a body's loose direction must have
 
 # PETSc's numbers for why Newton's method ended without a solution.
 REASONS = {
@@ -132,69 +144,116 @@ def most_squeezed(problem: Equilibrium) -> Squeezed:
     return Squeezed(*min(problem.comm.allgather(best)))
 
 
-# -- penalties ------------------------------------------------------------------------------------
-
-
-def penalty_factors(problem: Equilibrium) -> list[float]:
-    """K_N h/M of each contact, M of the softest body, h a slave facet's length; collective."""
-    softest = min(oedometric_modulus(solid.material) for solid in problem.solids)
-    return [float(np.mean(t.penalty)) * t.surface.facet_length / softest for t in problem.contacts]
-
-
 # -- all together ---------------------------------------------------------------------------------
 
 
 def explain(
-    problem: Equilibrium, result: StepResult, converged: PETSc.Vec, loose: Iterable[Loose]
+    problem: Equilibrium,
+    result: StepResult,
+    converged: PETSc.Vec,
+    loose: Iterable[Loose],
+    thickness: float = 1.0,
 ) -> str:
     """Why a step failed, what is wrong at the state evaluated last, and what to try; collective.
+
+    What explains the most stands first: where a body slides away for good, or a penalty is far
+    off, the state evaluated last says nothing of supports and ends.
 
     Args:
         problem: the equilibrium; holds the last state that was evaluated, afterwards the converged.
         result: of the last attempt.
         converged: unknowns of the last converged state.
         loose: the directions in which contact alone holds a body.
+        thickness: m, of a plane-strain slab, that forces are for; 1 otherwise.
     """
     residual = f"{result.residuals[-1]:.1e}" if result.residuals else "none"
     text = (
         f"{reason_of(result)}, residual {residual} of the contact force after {result.iterations} "
         f"iterations, largest at {place_text(problem.worst_place())}, undeformed"
     )
-    nearly = bool(result.residuals) and result.residuals[-1] <= KINKED
-    edges = list(_of_edges(problem)) if nearly else []
-    findings = [
-        *_of_supports(problem, loose),
-        *_of_ends(problem),
-        *_of_elements(problem, converged),
-        *_of_penalties(problem),
-        *edges,
-    ] or list(_of_weakening(problem))
+    loose = list(loose)
+    gross = list(_of_gross_slip(problem, loose, thickness))
+    findings = gross or list(_of_state(problem, result, converged, loose))
     trials = [what for _, what in findings]
-    trials.append("smaller steps (steps, slip_step) or a finer mesh")
+    if not gross:
+        trials.append("smaller steps (steps, slip_step) or a finer mesh")
+    problem.spread(converged)
     return "; ".join([text, *(found for found, _ in findings), "try " + ", or ".join(trials)])
 
 
 Findings = Iterator[tuple[str, str]]  # what is wrong, and what to do about it
 
 
+def _of_state(
+    problem: Equilibrium, result: StepResult, converged: PETSc.Vec, loose: Sequence[Loose]
+) -> Findings:
+    """What is wrong at the state evaluated last, the surest cure first."""
+    penalties = list(_of_penalties(problem))
+    nearly = bool(result.residuals) and result.residuals[-1] <= KINKED
+    edges = list(_of_edges(problem)) if nearly else []
+    supports = [] if penalties else list(_of_supports(problem, loose))
+    ends = list(_of_ends(problem))
+    found = [*penalties, *supports, *ends, *_of_elements(problem, converged), *edges]
+    yield from found or _of_weakening(problem)
+
+
+def _of_gross_slip(problem: Equilibrium, loose: Iterable[Loose], thickness: float) -> Findings:
+    """Friction at its limit under a force along the surface: nothing balances a larger one."""
+    for one in loose:
+        hold, load = hold_of(problem, one.body, problem.committed), load_on(problem, one)
+        if not _slides_away(one, hold, load) or has_spring(problem, one):
+            continue
+        axis, force = COMPONENTS[one.component], float(np.linalg.norm(hold.friction))
+        yield (
+            " and ".join(f"contact.{index}" for index in hold.contacts)
+            + f": friction reaches its limit everywhere, T = {force * thickness:.4g} N of mu N = "
+            f"{hold.limit * thickness:.4g} N at the last solved step; it alone holds body "
+            f"{one.body} in {axis}, against a force of {abs(load) * thickness:.4g} N now: there is "
+            "no equilibrium, the body slides away",
+            f"a prescribed displacement in {axis} instead of the force, or a smaller force, or "
+            "more normal force or friction",
+        )
+
+
+def _slides_away(one: Loose, hold: Hold, load: float) -> bool:
+    """Whether a load drives a body along its contacts, and all of their friction is used up."""
+    friction = np.linalg.norm(hold.friction)
+    along = abs(float(hold.friction[one.component]))
+    pushed = along > abs(float(hold.pressure[one.component])) and along > ALONG * friction
+    used = max(float(friction), abs(load))
+    return bool(pushed and load != 0.0 and hold.limit > 0.0 and used > AT_LIMIT * hold.limit)
+
+
 def _of_supports(problem: Equilibrium, loose: Iterable[Loose]) -> Findings:
+    """Bodies that nothing holds; or that a load drives into a contact which does not take it up."""
     tried, before = (
         problem.comm.allreduce(any(np.any(t.pressure > 0.0) for t in trials), op=MPI.LOR)
         for trials in (problem.trials, problem.committed)
     )
-    if not (tried and before):
-        for one in loose:
+    if tried and before:
+        return
+    for one in loose:
+        driven = [i for i in range(len(problem.contacts)) if presses(problem, one, i)]
+        if driven:
+            yield (
+                f"the load on body {one.body} presses it on contact.{driven[0]}, and no state was "
+                "found in which the contact takes it up",
+                "to bring the bodies together by displacement first, or a smaller first load, or a "
+                "softer penalty (penalty_factor)",
+            )
+        else:
             yield f"{one.text} and no contact presses on it", SUPPORT
 
 
 def _of_ends(problem: Equilibrium) -> Findings:
     """A point that leaves the master loses its force at once: there may be no equilibrium."""
     for index, (now, before) in enumerate(zip(problem.trials, problem.committed, strict=False)):
-        off = (before.pressure > 0.0) & ~now.projection.on_surface
-        local = np.array([np.count_nonzero(off), np.count_nonzero(now.pressure)])
-        count, pressing = problem.comm.allreduce(local)
+        pressed = before.pressure > 0.0
+        off = pressed & ~now.projection.on_surface
+        local = np.array([np.count_nonzero(a) for a in (off, now.pressure, pressed)])
+        count, pressing, all_ = problem.comm.allreduce(local)
         if count and pressing:
-            what = f"points that pressed slide off the end of the master ({count})"
+            what = f"points that pressed slide off the end of the master ({count} of {all_})"
             yield f"contact.{index}: {what}", "a master surface that reaches further"
 
 
@@ -210,10 +269,10 @@ def _of_elements(problem: Equilibrium, converged: PETSc.Vec) -> Findings:
 
 
 def _of_penalties(problem: Equilibrium) -> Findings:
-    for index, factor in enumerate(penalty_factors(problem)):
-        note = penalty_note(index, factor)
+    for index, term in enumerate(problem.contacts):
+        note = penalty_note(index, penalty_factor(problem, term), pressure_kind(term))
         if note is not None:
-            yield note, "the default penalty (penalty_factor = 30)"
+            yield note, f"the default penalty (penalty_factor = {DEFAULT_PENALTY_FACTOR:g})"
 
 
 def _of_weakening(problem: Equilibrium) -> Findings:

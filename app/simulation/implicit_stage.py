@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from app.build.load_steps import LoadStep
-from app.build.supports import loose_directions
+from app.build.supports import Loose, loose_directions
 from app.errors import InputError, SolutionError
 from app.implicit.options import ImplicitOptions
 from app.implicit.stepper import ImplicitStepper, StepResult
@@ -37,7 +37,11 @@ class ImplicitStage:
         except ValueError as error:
             raise InputError(f"solver.petsc: {error}") from None
         state.stepper = self.stepper
-        self._loose = loose_directions(state.model.problem)
+
+    @property
+    def _loose(self) -> list[Loose]:
+        """The directions in which contact alone holds a body at present; collective."""
+        return loose_directions(self.model.problem)
 
     def run(self, load_step: LoadStep, observer: Observer) -> None:
         """Run one load step to its end, or until steady; collective.
@@ -45,15 +49,13 @@ class ImplicitStage:
         Raises:
             SolutionError: a step failed however short it was made.
         """
-        state, begin = self.state, self.state.time
-        ends: list[int] = []
+        state, begin, first = self.state, self.state.time, len(self.state.rows)
         steady: bool | None = None
         for count in range(1, (load_step.steps or load_step.stage.max_steps) + 1):
             self._advance(load_step, begin, observer)
-            ends.append(len(state.rows) - 1)
             if load_step.steps is None:
                 enough = count >= load_step.stage.min_steps
-                steady = enough and state.is_steady(load_step, ends)
+                steady = enough and state.is_steady(load_step, first)
                 if steady:
                     break
         observer.load_step(state, load_step, state.rows[-1], steady)
@@ -99,7 +101,8 @@ class ImplicitStage:
         state, problem = self.state, self.model.problem
         resultants = state.resultants_of(problem.trials)
         wrong = not_finite(resultants)
-        pressed = any(m.normal_force > problem.roundoff for m in (*state.resultants, *resultants))
+        noise = problem.roundoff
+        pressed = any(m.normal_force > noise for m in (*state.resultants, *resultants))
         if wrong is None and not pressed:
             x, trial = self.stepper.x.array_r, self.stepper.trial.array_r
             wrong = body_adrift(problem, self._loose, x, trial)
@@ -117,7 +120,8 @@ class ImplicitStage:
         observer.step(state, row, result)
 
     def _give_up(self, load_step: LoadStep, dt: float, result: StepResult) -> None:
-        why = explain(self.model.problem, result, self.stepper.x, self._loose)
+        model = self.model
+        why = explain(model.problem, result, self.stepper.x, self._loose, model.thickness)
         raise SolutionError(
             f"stage {load_step.label}, time {self.state.time:.6g} s: no solution even with a step "
             f"of {dt:.3g} s: {why}"

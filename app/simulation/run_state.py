@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-
-import numpy as np
+from collections.abc import Iterable
 
 from app.build.load_steps import LoadStep
 from app.build.model import Model
@@ -14,9 +12,8 @@ from app.simulation.contact_resultants import ContactResultants, contact_columns
 from app.simulation.energy_balance import EnergyBalance
 from app.simulation.history import Row
 from app.simulation.inertia import Inertia
+from app.simulation.steady import NOT_SLID, SlidWay, measure_settling
 from forms.contact.state import ContactTrial
-
-STEADY_WINDOW = 3  # rows over which the tangential force must stay the same
 
 
 class RunState:
@@ -29,6 +26,7 @@ class RunState:
         rows: the history.
         resultants: the contacts after the last step.
         inertia: kinetic against strain energy, of each explicit load step.
+        way: tangential force over the way of driven boundaries; steadiness: as last judged.
     """
 
     stepper: ImplicitStepper | ExplicitStepper
@@ -41,6 +39,8 @@ class RunState:
         self.rows: list[Row] = []
         self.resultants: list[ContactResultants] = []
         self.inertia: list[Inertia] = []
+        self.way = SlidWay(term.law for term in model.problem.contacts)
+        self.steadiness = NOT_SLID
         model.set_loads(0.0, 0.0)
         self.energy_balance = EnergyBalance(model.problem, model.problem.new_vector())
 
@@ -61,7 +61,7 @@ class RunState:
         return None
 
     def add_row(self, load_step: LoadStep, dt: float, iterations: int, attempts: int) -> Row:
-        """Add a row of the present resultants and energies to the history.
+        """Add a row of the present resultants and energies to the history; collective.
 
         Args:
             load_step: what the step belongs to.
@@ -84,18 +84,21 @@ class RunState:
             **self.energy_balance.columns(t),
         )
         self.rows.append(row)
+        self._add_to_way(row)
         return row
 
-    def is_steady(self, load_step: LoadStep, ends: Sequence[int]) -> bool:
-        """Whether the tangential force has stayed the same over the last steps of a load step.
+    def _add_to_way(self, row: Row) -> None:
+        problem = self.model.problem
+        unsettled, presliding = measure_settling(problem.contacts, problem.committed, problem.comm)
+        unsettled *= self.model.thickness
+        self.way.add(row.driven_displacement, row.tangential_force, unsettled, presliding)
+
+    def is_steady(self, load_step: LoadStep, first: int) -> bool:
+        """Whether the tangential force has come to where it tends at the present velocity.
 
         Args:
             load_step: the load step.
-            ends: numbers of its rows; of a step made in pieces only the last.
+            first: number of its first row, from 0.
         """
-        last = ends[-STEADY_WINDOW - 1 :]
-        if len(last) <= STEADY_WINDOW:
-            return False
-        force = np.array([self.rows[end].tangential_force for end in last])
-        allowed = load_step.stage.steady_tolerance * float(np.abs(force[-1]))
-        return bool(np.all(np.abs(np.diff(force)) <= allowed))
+        self.steadiness = self.way.judge(first, load_step.stage.steady_tolerance)
+        return self.steadiness.steady

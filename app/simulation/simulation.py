@@ -77,6 +77,7 @@ class Simulation:
         """
         case, velocity = self.model.case, 0.0
         for stage in case.stage:
+            self.model.begin_stage(stage.name)
             runner = self._runner(stage)
             for load_step in load_steps_of(stage, case.film_conductance, velocity):
                 runner.run(load_step, observer)

@@ -84,7 +84,8 @@ class ExplicitContact:
         normal = term.rule.evaluate(projection, AS_IS, ROUNDOFF_DEPTH)
         kinematics = relate(points, projection, term.anchor(nodes), normal.closed)
         film = term.film.at(normal.pressure)[0]
-        response = term.respond(kinematics, dt, normal.pressure, film, rate_dependent)
+        term.cover_rim(normal)
+        response = term.respond(kinematics, dt, normal, film, rate_dependent)
         self.trial = ContactTrial(
             position=points,
             area_ratio=surface.slave_area_ratio(slave),

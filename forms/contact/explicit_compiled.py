@@ -226,9 +226,9 @@ class CompiledContact(ExplicitContact):
         normal = self._press(now)
         arrays = now.arrays
         kinematics = now.kinematics()
-        pressure = normal.pressure
-        film = term.film.at(pressure)[0]
-        response = term.respond(kinematics, dt, pressure, film, rate_dependent)
+        film = term.film.at(normal.pressure)[0]
+        term.cover_rim(normal)
+        response = term.respond(kinematics, dt, normal, film, rate_dependent)
         self._dry[:] = response.traction
         self._code.tribox_pair_load(now.at)
         self.trial = ContactTrial(

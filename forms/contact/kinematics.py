@@ -8,8 +8,9 @@ Per point the motion enters through vectors that are linear in the nodal displac
     b_α = δu²_,α(ξ̄)          change of the master's tangents there,
     c   = δu¹ − δu²(Ȳ_n)     relative motion at the master material point Ȳ_n of the last step,
     d   = e^α δu²_,α(Ȳ_n)    change of the advected elastic slip,
+    f_e = δe_A, δe_B        change of the slave's chords, of points projected along rays only,
 
-stacked as z = (a, b_α, c, d). Each variation below is given as a matrix that multiplies z.
+stacked as z = (a, b_α, c, d, f_e). Each variation below is given as a matrix that multiplies z.
 Closest-point variation: Laursen & Simo, Int. J. Numer. Meth. Engng 36 (1993) 3451; the slip against
 the advected material point Ȳ_n is this project's, objective because both its ends move with the
 bodies.
@@ -23,6 +24,7 @@ import numpy as np
 
 from geometry.surfaces.facets import Bools, Floats, Longs
 from geometry.surfaces.projection import Projection
+from geometry.surfaces.slave_normals import PointNormals
 
 
 @dataclass(slots=True)
@@ -69,7 +71,7 @@ class Variations:
     """How the kinematics change with the generalised coordinates.
 
     Attributes:
-        d_gap: (q, r·i): δg = n·a; d_normal, d_slip, d_elastic: (q, i, r·j).
+        d_gap: (q, r·i): δg, which is n·a but along rays; d_normal, d_slip, d_elastic: (q, i, r·j).
         d_xi: (q, α, r·j): ∂ξ^α/∂z.
     """
 
@@ -117,16 +119,20 @@ def vary(points: Floats, projection: Projection, anchor: Anchor) -> Variations:
 
     Args:
         points: (q, i), m, current: closed slave points.
-        projection: their closest points on the deformed master.
+        projection: their closest points on the deformed master, or those along rays.
         anchor: state of the last converged step, moved with the current master.
     """
     n = projection.normal
     count, dim = n.shape
-    size = (3 + projection.tangents.shape[1]) * dim
-    a, c = slice(0, dim), slice(size - 2 * dim, size - dim)
-    d_gap = np.zeros((count, size))
-    d_gap[:, a] = n
-    d_xi, d_normal = _vary_projection(projection, size)
+    lead = (1 + projection.tangents.shape[1]) * dim
+    a, c, d = slice(0, dim), slice(lead, lead + dim), slice(lead + dim, lead + 2 * dim)
+    d_gap: Floats
+    if projection.rays is None:
+        d_gap = np.zeros((count, lead + 2 * dim))
+        d_gap[:, a] = n
+        d_xi, d_normal = _vary_projection(projection, lead + 2 * dim)
+    else:
+        d_gap, d_xi, d_normal = _vary_along_rays(projection, projection.rays, lead + 4 * dim)
     plane = np.eye(dim) - _outer(n, n)
     s = _apart(points, projection, anchor)
     d_slip = _vary_in_plane(n, s, d_normal)
@@ -137,7 +143,7 @@ def vary(points: Floats, projection: Projection, anchor: Anchor) -> Variations:
         d_foot[:, :, a] -= np.eye(dim)
         d_slip[at] += plane[at] @ d_foot
     d_slip[~np.isfinite(anchor.gap)] = 0.0
-    return Variations(d_gap, d_normal, d_slip, _vary_transport(n, plane, anchor, d_normal), d_xi)
+    return Variations(d_gap, d_normal, d_slip, _vary_transport(n, plane, anchor, d_normal, d), d_xi)
 
 
 def _apart(points: Floats, projection: Projection, anchor: Anchor) -> Floats:
@@ -219,6 +225,28 @@ def _vary_clamped(projection: Projection, at: Longs, size: int) -> tuple[Floats,
     return d_xi, d_normal
 
 
+def _vary_along_rays(
+    projection: Projection, rays: PointNormals, size: int
+) -> tuple[Floats, Floats, Floats]:
+    """∂g/∂z (q, r·i), ∂ξ/∂z (q, 1, r·j) and ∂n/∂z (q, i, r·j) of points projected along rays.
+
+    With x = ȳ(ξ) + g n and t = n turned to the right:
+
+        δξ = (t·a − g t·δn)/(t·τ),   δg = n·a − n·τ δξ.
+    """
+    n, gap, tau = projection.normal, projection.gap, projection.tangents[:, 0]
+    count, dim = n.shape
+    along = np.stack([n[:, 1], -n[:, 0]], axis=1)
+    d_normal = np.zeros((count, dim, size))
+    d_normal[:, :, -2 * dim : -dim], d_normal[:, :, -dim:] = rays.change[:, 0], rays.change[:, 1]
+    d_xi = -gap[:, None] * np.einsum("qi,qir->qr", along, d_normal)
+    d_xi[:, :dim] += along
+    d_xi /= _dot(along, tau)[:, None]
+    d_gap = -_dot(n, tau)[:, None] * d_xi
+    d_gap[:, :dim] += n
+    return d_gap, d_xi[:, None], d_normal
+
+
 def _inverse(matrix: Floats) -> Floats:
     """Inverses (q, α, α) of matrices of one or two rows."""
     if matrix.shape[1] == 1:
@@ -250,14 +278,15 @@ def _rescaled(image: Floats, anchor: Anchor) -> tuple[Floats, Floats]:
     return np.where(alive, anchor.slip_length, 0.0) / safe, safe
 
 
-def _vary_transport(n: Floats, plane: Floats, anchor: Anchor, d_normal: Floats) -> Floats:
+def _vary_transport(
+    n: Floats, plane: Floats, anchor: Anchor, d_normal: Floats, of_slip: slice
+) -> Floats:
     """Variation (q, i, r·j) of the elastic slip g_e = L v/|v|, v = (I − n⊗n) q."""
-    dim = n.shape[1]
     v = _in_plane(n, anchor.slip_image)
     scale, length = _rescaled(v, anchor)
     m = v / length[:, None]
     d_v = _vary_in_plane(n, anchor.slip_image, d_normal)
-    d_v[:, :, -dim:] += plane
+    d_v[:, :, of_slip] += plane
     d_v -= m[:, :, None] * np.einsum("qi,qir->qr", m, d_v)[:, None, :]
     d_v *= scale[:, None, None]
     return d_v

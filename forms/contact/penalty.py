@@ -10,14 +10,22 @@ Everything is vectorised over the points q.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import dolfinx
 import numpy as np
 from petsc4py import PETSc
 
 from forms.contact.kinematics import Anchor, ContactKinematics, relate
-from forms.contact.pressure import PressureKind, normal_rule
-from forms.contact.state import AS_IS, ContactMode, ContactState, ContactTrial
+from forms.contact.pressure import AveragedPressure, PressureKind, normal_rule
+from forms.contact.rim import rim_cover
+from forms.contact.state import (
+    AS_IS,
+    ContactMode,
+    ContactState,
+    ContactTrial,
+    NormalContact,
+)
 from forms.contact.tangent import Coupling, PairTangent
 from forms.friction.film import FilmThickness, film_thickness
 from forms.friction.law import FrictionLaw, FrictionResponse
@@ -35,17 +43,12 @@ class _Evaluation:
 
     dt: float
     mode: ContactMode
-    slave: Floats
-    master: Floats
+    values: Floats
     trial: ContactTrial
 
-    def answers(self, dt: float, mode: ContactMode, slave: Floats, master: Floats) -> bool:
-        return (
-            self.dt == dt
-            and self.mode.equals(mode)
-            and np.array_equal(self.slave, slave)
-            and np.array_equal(self.master, master)
-        )
+    def answers(self, dt: float, mode: ContactMode, values: Floats) -> bool:
+        same = np.array_equal(self.values, values)
+        return self.dt == dt and self.mode.equals(mode) and same
 
 
 class ContactTerm:
@@ -53,7 +56,7 @@ class ContactTerm:
 
     Attributes:
         state: the committed :class:`ContactState`; changed by :meth:`commit` only.
-        surface, law, film: of the pair.
+        surface, law, film: of the pair; modulus: Pa, E*, or None.
         rule: from gaps to pressure, with the penalty; linearised: the tangent.
     """
 
@@ -64,6 +67,7 @@ class ContactTerm:
         penalty: float | Floats,
         film: FilmThickness | Floats | float = 0.0,
         pressure: PressureKind = "averaged",
+        modulus: float | None = None,
     ) -> None:
         """Set up the undeformed contact.
 
@@ -74,6 +78,8 @@ class ContactTerm:
                 by point, for each point (q,).
             film: film thickness D, m: one for all points, one for each, or a film.
             pressure: "averaged" over the slave's vertices, or "pointwise".
+            modulus: Pa, E* of both bodies together, 1/E* = Σ (1 − ν)/2G, from which the end of the
+                contact within a facet is found; None: facets with some pressure count whole.
 
         Raises:
             ValueError: a thickness or a penalty is not one, or missing at a point; another kind of
@@ -81,6 +87,7 @@ class ContactTerm:
         """
         self.surface = surface
         self.law = law
+        self.modulus = modulus
         self.rule = normal_rule(pressure, surface, penalty)
         self.linearised = PairTangent(surface, self.rule)
         q = len(surface.slave.weight)
@@ -138,27 +145,33 @@ class ContactTerm:
 
         Nothing is changed; the evaluation of the same ``x`` twice in a row costs one gather.
         """
-        slave, master = self.surface.displacements(x)
+        values = self.surface.gather(x)
         last = self._last
-        if last is not None and last.answers(dt, mode, slave, master):
+        # An averaged pressure is summed over the ranks: they must all evaluate, or none.
+        known = last is not None and last.answers(dt, mode, values)
+        if last is not None and self.surface.vertices.on_all_ranks(known):
             return last.trial
-        trial = self._evaluate(slave, master, dt, mode)
-        self._last = _Evaluation(dt, mode, slave, master, trial)
+        trial = self._evaluate(values, dt, mode)
+        self._last = _Evaluation(dt, mode, values, trial)
         return trial
 
-    def _evaluate(
-        self, slave: Floats, master: Floats, dt: float, mode: ContactMode
-    ) -> ContactTrial:
-        points = self.surface.slave_positions(slave)
-        nodes = self.surface.master.position + master
-        current = self.surface.project(points, nodes, mode.frozen_facets)
+    def _evaluate(self, values: Floats, dt: float, mode: ContactMode) -> ContactTrial:
+        surface = self.surface
+        slave = values[surface.slave_rows]
+        points = surface.slave_positions(slave)
+        nodes = surface.master.position + values[surface.first_master :]
+        normals = None
+        if isinstance(self.rule, AveragedPressure):
+            normals = surface.slave_normals(values)
+        current = surface.project(points, nodes, mode.frozen_facets, normals)
         anchor = self.anchor(nodes)
         normal = self.rule.evaluate(current, mode)
         kinematics = relate(points, current, anchor, normal.closed)
-        film, response = self._friction(kinematics, dt, normal.pressure, mode)
+        self.cover_rim(normal, mode.penalty_scale, linearise=True)
+        film, response = self._friction(kinematics, dt, normal, mode)
         return ContactTrial(
             position=points,
-            area_ratio=self.surface.slave_area_ratio(slave),
+            area_ratio=surface.slave_area_ratio(slave),
             projection=current,
             kinematics=kinematics,
             normal_contact=normal,
@@ -168,14 +181,40 @@ class ContactTerm:
             dt=dt,
             penalty_scale=mode.penalty_scale,
             anchor=anchor,
+            of_point=surface.vertices.of_point,
         )
 
+    def cover_rim(
+        self, normal: NormalContact, penalty_scale: float = 1.0, linearise: bool = False
+    ) -> None:
+        """Find how much of the facets at the rim of the contact touches; collective.
+
+        Args:
+            normal: contact to be completed.
+            penalty_scale: factor of the penalty that it was found with.
+            linearise: whether the tangent will be asked for.
+        """
+        stiffness = penalty_scale * self.rule.penalty
+        normal.cover, slope = rim_cover(self.surface, normal, stiffness, self.modulus)
+        if not (linearise and self._has_film) or normal.active is None:
+            return
+        normal.cover_slope = slope
+        felt = np.zeros(len(normal.active))
+        if slope is not None:
+            felt[self.surface.vertices.of_point[slope != 0.0]] = 1.0
+        normal.rim = (self.surface.vertices.total(felt) > 0.0) & ~normal.active
+
+    @property
+    def _has_film(self) -> bool:
+        """Whether the law has a part that acts on the covered area only."""
+        return bool(getattr(self.law, "takes_film_cover", False))
+
     def _friction(
-        self, kinematics: ContactKinematics, dt: float, pressure: Floats, mode: ContactMode
+        self, kinematics: ContactKinematics, dt: float, normal: NormalContact, mode: ContactMode
     ) -> tuple[Floats, FrictionResponse]:
         """Film thickness (q,), m, and the law's answer, its derivatives through the film too."""
-        film, d_film = self.film.at(pressure)
-        response = self.respond(kinematics, dt, pressure, film, mode.rate_dependent)
+        film, d_film = self.film.at(normal.pressure)
+        response = self.respond(kinematics, dt, normal, film, mode.rate_dependent)
         if d_film.any():
             through_film = d_film[:, None] * response.d_traction_d_film
             response = replace(
@@ -187,22 +226,26 @@ class ContactTerm:
         self,
         kinematics: ContactKinematics,
         dt: float,
-        pressure: Floats,
+        normal: NormalContact,
         film: Floats,
         rate_dependent: bool = True,
     ) -> FrictionResponse:
-        """The law's answer to kinematics and pressure (q,), Pa, at film thickness (q,), m.
+        """The law's answer to kinematics and pressure at film thickness (q,), m.
 
         The committed state holds the elastic slip of the last step; the law sees it transported.
         """
+        cover: dict[str, Any] = {}
+        if self._has_film:
+            cover["film_cover"] = normal.cover
         return self.law.update(
             kinematics.slip,
             dt,
-            pressure,
+            normal.pressure,
             film,
             replace(self.state.friction, elastic_slip=kinematics.elastic_slip),
             area_ratio=self.state.area_ratio,
             rate_dependent=rate_dependent,
+            **cover,
         )
 
     def anchor(self, nodes: Floats) -> Anchor:
@@ -255,7 +298,7 @@ class ContactTerm:
 
     def coupling(self, trial: ContactTrial) -> Coupling | None:
         """See :meth:`forms.contact.tangent.PairTangent.vertex_coupling`; collective."""
-        return self.linearised.vertex_coupling(trial)
+        return self.linearised.vertex_coupling(self.state, trial)
 
     def interface_energy(self, trial: ContactTrial) -> float:
         """Penalty and elastic-slip energy of this rank's points, J per unit thickness."""

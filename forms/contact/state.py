@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 from forms.contact.kinematics import Anchor, ContactKinematics
 from forms.friction.law import FrictionResponse, FrictionState
-from geometry.surfaces.facets import Bools, Floats, Ints
+from geometry.surfaces.facets import Bools, Floats, Ints, Longs
 from geometry.surfaces.projection import Projection
 
 
@@ -52,6 +52,10 @@ class NormalContact:
         spring: (q,), Pa: t_N, negative where an adhesive gap pulls; pressure: (q,), Pa, t_N ≥ 0.
         gap: (v,), m, mean gaps of the vertices; nodal_pressure: (v,), Pa, s_A ≥ 0; active: (v,)
             whether a vertex carries pressure, or touches. None point by point.
+        cover: (q,) share of each point's piece of the surface that touches: less than 1 only at the
+            rim (:mod:`forms.contact.rim`); cover_slope: (q, k), 1/m, its derivatives for the gaps
+            of the facet's vertices, None where nothing asks for them; rim: (v,) open vertices that
+            it depends on.
     """
 
     closed: Bools
@@ -60,6 +64,14 @@ class NormalContact:
     gap: Floats | None = None
     nodal_pressure: Floats | None = None
     active: Bools | None = None
+    cover: Floats | float = 1.0
+    cover_slope: Floats | None = None
+    rim: Bools | None = None
+
+    def needs(self) -> Bools:
+        """Vertices (v,) whose gaps the tractions depend on."""
+        assert self.active is not None
+        return self.active if self.rim is None else self.active | self.rim
 
 
 @dataclass(slots=True)
@@ -96,7 +108,7 @@ class ContactTrial:
         response: the law's; its derivative for the pressure holds that through the film too.
         penalty_scale: factor of the penalty that it was evaluated with.
         anchor: places of the last converged step, moved with the current master; None where nobody
-            will ask for the tangent.
+            will ask for the tangent; of_point: (q, k) vertices of the points' facets, likewise.
     """
 
     position: Floats
@@ -110,6 +122,16 @@ class ContactTrial:
     dt: float
     penalty_scale: float = 1.0
     anchor: Anchor | None = None
+    of_point: Longs | None = None
+
+    def coupled(self) -> Bools:
+        """Points (q,) whose gaps the tractions of some point depend on."""
+        normal = self.normal_contact
+        if normal.rim is None or not normal.rim.any() or self.of_point is None:
+            return self.kinematics.closed
+        near = normal.rim[self.of_point].any(axis=1)
+        out: Bools = self.kinematics.closed | (near & self.projection.on_surface)
+        return out
 
     @property
     def pressure(self) -> Floats:

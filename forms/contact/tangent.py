@@ -3,15 +3,17 @@
 With the rows G of the generalised coordinates z = (a, b_α, c, d) of
 :mod:`forms.contact.kinematics`,
 
-    K_c = −Gᵀ C G  +  Σ_A (K_A H_A/m_A) L_A R_Aᵀ.
+    K_c = −Gᵀ C G  +  Σ_A (1/m_A) L_A R_Aᵀ.
 
 C is block diagonal per point: its rows a hold w ∂t/∂z at fixed averaged pressure, its rows b_β hold
-−w t ⊗ ∂ξ^β/∂z, since the closest point moves under the load. The sum over the active vertices
-(H_A = 1) is that of the averaged pressure, with
+−w t ⊗ ∂ξ^β/∂z, since the closest point moves under the load. The sum over the vertices is that of
+the averaged pressure, with H_A = 1 where they are active and
 
-    R_A = Σ_q w N_A G_aᵀ n = m_A ∂g_A/∂u,    L_A = Σ_q w N_A G_aᵀ (n − ∂T/∂t_N):
+    R_A = Σ_q w N_A G_aᵀ n = m_A ∂g_A/∂u,
+    L_A = Σ_q w G_aᵀ (K_A H_A N_A (n − ∂T/∂t_N) + ∂T/∂χ ∂χ/∂g_A),
 
-one sparse product. Point by point there is no such sum, and ∂t/∂z holds K_N ∂g/∂z.
+one sparse product; χ is the film's cover at the rim (:mod:`forms.contact.rim`). Point by point
+there is no such sum, and ∂t/∂z holds K_N ∂g/∂z.
 """
 
 from __future__ import annotations
@@ -24,7 +26,8 @@ import scipy.sparse
 from forms.contact.kinematics import Variations, vary
 from forms.contact.pressure import AveragedPressure, NormalRule
 from forms.contact.state import ContactState, ContactTrial
-from geometry.surfaces.facets import Bools, Floats, Longs
+from geometry.surfaces.facets import Bools, Floats, Ints, Longs
+from geometry.surfaces.slave_normals import CHORDS
 from geometry.surfaces.surface import ContactSurface
 
 # Entries of point blocks that must be saved for a second group of them to pay for its overhead.
@@ -85,6 +88,8 @@ class PairTangent:
         take = np.nonzero(trial.kinematics.closed)[0]
         size = self.surface.target.stencil.shape[1] * self.surface.dim
         stayed = trial.projection.facet[take] == state.facet[take]
+        if trial.projection.rays is not None:
+            return [self._blocks(state, trial, take)] if len(take) else []
         if 5 * np.count_nonzero(stayed) * size**2 < WORTH_FOLDING:
             return [self._blocks(state, trial, take)] if len(take) else []
         parts = [(take[stayed], True), (take[~stayed], False)]
@@ -100,23 +105,25 @@ class PairTangent:
         self, state: ContactState, trial: ContactTrial, take: Longs, folded: bool = False
     ) -> tuple[Longs, Floats]:
         """Nodes and blocks of points; ``folded``: their facet is still that of the last step."""
-        rows, nodes = self.generalised_rows(state, trial, take)
+        rows, places = self.generalised_rows(state, trial, take)
         if folded:
             m = self.surface.target.stencil.shape[1]
             rows[:, :, -2 * m : -m] += rows[:, :, -m:]
-            rows, nodes = rows[:, :, :-m], nodes[:, :-m]
+            rows, places = rows[:, :, :-m], places[:, :-m]
         q, coordinates, m = rows.shape
         dim = self.surface.dim
+        lead = 1 + self.surface.shape.directions
         weight = self.surface.slave.weight[take]
-        # Rows c and d carry no virtual work: they are left out of the left product.
-        load = np.empty((q, coordinates - 2, dim, coordinates * dim))
+        # Only rows a and b carry virtual work.
+        load = np.empty((q, lead, dim, coordinates * dim))
         d_traction, v = self.traction_variation(trial, take)
         load[:, 0] = weight[:, None, None] * d_traction
         moved = weight[:, None] * trial.traction[take]
         load[:, 1:] = -moved[:, None, :, None] * v.d_xi[:, :, None, :]
-        left = rows[:, :-2].transpose(0, 2, 1) @ load.reshape(q, coordinates - 2, -1)
+        left = rows[:, :lead].transpose(0, 2, 1) @ load.reshape(q, lead, -1)
         left = left.reshape(q, m * dim, coordinates, dim).transpose(0, 1, 3, 2)
         blocks = -(left.reshape(q, m * dim * dim, coordinates) @ rows)
+        nodes = self.surface.nodes[places]
         return nodes, blocks.reshape(q, m, dim, dim, m).transpose(0, 1, 2, 4, 3)
 
     def _point_facets(self, state: ContactState, trial: ContactTrial, take: Longs) -> Longs:
@@ -128,35 +135,41 @@ class PairTangent:
     def generalised_rows(
         self, state: ContactState, trial: ContactTrial, take: Longs
     ) -> tuple[Floats, Longs]:
-        """Coefficients (q, r, m) of z = (a, b_α, c, d) on the nodes (q, m) of each point."""
+        """Coefficients (q, r, m) of z = (a, b_α, c, d, f_e) on nodes of the pair (q, m)."""
         slave, target = self.surface.slave, self.surface.target
         xi, facet = trial.projection.xi[take], trial.projection.facet[take]
         mine = slave.shape[take]
         count, a = mine.shape
         surface, m = xi.shape[1], target.stencil.shape[1]
-        rows = np.zeros((count, 3 + surface, a + 2 * m))
+        lead = 1 + surface
+        rows = np.zeros((count, lead + 2, a + 2 * m))
         now, before = slice(a, a + m), slice(a + m, a + 2 * m)
         rows[:, 0, :a] = mine
         rows[:, 0, now] = -target.weights(facet, xi)
-        rows[:, 1 : 1 + surface, now] = target.slopes(facet, xi)
-        rows[:, -2, :a] = mine
+        rows[:, 1:lead, now] = target.slopes(facet, xi)
+        rows[:, lead, :a] = mine
         last = state.facet[take], state.xi[take]
-        rows[:, -2, before] = -target.weights(*last)
+        rows[:, lead, before] = -target.weights(*last)
         components = state.slip_components[take]
-        rows[:, -1, before] = np.einsum("qb,qbm->qm", components, target.slopes(*last))
-        nodes = np.concatenate(
-            [
-                slave.nodes[take],
-                self.surface.master_nodes(facet),
-                self.surface.master_nodes(state.facet[take]),
-            ],
-            axis=1,
+        rows[:, lead + 1, before] = np.einsum("qb,qbm->qm", components, target.slopes(*last))
+        nodes = [self.surface.slave_rows[take], *map(self._master_rows, (facet, last[0]))]
+        if trial.projection.rays is None:
+            return rows, np.concatenate(nodes, axis=1)
+        chords = np.zeros((count, lead + 4, a + 2 * m + 4))
+        chords[:, :-2, :-4] = rows
+        chords[:, -2:, -4:] = CHORDS
+        return chords, np.concatenate([*nodes, self.surface.chain_rows[take]], axis=1)
+
+    def _master_rows(self, facet: Ints) -> Longs:
+        """Nodes of the pair (q, m) that move master facets (q,)."""
+        rows: Longs = self.surface.first_master + self.surface.target.stencil[facet].astype(
+            np.int64
         )
-        return rows, nodes
+        return rows
 
     # -- averaged pressure --------------------------------------------------------------------
 
-    def vertex_coupling(self, trial: ContactTrial) -> Coupling | None:
+    def vertex_coupling(self, state: ContactState, trial: ContactTrial) -> Coupling | None:
         """The sum over the vertices; None point by point; collective.
 
         A vertex at the seam of two ranks needs the whole R_A on both: it is exchanged.
@@ -165,43 +178,68 @@ class PairTangent:
         if not isinstance(rule, AveragedPressure):
             return None
         assert normal.active is not None
-        take = np.nonzero(trial.kinematics.closed)[0]
+        vertices, take = rule.vertices, np.nonzero(trial.kinematics.closed)[0]
         direction = trial.kinematics.normal[take]
-        left = self._vertex_rows(
-            trial, take, direction - trial.response.d_traction_d_pressure[take], normal.active
-        )
-        right = self._vertex_rows(trial, take, direction, normal.active)
+        by_pressure = direction - trial.response.d_traction_d_pressure[take]
+        stiffness = np.where(normal.active, trial.penalty_scale * rule.penalty, 0.0)
+        share = vertices.shape[take] * stiffness[vertices.of_point[take]]
+        by_gap = share[:, :, None] * by_pressure[:, None, :]
+        if normal.cover_slope is not None:
+            film = _film_per_cover(trial, take)
+            by_gap += normal.cover_slope[take][:, :, None] * film[:, None, :]
+        needs = normal.needs()
+        left = self._vertex_rows(trial, take, by_gap, needs)
+        support = np.nonzero(trial.coupled())[0]
+        if trial.projection.rays is None:
+            along = trial.kinematics.normal[support][:, None, :]
+            by_motion = vertices.shape[support][:, :, None] * along
+            right = self._vertex_rows(trial, support, by_motion, needs)
+        else:
+            right = self._gap_rows(state, trial, support, needs)
         nodes = columns = self.surface.nodes
-        if self.surface.vertices.comm.size > 1:
+        if vertices.comm.size > 1:
             right, columns = self._completed(right)
-        stiffness = trial.penalty_scale * rule.penalty / rule.vertices.area
-        # Only the active vertices have rows; the others would fill the product with zeros.
-        product = (left.T.multiply(stiffness[None, :])).tocsr() @ right
+        # Only vertices that are needed have rows; others would fill the product with zeros.
+        product = (left.T.multiply((1.0 / vertices.area)[None, :])).tocsr() @ right
         return Coupling(nodes, columns, product)
 
     def _vertex_rows(
         self, trial: ContactTrial, take: Longs, along: Floats, active: Bools
     ) -> scipy.sparse.csr_matrix:
-        """Σ_q w N_A G_aᵀ d (v, m·i) of the points ``take`` (p,), along the vectors d (p, i)."""
-        surface = self.surface
-        slave, target, vertices = surface.slave, surface.target, surface.vertices
+        """Σ_q w G_aᵀ d_A (v, m·i) of the points ``take`` (p,) and vectors d (p, k, i)."""
+        surface, slave = self.surface, self.surface.slave
         facet = trial.projection.facet[take]
-        shape = np.concatenate(
-            [slave.shape[take], -target.weights(facet, trial.projection.xi[take])], axis=1
-        )
-        rows = np.concatenate(
-            [surface.slave_rows[take], surface.first_master + target.stencil[facet]], axis=1
-        )
-        share = slave.weight[take][:, None] * vertices.shape[take]
-        values = np.einsum("pk,pm,pi->pkmi", share, shape, along)
+        master = surface.target.weights(facet, trial.projection.xi[take])
+        shape = np.concatenate([slave.shape[take], -master], axis=1)
+        rows = np.concatenate([surface.slave_rows[take], self._master_rows(facet)], axis=1)
+        values = np.einsum("p,pm,pki->pkmi", slave.weight[take], shape, along)
         key = slave.facet[take].astype(np.int64) * len(surface.master.facets) + facet
         first, summed = _sums(key, values)
-        dim, count = surface.dim, len(surface.nodes)
-        vertex = vertices.of_point[take][first][:, :, None, None]
-        column = dim * rows[first][:, None, :, None] + np.arange(dim)
+        return self._scattered(take[first], rows[first], summed, active)
+
+    def _gap_rows(
+        self, state: ContactState, trial: ContactTrial, take: Longs, active: Bools
+    ) -> scipy.sparse.csr_matrix:
+        """Σ_q w N_A ∂g/∂u (v, m·i) of the points ``take`` (p,) that are projected along rays."""
+        assert trial.anchor is not None
+        v = vary(trial.position[take], trial.projection.of(take), trial.anchor.of(take))
+        rows, nodes = self.generalised_rows(state, trial, take)
+        d_gap = v.d_gap.reshape(len(take), rows.shape[1], -1)
+        share = self.surface.slave.weight[take][:, None] * self.surface.vertices.shape[take]
+        values = np.einsum("pk,pmi->pkmi", share, np.einsum("prm,pri->pmi", rows, d_gap))
+        return self._scattered(take, nodes, values, active)
+
+    def _scattered(
+        self, points: Longs, rows: Longs, values: Floats, active: Bools
+    ) -> scipy.sparse.csr_matrix:
+        """Entries (p, k, m, i) of vertices of ``points`` and nodes ``rows`` (p, m) as a matrix."""
+        vertices = self.surface.vertices
+        dim, count = self.surface.dim, len(self.surface.nodes)
+        vertex = vertices.of_point[points][:, :, None, None]
+        column = dim * rows[:, None, :, None] + np.arange(dim)
         vertex, column = np.broadcast_arrays(vertex, column)
         keep = active[vertex.reshape(-1)]
-        entries = summed.reshape(-1)[keep]
+        entries = values.reshape(-1)[keep]
         place = vertex.reshape(-1)[keep], column.reshape(-1)[keep]
         return scipy.sparse.csr_matrix((entries, place), shape=(vertices.count, dim * count))
 
@@ -225,6 +263,18 @@ class PairTangent:
         data = np.concatenate([mine.data, value[here]])
         size = (vertices.count, dim * len(columns))
         return scipy.sparse.csr_matrix((data, (rows, cols)), shape=size), columns
+
+
+def _film_per_cover(trial: ContactTrial, take: Longs) -> Floats:
+    """∂T/∂χ (p, i), Pa: the film's part of T is proportional to χ and along the slip."""
+    slip = trial.kinematics.slip[take]
+    cover = np.broadcast_to(trial.normal_contact.cover, trial.pressure.shape)[take]
+    squared = np.einsum("pi,pi->p", slip, slip) * cover
+    resistance = np.zeros_like(squared)
+    viscous = trial.response.dissipation.viscous[take]
+    np.divide(viscous, squared, out=resistance, where=squared > 0.0)
+    out: Floats = resistance[:, None] * slip
+    return out
 
 
 def _sums(key: Longs, values: Floats) -> tuple[Longs, Floats]:

@@ -67,6 +67,11 @@ class CoulombLaw:
         """The constant coefficient of friction, (q,)."""
         return np.full_like(state.slip_path, self.parameters.mu)
 
+    def presliding_length(self, state: FrictionState, pressure: Floats) -> Floats:
+        """Elastic slip of a point that slides, mu t_N/K_T, (q,), m."""
+        length = np.asarray(self.parameters.mu * pressure / self.parameters.K_T, dtype=np.float64)
+        return length
+
     def update(
         self,
         slip_increment: Floats,

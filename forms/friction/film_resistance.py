@@ -46,6 +46,7 @@ def film_resistance(
     dt: Floats | float,
     pressure: Floats,
     area_ratio: Floats | float,
+    cover: Floats | float = 1.0,
 ) -> FilmResistance:
     """Resistance of the film, for alpha = 1.
 
@@ -57,13 +58,14 @@ def film_resistance(
         dt: (q,) or a number, s, > 0; infinity takes the film away.
         pressure: (q,), Pa, t_N.
         area_ratio: (q,) or a number, da/dA.
+        cover: (q,) or a number, share of the area that the film covers.
     """
     area = np.asarray(area_ratio, dtype=np.float64)
     closed = pressure > 0.0
     wet = film > parameters.D_min
     thickness = np.where(wet, film, 1.0)
     onset = parameters.film_onset_pressure
-    scale = np.where(wet, 1.0 / (thickness * dt), 0.0) * area
+    scale = np.where(wet, 1.0 / (thickness * dt), 0.0) * area * cover
     scale = np.where(closed, scale, 0.0)
     if onset > 0.0:
         scale *= np.minimum(pressure / onset, 1.0)

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +37,7 @@ from forms.friction.law import (
 )
 from forms.friction.parameters import FrictionMapParameters
 from forms.friction.return_mapping import Returned, components_first, dot, return_mapping
+from forms.friction.settling import SETTLED
 from forms.friction.slip_weakening import SlipWeakening
 
 Floats = NDArray[np.float64]
@@ -70,8 +72,10 @@ class FrictionMap:
 
     Attributes:
         parameters: Its parameters.
+        takes_film_cover: That ``update`` takes the share of the area that is wet.
     """
 
+    takes_film_cover: ClassVar[bool] = True
     parameters: FrictionMapParameters
     _friction: SlipWeakening = field(init=False, repr=False)
     _rheology: FilmRheology = field(init=False, repr=False)
@@ -93,6 +97,28 @@ class FrictionMap:
         """mu(d) at the slip path reached, (q,)."""
         return self._friction.coefficient(state.slip_path)
 
+    @property
+    def settling_slip(self) -> float:
+        """Slip from which on mu(d) is within ``SETTLED`` of where it tends, m."""
+        return self._friction.settling_slip(SETTLED * self._friction.mu_d)
+
+    def unsettled(self, state: FrictionState, pressure: Floats) -> Floats:
+        r"""What asperities have still to lose, :math:`\omega (\mu(d) - \mu_d) t_N`, (q,), Pa."""
+        solid = 1.0 - state.alpha
+        weight = np.sign(solid) if self.parameters.flow_rule == "literal" else solid
+        return weight * self._friction.above_end(state.slip_path) * pressure
+
+    def presliding_length(self, state: FrictionState, pressure: Floats) -> Floats:
+        r"""Elastic slip of sliding asperities, :math:`\mu t_N/K_T`, (q,), m.
+
+        Under the literal flow rule it is :math:`\mu t_N/((1 - \alpha) K_T)`.
+        """
+        length = self.coefficient(state) * pressure / self.parameters.K_T
+        solid = 1.0 - state.alpha
+        if self.parameters.flow_rule == "literal":
+            return np.divide(length, solid, out=np.zeros_like(length), where=solid > 0.0)
+        return np.where(solid > 0.0, length, 0.0)
+
     def update(
         self,
         slip_increment: Floats,
@@ -102,6 +128,7 @@ class FrictionMap:
         state: FrictionState,
         *,
         area_ratio: Floats | float = 1.0,
+        film_cover: Floats | float = 1.0,
         rate_dependent: bool = True,
     ) -> FrictionResponse:
         """Traction, derivatives and trial state of one step; see ``FrictionLaw.update``.
@@ -111,7 +138,9 @@ class FrictionMap:
         With ``rate_dependent=False`` the film carries no stress and alpha is that of V = 0.
         """
         require_time_step(dt, rate_dependent)
-        step = self._solve(slip_increment, dt, pressure, film, state, area_ratio, rate_dependent)
+        step = self._solve(
+            slip_increment, dt, pressure, film, state, (area_ratio, film_cover), rate_dependent
+        )
         new = self._new_state(step, state, dt, rate_dependent)
         traction = step.weight * step.returned.secant * step.trial
         traction += step.resistance * step.slip
@@ -137,10 +166,10 @@ class FrictionMap:
         pressure: Floats,
         film: Floats,
         state: FrictionState,
-        area_ratio: Floats | float,
+        area: tuple[Floats | float, Floats | float],
         rate_dependent: bool,
     ) -> _Step:
-        """Film fraction, re-entry and return mapping."""
+        """Film fraction, re-entry and return mapping; ``area``: area ratio and cover."""
         parameters = self.parameters
         closed = pressure > 0.0
         slip = _where_closed(slip_increment, closed)
@@ -164,7 +193,7 @@ class FrictionMap:
             np.sqrt(dot(slip, slip)),
             dt if rate_dependent else math.inf,
             pressure,
-            area_ratio,
+            *area,
         )
         return _Step(
             slip=slip,

@@ -162,7 +162,10 @@ class FrictionResponse:
 
 
 class FrictionLaw(Protocol):
-    """A friction law: anything with these four methods."""
+    """A friction law: anything with these four methods.
+
+    It may also say where its friction tends: :mod:`forms.friction.settling`.
+    """
 
     def initial_state(self, n: int, dim: int) -> FrictionState:
         """State of n points that have never been in contact, in dim space dimensions."""
@@ -188,7 +191,10 @@ class FrictionLaw(Protocol):
             film: (q,), m, film thickness D >= 0.
             state: Last converged state, its elastic slip transported to the current tangent plane.
                 It is not modified.
-            area_ratio: (q,) or a number, -, da/dA of the slave surface.
+            area_ratio: (q,) or a number, -, da/dA of the slave surface. A law whose attribute
+                ``takes_film_cover`` is true is also given ``film_cover``, (q,), the share of the
+                area at each point that its viscous traction acts on: less than 1 at the rim of a
+                contact.
             rate_dependent: False switches off all that depends on time.
 
         Raises:

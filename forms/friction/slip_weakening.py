@@ -2,6 +2,7 @@ r"""Coefficient of friction that falls with the permanent slip, and its implicit
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,6 +38,23 @@ class SlipWeakening:
         """mu(d), (q,), for the slip path d, (q,), m."""
         past = np.maximum(slip_path - self.A_d, 0.0)
         return self.mu_d + (self.mu_s - self.mu_d) / (1.0 + self.B * past)
+
+    def above_end(self, slip_path: Floats) -> Floats:
+        """mu(d) less the coefficient that it tends to with the slip, (q,), -."""
+        if self.constant:
+            return np.zeros_like(slip_path)
+        return self.coefficient(slip_path) - self.mu_d
+
+    def settling_slip(self, excess: float) -> float:
+        """Slip from which on mu is at most ``excess`` above where it tends, m; inf for 0.
+
+        Args:
+            excess: -, >= 0.
+        """
+        fall = self.mu_s - self.mu_d
+        if self.constant or fall <= excess:
+            return 0.0
+        return self.A_d + (fall / excess - 1.0) / self.B if excess > 0.0 else math.inf
 
     def slope(self, slip_path: Floats) -> Floats:
         """Derivative of mu, (q,), 1/m; at the start of the weakening the one before it (zero)."""

@@ -10,6 +10,7 @@ traction falls with the speed where :math:`c < -\mu'(V) t_N`: stick-slip then be
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,8 +76,10 @@ class StribeckLaw:
 
     Attributes:
         parameters: Its parameters.
+        takes_film_cover: That ``update`` takes the share of the area that is wet.
     """
 
+    takes_film_cover: ClassVar[bool] = True
     parameters: StribeckParameters
 
     def initial_state(self, n: int, dim: int) -> FrictionState:
@@ -92,6 +95,13 @@ class StribeckLaw:
         """mu(V) at the speed of the last step, (q,)."""
         return self.parameters.coefficient(state.speed)[0]
 
+    def presliding_length(self, state: FrictionState, pressure: Floats) -> Floats:
+        """Elastic slip of a point that slides, mu t_N/K_T, (q,), m."""
+        length = np.asarray(
+            self.coefficient(state) * pressure / self.parameters.K_T, dtype=np.float64
+        )
+        return length
+
     def update(
         self,
         slip_increment: Floats,
@@ -101,6 +111,7 @@ class StribeckLaw:
         state: FrictionState,
         *,
         area_ratio: Floats | float = 1.0,
+        film_cover: Floats | float = 1.0,
         rate_dependent: bool = True,
     ) -> FrictionResponse:
         """Traction, derivatives and trial state of one step; see ``FrictionLaw.update``.
@@ -115,7 +126,7 @@ class StribeckLaw:
         step = dry_step(slip_increment, dt, pressure, state, p.K_T, mu, True)
         response, returned, slip = step.response, step.returned, step.slip
         # At open points the pressure is zero, and so is the slip.
-        resistance = np.where(pressure > 0.0, p.viscous / dt * area_ratio, 0.0)
+        resistance = np.where(pressure > 0.0, p.viscous / dt * area_ratio * film_cover, 0.0)
         softening = np.where(returned.slipping, pressure * slope / dt, 0.0)
         ahead = slip / np.where(length > 0.0, length, 1.0)
         d_slip = response.d_traction_d_slip.copy()

@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from geometry.surfaces.closest_point import CORNER, INTERIOR, closest_points, stationary_points
 from geometry.surfaces.facet_search import TIE, FacetSearch
 from geometry.surfaces.facets import Bools, FacetShape, Floats, Ints, unit_normals
+from geometry.surfaces.rays import RaySearch
+from geometry.surfaces.slave_normals import PointNormals
 from geometry.surfaces.smoothing import smooth_patches
 
 # Reference distance past the edge of a facet up to which a point may stay on it.
@@ -40,6 +42,7 @@ class Projection:
         curvature: (q, α, β, i), m, current: ∂²ȳ/∂ξ^α∂ξ^β; None where all facets are flat.
         along: (q, α) reference direction of the edge that a clamped point can move along, zero at a
             corner; None in the plane, where there are corners only.
+        rays: the slave's normals, where ȳ lies along them; None where it is the closest point.
     """
 
     facet: Ints
@@ -52,6 +55,7 @@ class Projection:
     on_surface: Bools
     curvature: Floats | None = None
     along: Floats | None = None
+    rays: PointNormals | None = None
 
     def of(self, take: NDArray[np.int64]) -> Projection:
         """The same of the points ``take`` (p,)."""
@@ -66,6 +70,7 @@ class Projection:
             self.on_surface[take],
             None if self.curvature is None else self.curvature[take],
             None if self.along is None else self.along[take],
+            None if self.rays is None else self.rays.of(take),
         )
 
 
@@ -105,9 +110,11 @@ class FacetSurface:
         count = len(nodes)
         corners = self.facets[:, : shape.corners]
         self._around, self._corner = _facets_around(corners, count)
+        self._rays: RaySearch | None = None
         if shape.directions == 1:
             _require_one_each(corners)
             self._open = np.count_nonzero(self._around >= 0, axis=1) < 2
+            self._rays = RaySearch(self.shape, self.facets, self._controls(nodes))
         else:
             self._across, self._across_side = _facets_across(shape, corners)
             self._open = np.zeros(count, dtype=bool)
@@ -126,7 +133,11 @@ class FacetSurface:
         self.neighbours.data[:] = 1
 
     def project(
-        self, points: Floats, nodes: Floats, frozen_facets: Ints | None = None
+        self,
+        points: Floats,
+        nodes: Floats,
+        frozen_facets: Ints | None = None,
+        rays: PointNormals | None = None,
     ) -> Projection:
         """Closest points on the whole surface.
 
@@ -138,6 +149,8 @@ class FacetSurface:
             nodes: (n, i), m, current: master nodes.
             frozen_facets: (q,) facets that the points stay on as long as they are no more than
                 ``OVERRUN`` past an edge, as if the facet continued there.
+            rays: normals of the slave at the points, to project along in the plane; None: closest
+                points.
         """
         controls = self._controls(nodes)
         point, facet = self.search.pairs(points, controls)
@@ -159,7 +172,20 @@ class FacetSurface:
             facet = np.where(stays, frozen_facets, facet)
             entity = np.where(stays, INTERIOR, entity)
             xi = np.where(stays[:, None], there, xi)
-        return self._at(points, controls, facet, xi, entity)
+        if rays is None:
+            return self._at(points, controls, facet, xi, entity)
+        assert self._rays is not None
+        facet, xi, met = self._rays.hits(points, rays.normal, controls, facet, xi)
+        out = self._at(points, controls, facet, xi, np.full_like(entity, INTERIOR))
+        out.normal = rays.normal
+        out.gap = np.einsum("qi,qi->q", points - out.foot, out.normal)
+        out.on_surface, out.rays = met, rays
+        return out
+
+    @property
+    def has_kinks(self) -> bool:
+        """Whether facets of a master in the plane meet at an angle."""
+        return self._rays is not None and self._rays.has_kinks
 
     def places(self, facet: Ints, xi: Floats, nodes: Floats) -> tuple[Floats, Floats]:
         """Points ȳ (q, i) and tangents (q, α, i) of material places, on current nodes (n, i)."""

@@ -30,6 +30,7 @@ from geometry.compat import (
 from geometry.surfaces.facets import FacetShape, Floats, Ints, Longs, facet_shape, unit_normals
 from geometry.surfaces.ordering import order_by_place
 from geometry.surfaces.projection import FacetSurface, Projection
+from geometry.surfaces.slave_normals import PointNormals, SlaveNormals
 from geometry.surfaces.vertices import slave_vertices
 
 # Default degree of the quadrature on slave facets, by the dimension of space.
@@ -48,9 +49,11 @@ class SlavePoints:
             plane, m² in space and with axial symmetry (the whole ring 2πR).
         position: (q, i), m, reference.
         tangents: (q, α, i) orthonormal tangents of the facets, reference.
-        facet: (q,) number of the slave facet, for counting pairs of facets.
+        facet: (q,) number of the slave facet, for counting pairs of facets; mesh_facet: (q,) its
+            local number in the mesh.
         xi: (q, α) reference coordinates on it; facet_length: (q,), m, its length, in space the side
-            of a square or of half a square of its area.
+            of a square or of half a square of its area; facet_share: (q,) share of it that the
+            point stands for.
     """
 
     nodes: Longs
@@ -60,8 +63,10 @@ class SlavePoints:
     position: Floats
     tangents: Floats
     facet: Ints
+    mesh_facet: Ints
     xi: Floats
     facet_length: Floats
+    facet_share: Floats
 
 
 @dataclass(slots=True)
@@ -90,6 +95,8 @@ class ContactSurface:
         facet_length: m, mean length of the slave facets.
         nodes: (m,) global nodes of the pair: those of this rank's slave facets, then all master
             nodes from row ``first_master`` on; slave_rows: (q, a) rows of the points' nodes.
+        normals: of the slave, for the kinks of a master in the plane; None without kinks.
+            chain_rows: (q, s) rows of the vertices that they take.
     """
 
     def __init__(
@@ -124,7 +131,7 @@ class ContactSurface:
         self.slave = _slave_points(space, self.shape, slave_facets, quadrature_degree)
         self.facet_length = facet_length(space.mesh, slave_facets)
         if axisymmetric:
-            self.slave.weight *= 2.0 * np.pi * self.slave.position[:, 0]
+            self.slave.weight = 2.0 * np.pi * self.slave.position[:, 0] * self.slave.weight
         self.master = _master_facets(space, self.shape, master_facets)
         self.target = FacetSurface(
             self.shape, self.master.facets, self.master.position, smoothing_angle
@@ -137,14 +144,38 @@ class ContactSurface:
             self.slave.weight,
             self.slave.facet_length,
         )
-        needed: Longs = np.unique(self.slave.nodes)
+        self.normals = self._find_normals() if self.target.has_kinks else None
+        self._number_nodes()
+        self._scatter: PETSc.Scatter | None = None
+
+    def _number_nodes(self) -> None:
+        """Number the nodes of the pair, and find those of each point."""
+        chain: Longs = np.empty((0, 4), dtype=np.int64)
+        if self.normals is not None:
+            chain = self.vertices.nodes[self.normals.around]
+        needed: Longs = np.unique(np.concatenate([self.slave.nodes.ravel(), chain.ravel()]))
         self.slave_rows: Longs = np.searchsorted(needed, self.slave.nodes)
+        self.chain_rows: Longs = np.searchsorted(needed, chain)
         self.first_master = len(needed)
         self.nodes: Longs = np.concatenate([needed, self.master.nodes])
-        self._scatter: PETSc.Scatter | None = None
+
+    def _find_normals(self) -> SlaveNormals:
+        """Normals of a slave in the plane; collective."""
+        local = _outward(self.space, self.shape, self.slave.mesh_facet)[0]
+        first = self.space.dofmap.index_map.local_to_global(local[:, 0].astype(np.int32))
+        return SlaveNormals(self.vertices, first != self.slave.nodes[:, 0])
 
     def displacements(self, x: PETSc.Vec) -> tuple[Floats, Floats]:
         """Displacements of the slave points' nodes (q, a, i) and master nodes (n, i); collective.
+
+        Args:
+            x: global vector of the displacement space, m.
+        """
+        values = self.gather(x)
+        return values[self.slave_rows], values[self.first_master :]
+
+    def gather(self, x: PETSc.Vec) -> Floats:
+        """Displacements (m, i), m, of the pair's ``nodes``; collective.
 
         Args:
             x: global vector of the displacement space, m.
@@ -156,12 +187,14 @@ class ContactSurface:
             self._here = PETSc.Vec().createSeq(self.dim * len(self.nodes))
             self._scatter = PETSc.Scatter().create(x, index, self._here, None)
         self._scatter.scatter(x, self._here, addv=False, mode=False)
-        values = self._here.array_r.reshape(-1, self.dim)
-        slave = values[: self.first_master]
-        return slave[self.slave_rows], values[self.first_master :].copy()
+        return np.array(self._here.array_r).reshape(-1, self.dim)
 
     def project(
-        self, points: Floats, nodes: Floats, frozen_facets: Ints | None = None
+        self,
+        points: Floats,
+        nodes: Floats,
+        frozen_facets: Ints | None = None,
+        rays: PointNormals | None = None,
     ) -> Projection:
         """Closest points on the master, on its current nodes (n, i), m, of the points (q, i), m.
 
@@ -169,8 +202,16 @@ class ContactSurface:
             points: see above.
             nodes: see above.
             frozen_facets: (q,) facets that the points do not leave for a neighbour at once.
+            rays: normals of the slave at the points, to project along; None: closest points.
         """
-        return self.target.project(points, nodes, frozen_facets)
+        return self.target.project(points, nodes, frozen_facets, rays)
+
+    def slave_normals(self, values: Floats) -> PointNormals | None:
+        """Normals to project along, from displacements (m, i) of the pair's nodes, or None."""
+        if self.normals is None:
+            return None
+        position = self.vertices.position[self.normals.around] + values[self.chain_rows]
+        return self.normals.at(position)
 
     def master_nodes(self, facet: Ints) -> Longs:
         """Global nodes (q, m) that move the master facets ``facet`` (q,)."""
@@ -335,8 +376,10 @@ def _slave_points(
         position=np.einsum("qa,qai->qi", shape, corners),
         tangents=tangents,
         facet=number.reshape(-1).astype(np.int32),
+        mesh_facet=facet.astype(np.int32),
         xi=xi,
         facet_length=_lengths(form, number.reshape(-1), weight),
+        facet_share=weight / np.bincount(number.reshape(-1), weight)[number.reshape(-1)],
     )
 
 

@@ -60,6 +60,12 @@ class SlaveVertices:
         out: Floats = np.einsum("qk,qk->q", self.shape, values[self.of_point])
         return out
 
+    def on_all_ranks(self, here: bool) -> bool:
+        """Whether something holds on all ranks; collective."""
+        if self.comm.size == 1:
+            return here
+        return bool(self.comm.allreduce(here, op=MPI.LAND))
+
     def total(self, local: Floats) -> Floats:
         """Sum over all ranks of vertex values ``local`` (…, v); collective."""
         if self.comm.size == 1:

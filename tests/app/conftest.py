@@ -102,7 +102,7 @@ rate_dependent = false
 name = "slide"
 velocities = ["1e-5 m/s", "2e-3 m/s"]
 slip_step = "4 um"
-max_steps = 30
+max_steps = 60
 [output]
 figures = false
 fields_every = 0

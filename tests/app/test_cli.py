@@ -390,7 +390,7 @@ def test_sweep_collates_its_parts(tribox, case_file, block, tmp_path):
     for label in labels:
         assert (out / label / "history.csv").is_file()
         assert f"[{label}] step    1" in result.stdout
-        assert load_case(out / label / "case.toml").contact[0].penalty is not None
+        assert load_case(out / label / "case.toml").contact[0].friction.K_T is not None
     assert load_case(out / "case.toml") == load_case(tmp_path / "case-file.toml", figures[1:])
     assert {p.name for p in (out / "figures").iterdir()} == {"sweep.png"}
     assert set(json.loads((out / "summary.json").read_text())["parts"]) == set(labels)

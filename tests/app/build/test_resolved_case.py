@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from app.build.mesh import make_mesh
 from app.build.model import Model, build_model
 from app.case.case import Case, resolved_toml
 from app.case.reading import load_case
@@ -51,13 +52,48 @@ def test_every_default_of_mesh_and_bodies_is_resolved():
     model = built(BLOCK)
     [contact], [term] = model.case.contact, model.problem.contacts
     assert contact.quadrature_degree == 9
-    assert contact.penalty == term.penalty and contact.penalty_factor is None
-    modulus, length = 5e6 * 0.55 / (1.45 * 0.1), 1e-4  # oedometric, of a facet
-    assert contact.penalty == pytest.approx(30.0 * modulus / length)
-    assert contact.friction.K_T == pytest.approx(10.0 * 5e6 / (2.0 * 1.45) / length)
+    assert contact.pressure == "averaged"
+    assert contact.penalty is None and contact.penalty_factor == 30.0
+    shear, length = 5e6 / (2.0 * 1.45), 1e-4  # of a facet
+    assert term.penalty == pytest.approx(np.full(11, 300.0 * shear / length))
+    assert contact.friction.K_T == pytest.approx(10.0 * shear / length)
     assert {body.formulation for body in model.case.bodies.values()} == {"q1-sri"}
     assert (model.case.solver.linear, model.case.solver.partition) == ("direct", "contact")
     assert built(BLOCK, STRIBECK).case.contact[0].friction.K_T == contact.friction.K_T
+
+
+def oedometric(nu: float) -> float:
+    """Modulus, Pa, of E = 5 MPa."""
+    return 5e6 * (1.0 - nu) / ((1.0 + nu) * (1.0 - 2.0 * nu))
+
+
+@pytest.mark.parametrize(
+    ("pressure", "nu", "stiffness"),
+    [
+        ("averaged", 0.45, 300.0 * 5e6 / 2.9),
+        ("averaged", 0.499, 3.0 * oedometric(0.499)),  # M/10 is more than 10 G
+        ("pointwise", 0.45, 30.0 * oedometric(0.45)),
+    ],
+)
+def test_the_penalty_follows_the_local_facets(pressure, nu, stiffness, monkeypatch):
+    """K = factor · modulus/h with the length h of each facet, on a mesh drawn out along x."""
+
+    def drawn_out(case, comm):
+        named = make_mesh(case, comm)
+        x = named.mesh.geometry.x[:, 0]
+        x += 0.7 / 4e3 * np.sin(4e3 * x)
+        return named
+
+    monkeypatch.setattr("app.build.model.make_mesh", drawn_out)
+    data = tomllib.loads(BLOCK)
+    data["bodies"]["elastomer"]["nu"] = nu
+    data["contact"][0]["pressure"] = pressure
+    [term] = build_model(Case.model_validate(data), MPI.COMM_SELF).problem.contacts
+    surface = term.surface
+    averaged = pressure == "averaged"
+    length = surface.vertices.length if averaged else surface.slave.facet_length
+    assert length.max() > 2.0 * length.min()
+    assert term.penalty * length == pytest.approx(np.full(len(length), stiffness))
 
 
 def test_the_onset_pressure_is_that_of_the_law():
@@ -91,7 +127,7 @@ def test_a_sweep_is_left_out_of_what_is_solved():
     assert build_model(case, MPI.COMM_SELF).case.sweep is None
     assert "# penalty_factor = 30.0" in resolved_toml(case)
     [low, _] = [build_model(single, MPI.COMM_SELF).case for _, single in case.sweep_cases()]
-    assert low.contact[0].friction.mu == 0.1 and low.contact[0].penalty is not None
+    assert low.contact[0].friction.mu == 0.1 and low.contact[0].friction.K_T is not None
 
 
 def test_a_stiff_penalty_is_noted_again(tmp_path):

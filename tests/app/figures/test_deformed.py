@@ -12,6 +12,7 @@ from mpi4py import MPI
 from app.build.model import Model, build_model
 from app.case.case import Case
 from app.figures.deformed import _deformed_cells, _deformed_facets, _figure, draw_deformed
+from app.results.contact_nodes import ContactNodes
 from app.simulation.observer import Observer
 from app.simulation.simulation import Simulation
 
@@ -85,7 +86,8 @@ def test_picture_shows_the_bodies_whole(width, height):
         "tangential_traction": np.zeros(2),
         "pair": np.zeros(2),
     }
-    figure = _figure({"body": corners}, points, "title")
+    nodes = ContactNodes(points, np.array([[0, 1]]), "line")
+    figure = _figure({"body": corners}, points, nodes, "title")
     figure.draw_without_rendering()
     (left, right), (low, high) = figure.axes[0].get_xlim(), figure.axes[0].get_ylim()
     plt.close(figure)

@@ -8,21 +8,28 @@ import numpy as np
 import pytest
 
 from app.equilibrium.step_mode import StepMode
-from app.implicit.globalisation import APPROACH, SEARCH, Attempt, LinearStart, phases_after
+from app.implicit.approach import HeldApproach
+from app.implicit.attempt import Attempt
+from app.implicit.globalisation import APPROACH, SEARCH, LinearStart, phases_after
 from app.implicit.linear_solver import LinearSolver
 from app.implicit.newton import KINKED, NEWTON_PHASES, STALLED, Newton
 from app.implicit.options import ImplicitOptions
 
 
-def attempt(near, contacts=1, pressed=True):
+def attempt(near, contacts=1, pressed=True, loose=()):
     problem = SimpleNamespace(contacts=[None] * contacts)
     newton = SimpleNamespace(problem=problem, trial=None, is_near=lambda: near)
-    return Attempt(newton, None, None, StepMode(), pressed)
+    bodies = SimpleNamespace(directions=loose)
+    return Attempt(newton, None, None, StepMode(), pressed, bodies)
 
 
 def test_what_is_tried_after_the_prediction_depends_on_where_it_failed():
     assert phases_after(attempt(near=False)) == (APPROACH,)
     assert phases_after(attempt(near=False, pressed=False)) == (APPROACH, SEARCH)
+    held = HeldApproach()
+    assert phases_after(attempt(near=False, loose=[0])) == (held, APPROACH)
+    apart = attempt(near=False, pressed=False, loose=[0])
+    assert phases_after(apart) == (held, APPROACH, SEARCH)
     assert phases_after(attempt(near=True, pressed=False)) == ()
     for near in (True, False):
         assert phases_after(attempt(near, contacts=0)) == (LinearStart(),)

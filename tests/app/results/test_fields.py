@@ -10,6 +10,8 @@ import pytest
 from app.results.fields import FieldWriter, StressField
 from forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, shear_and_bulk
 from forms.bodies.solid import Solid
+from forms.friction.coulomb import FrictionlessLaw
+from tests.contact_boxes import Scene
 from tests.grid import grid
 
 E, NU = 3.0e6, 0.4
@@ -120,3 +122,25 @@ def test_files_of_second_order_displacements(cell: str, tmp_path: Path) -> None:
         where = file.read("geometry", block_id=0).reshape(-1, 3)
     assert len(written) == len(u.x.array) // dim
     assert written == pytest.approx(0.1 * where, abs=1e-12)
+
+
+@pytest.mark.parametrize("shape", ["Q4", "Q9", "tet4", "hex27"])
+def test_contact_pressure_at_the_nodes_of_the_slave(shape: str, tmp_path: Path) -> None:
+    """Linear between the vertices of a facet, at its inner nodes too; nothing elsewhere."""
+    surface = Scene(shape, FrictionlessLaw(), fine=True).surface
+    u = dolfinx.fem.Function(surface.space, name="displacement")
+    writer = FieldWriter(u, [], tmp_path, [surface, surface])
+    slope = np.array([3.0, -2.0, 5.0])[: surface.dim]
+    at_vertices = 1.0 + surface.vertices.position @ slope
+    # Where both have a node the larger counts.
+    writer.write(0.0, [at_vertices, 0.5 * at_vertices])
+    writer.close()
+    with adios2.FileReader(str(tmp_path / "fields.bp")) as file:
+        written = file.read("contact_pressure", block_id=0).reshape(-1)
+        where = file.read("geometry", block_id=0).reshape(-1, 3)[:, : surface.dim]
+    nodes = np.unique(surface.slave.nodes)
+    place = surface.space.tabulate_dof_coordinates()[nodes, : surface.dim]
+    on = np.array([np.linalg.norm(place - x, axis=1).min() < 1e-12 for x in where])
+    assert on.sum() == len(nodes)
+    assert written[on] == pytest.approx(1.0 + where[on] @ slope, rel=1e-12)
+    assert not written[~on].any()

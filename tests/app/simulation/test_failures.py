@@ -24,11 +24,13 @@ from app.run.run import run_case
 from app.simulation.failure_diagnosis import (
     explain,
     most_squeezed,
-    penalty_factors,
 )
 from app.simulation.implicit_stage import ImplicitStage
 from app.simulation.observer import Observer
+from app.simulation.pair_bodies import bodies_of, penalty_factor
 from app.simulation.simulation import Simulation
+from forms.bodies.materials import NeoHookean
+from forms.bodies.solid import Solid
 from forms.friction.coulomb import CoulombLaw, CoulombParameters
 
 # Give up soon: what is tested is how.
@@ -40,6 +42,13 @@ def plain(text: str) -> dict:
     return tomllib.loads(text) | {"solver": dict(SOON)}
 
 
+def pointwise(text: str) -> dict:
+    """With the pressure point by point, so that the file of the points holds the penetration."""
+    data = plain(text)
+    data["contact"][0]["pressure"] = "pointwise"
+    return data
+
+
 def unsupported(block: str, film: str) -> dict:
     """Nothing holds the lower body."""
     data = plain(block)
@@ -49,7 +58,7 @@ def unsupported(block: str, film: str) -> dict:
 
 def lifted(block: str, film: str) -> dict:
     """The platen presses at first, then pulls the upper body off."""
-    data = plain(film)
+    data = pointwise(film)
     data["boundary"][1]["platen"]["pressure"] = [[0.0, 0.0], [0.5, 0.3e6], [1.0, -0.2e6]]
     data["stage"][0]["steps"] = 8
     return data
@@ -63,7 +72,7 @@ def stiff(block: str, film: str) -> dict:
 
 def collapsing(block: str, film: str) -> dict:
     """The upper body is pressed to less than nothing."""
-    data = plain(block)
+    data = pointwise(block)
     data["boundary"][1]["displacement"]["y"] = [[0.0, 0.0], [1.0, -6e-4]]
     data["stage"][0]["steps"] = 8
     return data
@@ -71,22 +80,44 @@ def collapsing(block: str, film: str) -> dict:
 
 def wedged(block: str, film: str) -> dict:
     """The corner of a body that cannot slide is folded under."""
-    data = plain(block)
+    data = pointwise(block)
     data["contact"][0]["friction"]["mu"] = 5.0
     data["solver"] = {"min_step_fraction": 0.02, "max_iterations": 20}
     data["boundary"][1]["displacement"] = {
-        "x": [[1.0, 0.0], [2.0, 1e-3]],
-        "y": [[0.0, 0.0], [1.0, -1.5e-4]],
+        "x": [[1.0, 0.0], [2.0, 2e-3]],
+        "y": [[0.0, 0.0], [1.0, -2e-4]],
     }
     return data
 
 
 def overrun(block: str, film: str) -> dict:
     """A body is slid over the end of the other, where its points lose their force at once."""
-    data = plain(block)
+    data = pointwise(block)
     data["geometry"]["upper"]["elements"] = [30, 8]
     data["geometry"]["lower"] = {"width": 1.5e-3, "height": 5e-4, "elements": [45, 4]}
     data["boundary"][1]["displacement"]["x"] = [[1.0, 0.0], [2.0, 4e-4]]
+    return data
+
+
+def pushed(block: str, film: str) -> dict:
+    """A pressure on its side pushes the upper body along, harder than friction can hold it."""
+    data = plain(block)
+    data["geometry"]["lower"] |= {"width": 4e-3, "elements": [30, 4]}
+    data["boundary"][1]["displacement"] = {"y": [[0.0, 0.0], [1.0, -5e-5]]}
+    push = {"surface": "elastomer_left", "pressure": [[1.0, 0.0], [2.0, 0.8e6]]}
+    data["boundary"].append(push)
+    return data
+
+
+def hurried(block: str, film: str) -> dict:
+    """A platen drives the upper body into a contact far too stiff, all of a sudden."""
+    data = plain(block)
+    data["contact"][0]["penalty_factor"] = 3e9
+    data["boundary"][1] = {
+        "surface": "top",
+        "displacement": {"x": 0.0},
+        "platen": {"direction": "y", "pressure": [[0.0, 0.0], [1.0, 5e6]]},
+    }
     return data
 
 
@@ -97,6 +128,12 @@ HOPELESS = {
     stiff: ("press", "contact.0: the penalty is 3e+07 times", "try the default penalty"),
     collapsing: ("press", "has nearly collapsed (volume ratio 0.", "try less load"),
     wedged: ("slide", "has nearly collapsed (volume ratio 0.", "try less load"),
+    pushed: (
+        "slide",
+        "contact.0: friction reaches its limit everywhere, T = 0.1",
+        "try a prescribed displacement in x instead of the force",
+    ),
+    hurried: ("press", "contact.0: the penalty is 3e+09 times", "try the default penalty"),
     overrun: ("slide", "slide off the end of the master", "a master surface that reaches further"),
 }
 
@@ -128,17 +165,19 @@ def test_hopeless_problem_says_why_and_keeps_its_last_state(block, film, tmp_pat
     assert text.startswith(f"stage {stage}, time {time:.6g} s: ")
     assert what in text and cure in text and "\n" not in text
     assert ("off the end" in text) is (problem is overrun)
+    assert ("no support" in text) is (problem in (unsupported, lifted))
     summary = json.loads((out / "summary.json").read_text())
     assert (summary["status"], summary["failure"]) == ("failed", text)
     assert summary["steps"] == len(rows)
     assert f"failed: {text}" in (out / "log.txt").read_text()
     if rows:
-        points = meshio.read(out / "contact" / f"{len(rows):06d}.vtu").point_data
+        name = "contact" if case.contact[0].pressure == "pointwise" else "contact_nodes"
+        saved = meshio.read(out / name / f"{len(rows):06d}.vtu").point_data
         deepest = float(rows[-1]["max_penetration"])
-        assert np.nanmax(-points["gap"]) == pytest.approx(deepest, rel=1e-12) and deepest > 0.0
+        assert np.nanmax(-saved["gap"]) == pytest.approx(deepest, rel=1e-12) and deepest > 0.0
         moved = last_displacement(out)
         assert np.all(np.isfinite(moved)) and 1e-7 < np.max(np.abs(moved)) < 2e-3
-    assert bool(rows) is (problem in (lifted, collapsing, wedged, overrun))
+    assert bool(rows) is (problem in (lifted, collapsing, wedged, overrun, pushed))
 
 
 def test_saved_state_is_the_last_converged_one(monkeypatch, block, tmp_path):
@@ -178,7 +217,7 @@ def test_command_ends_with_code_3_and_one_line(tribox, case_file, block):
 # -- penalties ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("factor", "deep"), [(3e-8, True), (0.3, True), (10.0, False)])
+@pytest.mark.parametrize(("factor", "deep"), [(3e-8, True), (0.3, True), (30.0, False)])
 def test_penetration_is_warned_of_from_a_share_of_the_element_on(block, tmp_path, factor, deep):
     data = plain(block)
     data["contact"][0]["penalty_factor"] = factor
@@ -190,7 +229,7 @@ def test_penetration_is_warned_of_from_a_share_of_the_element_on(block, tmp_path
     found = [line for line in summary["warnings"] if "penetration up to" in line]
     assert len(found) == deep
     if deep:
-        assert f"{share:.2g} of a slave facet's length" in found[0]
+        assert f"up to {share:.2g} of the local slave facet's length" in found[0]
         assert "raise the penalty" in found[0]
 
 
@@ -224,13 +263,15 @@ def test_bodies_that_never_press_are_warned_of(block, tmp_path):
     [
         (
             {"penalty_factor": 3e7},
-            "3e+07 times the stiffness M/h of the elements beside it: Newton",
+            "3e+07 times the stiffness max(10 G, M/10)/h of the softer body's elements beside it: "
+            "Newton",
         ),
         (
             {"penalty_factor": 3e-8},
-            "3e-08 times the stiffness M/h of the elements beside it: the b",
+            "3e-08 times the stiffness max(10 G, M/10)/h of the softer body's elements beside it: "
+            "the bodies overlap",
         ),
-        ({"penalty": 1e8}, "0.00053 times"),
+        ({"penalty": 1e8}, "0.00058 times"),
         ({}, None),
     ],
 )
@@ -245,10 +286,18 @@ def test_absurd_penalties_are_noted_before_the_run(block, penalty, said):
         assert note.startswith("contact.0: the penalty is ") and said in note
 
 
-def test_penalty_factor_is_that_of_the_case(block):
-    problem = build_model(Case.model_validate(plain(block)), MPI.COMM_SELF).problem
-    assert problem.contacts[0].surface.facet_length == pytest.approx(1e-4, rel=1e-12)
-    assert penalty_factors(problem) == pytest.approx([30.0], rel=1e-12)
+@pytest.mark.parametrize("kind", ["averaged", "pointwise"])
+def test_penalty_factor_is_that_of_the_case(block, kind):
+    """Of the pair's bodies: a softer one beside them does not count."""
+    data = plain(block)
+    data["contact"][0]["pressure"] = kind
+    problem = build_model(Case.model_validate(data), MPI.COMM_SELF).problem
+    [term] = problem.contacts
+    none = np.empty(0, dtype=np.int32)
+    problem.solids.append(Solid("gel", problem.u, none, NeoHookean(1e2, 1e3), "q1"))
+    assert penalty_factor(problem, term) == pytest.approx(30.0, rel=1e-12)
+    bodies = bodies_of(problem, term)
+    assert [bodies.slave.name, bodies.master.name] == ["elastomer", "aluminium"]
 
 
 # -- numbers that are none ------------------------------------------------------------------------
@@ -375,3 +424,27 @@ def test_a_body_of_revolution_may_shrink_before_it_touches():
     simulation.run(Observer())
     assert simulation.rows[-1].normal_force == 0.0
     assert simulation.rows[-1].external_work > 0.0
+
+
+def test_a_load_into_a_contact_does_not_lack_a_support(block):
+    """A platen presses the upper body on the lower one, and no step has been tried yet."""
+    data = plain(block)
+    data["boundary"][1] = {
+        "surface": "top",
+        "displacement": {"x": 0.0},
+        "platen": {"direction": "y", "pressure": [[0.0, 0.4e6], [1.0, 0.4e6]]},
+    }
+    model = build_model(Case.model_validate(data), MPI.COMM_SELF)
+    problem, result = model.problem, StepResult(False, 30, 30, -5, [0.5])
+    loose = loose_directions(problem)
+    said = {}
+    for sign in (1.0, -1.0):
+        model.set_loads(0.5, 0.0)
+        problem.platens[0].force *= sign
+        x = problem.new_vector()
+        problem.residual(None, x, problem.new_vector())
+        said[sign] = explain(problem, result, x, loose)
+    assert "the load on body elastomer presses it on contact.0" in said[1.0]
+    assert "try to bring the bodies together by displacement first" in said[1.0]
+    assert "body elastomer has no support in y and no contact presses on it" in said[-1.0]
+    assert "no support" not in said[1.0] and "presses it on" not in said[-1.0]

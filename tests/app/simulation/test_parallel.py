@@ -75,8 +75,9 @@ def test_ranks_refuse_together_with_one_line(tribox, case_file, block, tmp_path)
 
 @pytest.mark.mpi
 def test_ranks_give_up_together(tribox, case_file, film, tmp_path):
-    """Bodies too far apart for the platen to find: one line, and mpirun ends with the code."""
-    text = film.replace('thickness = "1 mm"', 'thickness = "1 mm"\ngap = "50 mm"', 1)
+    """A platen that pulls the bodies apart: one line, and mpirun ends with the code."""
+    text = film.replace('thickness = "1 mm"', 'thickness = "1 mm"\ngap = "1 um"', 1)
+    text = text.replace('["1 s", "0.5 MPa"]', '["1 s", "-0.5 MPa"]')
     result = tribox(
         *("run", case_file(text), "--out", tmp_path / "out"),
         *("--set", "solver.min_step_fraction=0.6", "--set", "solver.max_iterations=5"),

@@ -139,7 +139,7 @@ def test_a_step_that_was_cut_ends_where_its_pieces_would_have(monkeypatch, block
 
 
 def test_steps_cut_for_want_of_iterations_end_where_their_pieces_would_have(block):
-    data = plain(block, max_iterations=2)
+    data = plain(block, max_iterations=1)
     data["stage"][1]["steps"] = 1
     seen = Cuts()
     run = simulate(data, seen)
@@ -197,8 +197,9 @@ def test_velocities_end_when_steady_or_say_that_they_are_not(film):
 
 
 def test_a_body_that_nothing_holds_ends_with_code_3(tribox, case_file, film, tmp_path):
-    # The platen pushes the layer across a gap far wider than its elements.
-    text = film.replace('thickness = "1 mm"', 'thickness = "1 mm"\ngap = "50 mm"', 1)
+    # The platen pulls the layer away.
+    text = film.replace('thickness = "1 mm"', 'thickness = "1 mm"\ngap = "1 um"', 1)
+    text = text.replace('["1 s", "0.5 MPa"]', '["1 s", "-0.5 MPa"]')
     out = tmp_path / "out"
     result = tribox("run", case_file(text), "--out", out, "--set", "solver.min_step_fraction=0.4")
     assert result.returncode == 3
@@ -231,13 +232,25 @@ def test_a_run_that_breaks_off_keeps_what_it_had(block, tmp_path):
 # -- files ----------------------------------------------------------------------------------------
 
 POINT_DATA = {
-    *("reference", "pair", "gap", "slip_increment", "slip_path", "film_thickness", "slip_rate"),
+    *(
+        "reference",
+        "pair",
+        "gap",
+        "cover",
+        "slip_increment",
+        "slip_path",
+        "film_thickness",
+        "slip_rate",
+    ),
     *("pressure", "tangential_traction", "alpha", "regime", "dissipation"),
 }
 
 
-def outputs(directory) -> list[tuple[float, str]]:
-    sets = ET.parse(directory / "contact.pvd").getroot().iter("DataSet")
+NODE_DATA = (POINT_DATA - {"regime"}) | {"area"}
+
+
+def outputs(directory, index="contact.pvd") -> list[tuple[float, str]]:
+    sets = ET.parse(directory / index).getroot().iter("DataSet")
     return [(float(s.attrib["timestep"]), s.attrib["file"]) for s in sets]
 
 
@@ -269,12 +282,29 @@ def test_results_agree_with_the_history(block, tmp_path):
     # Two Gauss points on each slave segment: each stands for half of it.
     weight = 1e-3 / len(points.points)
     assert len(points.points) == 20
-    pressed = got["pressure"] > 0.0
-    assert weight * np.sum(pressed) * 1e-3 == pytest.approx(rows[-1]["contact_area"])
+    assert np.array_equal(got["cover"] > 0.0, got["pressure"] > 0.0)
+    assert weight * np.sum(got["cover"]) * 1e-3 == pytest.approx(rows[-1]["contact_area"])
     assert weight * np.sum(got["tangential_traction"]) * 1e-3 == pytest.approx(
         rows[-1]["tangential_force"]
     )
-    assert np.max(-got["gap"][pressed]) == pytest.approx(rows[-1]["max_penetration"])
+    assert np.all(np.diff(got["reference"][:, 0]) > 0.0)
+
+    assert [time for time, _ in outputs(out, "contact_nodes.pvd")] == [row["time"] for row in rows]
+    nodes = meshio.read(out / outputs(out, "contact_nodes.pvd")[-1][1])
+    got = nodes.point_data
+    assert set(got) == NODE_DATA
+    assert nodes.cells_dict["line"].tolist() == [[i, i + 1] for i in range(10)]
+    assert got["area"].sum() == pytest.approx(1e-3)
+    assert np.max(-got["gap"]) == pytest.approx(rows[-1]["max_penetration"])
+    [[penalty, same]] = summary["penalty"]
+    assert got["pressure"] == pytest.approx(penalty * np.maximum(-got["gap"], 0.0))
+    assert penalty == pytest.approx(same)
+    for name, column in (
+        ("pressure", "normal_force"),
+        ("tangential_traction", "tangential_force"),
+        ("cover", "contact_area"),
+    ):
+        assert got["area"] @ got[name] * 1e-3 == pytest.approx(rows[-1][column])
     assert np.all(np.diff(got["reference"][:, 0]) > 0.0)
     assert not list(out.rglob("*.part*"))
 

@@ -1,0 +1,65 @@
+"""The directions in which no boundary supports a body, found from the constrained unknowns."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+
+from app.equilibrium.equilibrium import Equilibrium
+from geometry.surfaces.facets import Ints
+
+
+@dataclass(frozen=True, slots=True)
+class Loose:
+    """A direction in which no boundary supports a body.
+
+    Attributes:
+        body: the body's name; component: 0 for x, 1 for y.
+        nodes: local nodes of the body, owned by this rank.
+    """
+
+    body: str
+    component: int
+    nodes: Ints
+
+    @property
+    def text(self) -> str:
+        """The body and the direction, in words."""
+        return f"body {self.body} has no support in {'xyz'[self.component]}"
+
+
+def loose_directions(problem: Equilibrium, supports: Ints | None = None) -> list[Loose]:
+    """The directions in which a body has no support; collective.
+
+    A body of revolution cannot move away from its axis: it has to widen for that.
+
+    Args:
+        problem: the equilibrium.
+        supports: owned local unknowns that count as supported; None: those with a prescribed
+            displacement.
+    """
+    supports = problem.constrained_dofs() if supports is None else supports
+    found = []
+    for solid in problem.solids:
+        nodes = body_nodes(problem, solid.cells)
+        for component in range(1 if solid.section == "axisymmetric" else 0, problem.dim):
+            here = bool(np.isin(nodes * problem.dim + component, supports).any())
+            if not problem.comm.allreduce(here, op=MPI.LOR):
+                found.append(Loose(solid.name, component, nodes))
+    return found
+
+
+def body_nodes(problem: Equilibrium, cells: Ints) -> Ints:
+    """Local nodes of a body's owned cells, those that this rank owns."""
+    nodes = np.unique(problem.space.dofmap.list[cells])
+    out: Ints = nodes[nodes < problem.owned // problem.dim]
+    return out
+
+
+def sprung_dofs(problem: Equilibrium) -> Ints:
+    """Owned local unknowns that a support or a spring holds."""
+    sprung: Iterable[Ints] = (p.dofs for p in problem.platens if p.stiffness > 0.0)
+    return np.concatenate([problem.constrained_dofs(), *sprung]).astype(np.int32)

@@ -1,0 +1,277 @@
+"""Looks at every recorded step whether a contact is stiff, even and fine enough, pair by pair.
+
+What is judged, and against what:
+
+- **penetration** against the local length of the slave facets, and, weighted by pressure, against
+  the approach of the bodies 2 U/N, U being their strain energy: where displacements are prescribed
+  N is too small by about that share (by 1.2 times it for Hertz's contact, U = 2/5 N δ, N ~ δ^3/2).
+- **evenness**, with the pressure point by point: a straight facet touches a curved master at a few
+  points as soon as its sagitta h²/8R exceeds the penetration. Seen are the sagitta itself, the
+  range of the gap along a facet less its linear part, which is that of both surfaces as they are
+  deformed; the share of open points inside the pressed patch; the scatter of the pressure within
+  facets.
+- **resolution**: layers of pressed facets from the rim inwards.
+
+Nothing depends on the number of ranks: a facet's points are on one of them, and what is known of
+vertices is summed over all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from app.equilibrium.equilibrium import Equilibrium
+from app.simulation.history import Row
+from app.simulation.pair_bodies import pressed_by_force
+from forms.contact.penalty import ContactTerm
+from forms.contact.state import ContactTrial
+from geometry.surfaces.facets import Bools, Floats, Longs
+
+# Largest penetration over the local facet length, and mean one over the approach, from which on
+# they are warned of. On blocks of 10 elements forces are 0.1 % too small at 0.001 of the facet and
+# 1.2 % at 0.009, in proportion.
+PENETRATION = 0.02
+APPROACH = 0.01
+OPEN_INSIDE = 0.05  # share of open points inside a pressed patch
+SCATTER = 0.2  # standard deviation over mean of the pressure within facets
+FEW = 4  # layers of facets from the rim inwards below which a contact is coarsely resolved
+WHOLE = 1.0 - 1e-9  # share of a vertex's area that counts as all of it
+
+
+@dataclass(frozen=True, slots=True)
+class PairState:
+    """One contact after a step.
+
+    Attributes:
+        force: N (N/m), integral of the pressure; area: m or m², pressed.
+        deepest: m, largest penetration; over_facet: the largest over the local facet length.
+        mean: m, penetration weighted by pressure.
+        layers: of pressed facets from the rim inwards, ``FEW`` for that many or more, or no rim.
+        open_inside: share of open points inside the patch; scatter: of the pressure within facets;
+            sagitta: m, mean over the pressed facets. All 0 where the pressure is averaged.
+    """
+
+    force: float
+    area: float
+    deepest: float
+    over_facet: float
+    mean: float
+    layers: int
+    open_inside: float = 0.0
+    scatter: float = 0.0
+    sagitta: float = 0.0
+
+
+class PairProbe:
+    """Measures one contact."""
+
+    def __init__(self, term: ContactTerm) -> None:
+        """Sort the points by facet."""
+        self.term, self.surface = term, term.surface
+        self._comm = term.surface.vertices.comm
+        facet = term.surface.slave.facet
+        self._order: Longs = np.argsort(facet, kind="stable")
+        count = len(np.unique(facet))
+        self._shape = (count, len(facet) // max(count, 1))
+        xi = self._by_facet(term.surface.slave.xi)
+        ones = np.ones((*xi.shape[:2], 1))
+        linear = np.concatenate([ones, xi], axis=2)
+        # Takes values at the points of a facet to what is left of them beside a linear function.
+        self._bent = np.eye(xi.shape[1]) - linear @ np.linalg.pinv(linear)
+
+    def _by_facet(self, values: Any) -> Floats:
+        """Point values (q, …) as (f, p, …), p being the points of a facet."""
+        out: Floats = values[self._order].reshape(*self._shape, *values.shape[1:])
+        return out
+
+    def _total(self, *values: float) -> Floats:
+        out: Floats = self._comm.allreduce(np.array(values))
+        return out
+
+    def measure(self, trial: ContactTrial) -> PairState:
+        """The contact at a converged state; collective."""
+        weight, pressure = self.surface.slave.weight, trial.pressure
+        pressed = pressure > 0.0
+        force, area = self._total(float(weight @ pressure), float(weight @ pressed))
+        patch = self._pressed_facets(trial)
+        depth = self._depths(trial)
+        uneven = self._unevenness(trial, patch) if trial.nodal_gap is None else (0.0, 0.0, 0.0)
+        return PairState(float(force), float(area), *depth, self._layers(patch), *uneven)
+
+    def _depths(self, trial: ContactTrial) -> tuple[float, float, float]:
+        """Largest penetration, the largest over facet length, the mean by pressure; collective."""
+        surface, pressure = self.surface, trial.nodal_pressure
+        if trial.nodal_gap is not None and pressure is not None:  # the same on every rank
+            depth = np.where(pressure > 0.0, -trial.nodal_gap, 0.0)
+            load = surface.vertices.area * pressure
+            over = np.max(depth / surface.vertices.length, initial=0.0)
+            moment, force = float(load @ depth), float(load.sum())
+        else:
+            depth = np.where(trial.pressure > 0.0, -trial.kinematics.gap, 0.0)
+            load = surface.slave.weight * trial.pressure
+            over = np.max(depth / surface.slave.facet_length, initial=0.0)
+            moment, force = map(float, self._total(float(load @ depth), float(load.sum())))
+            over = self._comm.allreduce(float(over), op=MPI.MAX)
+        deepest = self._comm.allreduce(float(np.max(depth, initial=0.0)), op=MPI.MAX)
+        return deepest, float(over), _over(moment, force)
+
+    def _pressed_facets(self, trial: ContactTrial) -> Bools:
+        """Points (q,) of the facets that press: all their vertices do, or any of their points."""
+        vertices, nodal = self.surface.vertices, trial.nodal_pressure
+        if nodal is not None:
+            every: Bools = np.min(nodal[vertices.of_point], axis=1) > 0.0
+            return every
+        count = np.bincount(self.surface.slave.facet, trial.pressure > 0.0)
+        some: Bools = np.greater(count, 0)[self.surface.slave.facet]
+        return some
+
+    def _inside(self, patch: Bools) -> Bools:
+        """Points (q,) of the facets of a patch all of whose neighbours are in it; collective."""
+        vertices = self.surface.vertices
+        whole = vertices.sums(self.surface.slave.weight * patch) >= WHOLE * vertices.area
+        inside: Bools = patch & whole[vertices.of_point].all(axis=1)
+        return inside
+
+    def _layers(self, patch: Bools) -> int:
+        """Layers of facets from the rim inwards; the end of the surface is no rim; collective."""
+        layers, size = 0, self._size(patch)
+        while size and layers < FEW:
+            layers, patch = layers + 1, self._inside(patch)
+            before, size = size, self._size(patch)
+            if size == before:
+                return FEW
+        return layers
+
+    def _size(self, patch: Bools) -> int:
+        return int(self._comm.allreduce(int(np.count_nonzero(patch)), op=MPI.SUM))
+
+    def _unevenness(self, trial: ContactTrial, patch: Bools) -> tuple[float, float, float]:
+        """Open share inside the patch, scatter within its facets, mean sagitta, m; collective."""
+        weight, pressure = self.surface.slave.weight, trial.pressure
+        inside = self._inside(patch)
+        area = self._by_facet(weight)
+        total = area.sum(axis=1)
+        mean = (area * self._by_facet(pressure)).sum(axis=1) / total
+        apart = self._by_facet(pressure) - mean[:, None]
+        spread = np.sqrt((area * apart**2).sum(axis=1) / total)
+        gap = np.where(trial.projection.on_surface, trial.kinematics.gap, 0.0)
+        bow = np.ptp(np.einsum("fpq,fq->fp", self._bent, self._by_facet(gap)), axis=1)
+        some, deep = (area * self._by_facet(part) for part in (patch, inside))
+        sums = self._total(
+            float(weight @ (inside & (pressure <= 0.0))),
+            float(weight @ inside),
+            float(deep.sum(axis=1) @ spread),
+            float(deep.sum(axis=1) @ mean),
+            float(some.sum(axis=1) @ bow),
+            float(some.sum()),
+        )
+        return _over(sums[0], sums[1]), _over(sums[2], sums[3]), _over(sums[4], sums[5])
+
+
+class ContactWarnings:
+    """Keeps of every pair what the warnings at the end of a run are about.
+
+    Attributes:
+        over_facet: of each pair the largest penetration over the local facet length.
+        over_approach: of each pair the mean penetration over the approach, at its largest force.
+    """
+
+    def __init__(self, problem: Equilibrium) -> None:
+        """Make ready; nothing has pressed yet."""
+        self._problem = problem
+        self._probes = [PairProbe(term) for term in problem.contacts]
+        self._by_force = [pressed_by_force(problem, term) for term in problem.contacts]
+        count = len(self._probes)
+        self.over_facet, self.over_approach = [0.0] * count, [0.0] * count
+        self._deepest = [(0.0, 0.0, "")] * count
+        self._strongest: list[PairState | None] = [None] * count
+        self._widest: list[PairState | None] = [None] * count
+
+    def step(self, row: Row, thickness: float) -> None:
+        """Look at a converged step; collective.
+
+        Args:
+            row: of it.
+            thickness: m, of the slab that the row is for; 1 otherwise.
+        """
+        trials = self._problem.committed
+        states = [probe.measure(t) for probe, t in zip(self._probes, trials, strict=True)]
+        force = sum(state.force for state in states) * thickness
+        approach = 2.0 * row.strain_energy / force if force > 0.0 else 0.0
+        for index, state in enumerate(states):
+            self._deepest[index] = max(self._deepest[index], (state.deepest, row.time, row.stage))
+            self.over_facet[index] = max(self.over_facet[index], state.over_facet)
+            strongest, widest = self._strongest[index], self._widest[index]
+            if strongest is None or state.force > strongest.force:
+                self._strongest[index] = state
+                self.over_approach[index] = _over(state.mean, approach)
+            if widest is None or state.area > widest.area:
+                self._widest[index] = state
+
+    def warnings(self) -> Iterator[str]:
+        """The lines of all pairs."""
+        for index, state in enumerate(self._strongest):
+            if state is None or state.force <= 0.0:
+                yield f"contact.{index}: the bodies never pressed on each other"
+                continue
+            comb = self._is_comb(state)
+            if comb:
+                yield self._comb(index, state)
+            costly = self.over_approach[index] > APPROACH and not self._by_force[index]
+            if self.over_facet[index] > PENETRATION or costly:
+                yield self._soft(index, comb)
+            widest = self._widest[index]
+            if widest is not None and widest.layers < FEW:
+                yield _few_facets(index, widest)
+
+    @staticmethod
+    def _is_comb(state: PairState) -> bool:
+        """Whether facets touch with a few of their points only."""
+        uneven = state.open_inside > OPEN_INSIDE or state.scatter > SCATTER
+        return uneven or state.sagitta > state.mean > 0.0
+
+    def _comb(self, index: int, state: PairState) -> str:
+        return (
+            f"contact.{index}: with the pressure point by point, slave facets touch the curved "
+            f"master with some of their points: sagitta of the facets {state.sagitta:.2g} m beside "
+            f"a penetration of {state.mean:.2g} m, {100.0 * state.open_inside:.2g} % of the points "
+            f"inside the contact open, pressures within facets scatter by "
+            f"{100.0 * state.scatter:.2g} %: contact area and film are too small; use pressure = "
+            '"averaged" or a finer slave, a higher penalty makes it worse'
+        )
+
+    def _soft(self, index: int, comb: bool) -> str:
+        depth, time, stage = self._deepest[index]
+        share = self.over_approach[index]
+        cost = (
+            "the bodies come that much too close under the given force"
+            if self._by_force[index]
+            else f"the normal force is about {100.0 * share / (1.0 + share):.2g} % too small"
+        )
+        cure = (
+            'use pressure = "averaged", then raise penalty_factor'
+            if comb
+            else "raise the penalty (penalty_factor) or refine the surface"
+        )
+        return (
+            f"contact.{index}: penetration up to {depth:.3g} m (time {time:.6g} s, stage {stage}), "
+            f"up to {self.over_facet[index]:.2g} of the local slave facet's length, and on average "
+            f"{share:.2g} of the approach of the bodies: {cost}; {cure}"
+        )
+
+
+def _few_facets(index: int, state: PairState) -> str:
+    return (
+        f"contact.{index}: the contact is less than {max(state.layers, 1) + 1} slave facets wide "
+        f"from its rim to its middle: its area, and what a film carries, are uncertain by "
+        f"{50.0 / max(state.layers, 1):.2g} %; refine the slave there"
+    )
+
+
+def _over(value: float, total: float) -> float:
+    return float(value / total) if total > 0.0 else 0.0

@@ -1,0 +1,177 @@
+"""Which bodies a contact is between, what loads them, and what its friction can hold at most."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+
+from app.build.contacts import penalty_modulus
+from app.build.supports import Loose, loose_directions
+from app.equilibrium.equilibrium import Equilibrium
+from forms.bodies.materials import oedometric_modulus
+from forms.bodies.solid import Solid
+from forms.contact.penalty import ContactTerm
+from forms.contact.pressure import PointwisePressure, PressureKind
+from forms.contact.state import ContactTrial
+from geometry.surfaces.facets import Floats, Ints, Longs
+
+
+@dataclass(frozen=True, slots=True)
+class PairBodies:
+    """The bodies of one contact.
+
+    Attributes:
+        slave, master: the bodies whose surfaces they are.
+    """
+
+    slave: Solid
+    master: Solid
+
+    @property
+    def softer(self) -> Solid:
+        """The body that the penalty is compared with."""
+        return min(self.slave, self.master, key=lambda solid: oedometric_modulus(solid.material))
+
+
+def bodies_of(problem: Equilibrium, term: ContactTerm) -> PairBodies:
+    """The bodies that a contact's surfaces belong to; collective."""
+    owners = [_nodes_of(problem, solid) for solid in problem.solids]
+    surface = term.surface
+
+    def owner(nodes: Longs) -> Solid:
+        counts = np.array([np.count_nonzero(np.isin(nodes, mine)) for mine in owners])
+        return problem.solids[int(np.argmax(problem.comm.allreduce(counts)))]
+
+    return PairBodies(owner(np.unique(surface.slave.nodes)), owner(surface.master.nodes))
+
+
+def _nodes_of(problem: Equilibrium, solid: Solid) -> Longs:
+    """Global nodes of this rank's cells of a solid."""
+    dofmap = problem.space.dofmap
+    local = np.unique(dofmap.list[solid.cells]).astype(np.int32)
+    nodes: Longs = dofmap.index_map.local_to_global(local).astype(np.int64)
+    return nodes
+
+
+def pressure_kind(term: ContactTerm) -> PressureKind:
+    """Whether a contact's pressure is averaged over vertices or found point by point."""
+    return "pointwise" if isinstance(term.rule, PointwisePressure) else "averaged"
+
+
+def penalty_factor(problem: Equilibrium, term: ContactTerm) -> float:
+    """Penalty of a contact as `penalty_factor` of a case, by the pair's softer body; collective.
+
+    K h over :func:`app.build.contacts.penalty_modulus`, K and h being those of each slave vertex,
+    or point; their mean by area.
+    """
+    surface, kind = term.surface, pressure_kind(term)
+    length = surface.slave.facet_length
+    if kind == "averaged":
+        # At the points, so that each rank has its own and none is counted twice.
+        vertices = surface.vertices
+        stiffness = vertices.at_points(term.penalty * vertices.length)
+    else:
+        stiffness = term.penalty * length
+    weight = surface.slave.weight
+    total, area = problem.comm.allreduce(np.array([weight @ stiffness, weight.sum()]))
+    return float(total / area / penalty_modulus(bodies_of(problem, term).softer.material, kind))
+
+
+# -- loads ----------------------------------------------------------------------------------------
+
+
+def load_on(problem: Equilibrium, one: Loose) -> float:
+    """Force of platens and pressures on a body along a loose direction, N (N/m); collective."""
+    dofs: Ints = one.nodes * problem.dim + one.component
+    local = float(problem.load_forces()[dofs].sum())
+    total = float(problem.comm.allreduce(local, op=MPI.SUM))
+    moving = [p.force for p in problem.platens if _share(problem, p.dofs, dofs)]
+    return total + sum(moving)
+
+
+def has_spring(problem: Equilibrium, one: Loose) -> bool:
+    """Whether a spring holds a body along a direction that no boundary supports; collective."""
+    dofs: Ints = one.nodes * problem.dim + one.component
+    springs = [p for p in problem.platens if p.stiffness > 0.0]
+    return any([_share(problem, p.dofs, dofs) for p in springs])
+
+
+def _share(problem: Equilibrium, some: Ints, dofs: Ints) -> bool:
+    """Whether any rank has unknowns of both; collective."""
+    here = bool(np.isin(some, dofs).any())
+    return bool(problem.comm.allreduce(here, op=MPI.LOR))
+
+
+def presses(problem: Equilibrium, one: Loose, index: int) -> bool:
+    """Whether the load on a body drives it into contact number ``index``, which it has reached.
+
+    It has where the surfaces were no further than a facet's length apart when the last step was
+    solved. Collective.
+    """
+    term = problem.contacts[index]
+    surface, bodies, load = term.surface, bodies_of(problem, term), load_on(problem, one)
+    if one.body not in (bodies.slave.name, bodies.master.name):
+        return False
+    at = surface.project(surface.slave.position, surface.master.position)
+    if problem.committed:
+        at = problem.committed[index].projection
+    near = at.on_surface & (at.gap < surface.facet_length)
+    normal = problem.comm.allreduce((surface.slave.weight * near) @ at.normal)
+    # The normal points out of the master: against it the slave is pressed.
+    into = -normal if one.body == bodies.slave.name else normal
+    return bool(load * into[one.component] > 0.5 * float(np.linalg.norm(into)) * abs(load))
+
+
+def pressed_by_force(problem: Equilibrium, term: ContactTerm) -> bool:
+    """Whether nothing prescribes a displacement of one of the bodies across a contact; collective.
+
+    The normal force is given then, and not what a soft contact costs.
+    """
+    surface, bodies = term.surface, bodies_of(problem, term)
+    at = surface.project(surface.slave.position, surface.master.position)
+    normal = np.abs(problem.comm.allreduce((surface.slave.weight * at.on_surface) @ at.normal))
+    names = (bodies.slave.name, bodies.master.name)
+    loose = [one.component for one in loose_directions(problem) if one.body in names]
+    return any(normal[axis] > 0.5 * np.linalg.norm(normal) for axis in loose)
+
+
+# -- friction -------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Hold:
+    """What the contacts of a body hold it with, at one state.
+
+    Attributes:
+        contacts: their numbers.
+        friction, pressure: (i,), N (N/m), resultants of both on the body.
+        limit: N (N/m), what the friction can be at most: the integral of mu(d) times the pressure.
+    """
+
+    contacts: tuple[int, ...]
+    friction: Floats
+    pressure: Floats
+    limit: float
+
+
+def hold_of(problem: Equilibrium, body: str, trials: Sequence[ContactTrial]) -> Hold:
+    """What all contacts together hold a body with, at the states ``trials``; collective."""
+    contacts = []
+    parts = np.zeros(2 * problem.dim + 1)
+    for index, (term, trial) in enumerate(zip(problem.contacts, trials, strict=False)):
+        bodies = bodies_of(problem, term)
+        if body not in (bodies.slave.name, bodies.master.name):
+            continue
+        contacts.append(index)
+        weight, response = term.surface.slave.weight, trial.response
+        sign = 1.0 if body == bodies.slave.name else -1.0
+        load = weight * trial.pressure
+        friction = -sign * (weight @ response.traction)
+        limit = load @ term.law.coefficient(response.state)
+        parts += np.concatenate([friction, sign * (load @ trial.kinematics.normal), [limit]])
+    total: Floats = problem.comm.allreduce(parts)
+    friction, pressure = total[:-1].reshape(2, -1)
+    return Hold(tuple(contacts), friction, pressure, float(total[-1]))

@@ -1,0 +1,127 @@
+"""Ploughing and rolling: friction against μ times the pressure, whatever the step.
+
+A round tool is pressed 0.05 mm into rubber and drawn along it (``plough``), or rolls on it, its
+surface a tenth faster than the rubber's base (``roll``), with 5 to 40 steps per mm. All of the
+contact slides, but for the first micrometre at its leading end, so that ΣT, along each point's own
+surface, is μ Σp to 1e-3; the drag of a film is the same at all steps. The last half of the way
+counts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.curved_contact.film import FILM as THICKNESS
+from benchmarks.curved_contact.film import MM, RADIUS, SHARE, STRESS, TOOLS, mesh
+from benchmarks.curved_contact.runs import run
+
+MU = 0.3
+WAY = 1.0  # mm
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """One row of the table.
+
+    Attributes:
+        kind: "plough" or "roll"; law: "dry" or "film"; steps: per mm.
+        size: µm, facets of the rubber; nu: of it; smooth: whether the tool is.
+    """
+
+    kind: str = "plough"
+    law: str = "dry"
+    steps: int = 10
+    size: float = 80.0
+    nu: float = 0.495
+    smooth: bool = True
+
+
+BASE = Setup()
+QUICK = replace(BASE, steps=5)
+ROWS = tuple(
+    Setup(kind, law, steps)
+    for kind in ("plough", "roll")
+    for law in ("dry", "film")
+    for steps in (5, 10, 40)
+)
+
+CASE = """
+title = "a round tool drawn along rubber, or rolling on it"
+[geometry]
+mesh = "mesh.msh"
+thickness = "1 mm"
+[bodies.tool]
+{tool}
+[bodies.rubber]
+material = "neo-hookean"
+E = "10 MPa"
+nu = {nu}
+[[contact]]
+slave = "rubber_contact"
+master = "tool_contact"
+{smoothing}
+{contact}
+[[boundary]]
+surface = "bottom"
+displacement = {{ x = "driven", y = [["0 s", 0], ["1 s", "0.05 mm"]] }}
+[[boundary]]
+surface = "top"
+{top}
+[[stage]]
+name = "press"
+duration = "1 s"
+steps = 5
+rate_dependent = false
+[[stage]]
+name = "slide"
+velocity = {velocity}
+duration = "1 s"
+steps = {steps}
+[output]
+figures = false
+"""
+DRY = f'friction = {{ law = "coulomb", mu = {MU} }}'
+FILM = f"""film = {{ thickness = {THICKNESS} }}
+friction = {{ law = "friction-map", mu_s = 0.1, K_T = "1e11 Pa/m", eta_b = %.12g, \
+D_max = {THICKNESS}, alpha = 1.0, V_star = "1 mm/s", V_star_at = {THICKNESS} }}"""
+LAG = 0.9
+
+
+def row(setup: Setup, scratch: Path, overrides: tuple[str, ...] = ()) -> dict[str, Any]:
+    """Solve one problem; its row of the table."""
+    mesh(scratch / "mesh.msh", SHARE * setup.size * 1e-6)
+    rolls, speed = setup.kind == "roll", WAY * MM
+    slip = (1.0 / LAG - 1.0) * speed if rolls else speed
+    angle = -WAY * MM / RADIUS / LAG
+    turned = f'rotation = {{ angle = [["1 s", 0], ["2 s", {angle}]], centre = [0, {RADIUS}] }}'
+    text = CASE.format(
+        tool=TOOLS["aluminium"],
+        nu=setup.nu,
+        smoothing='smoothing_angle = "30 deg"' if setup.smooth else "",
+        contact=DRY if setup.law == "dry" else FILM % (STRESS * THICKNESS / slip),
+        top=turned if rolls else "displacement = { x = 0, y = 0 }",
+        velocity=-speed if rolls else speed,
+        steps=round(setup.steps * WAY),
+    )
+    outcome = run(text, scratch, overrides)
+    out = asdict(setup) | {
+        "newton": f"{outcome.iterations('press')}+{outcome.iterations('slide')}",
+        "most": outcome.most,
+        "cuts": outcome.cuts,
+        "seconds": outcome.seconds,
+    }
+    last = [f for f in outcome.stage("slide") if f.row.time > 1.5]
+    if outcome.failure or not last:
+        return out | {"failure": outcome.failure}
+    share = np.array([abs(f.along) / f.load for f in last])
+    column = np.array([abs(f.row.tangential_force) / f.row.normal_force for f in last])
+    T = np.array([abs(f.row.tangential_force) for f in last])
+    out |= {"T": float(T.mean()), "ripple max %": 100 * float(np.abs(T / T.mean() - 1.0).max())}
+    out |= {"T/∫p": float(share.mean()), "column T/N": float(column.mean())}
+    if setup.law == "dry":
+        out["T/∫p off μ, most"] = float(np.abs(share / MU - 1.0).max())
+    return out | {"stick": float(np.mean([f.row.stick_fraction for f in last]))}

@@ -1,0 +1,138 @@
+"""Meshes of the problems: a round tool above a block, or two round bodies, touching at the origin.
+
+In the plane they are those of :mod:`geometry.generators.cylinders`, under names of their own, moved
+away from an axis of symmetry, upside down, or with facets that grow along the slave's surface.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from geometry.generators.cylinders import FlatBlock, HalfCylinder, LineContact
+from geometry.meshes.gmsh_model import Shape, write_msh
+from geometry.surfaces.facets import Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Moved:
+    """A built-in shape whose nodes are moved once it is meshed.
+
+    Attributes:
+        shape: what is meshed.
+        move: new places (n, 3) of nodes at (n, 3), m.
+    """
+
+    shape: Shape
+    move: Callable[[Floats], Floats]
+
+    def build(self) -> None:
+        """Mesh it in the current gmsh model."""
+        import gmsh
+
+        self.shape.build()
+        tags, places, _ = gmsh.model.mesh.getNodes()
+        new = self.move(np.asarray(places).reshape(-1, 3))
+        for tag, place in zip(tags, new, strict=True):
+            gmsh.model.mesh.setNode(tag, place, [])
+
+
+def tool_on_rubber(
+    path: Path,
+    *,
+    radius: float,
+    size: float,
+    tool_size: float,
+    zone: float,
+    tool_zone: float,
+    width: float,
+    height: float,
+    axis: float = 0.0,
+    growth: float = 1.25,
+) -> None:
+    """Write the mesh of a half cylinder, ``tool``, on a block, ``rubber``.
+
+    Args:
+        path: the file.
+        radius: m, of the tool.
+        size: m, facets of the rubber.
+        tool_size: m, of the tool.
+        zone: m, width of the contact zone of the rubber.
+        tool_zone: m, of the tool.
+        width: m, of the rubber.
+        height: m, of the rubber.
+        axis: m, by which both are moved in x, away from an axis of symmetry.
+        growth: of the cells outside the zones.
+    """
+    shape: Shape = LineContact(
+        HalfCylinder(radius, tool_zone, tool_size),
+        FlatBlock(width, height, zone, size),
+        growth,
+        upper_name="tool",
+        lower_name="rubber",
+    )
+    if axis:
+        shape = Moved(shape, lambda x: x + np.array([axis, 0.0, 0.0]))
+    write_msh(shape, path)
+
+
+KINKS = (0.0, 1.2, 1.5, 1.8, 3.0)
+"""mm, where the top of the lower block may change its slope."""
+FACETS = (6, 2, 2, 6)
+
+
+@dataclass(frozen=True, slots=True)
+class Ridge:
+    """A block of 10 x 5 cells on a wider one whose top has a ridge, or groove.
+
+    Attributes:
+        degrees: slope of its sides; negative: a groove.
+    """
+
+    degrees: float
+
+    def build(self) -> None:
+        """Mesh it, in mm, in the current gmsh model, and make it m."""
+        import gmsh
+
+        geo = gmsh.model.geo
+        rise = 0.3 * math.tan(math.radians(self.degrees))
+        low = [geo.addPoint(x, -0.5, 0.0) for x in KINKS]
+        high = [geo.addPoint(x, rise * (i == 2), 0.0) for i, x in enumerate(KINKS)]
+        bottom = [geo.addLine(*low[i : i + 2]) for i in range(4)]
+        master = [geo.addLine(*high[i : i + 2]) for i in range(4)]
+        sides = [geo.addLine(a, b) for a, b in zip(low, high, strict=True)]
+        loops = [[bottom[i], sides[i + 1], -master[i], -sides[i]] for i in range(4)]
+        at = ((0.1, 0.0), (1.1, 0.0), (1.1, 0.5), (0.1, 0.5))
+        corners = [geo.addPoint(x, y, 0.0) for x, y in at]
+        around = [geo.addLine(corners[i], corners[(i + 1) % 4]) for i in range(4)]
+        areas = [geo.addPlaneSurface([geo.addCurveLoop(loop)]) for loop in (*loops, around)]
+        divisions = [(bottom, FACETS), (master, FACETS), (sides, [3] * 5), (around, (10, 5, 10, 5))]
+        for lines, counts in divisions:
+            for curve, count in zip(lines, counts, strict=True):
+                geo.mesh.setTransfiniteCurve(curve, count + 1)
+        for area in areas:
+            geo.mesh.setTransfiniteSurface(area)
+            geo.mesh.setRecombine(2, area)
+        geo.synchronize()
+        groups = {
+            (2, "aluminium"): areas[:4],
+            (2, "elastomer"): areas[4:],
+            (1, "bottom"): bottom,
+            (1, "aluminium_contact"): master,
+            (1, "elastomer_contact"): around[:1],
+            (1, "top"): around[2:3],
+        }
+        for (dimension, name), tags in groups.items():
+            gmsh.model.addPhysicalGroup(dimension, tags, name=name)
+        gmsh.model.mesh.generate(2)
+        gmsh.model.mesh.affineTransform([1e-3, 0, 0, 0, 0, 1e-3, 0, 0, 0, 0, 1e-3, 0])
+
+
+def ridge(path: Path, degrees: float) -> None:
+    """Write the mesh of a block above a ridge (negative: groove) of so many degrees."""
+    write_msh(Ridge(degrees), path)

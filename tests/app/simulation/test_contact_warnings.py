@@ -1,0 +1,137 @@
+"""Warnings on contacts that are too soft, uneven or coarse: their numbers, where they point."""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+from mpi4py import MPI
+
+from app.case.case import Case
+from app.run.run import run_case
+
+# A stiff cylinder pressed into rubber, whose facets are straight.
+ROUND = """
+[geometry]
+kind = "cylinder-on-block"
+contact_width = "1.4 mm"
+contact_size = "25 um"
+growth = 1.6
+cylinder = { radius = "5 mm" }
+block = { width = "6 mm", height = "3 mm", contact_size = "50 um" }
+[bodies.elastomer]
+material = "neo-hookean"
+E = "70 GPa"
+nu = 0.3
+[bodies.aluminium]
+material = "neo-hookean"
+E = "10 MPa"
+nu = 0.49
+[[contact]]
+slave = "aluminium_contact"
+master = "elastomer_contact"
+smoothing_angle = "30 deg"
+pressure = "averaged"
+friction = { law = "frictionless" }
+[[boundary]]
+surface = "bottom"
+displacement = { x = 0, y = 0 }
+[[boundary]]
+surface = "top"
+displacement = { x = 0, y = [["0 s", "0 mm"], ["1 s", "-0.05 mm"]] }
+[[stage]]
+name = "press"
+duration = "1 s"
+steps = 3
+[output]
+fields_every = 0
+figures = false
+"""
+
+
+def pressed(
+    directory: Path, comm: MPI.Comm = MPI.COMM_SELF, **changes: object
+) -> tuple[list[str], dict]:
+    """The warnings of a run, and its summary; keys of the contact and the block may be changed."""
+    data = tomllib.loads(ROUND)
+    block = data["geometry"]["block"]
+    block["contact_size"] = changes.pop("size", block["contact_size"])
+    data["contact"][0] |= changes
+    run_case(Case.model_validate(data), directory / "out", quiet=True, force=True, comm=comm)
+    comm.barrier()  # the first rank writes
+    summary = json.loads((directory / "out" / "summary.json").read_text())
+    lines = [line for line in summary["warnings"] if line.startswith("contact.0")]
+    return lines, summary
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({}, None),
+        ({"penalty_factor": 0.3}, "raise the penalty (penalty_factor)"),
+        ({"size": "0.25 mm"}, "slave facets wide from its rim to its middle"),
+    ],
+    ids=["as it should be", "soft", "coarse"],
+)
+def test_what_is_wrong_with_a_round_contact_is_said(tmp_path, changes, said):
+    lines, _ = pressed(tmp_path, **changes)
+    lines = [line for line in lines if "whose shape they cannot follow" not in line]
+    assert len(lines) == (said is not None), lines
+    if said is not None:
+        assert said in lines[0]
+
+
+def comb(comm: MPI.Comm, directory: Path) -> tuple[list[str], float, float]:
+    """What is said of the contact point by point."""
+    lines, summary = pressed(directory, comm, pressure="pointwise")
+    numbers = (summary[f"penetration_over_{what}"][0] for what in ("facet", "approach"))
+    return lines, *numbers
+
+
+@pytest.mark.mpi(comb, 2)
+def test_a_comb_of_points_is_not_to_be_pressed_harder(tmp_path, on_ranks):
+    """Its sagitta is h²/8R, all of it in the gap of facets of 50 um on a radius of 5 mm."""
+    lines, *numbers = comb(MPI.COMM_SELF, tmp_path)
+    [line] = lines
+    assert 'use pressure = "averaged" or a finer slave, a higher penalty makes it worse' in line
+    found = re.search(r"sagitta of the facets (\S+) m beside a penetration of (\S+) m", line)
+    assert found is not None
+    sagitta, penetration = map(float, found.groups())
+    # The rubber bends too, and the outer points of a facet are within its ends.
+    assert 0.5 < sagitta / (5e-5**2 / (8 * 5e-3)) < 1.1 and penetration < sagitta
+    on_two, *theirs = on_ranks(comb, 2)
+    assert on_two == lines and theirs == pytest.approx(numbers, rel=1e-6)
+
+
+def test_the_share_of_the_approach_is_the_error_of_the_force(block, tmp_path):
+    """Of a block pressed by displacement, with a tenth and with ten times the default penalty."""
+    force, share = [], []
+    for factor in (3.0, 300.0):
+        data = tomllib.loads(block)
+        data["contact"][0]["penalty_factor"] = factor
+        data["stage"] = data["stage"][:1]
+        run = run_case(Case.model_validate(data), tmp_path / "out", quiet=True, force=True)
+        summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+        force.append(run.rows[-1].normal_force)
+        share += summary["penetration_over_approach"]
+    assert 1.0 - force[0] / force[1] == pytest.approx(share[0] / (1.0 + share[0]), rel=0.1)
+    assert share[1] == pytest.approx(0.01 * share[0], rel=0.1) and share[0] > 0.01
+
+
+def test_a_contact_pressed_by_force_loses_none(block, tmp_path):
+    """The same block under a platen: it comes too close, and that is no fault of its forces."""
+    data = tomllib.loads(block)
+    data["contact"][0]["penalty_factor"] = 5.0
+    data["stage"] = data["stage"][:1]
+    data["boundary"][1] = {
+        "surface": "top",
+        "displacement": {"x": 0.0},
+        "platen": {"direction": "y", "pressure": [[0.0, 0.0], [1.0, 0.3e6]]},
+    }
+    run_case(Case.model_validate(data), tmp_path / "out", quiet=True)
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["penetration_over_approach"][0] > 0.01
+    assert not [line for line in summary["warnings"] if "penetration" in line]

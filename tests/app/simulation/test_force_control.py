@@ -1,0 +1,244 @@
+"""Bodies that a given force presses on each other, from their first touch or a gap on."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+import app.build.model
+from app.build.mesh import make_mesh
+from app.build.model import build_model
+from app.case.case import Case
+from app.errors import InputError
+from app.simulation.observer import Observer
+from app.simulation.simulation import Simulation
+
+MOST = 20  # iterations of a step
+CYLINDERS = {
+    "kind": "two-cylinders",
+    "thickness": 1e-3,
+    "contact_width": 0.6e-3,
+    "contact_size": 50e-6,
+    "growth": 2.0,
+    "upper": {"radius": 20e-3},
+    "lower": {"radius": 20e-3, "contact_size": 60e-6},
+}
+SPHERE = {
+    "kind": "sphere-on-block",
+    "part": "axisymmetric",
+    "sphere": {"radius": 10e-3},
+    "block": {"radius": 8e-3, "height": 8e-3},
+    "contact_width": 0.65e-3,
+    "contact_size": 40e-6,
+    "growth": 2.0,
+}
+QUARTER = SPHERE | {"part": "quarter", "contact_size": 110e-6}
+# Of an elongated pad with a slightly round face: all of its width comes to bear.
+PAD = CYLINDERS | {
+    "contact_width": 4e-3,
+    "contact_size": 0.4e-3,
+    "lower": {"radius": 20e-3, "contact_size": 0.5e-3},
+}
+SHAPES = {
+    "cylinders": (CYLINDERS, 0.02),
+    "sphere": (SPHERE, 0.01),
+    "quarter": (QUARTER, 0.0025),
+    "pad": (PAD, 1.0),
+}
+
+
+class Cuts(Observer):
+    """Counts the attempts that failed."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def cut(self, simulation, dt, result):
+        self.count += 1
+
+
+def pressed(shape: str, nu: float, steps: int, top: dict | None = None) -> dict:
+    """A case: the upper body pressed on the lower by a platen; ``top``: what else moves it."""
+    geometry, force = SHAPES[shape]
+    elastomer = {"material": "neo-hookean", "E": 5e6, "nu": nu, "formulation": "q1-sri"}
+    held = dict.fromkeys("xz" if shape == "quarter" else "x", 0)
+    platen = {"direction": "y", "force": [[0.0, 0.0], [1.0, force]]}
+    boundaries = [
+        {"surface": "bottom", "displacement": held | {"y": 0}},
+        {"surface": "top", "displacement": held} | (top or {"platen": platen}),
+    ]
+    if shape == "quarter":
+        for body in ("elastomer", "aluminium"):
+            for axis in "xz":
+                here = {"surface": f"{body}_symmetry_{axis}", "displacement": {axis: 0}}
+                boundaries.append(here)
+    return {
+        "title": shape,
+        "geometry": geometry,
+        "bodies": {
+            "elastomer": elastomer,
+            "aluminium": elastomer | {"E": 5e9, "nu": 0.3},
+        },
+        "contact": [
+            {
+                "slave": "elastomer_contact",
+                "master": "aluminium_contact",
+                "friction": {"law": "frictionless"},
+                "penalty_factor": 3,
+            }
+        ],
+        "boundary": boundaries,
+        "stage": [{"name": "press", "duration": 1.0, "steps": steps}],
+    }
+
+
+def simulate(data: dict) -> tuple[Simulation, int]:
+    """The case solved, and how often a step was cut."""
+    run, cuts = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF)), Cuts()
+    run.run(cuts)
+    return run, cuts.count
+
+
+@pytest.fixture
+def apart(monkeypatch):
+    """Lets the upper body start some way (m) above the other."""
+
+    def lift(gap: float) -> None:
+        def lifted(case, comm):
+            named = make_mesh(case, comm)
+            geometry = named.mesh.geometry
+            geometry.x[np.unique(geometry.dofmap[named.cells("elastomer")]), 1] += gap
+            return named
+
+        monkeypatch.setattr(app.build.model, "make_mesh", lifted)
+
+    return lift
+
+
+@pytest.mark.parametrize("gap", [0.0, 30e-6])
+@pytest.mark.parametrize(
+    ("shape", "nu", "steps"),
+    [
+        ("cylinders", 0.45, 1),
+        ("cylinders", 0.495, 3),
+        ("sphere", 0.4999, 1),
+        ("sphere", 0.45, 3),
+        ("quarter", 0.495, 1),
+        ("pad", 0.495, 3),
+    ],
+)
+def test_a_force_finds_the_contact_and_is_met(apart, shape, nu, steps, gap):
+    apart(gap)
+    run, cuts = simulate(pressed(shape, nu, steps))
+    force = SHAPES[shape][1]
+    assert cuts == 0 and max(row.newton_iterations for row in run.rows) <= MOST
+    for count, row in enumerate(run.rows, 1):
+        assert row.normal_force == pytest.approx(force * count / steps, rel=1e-7)
+
+
+def test_a_pressure_finds_the_contact_too(apart):
+    """No platen: the springs act on all of the body."""
+    apart(30e-6)
+    pressure = [[0.0, 0.0], [1.0, SHAPES["pad"][1] / (40e-3 * 1e-3)]]
+    run, cuts = simulate(pressed("pad", 0.45, 1, {"pressure": pressure}))
+    assert cuts == 0 and run.rows[0].newton_iterations <= MOST
+    assert run.rows[0].force_y == pytest.approx(SHAPES["pad"][1], rel=0.02)
+
+
+# -- a platen's displacement first, its force afterwards -------------------------------------------
+
+DEPTH = 3e-6
+
+
+def switched(shape: str = "sphere") -> dict:
+    """Pressed by displacement, and from there by the force."""
+    force = SHAPES[shape][1]
+    platen = {
+        "direction": "y",
+        "force": force,
+        "displacement": [[0.0, 0.0], [1.0, DEPTH]],
+        "displacement_stages": ["press"],
+    }
+    data = pressed(shape, 0.45, 2, {"platen": platen})
+    data["stage"].append({"name": "load", "duration": 1.0, "steps": 2})
+    return data
+
+
+@pytest.fixture(scope="module")
+def both() -> tuple[Simulation, list[float]]:
+    """The switched case, and the platen's displacement after each step."""
+    seen: list[float] = []
+
+    class Watch(Observer):
+        def step(self, simulation, row, result):
+            (platen,) = simulation.model.problem.platens
+            seen.append(float(simulation.stepper.x.array_r[platen.dofs].mean()))
+
+    run = Simulation(build_model(Case.model_validate(switched()), MPI.COMM_SELF))
+    run.run(Watch())
+    return run, seen
+
+
+def test_displacement_is_met_in_its_stage_and_force_in_the_next(both):
+    run, seen = both
+    assert seen[:2] == pytest.approx([-0.5 * DEPTH, -DEPTH], rel=1e-12)
+    force = SHAPES["sphere"][1]
+    assert 0.0 < run.rows[1].normal_force < 0.9 * force
+    assert [row.normal_force for row in run.rows[2:]] == pytest.approx([force] * 2, rel=1e-7)
+    assert seen[3] == pytest.approx(seen[2], rel=1e-6) and seen[3] < 1.2 * seen[1]
+
+
+def test_both_controls_come_to_the_same_state(both):
+    run, _ = both
+    plain, _ = simulate(pressed("sphere", 0.45, 2))
+    for name in ("strain_energy", "contact_area", "max_penetration"):
+        mine, other = (getattr(r.rows[-1], name) for r in (run, plain))
+        assert mine == pytest.approx(other, rel=1e-6), name
+
+
+def test_work_of_both_controls_is_balanced(both):
+    run, _ = both
+    row = run.rows[-1]
+    stored = row.strain_energy + row.interface_energy
+    assert row.external_work == pytest.approx(stored, rel=0.1)
+    assert run.rows[0].external_work > 0.0
+
+
+def forces_and_energies(comm, directory) -> list[list[float]]:
+    """Of the switched case and of one under its force alone, with the iterations."""
+    found = []
+    for data in (switched(), pressed("sphere", 0.495, 1)):
+        run = Simulation(build_model(Case.model_validate(data), comm))
+        run.run(Observer())
+        found += [[r.newton_iterations, r.normal_force, r.external_work] for r in run.rows]
+    return found
+
+
+@pytest.mark.mpi(forces_and_energies, 2)
+def test_ranks_agree(on_ranks):
+    np.testing.assert_allclose(
+        on_ranks(forces_and_energies, 2), on_ranks(forces_and_energies, 1), rtol=1e-7
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"displacement_stages": []}, "boundary.1.platen.displacement_stages: missing"),
+        ({"displacement": None}, "boundary.1.platen.displacement: missing"),
+        ({"displacement_stages": ["slide"]}, "no stage has this name; there are press, load"),
+    ],
+)
+def test_what_does_not_fit_is_named(change, said):
+    data = switched()
+    platen = data["boundary"][1]["platen"] | change
+    data["boundary"][1]["platen"] = {k: v for k, v in platen.items() if v is not None}
+    with pytest.raises((InputError, ValueError), match=said):
+        Case.model_validate(data)
+
+
+def test_explicit_stages_refuse_a_displacement():
+    data = switched() | {"solver": {"kind": "explicit"}}
+    with pytest.raises((InputError, ValueError), match="does not go with explicit stages"):
+        Case.model_validate(data)

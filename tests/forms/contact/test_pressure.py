@@ -1,0 +1,282 @@
+"""Contact pressure from gaps: averaged over the slave's vertices, or from the gap of each point."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import dolfinx
+import numpy as np
+import pytest
+
+from app.equilibrium.equilibrium import Equilibrium
+from forms.contact.penalty import ContactTerm
+from forms.contact.pressure import AveragedPressure, PointwisePressure, normal_rule
+from forms.contact.state import AS_IS, ContactMode
+from forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
+from geometry.surfaces.ordering import order_by_place
+from tests.contact_boxes import PENALTY, SHAPES, Scene
+from tests.geometry.surfaces.test_vertices import parted
+
+KINDS = ("averaged", "pointwise")
+DEPTH = 0.02
+
+
+def still(X):
+    return np.zeros_like(X)
+
+
+def touching(shape, rule=AveragedPressure, penalty=PENALTY):
+    """A rule, and the projections of a slave that lies on a flat master with no gap at all."""
+    scene = Scene(shape, FrictionlessLaw(), degree=5, fine=True)
+    at = scene.term.evaluate(scene.moved(still, 0.0), 1.0).projection
+    assert at.on_surface.all() and np.abs(at.gap).max() < 1e-12
+    return rule(scene.surface, penalty), at
+
+
+# -- from gaps to pressure ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_even_gap_gives_an_even_pressure(shape, kind):
+    scene = Scene(shape, FrictionlessLaw(), pressure=kind)
+    trial = scene.term.evaluate(scene.moved(still, DEPTH), 1.0)
+    np.testing.assert_allclose(trial.pressure, PENALTY * DEPTH, rtol=1e-10)
+    assert (trial.nodal_pressure is None) is (kind == "pointwise")
+    if trial.nodal_pressure is not None:
+        np.testing.assert_allclose(trial.nodal_pressure, PENALTY * DEPTH, rtol=1e-10)
+        np.testing.assert_allclose(trial.nodal_gap, -DEPTH, rtol=1e-10)
+
+
+@pytest.mark.parametrize("shape", ["T3", "Q9"])
+@pytest.mark.parametrize("sag", [0.1, 3.0, -3.0])
+def test_a_chord_over_a_round_master_carries_an_even_pressure(shape, sag):
+    """Gaps with the sagitta of a chord, up to three times the penetration: its mean is nothing.
+
+    P₂ of Legendre has no share in linear functions. Point by point some points carry nothing then.
+    """
+    averaged, at = touching(shape)
+    xi = averaged.surface.slave.xi[:, 0]
+    gap = DEPTH * (-1.0 + sag * (6.0 * xi * (xi - 1.0) + 1.0))
+    normal = averaged.evaluate(replace(at, gap=gap), AS_IS)
+    np.testing.assert_allclose(normal.pressure, PENALTY * DEPTH, rtol=1e-10)
+    assert normal.closed.all()
+    point = PointwisePressure(averaged.surface, PENALTY).evaluate(replace(at, gap=gap), AS_IS)
+    apart = np.ptp(point.pressure) / (PENALTY * DEPTH)
+    assert apart > 0.7 * abs(sag)
+    assert (point.pressure == 0.0).any() == (abs(sag) > 1.0)
+
+
+@pytest.mark.parametrize("shape", ["Q4", "T6", "tet4", "hex27"])
+def test_force_is_that_of_the_vertices(shape):
+    """∫ t_N dA = Σ m_A s_A, with each vertex's own penalty; open vertices carry nothing."""
+    _, at = touching(shape)
+    surface = Scene(shape, FrictionlessLaw(), degree=5, fine=True).surface
+    vertices = surface.vertices
+    penalty = PENALTY * np.linspace(1.0, 4.0, vertices.count)
+    gap = 0.03 * np.sin(9.0 * surface.slave.position[:, 0])
+    normal = AveragedPressure(surface, penalty).evaluate(replace(at, gap=gap), AS_IS)
+    mean = vertices.sums(surface.slave.weight * gap) / vertices.area
+    np.testing.assert_allclose(normal.gap, mean, rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(normal.nodal_pressure, penalty * np.maximum(-mean, 0.0), rtol=1e-12)
+    assert normal.active.any() and not normal.active.all()
+    assert np.array_equal(normal.active, mean <= 0.0)
+    force = vertices.area @ normal.nodal_pressure
+    assert surface.slave.weight @ normal.pressure == pytest.approx(force, rel=1e-12)
+    around = normal.active[vertices.of_point].any(axis=1)
+    assert np.array_equal(normal.closed, around)
+
+
+@pytest.mark.parametrize("rule", [AveragedPressure, PointwisePressure])
+def test_exact_touch_is_closed_and_carries_nothing(rule):
+    """It has stiffness, so that a body that only rests on another is not loose."""
+    made, at = touching("hex8", rule)
+    normal = made.evaluate(replace(at, gap=np.zeros_like(at.gap)), AS_IS)
+    assert normal.closed.all() and not normal.pressure.any()
+    apart = made.evaluate(replace(at, gap=np.full_like(at.gap, 1e-6)), AS_IS)
+    assert not apart.closed.any() and not apart.pressure.any()
+
+
+@pytest.mark.parametrize("rule", [AveragedPressure, PointwisePressure])
+def test_scaled_and_adhesive_contact(rule):
+    """A scaled penalty scales the pressure; an adhesive gap pulls, and counts as no pressure."""
+    made, at = touching("Q4", rule)
+    pressed, lifted = (replace(at, gap=np.full_like(at.gap, g)) for g in (-DEPTH, DEPTH))
+    soft = made.evaluate(pressed, ContactMode(penalty_scale=0.1))
+    np.testing.assert_allclose(soft.pressure, 0.1 * PENALTY * DEPTH, rtol=1e-12)
+    assert not made.evaluate(lifted, ContactMode(adhesive_gap=0.5 * DEPTH)).closed.any()
+    held = made.evaluate(lifted, ContactMode(adhesive_gap=2.0 * DEPTH))
+    np.testing.assert_allclose(held.spring, -PENALTY * DEPTH, rtol=1e-12)
+    assert held.closed.all() and not held.pressure.any()
+
+
+@pytest.mark.parametrize("rule", [AveragedPressure, PointwisePressure])
+def test_depths_of_round_off_carry_nothing(rule):
+    made, at = touching("Q4", rule)
+    depth = 1e-14 * made.surface.facet_length
+    barely = made.evaluate(replace(at, gap=np.full_like(at.gap, -depth)), AS_IS, 1e-12)
+    assert not barely.pressure.any()
+    more = made.evaluate(replace(at, gap=np.full_like(at.gap, -1e4 * depth)), AS_IS, 1e-12)
+    assert np.all(more.pressure > 0.0)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_penalties_that_are_none_are_refused(kind):
+    surface = touching("Q4")[0].surface
+    count = surface.vertices.count if kind == "averaged" else len(surface.slave.weight)
+    what = "vertices" if kind == "averaged" else "points"
+    for wrong in (0.0, -1.0, np.nan, np.inf, np.where(np.arange(count) == 1, 0.0, 1.0)):
+        with pytest.raises(ValueError, match="penalty: must be positive and finite"):
+            normal_rule(kind, surface, wrong)
+    with pytest.raises(ValueError, match=f"penalty: {count + 1} numbers for {count} {what}"):
+        normal_rule(kind, surface, np.ones(count + 1))
+    given = np.linspace(1.0, 2.0, count)
+    made = normal_rule(kind, surface, given)
+    given[:] = 0.0
+    np.testing.assert_array_equal(made.penalty, np.linspace(1.0, 2.0, count))
+
+
+def test_another_kind_of_pressure_is_refused():
+    surface = touching("Q4")[0].surface
+    with pytest.raises(ValueError, match='"averaged" or "pointwise", not \'nodal\''):
+        normal_rule("nodal", surface, PENALTY)
+
+
+# -- energy and stiffness -------------------------------------------------------------------------
+
+# Along x, along y, down; how much the bodies are bent. Overhung: past the end of the master.
+POSES = {
+    "partly open": ((0.01, 0.02, -0.06), 0.05),
+    "bent": ((0.03, -0.02, -0.09), 0.08),
+    "overhung": ((0.33, 0.02, -0.07), 0.02),
+}
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("pose", POSES)
+@pytest.mark.parametrize("kind", KINDS)
+def test_work_of_the_pressure_is_the_energy(shape, pose, kind):
+    """dE = R·du along a path of finite length: Gauss' quadrature of the forces' work."""
+    scene = Scene(shape, FrictionlessLaw(), degree=5, pressure=kind)
+    count = len(scene.term.penalty)
+    scene.term = ContactTerm(
+        scene.surface, FrictionlessLaw(), PENALTY * np.linspace(1.0, 2.0, count), 0.0, kind
+    )
+    shift, bend = POSES[pose]
+    x = scene.vector(np.array(shift)[[0, 2] if scene.dim == 2 else [0, 1, 2]], bend, 0.7, 0.01)
+    trial = scene.term.evaluate(x, 1.0)
+    assert np.count_nonzero(trial.pressure) >= 2
+    assert (~trial.projection.on_surface).any() == (pose == "overhung")
+    way = 1e-5 * np.random.default_rng(2).normal(size=scene.size)
+    start, moved = x.array_r.copy(), x.copy()
+    places, weights = np.polynomial.legendre.leggauss(4)
+    work = 0.0
+    for place, weight in zip(places, weights, strict=True):
+        moved.array[:] = start + 0.5 * (1.0 + place) * way
+        work += 0.5 * weight * float(scene.residual(moved)[0] @ way)
+    ends = []
+    for end in (start, start + way):
+        moved.array[:] = end
+        ends.append(scene.term.interface_energy(scene.term.evaluate(moved, 1.0)))
+    assert ends[1] - ends[0] == pytest.approx(work, rel=1e-7)
+    assert abs(work) > 1e-9 * ends[0]
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_springs_at_the_points_are_at_least_as_stiff(shape):
+    """Σ_A K_A (Σ_q w N_A g)²/m_A ≤ Σ_q w k g², and equal for an even gap and penalty."""
+    surface = Scene(shape, FrictionlessLaw(), degree=5).surface
+    vertices, weight = surface.vertices, surface.slave.weight
+    rng = np.random.default_rng(3)
+    for penalty in (PENALTY, PENALTY * rng.uniform(0.1, 10.0, vertices.count)):
+        rule = AveragedPressure(surface, penalty)
+        springs = weight * rule.point_stiffness()
+        gaps = [rng.normal(size=len(weight)) for _ in range(20)] + [np.ones(len(weight))]
+        for gap in gaps:
+            together = np.sum(rule.penalty * vertices.sums(weight * gap) ** 2 / vertices.area)
+            assert together <= springs @ gap**2 * (1.0 + 1e-12)
+        assert together == pytest.approx(springs.sum(), rel=1e-12)  # of the even gap
+
+
+# -- ranks ----------------------------------------------------------------------------------------
+
+SHARED = ("T3", "Q9", "tet4", "hex8")
+
+
+def facts(comm, directory):
+    """Residual and tangent of a pair that sticks and slides, by the places of the nodes."""
+    return {shape: facts_of(shape, comm) for shape in SHARED}
+
+
+def facts_of(shape, comm):
+    surface = parted(shape, comm)
+    space, dim = surface.space, surface.dim
+    law = CoulombLaw(CoulombParameters(mu=0.3, K_T=60.0))
+    term = ContactTerm(surface, law, PENALTY * np.linspace(1.0, 2.0, surface.vertices.count))
+    problem = Equilibrium(dolfinx.fem.Function(space), [], [term])
+    where = space.tabulate_dof_coordinates()[: space.dofmap.index_map.size_local, :dim]
+    upper = np.zeros(len(where), dtype=bool)
+    body = np.unique(space.dofmap.list[_cells_above(space)])
+    upper[body[body < len(where)]] = True
+    f = problem.new_vector()
+    for step in (0.01, 0.02):
+        moved = 0.05 * np.sin(3.0 * where + 1.0)[:, ::-1]
+        moved[upper, 0] += step
+        moved[upper, 1] += 0.04 * np.sin(5.0 * where[upper, 0]) - step
+        x = problem.new_vector()
+        x.array[:] = moved.reshape(-1)
+        problem.residual(None, x, f)
+        trial = problem.trials[0]
+        A = problem.new_matrix(x)
+        problem.assemble_tangent(x, A)
+        problem.commit()
+    order = _by_place(comm, where + 1e-3 * upper[:, None])
+    rows = (dim * order[:, None] + np.arange(dim)).reshape(-1)
+    force = np.concatenate(comm.allgather(f.array_r))[rows]
+    whole = np.concatenate(comm.allgather(_dense_rows(A)))[np.ix_(rows, rows)]
+    return {
+        "force": force.tolist(),
+        "tangent": whole.tolist(),
+        "pressure": trial.nodal_pressure.tolist(),
+        "gap": trial.nodal_gap.tolist(),
+        "open": int(np.sum(~trial.normal_contact.active)),
+        "closed": comm.allreduce(int(trial.kinematics.closed.sum())),
+        "shared": int(surface.vertices.shared.sum()),
+    }
+
+
+def _cells_above(space):
+    """Cells (local, ghosts too) of the upper body, which is above y = 0."""
+    mesh = space.mesh
+    cells = mesh.topology.index_map(mesh.topology.dim)
+    every = np.arange(cells.size_local + cells.num_ghosts, dtype=np.int32)
+    return every[dolfinx.mesh.compute_midpoints(mesh, mesh.topology.dim, every)[:, 1] > 0.0]
+
+
+def _by_place(comm, where):
+    """Global nodes in order of place; the ranks' nodes are numbered one after the other."""
+    return order_by_place(np.concatenate(comm.allgather(where)))
+
+
+def _dense_rows(A):
+    start, end = A.getOwnershipRange()
+    indptr, columns, values = A.getValuesCSR()
+    out = np.zeros((end - start, A.getSize()[1]))
+    out[np.repeat(np.arange(end - start), np.diff(indptr)), columns] = values
+    return out
+
+
+@pytest.mark.mpi(facts, 2, 3)
+@pytest.mark.parametrize("shape", SHARED)
+def test_forces_and_tangent_do_not_depend_on_the_ranks(shape, on_ranks):
+    """Entry by entry, where vertices have their facets on several ranks."""
+    alone = on_ranks(facts, 1)[shape]
+    assert alone["shared"] == 0 and alone["open"] > 0 and max(alone["pressure"]) > 0.0
+    for ranks in (2, 3):
+        one = on_ranks(facts, ranks)[shape]
+        assert one["shared"] > 0
+        assert (one["open"], one["closed"]) == (alone["open"], alone["closed"])
+        for name in ("force", "tangent", "pressure", "gap"):
+            expected = np.array(alone[name])
+            scale = np.abs(expected).max()
+            np.testing.assert_allclose(one[name], expected, rtol=0.0, atol=1e-12 * scale)

@@ -1,0 +1,193 @@
+"""Vertices of slave facets: areas, lengths and averages, on graded meshes of all facets."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import dolfinx
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from geometry.generators.two_blocks import Block, TwoBlocks
+from geometry.generators.two_boxes import Box, TwoBoxes
+from geometry.meshes.mesh import generate
+from geometry.surfaces.surface import ContactSurface
+from tests.contact_boxes import SHAPES
+from tests.grid import grid
+
+COUNT = 4  # cells along x
+BODY = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
+
+
+@lru_cache
+def graded(shape: str, axisymmetric: bool = False) -> ContactSurface:
+    """The lower side of a body of width 1 (and depth 1) with cells that widen along x, from 0.5 on.
+
+    Its upper side serves as the master.
+    """
+    cell, order = SHAPES[shape]
+    dim = BODY[cell]
+    mesh = grid(cell, [COUNT, 2, 2][:dim] if dim == 3 else [COUNT, 1])
+    x = mesh.geometry.x
+    x[:, 0] = 0.5 + x[:, 0] * (0.2 + 0.8 * x[:, 0])
+    space = dolfinx.fem.functionspace(mesh, ("Lagrange", order, (dim,)))
+    sides = [
+        dolfinx.mesh.locate_entities_boundary(
+            mesh, dim - 1, lambda X, h=h: np.isclose(X[dim - 1], h)
+        )
+        for h in (0.0, 1.0)
+    ]
+    return ContactSurface(space, *sides, 5, axisymmetric)
+
+
+@dataclass
+class Facets:
+    """Slave facets by their vertices, (f, k), and their areas (f,), from the vertices' places."""
+
+    vertices: np.ndarray
+    area: np.ndarray
+
+    @classmethod
+    def of(cls, surface: ContactSurface) -> Facets:
+        vertices = surface.vertices
+        _, first = np.unique(surface.slave.facet, return_index=True)
+        corners = vertices.of_point[first]
+        low, high = (side(vertices.position[corners], axis=1) for side in (np.min, np.max))
+        area = np.prod((high - low)[:, :-1], axis=1)
+        return cls(corners, area / 2.0 if corners.shape[1] == 3 else area)
+
+    def shared_out(self, values: np.ndarray) -> np.ndarray:
+        """Values of facets (f,) in equal parts to their vertices (v,)."""
+        parts = np.repeat(values / self.vertices.shape[1], self.vertices.shape[1])
+        return np.bincount(self.vertices.reshape(-1), parts)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_shape_functions_are_linear(shape):
+    """They add up to one, are nowhere negative, and reproduce places; of every degree's facets."""
+    surface = graded(shape)
+    vertices = surface.vertices
+    np.testing.assert_allclose(vertices.shape.sum(axis=1), 1.0, rtol=1e-14)
+    assert vertices.shape.min() > 0.0
+    place = np.stack([vertices.at_points(part) for part in vertices.position.T], axis=1)
+    np.testing.assert_allclose(place, surface.slave.position, atol=1e-14)
+    assert vertices.count == (COUNT + 1) * (1 if surface.dim == 2 else 3)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_area_is_that_of_the_facets_around(shape):
+    surface, facets = graded(shape), Facets.of(graded(shape))
+    assert surface.vertices.area.sum() == pytest.approx(1.0, rel=1e-13)
+    expected = facets.shared_out(facets.area)
+    np.testing.assert_allclose(surface.vertices.area, expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_length_is_that_of_the_facets_around(shape):
+    """The mean by area of their lengths: of a segment, a square's side, or a half square's."""
+    surface, facets = graded(shape), Facets.of(graded(shape))
+    length = facets.area
+    if surface.dim == 3:
+        length = np.sqrt(2.0 * length if facets.vertices.shape[1] == 3 else length)
+    expected = facets.shared_out(facets.area * length) / facets.shared_out(facets.area)
+    np.testing.assert_allclose(surface.vertices.length, expected, rtol=1e-12)
+    assert surface.vertices.length.max() > 1.5 * surface.vertices.length.min()
+    np.testing.assert_allclose(surface.slave.facet_length, length[surface.slave.facet], rtol=1e-12)
+
+
+@pytest.mark.parametrize("shape", ["T3", "Q9"])
+def test_area_of_rings(shape):
+    """∫ N_A 2πx dx over [a, b] is 2π (b − a)(2a + b)/6 at a; lengths are those of the facets."""
+    surface, flat = graded(shape, axisymmetric=True), graded(shape)
+    x = surface.vertices.position[:, 0]
+    a, b = x[:-1], x[1:]
+    expected = np.zeros(len(x))
+    expected[:-1] += 2.0 * np.pi * (b - a) * (2.0 * a + b) / 6.0
+    expected[1:] += 2.0 * np.pi * (b - a) * (a + 2.0 * b) / 6.0
+    np.testing.assert_allclose(surface.vertices.area, expected, rtol=1e-12)
+    assert surface.vertices.area.sum() == pytest.approx(np.pi * (1.5**2 - 0.5**2), rel=1e-13)
+    np.testing.assert_allclose(surface.slave.facet_length, flat.slave.facet_length, rtol=1e-12)
+    inner = surface.vertices.length[1:-1]
+    assert np.all((inner > (b - a)[:-1]) & (inner < (b - a)[1:]))
+
+
+@pytest.mark.parametrize("shape", ["Q9", "tet4", "hex27"])
+def test_averages_and_values_at_points_are_adjoint(shape):
+    vertices, weight = graded(shape).vertices, graded(shape).slave.weight
+    rng = np.random.default_rng(1)
+    at_points, at_vertices = rng.normal(size=len(weight)), rng.normal(size=vertices.count)
+    one = at_vertices @ vertices.sums(weight * at_points)
+    assert one == pytest.approx((weight * at_points) @ vertices.at_points(at_vertices), rel=1e-12)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_vertices_are_corners_in_order_of_place(shape):
+    surface = graded(shape)
+    vertices, space = surface.vertices, surface.space
+    where = space.tabulate_dof_coordinates()[vertices.nodes, : surface.dim]
+    np.testing.assert_array_equal(where, vertices.position)
+    assert np.all(np.isin(vertices.nodes, surface.slave.nodes))
+    corners = space.mesh.geometry.x[:, : surface.dim]
+    assert all(np.linalg.norm(corners - place, axis=1).min() < 1e-12 for place in where)
+    assert np.array_equal(np.lexsort(np.round(where.T[::-1], 9)), np.arange(vertices.count))
+
+
+# -- ranks ----------------------------------------------------------------------------------------
+
+SHARED = ("T3", "Q9", "tet4", "hex8")
+NAMES = ("elastomer_contact", "aluminium_contact")
+
+
+def parted(shape: str, comm: MPI.Comm) -> ContactSurface:
+    """The contact of two bodies whose slave facets are shared out among the ranks; collective."""
+    cell, order = SHAPES[shape]
+    blocks: TwoBlocks | TwoBoxes
+    if BODY[cell] == 2:
+        blocks = TwoBlocks(Block(1.0, 0.5, (6, 2)), Block(2.0, 0.5, (7, 2)), 0.47, cell=cell)
+    else:
+        upper, lower = Box(1.0, 0.5, 0.6, (4, 1, 3)), Box(2.0, 0.5, 1.0, (5, 1, 4))
+        blocks = TwoBoxes(upper, lower, (0.47, 0.23), cell=cell)
+    named = generate(blocks, comm, [NAMES])
+    space = dolfinx.fem.functionspace(named.mesh, ("Lagrange", order, (BODY[cell],)))
+    return ContactSurface(space, *map(named.facets, NAMES), 5)
+
+
+def facts(comm, directory):
+    """What the vertices of a pair are on all ranks, and the sums of a function of place."""
+    found = {}
+    for shape in SHARED:
+        surface = parted(shape, comm)
+        vertices, slave = surface.vertices, surface.slave
+        value = np.sin(slave.position @ np.array([3.0, 5.0, 4.0])[: surface.dim])
+        one = {
+            "position": vertices.position.tolist(),
+            "area": vertices.area.tolist(),
+            "length": vertices.length.tolist(),
+            "sums": vertices.sums(slave.weight * value).tolist(),
+        }
+        mine = np.zeros(vertices.count, dtype=np.int64)
+        mine[vertices.of_point] = 1
+        several = comm.allreduce(mine) > 1
+        found[shape] = {
+            "same": comm.allgather(comm.bcast(one) == one),
+            "shared": comm.allgather(bool(np.array_equal(vertices.shared, several))),
+            "several": int(several.sum()),
+            "points": comm.allgather(len(slave.weight)),
+            **one,
+        }
+    return found
+
+
+@pytest.mark.mpi(facts, 2, 3)
+@pytest.mark.parametrize("shape", SHARED)
+def test_vertices_do_not_depend_on_the_ranks(shape, on_ranks):
+    """All ranks hold the very same, also of vertices between facets of several ranks."""
+    alone = on_ranks(facts, 1)[shape]
+    assert alone["several"] == 0 and all(alone["shared"])
+    for one in (on_ranks(facts, ranks)[shape] for ranks in (2, 3)):
+        assert min(one["points"]) > 0 and sum(one["points"]) == sum(alone["points"])
+        assert one["several"] > 0 and all(one["shared"]) and all(one["same"])
+        for name in ("position", "area", "length", "sums"):
+            np.testing.assert_allclose(one[name], alone[name], rtol=1e-12, atol=1e-13)
