@@ -143,11 +143,21 @@ class CompiledContact(ExplicitContact):
         ]
         code.tribox_pair_correct_film.argtypes = [ctypes.c_void_p, ctypes.c_double]
         code.tribox_pair_commit.argtypes = [ctypes.c_void_p, ctypes.c_void_p]
-        surface = term.surface
-        slave, master = surface.slave, surface.master
-        q, n, vertices = len(slave.weight), len(master.nodes), surface.vertices
         self._load = np.zeros_like(self._values)
-        self._inputs: dict[str, NDArray[Any]] = {
+        self._inputs = {n: np.ascontiguousarray(a) for n, a in self._input_arrays().items()}
+        q, n = len(term.surface.slave.weight), len(term.surface.master.nodes)
+        self._sets = [_Buffers(q, n), _Buffers(q, n)]
+        for mine, other in (self._sets, self._sets[::-1]):
+            self._connect(mine, other)
+        self._turn = 0
+        self._adopted: ContactState | None = None
+
+    def _input_arrays(self) -> dict[str, NDArray[Any]]:
+        """What both sets of results read, by the fields of the structure."""
+        surface = self.term.surface
+        slave, master, vertices = surface.slave, surface.master, surface.vertices
+        q, n = len(slave.weight), len(master.nodes)
+        return {
             "weight": slave.weight,
             "shape": slave.shape,
             "slope": slave.shape_derivative[:, 0],
@@ -158,7 +168,7 @@ class CompiledContact(ExplicitContact):
             "facets": master.facets.astype(np.int32),
             "previous": _facet_at(master.facets[:, 1], n),
             "next": _facet_at(master.facets[:, 0], n),
-            "penalty": term.rule.point_stiffness(),
+            "penalty": self.term.rule.point_stiffness(),
             "of_point": vertices.of_point.astype(np.int64),
             "vertex_shape": vertices.shape,
             "sums": np.zeros((2, vertices.count)),
@@ -174,12 +184,6 @@ class CompiledContact(ExplicitContact):
             "compliance": self.compliance,
             "candidate": np.zeros((q, 1), dtype=np.int32),
         }
-        self._inputs = {name: np.ascontiguousarray(a) for name, a in self._inputs.items()}
-        self._sets = [_Buffers(q, n), _Buffers(q, n)]
-        for mine, other in (self._sets, self._sets[::-1]):
-            self._connect(mine, other)
-        self._turn = 0
-        self._adopted: ContactState | None = None
 
     def _connect(self, mine: _Buffers, other: _Buffers) -> None:
         """Make one set start from the state that the other one holds."""
