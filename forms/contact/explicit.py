@@ -84,7 +84,7 @@ class ExplicitContact:
         normal = term.rule.evaluate(projection, AS_IS, ROUNDOFF_DEPTH)
         kinematics = relate(points, projection, term.anchor(nodes), normal.closed)
         film = term.film.at(normal.pressure)[0]
-        term.cover_rim(normal)
+        term.cover_rim(normal, projection)
         response = term.respond(kinematics, dt, normal, film, rate_dependent)
         self.trial = ContactTrial(
             position=points,

@@ -227,14 +227,15 @@ class CompiledContact(ExplicitContact):
         arrays = now.arrays
         kinematics = now.kinematics()
         film = term.film.at(normal.pressure)[0]
-        term.cover_rim(normal)
+        projection = now.projection()
+        term.cover_rim(normal, projection)
         response = term.respond(kinematics, dt, normal, film, rate_dependent)
         self._dry[:] = response.traction
         self._code.tribox_pair_load(now.at)
         self.trial = ContactTrial(
             position=arrays["position"],
             area_ratio=arrays["area_ratio"],
-            projection=now.projection(),
+            projection=projection,
             kinematics=kinematics,
             normal_contact=normal,
             film=film,

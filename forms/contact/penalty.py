@@ -160,14 +160,13 @@ class ContactTerm:
         slave = values[surface.slave_rows]
         points = surface.slave_positions(slave)
         nodes = surface.master.position + values[surface.first_master :]
-        normals = None
-        if isinstance(self.rule, AveragedPressure):
-            normals = surface.slave_normals(values)
-        current = surface.project(points, nodes, mode.frozen_facets, normals)
+        averaged = isinstance(self.rule, AveragedPressure)
+        normals = surface.slave_normals(values) if averaged else None
+        current = surface.project(points, nodes, mode.frozen_facets, normals, averaged)
         anchor = self.anchor(nodes)
         normal = self.rule.evaluate(current, mode)
         kinematics = relate(points, current, anchor, normal.closed)
-        self.cover_rim(normal, mode.penalty_scale, linearise=True)
+        self.cover_rim(normal, current, mode.penalty_scale, linearise=True)
         film, response = self._friction(kinematics, dt, normal, mode)
         return ContactTrial(
             position=points,
@@ -185,17 +184,25 @@ class ContactTerm:
         )
 
     def cover_rim(
-        self, normal: NormalContact, penalty_scale: float = 1.0, linearise: bool = False
+        self,
+        normal: NormalContact,
+        at: Projection,
+        penalty_scale: float = 1.0,
+        linearise: bool = False,
     ) -> None:
         """Find how much of the facets at the rim of the contact touches; collective.
 
         Args:
             normal: contact to be completed.
+            at: projections of the points.
             penalty_scale: factor of the penalty that it was found with.
             linearise: whether the tangent will be asked for.
         """
         stiffness = penalty_scale * self.rule.penalty
         normal.cover, slope = rim_cover(self.surface, normal, stiffness, self.modulus)
+        if at.share is not None:
+            normal.cover = normal.cover * at.share
+            slope = None if slope is None else slope * at.share[:, None]
         if not (linearise and self._has_film) or normal.active is None:
             return
         normal.cover_slope = slope

@@ -75,13 +75,12 @@ class AveragedPressure:
     ) -> NormalContact:
         """See :class:`NormalRule`."""
         vertices = self.vertices
-        weight = self.surface.slave.weight
+        share = 1.0 if at.share is None else at.share
+        weight = self.surface.slave.weight * np.where(at.on_surface, share, 0.0)
         gaps = vertices.sums(weight * np.where(at.on_surface, at.gap, 0.0))
-        gap, active, spring = self.at_vertices(
-            gaps, vertices.sums(weight * at.on_surface), mode, least_depth
-        )
+        gap, active, spring = self.at_vertices(gaps, vertices.sums(weight), mode, least_depth)
         closed = at.on_surface & active[vertices.of_point].any(axis=1)
-        at_points = np.where(closed, vertices.at_points(spring), 0.0)
+        at_points = np.where(closed, share * vertices.at_points(spring), 0.0)
         return NormalContact(
             closed=closed,
             spring=at_points,

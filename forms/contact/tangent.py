@@ -76,6 +76,8 @@ class PairTangent:
             out += by_pressure[:, :, None] * d_pressure[:, None, :]
         out -= r.d_traction_d_slip[take] @ v.d_slip
         out -= r.d_traction_d_elastic[take] @ v.d_elastic
+        if trial.projection.share_slope is not None:
+            out += _fading(trial, take)[:, :, None] * v.d_xi[:, :1]
         return out, v
 
     def point_blocks(self, state: ContactState, trial: ContactTrial) -> list[tuple[Longs, Floats]]:
@@ -183,19 +185,15 @@ class PairTangent:
         by_pressure = direction - trial.response.d_traction_d_pressure[take]
         stiffness = np.where(normal.active, trial.penalty_scale * rule.penalty, 0.0)
         share = vertices.shape[take] * stiffness[vertices.of_point[take]]
+        if trial.projection.share is not None:
+            share *= trial.projection.share[take][:, None]
         by_gap = share[:, :, None] * by_pressure[:, None, :]
         if normal.cover_slope is not None:
             film = _film_per_cover(trial, take)
             by_gap += normal.cover_slope[take][:, :, None] * film[:, None, :]
         needs = normal.needs()
         left = self._vertex_rows(trial, take, by_gap, needs)
-        support = np.nonzero(trial.coupled())[0]
-        if trial.projection.rays is None:
-            along = trial.kinematics.normal[support][:, None, :]
-            by_motion = vertices.shape[support][:, :, None] * along
-            right = self._vertex_rows(trial, support, by_motion, needs)
-        else:
-            right = self._gap_rows(state, trial, support, needs)
+        right = self._gap_rows(state, trial, needs)
         nodes = columns = self.surface.nodes
         if vertices.comm.size > 1:
             right, columns = self._completed(right)
@@ -218,16 +216,37 @@ class PairTangent:
         return self._scattered(take[first], rows[first], summed, active)
 
     def _gap_rows(
-        self, state: ContactState, trial: ContactTrial, take: Longs, active: Bools
+        self, state: ContactState, trial: ContactTrial, needs: Bools
     ) -> scipy.sparse.csr_matrix:
-        """Σ_q w N_A ∂g/∂u (v, m·i) of the points ``take`` (p,) that are projected along rays."""
+        """R: Σ_q w N_A ∂(σ g)/∂u (v, m·i) of all points, with σ their share over the master."""
+        at, every = trial.projection, np.nonzero(trial.coupled())[0]
+        fades = np.zeros(len(every), dtype=bool)
+        if at.share_slope is not None:
+            fades = at.share_slope[every] != 0.0
+        if at.rays is not None:
+            fades[:] = True
+        plain, other = every[~fades], every[fades]
+        along = trial.kinematics.normal[plain][:, None, :]
+        shape = self.surface.vertices.shape[plain][:, :, None]
+        out = self._vertex_rows(trial, plain, shape * along, needs)
+        return out + self._varied_gap_rows(state, trial, other, needs) if len(other) else out
+
+    def _varied_gap_rows(
+        self, state: ContactState, trial: ContactTrial, take: Longs, needs: Bools
+    ) -> scipy.sparse.csr_matrix:
+        """The same of points ``take`` (p,) for which ∂(σ g)/∂u is not G_aᵀ n."""
         assert trial.anchor is not None
-        v = vary(trial.position[take], trial.projection.of(take), trial.anchor.of(take))
+        at = trial.projection
+        v = vary(trial.position[take], at.of(take), trial.anchor.of(take))
         rows, nodes = self.generalised_rows(state, trial, take)
-        d_gap = v.d_gap.reshape(len(take), rows.shape[1], self.surface.dim)
+        change = v.d_gap
+        if at.share is not None and at.share_slope is not None:
+            change = at.share[take][:, None] * v.d_gap
+            change += (at.gap * at.share_slope)[take][:, None] * v.d_xi[:, 0]
+        d_gap = change.reshape(len(take), rows.shape[1], self.surface.dim)
         share = self.surface.slave.weight[take][:, None] * self.surface.vertices.shape[take]
         values = np.einsum("pk,pmi->pkmi", share, np.einsum("prm,pri->pmi", rows, d_gap))
-        return self._scattered(take, nodes, values, active)
+        return self._scattered(take, nodes, values, needs)
 
     def _scattered(
         self, points: Longs, rows: Longs, values: Floats, active: Bools
@@ -263,6 +282,19 @@ class PairTangent:
         data = np.concatenate([mine.data, value[here]])
         size = (vertices.count, dim * len(columns))
         return scipy.sparse.csr_matrix((data, (rows, cols)), shape=size), columns
+
+
+def _fading(trial: ContactTrial, take: Longs) -> Floats:
+    """Change (p, i), Pa, of the traction for ξ as points run past the end of the master."""
+    at, normal = trial.projection, trial.normal_contact
+    assert at.share is not None and at.share_slope is not None
+    slope = at.share_slope[take]
+    per_share = np.where(slope != 0.0, slope / np.where(slope != 0.0, at.share[take], 1.0), 0.0)
+    by_pressure = trial.kinematics.normal[take] - trial.response.d_traction_d_pressure[take]
+    cover = np.broadcast_to(normal.cover, at.share.shape)[take]
+    out: Floats = (per_share * normal.spring[take])[:, None] * by_pressure
+    out -= (per_share * cover)[:, None] * _film_per_cover(trial, take)
+    return out
 
 
 def _film_per_cover(trial: ContactTrial, take: Longs) -> Floats:

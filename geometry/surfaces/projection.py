@@ -42,6 +42,9 @@ class Projection:
         curvature: (q, α, β, i), m, current: ∂²ȳ/∂ξ^α∂ξ^β; None where all facets are flat.
         along: (q, α) reference direction of the edge that a clamped point can move along, zero at a
             corner; None in the plane, where there are corners only.
+        share: (q,) share of each point's piece of the slave that lies over the master: less than 1
+            only beside the open end of a master in the plane; share_slope: (q,) its derivative for
+            ξ. None: 1 everywhere.
         rays: the slave's normals, where ȳ lies along them; None where it is the closest point.
     """
 
@@ -55,6 +58,8 @@ class Projection:
     on_surface: Bools
     curvature: Floats | None = None
     along: Floats | None = None
+    share: Floats | None = None
+    share_slope: Floats | None = None
     rays: PointNormals | None = None
 
     def of(self, take: NDArray[np.int64]) -> Projection:
@@ -70,6 +75,8 @@ class Projection:
             self.on_surface[take],
             None if self.curvature is None else self.curvature[take],
             None if self.along is None else self.along[take],
+            None if self.share is None else self.share[take],
+            None if self.share_slope is None else self.share_slope[take],
             None if self.rays is None else self.rays.of(take),
         )
 
@@ -115,6 +122,8 @@ class FacetSurface:
             _require_one_each(corners)
             self._open = np.count_nonzero(self._around >= 0, axis=1) < 2
             self._rays = RaySearch(self.shape, self.facets, self._controls(nodes))
+            ends = nodes[self.facets[:, :2]]
+            self._length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
         else:
             self._across, self._across_side = _facets_across(shape, corners)
             self._open = np.zeros(count, dtype=bool)
@@ -138,6 +147,7 @@ class FacetSurface:
         nodes: Floats,
         frozen_facets: Ints | None = None,
         rays: PointNormals | None = None,
+        piece: Floats | None = None,
     ) -> Projection:
         """Closest points on the whole surface.
 
@@ -151,6 +161,7 @@ class FacetSurface:
                 ``OVERRUN`` past an edge, as if the facet continued there.
             rays: normals of the slave at the points, to project along in the plane; None: closest
                 points.
+            piece: (q,), m, length of slave surface that each point stands for, for ``share``.
         """
         controls = self._controls(nodes)
         point, facet = self.search.pairs(points, controls)
@@ -173,14 +184,40 @@ class FacetSurface:
             entity = np.where(stays, INTERIOR, entity)
             xi = np.where(stays[:, None], there, xi)
         if rays is None:
-            return self._at(points, controls, facet, xi, entity)
+            out = self._at(points, controls, facet, xi, entity)
+            self._fade(out, piece)
+            return out
         assert self._rays is not None
         facet, xi, met = self._rays.hits(points, rays.normal, controls, facet, xi)
         out = self._at(points, controls, facet, xi, np.full_like(entity, INTERIOR))
         out.normal = rays.normal
         out.gap = np.einsum("qi,qi->q", points - out.foot, out.normal)
         out.on_surface, out.rays = met, rays
+        self._fade(out, piece)
         return out
+
+    def _fade(self, out: Projection, piece: Floats | None) -> None:
+        """Find what share of the points' pieces (q,), m, lies over the master, up to its end.
+
+        A point that loses its force at once when it runs past the end may leave no equilibrium; the
+        piece that it stands for leaves bit by bit.
+        """
+        if piece is None or self.shape.directions == 2:
+            return
+        open_ends = self._open[self.facets[out.facet, :2]]
+        at = np.nonzero(open_ends.any(axis=1) & out.on_surface)[0]
+        if not len(at):
+            return
+        length, xi = self._length[out.facet[at]], out.xi[at, 0]
+        per_length = length / np.minimum(piece[at], length)
+        way = np.stack([xi, 1.0 - xi], axis=1) * per_length[:, None]
+        way = np.where(open_ends[at], way, np.inf)
+        end = np.argmin(way, axis=1)
+        share = way[np.arange(len(at)), end]
+        sign = np.where(end == 0, 1.0, -1.0)
+        out.share, out.share_slope = np.ones(len(piece)), np.zeros(len(piece))
+        out.share[at] = np.minimum(share, 1.0)
+        out.share_slope[at] = np.where(share < 1.0, sign * per_length, 0.0)
 
     @property
     def has_kinks(self) -> bool:

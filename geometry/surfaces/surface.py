@@ -195,6 +195,7 @@ class ContactSurface:
         nodes: Floats,
         frozen_facets: Ints | None = None,
         rays: PointNormals | None = None,
+        fading: bool = False,
     ) -> Projection:
         """Closest points on the master, on its current nodes (n, i), m, of the points (q, i), m.
 
@@ -203,8 +204,10 @@ class ContactSurface:
             nodes: see above.
             frozen_facets: (q,) facets that the points do not leave for a neighbour at once.
             rays: normals of the slave at the points, to project along; None: closest points.
+            fading: whether points leave the end of a master in the plane bit by bit.
         """
-        return self.target.project(points, nodes, frozen_facets, rays)
+        piece = self.slave.facet_share * self.slave.facet_length if fading else None
+        return self.target.project(points, nodes, frozen_facets, rays, piece)
 
     def slave_normals(self, values: Floats) -> PointNormals | None:
         """Normals to project along, from displacements (m, i) of the pair's nodes, or None."""
