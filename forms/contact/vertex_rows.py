@@ -14,7 +14,7 @@ from geometry.surfaces.facets import Bools, Floats, Ints, Longs
 
 
 def adding_up(key: Longs) -> tuple[Longs, scipy.sparse.csr_matrix]:
-    """One row (g,) of each ``key`` (q,), and the matrix (g, q) that adds up rows of the same key."""
+    """One row (g,) of each ``key`` (q,), and the matrix (g, q) that adds up rows of equal keys."""
     _, first, group = np.unique(key, return_index=True, return_inverse=True)
     place = group.reshape(-1), np.arange(len(key))
     shape = (len(first), len(key))
