@@ -282,7 +282,7 @@ def cattaneo_mindlin(overrides: Sequence[str] = ()) -> Verification:
 # Sideways by as much as `cattaneo-mindlin`, then halfway back.
 THERE_AND_BACK = (
     'boundary.1.displacement.x=[["1 s", "0 um"], ["2 s", "4 um"], ["3 s", "1.5 um"]]',
-    'stage=[{name="press", duration=1, steps=4}, {name="shear", duration=1, steps=8}, '
+    'stage=[{name="press", duration=1, steps=16}, {name="shear", duration=1, steps=8}, '
     '{name="back", duration=1, steps=6}]',
 )
 
