@@ -21,7 +21,7 @@ from app.verify.sphere import (
     sphere_twist,
 )
 
-COARSE = ("geometry.contact_size=65 um", "geometry.contact_width=0.78 mm", "geometry.growth=2")
+COARSE = ("geometry.contact_size=52 um", "geometry.contact_width=0.78 mm", "geometry.growth=2")
 QUICK = ["geometry.contact_size=115 um", "stage.1.steps=5"]
 
 
@@ -43,16 +43,17 @@ def test_section_meets_hertz(size):
 
 
 def test_a_coarse_quarter_meets_the_section():
-    """Four elements over the radius give load, energy and peak; too few for the radius."""
+    """Five elements over the radius give load, energy and peak; too few for the radius."""
     quarter = press_sphere(["stage.0.steps=1", *COARSE])
-    section = press_sphere([*SECTION, "geometry.growth=2"])
+    section = press_sphere([*SECTION, *COARSE[1:]])
     assert quarter.exact.load == pytest.approx(section.exact.load, rel=0.02)
     assert quarter.energy == pytest.approx(section.energy, rel=0.03)
     assert quarter.fitted[1] == pytest.approx(quarter.exact.peak, rel=0.02)
 
 
 def test_checks_of_the_point_contact_can_fail():
-    found = hertz_point(["geometry.contact_size=110 um", "geometry.contact_width=0.9 mm"])
+    coarse = ("geometry.contact_size=130 um", "geometry.contact_width=1.05 mm", "geometry.growth=2")
+    found = hertz_point(coarse)
     failed = {check.quantity for check in found.checks if not check.passed}
     assert {"quarter: radius a", "section: radius a"} <= failed
     assert len(found.checks) == 8 and len(found.panels[0].lines) == 3
@@ -71,9 +72,9 @@ def test_contact_beyond_the_fine_zone_is_no_result():
 
 @pytest.mark.long
 def test_twist_goes_over_into_full_slip():
-    found = sphere_twist(["geometry.contact_size=110 um"])
+    found = sphere_twist(["geometry.contact_size=95 um"])
     last = found.checks[-3:]
-    assert max(check.error for check in found.checks) < 0.1  # two elements over the radius
+    assert max(check.error for check in found.checks) < 0.1  # 2.7 elements over the radius
     assert [check.quantity for check in last][1:] == [
         "last moment, 3π/16 µPa",
         "friction force / normal force, max",
@@ -86,8 +87,9 @@ def test_twist_goes_over_into_full_slip():
 @pytest.mark.long
 def test_a_smooth_master_takes_the_jumps_out_of_sliding():
     smooth, faceted = roll([SMOOTH, *QUICK]), roll(QUICK)
-    assert max(map(jumps, smooth)) < 1e-4
-    assert jumps(faceted[1]) > 0.02 and jumps(faceted[0]) > 0.005
+    assert max(map(jumps, smooth)) < 1e-5
+    for rough, even in zip(faceted, smooth, strict=True):
+        assert jumps(rough) > 500.0 * jumps(even)
     for normal, drag in (smooth, faceted):
         assert len(normal) == 5
         np.testing.assert_allclose(drag / normal, 0.2, rtol=0.1)
