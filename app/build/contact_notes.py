@@ -14,7 +14,7 @@ from forms.contact.pressure import PressureKind
 APART = 2.0  # distance over facet length from which bodies are said to start apart
 COARSE = 3.0  # length of slave facets over that of master facets from which they are too coarse
 STIFFER = 10.0  # modulus of the slave's body over that of the master's that is pointed out
-CHATTER = 10.0  # penalty_factor above which an explicit run pays for it
+CHATTER = 10.0  # K h/M above which an explicit run pays for the penalty K
 # Penalties in units of the stiffness of the elements beside them (`penalty_factor`). Up to a
 # thousand times the default Newton's method converges as ever; from ten thousand times on it needs
 # many more iterations, and rounding the coordinates begins to keep the residual above the
@@ -66,21 +66,24 @@ def notes_on_surfaces(
 
 
 def notes_on_penalty(
-    index: int, factor: float, explicit: bool, pressure: PressureKind = "averaged"
+    index: int, factor: float, ratio: float, explicit: bool, pressure: PressureKind = "averaged"
 ) -> Iterator[str]:
     """Lines on a penalty that is far from what works, or that shortens explicit steps.
 
     Args:
         index: of the contact.
         factor: penalty over the stiffness of the elements beside it, as `penalty_factor`.
+        ratio: of the modulus that the factor multiplies to the oedometric modulus M, with which
+            the elements answer to waves.
         explicit: whether a stage runs with explicit dynamics.
         pressure: "averaged" or "pointwise".
     """
-    # The factor is found from K_N again, so that one of just this size may come out above it.
-    if explicit and factor > (1.0 + 1e-9) * CHATTER:
+    # Rounding may lift a penalty of just this size above it.
+    if explicit and factor * ratio > (1.0 + 1e-9) * CHATTER:
         yield (
-            f"contact.{index}: a penalty of penalty_factor = {factor:.4g} shortens explicit steps "
-            "and lets nodes chatter; 1 to 3 is stiff enough for most"
+            f"contact.{index}: a penalty of penalty_factor = {factor:.4g}, {factor * ratio:.3g} "
+            "times the oedometric modulus over the length of a facet, shortens explicit steps and "
+            f"lets nodes chatter; {1.0 / ratio:.2g} to {3.0 / ratio:.2g} is stiff enough for most"
         )
     note = penalty_note(index, factor, pressure)
     if note is not None:

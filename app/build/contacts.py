@@ -98,11 +98,12 @@ class ContactBuilder:
         lengths = (length, facet_length(self.named.mesh, self.named.facets(asked.master)))
         modulus = penalty_modulus(softer, table.pressure)
         penalty = _penalty(table, surface, modulus)
-        factor = float(np.mean(penalty)) * length / modulus
+        factor = table.penalty_factor or (table.penalty or 0.0) * length / modulus
+        ratio = modulus / oedometric_modulus(softer)
         notes = (
             *stiffer_slave(index, asked, self.named.body_of(asked.slave), slave, master),
             *notes_on_surfaces(f"contact.{index}", asked, lengths, distance),
-            *notes_on_penalty(index, factor, self.case.is_explicit, table.pressure),
+            *notes_on_penalty(index, factor, ratio, self.case.is_explicit, table.pressure),
             *note_on_stick(index, table.friction, softer.shear_modulus / length),
         )
         modulus = contact_modulus(slave, master)

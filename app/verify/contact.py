@@ -144,7 +144,7 @@ def case_modulus(case: Case) -> float:
     return contact_modulus(*pairs)
 
 
-def fit_ellipse(x: Floats, values: Floats) -> tuple[float, float]:
+def fit_ellipse(x: Floats, values: Floats, area: Floats | None = None) -> tuple[float, float]:
     r"""Half-width and peak of :math:`f_0 \sqrt{1 - x^2/w^2}` through points.
 
     Least squares on f², which is linear in x², over the inner 0.8 of the points' extent: the
@@ -153,12 +153,14 @@ def fit_ellipse(x: Floats, values: Floats) -> tuple[float, float]:
     Args:
         x: (q,), m, from the middle.
         values: (q,), f.
+        area: (q,) that the points stand for, in any unit; None: all the same.
 
     Returns:
         w in m, and f0.
     """
     used = np.abs(x) < FITTED * np.abs(x).max()
-    slope, square = np.polyfit(x[used] ** 2, values[used] ** 2, 1)
+    weight = np.ones(len(x)) if area is None else np.sqrt(area)
+    slope, square = np.polyfit(x[used] ** 2, values[used] ** 2, 1, w=weight[used])
     return float(np.sqrt(-square / slope)), float(np.sqrt(square))
 
 
@@ -280,7 +282,7 @@ def cattaneo_mindlin(overrides: Sequence[str] = ()) -> Verification:
 # Sideways by as much as `cattaneo-mindlin`, then halfway back.
 THERE_AND_BACK = (
     'boundary.1.displacement.x=[["1 s", "0 um"], ["2 s", "4 um"], ["3 s", "1.5 um"]]',
-    'stage=[{name="press", duration=1, steps=4}, {name="shear", duration=1, steps=8}, '
+    'stage=[{name="press", duration=1, steps=16}, {name="shear", duration=1, steps=8}, '
     '{name="back", duration=1, steps=6}]',
 )
 

@@ -162,7 +162,7 @@ def penalty(overrides: Sequence[str] = ()) -> Verification:
     return Verification(
         "penalty",
         "block-slide pressed with a growing penalty",
-        "K_N = penalty_factor · M/h. Error and penetration fall as 1/penalty_factor.",
+        "K_A = penalty_factor · max(10 G, M/10)/h. Error and penetration fall as 1/penalty_factor.",
         tuple(checks),
         (Panel("penalty_factor (-)", "error, penetration", lines, log=True),),
     )

@@ -187,10 +187,10 @@ def test_block_slides_over_the_edges_of_a_coarse_master(block, tmp_path, degrees
 
 @pytest.mark.parametrize("degrees", [10.0, 15.0])
 def test_block_is_dragged_over_a_ridge_by_much_friction(block, tmp_path, degrees):
-    """Parts of it catch, let go and catch again; few steps need to be cut."""
+    """Where the elements of the slave bend at the kinks, its normals lead it over smoothly."""
     run, cuts = over_the_edges(block, tmp_path, degrees, 0.5)
-    assert cuts <= 6
-    slid = [row for row in run.rows if row.stage == "slide"][8:]
-    assert max(row.stick_fraction for row in slid) > 0.1
-    assert 0.3 < min(row.friction_coefficient for row in slid)
-    assert run.rows[-1].tangential_force < 0.5 * load_of(run)
+    assert cuts <= 6 and sum(row.newton_iterations for row in run.rows) <= 400
+    # In the end all points slide forwards, and the friction of all has one direction with the
+    # load's: T is mu times the load to the last digit.
+    assert run.rows[-1].stick_fraction == 0.0
+    assert run.rows[-1].tangential_force == pytest.approx(0.5 * load_of(run), rel=1e-6)

@@ -21,7 +21,7 @@ from app.verify.sphere import (
     sphere_twist,
 )
 
-COARSE = ("geometry.contact_size=65 um", "geometry.growth=2")
+COARSE = ("geometry.contact_size=65 um", "geometry.contact_width=0.78 mm", "geometry.growth=2")
 QUICK = ["geometry.contact_size=115 um", "stage.1.steps=5"]
 
 
