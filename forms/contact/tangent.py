@@ -18,7 +18,7 @@ there is no such sum, and ∂t/∂z holds K_N ∂g/∂z.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy.sparse
@@ -26,6 +26,7 @@ import scipy.sparse
 from forms.contact.kinematics import Variations, vary
 from forms.contact.pressure import AveragedPressure, NormalRule
 from forms.contact.state import ContactState, ContactTrial
+from forms.contact.vertex_rows import VertexRows, adding_up
 from geometry.surfaces.facets import Bools, Floats, Ints, Longs
 from geometry.surfaces.slave_normals import CHORDS
 from geometry.surfaces.surface import ContactSurface
@@ -57,6 +58,7 @@ class PairTangent:
 
     surface: ContactSurface
     rule: NormalRule
+    _known: list[VertexRows] = field(default_factory=list, repr=False)
 
     # -- point by point -----------------------------------------------------------------------
 
@@ -197,8 +199,8 @@ class PairTangent:
         nodes = columns = self.surface.nodes
         if vertices.comm.size > 1:
             right, columns = self._completed(right)
-        # Only vertices that are needed have rows; others would fill the product with zeros.
-        product = (left.T.multiply((1.0 / vertices.area)[None, :])).tocsr() @ right
+        left.data /= np.repeat(vertices.area, np.diff(left.indptr))
+        product = left.T.tocsr() @ right
         return Coupling(nodes, columns, product)
 
     def _vertex_rows(
@@ -209,11 +211,22 @@ class PairTangent:
         facet = trial.projection.facet[take]
         master = surface.target.weights(facet, trial.projection.xi[take])
         shape = np.concatenate([slave.shape[take], -master], axis=1)
-        rows = np.concatenate([surface.slave_rows[take], self._master_rows(facet)], axis=1)
-        values = np.einsum("p,pm,pki->pkmi", slave.weight[take], shape, along)
-        key = slave.facet[take].astype(np.int64) * len(surface.master.facets) + facet
-        first, summed = _sums(key, values)
-        return self._scattered(take[first], rows[first], summed, active)
+        weighted = slave.weight[take][:, None] * shape
+        values = weighted[:, None, :, None] * along[:, :, None, :]
+        return self._rows(take, facet, active).matrix(values)
+
+    def _rows(self, take: Longs, facet: Ints, needs: Bools) -> VertexRows:
+        """Places of the entries of points ``take`` (p,) on their master facets (p,)."""
+        for known in self._known:
+            if known.fits(take, facet, needs):
+                return known
+        surface = self.surface
+        key = surface.slave.facet[take].astype(np.int64) * len(surface.master.facets) + facet
+        nodes = np.concatenate([surface.slave_rows[take], self._master_rows(facet)], axis=1)
+        numbers = key, surface.vertices.of_point[take], nodes
+        rows = VertexRows(take, facet, needs, numbers, (len(surface.nodes), surface.dim))
+        self._known[:] = [rows, *self._known[:1]]
+        return rows
 
     def _gap_rows(
         self, state: ContactState, trial: ContactTrial, needs: Bools
@@ -246,21 +259,10 @@ class PairTangent:
         d_gap = change.reshape(len(take), rows.shape[1], self.surface.dim)
         share = self.surface.slave.weight[take][:, None] * self.surface.vertices.shape[take]
         values = np.einsum("pk,pmi->pkmi", share, np.einsum("prm,pri->pmi", rows, d_gap))
-        return self._scattered(take, nodes, values, needs)
-
-    def _scattered(
-        self, points: Longs, rows: Longs, values: Floats, active: Bools
-    ) -> scipy.sparse.csr_matrix:
-        """Entries (p, k, m, i) of vertices of ``points`` and nodes ``rows`` (p, m) as a matrix."""
-        vertices = self.surface.vertices
-        dim, count = self.surface.dim, len(self.surface.nodes)
-        vertex = vertices.of_point[points][:, :, None, None]
-        column = dim * rows[:, None, :, None] + np.arange(dim)
-        vertex, column = np.broadcast_arrays(vertex, column)
-        keep = active[vertex.reshape(-1)]
-        entries = values.reshape(-1)[keep]
-        place = vertex.reshape(-1)[keep], column.reshape(-1)[keep]
-        return scipy.sparse.csr_matrix((entries, place), shape=(vertices.count, dim * count))
+        every = np.arange(len(take))  # no two of them are known to have the same nodes
+        numbers = every, self.surface.vertices.of_point[take], nodes
+        size = len(self.surface.nodes), self.surface.dim
+        return VertexRows(take, at.facet[take], needs, numbers, size).matrix(values)
 
     def _completed(self, right: scipy.sparse.csr_matrix) -> tuple[scipy.sparse.csr_matrix, Longs]:
         """R with the other ranks' parts of shared vertices, and its columns' nodes; collective."""
@@ -309,18 +311,10 @@ def _film_per_cover(trial: ContactTrial, take: Longs) -> Floats:
     return out
 
 
-def _sums(key: Longs, values: Floats) -> tuple[Longs, Floats]:
-    """One row of each ``key`` (q,), and the sums (g, …) of ``values`` (q, …) with the same key."""
-    _, first, group = np.unique(key, return_index=True, return_inverse=True)
-    ones, points = np.ones(len(key)), np.arange(len(key))
-    shape = (len(first), len(key))
-    adding = scipy.sparse.csr_matrix((ones, (group.reshape(-1), points)), shape=shape)
-    size = int(np.prod(values.shape[1:]))
-    return first, (adding @ values.reshape(len(key), size)).reshape(len(first), *values.shape[1:])
-
-
 def _added_up(key: Longs, nodes: Longs, blocks: Floats) -> tuple[Longs, Floats]:
     """Nodes (p, m) and blocks (p, m, i, n, j) of points with the same ``key`` (q,), added up."""
     # The order of the axes in memory, so that nothing is copied.
-    first, added = _sums(key, blocks.transpose(0, 1, 2, 4, 3))
+    plain = blocks.transpose(0, 1, 2, 4, 3)
+    first, adding = adding_up(key)
+    added = (adding @ plain.reshape(len(key), -1)).reshape(len(first), *plain.shape[1:])
     return nodes[first], added.transpose(0, 1, 2, 4, 3)

@@ -42,9 +42,8 @@ class Projection:
         curvature: (q, α, β, i), m, current: ∂²ȳ/∂ξ^α∂ξ^β; None where all facets are flat.
         along: (q, α) reference direction of the edge that a clamped point can move along, zero at a
             corner; None in the plane, where there are corners only.
-        share: (q,) share of each point's piece of the slave that lies over the master: less than 1
-            only beside the open end of a master in the plane; share_slope: (q,) its derivative for
-            ξ. None: 1 everywhere.
+        share: (q,) how much of each point counts: less than 1 only right beside the open end of a
+            master in the plane; share_slope: (q,) its derivative for ξ. None: 1 everywhere.
         rays: the slave's normals, where ȳ lies along them; None where it is the closest point.
     """
 
@@ -147,7 +146,7 @@ class FacetSurface:
         nodes: Floats,
         frozen_facets: Ints | None = None,
         rays: PointNormals | None = None,
-        piece: Floats | None = None,
+        fading: Floats | None = None,
     ) -> Projection:
         """Closest points on the whole surface.
 
@@ -161,7 +160,8 @@ class FacetSurface:
                 ``OVERRUN`` past an edge, as if the facet continued there.
             rays: normals of the slave at the points, to project along in the plane; None: closest
                 points.
-            piece: (q,), m, length of slave surface that each point stands for, for ``share``.
+            fading: (q,), m, way up to the open end of a master in the plane over which a point
+                fades; None: points count in full up to there.
         """
         controls = self._controls(nodes)
         point, facet = self.search.pairs(points, controls)
@@ -185,7 +185,7 @@ class FacetSurface:
             xi = np.where(stays[:, None], there, xi)
         if rays is None:
             out = self._at(points, controls, facet, xi, entity)
-            self._fade(out, piece)
+            self._fade(out, fading)
             return out
         assert self._rays is not None
         facet, xi, met = self._rays.hits(points, rays.normal, controls, facet, xi)
@@ -193,29 +193,28 @@ class FacetSurface:
         out.normal = rays.normal
         out.gap = np.einsum("qi,qi->q", points - out.foot, out.normal)
         out.on_surface, out.rays = met, rays
-        self._fade(out, piece)
+        self._fade(out, fading)
         return out
 
-    def _fade(self, out: Projection, piece: Floats | None) -> None:
-        """Find what share of the points' pieces (q,), m, lies over the master, up to its end.
+    def _fade(self, out: Projection, reach: Floats | None) -> None:
+        """Let points fade over the last way ``reach`` (q,), m, up to the end of the surface.
 
-        A point that loses its force at once when it runs past the end may leave no equilibrium; the
-        piece that it stands for leaves bit by bit.
+        A point that loses its force at once when it runs past the end may leave no equilibrium.
         """
-        if piece is None or self.shape.directions == 2:
+        if reach is None or self.shape.directions == 2:
             return
         open_ends = self._open[self.facets[out.facet, :2]]
         at = np.nonzero(open_ends.any(axis=1) & out.on_surface)[0]
         if not len(at):
             return
         length, xi = self._length[out.facet[at]], out.xi[at, 0]
-        per_length = length / np.minimum(piece[at], length)
+        per_length = length / np.minimum(reach[at], length)
         way = np.stack([xi, 1.0 - xi], axis=1) * per_length[:, None]
         way = np.where(open_ends[at], way, np.inf)
         end = np.argmin(way, axis=1)
         share = way[np.arange(len(at)), end]
         sign = np.where(end == 0, 1.0, -1.0)
-        out.share, out.share_slope = np.ones(len(piece)), np.zeros(len(piece))
+        out.share, out.share_slope = np.ones(len(reach)), np.zeros(len(reach))
         out.share[at] = np.minimum(share, 1.0)
         out.share_slope[at] = np.where(share < 1.0, sign * per_length, 0.0)
 

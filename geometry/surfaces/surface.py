@@ -53,7 +53,8 @@ class SlavePoints:
             local number in the mesh.
         xi: (q, α) reference coordinates on it; facet_length: (q,), m, its length, in space the side
             of a square or of half a square of its area; facet_share: (q,) share of it that the
-            point stands for.
+            point stands for; reach: (q,), m, in the plane half the way from the point to the end of
+            that piece, so that no point fades while slave and master end at the same place.
     """
 
     nodes: Longs
@@ -67,6 +68,7 @@ class SlavePoints:
     xi: Floats
     facet_length: Floats
     facet_share: Floats
+    reach: Floats
 
 
 @dataclass(slots=True)
@@ -206,8 +208,9 @@ class ContactSurface:
             rays: normals of the slave at the points, to project along; None: closest points.
             fading: whether points leave the end of a master in the plane bit by bit.
         """
-        piece = self.slave.facet_share * self.slave.facet_length if fading else None
-        return self.target.project(points, nodes, frozen_facets, rays, piece)
+        return self.target.project(
+            points, nodes, frozen_facets, rays, self.slave.reach if fading else None
+        )
 
     def slave_normals(self, values: Floats) -> PointNormals | None:
         """Normals to project along, from displacements (m, i) of the pair's nodes, or None."""
@@ -371,6 +374,9 @@ def _slave_points(
     xi = shape @ form.points
     derivative = form.first(xi)
     tangents, derivative = _orthonormal(np.einsum("qba,qai->qbi", derivative, corners), derivative)
+    number = number.reshape(-1)
+    length = _lengths(form, number, weight)
+    share = weight / np.bincount(number, weight)[number]
     return SlavePoints(
         nodes=nodes.astype(np.int64),
         shape=shape,
@@ -378,12 +384,27 @@ def _slave_points(
         weight=weight,
         position=np.einsum("qa,qai->qi", shape, corners),
         tangents=tangents,
-        facet=number.reshape(-1).astype(np.int32),
+        facet=number.astype(np.int32),
         mesh_facet=facet.astype(np.int32),
         xi=xi,
-        facet_length=_lengths(form, number.reshape(-1), weight),
-        facet_share=weight / np.bincount(number.reshape(-1), weight)[number.reshape(-1)],
+        facet_length=length,
+        facet_share=share,
+        reach=length * _half_way_to_the_end(number, xi, share),
     )
+
+
+def _half_way_to_the_end(facet: Longs, xi: Floats, share: Floats) -> Floats:
+    """Half the way (q,), in lengths of a facet, from the points to the ends of their pieces.
+
+    Along a facet in the plane the pieces lie one after the other, each with its point inside.
+    """
+    order = np.lexsort([xi[:, 0], facet])
+    total = np.cumsum(share[order])  # a facet's shares add up to one
+    end = np.empty_like(total)
+    end[order] = total - facet[order]
+    inside = xi[:, 0]
+    out: Floats = 0.5 * np.minimum(inside - (end - share), end - inside)
+    return out
 
 
 def _lengths(form: FacetShape, facet: Longs, weight: Floats) -> Floats:

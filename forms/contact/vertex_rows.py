@@ -1,0 +1,79 @@
+"""Rows of a sparse matrix, one for each slave vertex, summed over the points around it.
+
+Axis letters: p points, g groups of points with the same vertices and nodes, k vertices of a slave
+facet, m nodes of the pair that move a point, i space, v vertices. Where the entries go changes only
+when points change their master facets, or vertices open and close: it is worth keeping.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse
+
+from geometry.surfaces.facets import Bools, Floats, Ints, Longs
+
+
+def adding_up(key: Longs) -> tuple[Longs, scipy.sparse.csr_matrix]:
+    """One row (g,) of each ``key`` (q,), and the matrix (g, q) that adds up rows of the same key."""
+    _, first, group = np.unique(key, return_index=True, return_inverse=True)
+    place = group.reshape(-1), np.arange(len(key))
+    shape = (len(first), len(key))
+    return first, scipy.sparse.csr_matrix((np.ones(len(key)), place), shape=shape)
+
+
+class VertexRows:
+    """Where the entries (p, k, m, i) of points go in a matrix (v, nodes · i).
+
+    Attributes:
+        points: (p,); facet: (p,) their master facets; needs: (v,) vertices that have rows.
+    """
+
+    def __init__(
+        self,
+        points: Longs,
+        facet: Ints,
+        needs: Bools,
+        numbers: tuple[Longs, Longs, Longs],
+        size: tuple[int, int],
+    ) -> None:
+        """Find the places.
+
+        Args:
+            points: (p,).
+            facet: (p,) master facets of the points.
+            needs: (v,) vertices that have rows; others would fill products with zeros.
+            numbers: (p,) the same for points with the same vertices and nodes, and these: vertices
+                (p, k) and nodes (p, m).
+            size: number of nodes, and of components i.
+        """
+        self.points, self.facet, self.needs = points, facet, needs
+        key, vertex, nodes = numbers
+        count, dim = size
+        self._shape = (len(needs), dim * count)
+        first, self._adding = adding_up(key)
+        row, column = np.broadcast_arrays(
+            vertex[first][:, :, None, None],
+            dim * nodes[first][:, None, :, None] + np.arange(dim),
+        )
+        keep = np.nonzero(needs[row.reshape(-1)])[0]
+        place = row.reshape(-1)[keep] * self._shape[1] + column.reshape(-1)[keep]
+        order = np.argsort(place, kind="stable")
+        self._order = keep[order]
+        distinct, self._starts = np.unique(place[order], return_index=True)
+        rows, self._indices = np.divmod(distinct, self._shape[1])
+        self._indptr = np.searchsorted(rows, np.arange(len(needs) + 1))
+
+    def fits(self, points: Longs, facet: Ints, needs: Bools) -> bool:
+        """Whether the entries of these points go to the same places."""
+        return (
+            np.array_equal(self.points, points)
+            and np.array_equal(self.facet, facet)
+            and np.array_equal(self.needs, needs)
+        )
+
+    def matrix(self, values: Floats) -> scipy.sparse.csr_matrix:
+        """The matrix (v, nodes · i) of entries ``values`` (p, k, m, i)."""
+        size = int(np.prod(values.shape[1:]))
+        summed = (self._adding @ values.reshape(len(values), size)).reshape(-1)[self._order]
+        data = np.add.reduceat(summed, self._starts) if len(self._starts) else summed
+        return scipy.sparse.csr_matrix((data, self._indices, self._indptr), shape=self._shape)
