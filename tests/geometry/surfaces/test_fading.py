@@ -13,7 +13,7 @@ NODES = np.array([[0.0, 0.0], [2.0, 0.0], [3.0, 0.0], [3.5, 0.0]])
 def shares(x, piece, nodes=NODES, line=None):
     points = np.stack([np.atleast_1d(x), np.full(np.size(x), 0.1)], axis=1)
     pieces = np.broadcast_to(np.asarray(piece, dtype=float), np.size(x))
-    return (line or polyline(nodes)).project(points, nodes, piece=pieces)
+    return (line or polyline(nodes)).project(points, nodes, fading=pieces)
 
 
 def test_a_piece_leaves_as_far_as_its_point_comes_near_the_end():
@@ -62,4 +62,4 @@ def test_where_nothing_ends_nothing_fades():
     facets = np.stack([np.arange(8), (np.arange(8) + 1) % 8], axis=1)
     closed = FacetSurface(facet_shape("interval", 1), facets, nodes)
     points = 1.05 * 0.5 * (nodes + np.roll(nodes, -1, axis=0))
-    assert closed.project(points, nodes, piece=np.full(8, 0.5)).share is None
+    assert closed.project(points, nodes, fading=np.full(8, 0.5)).share is None
