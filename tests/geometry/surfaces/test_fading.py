@@ -6,6 +6,7 @@ import pytest
 from geometry.surfaces.facets import facet_shape
 from geometry.surfaces.projection import FacetSurface
 from tests.geometry.surfaces.test_projection import polyline
+from tests.geometry.surfaces.test_vertices import graded
 
 NODES = np.array([[0.0, 0.0], [2.0, 0.0], [3.0, 0.0], [3.5, 0.0]])
 
@@ -63,3 +64,24 @@ def test_where_nothing_ends_nothing_fades():
     closed = FacetSurface(facet_shape("interval", 1), facets, nodes)
     points = 1.05 * 0.5 * (nodes + np.roll(nodes, -1, axis=0))
     assert closed.project(points, nodes, fading=np.full(8, 0.5)).share is None
+
+
+@pytest.mark.parametrize("shape", ["T3", "Q9"])
+def test_surfaces_that_end_at_the_same_place_do_not_fade(shape):
+    """No point is nearer to the end of its facet than twice its way of fading."""
+    slave = graded(shape).slave
+    x, size = slave.xi[:, 0], slave.facet_length
+    assert np.all(slave.reach > 0.0)
+    assert np.all(2.0 * slave.reach <= size * np.minimum(x, 1.0 - x) * (1.0 + 1e-12))
+
+
+def test_the_way_of_fading_in_numbers():
+    """Gauss' three points at ½ ± √0.15 with pieces 5/18, 8/18, 5/18."""
+    slave = graded("Q4").slave
+    x, width = np.array([0.5 - np.sqrt(0.15), 0.5, 0.5 + np.sqrt(0.15)]), np.array([5, 8, 5]) / 18
+    edge = np.append(0.0, np.cumsum(width))
+    expected = 0.5 * np.minimum(x - edge[:-1], edge[1:] - x)
+    for facet in range(4):
+        here = np.nonzero(slave.facet == facet)[0]
+        here = here[np.argsort(slave.xi[here, 0])]
+        np.testing.assert_allclose((slave.reach / slave.facet_length)[here], expected, rtol=1e-12)
