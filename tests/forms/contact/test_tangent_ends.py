@@ -9,8 +9,8 @@ import pytest
 
 import forms.contact.tangent
 from forms.contact.tangent import PairTangent
-from geometry.surfaces.rays import RaySearch
 from geometry.surfaces.slave_normals import CHORDS
+from tests.contact_boxes import take_all_for_kinked
 from tests.forms.contact.test_tangent import STATES, prepared, without
 
 MODULUS = 5.0  # E* that puts ends of the contact inside facets
@@ -20,14 +20,7 @@ NAMES = ("slip", "stick", "film")
 
 @pytest.fixture
 def along_rays(monkeypatch):
-    """Flat masters count as kinked, so that points are projected along the slave's normals."""
-    make_ready = RaySearch.__init__
-
-    def kinked(self, *arguments):
-        make_ready(self, *arguments)
-        self.has_kinks = True
-
-    monkeypatch.setattr(RaySearch, "__init__", kinked)
+    take_all_for_kinked(monkeypatch)
 
 
 def scene_of(shape="Q4", name="film", shift=0.0, modulus=None):

@@ -96,8 +96,8 @@ def test_hits_are_those_of_brute_force_from_any_start(degree):
 
 def test_rays_past_the_ends_meet_nothing():
     rays, controls = search(turning([0.0, 20.0, 0.0]))
-    last = turning([0.0, 20.0, 0.0])[-1]
-    points = np.array([[-0.1, 0.3], [0.1, 0.3], last + [0.1, 0.3], last + [-0.1, 0.3]])
+    x, y = turning([0.0, 20.0, 0.0])[-1]
+    points = np.array([[-0.1, 0.3], [0.1, 0.3], [x + 0.1, y + 0.3], [x - 0.1, y + 0.3]])
     facet, xi, met = hits(rays, controls, points, [[0.0, 1.0]] * 4, [2, 2, 0, 0])
     np.testing.assert_array_equal(met, [False, True, False, True])
     np.testing.assert_array_equal(facet, [0, 0, 2, 2])
