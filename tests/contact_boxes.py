@@ -16,6 +16,7 @@ from petsc4py import PETSc
 
 from forms.contact.penalty import ContactTerm
 from geometry.compat import cell_nodes
+from geometry.surfaces.rays import RaySearch
 from geometry.surfaces.surface import ContactSurface
 from tests.grid import coordinate_element, grid
 
@@ -37,6 +38,17 @@ def box(cell, count, low, high):
     """Corners and cells of a box, (n, i) and (c, v)."""
     mesh = grid(cell, count, high, low)
     return mesh.geometry.x[:, : len(low)], cell_nodes(mesh).astype(np.int64)
+
+
+def take_all_for_kinked(patch):
+    """Flat masters in the plane count as kinked: points are projected along the slave's normals."""
+    make_ready = RaySearch.__init__
+
+    def kinked(self, *arguments):
+        make_ready(self, *arguments)
+        self.has_kinks = True
+
+    patch.setattr(RaySearch, "__init__", kinked)
 
 
 @lru_cache

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from benchmarks.curved_contact.extent import (
+from app.verify.extent import (
     beyond_line,
     beyond_point,
     extent,

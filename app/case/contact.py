@@ -26,7 +26,7 @@ class Contact(Model):
     quadrature_degree: Count | None = Field(
         default=None,
         description="degree of the quadrature on slave facets; default 9 in the plane (five points "
-        "per segment), 5 in space",
+        "per segment), or 11 (six) unless the slave is ten times softer; 5 in space",
     )
     pressure: Literal["averaged", "pointwise"] = Field(
         default="averaged",

@@ -16,12 +16,15 @@ from app.simulation.simulation import Simulation
 CASES = Path(__file__).resolve().parents[2] / "cases"
 
 
-def solve(name: str, overrides: Sequence[str] = ()) -> tuple[Case, Simulation]:
+def solve(
+    name: str, overrides: Sequence[str] = (), observer: Observer | None = None
+) -> tuple[Case, Simulation]:
     """Run a case file in this process, without results.
 
     Args:
         name: of a file in ``cases``, without its ending.
         overrides: "key=value" texts.
+        observer: of the run.
 
     Returns:
         The case (without its sweep) and the finished simulation.
@@ -32,5 +35,5 @@ def solve(name: str, overrides: Sequence[str] = ()) -> tuple[Case, Simulation]:
     """
     case = load_case(CASES / f"{name}.toml", overrides)
     simulation = Simulation(build_model(case, MPI.COMM_SELF))
-    simulation.run(Observer())
+    simulation.run(observer or Observer())
     return case, simulation

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.curved_contact.extent import Extent, extent, slip_integral
+from app.verify.extent import Extent, extent, slip_integral
 from benchmarks.curved_contact.runs import Frame, Outcome, run
 from benchmarks.curved_contact.shapes import tool_on_rubber
 

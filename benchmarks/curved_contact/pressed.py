@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from app.verify.contact import case_modulus, fit_ellipse
-from benchmarks.curved_contact.extent import beyond_line, beyond_point, half_width
+from app.verify.extent import beyond_line, beyond_point, half_width
 from benchmarks.curved_contact.runs import Frame, Outcome, run
 from benchmarks.curved_contact.shapes import Moved, TwoHemispheres, graded
 from forms.closed_forms.hertz_line import LineContact, relative_radius

@@ -166,7 +166,7 @@ class ContactTerm:
         anchor = self.anchor(nodes)
         normal = self.rule.evaluate(current, mode)
         kinematics = relate(points, current, anchor, normal.closed)
-        self.cover_rim(normal, current, mode.penalty_scale, linearise=True)
+        self.cover_rim(normal, current, mode.penalty_scale, linearise=not mode.friction_as_load)
         film, response = self._friction(kinematics, dt, normal, mode)
         return ContactTrial(
             position=points,

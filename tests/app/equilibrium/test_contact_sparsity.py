@@ -10,7 +10,7 @@ from petsc4py import PETSc
 from app.equilibrium.contact_sparsity import BlockPlaces, coupled_nodes, widened
 from app.equilibrium.equilibrium import Equilibrium
 from forms.friction.coulomb import CoulombLaw, CoulombParameters
-from tests.contact_boxes import Scene
+from tests.contact_boxes import Scene, take_all_for_kinked
 
 LAW = CoulombLaw(CoulombParameters(mu=0.3, K_T=60.0))
 SHAPES = ["Q4", "T6", "tet4", "hex8", "tet10"]
@@ -33,7 +33,20 @@ def dense(A):
 )
 def test_matrix_holds_the_whole_tangent_on_a_long_way(shape, smoothing_angle):
     """Over many facets and back, each step larger than the last; facets as they are or smooth."""
-    scene = Scene(shape, LAW, fine=True, smoothing_angle=smoothing_angle)
+    on_a_long_way(Scene(shape, LAW, fine=True, smoothing_angle=smoothing_angle))
+
+
+@pytest.mark.parametrize("shape", ["T3", "Q9"])
+@pytest.mark.parametrize("fine", [True, False])
+def test_matrix_holds_the_tangent_along_rays(monkeypatch, shape, fine):
+    """Normals of the slave take the vertices of the next facets too, open ones as well."""
+    take_all_for_kinked(monkeypatch)
+    scene = Scene(shape, LAW, fine=fine, master=7)
+    assert scene.surface.normals is not None
+    on_a_long_way(scene)
+
+
+def on_a_long_way(scene):
     problem = problem_of(scene)
     down = -0.08
     start = scene.vector([*[0.0] * (scene.dim - 1), down], 0.03, 0.2)

@@ -14,7 +14,8 @@ from forms.contact.pressure import AveragedPressure, PointwisePressure, normal_r
 from forms.contact.state import AS_IS, ContactMode
 from forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
 from geometry.surfaces.ordering import order_by_place
-from tests.contact_boxes import PENALTY, SHAPES, Scene
+from tests.contact_boxes import PENALTY, SHAPES, Scene, take_all_for_kinked
+from tests.forms.contact.test_tangent import film_map
 from tests.geometry.surfaces.test_vertices import parted
 
 KINDS = ("averaged", "pointwise")
@@ -201,18 +202,26 @@ def test_springs_at_the_points_are_at_least_as_stiff(shape):
 # -- ranks ----------------------------------------------------------------------------------------
 
 SHARED = ("T3", "Q9", "tet4", "hex8")
+FILMS = ("T3 film", "hex8 film", "T3 over the end", "T3 rays")
 
 
 def facts(comm, directory):
     """Residual and tangent of a pair that sticks and slides, by the places of the nodes."""
-    return {shape: facts_of(shape, comm) for shape in SHARED}
+    found = {shape: facts_of(shape, comm) for shape in SHARED}
+    found |= {f"{shape} film": facts_of(shape, comm, film=0.5) for shape in ("T3", "hex8")}
+    found["T3 over the end"] = facts_of("T3", comm, film=0.5, start=0.535)
+    with pytest.MonkeyPatch.context() as patch:
+        take_all_for_kinked(patch)
+        found["T3 rays"] = facts_of("T3", comm, film=0.5, start=0.54)
+    return found
 
 
-def facts_of(shape, comm):
+def facts_of(shape, comm, film=0.0, start=0.0):
     surface = parted(shape, comm)
     space, dim = surface.space, surface.dim
-    law = CoulombLaw(CoulombParameters(mu=0.3, K_T=60.0))
-    term = ContactTerm(surface, law, PENALTY * np.linspace(1.0, 2.0, surface.vertices.count))
+    law = film_map() if film else CoulombLaw(CoulombParameters(mu=0.3, K_T=60.0))
+    penalty = PENALTY * np.linspace(1.0, 2.0, surface.vertices.count)
+    term = ContactTerm(surface, law, penalty, film, modulus=50.0)
     problem = Equilibrium(dolfinx.fem.Function(space), [], [term])
     where = space.tabulate_dof_coordinates()[: space.dofmap.index_map.size_local, :dim]
     upper = np.zeros(len(where), dtype=bool)
@@ -221,8 +230,8 @@ def facts_of(shape, comm):
     f = problem.new_vector()
     for step in (0.01, 0.02):
         moved = 0.05 * np.sin(3.0 * where + 1.0)[:, ::-1]
-        moved[upper, 0] += step
-        moved[upper, 1] += 0.04 * np.sin(5.0 * where[upper, 0]) - step
+        moved[upper, 0] += start + step
+        moved[upper, 1] += 0.04 * np.sin(5.0 * where[upper, 0] + where[upper, -1]) - step
         x = problem.new_vector()
         x.array[:] = moved.reshape(-1)
         problem.residual(None, x, f)
@@ -242,7 +251,15 @@ def facts_of(shape, comm):
         "open": int(np.sum(~trial.normal_contact.active)),
         "closed": comm.allreduce(int(trial.kinematics.closed.sum())),
         "shared": int(surface.vertices.shared.sum()),
+        "rim": 0 if trial.normal_contact.rim is None else int(trial.normal_contact.rim.sum()),
+        "fading": comm.allreduce(_count_fading(trial)),
+        "rays": trial.projection.rays is not None,
     }
+
+
+def _count_fading(trial):
+    share = trial.projection.share
+    return 0 if share is None else int(np.count_nonzero((share < 1.0) & trial.kinematics.closed))
 
 
 def _cells_above(space):
@@ -267,15 +284,17 @@ def _dense_rows(A):
 
 
 @pytest.mark.mpi(facts, 2, 3)
-@pytest.mark.parametrize("shape", SHARED)
+@pytest.mark.parametrize("shape", [*SHARED, *FILMS])
 def test_forces_and_tangent_do_not_depend_on_the_ranks(shape, on_ranks):
     """Entry by entry, where vertices have their facets on several ranks."""
     alone = on_ranks(facts, 1)[shape]
     assert alone["shared"] == 0 and alone["open"] > 0 and max(alone["pressure"]) > 0.0
+    assert (alone["rim"] > 0) == (shape in FILMS)
+    assert (alone["fading"] > 0) == (shape in FILMS[2:]) and alone["rays"] == (shape == FILMS[3])
     for ranks in (2, 3):
         one = on_ranks(facts, ranks)[shape]
         assert one["shared"] > 0
-        assert (one["open"], one["closed"]) == (alone["open"], alone["closed"])
+        assert all(one[name] == alone[name] for name in ("open", "closed", "rim", "fading"))
         for name in ("force", "tangent", "pressure", "gap"):
             expected = np.array(alone[name])
             scale = np.abs(expected).max()

@@ -25,7 +25,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.optimize import minimize_scalar
+from scipy.optimize import minimize, minimize_scalar
 
 from geometry.surfaces.facets import Floats
 
@@ -118,6 +118,51 @@ def half_width(
         used = (gap > LEAST * unit) & (gap < MOST * unit) & (x > 0.5 * a)
         a = _end(x[used], gap[used], a, shape)
     return a
+
+
+def disc(rubber: Floats, centre: Floats, radius: float) -> float:
+    """Radius, m, of a sphere's circle of contact with a surface below it that was flat.
+
+    All nodes around are fitted at once, with the place of the circle along x free.
+
+    Args:
+        rubber: (n, 3), m, current nodes of the surface; y points towards the sphere.
+        centre: (3,), m, of the sphere.
+        radius: m, of the sphere.
+
+    Raises:
+        ValueError: they do not touch, or too few nodes lie beside the contact.
+    """
+    at = rubber[:, ::2] - centre[::2]
+    at, height = at[near := np.hypot(*at.T) < 0.5 * radius], rubber[near, 1]
+    gap = centre[1] - np.sqrt(radius**2 - np.sum(at**2, axis=1)) - height
+    touching = gap < 0.01 * gap.max()
+    if touching.sum() < 3:
+        raise ValueError("the surfaces do not touch")
+    a, shift = float(np.hypot(*at[touching].T).max()), 0.0
+    for _ in range(6):
+        unit = 0.5 * a**2 / radius
+        used = (gap > LEAST * unit) & (gap < MOST * unit) & (np.hypot(*at.T) > 0.5 * a)
+        if used.sum() < 8:
+            raise ValueError("too few nodes lie beside the contact for its end to be found")
+        a, shift = _circle(at[used], gap[used], a, shift)
+    return a
+
+
+def _circle(at: Floats, gap: Floats, a: float, shift: float) -> tuple[float, float]:
+    """Radius and place in x, m, of the circle that free nodes at (n, 2) are beyond."""
+
+    def misfit(of: Floats) -> float:
+        rho = np.hypot(at[:, 0] / a - of[1], at[:, 1] / a) / of[0]
+        f = beyond_point(np.maximum(rho, 1.0))
+        weight = 1.0 / np.sqrt(f + LEAST)  # what lies inside counts little
+        basis = np.stack([f, f * (rho - 1.0)], axis=1) * weight[:, None]
+        c, *_ = np.linalg.lstsq(basis, gap * weight, rcond=None)
+        return float(np.sum((basis @ c - gap * weight) ** 2)) / float(gap.max()) ** 2
+
+    first = np.array([1.0, shift / a])
+    found = minimize(misfit, first, method="Nelder-Mead", options={"xatol": 1e-6, "fatol": 1e-14})
+    return float(found.x[0]) * a, float(found.x[1]) * a
 
 
 def _rough(x: Floats, gap: Floats, radius: float) -> tuple[float, float]:

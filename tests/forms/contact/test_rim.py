@@ -1,0 +1,138 @@
+"""Where a contact ends within a facet, and how much of its points' pieces is covered."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from forms.contact.pressure import PointwisePressure
+from forms.contact.rim import _EARLY, rim_cover
+from forms.contact.state import AS_IS, NormalContact
+from tests.contact_boxes import PENALTY
+from tests.forms.contact.test_pressure import touching
+
+MODULUS, STEEP = 7.0, 1.3  # E*; k of the pressure k √d
+
+
+def normal_of(surface, gap):
+    """Contact with these mean gaps (v,) at its vertices."""
+    vertices, active = surface.vertices, gap <= 0.0
+    spring = np.where(active, -PENALTY * gap, 0.0)
+    pressure = vertices.at_points(spring)
+    closed = active[vertices.of_point].any(axis=1)
+    return NormalContact(closed, pressure, pressure, gap, spring, active)
+
+
+def cover_of(surface, gap, modulus=MODULUS):
+    stiffness = np.full(surface.vertices.count, PENALTY)
+    return rim_cover(surface, normal_of(surface, gap), stiffness, modulus)
+
+
+def at_the_end(distance):
+    """Mean gaps beside the end of a smooth contact, from signed distances, positive inside."""
+    inside, outside = np.maximum(distance, 0.0), np.maximum(-distance, 0.0)
+    gap = 4.0 * STEEP / (3.0 * MODULUS) * outside**1.5
+    return np.where(distance > 0.0, -STEEP * np.sqrt(inside) / PENALTY, gap)
+
+
+@pytest.mark.parametrize("place", [0.02, 0.4, 0.77, 0.99])
+@pytest.mark.parametrize("shape", ["Q4", "T6"])
+def test_root_pressure_and_gap_give_the_exact_end(shape, place):
+    """On the facet where the end is, pieces are covered up to it and a little further."""
+    surface = touching(shape)[0].surface
+    vertices, slave = surface.vertices, surface.slave
+    x = np.unique(np.round(vertices.position[:, 0], 12))
+    low, high = x[2:4]
+    size = high - low
+    end = low + place * size
+    cover, _ = cover_of(surface, at_the_end(end - vertices.position[:, 0]))
+    here = np.abs(slave.position[:, 0] - 0.5 * (low + high)) < 0.5 * size
+    piece = (slave.facet_length * slave.facet_share)[here]
+    away = end - slave.position[here, 0] + _EARLY * size
+    np.testing.assert_allclose(cover[here], np.clip(0.5 + away / piece, 0.0, 1.0), atol=1e-9)
+    np.testing.assert_array_equal(cover[~here], 1.0)
+
+
+def test_the_end_comes_early_by_what_was_measured():
+    """See the module: 0.13 to 0.20 of a facet, in the mean 0.16 where no facet is full."""
+    assert 0.16 <= _EARLY <= 0.20
+
+
+@pytest.mark.parametrize("shape", ["tet4", "hex8", "hex27"])
+def test_the_exact_end_on_facets_in_space(shape):
+    """A straight end across one facet: distances of its vertices that differ by its length."""
+    surface = touching(shape)[0].surface
+    vertices, slave = surface.vertices, surface.slave
+    point = len(slave.weight) // 2
+    corners, size = vertices.of_point[point], slave.facet_length[point]
+    distance = np.linspace(0.3, -0.7, len(corners)) * size
+    gap = np.full(vertices.count, -1.0)
+    gap[corners] = at_the_end(distance)
+    cover, _ = cover_of(surface, gap)
+    here = np.nonzero(slave.facet == slave.facet[point])[0]
+    phi = vertices.shape[here] @ distance + _EARLY * size
+    piece = size * np.sqrt(slave.facet_share[here])
+    np.testing.assert_allclose(cover[here], np.clip(0.5 + phi / piece, 0.0, 1.0), atol=1e-9)
+    assert ((cover[here] > 0.0) & (cover[here] < 1.0)).any()
+
+
+@pytest.mark.parametrize("shape", ["Q4", "T6", "tet4", "hex8"])
+def test_derivatives_against_differences(shape):
+    surface = touching(shape)[0].surface
+    count, rng = surface.vertices.count, np.random.default_rng(5)
+    felt, h = 0, 1e-7
+    for _ in range(6):
+        gap, way = rng.uniform(-0.02, 0.03, count), rng.normal(size=count)
+        cover, slope = cover_of(surface, gap)
+        sides = [cover_of(surface, gap + sign * h * way)[0] for sign in (1.0, -1.0)]
+        expected = (sides[0] - sides[1]) / (2.0 * h)
+        change = np.einsum("qk,qk->q", slope, way[surface.vertices.of_point])
+        scale = np.abs(expected).max(initial=1.0)
+        np.testing.assert_allclose(change, expected, rtol=0, atol=1e-6 * scale)
+        assert np.all((cover >= 0.0) & (cover <= 1.0))
+        felt += np.count_nonzero(slope.any(axis=1))
+    assert felt > 3
+
+
+@pytest.mark.parametrize("shape", ["Q4", "hex8"])
+def test_units_change_nothing(shape):
+    """Pressures and moduli in other units."""
+    surface = touching(shape)[0].surface
+    gap = np.random.default_rng(2).uniform(-0.02, 0.03, surface.vertices.count)
+    normal = normal_of(surface, gap)
+    stiffness = np.full(surface.vertices.count, PENALTY)
+    cover, slope = rim_cover(surface, normal, stiffness, MODULUS)
+    other, steeper = rim_cover(surface, normal, 1e6 * stiffness, 1e6 * MODULUS)
+    assert slope is not None and steeper is not None and (cover < 1.0).any()
+    np.testing.assert_allclose(other, cover, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(steeper, slope, rtol=1e-9, atol=1e-12)
+
+
+def test_all_is_covered_where_there_is_no_rim():
+    rule, at = touching("Q4")
+    surface = rule.surface
+    count = surface.vertices.count
+    mixed = np.random.default_rng(2).uniform(-0.02, 0.03, count)
+    for gap, modulus in (
+        (np.full(count, -0.01), MODULUS),
+        (np.full(count, 0.01), MODULUS),
+        (mixed, None),
+    ):
+        cover, slope = cover_of(surface, gap, modulus)
+        assert slope is None and np.all(cover == 1.0)
+    assert (cover_of(surface, mixed)[0] < 1.0).any()
+    points = 0.03 * np.sin(9.0 * surface.slave.position[:, 0])
+    normal = PointwisePressure(surface, PENALTY).evaluate(replace(at, gap=points), AS_IS)
+    cover, slope = rim_cover(surface, normal, np.ones(count), MODULUS)
+    assert slope is None and np.all(cover == 1.0)
+
+
+def test_vertices_that_only_touch_give_no_end():
+    """Neither pressure nor opening says where it is: numbers stay finite all the same."""
+    surface = touching("Q4")[0].surface
+    gap = np.where(np.arange(surface.vertices.count) % 2 == 0, 0.0, 1e-300)
+    cover, slope = cover_of(surface, gap)
+    assert np.all(np.isfinite(cover)) and np.all((cover > 0.5) & (cover <= 1.0))
+    assert slope is not None and np.all(np.isfinite(slope))

@@ -1,0 +1,94 @@
+"""Normals of a slave surface in the plane: where they point, and how they change."""
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from geometry.surfaces.facets import facet_shape
+from geometry.surfaces.slave_normals import CHORDS, SlaveNormals
+from geometry.surfaces.vertices import SlaveVertices
+
+PLACES = np.array([0.1, 0.5, 0.8])  # of the points on each facet, from its first vertex
+
+
+def prepared(position, closed=False, seed=0):
+    """Normals over a chain of vertices with the body to its right; facets numbered either way.
+
+    Returns:
+        The normals, and of each point its facet and its place along the chain.
+    """
+    rng = np.random.default_rng(seed)
+    count = len(position)
+    start = np.repeat(np.arange(count if closed else count - 1), len(PLACES))
+    end, xi = (start + 1) % count, np.tile(PLACES, len(start) // len(PLACES))
+    flipped = rng.random(len(start)) < 0.5
+    number = rng.permutation(count)  # of the vertices, in any order
+    first, second = np.where(flipped, end, start), np.where(flipped, start, end)
+    place = np.where(flipped, 1.0 - xi, xi)[:, None]
+    vertices = SlaveVertices(
+        nodes=np.arange(count),
+        position=position[np.argsort(number)],
+        of_point=number[np.stack([first, second], axis=1)],
+        shape=facet_shape("interval", 1).values(place),
+        area=np.ones(count),
+        length=np.ones(count),
+        shared=np.zeros(count, dtype=bool),
+        comm=MPI.COMM_SELF,
+    )
+    assert flipped.any() and not flipped.all()
+    return SlaveNormals(vertices, flipped), vertices, start, xi
+
+
+def normals_of(position, **options):
+    made, vertices, start, xi = prepared(position, **options)
+    return made.at(vertices.position[made.around]).normal, start, xi
+
+
+def left(way):
+    way = np.atleast_2d(way)
+    return np.stack([-way[:, 1], way[:, 0]], axis=1) / np.linalg.norm(way, axis=1)[:, None]
+
+
+def test_of_a_flat_side_they_are_its_own():
+    """Towards the body, also at the ends."""
+    position = np.array([[0.0, 0.0], [1.0, 0.5], [4.0, 2.0], [5.0, 2.5]])
+    normal, _, _ = normals_of(position)
+    np.testing.assert_allclose(normal, np.broadcast_to(-left([2.0, 1.0]), normal.shape), atol=1e-15)
+
+
+def test_between_vertices_the_chords_normals_are_mixed():
+    """The definition in numbers; at the ends the chord is the last facet."""
+    position = np.array([[0.0, 0.0], [1.0, 0.2], [1.7, -0.3], [3.0, 0.1], [3.4, 0.9]])
+    normal, start, xi = normals_of(position)
+    low, high = np.maximum(np.arange(5) - 1, 0), np.minimum(np.arange(5) + 1, 4)
+    nu = left(position[high] - position[low])
+    mixed = (1.0 - xi)[:, None] * nu[start] + xi[:, None] * nu[start + 1]
+    expected = -mixed / np.linalg.norm(mixed, axis=1)[:, None]
+    np.testing.assert_allclose(normal, expected, rtol=0, atol=1e-14)
+
+
+def test_on_a_closed_round_they_are_radial():
+    """A regular polygon: at the middles of its facets exactly."""
+    angle = -np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
+    position = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    normal, start, xi = normals_of(position, closed=True)
+    middle = xi == 0.5
+    out = position[start] + position[(start + 1) % 12]
+    out /= np.linalg.norm(out, axis=1)[:, None]
+    np.testing.assert_allclose(normal[middle], -out[middle], rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_changes_against_differences(seed):
+    rng = np.random.default_rng(seed)
+    position = np.stack([np.arange(6.0), np.zeros(6)], axis=1) + rng.uniform(-0.3, 0.3, (6, 2))
+    made, vertices, _, _ = prepared(position, seed=seed)
+    where = vertices.position[made.around]
+    at, way, h = made.at(where), rng.normal(size=where.shape), 3e-6
+    slope = (made.at(where + h * way).normal - made.at(where - h * way).normal) / (2.0 * h)
+    change = np.einsum("qeij,es,qsj->qi", at.change, CHORDS, way)
+    np.testing.assert_allclose(change, slope, rtol=0, atol=1e-9)
+    assert np.abs(slope).max() > 0.1
+    some = at.of(np.array([3, 1]))
+    np.testing.assert_array_equal(some.normal, at.normal[[3, 1]])
+    np.testing.assert_array_equal(some.change, at.change[[3, 1]])
