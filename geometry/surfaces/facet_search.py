@@ -127,6 +127,9 @@ class FacetSearch:
         keep = bound <= least[point] + self.slack
         point, facet = point[keep], facet[keep]
         distance = self._distances(points, facets, point, facet)
+        # From these distances alone: the same pair rounds otherwise among others, and far from the
+        # origin by more than a tie, so that a point might keep no facet at all.
+        least = np.full(len(points), np.inf)
         np.minimum.at(least, point, distance)
         excess = distance - least[point]
         keep = np.nonzero(excess <= self.slack)[0]
