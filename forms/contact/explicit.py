@@ -23,6 +23,7 @@ import numpy as np
 
 from forms.contact.kinematics import relate
 from forms.contact.penalty import ContactTerm
+from forms.contact.pressure import AveragedPressure
 from forms.contact.state import AS_IS, ContactTrial
 from geometry.surfaces.exchange import NodalVector, SurfaceExchange
 from geometry.surfaces.facets import Floats, Ints
@@ -80,7 +81,8 @@ class ExplicitContact:
         slave = self._values[self.exchange.slave_rows]
         points = surface.slave_positions(slave)
         nodes = surface.master.position + self._values[first:]
-        projection = surface.project(points, nodes)
+        averaged = isinstance(term.rule, AveragedPressure)
+        projection = surface.project(points, nodes, fading=averaged)
         normal = term.rule.evaluate(projection, AS_IS, ROUNDOFF_DEPTH)
         kinematics = relate(points, projection, term.anchor(nodes), normal.closed)
         film = term.film.at(normal.pressure)[0]

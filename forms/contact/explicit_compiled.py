@@ -32,7 +32,7 @@ _DOUBLES = ("touching", "roundoff", "slack", "tie")
 _INPUTS = (
     *("weight", "shape", "slope", "reference", "direction", "rows"),
     *("master", "facets", "previous", "next"),
-    *("penalty", "of_point", "vertex_shape", "sums", "nodal_pressure", "active"),
+    *("penalty", "reach", "of_point", "vertex_shape", "sums", "nodal_pressure", "active"),
     *("candidate", "searched_points", "searched_nodes", "values", "load"),
     *("facet_before", "xi_before", "component_before", "length_before", "gap_before"),
 )
@@ -40,7 +40,7 @@ _VECTORS = ("position", "foot", "normal", "tangent", "slip", "elastic", "tractio
 _RESULTS = (
     *("current", "position", "area_ratio", "xi", "foot", "normal", "tangent", "gap", "slip"),
     *("elastic", "pressure", "traction", "component", "length", "gap_after", "friction"),
-    *("viscous", "work", "facet", "clamped", "on_surface", "closed"),
+    *("viscous", "work", "share", "facet", "clamped", "on_surface", "closed"),
 )
 _FILM = ("tau", "film", "dry", "compliance")
 
@@ -109,6 +109,7 @@ class _Buffers:
             gap=a["gap"],
             clamped=a["clamped"],
             on_surface=a["on_surface"],
+            share=a["share"] if self.pair.averaged else None,
         )
 
     def kinematics(self) -> ContactKinematics:
@@ -169,6 +170,7 @@ class CompiledContact(ExplicitContact):
             "previous": _facet_at(master.facets[:, 1], n),
             "next": _facet_at(master.facets[:, 0], n),
             "penalty": self.term.rule.point_stiffness(),
+            "reach": slave.reach,
             "of_point": vertices.of_point.astype(np.int64),
             "vertex_shape": vertices.shape,
             "sums": np.zeros((2, vertices.count)),

@@ -20,8 +20,9 @@ typedef struct {
     /* Master: (n, 2) positions, (f, 2) nodes, facets that end and start at a node. */
     const double *master;
     const int32_t *facets, *previous, *next;
-    /* Penalty (q) of points, where the pressure is not averaged. */
-    const double *penalty;
+    /* Penalty (q) of points, where the pressure is not averaged; where it is, the way (q) up to the
+     * open end of the master over which a point fades. */
+    const double *penalty, *reach;
     /* Vertices of the slave facets: (q, 2) numbers and shape functions; the sums (2, v) of gaps and
      * of covered area that the first pass makes; (v) what the second pass is given. */
     const int64_t *of_point;
@@ -41,6 +42,7 @@ typedef struct {
     /* Results: current nodes (n, 2), then per point. */
     double *current, *position, *area_ratio, *xi, *foot, *normal, *tangent, *gap, *slip, *elastic;
     double *pressure, *traction, *component, *length, *gap_after, *friction, *viscous, *work;
+    double *share;
     int32_t *facet;
     uint8_t *clamped, *on_surface, *closed;
     /* Film: traction (q, 2), viscosity (q), friction without it (q, 2), compliance (q). */
@@ -183,12 +185,30 @@ static void project(Pair *p, int64_t q)
         at_vertex(p, q, x, free, tau);
 }
 
+/* How much a point counts: less than 1 right beside the open end of the master only. */
+static double share_of(const Pair *p, int64_t q)
+{
+    const int32_t *ends = p->facets + 2 * p->facet[q];
+    int start_open = p->previous[ends[0]] < 0, end_open = p->next[ends[1]] < 0;
+    if (!start_open && !end_open)
+        return 1.0;
+    Vector along = less(at(p->master, ends[1]), at(p->master, ends[0]));
+    double length = sqrt(dot(along, along)), steep = length / fmin(p->reach[q], length), share = 1.0;
+    if (start_open)
+        share = fmin(share, p->xi[q] * steep);
+    if (end_open)
+        share = fmin(share, (1.0 - p->xi[q]) * steep);
+    return share;
+}
+
 /* Add the gap of a point with a master below it, and its area, to its facet's vertices. */
 static void add_to_vertices(Pair *p, int64_t q)
 {
+    p->share[q] = 1.0;
     if (!p->on_surface[q])
         return;
-    double area = p->weight[q], gap = area * p->gap[q];
+    p->share[q] = share_of(p, q);
+    double area = p->share[q] * p->weight[q], gap = area * p->gap[q];
     for (int64_t k = 2 * q; k < 2 * q + 2; ++k) {
         p->sums[p->of_point[k]] += p->vertex_shape[k] * gap;
         p->sums[p->vertices + p->of_point[k]] += p->vertex_shape[k] * area;
@@ -204,7 +224,8 @@ static void press(Pair *p, int64_t q)
         const double *shape = p->vertex_shape + 2 * q;
         p->closed[q] = p->on_surface[q] && (p->active[vertex[0]] || p->active[vertex[1]]);
         if (p->closed[q])
-            pressure = shape[0] * p->nodal_pressure[vertex[0]] + shape[1] * p->nodal_pressure[vertex[1]];
+            pressure = p->share[q] * (shape[0] * p->nodal_pressure[vertex[0]]
+                                      + shape[1] * p->nodal_pressure[vertex[1]]);
     } else {
         Vector tau = at(p->tangent, q);
         double gap = p->gap[q], size = sqrt(dot(tau, tau));

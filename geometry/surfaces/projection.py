@@ -164,10 +164,27 @@ class FacetSurface:
                 fades; None: points count in full up to there.
         """
         controls = self._controls(nodes)
+        facet, xi, entity = self._closest(points, controls, frozen_facets)
+        if rays is not None:
+            assert self._rays is not None
+            facet, xi, met = self._rays.hits(points, rays.normal, controls, facet, xi)
+            entity = np.full_like(entity, INTERIOR)
+        out = self._at(points, controls, facet, xi, entity)
+        if rays is not None:
+            out.normal = rays.normal
+            out.gap = np.einsum("qi,qi->q", points - out.foot, out.normal)
+            out.on_surface, out.rays = met, rays
+        self._fade(out, fading)
+        return out
+
+    def _closest(
+        self, points: Floats, controls: Floats, frozen_facets: Ints | None
+    ) -> tuple[Ints, Floats, Ints]:
+        """Facets (q,), ξ (q, α) and entities (q,) of the closest points."""
         point, facet = self.search.pairs(points, controls)
         if not len(points):
             empty = np.empty(0, dtype=np.int32)
-            return self._at(points, controls, empty, np.empty((0, self.shape.directions)), empty)
+            return empty, np.empty((0, self.shape.directions)), empty
         pair = closest_points(self.shape, controls[facet], points[point])
         start = np.searchsorted(point, np.arange(len(points)))
         distance = np.sqrt(pair.squared)
@@ -183,18 +200,7 @@ class FacetSurface:
             facet = np.where(stays, frozen_facets, facet)
             entity = np.where(stays, INTERIOR, entity)
             xi = np.where(stays[:, None], there, xi)
-        if rays is None:
-            out = self._at(points, controls, facet, xi, entity)
-            self._fade(out, fading)
-            return out
-        assert self._rays is not None
-        facet, xi, met = self._rays.hits(points, rays.normal, controls, facet, xi)
-        out = self._at(points, controls, facet, xi, np.full_like(entity, INTERIOR))
-        out.normal = rays.normal
-        out.gap = np.einsum("qi,qi->q", points - out.foot, out.normal)
-        out.on_surface, out.rays = met, rays
-        self._fade(out, fading)
-        return out
+        return facet, xi, entity
 
     def _fade(self, out: Projection, reach: Floats | None) -> None:
         """Let points fade over the last way ``reach`` (q,), m, up to the end of the surface.
