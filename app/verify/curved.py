@@ -184,23 +184,28 @@ def film_over_sphere(overrides: Sequence[str] = ()) -> Verification:
 # --- pressed -------------------------------------------------------------------------------------
 
 SOFT = ("bodies.elastomer.nu=0.4999", "stage.0.steps=2")
-ON_FLAT = (*SOFT, "geometry.contact_size=20 um", "geometry.block.contact_size=26 um")
+ON_FLAT = (*SOFT, "geometry.contact_size=12 um", "geometry.block.contact_size=16 um")
 BY_FORCE = (
     'boundary.1={surface="top", displacement={x=0}, '
-    'platen={direction="y", force=[["0 s", 0], ["1 s", "32 N"]]}}',
+    'platen={direction="y", force=[["0 s", 0], ["1 s", "0.032 N"]]}}',
 )
 TWO = (
     *SOFT,
     "bodies.aluminium.nu=0.4999",
-    "geometry.contact_size=20 um",
-    "geometry.lower.contact_size=26 um",
+    "geometry.contact_size=12 um",
+    "geometry.lower.contact_size=16 um",
     'contact.0.friction={law="frictionless"}',
 )
-WAYS = {
-    "by displacement": ("hertz-line", ON_FLAT),
-    "by force": ("hertz-line", (*ON_FLAT, *BY_FORCE)),
-    "two cylinders": ("hertz-two-cylinders", TWO),
+WAYS: dict[str, tuple[str, tuple[str, ...], float]] = {
+    "by displacement": ("hertz-line", ON_FLAT, 0.9),
+    "by force": ("hertz-line", (*ON_FLAT, *BY_FORCE), 0.9),
+    "two cylinders": ("hertz-two-cylinders", TWO, 0.8),
 }
+"""Case, options, and the share of the half-width within which all nodes count.
+
+The last node that bears may stand up to a facet inside the end; it then carries too much, the next
+one too little, and so on with halving errors. Between equally soft bodies three nodes feel it.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,10 +216,9 @@ class Nodal:
     pressure: Floats
     exact: LineContact
 
-    @property
-    def apart(self) -> float:
-        """Largest deviation inside 0.9 a, over p0."""
-        inside = np.abs(self.x) < 0.9 * self.exact.half_width
+    def apart(self, share: float) -> float:
+        """Largest deviation within a ``share`` of the half-width, over p0."""
+        inside = np.abs(self.x) < share * self.exact.half_width
         away = np.abs(self.pressure - self.exact.pressure(self.x))[inside]
         return float(away.max() / self.exact.peak)
 
@@ -240,7 +244,7 @@ def press_nodes(name: str, overrides: Sequence[str] = ()) -> Nodal:
 def pressed_curve(overrides: Sequence[str] = ()) -> Verification:
     """Nodal pressures of nearly incompressible cylinders against Hertz's."""
     checks, lines = [], []
-    for way, (name, options) in WAYS.items():
+    for way, (name, options, share) in WAYS.items():
         found = press_nodes(name, [*options, *overrides])
         exact, closed = found.exact, found.pressure > 0.0
         a, p0 = exact.half_width, exact.peak
@@ -249,7 +253,7 @@ def pressed_curve(overrides: Sequence[str] = ()) -> Verification:
         checks += [
             compare(f"{way}: half-width a", width * 1e6, a * 1e6, 0.01, "µm"),
             compare(f"{way}: largest nodal pressure", peak * 1e-3, p0 * 1e-3, 0.015, "kPa"),
-            Check(f"{way}: any node within 0.9 a, max / p0", found.apart, 0.03),
+            Check(f"{way}: nodes within {share:g} a, max / p0", found.apart(share), 0.03),
         ]
         lines.append(Line(way, found.x[closed] / a, found.pressure[closed] / p0))
     x = np.sin(np.linspace(-0.5 * np.pi, 0.5 * np.pi, 201))
@@ -257,7 +261,7 @@ def pressed_curve(overrides: Sequence[str] = ()) -> Verification:
     return Verification(
         "pressed-curve",
         "nearly incompressible cylinders, nodal pressures",
-        "cases/hertz-line.toml with ν = 0.4999 and facets of 20 µm on 26 µm, pressed by "
+        "cases/hertz-line.toml with ν = 0.4999 and facets of 12 µm on 16 µm, pressed by "
         "displacement and by a platen's force from the first touch, and two like cylinders "
         "(cases/hertz-two-cylinders.toml) with ν = 0.4999, where nodes do not match either.",
         tuple(checks),

@@ -21,6 +21,7 @@ from app.verify.contact import (
     hertz_two_cylinders,
     mindlin_reversal,
 )
+from app.verify.curved import film_over_curve, film_over_sphere, pressed_curve
 from app.verify.result import Check, Verification
 from app.verify.sliding import block_slide, film_sliding, friction_law, penalty
 from app.verify.space import isotropy, patch_space
@@ -34,10 +35,13 @@ CASES: dict[str, Callable[[], Verification]] = {
     "block-compression": block_compression,
     "hertz-line": hertz_line,
     "hertz-two-cylinders": hertz_two_cylinders,
+    "film-over-curve": film_over_curve,
+    "pressed-curve": pressed_curve,
     "cattaneo-mindlin": cattaneo_mindlin,
     "mindlin-reversal": mindlin_reversal,
     "isotropy": isotropy,
     "patch-space": patch_space,
+    "film-over-sphere": film_over_sphere,
     "hertz-point": hertz_point,
     "sphere-twist": sphere_twist,
     "curved-sliding": curved_sliding,

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import tomllib
+
+import numpy as np
 import pytest
+from mpi4py import MPI
 
 from app.build.contacts import contact_modulus, penalty_modulus
+from app.build.model import build_model
+from app.case.case import Case
 from forms.bodies.materials import Hencky, NeoHookean, oedometric_modulus, shear_and_bulk
 from forms.closed_forms import hertz_line
 
@@ -33,3 +39,23 @@ def test_penalty_modulus(ratio, expected):
     oedometric = 14.0 * (1.0 - ratio) / (1.0 - 2.0 * ratio)
     assert penalty_modulus(body, "pointwise") == pytest.approx(oedometric, rel=1e-9)
     assert oedometric_modulus(body) == pytest.approx(oedometric, rel=1e-9)
+
+
+@pytest.mark.parametrize("pressure", ["averaged", "pointwise"])
+@pytest.mark.parametrize("turned", [False, True])
+def test_default_penalty_goes_by_the_softer_body(block, pressure, turned):
+    """Whichever is the slave."""
+    data = tomllib.loads(block)
+    contact = data["contact"][0] | {"pressure": pressure}
+    if turned:
+        contact |= {"slave": contact["master"], "master": contact["slave"]}
+    data["contact"] = [contact]
+    model = build_model(Case.model_validate(data), MPI.COMM_SELF)
+    [term] = model.problem.contacts
+    soft = min((s.material for s in model.problem.solids), key=oedometric_modulus)
+    surface = term.surface
+    length = surface.vertices.length if pressure == "averaged" else surface.slave.facet_length
+    expected = 30.0 * penalty_modulus(soft, pressure) / length
+    np.testing.assert_allclose(term.penalty, expected, rtol=1e-12)
+    both = [s.material for s in model.problem.solids]
+    assert term.modulus == pytest.approx(contact_modulus(*both), rel=1e-12)

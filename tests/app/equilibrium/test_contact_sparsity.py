@@ -5,12 +5,14 @@ from __future__ import annotations
 import dolfinx
 import numpy as np
 import pytest
+import scipy.sparse
 from petsc4py import PETSc
 
 from app.equilibrium.contact_sparsity import BlockPlaces, coupled_nodes, widened
 from app.equilibrium.equilibrium import Equilibrium
 from forms.friction.coulomb import CoulombLaw, CoulombParameters
 from tests.contact_boxes import Scene, take_all_for_kinked
+from tests.forms.contact.test_tangent_ends import at_the_rim
 
 LAW = CoulombLaw(CoulombParameters(mu=0.3, K_T=60.0))
 SHAPES = ["Q4", "T6", "tet4", "hex8", "tet10"]
@@ -58,6 +60,26 @@ def on_a_long_way(scene):
         assert np.abs(exact).max() > 1e-2
         np.testing.assert_allclose(dense(A), exact, rtol=0, atol=1e-12)
         problem.commit()
+
+
+def test_open_points_that_a_film_feels_need_room_too():
+    """Those beside a vertex at the rim; without a film only closed points do."""
+    scene, x = at_the_rim("hex8")
+    trial = scene.term.evaluate(x, 1.0)
+    open_points = trial.coupled() & ~trial.kinematics.closed
+    assert open_points.any()
+    window = widened(None, scene.term, trial)
+    assert window.holds(scene.term, trial)
+    keep = np.isin(
+        np.arange(window.touching.shape[0]),
+        scene.surface.slave.facet[trial.kinematics.closed],
+    )
+    window.touching = (scipy.sparse.diags(keep.astype(np.int32)) @ window.touching).tocsr()
+    window.touching.eliminate_zeros()
+    window.touching.sort_indices()
+    assert not window.holds(scene.term, trial)
+    trial.normal_contact.rim = None
+    assert window.holds(scene.term, trial)
 
 
 def fine_master(cell, count):

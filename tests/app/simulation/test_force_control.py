@@ -7,6 +7,7 @@ import pytest
 from mpi4py import MPI
 
 import app.build.model
+import app.implicit.approach
 from app.build.mesh import make_mesh
 from app.build.model import build_model
 from app.case.case import Case
@@ -135,6 +136,21 @@ def test_a_force_finds_the_contact_and_is_met(apart, shape, nu, steps, gap):
     assert cuts == 0 and max(row.newton_iterations for row in run.rows) <= MOST
     for count, row in enumerate(run.rows, 1):
         assert row.normal_force == pytest.approx(force * count / steps, rel=1e-7)
+
+
+def test_springs_let_the_load_move_the_body_to_the_other_at_once(apart, monkeypatch):
+    """The first stage goes the whole distance and a little further."""
+    ways, springs = [], app.implicit.approach._springs
+
+    def noted(bodies, loads, way, place):
+        ways.append(way)
+        return springs(bodies, loads, way, place)
+
+    monkeypatch.setattr(app.implicit.approach, "_springs", noted)
+    apart(30e-6)
+    simulate(pressed("cylinders", 0.45, 1))
+    assert 30e-6 < ways[0] < 33e-6
+    assert ways[1] < ways[0]
 
 
 def test_a_pressure_finds_the_contact_too(apart):

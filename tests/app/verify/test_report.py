@@ -50,6 +50,9 @@ def failed(found: Verification) -> set[str]:
 # Cases in space of tens of seconds; test_sphere.py runs them coarse.
 APART = {"hertz-point", "sphere-twist", "curved-sliding"}
 LONG = {
+    "film-over-curve",  # one Poisson's ratio, fewer steps, in test_curved.py
+    "film-over-sphere",
+    "pressed-curve",  # coarser in test_curved.py
     "patch-space",  # coarse in test_space.py
     "isotropy",  # coarse in test_space.py
     "mindlin-reversal",  # of the same parts as cattaneo-mindlin; reversal in test_reversal.py

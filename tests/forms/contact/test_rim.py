@@ -10,8 +10,9 @@ import pytest
 from forms.contact.pressure import PointwisePressure
 from forms.contact.rim import _EARLY, rim_cover
 from forms.contact.state import AS_IS, NormalContact
-from tests.contact_boxes import PENALTY
+from tests.contact_boxes import PENALTY, Scene
 from tests.forms.contact.test_pressure import touching
+from tests.forms.contact.test_tangent import film_map
 
 MODULUS, STEEP = 7.0, 1.3  # E*; k of the pressure k √d
 
@@ -37,7 +38,7 @@ def at_the_end(distance):
     return np.where(distance > 0.0, -STEEP * np.sqrt(inside) / PENALTY, gap)
 
 
-@pytest.mark.parametrize("place", [0.02, 0.4, 0.77, 0.99])
+@pytest.mark.parametrize("place", [0.0, 0.02, 0.4, 0.77, 0.99])
 @pytest.mark.parametrize("shape", ["Q4", "T6"])
 def test_root_pressure_and_gap_give_the_exact_end(shape, place):
     """On the facet where the end is, pieces are covered up to it and a little further."""
@@ -47,7 +48,9 @@ def test_root_pressure_and_gap_give_the_exact_end(shape, place):
     low, high = x[2:4]
     size = high - low
     end = low + place * size
-    cover, _ = cover_of(surface, at_the_end(end - vertices.position[:, 0]))
+    distance = end - vertices.position[:, 0]
+    distance[np.abs(distance) < 1e-9] = 0.0  # a vertex at the end itself just touches
+    cover, _ = cover_of(surface, at_the_end(distance))
     here = np.abs(slave.position[:, 0] - 0.5 * (low + high)) < 0.5 * size
     piece = (slave.facet_length * slave.facet_share)[here]
     away = end - slave.position[here, 0] + _EARLY * size
@@ -136,3 +139,22 @@ def test_vertices_that_only_touch_give_no_end():
     cover, slope = cover_of(surface, gap)
     assert np.all(np.isfinite(cover)) and np.all((cover > 0.5) & (cover <= 1.0))
     assert slope is not None and np.all(np.isfinite(slope))
+
+
+def test_cover_of_points_that_leave_the_master():
+    """What is covered of them counts by their share, and so do its derivatives."""
+    scene = Scene("Q4", film_map(), degree=5, fine=True, film=0.5)
+    surface, term = scene.surface, scene.term
+    term.modulus = MODULUS
+    gap = np.random.default_rng(2).uniform(-0.02, 0.03, surface.vertices.count)
+    at = scene.residual(scene.moved(np.zeros_like))[1].projection
+    share = np.linspace(0.2, 0.9, len(at.gap))
+    whole, part = normal_of(surface, gap), normal_of(surface, gap)
+    term.cover_rim(whole, at, linearise=True)
+    term.cover_rim(part, replace(at, share=share), linearise=True)
+    assert whole.cover_slope.any() and (whole.cover < 1.0).any()
+    np.testing.assert_allclose(part.cover, share * whole.cover, rtol=1e-14)
+    np.testing.assert_allclose(part.cover_slope, share[:, None] * whole.cover_slope, rtol=1e-14)
+    scaled = normal_of(surface, gap)
+    term.cover_rim(scaled, at, 0.1)
+    assert scaled.cover_slope is None and not np.allclose(scaled.cover, whole.cover)

@@ -53,6 +53,13 @@ def test_tangent_along_rays(along_rays, shape, name):
     assert scene.error(x) < 1e-9
 
 
+def test_points_along_rays_are_never_folded(along_rays, monkeypatch):
+    """Their rows have the slave's chords behind those of the master facets."""
+    monkeypatch.setattr(forms.contact.tangent, "WORTH_FOLDING", 0)
+    scene, x = scene_of()
+    assert scene.error(x) < 1e-9
+
+
 @pytest.mark.parametrize("shift", OVER)
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("modulus", [None, MODULUS])

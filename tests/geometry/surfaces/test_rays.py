@@ -106,10 +106,10 @@ def test_rays_past_the_ends_meet_nothing():
 
 @pytest.mark.parametrize(("cosine", "meets"), [(0.06, True), (0.04, False), (-0.5, False)])
 def test_rays_that_graze_a_facet_or_come_from_behind_meet_nothing(cosine, meets):
-    rays, controls = search(turning([0.0]))
+    rays, controls = search(0.1 * turning([0.0]))
     slope = np.sqrt(1.0 - cosine**2)
     normal = np.array([slope, cosine])  # its t, to the right of it, is at this cosine
-    facet, xi, met = hits(rays, controls, np.array([0.4, 0.0]) + 0.2 * normal, normal, 0)
+    facet, xi, met = hits(rays, controls, np.array([0.04, 0.0]) + 0.02 * normal, normal, 0)
     assert met[0] == meets and facet[0] == 0
     assert xi[0, 0] == pytest.approx(0.4 if meets else 0.5, rel=1e-9)
 
