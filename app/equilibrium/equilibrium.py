@@ -234,12 +234,36 @@ class Equilibrium:
         self._evaluate_contacts(x, DEFAULT_STEP)
         return self.tangent.new_matrix(self.trials)
 
-    def assemble_tangent(self, x: PETSc.Vec, A: PETSc.Mat, step: StepMode = DEFAULT_STEP) -> None:
-        """Tangent at ``x`` with all rows free but those that follow a platen; collective."""
+    def assemble_tangent(
+        self,
+        x: PETSc.Vec,
+        A: PETSc.Mat,
+        step: StepMode = DEFAULT_STEP,
+        before: PETSc.Vec | None = None,
+    ) -> None:
+        """Tangent at ``x`` with all rows free but those that follow a platen; collective.
+
+        Args:
+            x: displacement, m.
+            A: the matrix.
+            step: duration and contact modes.
+            before: displacement, m, that the pressure in nearly incompressible cells is carried
+                from (:mod:`forms.bodies.carried_pressure`); None: the exact tangent.
+        """
         self.spread(x)
         with self.timer("contact"):
             self._evaluate_contacts(x, step)
-        self.tangent.assemble(A, self.trials, self.timer, step.holding)
+        if before is not None:
+            self._carry_pressures(before)
+        self.tangent.assemble(A, self.trials, self.timer, step.holding, before is not None)
+
+    def _carry_pressures(self, before: PETSc.Vec) -> None:
+        with self.timer("assembly"):
+            self._work.array[: self.owned] = before.array_r
+            self._work.scatter_forward()
+            for solid in self.solids:
+                if solid.carried is not None:
+                    solid.carried.carry(self._work.array)
 
     def jacobian(
         self,
@@ -248,8 +272,12 @@ class Equilibrium:
         A: PETSc.Mat,
         P: PETSc.Mat,
         step: StepMode = DEFAULT_STEP,
+        before: PETSc.Vec | None = None,
     ) -> None:
-        """Exact tangent at ``x`` into ``A``; the SNES Jacobian. ``P`` is the same matrix."""
-        self.assemble_tangent(x, A, step)
+        """Tangent at ``x`` into ``A``; the SNES Jacobian. ``P`` is the same matrix.
+
+        Exact, unless pressures are carried from ``before``, see :meth:`assemble_tangent`.
+        """
+        self.assemble_tangent(x, A, step, before)
         with self.timer("assembly"):
             self.constraints.constrain_matrix(A)

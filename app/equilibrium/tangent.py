@@ -70,6 +70,7 @@ class Tangent:
         trials: Sequence[ContactTrial],
         timer: Stopwatch,
         holding: HoldingSprings | None = None,
+        carried: bool = False,
     ) -> None:
         """Fill ``A`` at the displacements spread last; collective.
 
@@ -80,6 +81,7 @@ class Tangent:
             trials: contacts at these displacements.
             timer: seconds by part.
             holding: springs that hold bodies; None: there are none.
+            carried: whether the volumetric parts take the pressures carried to them last.
         """
         with timer("contact"):
             self._keep_pattern(A, trials, timer)
@@ -88,7 +90,7 @@ class Tangent:
             couplings = [term.coupling(trial) for term, trial in pairs]
         with timer("assembly"):
             A.zeroEntries()
-            self._assemble_forms(A)
+            self._assemble_forms(A, carried)
         with timer("contact"):
             for nodes, values in blocks:
                 self._add_blocks(A, nodes, values)
@@ -100,8 +102,10 @@ class Tangent:
                 self.constraints.add_diagonal(A, holding.stiffness)
             A.assemble()
 
-    def _assemble_forms(self, A: PETSc.Mat) -> None:
+    def _assemble_forms(self, A: PETSc.Mat, carried: bool) -> None:
         forms = [part.tangent for solid in self.solids for part in solid.forms]
+        if carried:
+            forms += [s.carried.tangent for s in self.solids if s.carried is not None]
         forms += [p.tangent for p in self.pressures if p.value.value != 0.0]
         for form in forms:
             add_matrix(A, form, unrolled=bool(self.constraints.platens))

@@ -106,6 +106,7 @@ class HeldApproach:
             springs = _springs(attempt.bodies, carried, way, place)
             held = attempt.step.held(springs).with_penalty_scale(problem.contacts, pace.soft)
             trial.array[:] = place
+            attempt.newton.begin(trial)
             if stage == 0:
                 iterations += attempt.predictor.restart(attempt.x, trial, held)
             more, reason = attempt.newton.search(held, COARSE, LIMIT)

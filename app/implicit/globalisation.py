@@ -23,7 +23,7 @@ class PredictedStart:
 
     def run(self, attempt: Attempt) -> tuple[int, int]:
         """See :class:`Phase`."""
-        attempt.newton.forget()
+        attempt.newton.begin(attempt.x)
         if is_adrift(attempt):
             attempt.start = attempt.trial.array_r.copy()
             return 0, PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH
@@ -117,6 +117,7 @@ def solve(attempt: Attempt) -> tuple[int, int]:
     phases = phases_after(attempt)
     attempt.return_to_start()
     for phase in phases:
+        attempt.newton.begin(attempt.x)
         more, reason = phase.run(attempt)
         iterations += more
         if reason > 0:

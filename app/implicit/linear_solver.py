@@ -107,9 +107,17 @@ class LinearSolver:
         assert self._ksp is not None, "use() comes first"
         return self._ksp
 
-    def assemble(self, x: PETSc.Vec, step: StepMode = DEFAULT_STEP) -> None:
-        """Assemble the exact tangent at ``x``; collective."""
-        self.problem.jacobian(None, x, self.matrix, self.matrix, step)
+    def assemble(
+        self, x: PETSc.Vec, step: StepMode = DEFAULT_STEP, before: PETSc.Vec | None = None
+    ) -> None:
+        """Assemble the tangent at ``x``; collective.
+
+        Args:
+            x: state, m.
+            step: duration and contact modes.
+            before: state that pressures are carried from; None: the exact tangent.
+        """
+        self.problem.jacobian(None, x, self.matrix, self.matrix, step, before)
         self._changed()
 
     def solve_from(

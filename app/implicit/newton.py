@@ -95,6 +95,7 @@ class Newton:
         self.trial = trial
         self.residuals: list[float] = []
         self._residual = problem.new_vector()
+        self._before = problem.new_vector()  # where the tangent was taken last
         self._largest_force = 0.0
         self._step, self._phase, self._patient = DEFAULT_STEP, NEWTON_PHASES[0], False
         self._tolerance, self._limit = options.tolerance, options.max_iterations
@@ -174,9 +175,10 @@ class Newton:
         """Whether the last phase came so near that the bodies touch where they will."""
         return bool(self.residuals and self.residuals[-1] <= relative)
 
-    def forget(self) -> None:
-        """Forget the residuals of the last solution: a start was dropped before any iteration."""
+    def begin(self, x: PETSc.Vec) -> None:
+        """Begin again from the converged state ``x``: nothing of the last solution is known."""
         self.residuals = []
+        x.copy(self._before)
 
     def evaluate(self, step: StepMode) -> None:
         """Evaluate the problem at ``trial``, unless that was done last; collective."""
@@ -232,7 +234,8 @@ class Newton:
 
     def _jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, P: PETSc.Mat) -> None:
         if not self._reuse():
-            self.solver.assemble(x, self._step)
+            self.solver.assemble(x, self._step, self._before)
+            x.copy(self._before)
 
     def _reuse(self) -> bool:
         """Whether the tangent factorised last will do for an iteration that ends the step.

@@ -2,9 +2,9 @@
 
 Where the loads continue in proportion, the path of the last converged states is continued by the
 polynomial that leaves the least residual, and corrected once with the tangent factorised last
-(a substitution, no factorisation). Where they do not, one solve with the tangent at the last state
-carries the new prescribed displacements into the bodies; where that leaves much, a second one,
-without the stiffness of friction, lets them slide.
+(a substitution, no factorisation). Where they do not, or where the path leads nowhere, one solve
+with the tangent at the last state carries the new prescribed displacements into the bodies; where
+that leaves much, a second one, without the stiffness of friction, lets them slide.
 """
 
 from __future__ import annotations
@@ -69,7 +69,22 @@ class Predictor:
             return 1 + self._slide(x, drive.constrained, trial, step)
         if ratio > 0.0 and len(self._path) > 1:
             self._continue(x, trial, ratio, step)
+            if self._is_torn_off(trial, step):
+                x.copy(trial)
+                self._carry(x, drive.constrained, trial, step)
+                return 1
         return 0
+
+    def _is_torn_off(self, trial: PETSc.Vec, step: StepMode) -> bool:
+        """Whether the path leads far from a solution where nothing rubs; collective.
+
+        Contacts that grow under load are closed by far less than the path moves them, so that its
+        continuation opens many of them. The linear step holds them together; that its residual is
+        as large says little, for it is the volume's, not the contact's. Where contacts slide, the
+        path is the better guide all the same.
+        """
+        left = self._residual_norm(trial, step)
+        return not left <= FAR_OFF * self.problem.reference_force and not self._rubbing()
 
     def _continue(self, x: PETSc.Vec, trial: PETSc.Vec, ratio: float, step: StepMode) -> None:
         """Put the better of two starts into ``trial``, which holds the last converged state ``x``.

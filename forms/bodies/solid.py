@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 from ufl.algorithms import expand_derivatives
 from ufl.corealg.map_dag import map_expr_dag
-from ufl.corealg.multifunction import MultiFunction
 
+from forms.bodies.carried_pressure import CarriedPressure
 from forms.bodies.kinematics import (
     Kinematics,
     Section,
@@ -32,6 +32,7 @@ from forms.bodies.kinematics import (
     stretch_across,
 )
 from forms.bodies.materials import Material, oedometric_modulus
+from forms.bodies.without_variables import WithoutVariables
 
 Formulation = Literal["q1", "q1-sri", "q2"]
 DEGREE: dict[Formulation, int] = {"q1": 1, "q1-sri": 1, "q2": 2}
@@ -103,18 +104,13 @@ def _vanishes(derivative: Any) -> bool:
     return isinstance(expand_derivatives(derivative), ufl.constantvalue.Zero)
 
 
-class _WithoutVariables(MultiFunction):
-    """Replaces variables by their expressions; UFL's own visits shared parts many times."""
-
-    expr = MultiFunction.reuse_if_untouched
-
-    def variable(self, o: Any, operand: Any, label: Any) -> Any:
-        """The expression itself."""
-        return operand
-
-
 class Solid:
-    """A body: its cells, its material, and the compiled forms of its strain energy."""
+    """A body: its cells, its material, and the compiled forms of its strain energy.
+
+    Attributes:
+        forms: of each integral; carried: of the volumetric part of ``q1-sri``, what another
+            pressure changes of its tangent; None in the other formulations.
+    """
 
     def __init__(
         self,
@@ -159,7 +155,9 @@ class Solid:
         }
         self._roundoff = dolfinx.fem.form(self._roundoff_density() * self._dx(None))
         self.full_degree = full_degree(formulation, mesh.topology.cell_name())
-        self.forms = self._energy_forms(reduced=formulation == "q1-sri")
+        reduced = formulation == "q1-sri"
+        self.forms = self._energy_forms(reduced)
+        self.carried = self._carried() if reduced else None
 
     def _energy_forms(self, reduced: bool) -> list[CompiledForms]:
         """The forms of the strain energy; ``reduced``: the volumetric part by itself."""
@@ -175,6 +173,15 @@ class Solid:
             self._compiled(k, distortional, full),
             self._compiled(centre, volumetric, self._dx(CENTRE_DEGREE)),
         ]
+
+    def _carried(self) -> CarriedPressure:
+        return CarriedPressure(
+            self._u,
+            self.cells,
+            self.section,
+            lambda k: self.material.energy(k, self._constants)[1],
+            self._dx(CENTRE_DEGREE),
+        )
 
     def _compiled(self, k: Kinematics, density: Any, dx: Any) -> CompiledForms:
         if self.section == "3D":
@@ -194,9 +201,7 @@ class Solid:
     def cauchy_stress(self) -> Any:
         """Cauchy stress σ = J⁻¹ P Fᵀ (3, 3), Pa, the part across the plane included, in UFL."""
         sigma = self._spatial_stress() if self.section == "3D" else self._plane_stress()
-        # Variables are numbered over the whole process and the number enters FFCx's cache key: with
-        # them, the same expression would be compiled again in almost every run.
-        return map_expr_dag(_WithoutVariables(), expand_derivatives(sigma))
+        return map_expr_dag(WithoutVariables(), expand_derivatives(sigma))
 
     def _spatial_stress(self) -> Any:
         """Cauchy stress (3, 3) of W(J, I1, I2): J σ = J W_J I + 2 (W_1 + I1 W_2) b − 2 W_2 b²."""

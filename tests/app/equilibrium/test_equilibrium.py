@@ -350,12 +350,12 @@ def without_part_of_solids(part):
     def switch(patch):
         whole = Tangent._assemble_forms
 
-        def less(self, A):
+        def less(self, A, carried):
             kept = [list(solid.forms) for solid in self.solids]
             for solid in self.solids:
                 solid.forms = [] if part is None else [solid.forms[1 - part]]
             try:
-                whole(self, A)
+                whole(self, A, carried)
             finally:
                 for solid, all_forms in zip(self.solids, kept, strict=True):
                     solid.forms = all_forms

@@ -22,6 +22,7 @@ class Known:
     only tells the direction and is large. A solve gives ``share`` of the right increment.
 
     Attributes:
+        reference_force: what a residual is compared with.
         seen: all unknowns whose residual was evaluated.
         solves: how often the solver was asked; steps: how often for a linear step.
     """
@@ -35,6 +36,7 @@ class Known:
         self.pressures: list[SimpleNamespace] = []
         self.trials: list[SimpleNamespace] = []
         self.direct, self.works, self.share, self.basin = True, True, 1.0, np.inf
+        self.reference_force = np.inf
         self.seen: list[np.ndarray] = []
         self.solves = self.steps = 0
         self.x, self.trial = self.new_vector(), self.new_vector()
@@ -146,6 +148,18 @@ def test_where_the_extrapolation_leads_astray_the_last_state_is_corrected():
     left = problem.start(3.5) - problem.solution()
     assert left[2] == pytest.approx(-0.05 * 0.4**CORRECTIONS, rel=1e-6)
     assert CORRECTIONS > 1
+
+
+@pytest.mark.parametrize(("rubs", "force"), [(False, 1.0), (False, 1e4), (True, 1.0)])
+def test_where_nothing_rubs_a_start_far_off_is_replaced_by_the_linear_step(rubs, force):
+    problem = along(Known(lambda s: [s**4]), 0.0, 1.0, 2.0, 3.0)
+    problem.share, problem.reference_force = 0.0, force
+    slope = np.full(1, float(rubs))
+    problem.trials = [SimpleNamespace(response=SimpleNamespace(d_traction_d_slip=slope))]
+    start = problem.start(4.0)
+    replaced = not rubs and force == 1.0
+    assert problem.steps == replaced
+    assert (start[2] == pytest.approx(4.0**4)) == replaced
 
 
 def test_the_last_state_is_corrected_with_the_current_prescribed_values():
