@@ -98,16 +98,6 @@ def states(blocks):
         yield blocks.displaced(upper, common)
 
 
-def abrupt(blocks):
-    """A surface whose points count in full up to the master's end, as in explicit steps.
-
-    Only an equilibrium needs points that fade there.
-    """
-    surface = blocks.surface()
-    surface.slave.reach[:] *= 1e-9
-    return surface
-
-
 def vectors(blocks):
     space = blocks.u.function_space
     return NodalVector(space, blocks.u.x), NodalVector(space)
@@ -127,10 +117,10 @@ def test_the_same_contact_along_a_path(pair, name, kind, compiled):
     """Positions, projections, slip, elastic slip, law, loads and history of every step."""
     blocks = pair(lower=(5, 2))
     law, film = LAWS[name]
-    surface = abrupt(blocks)
+    surface = blocks.surface()
     penalty = uneven(surface, kind)
     reference = ContactTerm(surface, law, penalty, film, kind)
-    own = ContactTerm(abrupt(blocks), law, penalty, film, kind)
+    own = ContactTerm(blocks.surface(), law, penalty, film, kind)
     contact = explicit_contact(own, compiled)
     assert isinstance(contact, CompiledContact) == compiled
     u, out = vectors(blocks)
@@ -178,8 +168,8 @@ def test_it_goes_on_from_a_state_that_others_left(pair, compiled):
     """The implicit solution commits to the term in between; the explicit form sees it."""
     blocks = pair(lower=(5, 2))
     law, film = LAWS["coulomb"]
-    reference = ContactTerm(abrupt(blocks), law, PENALTY, film)
-    contact = explicit_contact(ContactTerm(abrupt(blocks), law, PENALTY, film), compiled)
+    reference = ContactTerm(blocks.surface(), law, PENALTY, film)
+    contact = explicit_contact(ContactTerm(blocks.surface(), law, PENALTY, film), compiled)
     u, _ = vectors(blocks)
     for step, x in enumerate(states(blocks)):
         expected = reference.evaluate(x, 0.5)
