@@ -33,6 +33,15 @@ def test_depths_are_judged_by_the_local_facets():
     assert state.force == pytest.approx(3.0) and state.area == pytest.approx(1.0)
 
 
+def test_mean_penetration_is_weighted_by_the_force_of_the_vertices():
+    surface = graded("Q4")
+    probe = PairProbe(ContactTerm(surface, FrictionlessLaw(), PENALTY))
+    pressure = np.maximum(np.linspace(-1.0, 3.0, surface.vertices.count), 0.0)
+    area = surface.vertices.area
+    expected = area @ pressure**2 / PENALTY / (area @ pressure)
+    assert probe.measure(trial_of(surface, pressure)).mean == pytest.approx(expected, rel=1e-12)
+
+
 @pytest.mark.parametrize(("pressed", "layers"), [(2, 1), (3, 2), (4, 3), (5, FEW), (0, 0)])
 def test_layers_are_counted_from_the_rim(pressed, layers):
     """The end of the slave is no rim; a facet counts if all its vertices press."""

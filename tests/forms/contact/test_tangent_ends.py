@@ -53,6 +53,16 @@ def test_tangent_along_rays(along_rays, shape, name):
     assert scene.error(x) < 1e-9
 
 
+def test_point_by_point_neither_rays_nor_fading_are_used(along_rays):
+    """That is the method as it was published."""
+    state = replace(STATES["slip"], before=(0.37, 0.0, -0.12), now=(0.4, 0.0, -0.14))
+    scene, x = prepared("Q4", state, bend=0.1, fine=True, degree=9, pressure="pointwise")
+    trial = scene.residual(x)[1]
+    assert trial.projection.rays is None and trial.projection.share is None
+    assert not trial.projection.on_surface.all() and scene.surface.normals is not None
+    assert scene.error(x) < 1e-9
+
+
 def test_points_along_rays_are_never_folded(along_rays, monkeypatch):
     """Their rows have the slave's chords behind those of the master facets."""
     monkeypatch.setattr(forms.contact.tangent, "WORTH_FOLDING", 0)
