@@ -119,7 +119,8 @@ class Newton:
         self._usual_search = str(options.getString("snes_linesearch_type"))
         snes.setFunction(self._function, self._residual)
         snes.setJacobian(self._jacobian, self.solver.matrix)
-        snes.setTolerances(max_it=self.options.max_iterations)
+        # A line search that fails on a tiny step must not pass for convergence.
+        snes.setTolerances(stol=0.0, max_it=self.options.max_iterations)
         snes.setConvergenceTest(self._test)
         try:
             snes.setFromOptions()

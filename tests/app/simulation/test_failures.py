@@ -127,7 +127,7 @@ HOPELESS = {
     lifted: ("press", "body elastomer has no support in y and no contact presses", SUPPORT),
     stiff: ("press", "contact.0: the penalty is 3e+07 times", "try the default penalty"),
     collapsing: ("press", "has nearly collapsed (volume ratio 0.", "try less load"),
-    wedged: ("slide", "has nearly collapsed (volume ratio 0.", "try less load"),
+    wedged: ("slide", "has nearly collapsed (volume ratio 0.", "or less load, a rounder corner"),
     pushed: (
         "slide",
         "contact.0: friction reaches its limit everywhere, T = 0.1",
