@@ -7,7 +7,7 @@ import platform
 import resource
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, astuple
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -23,10 +23,11 @@ from app.case.case import resolved_toml
 from app.implicit.stepper import StepResult
 from app.results.contact_nodes import contact_nodes, nodal_pressure, write_contact_nodes
 from app.results.contact_points import contact_arrays
-from app.results.directory import write_json, write_table, write_text
+from app.results.directory import write_json, write_text
 from app.results.fields import FieldWriter
+from app.results.run_tables import RunTables
 from app.simulation.contact_warnings import ContactWarnings
-from app.simulation.history import COLUMNS, Row, energy_gap
+from app.simulation.history import Row, energy_gap
 from app.simulation.inertia import notes_on_inertia
 from app.simulation.observer import Interval, Observer
 from app.simulation.roundoff_watch import RoundOffWatch
@@ -36,7 +37,6 @@ from geometry.surfaces.facets import Floats
 
 TINY = 1e-30  # J/m², below any dissipation
 UNBALANCED = 0.05  # energy error over the work from which a run is warned of
-HISTORY_EVERY = 2.0  # s between two rewrites of history.csv while running
 POINTS, NODES = "contact", "contact_nodes"  # directories, and names of their indices by time
 
 
@@ -57,7 +57,6 @@ class Recorder(Observer):
         self.load_steps: list[dict[str, Any]] = []
         self.every = model.case.output.fields_every
         self._outputs: list[tuple[float, str]] = []
-        self._written = time.monotonic()
         self._started = time.perf_counter()
         self._warned = False
         self._thin = False
@@ -71,6 +70,7 @@ class Recorder(Observer):
             write_text(directory / "case.toml", resolved_toml(model.case))
             for name in (POINTS, NODES):
                 (directory / name).mkdir()
+        self._tables: RunTables | None = None
         self.comm.barrier()
         surfaces = [term.surface for term in model.problem.contacts]
         self._fields = FieldWriter(model.problem.u, model.problem.solids, directory, surfaces)
@@ -84,9 +84,7 @@ class Recorder(Observer):
         self._label = row.stage
         self._roundoff.step(row, result)
         self._contacts.step(row, self.model.thickness)
-        if self.first and time.monotonic() - self._written > HISTORY_EVERY:
-            self._write_history(state)
-            self._written = time.monotonic()
+        self._write_tables(state)
 
     def load_step(
         self, state: RunState, load_step: LoadStep, row: Row, steady: bool | None
@@ -129,11 +127,8 @@ class Recorder(Observer):
         self._fields.close()
         explicit = {} if simulation.explicit is None else simulation.explicit.summary()
         shares = self.comm.gather(self._share())
+        self._write_tables(simulation.state)
         if self.first:
-            self._write_history(simulation.state)
-            if simulation.explicit is not None:
-                motion = simulation.explicit.motion
-                write_table(self.directory / "motion.csv", motion.columns, motion.rows)
             self._write_series()
             summary = self._summary(simulation, status, shares or [])
             parts = {"explicit": explicit} if explicit else {}
@@ -141,12 +136,13 @@ class Recorder(Observer):
 
     def rescue(self, simulation: Simulation) -> None:
         """Write the history after an error of this rank alone; not collective."""
-        if self.first:
-            self._write_history(simulation.state)
+        self._write_tables(simulation.state)
 
-    def _write_history(self, state: RunState) -> None:
-        rows = (astuple(row) for row in state.rows)
-        write_table(self.directory / "history.csv", COLUMNS, rows)
+    def _write_tables(self, state: RunState) -> None:
+        if self.first:
+            if self._tables is None:
+                self._tables = RunTables(self.directory, state)
+            self._tables.write(state)
 
     @property
     def last_output(self) -> tuple[float, str]:
