@@ -124,6 +124,12 @@ class ExplicitStepper:
         return self.state.v.owned
 
     @property
+    def whole_step_velocity(self) -> Floats:
+        """Velocities (n,) of the owned unknowns at the last whole step, m/s."""
+        out: Floats = self.v + 0.5 * self.state.last_dt * self.a
+        return out
+
+    @property
     def a(self) -> Floats:
         """Accelerations (n,) of the owned unknowns at the last whole step, m/s²."""
         return self.state.a.owned

@@ -208,7 +208,8 @@ class ExplicitStage:
         inertia = state.inertia[-1]
         inertia.add(flow.kinetic, state.energy_balance.strain)
         interval = Interval(steps, dt, self._stable, self.steps, inertia.last)
-        row = state.add_row(load_step, Effort(dt, 0, steps), Moved(self.stepper.v, outside))
+        moved = Moved(self.stepper.whole_step_velocity, outside)
+        row = state.add_row(load_step, Effort(dt, 0, steps), moved)
         observer.step(state, row, interval)
 
     def summary(self) -> dict[str, Any]:
