@@ -21,12 +21,14 @@ OWN = (
     "bodies.csv",
     "motion.csv",
     "log.txt",
-    "fields.bp",
-    "stress.bp",
+    "fields.pvd",
+    "fields",
     "contact.pvd",
     "contact",
-    "contact_nodes.pvd",
-    "contact_nodes",
+    "contact_points.pvd",
+    "contact_points",
+    "fields.bp",
+    "stress.bp",
     "figures",
     "sweep.csv",
     "mesh.msh",
@@ -40,7 +42,9 @@ OWN = (
     "friction.toml",
     "verification.md",
 )
-TEXT_COLUMNS = ("stage", "label", "pair", "surface", "body")
+# What earlier versions wrote and --force clears too.
+EARLIER = ("contact_nodes.pvd", "contact_nodes")
+TEXT_COLUMNS = ("stage", "label", "pair", "surface", "body", "probe")
 
 
 def default_directory(case_file: Path) -> Path:
@@ -106,7 +110,7 @@ def prepare(directory: Path) -> None:
 
 def _is_own(name: str, labels: Sequence[str]) -> bool:
     """Whether a name in a results directory is one of a result, or of a value of its sweep."""
-    return name.removesuffix(".part") in OWN or name in labels
+    return name.removesuffix(".part") in OWN + EARLIER or name in labels
 
 
 def write_text(path: Path, text: str) -> None:

@@ -114,12 +114,11 @@ def _saved_line(simulation: Simulation, recorder: Recorder) -> str:
     if state.step == 0:
         return f"no step was solved, so {directory} holds no state"
     # An explicit run fails between two rows; its last output may be that of the row before.
-    time, points = recorder.last_output
+    time, files = recorder.last_output
     what = "converged" if simulation.explicit is None else "valid"
     return (
         f"the last {what} state, step {state.step} at time {time:.6g} s, is saved in {directory}: "
-        f"last output of fields.bp and stress.bp, {points}, and the steps that led there in "
-        "history.csv"
+        f"{files}, and the steps that led there in history.csv"
     )
 
 

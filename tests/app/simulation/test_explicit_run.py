@@ -258,7 +258,7 @@ def test_a_phase_plot_of_a_sprung_surface(tmp_path):
     data["boundary"][1]["spring"] = {"direction": "x", "stiffness": "1e6 N/m", "end": "driven"}
     del data["boundary"][1]["displacement"]
     data["output"]["figures"] = True
-    run = run_case(Case.model_validate(data), tmp_path / "out", quiet=True, comm=MPI.COMM_SELF)
+    run_case(Case.model_validate(data), tmp_path / "out", quiet=True, comm=MPI.COMM_SELF)
     rows = [r for r in read_table(tmp_path / "out" / "surfaces.csv") if r["surface"] == "top"]
     stretch = 0.2 * (rows[-1]["time"] - 1.0) - rows[-1]["displacement_x"]
     assert 0.0 < rows[-1]["force_x"] < 2e6 * stretch  # the mean over an interval that swings
@@ -268,9 +268,8 @@ def test_a_phase_plot_of_a_sprung_surface(tmp_path):
     for axis in "xy":
         pushed = [row[f"boundary_force_{axis}"] + row[f"contact_force_{axis}"] for row in elastomer]
         gained = mass * np.diff([row[f"velocity_{axis}"] for row in elastomer])
-        # Means by rectangles against velocities at whole steps: half a time step of the force.
-        apart = 0.5 * run.rows[-1].dt * np.ptp(pushed)
-        assert np.abs(2e-6 * np.array(pushed[1:]) - gained).max() < 2.0 * apart
+        # Half a time step of a force that swings is left between means and velocities.
+        assert 2e-6 * np.array(pushed[1:]) == pytest.approx(gained, abs=5e-2 * np.abs(gained).max())
     assert rows[-1]["velocity_x"] > 0.0
     assert (tmp_path / "out" / "figures" / "phase.png").stat().st_size > 1000
 
