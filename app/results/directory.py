@@ -159,6 +159,18 @@ class GrowingTable:
         self.written += len(rows)
 
 
+def _entry(column: str, text: str) -> float | str:
+    """A number, or the text of a column that holds text; what is swept may be either."""
+    if column in TEXT_COLUMNS:
+        return text
+    try:
+        return float(text)
+    except ValueError:
+        if column == "value":
+            return text
+        raise
+
+
 def read_table(path: Path) -> list[dict[str, Any]]:
     """Rows of a CSV file written here, numbers as floats.
 
@@ -168,7 +180,7 @@ def read_table(path: Path) -> list[dict[str, Any]]:
     try:
         with path.open(newline="", encoding="utf-8") as stream:
             return [
-                {key: value if key in TEXT_COLUMNS else float(value) for key, value in row.items()}
+                {key: _entry(key, value) for key, value in row.items()}
                 for row in csv.DictReader(stream)
             ]
     except FileNotFoundError:
