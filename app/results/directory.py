@@ -19,7 +19,6 @@ OWN = (
     "contacts.csv",
     "surfaces.csv",
     "bodies.csv",
-    "motion.csv",
     "log.txt",
     "fields.pvd",
     "fields",
@@ -43,7 +42,7 @@ OWN = (
     "verification.md",
 )
 # What earlier versions wrote and --force clears too.
-EARLIER = ("contact_nodes.pvd", "contact_nodes")
+EARLIER = ("contact_nodes.pvd", "contact_nodes", "motion.csv")
 TEXT_COLUMNS = ("stage", "label", "pair", "surface", "body", "probe")
 
 
