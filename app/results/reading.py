@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 LAST = -1
+# Directories of the contact in results of earlier versions, which had contact_nodes.
+EARLIER_NAMES = {"contact": "contact_nodes", "contact_points": "contact"}
 
 
 def read(directory: str | Path) -> Results:
@@ -172,8 +174,9 @@ class Results:
 
     @cached_property
     def _outputs(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        path = self.directory / "fields.pvd"
-        if not path.exists():
+        there = [self.directory / f"{name}.pvd" for name in ("fields", "contact")]
+        path = next((path for path in there if path.exists()), None)
+        if path is None:
             return np.empty(0, dtype=np.int64), np.empty(0)
         try:
             sets = list(ElementTree.parse(path).getroot().iter("DataSet"))
@@ -221,14 +224,19 @@ class Results:
         Raises:
             InputError: there is none.
         """
-        there = sorted(self.directory.joinpath(name).glob("*.vtu"), key=lambda p: int(p.stem))
-        found = [p for p in there if step in (LAST, int(p.stem))]
-        if not found:
-            which = f"of step {step} " if there else ""
-            kept = f"; there are {len(there)}, from {there[0].stem} to {there[-1].stem}"
-            of = f"{self.directory}: no output {which}in {name}/" + (kept if there else "")
-            raise InputError(of)
-        return found[-1]
+        if self.directory.joinpath("contact_nodes").is_dir():
+            name = EARLIER_NAMES.get(name, name)
+        files = {int(p.stem): p for p in self.directory.glob(f"{name}/*.vtu") if p.stem.isdigit()}
+        if not files:
+            raise InputError(f"{self.directory}: holds no output in {name}/")
+        if step == LAST:
+            return files[max(files)]
+        if step not in files:
+            raise InputError(
+                f"{self.directory}: no output of step {step} in {name}/; there are {len(files)}, "
+                f"from step {min(files)} to {max(files)}"
+            )
+        return files[step]
 
 
 def _frame(rows: Any, path: Path) -> DataFrame:
