@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import json
 from functools import cached_property
+from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 LAST = -1
+CUT_OFF = "is cut off or not"
 # Directories of the contact in results of earlier versions, which had contact_nodes.
 EARLIER_NAMES = {"contact": "contact_nodes", "contact_points": "contact"}
 
@@ -92,7 +94,7 @@ class Results:
         except ValueError:
             found = None
         if not isinstance(found, dict):
-            raise InputError(f"{path}: is cut off or not a summary of tribox")
+            raise InputError(f"{path}: {CUT_OFF} a summary of tribox")
         return found
 
     # -- tables -------------------------------------------------------------------------------
@@ -155,9 +157,12 @@ class Results:
         if not path.exists():
             return pd.DataFrame()
         try:
-            rows = pd.read_csv(path, dtype=str, keep_default_na=False, encoding="utf-8")
+            text = path.read_text(encoding="utf-8")
+            rows = pd.read_csv(StringIO(text), dtype=str, keep_default_na=False)
         except ValueError:  # also pandas' own errors, and text that is no UTF-8
-            raise InputError(f"{path}: is cut off or not a table of tribox") from None
+            raise InputError(f"{path}: {CUT_OFF} a table of tribox") from None
+        if not text.endswith("\n"):
+            raise InputError(f"{path}: {CUT_OFF} a table of tribox")
         return _frame(rows, path)
 
     # -- fields -------------------------------------------------------------------------------
@@ -183,7 +188,7 @@ class Results:
             steps = [int(Path(s.attrib["file"]).stem) for s in sets]
             times = [float(s.attrib["timestep"]) for s in sets]
         except (ElementTree.ParseError, KeyError, ValueError):
-            raise InputError(f"{path}: is cut off or not an index of tribox") from None
+            raise InputError(f"{path}: {CUT_OFF} an index of tribox") from None
         return np.array(steps, dtype=np.int64), np.array(times)
 
     def fields(self, step: int = LAST) -> meshio.Mesh:
@@ -216,7 +221,7 @@ class Results:
         try:
             return meshio.vtu.read(path)
         except Exception:  # whatever its XML parser, base64, zlib and numpy raise
-            raise InputError(f"{path}: is cut off or not a file of tribox") from None
+            raise InputError(f"{path}: {CUT_OFF} a file of tribox") from None
 
     def _file(self, name: str, step: int) -> Path:
         """The file of a step.
@@ -250,8 +255,8 @@ def _frame(rows: Any, path: Path) -> DataFrame:
     frame = pd.DataFrame(rows)
     kinds = {name: str if name in TEXT_COLUMNS else float for name in frame.columns}
     if frame.isna().to_numpy().any():
-        raise InputError(f"{path}: is cut off or not a table of tribox")
+        raise InputError(f"{path}: {CUT_OFF} a table of tribox")
     try:
         return frame.astype(kinds)
     except ValueError:
-        raise InputError(f"{path}: is cut off or not a table of tribox") from None
+        raise InputError(f"{path}: {CUT_OFF} a table of tribox") from None
