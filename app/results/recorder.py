@@ -144,6 +144,8 @@ class Recorder(Observer):
         return when, self._files.described(step)
 
     def _output(self, state: RunState) -> None:
+        if state.step in self._files.times:
+            return
         problem = self.model.problem
         with problem.timer("output"):
             problem.spread(state.stepper.x)
