@@ -17,6 +17,9 @@ OWN = (
     "summary.json",
     "history.csv",
     "motion.csv",
+    "probes.csv",
+    "body_probes.csv",
+    "contact_probes.csv",
     "log.txt",
     "fields.bp",
     "stress.bp",
@@ -37,7 +40,7 @@ OWN = (
     "friction.toml",
     "verification.md",
 )
-TEXT_COLUMNS = ("stage", "label")
+TEXT_COLUMNS = ("stage", "label", "probe", "body", "contact")
 
 
 def default_directory(case_file: Path) -> Path:

@@ -12,6 +12,7 @@ from app.case.case import Case
 from app.errors import InputError, SolutionError
 from app.results.directory import check_free, prepare
 from app.results.earlier_sweep import sweep_labels
+from app.results.probes import ProbeRecorder
 from app.results.recorder import Recorder
 from app.run.interruption import Interruption
 from app.run.progress import Reporter, Together
@@ -52,7 +53,8 @@ def run_case(
     on_first(comm, lambda: prepare(directory))
     recorder = Recorder(model, directory)
     reporter = Reporter(directory / "log.txt", case.stage, quiet) if comm.rank == 0 else None
-    told: list[Observer] = [reporter, recorder] if reporter else [recorder]
+    probes = ProbeRecorder(model, directory)
+    told: list[Observer] = [*([reporter] if reporter else []), recorder, probes]
     try:
         if reporter:
             _say_notes(reporter, model.notes, steps, quiet)
@@ -67,6 +69,7 @@ def run_case(
             _say_failure(reporter, simulation, recorder, error)
         raise
     finally:
+        probes.write()
         if reporter:
             reporter.close()
     return simulation
