@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Protocol
+from types import TracebackType
+from typing import Protocol, Self
 
 from app.build.model import Model
 from app.implicit.stepper import StepResult
@@ -34,7 +35,10 @@ class Table(Protocol):
 
 
 class ProbeRecorder(Observer):
-    """Observer that writes the tables of the probes; all ranks take part, the first one writes."""
+    """Observer that writes the tables of the probes; all ranks take part, the first one writes.
+
+    As a context it writes them at the end, however that comes.
+    """
 
     def __init__(self, model: Model, directory: Path) -> None:
         """Make the tables that the case has probes for; collective.
@@ -47,6 +51,17 @@ class ProbeRecorder(Observer):
         self._tables = {directory / name: table for name, table in _tables(model).items()}
         self._rows: dict[Path, list[tuple[object, ...]]] = {path: [] for path in self._tables}
         self._written = time.monotonic()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.write()
 
     def step(self, state: RunState, row: Row, result: StepResult | Interval) -> None:
         """Add the rows of a step."""

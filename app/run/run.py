@@ -53,13 +53,12 @@ def run_case(
     on_first(comm, lambda: prepare(directory))
     recorder = Recorder(model, directory)
     reporter = Reporter(directory / "log.txt", case.stage, quiet) if comm.rank == 0 else None
-    probes = ProbeRecorder(model, directory)
-    told: list[Observer] = [*([reporter] if reporter else []), recorder, probes]
+    told: list[Observer] = [reporter, recorder] if reporter else [recorder]
     try:
         if reporter:
             _say_notes(reporter, model.notes, steps, quiet)
-        with Interruption(comm) as interruption:
-            _run(simulation, recorder, Together(*told, interruption))
+        with ProbeRecorder(model, directory) as probes, Interruption(comm) as interruption:
+            _run(simulation, recorder, Together(*told, probes, interruption))
         if case.output.figures:
             draw_run(simulation, directory)
         if reporter:
@@ -69,7 +68,6 @@ def run_case(
             _say_failure(reporter, simulation, recorder, error)
         raise
     finally:
-        probes.write()
         if reporter:
             reporter.close()
     return simulation
