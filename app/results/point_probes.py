@@ -13,7 +13,6 @@ from app.build.probes import PointPlaces
 from forms.bodies.deformation import Rows, centre_rows, rows_at
 from forms.bodies.point_stress import PointStress, log_strain, mean_pressure, von_mises
 from forms.bodies.solid import Solid
-from geometry.meshes.places import CellPlaces
 from geometry.surfaces.facets import Floats, Ints, Longs
 
 AXES = ("x", "y", "z")
@@ -74,10 +73,7 @@ class PointProbes:
         ]
 
     def _part(self, solid: Solid, probe: PointPlaces, first: int) -> _Part:
-        found = probe.found[solid.name]
-        mine = np.array(probe.bodies)[found.point] == solid.name
-        found = CellPlaces(found.point[mine], found.cell[mine], found.xi[mine])
-        space = self._problem.space
+        found, space = probe.found[solid.name], self._problem.space
         return _Part(
             point=found.point + first,
             share=probe.share[found.point],
