@@ -56,7 +56,7 @@ class ContactProbes:
     @property
     def columns(self) -> tuple[str, ...]:
         """Names of the columns after those that say when; known from the first rows on."""
-        return ("probe", "contact", "point", "arc_length", *self._names)
+        return ("probe", "pair", "point", "arc_length", *self._names)
 
     def rows(self) -> list[tuple[object, ...]]:
         """Rows after the last step, on the first rank; collective."""

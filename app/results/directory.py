@@ -40,7 +40,7 @@ OWN = (
     "friction.toml",
     "verification.md",
 )
-TEXT_COLUMNS = ("stage", "label", "probe", "body", "contact")
+TEXT_COLUMNS = ("stage", "label", "pair", "surface", "body", "probe")
 
 
 def default_directory(case_file: Path) -> Path:
