@@ -132,11 +132,6 @@ class Probe(Model):
             yield Problem((*place, "points"), reason, self.points)
 
 
-def contact_label(contact: Contact) -> str:
-    """What results call a contact pair."""
-    return str(getattr(contact, "label", f"{contact.slave}-{contact.master}"))
-
-
 def probe_problems(
     probes: Sequence[Probe],
     bodies: Mapping[str, object],
@@ -146,7 +141,7 @@ def probe_problems(
 ) -> Iterator[Problem]:
     """Mistakes in the probes: each by itself, together, and with the mesh if known."""
     names: dict[str, int] = {}
-    pairs = [contact_label(contact) for contact in contacts]
+    pairs = [contact.label for contact in contacts]
     for index, probe in enumerate(probes):
         here = (*place, index)
         yield from probe.problems(here, list(bodies), pairs)

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.build.model import Model
-from app.case.probe import contact_label
-from app.results.contact_nodes import ContactNodes, contact_nodes
+from app.results.contact_nodes import ContactNodes, contact_nodes, slave_facets
 from app.results.point_probes import AXES
 from geometry.surfaces.facets import Floats, Longs
 
@@ -47,9 +46,10 @@ class ContactProbes:
             probes: name, contact pair, and number of points or None for the vertices.
         """
         self._model = model
-        labels = [contact_label(contact) for contact in model.case.contact]
+        labels = [contact.label for contact in model.case.contact]
         self._asked = [(name, labels.index(pair), points) for name, pair, points in probes]
         self._labels = labels
+        self._facets = slave_facets(model)
         self._along: list[_Along] = []
         self._names: tuple[str, ...] = ()
 
@@ -60,7 +60,7 @@ class ContactProbes:
 
     def rows(self) -> list[tuple[object, ...]]:
         """Rows after the last step, on the first rank; collective."""
-        nodes = contact_nodes(self._model)
+        nodes = contact_nodes(self._model, self._facets)
         if nodes is None:
             return []
         values = {name: v for name, v in nodes.values.items() if name != "pair"}

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
-from types import TracebackType
-from typing import Protocol, Self
+from typing import Protocol
 
 from app.build.model import Model
 from app.implicit.stepper import StepResult
 from app.results.body_probes import BodyProbes
 from app.results.contact_probes import ContactProbes
-from app.results.directory import write_table
+from app.results.directory import GrowingTable
 from app.results.point_probes import PointProbes
 from app.simulation.history import Row
 from app.simulation.observer import Interval, Observer
 from app.simulation.run_state import RunState
 
-WRITE_EVERY = 2.0  # s between two rewrites of the tables while running
 WHEN = ("step", "time", "stage")
 
 
@@ -26,7 +23,7 @@ class Table(Protocol):
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Names of the columns after those that say when."""
+        """Names of the columns after those that say when, known once there are rows."""
         ...
 
     def rows(self) -> list[tuple[object, ...]]:
@@ -35,10 +32,7 @@ class Table(Protocol):
 
 
 class ProbeRecorder(Observer):
-    """Observer that writes the tables of the probes; all ranks take part, the first one writes.
-
-    As a context it writes them at the end, however that comes.
-    """
+    """Observer that follows the probes; all ranks take part, the first one writes."""
 
     def __init__(self, model: Model, directory: Path) -> None:
         """Make the tables that the case has probes for; collective.
@@ -49,38 +43,20 @@ class ProbeRecorder(Observer):
         """
         self._problem = model.problem
         self._tables = {directory / name: table for name, table in _tables(model).items()}
-        self._rows: dict[Path, list[tuple[object, ...]]] = {path: [] for path in self._tables}
-        self._written = time.monotonic()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.write()
+        self._files: dict[Path, GrowingTable] = {}
 
     def step(self, state: RunState, row: Row, result: StepResult | Interval) -> None:
-        """Add the rows of a step."""
+        """Append the rows of a step."""
         if not self._tables:
             return
         with self._problem.timer("output"):
             self._problem.spread(state.stepper.x)
-            when = (row.step, row.time, row.stage)
             for path, table in self._tables.items():
-                self._rows[path] += [(*when, *values) for values in table.rows()]
-            if time.monotonic() - self._written > WRITE_EVERY:
-                self.write()
-                self._written = time.monotonic()
-
-    def write(self) -> None:
-        """Write what there is so far; not collective."""
-        if self._problem.comm.rank == 0:
-            for path, table in self._tables.items():
-                write_table(path, (*WHEN, *table.columns), self._rows[path])
+                rows = [(row.step, row.time, row.stage, *values) for values in table.rows()]
+                if self._problem.comm.rank == 0:
+                    if path not in self._files:
+                        self._files[path] = GrowingTable(path, (*WHEN, *table.columns))
+                    self._files[path].extend(rows)
 
 
 def _tables(model: Model) -> dict[str, Table]:

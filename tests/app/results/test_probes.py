@@ -19,6 +19,7 @@ from app.results.contact_probes import arc_length
 from app.results.directory import read_table
 from app.results.point_probes import PointProbes
 from app.results.probes import ProbeRecorder
+from app.results.reading import read
 from app.run import run as running
 from app.simulation.simulation import Simulation
 from tests.app.conftest import BLOCK, BOXES, SLID
@@ -109,7 +110,6 @@ def followed(text, directory, comm=MPI.COMM_SELF, **tables):
     simulation = Simulation(model_of(text, comm, **tables))
     recorder = ProbeRecorder(simulation.model, directory)
     simulation.run(recorder)
-    recorder.write()
     found = {}
     if comm.rank == 0:
         found = {n: read_table(directory / f"{n}.csv") for n in TABLES}
@@ -234,7 +234,7 @@ def test_nodal_pressures_add_up_to_the_normal_force(slid):
             tables["contact_probes"], "area", "pressure", "arc_length", step=row.step, probe="along"
         ).T
         force = 1e-3 * area @ pressure
-        assert force == pytest.approx(row.normal_force, rel=1e-3)
+        assert force == pytest.approx(row.normal_force, rel=1e-9)
         assert 1e-3 * np.trapezoid(pressure, way) == pytest.approx(force, rel=1e-6)
 
 
@@ -405,13 +405,16 @@ def test_what_was_followed_before_an_interruption_is_written(tmp_path, monkeypat
     assert json.loads((tmp_path / "summary.json").read_text())["status"] == "interrupted"
     for name in (*TABLES, "history"):
         assert {row["step"] for row in read_table(tmp_path / f"{name}.csv")} == {1.0, 2.0}
+    found = read(tmp_path)
+    assert len(found.probes) == 2 * (2 + 6) and len(found.body_probes) == 2 * 2
+    assert found.contact_probes["area"].isna().sum() == 2 * 13
     # They are results: another run may clear them.
     running.check_free(tmp_path, True)
 
 
 def test_without_probes_there_are_no_tables(tmp_path):
-    recorder = ProbeRecorder(model_of(BLOCK), tmp_path)
-    recorder.write()
+    simulation = Simulation(model_of(BLOCK))
+    simulation.run(ProbeRecorder(simulation.model, tmp_path))
     assert list(tmp_path.iterdir()) == []
 
 
@@ -423,7 +426,6 @@ def numbers(comm, directory):
     simulation = Simulation(build_model(Case.model_validate(data), comm))
     recorder = ProbeRecorder(simulation.model, directory)
     simulation.run(recorder)
-    recorder.write()
     if comm.rank:
         return None
     return {name: read_table(directory / f"{name}.csv") for name in TABLES}
