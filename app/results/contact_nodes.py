@@ -17,6 +17,7 @@ from mpi4py import MPI
 from app.build.model import Model
 from app.results.contact_points import point_values
 from forms.contact.penalty import ContactTerm
+from forms.contact.pressure import nodal_pressure as pressure_at_nodes
 from forms.contact.state import ContactTrial
 from geometry.surfaces.facets import Floats, Longs
 from geometry.surfaces.ordering import order_by_place
@@ -72,13 +73,8 @@ def contact_nodes(model: Model) -> ContactNodes | None:
 
 
 def nodal_pressure(term: ContactTerm, trial: ContactTrial) -> Floats:
-    """Contact pressure (v,), Pa, at the slave's vertices; collective.
-
-    That of the averaged contact, or the mean of pressures from the points' own gaps.
-    """
-    if trial.nodal_pressure is not None:
-        return trial.nodal_pressure
-    return _mean(term, trial.pressure)
+    """Contact pressure (v,), Pa, at the slave's vertices: force over area; collective."""
+    return pressure_at_nodes(term.surface, trial.pressure)
 
 
 def write_contact_nodes(path: Path, nodes: ContactNodes) -> None:
