@@ -13,8 +13,8 @@ from app.simulation.history import Row
 from app.simulation.observer import Interval, Observer
 from app.simulation.run_state import RunState
 from forms.contact.pressure import nodal_pressure
+from geometry.surfaces.body_facets import facet_nodes
 from geometry.surfaces.facets import Floats, Ints
-from geometry.surfaces.surface import facet_nodes
 
 
 @dataclass(frozen=True, slots=True)
