@@ -59,12 +59,14 @@ def run_case(
         with Interruption(comm) as interruption:
             _run(simulation, recorder, Together(*told, interruption))
         if case.output.figures:
-            draw_run(simulation, directory)
+            draw_run(simulation, directory, reporter)
         if reporter:
             _say_end(reporter, simulation, recorder, quiet)
     except (SolutionError, KeyboardInterrupt) as error:
         if reporter:
             _say_failure(reporter, simulation, recorder, error)
+        if case.output.figures and simulation.state.step:
+            draw_run(simulation, directory, reporter)
         raise
     finally:
         if reporter:
@@ -155,17 +157,21 @@ def _run(simulation: Simulation, recorder: Recorder, observer: Observer) -> None
     recorder.close(simulation, "done")
 
 
-def draw_run(simulation: Simulation, directory: Path) -> None:
-    """Draw the figures of a finished run; collective."""
-    from app.figures.deformed import draw_deformed
-    from app.figures.run_figures import draw_history
+def draw_run(simulation: Simulation, directory: Path, reporter: Reporter | None) -> None:
+    """Draw the figures of a run, however it ended, from its files; the first rank does.
+
+    A figure that cannot be drawn is a warning: the results are there, and can be drawn again.
+    """
+    if reporter is None:
+        return
+    from app.figures.run_figures import draw_figures
+    from app.results import read
 
     with simulation.model.problem.timer("figures"):
-        figures = directory / "figures"
-        if simulation.model.problem.comm.rank == 0:
-            figures.mkdir(exist_ok=True)
-            draw_history(directory)
-        draw_deformed(simulation.model, figures / "deformed.png")
+        try:
+            draw_figures(read(directory))
+        except Exception as error:
+            reporter.say(f"warning: the figures could not be drawn: {error!r}")
 
 
 def on_first(comm: MPI.Comm, action: Callable[[], None]) -> None:
