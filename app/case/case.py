@@ -145,12 +145,17 @@ class Case(Model):
             yield from self._formulation_problems(self.geometry)
             yield from self._surface_problems(self.geometry)
         pairs: dict[frozenset[str], int] = {}
+        labels: dict[str, int] = {}
         for index, contact in enumerate(self.contact):
             yield from contact.problems(("contact", index))
             first = pairs.setdefault(frozenset((contact.slave, contact.master)), index)
             if first != index:
                 reason = f"this pair of surfaces is contact.{first} already"
                 yield Problem(("contact", index, "slave"), reason, contact.slave)
+            same = labels.setdefault(contact.label, index)
+            if same != index and first == index:
+                reason = f"is what contact.{same} is called already"
+                yield Problem(("contact", index, "name"), reason, contact.label)
         yield from boundary_problems(self.boundary, ("boundary",), self.geometry.built_section)
         yield from stage_problems(self.stage, self.boundary, ("stage",))
         yield from self.solver.problems(("solver",))

@@ -16,6 +16,9 @@ OWN = (
     "case.toml",
     "summary.json",
     "history.csv",
+    "contacts.csv",
+    "surfaces.csv",
+    "bodies.csv",
     "motion.csv",
     "log.txt",
     "fields.pvd",
@@ -130,6 +133,30 @@ def write_table(path: Path, columns: Sequence[str], rows: Iterable[Sequence[Any]
         out.writerow(columns)
         out.writerows([repr(v) if isinstance(v, float) else v for v in row] for row in rows)
     part.replace(path)
+
+
+class GrowingTable:
+    """A CSV file that gets rows while a run goes on; what is there is whole up to its last row.
+
+    Attributes:
+        written: number of rows so far.
+    """
+
+    def __init__(self, path: Path, columns: Sequence[str]) -> None:
+        """Begin the file with the names of the columns."""
+        self._path = path
+        self.written = 0
+        with path.open("w", newline="", encoding="utf-8") as stream:
+            csv.writer(stream, lineterminator="\n").writerow(columns)
+
+    def extend(self, rows: Sequence[Sequence[Any]]) -> None:
+        """Append rows; numbers with all their digits."""
+        if not rows:
+            return
+        with self._path.open("a", newline="", encoding="utf-8") as stream:
+            out = csv.writer(stream, lineterminator="\n")
+            out.writerows([repr(v) if isinstance(v, float) else v for v in row] for row in rows)
+        self.written += len(rows)
 
 
 def read_table(path: Path) -> list[dict[str, Any]]:

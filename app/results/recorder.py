@@ -7,7 +7,7 @@ import platform
 import resource
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, astuple
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +20,11 @@ from app.build.load_steps import LoadStep
 from app.build.model import Model
 from app.case.case import resolved_toml
 from app.implicit.stepper import StepResult
-from app.results.directory import write_json, write_table, write_text
+from app.results.directory import write_json, write_text
 from app.results.output_files import OutputFiles
+from app.results.run_tables import RunTables
 from app.simulation.contact_warnings import ContactWarnings
-from app.simulation.history import COLUMNS, Row, energy_gap
+from app.simulation.history import Row, energy_gap
 from app.simulation.inertia import notes_on_inertia
 from app.simulation.observer import Interval, Observer
 from app.simulation.roundoff_watch import RoundOffWatch
@@ -33,7 +34,6 @@ from geometry.surfaces.facets import Floats
 
 TINY = 1e-30  # J/m², below any dissipation
 UNBALANCED = 0.05  # energy error over the work from which a run is warned of
-HISTORY_EVERY = 2.0  # s between two rewrites of history.csv while running
 
 
 class Recorder(Observer):
@@ -52,7 +52,6 @@ class Recorder(Observer):
         self.first = self.comm.rank == 0
         self.load_steps: list[dict[str, Any]] = []
         self.every = model.case.output.fields_every
-        self._written = time.monotonic()
         self._started = time.perf_counter()
         self._warned = False
         self._thin = False
@@ -64,6 +63,7 @@ class Recorder(Observer):
         self.warnings: list[str] = list(model.notes)
         if self.first:
             write_text(directory / "case.toml", resolved_toml(model.case))
+        self._tables: RunTables | None = None
         self._files = OutputFiles(model, directory)
 
     def step(self, state: RunState, row: Row, result: StepResult | Interval) -> None:
@@ -74,9 +74,7 @@ class Recorder(Observer):
         self._label = row.stage
         self._roundoff.step(row, result)
         self._contacts.step(row, self.model.thickness)
-        if self.first and time.monotonic() - self._written > HISTORY_EVERY:
-            self._write_history(state)
-            self._written = time.monotonic()
+        self._write_tables(state)
 
     def load_step(
         self, state: RunState, load_step: LoadStep, row: Row, steady: bool | None
@@ -119,24 +117,23 @@ class Recorder(Observer):
         self._files.close()
         explicit = {} if simulation.explicit is None else simulation.explicit.summary()
         shares = self.comm.gather(self._share())
+        self._write_tables(simulation.state)
         if self.first:
-            self._write_history(simulation.state)
-            if simulation.explicit is not None:
-                motion = simulation.explicit.motion
-                write_table(self.directory / "motion.csv", motion.columns, motion.rows)
             summary = self._summary(simulation, status, shares or [])
             parts = {"explicit": explicit} if explicit else {}
             write_json(self.directory / "summary.json", summary | parts | {"failure": failure})
 
     def rescue(self, simulation: Simulation) -> None:
         """Write the history after an error of this rank alone; not collective."""
+        self._write_tables(simulation.state)
         if self.first:
-            self._write_history(simulation.state)
             self._files.write_indices()
 
-    def _write_history(self, state: RunState) -> None:
-        rows = (astuple(row) for row in state.rows)
-        write_table(self.directory / "history.csv", COLUMNS, rows)
+    def _write_tables(self, state: RunState) -> None:
+        if self.first:
+            if self._tables is None:
+                self._tables = RunTables(self.directory, state)
+            self._tables.write(state)
 
     @property
     def last_output(self) -> tuple[float, str]:
