@@ -59,8 +59,8 @@ class Abscissa:
 def abscissa_of(results: Results) -> Abscissa:
     """What the history of a run is drawn over.
 
-    The path of the driven surface, where velocities are held until steady: times at the slowest
-    would hide those at all others. Else time; but where the stages differ so much in time per step
+    The path of the driven surface, where velocities are held until steady: time at the slowest
+    would hide that at all others. Else time; but where the stages differ so much in time per step
     that one could not be seen, time without the stages that it has no effect in, or steps.
     """
     history = results.history

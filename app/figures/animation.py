@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 
 from app.errors import InputError
 from app.figures.body_shapes import Bodies, read_bodies
-from app.figures.deformed import axis_names, body_names, heading, pair_names
-from app.figures.deformed_space import View, draw_space, scene_of
 from app.figures.field_values import ColourScale, colour_scale
+from app.figures.names import axis_names, body_names, heading, pair_names
 from app.figures.plane_bodies import draw_bodies, draw_slaves, frame_round
 from app.figures.rendering import render
 from app.figures.scenes import facets_seen
+from app.figures.space_bodies import View, draw_space, scene_of
 from app.figures.states import title_of
 from app.figures.style import STYLE
 from app.figures.tractions import pairs_shown
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 MOST_FRAMES = 100
 SECONDS = 8.0  # that an animation of many frames takes
-SLOWEST, FASTEST = 3.0, 15.0  # frames per second
+SLOWEST, FASTEST = 3, 15  # frames per second
 DPI = 90
 MOST_PAIRS = 12
 
@@ -57,12 +57,12 @@ def animate(results: Results, path: Path, field: str) -> int:
     steps = frames_of(np.asarray(results.steps, dtype=np.int64))
     if len(steps) < 2:
         raise InputError(
-            f"{results.directory}: {len(steps)} field output{'s' * (len(steps) != 1)}; an animation "
-            "needs two or more (output.fields_every)"
+            f"{results.directory}: {len(steps)} field output{'s' * (len(steps) != 1)}; an "
+            "animation needs two or more (output.fields_every)"
         )
     states = [read_bodies(results.fields(step), body_names(results), field) for step in steps]
     scale = colour_scale(np.concatenate([s.field.values for s in states]), states[0].field.unit)
-    rate = float(np.clip(len(steps) / SECONDS, SLOWEST, FASTEST))
+    rate = int(np.clip(len(steps) / SECONDS, SLOWEST, FASTEST))
     writer: AbstractMovieWriter = (
         PillowWriter(fps=rate) if kind == "gif" else FFMpegWriter(fps=rate)
     )

@@ -87,9 +87,9 @@ def read_bodies(mesh: meshio.Mesh, names: Sequence[str], field: str) -> Bodies:
     dim = 3 if kinds[0] in ("tetra", "hexahedron") else 2
     sides, owner = _outer_sides(kinds, cells)
     if dim == 3:
-        polygons, of, edges, edge_body = sides, owner, np.empty((0, 2), np.int64), body[:0]
+        polygons, of, edges, edge_body = sides, owner, sides[:0, :2], body[:0]
     else:
-        polygons, of = _padded(cells), np.arange(len(body))
+        polygons, of = _padded(cells), np.arange(len(body)).astype(np.int64)
         edges, edge_body = sides, body[owner]
     shown = CellField(values.values[of], values.label, values.unit, values.name)
     count = int(body.max(initial=-1)) + 1

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,6 +14,7 @@ from matplotlib.figure import Figure
 from app.figures.body_shapes import Bodies, read_bodies
 from app.figures.deformed_space import draw_states_in_space
 from app.figures.field_values import colour_scale
+from app.figures.names import axis_names, body_names, heading, pair_names
 from app.figures.plane_bodies import Frame, draw_bodies, draw_slaves, frame_round, pair_colour
 from app.figures.states import State, states_to_draw
 from app.figures.style import STYLE, save
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
 MOST_PAIRS = 8  # pairs with a panel of their own
 IN_ONE_COLUMN = 2
-TITLE_WIDTH = 110  # characters
 
 
 def draw_deformed(results: Results, figures: Path, field: str) -> list[Path]:
@@ -59,28 +58,6 @@ def draw_deformed(results: Results, figures: Path, field: str) -> list[Path]:
             files.append(figures / f"{state.name}.png")
             save(figure, files[-1])
     return files
-
-
-def body_names(results: Results) -> list[str]:
-    """Names of the bodies in the order of their numbers in the field files."""
-    return list(results.summary.get("bodies", results.case.bodies))
-
-
-def axis_names(results: Results) -> tuple[str, str]:
-    """Names of the two axes of a mesh in the plane."""
-    section = results.case.geometry.built_section
-    return ("r", "z") if section == "axisymmetric" else ("x", "y")
-
-
-def pair_names(results: Results) -> list[str]:
-    """Names of the contact pairs in the order of the case."""
-    return [getattr(c, "name", None) or f"{c.slave}-{c.master}" for c in results.case.contact]
-
-
-def heading(results: Results, title: str) -> str:
-    """Title of the case above what the picture shows."""
-    lines = [results.case.title, title] if results.case.title else [title]
-    return "\n".join("\n".join(textwrap.wrap(line, TITLE_WIDTH)) for line in lines)
 
 
 def _figure(results: Results, state: State, bodies: Bodies) -> Figure:

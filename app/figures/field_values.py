@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.colors import Normalize
+from numpy.typing import NDArray
 
 from app.errors import InputError
 from app.figures.style import Floats
@@ -40,7 +41,7 @@ class CellField:
     name: str
 
 
-def cell_field(mesh: meshio.Mesh, cells: Sequence[Floats], name: str) -> CellField:
+def cell_field(mesh: meshio.Mesh, cells: Sequence[NDArray[np.int64]], name: str) -> CellField:
     """An array of a mesh, one number for each cell: of nodes the mean over the corners.
 
     Args:
@@ -124,7 +125,7 @@ def colour_scale(values: Floats, unit: str) -> ColourScale:
     tail = 0.5 * (1.0 - SHOWN)
     low, high = (float(v) for v in np.quantile(found, [tail, 1.0 - tail]))
     least, most = float(found.min()), float(found.max())
-    if high - low < 1e-3 * max(abs(least), abs(most)):  # nearly uniform, or a few cells alone
+    if high - low <= 1e-9 * max(abs(low), abs(high)):  # uniform but for a few cells, or all of it
         low, high = least, most
     largest = max(abs(low), abs(high))
     if low < -UNLIKE * largest and high > UNLIKE * largest:

@@ -15,7 +15,7 @@ from app.figures.body_shapes import Bodies
 from app.figures.field_values import ColourScale
 from app.figures.style import Floats
 from app.figures.tractions import facets_of, line_starts
-from app.figures.units import Unit
+from app.figures.units import Unit, fitting
 
 if TYPE_CHECKING:
     import meshio
@@ -55,8 +55,6 @@ def frame_round(states: Sequence[Bodies], names: tuple[str, str]) -> Frame:
         states: of one run.
         names: of the two axes, such as ("x", "y").
     """
-    from app.figures.units import fitting
-
     places = [p[:, :2] for one in states for p in (one.position, one.reference)]
     low = np.min([p.min(axis=0) for p in places], axis=0)
     high = np.max([p.max(axis=0) for p in places], axis=0)
@@ -162,10 +160,9 @@ def draw_slaves(
             pressed = facets[(pressure[facets] > 0.0).any(axis=1)]
         lines = nodes.points[pressed][..., :2] * unit.factor
         drawn.append(
-            axes.add_collection(
-                LineCollection(list(lines), colors=pair_colour(pair), linewidths=2.0, zorder=4)
-            )
+            LineCollection(list(lines), colors=pair_colour(pair), linewidths=2.0, zorder=4)
         )
+        axes.add_collection(drawn[-1])
         x, y = starts[pair] * unit.factor
         axes.plot(x, y, "o", ms=4, color=pair_colour(pair), mec="w", mew=0.6, zorder=5)
     return drawn

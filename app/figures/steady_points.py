@@ -182,6 +182,7 @@ def _map_figure(series: list[Series]) -> Figure:
                 color=colour,
                 mfc=colour if marker == "o" else "w",
             )
+        _cross_out(axes, one.speed, np.asarray(one.traction / 1e6), one.steady)
         axes.plot([], [], color=colour, label=one.label)
     axes.plot([], [], "o", color="0.4", label="frictional or mixed (V < V*)")
     axes.plot([], [], "s", color="0.4", mfc="w", label="viscous (V > V* or D ≥ D_max)")

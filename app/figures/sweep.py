@@ -1,4 +1,4 @@
-"""Figure of a sweep: forces and friction at the end of each stage or velocity over the swept value."""
+"""Figure of a sweep: forces at the end of each stage or velocity over the swept value."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from app.results import Results
 
 MOST_LINES = 8
+MOST_TICKS = 10  # values that have a tick each on a logarithmic axis
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +104,8 @@ def sweep_lines(results: Results, swept: SweptValues) -> list[SweepLine]:
     for (stage, velocity), rows in table.groupby(["stage", "velocity"], sort=False):
         at = np.array([swept.places[label] for label in rows["label"]])
         order = np.argsort(at, kind="stable")
-        name = f"{stage}, {velocity:g} m/s" if velocity else str(stage)
+        speed = fitting([velocity], "m/s").text(velocity)
+        name = f"{stage}, {speed}" if velocity else str(stage)
         normal, friction, steady = (
             rows[column].to_numpy(dtype=np.float64)[order]
             for column in ("normal_force", "friction_force", "steady")
@@ -127,6 +129,8 @@ def sweep_figure(results: Results) -> Figure | None:
         return None
     swept = swept_values(sweep.key, sweep.labels, sweep.values)
     found = sweep_lines(results, swept)
+    if not found:
+        return None
     lines = _chosen(found)
     figure = Figure(figsize=(8.2, 7.4), layout="constrained")
     panels = figure.subplots(3, 1, sharex=True)
@@ -173,8 +177,13 @@ def _scales(axes: Axes, swept: SweptValues) -> None:
     """Logarithmic where values span decades; ticks with words where the values are words."""
     values = np.concatenate([np.asarray(line.get_ydata(), np.float64) for line in axes.lines])
     found = values[np.isfinite(values)]
+    thin_log_ticks(axes)
     if swept.is_log:
         axes.set_xscale("log")
+        places = sorted(set(swept.places.values()))
+        if len(places) <= MOST_TICKS:
+            axes.set_xticks(places, [f"{place:g}" for place in places])
+            axes.set_xticks([], minor=True)
     if swept.texts:
         axes.set_xticks(range(len(swept.texts)), swept.texts)
         axes.margins(x=0.15)

@@ -74,7 +74,8 @@ def slave_line(reference: Floats, facets: Ints, pressed: NDArray[np.bool_]) -> L
 def _chains(facets: Ints) -> Iterator[Ints]:
     """Nodes of each connected piece in order; of a closed one the first comes again at the end."""
     neighbours: dict[int, list[int]] = {}
-    for a, b in facets.tolist():
+    pairs: list[list[int]] = facets.tolist()  # type: ignore[assignment]
+    for a, b in pairs:
         neighbours.setdefault(a, []).append(b)
         neighbours.setdefault(b, []).append(a)
     left = dict.fromkeys([n for n, near in neighbours.items() if len(near) == 1])
@@ -164,13 +165,14 @@ def pairs_shown(nodes: meshio.Mesh, count: int, most: int) -> list[int]:
 
     Args:
         nodes: the contact file of the state.
-        count: of pairs in the case; most: how many to show.
+        count: of pairs in the case.
+        most: how many to show.
     """
     data = nodes.point_data
     force = np.bincount(
         np.rint(data["pair"]).astype(np.int64), data["pressure"] * data["area"], minlength=count
     )
-    return sorted(np.argsort(-force, kind="stable")[:most].tolist())
+    return sorted(int(pair) for pair in np.argsort(-force, kind="stable")[:most])
 
 
 def draw_tractions(
@@ -185,9 +187,11 @@ def draw_tractions(
 
     Args:
         axes: to draw in.
-        nodes: contact file; points: contact points, or None.
+        nodes: contact file.
+        points: contact points, or None.
         pair: number of the pair.
-        length: unit of the arc length; stress: of the tractions.
+        length: unit of the arc length.
+        stress: unit of the tractions.
     """
     reference = np.asarray(nodes.point_data["reference"], dtype=np.float64)[:, :2]
     pressure = np.asarray(nodes.point_data["pressure"], dtype=np.float64)
@@ -218,7 +222,7 @@ def _show_pressed(axes: Axes, line: Line, pressure: Floats, length: Unit) -> Non
         axes.set_xlim(-0.02 * length.factor * whole, 1.02 * length.factor * whole)
         return
     margin = max(MARGIN * float(np.ptp(at)), 0.03 * whole)
-    axes.set_xlim(length.of(at.min() - margin), length.of(at.max() + margin))
+    axes.set_xlim(length.factor * (at.min() - margin), length.factor * (at.max() + margin))
 
 
 def line_starts(nodes: meshio.Mesh, pairs: Sequence[int]) -> dict[int, Floats]:

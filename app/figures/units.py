@@ -37,7 +37,7 @@ class Unit:
 
 
 def fitting(values: ArrayLike, unit: str) -> Unit:
-    """The unit of a kind in which the largest of the values has one to three digits before the point.
+    """The unit in which the largest of the values has one to three digits before the point.
 
     Args:
         values: in SI; NaN is passed over, and without any other the SI unit serves.

@@ -175,7 +175,7 @@ def _viscosity(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
 
 
 def _stribeck(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
-    """Friction over V η_b/D, the traction a Newtonian film would drag with (the paper's, over A)."""
+    """Friction over V η_b/D, the traction of a Newtonian film (in the paper: both times A)."""
     figure, axes = _log_log()
     eta, fine = setup.parameters.eta_b, _fine(setup.speeds)
     for number, curve in enumerate(curves):

@@ -58,15 +58,13 @@ def run_case(
             _say_notes(reporter, model.notes, steps, quiet)
         with Interruption(comm) as interruption:
             _run(simulation, recorder, Together(*told, interruption))
-        if case.output.figures:
-            draw_run(simulation, directory, reporter)
+        draw_run(simulation, directory, reporter)
         if reporter:
             _say_end(reporter, simulation, recorder, quiet)
     except (SolutionError, KeyboardInterrupt) as error:
         if reporter:
             _say_failure(reporter, simulation, recorder, error)
-        if case.output.figures and simulation.state.step:
-            draw_run(simulation, directory, reporter)
+        draw_run(simulation, directory, reporter)
         raise
     finally:
         if reporter:
@@ -158,11 +156,13 @@ def _run(simulation: Simulation, recorder: Recorder, observer: Observer) -> None
 
 
 def draw_run(simulation: Simulation, directory: Path, reporter: Reporter | None) -> None:
-    """Draw the figures of a run, however it ended, from its files; the first rank does.
+    """Draw the figures of a run, however it ended, from its files, if the case asks for them.
 
-    A figure that cannot be drawn is a warning: the results are there, and can be drawn again.
+    The first rank does, and only where there is a step to show. A figure that cannot be drawn is a
+    warning: the results are there, and can be drawn again.
     """
-    if reporter is None:
+    wanted = simulation.model.case.output.figures and simulation.state.step > 0
+    if reporter is None or not wanted:
         return
     from app.figures.run_figures import draw_figures
     from app.results import read
