@@ -37,8 +37,10 @@ class Abscissa:
     def mark(self, axes: Axes, *, named: bool) -> None:
         """A line where each stage or velocity begins, and its name above the axes.
 
-        Of names that would overlap, that of the longer stage stands.
+        Of names that would overlap, that of the longer stage stands; one stage alone has none.
         """
+        if len(self.starts) < 2:
+            return
         for place, _ in self.starts:
             axes.axvline(place, color="0.8", lw=0.8, zorder=0)
         apart = NAMES_APART * float(np.ptp([*self.values, *(p for p, _ in self.starts)]) or 1.0)

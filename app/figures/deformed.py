@@ -15,7 +15,14 @@ from app.figures.body_shapes import Bodies, read_bodies
 from app.figures.deformed_space import draw_states_in_space
 from app.figures.field_values import colour_scale
 from app.figures.names import axis_names, body_names, heading, pair_names
-from app.figures.plane_bodies import Frame, draw_bodies, draw_slaves, frame_round, pair_colour
+from app.figures.plane_bodies import (
+    Frame,
+    close_up,
+    draw_bodies,
+    draw_slaves,
+    frame_round,
+    pair_colour,
+)
 from app.figures.states import State, states_to_draw
 from app.figures.style import STYLE, save
 from app.figures.tractions import draw_tractions, pairs_shown
@@ -66,12 +73,18 @@ def _figure(results: Results, state: State, bodies: Bodies) -> Figure:
     frame = frame_round([bodies], axis_names(results))
     names = pair_names(results)
     pairs = {k: names[k] for k in pairs_shown(nodes, len(names), MOST_PAIRS)}
-    figure, top, panels = _layout(frame, len(pairs))
+    near = close_up(frame, nodes)
+    figure, top, beside, panels = _layout(frame, len(pairs), near is not None)
     scale = colour_scale(bodies.field.values, bodies.field.unit)
     cells = draw_bodies(top, bodies, scale, frame)
     draw_slaves(top, nodes, pairs, frame.unit)
+    if near is not None and beside is not None:
+        draw_bodies(beside, bodies, scale, near, named=False)
+        draw_slaves(beside, nodes, pairs, near.unit)
+        beside.set_title("close-up", fontsize=9)
     unit = f" ({scale.unit.name})" if scale.unit.name else ""
-    figure.colorbar(cells, ax=top, label=bodies.field.label + unit, extend=scale.extend,
+    whole = [top] if beside is None else [top, beside]
+    figure.colorbar(cells, ax=whole, label=bodies.field.label + unit, extend=scale.extend,
                     shrink=0.9, pad=0.02, fraction=0.05, aspect=25)  # fmt: skip
     figure.suptitle(heading(results, state.title + _stretched_words(frame)), fontsize=9)
     _fill_panels(panels, nodes, points, pairs, len(names))
@@ -85,8 +98,8 @@ def _stretched_words(frame: Frame) -> str:
     return f" ({frame.names[1] if width > height else frame.names[0]} stretched)"
 
 
-def _layout(frame: Frame, pairs: int) -> tuple[Figure, Axes, list[Axes]]:
-    """A figure with room for the bodies and for a panel of each pair."""
+def _layout(frame: Frame, pairs: int, closer: bool) -> tuple[Figure, Axes, Axes | None, list[Axes]]:
+    """A figure with room for the bodies, a close-up of the contact, and a panel of each pair."""
     columns = 1 if pairs <= IN_ONE_COLUMN or frame.is_tall else 2
     rows = -(-pairs // columns)
     width, height = frame.high - frame.low
@@ -94,16 +107,21 @@ def _layout(frame: Frame, pairs: int) -> tuple[Figure, Axes, list[Axes]]:
         tall = min(9.0, max(6.0, 2.2 * rows))
         figure = Figure(figsize=(9.0, tall), layout="constrained")
         share = float(np.clip(width / height * tall / 9.0 + 0.15, 0.25, 0.5))
-        left, right = figure.subfigures(1, 2, width_ratios=(share, 1.0 - share))
-        return figure, left.subplots(), list(right.subplots(rows, 1, squeeze=False).flat)
-    body = 3.0 if frame.stretched else float(np.clip(6.4 * height / width, 1.3, 5.0))
-    room = 0.7 + (2.2 if rows == 1 else 1.8) * rows
-    figure = Figure(figsize=(8.0, body + 0.9 + room), layout="constrained")
-    above, below = figure.subfigures(2, 1, height_ratios=(body + 0.9, room))
-    panels = below.subplots(rows, columns, squeeze=False)
-    for idle in list(panels.flat)[pairs:]:
+        room, below = figure.subfigures(1, 2, width_ratios=(share, 1.0 - share))
+    else:
+        half = 3.2 if closer else 6.4
+        body = 3.0 if frame.stretched else float(np.clip(half * height / width, 1.3, 5.0))
+        body = max(body, 3.0) if closer else body
+        under = 0.7 + (2.2 if rows == 1 else 1.8) * rows
+        figure = Figure(figsize=(8.0, body + 0.9 + under), layout="constrained")
+        room, below = figure.subfigures(2, 1, height_ratios=(body + 0.9, under))
+    across = closer and not frame.is_tall
+    shape = (1, 2) if across else (2, 1) if closer else (1, 1)
+    first, *others = room.subplots(*shape, squeeze=False).flat
+    panels = list(below.subplots(rows, columns, squeeze=False).flat)
+    for idle in panels[pairs:]:
         idle.set_visible(False)
-    return figure, above.subplots(), list(panels.flat)[:pairs]
+    return figure, first, others[0] if others else None, panels[:pairs]
 
 
 def _fill_panels(

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 MOST_PANELS = 8
 STILL = 1e-4  # of the largest displacement of all surfaces: what moves less is a support
+IDLE = 1e-9  # of the largest force: what needs less moves freely, such as along a symmetry plane
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,12 +52,13 @@ def curves_of(results: Results) -> list[Curve]:
         for i in letters
     }
     largest = max(travel.values(), default=0.0)
+    most = max((_largest(table, f"force_{i}") for i in letters), default=0.0)
     curves = [
         Curve(name, f"displacement_{i}", f"force_{i}",
               f"{DISPLACEMENT.name} {DISPLACEMENT.symbol}_{i}",
               f"{REACTION.name} {REACTION.symbol}_{i}", "m", "N")
         for (name, i), way in travel.items()
-        if way > STILL * largest
+        if way > STILL * largest and _largest(table, f"force_{i}", name) > IDLE * most
     ]  # fmt: skip
     for boundary in results.case.boundary:
         turned = boundary.rotation
@@ -67,6 +69,12 @@ def curves_of(results: Results) -> list[Curve]:
                 Curve(boundary.surface, "time", f"moment_{turned.axis}", time, about, "s", "N m")
             )
     return curves[:MOST_PANELS]
+
+
+def _largest(table: Any, column: str, surface: str | None = None) -> float:
+    """Largest amount in a column, of one surface or of all."""
+    rows = table if surface is None else table[table["surface"] == surface]
+    return float(np.max(np.abs(rows[column].to_numpy(dtype=np.float64)), initial=0.0))
 
 
 def force_displacement_figure(results: Results) -> Figure | None:

@@ -27,32 +27,31 @@ def forces_figure(results: Results) -> Figure:
     """Normal force, friction force and their ratio, of each pair where there are several."""
     history = results.history
     at = abscissa_of(results)
-    figure = Figure(figsize=(7.5, 7.2), layout="constrained")
-    panels = figure.subplots(3, 1, sharex=True)
+    count = 3 if history["friction_force"].any() else 1  # without friction it has no panels
+    figure = Figure(figsize=(7.5, 1.2 + 2.0 * count), layout="constrained")
+    panels = list(figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0])
     forces = fitting(history["normal_force"], "N"), fitting(history["friction_force"], "N")
-    lines = list(_lines(results))
-    for label, colour, width, rows, table in lines:
+    for label, colour, width, rows, table in _lines(results):
         x = at.values[rows]
         normal, friction = (
             table[name].to_numpy(dtype=np.float64) for name in ("normal_force", "friction_force")
         )
-        ratio = _over(friction, normal)
+        shown = forces[0].of(normal), forces[1].of(friction), _over(friction, normal)
         style: dict[str, Any] = {"color": colour, "lw": width, "label": label}
         style |= {"marker": "."} if len(x) < 3 else {}
-        panels[0].plot(x, forces[0].of(normal), **style)
-        panels[1].plot(x, forces[1].of(friction), **style)
-        panels[2].plot(x, ratio, **style)
-    _draw_resultant(panels[1], at.values, history, forces[1])
+        for axes, values in zip(panels, shown, strict=False):
+            axes.plot(x, values, **style)
+    _draw_resultant(panels[1:2], at.values, history, forces[1])
     units = (*forces, Unit(1.0, ""))
     for axes, quantity, unit in zip(
-        panels, (NORMAL_FORCE, FRICTION_FORCE, RATIO), units, strict=True
+        panels, (NORMAL_FORCE, FRICTION_FORCE, RATIO), units, strict=False
     ):
         axes.set_ylabel(quantity.label(unit.name))
     _fit_scales(panels, history)
     for axes in panels:
         at.mark(axes, named=axes is panels[0])
     panels[-1].set_xlabel(at.label)
-    handles, labels = panels[1].get_legend_handles_labels()
+    handles, labels = panels[min(1, count - 1)].get_legend_handles_labels()
     if len(labels) > 1:
         figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 3),
                       fontsize=8)  # fmt: skip
@@ -84,7 +83,7 @@ def _over(friction: Floats, normal: Floats) -> Floats:
     return out
 
 
-def _draw_resultant(axes: Axes, at: Floats, history: Any, unit: Unit) -> None:
+def _draw_resultant(panels: Sequence[Axes], at: Floats, history: Any, unit: Unit) -> None:
     """The signed resultant of the friction, where it says more than the sum of its amounts."""
     if "tangential_force" not in history:
         return
@@ -94,14 +93,15 @@ def _draw_resultant(axes: Axes, at: Floats, history: Any, unit: Unit) -> None:
     unlike = np.abs(np.abs(signed) - whole) > 0.02 * largest
     if unlike.any() or (signed < -NOUGHT * largest).any():
         label = "resultant of the friction, signed"
-        axes.plot(at, unit.of(signed), color="0.55", lw=0.9, ls="--", label=label)
+        for axes in panels:
+            axes.plot(at, unit.of(signed), color="0.55", lw=0.9, ls="--", label=label)
 
 
 def _fit_scales(panels: Sequence[Axes], history: Any) -> None:
     """Friction on logarithmic scales where it spans decades while surfaces are driven."""
     moving = history["velocity"].to_numpy(dtype=np.float64) != 0.0
     friction = history["friction_force"].to_numpy(dtype=np.float64)
-    log = spans_decades(friction[moving] if moving.any() else friction)
+    log = spans_decades(friction[moving])
     for axes in panels:
         values = np.concatenate([np.asarray(line.get_ydata(), np.float64) for line in axes.lines])
         values = values[np.isfinite(values)]

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     import meshio
 
 SLENDER = 6.0  # extent over extent from which on the shorter one is stretched
+SMALL = 0.15  # extent of what is pressed over that of the bodies, below which it is seen close up
 CELLS_OUTLINED = 4000
 # Distinct from each other and from the colours of the fields.
 PAIR_COLOURS = ("#e6399b", "#ff7f0e", "#111111", "#00b5d8", "#8c4a2f", "#a4133c")
@@ -63,8 +64,37 @@ def frame_round(states: Sequence[Bodies], names: tuple[str, str]) -> Frame:
     return Frame(low, high, fitting([extent.max()], "m"), stretched, names)
 
 
-def draw_bodies(axes: Axes, bodies: Bodies, scale: ColourScale, frame: Frame) -> PolyCollection:
+def close_up(frame: Frame, nodes: meshio.Mesh) -> Frame | None:
+    """A frame round what is pressed, where it would hardly be seen among the bodies; else None.
+
+    Args:
+        frame: round the bodies.
+        nodes: contact file.
+    """
+    pressed = np.asarray(nodes.point_data["pressure"]) > 0.0
+    if frame.stretched or not pressed.any():
+        return None
+    places = nodes.points[pressed, :2]
+    middle = 0.5 * (places.min(axis=0) + places.max(axis=0))
+    size = float(np.ptp(places, axis=0).max())
+    whole = float((frame.high - frame.low).max())
+    if size > SMALL * whole:
+        return None
+    half = 0.75 * max(size, 1e-3 * whole)
+    return Frame(middle - half, middle + half, fitting([2.0 * half], "m"), False, frame.names)
+
+
+def draw_bodies(
+    axes: Axes, bodies: Bodies, scale: ColourScale, frame: Frame, *, named: bool = True
+) -> PolyCollection:
     """Draw all bodies of a state.
+
+    Args:
+        axes: to draw in.
+        bodies: what to draw.
+        scale: of the colours.
+        frame: what is seen of them.
+        named: whether to write their names.
 
     Returns:
         The cells, which a colour bar can be made of.
@@ -85,7 +115,8 @@ def draw_bodies(axes: Axes, bodies: Bodies, scale: ColourScale, frame: Frame) ->
     around = bodies.position[bodies.edges, :2] * factor
     axes.add_collection(LineCollection(list(around), colors="0.25", linewidths=0.8))
     _set_frame(axes, frame)
-    _name_bodies(axes, bodies, frame)
+    if named:
+        _name_bodies(axes, bodies, frame)
     return cells
 
 

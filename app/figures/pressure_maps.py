@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 LEVELS = 64  # of the colours of the pressure
 SMALL = 0.5  # extent of what is pressed over the slave's, below which only that is shown
+SHY = 0.25  # of the squared pressures around an open node: the least it is continued to below zero
 ARROWS = 250  # friction tractions drawn, about
 
 
@@ -141,9 +142,10 @@ def signed_square(pressure: Floats, facets: Ints, place: Floats) -> Floats:
     beside = ~pressed[here] & pressed[there]
     opened, by = here[beside], there[beside]
     ahead = square[by] + (gradient[by] * (place[opened] - place[by])).sum(axis=1)
-    sums, hits = (np.bincount(opened, w, count) for w in (ahead, None))
-    low = -1e-3 * float(square.max(initial=0.0))
-    out: Floats = np.where(pressed, square, np.minimum(sums / np.maximum(hits, 1), low))
+    sums, around, hits = (np.bincount(opened, w, count) for w in (ahead, square[by], None))
+    # An open node has a gap, so the rim comes no closer to it than a fifth of the way.
+    least = np.minimum(sums, -SHY * around) / np.maximum(hits, 1)
+    out: Floats = np.where(pressed, square, least)
     out[~pressed & (hits == 0)] = out.min(initial=0.0)
     return out
 

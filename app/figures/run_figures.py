@@ -72,8 +72,8 @@ def _draw_sweep(results: Results, figures: Path) -> list[Path]:
     ]
     stribeck = [
         one
-        for label, _, part in found
-        for one in series_of(part, label or part.directory.name.split("=", 1)[-1])
+        for _, _, part in found
+        for one in series_of(part, part.directory.name.replace("=", " = "))
     ]
     drawn = {"sweep.png": sweep_figure(results), "stribeck.png": stribeck_figure(stribeck)}
     files = _saved(drawn, figures)

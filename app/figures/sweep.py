@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from app.case.quantities import QuantityError, split_quantity
-from app.figures.history import DECADES, spans_decades
+from app.figures.history import DECADES, LEAST, spans_decades
 from app.figures.style import MARKERS, Floats, thin_log_ticks
 from app.figures.symbols import FRICTION_FORCE, NORMAL_FORCE, RATIO
 from app.figures.units import Unit, fitting
@@ -146,7 +146,7 @@ def sweep_figure(results: Results) -> Figure | None:
         for axes, unit, values in zip(
             panels, units, (line.normal, line.friction, ratio), strict=True
         ):
-            _draw(axes, swept, line, unit.of(values), colours[number], number)
+            _draw(axes, swept, line, unit.of(_whole(values)), colours[number], number)
     for axes, unit, quantity in zip(
         panels, units, (NORMAL_FORCE, FRICTION_FORCE, RATIO), strict=True
     ):
@@ -162,6 +162,12 @@ def sweep_figure(results: Results) -> Figure | None:
     return figure
 
 
+def _whole(values: Floats) -> Floats:
+    """Values without those that are rounding beside the largest of them all."""
+    least = LEAST * float(np.nanmax(np.abs(values), initial=0.0))
+    return np.where(np.abs(values) > least, values, np.nan)
+
+
 def _draw(
     axes: Axes, swept: SweptValues, line: SweepLine, values: Floats, colour: Any, number: int
 ) -> None:
@@ -169,27 +175,25 @@ def _draw(
     marker = MARKERS[number % len(MARKERS)]
     axes.plot(line.places, values, marker=marker, ls=joined, lw=0.9, ms=5, color=colour,
               mfc="none" if number % 2 else colour, label=line.label)  # fmt: skip
-    off = line.unsettled
+    off = line.unsettled & np.isfinite(values)
     axes.plot(line.places[off], values[off], "x", color="0.45", ms=10, mew=2, zorder=5)
 
 
 def _scales(axes: Axes, swept: SweptValues) -> None:
-    """Logarithmic where values span decades; ticks with words where the values are words."""
+    """Logarithmic where values span decades; ticks at the values, or their words."""
     values = np.concatenate([np.asarray(line.get_ydata(), np.float64) for line in axes.lines])
     found = values[np.isfinite(values)]
-    thin_log_ticks(axes)
-    if swept.is_log:
-        axes.set_xscale("log")
-        places = sorted(set(swept.places.values()))
-        if len(places) <= MOST_TICKS:
-            axes.set_xticks(places, [f"{place:g}" for place in places])
-            axes.set_xticks([], minor=True)
-    if swept.texts:
-        axes.set_xticks(range(len(swept.texts)), swept.texts)
-        axes.margins(x=0.15)
     positive = found[found > 0.0]
     if spans_decades(found) or (len(positive) and positive.max() > DECADES * positive.min()):
         axes.set_yscale("log")
     elif len(found):
         axes.set_ylim(min(0.0, 1.08 * float(found.min())), 1.08 * float(found.max()) or 1.0)
+    if swept.is_log:
+        axes.set_xscale("log")
     thin_log_ticks(axes)
+    places = sorted(set(swept.places.values()))
+    if swept.texts:
+        axes.set_xticks(places, swept.texts)
+        axes.margins(x=0.15)
+    elif swept.is_log and len(places) <= MOST_TICKS:
+        axes.set_xticks(places, [f"{place:g}" for place in places])

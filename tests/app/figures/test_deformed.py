@@ -122,7 +122,7 @@ def test_picture_shows_the_bodies_whole(width, height, stretched):
     bodies = plate(width, height)
     frame = frame_round([bodies], ("x", "y"))
     assert frame.stretched == stretched and frame.is_tall == (height == 3.0)
-    figure, axes, _ = deformed._layout(frame, 1)
+    figure, axes, _, _ = deformed._layout(frame, 1, closer=False)
     draw_bodies(axes, bodies, colour_scale(bodies.field.values, ""), frame)
     figure.draw_without_rendering()
     (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
