@@ -19,7 +19,6 @@ OWN = (
     "contacts.csv",
     "surfaces.csv",
     "bodies.csv",
-    "motion.csv",
     "log.txt",
     "fields.pvd",
     "fields",
@@ -43,7 +42,7 @@ OWN = (
     "verification.md",
 )
 # What earlier versions wrote and --force clears too.
-EARLIER = ("contact_nodes.pvd", "contact_nodes")
+EARLIER = ("contact_nodes.pvd", "contact_nodes", "motion.csv")
 TEXT_COLUMNS = ("stage", "label", "pair", "surface", "body", "probe")
 
 
@@ -159,6 +158,18 @@ class GrowingTable:
         self.written += len(rows)
 
 
+def _entry(column: str, text: str) -> float | str:
+    """A number, or the text of a column that holds text; what is swept may be either."""
+    if column in TEXT_COLUMNS:
+        return text
+    try:
+        return float(text)
+    except ValueError:
+        if column == "value":
+            return text
+        raise
+
+
 def read_table(path: Path) -> list[dict[str, Any]]:
     """Rows of a CSV file written here, numbers as floats.
 
@@ -168,7 +179,7 @@ def read_table(path: Path) -> list[dict[str, Any]]:
     try:
         with path.open(newline="", encoding="utf-8") as stream:
             return [
-                {key: value if key in TEXT_COLUMNS else float(value) for key, value in row.items()}
+                {key: _entry(key, value) for key, value in row.items()}
                 for row in csv.DictReader(stream)
             ]
     except FileNotFoundError:

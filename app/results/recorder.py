@@ -6,7 +6,7 @@ import importlib.metadata
 import platform
 import resource
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from petsc4py import PETSc
 from app.build.load_steps import LoadStep
 from app.build.model import Model
 from app.case.case import resolved_toml
+from app.case.stage import solver_of
 from app.implicit.stepper import StepResult
 from app.results.directory import write_json, write_text
 from app.results.output_files import OutputFiles
@@ -34,6 +35,7 @@ from geometry.surfaces.facets import Floats
 
 TINY = 1e-30  # J/m², below any dissipation
 UNBALANCED = 0.05  # energy error over the work from which a run is warned of
+UNBALANCED_FORCE = 1e-4  # resultant on a body over the largest force from which it is
 
 
 class Recorder(Observer):
@@ -111,7 +113,7 @@ class Recorder(Observer):
         if simulation.state.step:
             self._output(simulation.state)
             self.warnings.extend(self._contacts.warnings())
-            self.warnings.extend(_unbalanced(simulation.rows))
+            self.warnings.extend(_unbalanced(simulation))
             self._roundoff.end(self._label)
             self.warnings.extend(self._roundoff.warnings())
         self._files.close()
@@ -142,6 +144,8 @@ class Recorder(Observer):
         return when, self._files.described(step)
 
     def _output(self, state: RunState) -> None:
+        if state.step in self._files.times:
+            return
         problem = self.model.problem
         with problem.timer("output"):
             problem.spread(state.stepper.x)
@@ -194,6 +198,7 @@ class Recorder(Observer):
             "factorisations": assembled,
             "attempts": sum(row.attempts for row in rows),
             "energy_error_relative": energy_gap(rows),
+            "force_balance_relative": force_balance(simulation),
             "residual_at_roundoff": worst.share if worst else None,
             "penalty": self._penalty,
             "film_onset_pressure": self.model.film_onset,
@@ -222,9 +227,22 @@ def _extent(comm: MPI.Comm, values: Floats) -> list[float]:
     return [least, comm.allreduce(float(np.max(values, initial=0.0)), op=MPI.MAX)]
 
 
-def _unbalanced(rows: Sequence[Row]) -> Iterator[str]:
-    """A warning on a run whose energies do not add up."""
-    gap = abs(energy_gap(rows))
+def force_balance(simulation: Simulation) -> float | None:
+    """Largest resultant force on a body in equilibrium over the largest force; None without one."""
+    case = simulation.model.case
+    still = [s.name for s in case.stage if solver_of(s, case.solver.kind) == "implicit"]
+    return simulation.state.motion.force_balance(still)
+
+
+def _unbalanced(simulation: Simulation) -> Iterator[str]:
+    """Warnings on a run whose forces or energies do not add up."""
+    rest = force_balance(simulation) or 0.0
+    if rest > UNBALANCED_FORCE:
+        yield (
+            f"forces on a body add up to zero only to {rest:.2g} of the largest: solver.tolerance "
+            "is too large for them, or rounding leaves no less"
+        )
+    gap = abs(energy_gap(simulation.rows))
     if gap > UNBALANCED:
         yield (
             f"energy is balanced only to {gap:.2g} of the work: the steps are too long for what "

@@ -6,7 +6,7 @@ two boundaries prescribe the same at a node that they share, its force is the fi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -82,6 +82,30 @@ class MotionHistory:
         forces = total[here.size :].reshape(there.shape) * self._model.thickness
         self._add_surfaces(key, means[: len(self._on)], forces)
         self._add_bodies(key, means[len(self._on) :], forces, pairs)
+
+    def force_balance(self, stages: Collection[str]) -> float | None:
+        """Largest resultant force on a body over the largest force of the same stages.
+
+        Args:
+            stages: names of those at whose rows the bodies are in equilibrium.
+
+        Returns:
+            None without a force.
+        """
+        dim, stage = self._dim, KEYS.index("stage")
+        forces = np.array([row[-2 * dim :] for row in self.body_rows if row[stage] in stages])
+        radial = np.abs(self._radial(stages)).max(initial=0.0)
+        largest = np.abs(forces).max(initial=radial)
+        if largest == 0.0:
+            return None
+        return float(np.abs(forces[:, :dim] + forces[:, dim:]).max() / largest)
+
+    def _radial(self, stages: Collection[str]) -> Floats:
+        """Radial forces (r,), N, on surfaces of bodies of revolution."""
+        if "radial_force" not in self.surface_columns:
+            return np.empty(0)
+        stage, at = KEYS.index("stage"), self.surface_columns.index("radial_force")
+        return np.array([row[at] for row in self.surface_rows if row[stage] in stages])
 
     def of_surface(self, name: str, column: str) -> Floats:
         """Values (r,) of a column for one surface, row by row."""

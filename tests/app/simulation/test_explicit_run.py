@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -253,6 +254,31 @@ def test_files_of_an_explicit_run(tmp_path):
     ]
 
 
+def assert_momentum(table: Path) -> None:
+    """Boundaries and contact change the elastomer's momentum over each explicit row of SLID."""
+    elastomer = [row for row in read_table(table) if row["body"] == "elastomer"][1:]
+    mass = 1100 * 0.6e-3 * 0.05e-3 * 1e-3
+    for axis in "xy":
+        pushed = [row[f"boundary_force_{axis}"] + row[f"contact_force_{axis}"] for row in elastomer]
+        gained = mass * np.diff([row[f"velocity_{axis}"] for row in elastomer])
+        # Half a time step of a force that swings is left between means and velocities.
+        assert 2e-6 * np.array(pushed[1:]) == pytest.approx(gained, abs=5e-2 * np.abs(gained).max())
+
+
+def test_pressures_change_the_momentum(tmp_path):
+    data = tomllib.loads(SLID)
+    for side, pressure in (("left", "1 MPa"), ("right", "0.2 MPa")):
+        ramp = [["1 s", 0], ["1.000005 s", pressure]]
+        data["boundary"].append({"surface": f"elastomer_{side}", "pressure": ramp})
+    run_case(Case.model_validate(data), tmp_path / "out", quiet=True, comm=MPI.COMM_SELF)
+    assert_momentum(tmp_path / "out" / "bodies.csv")
+    last = {row["surface"]: row for row in read_table(tmp_path / "out" / "surfaces.csv")[-4:]}
+    # 1 and 0.2 MPa on 0.05 mm times 1 mm of the slab, pressed a little flatter.
+    left, right = (last[f"elastomer_{side}"]["force_x"] for side in ("left", "right"))
+    assert left == pytest.approx(1e6 * 0.05e-6, rel=0.1)
+    assert right == pytest.approx(-0.2 * left, rel=0.1)
+
+
 def test_a_phase_plot_of_a_sprung_surface(tmp_path):
     data = tomllib.loads(SLID)
     data["boundary"][1]["spring"] = {"direction": "x", "stiffness": "1e6 N/m", "end": "driven"}
@@ -262,14 +288,7 @@ def test_a_phase_plot_of_a_sprung_surface(tmp_path):
     rows = [r for r in read_table(tmp_path / "out" / "surfaces.csv") if r["surface"] == "top"]
     stretch = 0.2 * (rows[-1]["time"] - 1.0) - rows[-1]["displacement_x"]
     assert 0.0 < rows[-1]["force_x"] < 2e6 * stretch  # the mean over an interval that swings
-    bodies = read_table(tmp_path / "out" / "bodies.csv")
-    elastomer = [row for row in bodies if row["body"] == "elastomer"][1:]
-    mass = 1100 * 0.6e-3 * 0.05e-3 * 1e-3
-    for axis in "xy":
-        pushed = [row[f"boundary_force_{axis}"] + row[f"contact_force_{axis}"] for row in elastomer]
-        gained = mass * np.diff([row[f"velocity_{axis}"] for row in elastomer])
-        # Half a time step of a force that swings is left between means and velocities.
-        assert 2e-6 * np.array(pushed[1:]) == pytest.approx(gained, abs=5e-2 * np.abs(gained).max())
+    assert_momentum(tmp_path / "out" / "bodies.csv")
     assert rows[-1]["velocity_x"] > 0.0
     assert (tmp_path / "out" / "figures" / "phase.png").stat().st_size > 1000
 
