@@ -32,6 +32,7 @@ from app.simulation.observer import Interval, Observer
 from app.simulation.roundoff_watch import RoundOffWatch
 from app.simulation.run_state import RunState
 from app.simulation.simulation import Simulation
+from app.simulation.time_text import time_text
 from geometry.surfaces.facets import Floats
 
 TINY = 1e-30  # J/m², below any dissipation
@@ -177,7 +178,7 @@ class Recorder(Observer):
                 self._left.add(contact.master)
                 self.warnings.append(
                     f"{contact.slave} runs past the end of {contact.master}: no contact there "
-                    f"(first at time {row.time:.6g} s, stage {row.stage})"
+                    f"(first at time {time_text(row.time, row.dt)}, stage {row.stage})"
                 )
             if self._warned or pair.area <= 0.0 or not pair.worst:
                 continue
@@ -188,7 +189,7 @@ class Recorder(Observer):
                 where = ", ".join(f"{c:.4g}" for c in pair.worst)
                 self.warnings.append(
                     f"negative dissipation {pair.least_dissipation:.3g} J/m² at ({where}) m, "
-                    f"time {row.time:.6g} s, stage {row.stage}"
+                    f"time {time_text(row.time, row.dt)}, stage {row.stage}"
                 )
 
     def _write_series(self) -> None:
