@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import platform
 import shutil
 import sys
 import traceback
@@ -38,10 +39,29 @@ cli = typer.Typer(
 
 def _print_version(asked: bool) -> None:
     if asked:
+        from importlib.metadata import PackageNotFoundError, version
+
         from app import __version__
 
         print(f"tribox {__version__}")
+        for name, package in _BELOW.items():
+            try:
+                print(f"{name} {version(package)}")
+            except PackageNotFoundError:
+                print(f"{name}: not found")
+        print(f"Python {platform.python_version()}")
         raise typer.Exit
+
+
+# What results depend on beside the program itself, by the names of the packages.
+_BELOW = {
+    "DOLFINx": "fenics-dolfinx",
+    "FFCx": "fenics-ffcx",
+    "petsc4py": "petsc4py",
+    "mpi4py": "mpi4py",
+    "gmsh": "gmsh",
+    "NumPy": "numpy",
+}
 
 
 @cli.callback()
@@ -49,7 +69,7 @@ def _options(
     version: Annotated[
         bool,
         typer.Option(
-            "--version", callback=_print_version, is_eager=True, help="print the version and exit"
+            "--version", callback=_print_version, is_eager=True, help="print versions and exit"
         ),
     ] = False,
 ) -> None:

@@ -19,6 +19,7 @@ from app.simulation.explicit_stage import notes_on_steps
 from app.simulation.history import energy_gap
 from app.simulation.observer import Observer
 from app.simulation.simulation import Simulation
+from app.simulation.time_text import time_text
 
 
 def run_case(
@@ -51,7 +52,7 @@ def run_case(
     simulation = Simulation(model)
     on_first(comm, lambda: prepare(directory))
     recorder = Recorder(model, directory)
-    reporter = Reporter(directory / "log.txt", case.stage, quiet) if comm.rank == 0 else None
+    reporter = Reporter(directory / "log.txt", case, quiet) if comm.rank == 0 else None
     told: list[Observer] = [reporter, recorder] if reporter else [recorder]
     try:
         if reporter:
@@ -115,11 +116,12 @@ def _saved_line(simulation: Simulation, recorder: Recorder) -> str:
         return f"no step was solved, so {directory} holds no state"
     # An explicit run fails between two rows; its last output may be that of the row before.
     time, points = recorder.last_output
+    dt = simulation.rows[-1].dt
     what = "converged" if simulation.explicit is None else "valid"
     return (
-        f"the last {what} state, step {state.step} at time {time:.6g} s, is saved in {directory}: "
-        f"last output of fields.bp and stress.bp, {points}, and the steps that led there in "
-        "history.csv"
+        f"the last {what} state, step {state.step} at time {time_text(time, dt)}, is saved in "
+        f"{directory}: last output of fields.bp and stress.bp, {points}, and the steps that led "
+        "there in history.csv"
     )
 
 
