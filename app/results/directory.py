@@ -18,12 +18,14 @@ OWN = (
     "history.csv",
     "motion.csv",
     "log.txt",
-    "fields.bp",
-    "stress.bp",
+    "fields.pvd",
+    "fields",
     "contact.pvd",
     "contact",
-    "contact_nodes.pvd",
-    "contact_nodes",
+    "contact_points.pvd",
+    "contact_points",
+    "fields.bp",
+    "stress.bp",
     "figures",
     "sweep.csv",
     "mesh.msh",
@@ -37,7 +39,9 @@ OWN = (
     "friction.toml",
     "verification.md",
 )
-TEXT_COLUMNS = ("stage", "label")
+# What earlier versions wrote and --force clears too.
+EARLIER = ("contact_nodes.pvd", "contact_nodes")
+TEXT_COLUMNS = ("stage", "label", "pair", "surface", "body", "probe")
 
 
 def default_directory(case_file: Path) -> Path:
@@ -103,7 +107,7 @@ def prepare(directory: Path) -> None:
 
 def _is_own(name: str, labels: Sequence[str]) -> bool:
     """Whether a name in a results directory is one of a result, or of a value of its sweep."""
-    return name.removesuffix(".part") in OWN or name in labels
+    return name.removesuffix(".part") in OWN + EARLIER or name in labels
 
 
 def write_text(path: Path, text: str) -> None:

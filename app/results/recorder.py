@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import dolfinx
-import meshio
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -21,10 +20,8 @@ from app.build.load_steps import LoadStep
 from app.build.model import Model
 from app.case.case import resolved_toml
 from app.implicit.stepper import StepResult
-from app.results.contact_nodes import contact_nodes, nodal_pressure, write_contact_nodes
-from app.results.contact_points import contact_arrays
 from app.results.directory import write_json, write_table, write_text
-from app.results.fields import FieldWriter
+from app.results.output_files import OutputFiles
 from app.simulation.contact_warnings import ContactWarnings
 from app.simulation.history import COLUMNS, Row, energy_gap
 from app.simulation.inertia import notes_on_inertia
@@ -38,7 +35,6 @@ from geometry.surfaces.facets import Floats
 TINY = 1e-30  # J/m², below any dissipation
 UNBALANCED = 0.05  # energy error over the work from which a run is warned of
 HISTORY_EVERY = 2.0  # s between two rewrites of history.csv while running
-POINTS, NODES = "contact", "contact_nodes"  # directories, and names of their indices by time
 
 
 class Recorder(Observer):
@@ -57,7 +53,6 @@ class Recorder(Observer):
         self.first = self.comm.rank == 0
         self.load_steps: list[dict[str, Any]] = []
         self.every = model.case.output.fields_every
-        self._outputs: list[tuple[float, str]] = []
         self._written = time.monotonic()
         self._started = time.perf_counter()
         self._warned = False
@@ -70,12 +65,7 @@ class Recorder(Observer):
         self.warnings: list[str] = list(model.notes)
         if self.first:
             write_text(directory / "case.toml", resolved_toml(model.case))
-            for name in (POINTS, NODES):
-                (directory / name).mkdir()
-        self.comm.barrier()
-        surfaces = [term.surface for term in model.problem.contacts]
-        self._fields = FieldWriter(model.problem.u, model.problem.solids, directory, surfaces)
-        self._last_output = -1
+        self._files = OutputFiles(model, directory)
 
     def step(self, state: RunState, row: Row, result: StepResult | Interval) -> None:
         """Write the outputs that are due and look for a negative dissipation."""
@@ -127,7 +117,7 @@ class Recorder(Observer):
             self.warnings.extend(_unbalanced(simulation.rows))
             self._roundoff.end(self._label)
             self.warnings.extend(self._roundoff.warnings())
-        self._fields.close()
+        self._files.close()
         explicit = {} if simulation.explicit is None else simulation.explicit.summary()
         shares = self.comm.gather(self._share())
         if self.first:
@@ -135,7 +125,6 @@ class Recorder(Observer):
             if simulation.explicit is not None:
                 motion = simulation.explicit.motion
                 write_table(self.directory / "motion.csv", motion.columns, motion.rows)
-            self._write_series()
             summary = self._summary(simulation, status, shares or [])
             parts = {"explicit": explicit} if explicit else {}
             write_json(self.directory / "summary.json", summary | parts | {"failure": failure})
@@ -144,6 +133,7 @@ class Recorder(Observer):
         """Write the history after an error of this rank alone; not collective."""
         if self.first:
             self._write_history(simulation.state)
+            self._files.write_indices()
 
     def _write_history(self, state: RunState) -> None:
         rows = (astuple(row) for row in state.rows)
@@ -151,25 +141,15 @@ class Recorder(Observer):
 
     @property
     def last_output(self) -> tuple[float, str]:
-        """Time, s, and file of contact points of the last output; there must be one."""
-        when, name = self._outputs[-1]
-        return when, f"{POINTS}/{name}"
+        """Time, s, and files of the last output; there must be one."""
+        step, when = next(reversed(self._files.times.items()))
+        return when, self._files.described(step)
 
     def _output(self, state: RunState) -> None:
-        if state.step == self._last_output:
-            return
-        self._last_output = state.step
         problem = self.model.problem
         with problem.timer("output"):
             problem.spread(state.stepper.x)
-            pairs = zip(problem.contacts, problem.committed, strict=True)
-            self._fields.write(state.time, [nodal_pressure(*pair) for pair in pairs])
-            name = f"{state.step:06d}.vtu"
-            points, nodes = contact_arrays(self.model), contact_nodes(self.model)
-            if points is not None and nodes is not None:
-                _write_points(self.directory / POINTS / name, points)
-                write_contact_nodes(self.directory / NODES / name, nodes)
-            self._outputs.append((state.time, name))
+            self._files.write(state.step, state.time)
 
     def _watch(self, state: RunState, row: Row) -> None:
         """Warn once of a negative dissipation beyond round-off, and of running off the master."""
@@ -191,18 +171,6 @@ class Recorder(Observer):
                     f"negative dissipation {pair.least_dissipation:.3g} J/m² at ({where}) m, "
                     f"time {time_text(row.time, row.dt)}, stage {row.stage}"
                 )
-
-    def _write_series(self) -> None:
-        """Indices of the contact files by time, as ParaView reads them."""
-        for kind in (POINTS, NODES):
-            sets = "\n".join(
-                f'    <DataSet timestep="{t!r}" file="{kind}/{name}"/>' for t, name in self._outputs
-            )
-            write_text(
-                self.directory / f"{kind}.pvd",
-                '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n'
-                f"  <Collection>\n{sets}\n  </Collection>\n</VTKFile>\n",
-            )
 
     def _share(self) -> dict[str, Any]:
         """What this rank has of the work."""
@@ -237,6 +205,7 @@ class Recorder(Observer):
             "penetration_over_approach": self._contacts.over_approach,
             "penetration_over_film": [_penetration_over_film(row) for row in rows[-1:]],
             "load_steps": self.load_steps,
+            "bodies": [solid.name for solid in problem.solids],
             "dofs": int(problem.space.dofmap.index_map.size_global * problem.dim),
             "ranks": self.comm.size,
             "seconds": {"run": round(wall, 4), **timings},
@@ -279,14 +248,3 @@ def _version() -> str:
         return importlib.metadata.version("tribox")
     except importlib.metadata.PackageNotFoundError:
         return __version__
-
-
-def _write_points(path: Path, arrays: dict[str, Floats]) -> None:
-    """Contact points as vertices with data, ``position`` being where they are."""
-    position = arrays.pop("position")
-    points = np.zeros((len(position), 3))
-    points[:, : position.shape[1]] = position
-    vertices = [("vertex", np.arange(len(points))[:, None])]
-    part = path.with_suffix(".part.vtu")
-    meshio.Mesh(points, vertices, point_data=arrays).write(part)
-    part.replace(path)

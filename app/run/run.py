@@ -115,13 +115,12 @@ def _saved_line(simulation: Simulation, recorder: Recorder) -> str:
     if state.step == 0:
         return f"no step was solved, so {directory} holds no state"
     # An explicit run fails between two rows; its last output may be that of the row before.
-    time, points = recorder.last_output
-    dt = simulation.rows[-1].dt
+    time, files = recorder.last_output
+    when = time_text(time, simulation.rows[-1].dt)
     what = "converged" if simulation.explicit is None else "valid"
     return (
-        f"the last {what} state, step {state.step} at time {time_text(time, dt)}, is saved in "
-        f"{directory}: last output of fields.bp and stress.bp, {points}, and the steps that led "
-        "there in history.csv"
+        f"the last {what} state, step {state.step} at time {when}, is saved in {directory}: "
+        f"{files}, and the steps that led there in history.csv"
     )
 
 

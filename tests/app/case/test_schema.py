@@ -120,17 +120,12 @@ def mistakes(node, value, schema, place=()):
 UNDERSTOOD = {
     *("$ref", "allOf", "anyOf", "not", "if", "then", "type", "enum", "const", "pattern"),
     *("minLength", "minimum", "maximum", "exclusiveMinimum", "exclusiveMaximum", "minItems"),
-    *(
-        "maxItems",
-        "items",
-        "prefixItems",
-        "properties",
-        "additionalProperties",
-        "required",
-        "minProperties",
-    ),
+    *("maxItems", "items", "prefixItems", "properties", "additionalProperties", "required"),
 }
-IGNORED = {"$schema", "$defs", "title", "description", "default", "x-unit"}
+IGNORED = {
+    *("$schema", "$defs", "title", "description", "default", "x-unit", "format"),
+    "minProperties",
+}
 KINDS = {
     **{"any": object, "object": dict, "array": list, "string": str, "boolean": bool},
     **{"number": int | float, "integer": int},
