@@ -238,6 +238,22 @@ def plot(
     print(f"figures in {directory / 'figures'}")
 
 
+@cli.command()
+def report(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="results directory")],
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="the page (default: DIR/report.html)")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="replace a file of --out")] = False,
+) -> None:
+    """Write a results directory as one HTML page that needs nothing else."""
+    from app.report.page import write_report
+
+    if out is not None and out.exists() and not force:
+        raise InputError(f"{out}: exists already; replace it with --force")
+    print(f"wrote {write_report(directory, out)}")
+
+
 @cli.command(name="map")
 def map_(
     case_file: Annotated[

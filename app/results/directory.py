@@ -18,6 +18,7 @@ OWN = (
     "history.csv",
     "motion.csv",
     "log.txt",
+    "report.html",
     "fields.pvd",
     "fields",
     "contact.pvd",

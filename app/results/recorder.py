@@ -45,10 +45,17 @@ class Recorder(Observer):
         load_steps: what each load step ended with, for the summary.
     """
 
-    def __init__(self, model: Model, directory: Path) -> None:
-        """Open the outputs and write the resolved case; collective."""
+    def __init__(self, model: Model, directory: Path, given: Sequence[str] = ()) -> None:
+        """Open the outputs and write the resolved case; collective.
+
+        Args:
+            model: that is run.
+            directory: of the results, ready to be written.
+            given: dotted keys that the case file gave, for the summary.
+        """
         self.model = model
         self.directory = directory
+        self.given = list(given)
         self.comm = model.problem.comm
         self.first = self.comm.rank == 0
         self.load_steps: list[dict[str, Any]] = []
@@ -208,6 +215,7 @@ class Recorder(Observer):
             "bodies": [solid.name for solid in problem.solids],
             "dofs": int(problem.space.dofmap.index_map.size_global * problem.dim),
             "ranks": self.comm.size,
+            "given": self.given,
             "seconds": {"run": round(wall, 4), **timings},
             **{f"{part}_per_rank": [share[part] for share in shares] for part in shares[0]},
             "versions": {

@@ -9,6 +9,7 @@ from mpi4py import MPI
 
 from app.build.model import build_model
 from app.case.case import Case
+from app.case.given import given_keys
 from app.errors import InputError, SolutionError
 from app.results.directory import check_free, prepare
 from app.results.earlier_sweep import sweep_labels
@@ -51,7 +52,7 @@ def run_case(
     steps = notes_on_steps(model)
     simulation = Simulation(model)
     on_first(comm, lambda: prepare(directory))
-    recorder = Recorder(model, directory)
+    recorder = Recorder(model, directory, given_keys(case))
     reporter = Reporter(directory / "log.txt", case, quiet) if comm.rank == 0 else None
     told: list[Observer] = [reporter, recorder] if reporter else [recorder]
     try:
