@@ -58,7 +58,7 @@ class CellStrain:
         moved = self._u.x.array.reshape(-1, dim)[self._nodes]
         F = np.zeros((len(moved), 3, 3))
         F[:] = np.eye(3)
-        F[:, :dim, :dim] += np.einsum("cai,ka,ckj->cij", moved, self._slopes, self._inverse)
+        F[:, :dim, :dim] += (moved.transpose(0, 2, 1) @ self._slopes.T) @ self._inverse
         if self._section == "axisymmetric":
             F[:, 2, 2] += moved[:, :, 0] @ self._values / self._radius
         return F
@@ -68,5 +68,5 @@ class CellStrain:
         F = self.deformation_gradient()
         squares, axes = np.linalg.eigh(F @ F.transpose(0, 2, 1))
         logs = 0.5 * np.log(squares)
-        along = np.einsum("cik,ck,cjk->cij", axes, logs, axes)
-        return Strain(np.linalg.det(F), np.sqrt(squares[:, -1]), along)
+        strain = (axes * logs[:, None]) @ axes.transpose(0, 2, 1)
+        return Strain(np.linalg.det(F), np.sqrt(squares[:, -1]), strain)

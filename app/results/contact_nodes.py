@@ -82,8 +82,8 @@ def contact_nodes(model: Model, facets: SlaveFacets | None = None) -> ContactNod
 
     Returns:
         On the first rank, by name: ``position`` and ``reference`` (v, i), m; ``pair``; ``area``,
-        m_A: m² (m in the plane); ``normal`` (v, i), out of the master; ``gap``, m, mean; NaN with
-        no master below; ``pressure``, ``tangential_traction``, Pa, and in space the vector
+        m_A: m² (m in the plane); ``normal`` (v, i), out of the master; ``gap``, m, mean; 0 and
+        NaN with no master below; ``pressure``, ``tangential_traction``, Pa, and in space the vector
         ``friction_traction`` (v, i), Pa; means of the other values of
         :func:`app.results.contact_points.contact_arrays`, but for the regime. None on the others.
     """
@@ -143,7 +143,7 @@ def _mean_vectors(term: ContactTerm, vectors: Floats) -> Floats:
 
 
 def _normals(term: ContactTerm, normals: Floats) -> Floats:
-    """Mean unit normals (v, i) of those at the points (q, i); 0 where these cancel; collective."""
+    """Mean unit normals (v, i) of those at the points (q, i); 0 where these are; collective."""
     mean = _mean_vectors(term, normals)
     length = np.linalg.norm(mean, axis=1, keepdims=True)
     out: Floats = mean / np.where(length > 0.0, length, 1.0)

@@ -82,8 +82,9 @@ def contact_arrays(model: Model) -> dict[str, Array] | None:
     Returns:
         On the first rank, arrays by name (SI), points sorted by pair and reference position:
         ``position`` and ``reference`` (q, i), m; ``pair``; ``weight``, m² (m in the plane);
-        ``normal`` (q, i), out of the master; ``gap``, ``slip_increment``, ``slip_path``,
-        ``film_thickness``, m; ``slip_rate``, m/s; ``pressure``, ``tangential_traction``, Pa;
+        ``normal`` (q, i), out of the master; 0 with none below; ``gap``, ``slip_increment``,
+        ``slip_path``, ``film_thickness``, m; ``slip_rate``, m/s; ``pressure``,
+        ``tangential_traction``, Pa;
         ``cover``, share that touches; ``alpha``; ``regime``; ``dissipation``, J/m² in the last
         step.
         In the plane slip and friction count positive to the right of the normal; in space they are
@@ -100,7 +101,7 @@ def point_values(term: ContactTerm, trial: ContactTrial) -> dict[str, Floats]:
     slip, friction = _along(k.slip, k.normal), _along(response.traction, k.normal)
     out = {
         "position": trial.position,
-        "normal": k.normal,
+        "normal": np.where(trial.projection.on_surface[:, None], k.normal, 0.0),
         "gap": np.where(trial.projection.on_surface, k.gap, np.nan),
         "pressure": trial.pressure,
         "cover": np.where(trial.pressure > 0.0, trial.normal_contact.cover, 0.0),

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import json
 from functools import cached_property
+from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
@@ -31,6 +32,9 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 LAST = -1
+CUT_OFF = "is cut off or not"
+# Directories of the contact in results of earlier versions, which had contact_nodes.
+EARLIER_NAMES = {"contact": "contact_nodes", "contact_points": "contact"}
 
 
 def read(directory: str | Path) -> Results:
@@ -90,7 +94,7 @@ class Results:
         except ValueError:
             found = None
         if not isinstance(found, dict):
-            raise InputError(f"{path}: is cut off or not a summary of tribox")
+            raise InputError(f"{path}: {CUT_OFF} a summary of tribox")
         return found
 
     # -- tables -------------------------------------------------------------------------------
@@ -153,9 +157,12 @@ class Results:
         if not path.exists():
             return pd.DataFrame()
         try:
-            rows = pd.read_csv(path, dtype=str, keep_default_na=False, encoding="utf-8")
+            text = path.read_text(encoding="utf-8")
+            rows = pd.read_csv(StringIO(text), dtype=str, keep_default_na=False)
         except ValueError:  # also pandas' own errors, and text that is no UTF-8
-            raise InputError(f"{path}: is cut off or not a table of tribox") from None
+            raise InputError(f"{path}: {CUT_OFF} a table of tribox") from None
+        if not text.endswith("\n"):
+            raise InputError(f"{path}: {CUT_OFF} a table of tribox")
         return _frame(rows, path)
 
     # -- fields -------------------------------------------------------------------------------
@@ -172,15 +179,16 @@ class Results:
 
     @cached_property
     def _outputs(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        path = self.directory / "fields.pvd"
-        if not path.exists():
+        there = [self.directory / f"{name}.pvd" for name in ("fields", "contact")]
+        path = next((path for path in there if path.exists()), None)
+        if path is None:
             return np.empty(0, dtype=np.int64), np.empty(0)
         try:
             sets = list(ElementTree.parse(path).getroot().iter("DataSet"))
             steps = [int(Path(s.attrib["file"]).stem) for s in sets]
             times = [float(s.attrib["timestep"]) for s in sets]
         except (ElementTree.ParseError, KeyError, ValueError):
-            raise InputError(f"{path}: is cut off or not an index of tribox") from None
+            raise InputError(f"{path}: {CUT_OFF} an index of tribox") from None
         return np.array(steps, dtype=np.int64), np.array(times)
 
     def fields(self, step: int = LAST) -> meshio.Mesh:
@@ -213,7 +221,7 @@ class Results:
         try:
             return meshio.vtu.read(path)
         except Exception:  # whatever its XML parser, base64, zlib and numpy raise
-            raise InputError(f"{path}: is cut off or not a file of tribox") from None
+            raise InputError(f"{path}: {CUT_OFF} a file of tribox") from None
 
     def _file(self, name: str, step: int) -> Path:
         """The file of a step.
@@ -221,14 +229,19 @@ class Results:
         Raises:
             InputError: there is none.
         """
-        there = sorted(self.directory.joinpath(name).glob("*.vtu"), key=lambda p: int(p.stem))
-        found = [p for p in there if step in (LAST, int(p.stem))]
-        if not found:
-            which = f"of step {step} " if there else ""
-            kept = f"; there are {len(there)}, from {there[0].stem} to {there[-1].stem}"
-            of = f"{self.directory}: no output {which}in {name}/" + (kept if there else "")
-            raise InputError(of)
-        return found[-1]
+        if self.directory.joinpath("contact_nodes").is_dir():
+            name = EARLIER_NAMES.get(name, name)
+        files = {int(p.stem): p for p in self.directory.glob(f"{name}/*.vtu") if p.stem.isdigit()}
+        if not files:
+            raise InputError(f"{self.directory}: holds no output in {name}/")
+        if step == LAST:
+            return files[max(files)]
+        if step not in files:
+            raise InputError(
+                f"{self.directory}: no output of step {step} in {name}/; there are {len(files)}, "
+                f"from step {min(files)} to {max(files)}"
+            )
+        return files[step]
 
 
 def _frame(rows: Any, path: Path) -> DataFrame:
@@ -242,8 +255,8 @@ def _frame(rows: Any, path: Path) -> DataFrame:
     frame = pd.DataFrame(rows)
     kinds = {name: str if name in TEXT_COLUMNS else float for name in frame.columns}
     if frame.isna().to_numpy().any():
-        raise InputError(f"{path}: is cut off or not a table of tribox")
+        raise InputError(f"{path}: {CUT_OFF} a table of tribox")
     try:
         return frame.astype(kinds)
     except ValueError:
-        raise InputError(f"{path}: is cut off or not a table of tribox") from None
+        raise InputError(f"{path}: {CUT_OFF} a table of tribox") from None
