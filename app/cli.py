@@ -76,6 +76,25 @@ def _options(
     pass
 
 
+@cli.command()
+def init(
+    kind: Annotated[
+        str, typer.Argument(metavar="[two-blocks|own-mesh|forming]", help="which starter")
+    ] = "two-blocks",
+    target: Annotated[
+        Path | None,
+        typer.Argument(metavar="[FILE|DIR]", help="case file (.toml) or directory (default: here)"),
+    ] = None,
+) -> None:
+    """Write a commented starter case that runs at once, with its mesh and a schema for editors."""
+    from app.init.starters import write_starter
+
+    made = write_starter(kind, target)
+    for path in made:
+        print(f"wrote {path}")
+    print(f"next: tribox check {made[0]}, tribox run {made[0]}")
+
+
 CaseFile = Annotated[Path, typer.Argument(metavar="CASE", help="case file (TOML)")]
 Overrides = Annotated[
     list[str] | None,

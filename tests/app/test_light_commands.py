@@ -55,6 +55,8 @@ def test_commands_that_solve_nothing_load_no_solver(tmp_path, block):
         ["schema"],
         ["check", str(wrong)],
         ["plot", str(out)],
+        ["report", str(out)],
+        ["init", "own-mesh", str(tmp_path / "starter")],
         ["map", "--out", str(tmp_path / "map")],
         ["fit", str(DATA), "--parameters", "mu_s,eta_b", "--out", str(tmp_path / "fit")],
     ]
