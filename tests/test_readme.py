@@ -72,6 +72,10 @@ def test_every_column_and_array_is_explained():
     source = (ROOT / "app" / "results" / "contact_points.py").read_text(encoding="utf-8")
     arrays = set(re.findall(r'^ {8}"(\w+)": ', source, re.MULTILINE))
     assert {"pressure", "alpha", "regime"} <= arrays
+    fields = (ROOT / "app" / "results" / "field_series.py").read_text(encoding="utf-8")
+    of_fields = set(re.findall(r'"(\w+)": ', fields))
+    assert {"displacement", "body", "log_strain"} <= of_fields
+    arrays |= of_fields
     assert arrays | set(COLUMNS) | {"label", "steady"} <= explained
 
 

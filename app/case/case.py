@@ -23,10 +23,11 @@ from app.case.contact import Contact
 from app.case.generators import BlocksGeometry, CylinderOnBlockGeometry, TwoCylindersGeometry
 from app.case.generators_3d import BoxesGeometry, SphereGeometry
 from app.case.geometry import GeneratedGeometry, MeshGeometry
-from app.case.overrides import KeyPathError, set_value
+from app.case.overrides import KeyPathError, set_value, value_at
 from app.case.solver import Output, Solver, Sweep
 from app.case.stage import Stage, order_problems, solver_of, stage_problems
 from app.case.table import Model, Place, Problem, problems_error
+from app.case.time_tables import TimeTable
 from app.case.toml_writer import toml_text
 from app.case.validation import format_problem, problems_of
 
@@ -92,6 +93,24 @@ class Case(Model):
             for label, value in zip(self.sweep.labels, self.sweep.values, strict=True)
         ]
 
+    def swept_value(self, part: Case) -> float | str | None:
+        """What one of the sweep's cases has at the swept key.
+
+        Args:
+            part: one of :meth:`sweep_cases`.
+
+        Returns:
+            A number in SI, also of a program that does not change with time, or a text; None where
+            it is neither.
+        """
+        assert self.sweep is not None
+        value = value_at(part, self.sweep.key)
+        if isinstance(value, TimeTable) and len(value.times) == 1:
+            value = value.values[0]
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            return float(value)
+        return value if isinstance(value, str) else None
+
     def _rebuilt(self, data: dict[str, Any]) -> Case:
         """Another case, with file names seen from the same place.
 
@@ -145,12 +164,17 @@ class Case(Model):
             yield from self._formulation_problems(self.geometry)
             yield from self._surface_problems(self.geometry)
         pairs: dict[frozenset[str], int] = {}
+        labels: dict[str, int] = {}
         for index, contact in enumerate(self.contact):
             yield from contact.problems(("contact", index))
             first = pairs.setdefault(frozenset((contact.slave, contact.master)), index)
             if first != index:
                 reason = f"this pair of surfaces is contact.{first} already"
                 yield Problem(("contact", index, "slave"), reason, contact.slave)
+            same = labels.setdefault(contact.label, index)
+            if same != index and first == index:
+                reason = f"is what contact.{same} is called already"
+                yield Problem(("contact", index, "name"), reason, contact.label)
         yield from boundary_problems(self.boundary, ("boundary",), self.geometry.built_section)
         yield from stage_problems(self.stage, self.boundary, ("stage",))
         yield from self.solver.problems(("solver",))

@@ -12,6 +12,8 @@ import functools
 import re
 from collections import Counter, defaultdict
 from collections.abc import Iterable
+from decimal import Decimal
+from typing import Any
 
 from app.case.quantities import QuantityError, _registry, parse_quantity
 
@@ -69,48 +71,57 @@ def _either(words: Iterable[str]) -> str:
 
 def _units_like(unit: str) -> dict[str, Ends]:
     """The names of the unit library of this unit's dimension, and what may stand around them."""
-    registry = _registry()
-    dimension = registry.parse_units(unit).dimensionality
+    dimension = _registry().parse_units(unit).dimensionality
     found = {}
     for name, of in _names().items():
-        if of == dimension:
+        if of == dimension and _converts(name, unit):
             single, plural = (
-                frozenset(p for p in _prefixes() if _is_unit(p, name, end, unit))
+                frozenset(p for p in _prefixes() if _is_read_as(p, name, end, dimension))
                 for end in ("", "s")
             )
             found[name] = (single, plural)
     return found
 
 
-def _is_unit(prefix: str, name: str, end: str, unit: str) -> bool:
-    """Whether a word is a unit of this kind.
-
-    Words that can be read in one way only are as the name itself; the library's choice between
-    several depends on what it has read before, so these are tried.
-    """
-    word = f"{prefix}{name}{end}"
-    if _readings()[word] == 1 and _readings()[name] == 1 and not name == word:
-        return _is_unit("", name, "", unit)
+def _converts(name: str, unit: str) -> bool:
+    """Whether a unit is a multiple of this one: those of temperatures and levels are not."""
     try:
-        parse_quantity(f"1 {word}", unit)
+        parse_quantity(f"1 {name}", unit)
     except QuantityError:
-        return False
+        # A name that may be read in another way: with some prefixes it may do.
+        return _readings()[name] > 1
     return True
+
+
+def _is_read_as(prefix: str, name: str, end: str, dimension: object) -> bool:
+    """Whether the library reads a word as a unit of this dimension."""
+    word = f"{prefix}{name}{end}"
+    if _readings()[word] == 1:
+        return True
+    return bool(_names()[_library().parse_unit_name(word)[0][1]] == dimension)
+
+
+@functools.cache
+def _library() -> Any:
+    """A unit library that has read no text: what it has read before may be names to it later."""
+    import pint
+
+    return pint.UnitRegistry(non_int_type=Decimal)
 
 
 @functools.cache
 def _prefixes() -> tuple[str, ...]:
     """The library's prefixes, the empty one among them."""
-    return tuple(_registry()._prefixes)
+    return tuple(_library()._prefixes)
 
 
 @functools.cache
 def _names() -> dict[str, object]:
-    """Dimension of each name of one word in the unit library, before it has read any text."""
-    registry = _registry()
+    """Dimension of each name of one word in the unit library."""
+    library = _library()
     return {
-        name: registry.Unit(definition.name).dimensionality
-        for name, definition in list(registry._units.items())
+        name: library.Unit(definition.name).dimensionality
+        for name, definition in list(library._units.items())
         if _WORD.fullmatch(name)
     }
 

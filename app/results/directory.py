@@ -16,7 +16,9 @@ OWN = (
     "case.toml",
     "summary.json",
     "history.csv",
-    "motion.csv",
+    "contacts.csv",
+    "surfaces.csv",
+    "bodies.csv",
     "log.txt",
     "report.html",
     "fields.pvd",
@@ -41,7 +43,7 @@ OWN = (
     "verification.md",
 )
 # What earlier versions wrote and --force clears too.
-EARLIER = ("contact_nodes.pvd", "contact_nodes")
+EARLIER = ("contact_nodes.pvd", "contact_nodes", "motion.csv")
 TEXT_COLUMNS = ("stage", "label", "pair", "surface", "body", "probe")
 
 
@@ -133,6 +135,42 @@ def write_table(path: Path, columns: Sequence[str], rows: Iterable[Sequence[Any]
     part.replace(path)
 
 
+class GrowingTable:
+    """A CSV file that gets rows while a run goes on; what is there is whole up to its last row.
+
+    Attributes:
+        written: number of rows so far.
+    """
+
+    def __init__(self, path: Path, columns: Sequence[str]) -> None:
+        """Begin the file with the names of the columns."""
+        self._path = path
+        self.written = 0
+        with path.open("w", newline="", encoding="utf-8") as stream:
+            csv.writer(stream, lineterminator="\n").writerow(columns)
+
+    def extend(self, rows: Sequence[Sequence[Any]]) -> None:
+        """Append rows; numbers with all their digits."""
+        if not rows:
+            return
+        with self._path.open("a", newline="", encoding="utf-8") as stream:
+            out = csv.writer(stream, lineterminator="\n")
+            out.writerows([repr(v) if isinstance(v, float) else v for v in row] for row in rows)
+        self.written += len(rows)
+
+
+def _entry(column: str, text: str) -> float | str:
+    """A number, or the text of a column that holds text; what is swept may be either."""
+    if column in TEXT_COLUMNS:
+        return text
+    try:
+        return float(text)
+    except ValueError:
+        if column == "value":
+            return text
+        raise
+
+
 def read_table(path: Path) -> list[dict[str, Any]]:
     """Rows of a CSV file written here, numbers as floats.
 
@@ -142,7 +180,7 @@ def read_table(path: Path) -> list[dict[str, Any]]:
     try:
         with path.open(newline="", encoding="utf-8") as stream:
             return [
-                {key: value if key in TEXT_COLUMNS else float(value) for key, value in row.items()}
+                {key: _entry(key, value) for key, value in row.items()}
                 for row in csv.DictReader(stream)
             ]
     except FileNotFoundError:

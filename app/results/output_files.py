@@ -34,11 +34,9 @@ class OutputFiles:
         """Write the displacement and the last converged state of the contacts; collective.
 
         Args:
-            step: number of the step; nothing happens if it has been written.
+            step: number of the step.
             time: s.
         """
-        if step in self.times:
-            return
         self.times[step] = time
         pairs = zip(self._model.problem.contacts, self._model.problem.committed, strict=True)
         pressures = [nodal_pressure(*pair) for pair in pairs]

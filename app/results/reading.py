@@ -254,6 +254,8 @@ def _frame(rows: Any, path: Path) -> DataFrame:
 
     frame = pd.DataFrame(rows)
     kinds = {name: str if name in TEXT_COLUMNS else float for name in frame.columns}
+    if "value" in frame and pd.to_numeric(frame["value"], errors="coerce").isna().any():
+        kinds["value"] = str  # what is swept are texts
     if frame.isna().to_numpy().any():
         raise InputError(f"{path}: {CUT_OFF} a table of tribox")
     try:

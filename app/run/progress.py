@@ -115,7 +115,7 @@ class Reporter(Observer):
         """One line of what the load step ended with."""
         how = "" if steady is None else (" steady:" if steady else " NOT steady:")
         self.say(
-            f"{load_step.label}:{how} N {row.normal_force:.5g} N, T {row.tangential_force:.5g} N, "
+            f"{load_step.label}:{how} N {row.normal_force:.5g} N, T {row.friction_force:.5g} N, "
             f"T/N {row.friction_coefficient:.4g}"
             + (f", η_eff {row.effective_viscosity:.4g} Pa s" if row.effective_viscosity else ""),
             always=not self._quiet,
@@ -141,7 +141,7 @@ class Reporter(Observer):
 
 
 def _forces(row: Row) -> str:
-    return f"V {row.velocity:.3g} m/s  N {row.normal_force:.5g} N  T {row.tangential_force:.5g} N"
+    return f"V {row.velocity:.3g} m/s  N {row.normal_force:.5g} N  T {row.friction_force:.5g} N"
 
 
 def _cuts(stage: StageProgress) -> str:

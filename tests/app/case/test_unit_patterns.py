@@ -30,7 +30,7 @@ numbers = st.sampled_from(["1", "-2.5", ".5", "3.", "1e3", "+4E-2", "12"])
 blanks = st.sampled_from(["", " ", "  ", "\t", "\u00a0"])
 ends = st.sampled_from(["", "s"])
 words = st.builds(
-    lambda prefix, name, end: prefix + name + end,
+    lambda prefix, name, end: prefix + name + end * (len(name) > 2),  # "yms": once "ms" was read
     st.sampled_from(_prefixes()),
     st.sampled_from(sorted(_names())),
     ends,
@@ -55,14 +55,9 @@ def test_what_the_program_takes_matches(number, before, text, after, unit):
     assert matches(whole, unit) or not accepts(whole, unit)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=120, deadline=None)
 @given(numbers, blanks, words, st.sampled_from(UNITS))
 def test_a_single_word_matches_only_where_it_is_of_the_right_kind(number, before, word, unit):
-    """But for words such as "yms", which are lengths or times by what was read before."""
-    from app.case.unit_patterns import _readings
-
-    if _readings()[word] > 1 or word.endswith("s"):
-        return
     whole = number + before + word
     assert matches(whole, unit) == accepts(whole, unit)
 
