@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import platform
 import shutil
 import sys
 import traceback
@@ -41,10 +42,29 @@ cli = typer.Typer(
 
 def _print_version(asked: bool) -> None:
     if asked:
+        from importlib.metadata import PackageNotFoundError, version
+
         from app import __version__
 
         print(f"tribox {__version__}")
+        for name, package in _BELOW.items():
+            try:
+                print(f"{name} {version(package)}")
+            except PackageNotFoundError:
+                print(f"{name}: not found")
+        print(f"Python {platform.python_version()}")
         raise typer.Exit
+
+
+# What results depend on beside the program itself, by the names of the packages.
+_BELOW = {
+    "DOLFINx": "fenics-dolfinx",
+    "FFCx": "fenics-ffcx",
+    "petsc4py": "petsc4py",
+    "mpi4py": "mpi4py",
+    "gmsh": "gmsh",
+    "NumPy": "numpy",
+}
 
 
 @cli.callback()
@@ -52,11 +72,30 @@ def _options(
     version: Annotated[
         bool,
         typer.Option(
-            "--version", callback=_print_version, is_eager=True, help="print the version and exit"
+            "--version", callback=_print_version, is_eager=True, help="print versions and exit"
         ),
     ] = False,
 ) -> None:
     pass
+
+
+@cli.command()
+def init(
+    kind: Annotated[
+        str, typer.Argument(metavar="[two-blocks|own-mesh|forming]", help="which starter")
+    ] = "two-blocks",
+    target: Annotated[
+        Path | None,
+        typer.Argument(metavar="[FILE|DIR]", help="case file (.toml) or directory (default: here)"),
+    ] = None,
+) -> None:
+    """Write a commented starter case that runs at once, with its mesh and a schema for editors."""
+    from app.init.starters import write_starter
+
+    made = write_starter(kind, target)
+    for path in made:
+        print(f"wrote {path}")
+    print(f"next: tribox check {made[0]}, tribox run {made[0]}")
 
 
 CaseFile = Annotated[Path, typer.Argument(metavar="CASE", help="case file (TOML)")]
@@ -247,6 +286,22 @@ def plot(
             frames = write_animation(one, path, field)
             print(f"{path}: {frames} frames")
     print(f"figures in {directory / 'figures'}")
+
+
+@cli.command()
+def report(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="results directory")],
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="the page (default: DIR/report.html)")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="replace a file of --out")] = False,
+) -> None:
+    """Write a results directory as one HTML page that needs nothing else."""
+    from app.report.page import write_report
+
+    if out is not None and out.exists() and not force:
+        raise InputError(f"{out}: exists already; replace it with --force")
+    print(f"wrote {write_report(directory, out)}")
 
 
 @cli.command(name="map")

@@ -199,6 +199,12 @@ def test_mesh_far_from_its_case_is_mounted(docker: Machine, tmp_path: Path) -> N
     assert f"{tmp_path}/far/away:{tmp_path}/far/away" in values(docker.container(), "--volume")
 
 
+def test_a_starter_written_elsewhere_is_mounted(docker: Machine, tmp_path: Path) -> None:
+    (tmp_path / "mine").mkdir()
+    docker.launch("init", "forming", f"{tmp_path}/mine/new/case.toml")
+    assert f"{tmp_path}/mine:{tmp_path}/mine" in values(docker.container(), "--volume")
+
+
 def test_linked_case_is_mounted_where_it_is(docker: Machine, tmp_path: Path) -> None:
     (tmp_path / "real/cases").mkdir(parents=True)
     (tmp_path / "real/cases/c.toml").touch()

@@ -33,7 +33,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("app.precompile",),
     ("app.figures",),
     ("app.friction_map",),
-    ("app.fit", "app.run"),
+    ("app.fit", "app.init", "app.report", "app.run"),
     ("app.verify", "app.bench", "app.fit_model", "app.fit_run"),
     ("app.cli",),
     ("app.__main__",),

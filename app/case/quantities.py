@@ -22,7 +22,9 @@ from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
-_NUMBER_AND_UNIT = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
+_NUMBER_AND_UNIT = re.compile(
+    r"\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)\s*(.*?)\s*"
+)
 
 # SI unit of a field: {spelling: factor}. Only spellings without ambiguity; everything else goes
 # through the unit library, with which a test compares this table.
@@ -137,6 +139,11 @@ def format_quantity(value: float, unit: str) -> str | float:
     return f"{value!r} {unit}" if unit else value
 
 
+def text_schema(unit: str) -> dict[str, str]:
+    """JSON schema of a quantity given as text; `app.case.schema` puts the pattern in."""
+    return {"type": "string", "x-unit": unit or "1"}
+
+
 @dataclass(frozen=True, slots=True)
 class Quantity:
     """Pydantic annotation of a float field given as a quantity: `Annotated[float, Quantity("m")]`.
@@ -213,4 +220,4 @@ class Quantity:
         }
         number: dict[str, Any] = {"type": "number"}
         number.update({key: limit for key, limit in limits.items() if limit is not None})
-        return {"anyOf": [number, {"type": "string"}], "x-unit": self.unit or "1"}
+        return {"anyOf": [number, text_schema(self.unit)], "x-unit": self.unit or "1"}

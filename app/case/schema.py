@@ -2,19 +2,37 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 from app.case.case import Case
+from app.case.unit_patterns import unit_pattern
+
+FILE_NAME = "tribox.schema.json"
+_DEFS = "#/$defs/"
+# Keys that say which of several tables is meant, where another key says it as well:
+# {key: (the other key, what it means)}.
+_IMPLIED = {"kind": ("mesh", "file"), "law": ("preset", "friction-map")}
 
 
 def json_schema() -> dict[str, Any]:
-    """JSON schema of a case file, with unit and meaning in the description of each key."""
+    """JSON schema of a case file, with unit and meaning in the description of each key.
+
+    Text with a unit has a pattern (:mod:`app.case.unit_patterns`). Tables of several kinds are
+    told apart by if and then, so that a mistake is found at its key and not at the whole table.
+    """
     schema = Case.model_json_schema()
     # A preset may supply these; only the program itself can tell.
     map_ = schema["$defs"]["FrictionMap"]
     map_["required"] = [key for key in map_["required"] if key in ("mu_s", "K_T")]
     schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
+    schema["description"] = "a case file of tribox"
     _tidy(schema)
+    texts: dict[str, str] = {}
+    _refine(schema, schema["$defs"], texts)
+    schema["$defs"] |= {
+        name: {"type": "string", "pattern": unit_pattern(unit)} for name, unit in texts.items()
+    }
     return schema
 
 
@@ -39,3 +57,59 @@ def _tidy(node: Any) -> None:
         del node["title"]  # Only the key's name once more.
     if "description" in node and node.get("x-unit", "1") != "1":
         node["description"] = f"{node['description']} [{node['x-unit']}]"
+
+
+def _refine(node: Any, tables: dict[str, Any], texts: dict[str, str]) -> None:
+    """Put references to patterns in the place of text with a unit, and conditions in unions.
+
+    Args:
+        node: part of the schema, changed in place.
+        tables: definitions of the schema.
+        texts: receives {definition: unit} of the patterns referred to.
+    """
+    for item in node.values() if isinstance(node, dict) else node:
+        if isinstance(item, dict | list):
+            _refine(item, tables, texts)
+    if not isinstance(node, dict):
+        return
+    if node.get("type") == "string" and "x-unit" in node:
+        name = text_name(node["x-unit"])
+        texts[name] = "" if node["x-unit"] == "1" else node["x-unit"]
+        node.clear()
+        node["$ref"] = _DEFS + name
+    if "discriminator" in node:
+        del node["oneOf"]
+        mark = node.pop("discriminator")
+        node.update(_told_apart(mark["propertyName"], mark["mapping"], tables))
+
+
+def text_name(unit: str) -> str:
+    """Name of the definition of text with this unit, such as "text_Pa_per_m"."""
+    return "text_" + re.sub(r"\W+", "_", unit.replace("/", "_per_").replace("^", ""))
+
+
+def _told_apart(mark: str, mapping: dict[str, str], tables: dict[str, Any]) -> dict[str, Any]:
+    """Schema of a table that is of the kind that its key ``mark`` says.
+
+    Its own list of keys, which allows anything, is for editors that complete.
+    """
+    keys: dict[str, Any] = {}
+    for reference in mapping.values():
+        for key, field in tables[reference.removeprefix(_DEFS)]["properties"].items():
+            keys.setdefault(key, {"description": field.get("description", "")})
+    keys[mark] = {"enum": list(mapping), "description": keys[mark]["description"]}
+    conditions = [
+        {
+            "if": {"properties": {mark: {"const": kind}}, "required": [mark]},
+            "then": {"$ref": reference},
+        }
+        for kind, reference in mapping.items()
+    ]
+    told: dict[str, Any] = {"type": "object", "properties": keys, "allOf": conditions}
+    other, meant = _IMPLIED.get(mark, ("", ""))
+    if meant not in mapping:
+        return {**told, "required": [mark]}
+    alone = {"required": [other], "not": {"required": [mark]}}
+    conditions.append({"if": alone, "then": {"$ref": mapping[meant]}})
+    conditions.append({"if": {"not": {"required": [other]}}, "then": {"required": [mark]}})
+    return told

@@ -19,7 +19,13 @@ from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
-from app.case.quantities import Quantity, QuantityError, format_quantity, parse_quantity
+from app.case.quantities import (
+    Quantity,
+    QuantityError,
+    format_quantity,
+    parse_quantity,
+    text_schema,
+)
 from app.case.table import ABSENT
 
 Row = tuple[float, float]
@@ -132,12 +138,13 @@ def _rows_as_text(
     return [[format_quantity(a, first.unit), format_quantity(b, second.unit)] for a, b in rows]
 
 
-def _table_schema(unit: str) -> JsonSchemaValue:
-    """JSON schema of a quantity or a table of pairs."""
-    entry = {"type": ["number", "string"]}
+def _table_schema(argument: str, unit: str) -> JsonSchemaValue:
+    """JSON schema of a quantity in ``unit`` or a table of it over an argument with its unit."""
+    number, text = {"type": "number"}, text_schema(unit)
+    entry = {"anyOf": [number, text_schema(argument), text]}
     pair = {"type": "array", "minItems": 2, "maxItems": 2, "items": entry}
     table = {"type": "array", "minItems": 1, "items": pair}
-    return {"anyOf": [{"type": "number"}, {"type": "string"}, table], "x-unit": unit or "1"}
+    return {"anyOf": [number, text, table], "x-unit": unit or "1"}
 
 
 _TIME = Quantity("s", name="time")
@@ -219,7 +226,8 @@ class Program:
     def __get_pydantic_json_schema__(
         self, schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
-        schema = _table_schema(self.unit)
+        schema = _table_schema(_TIME.unit, self.unit)
+        schema["anyOf"] += [] if self.word is None else [{"const": self.word}]
         ramp = {"enum": list(RAMPS)}
         ramped = {"type": "object", "properties": {"table": schema["anyOf"][2], "ramp": ramp}}
         schema["anyOf"].append({**ramped, "required": ["table"], "additionalProperties": False})
@@ -271,4 +279,4 @@ class NumberOrTable:
     def __get_pydantic_json_schema__(
         self, schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
-        return _table_schema(self.value.unit)
+        return _table_schema(self.argument.unit, self.value.unit)

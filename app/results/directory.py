@@ -23,6 +23,7 @@ OWN = (
     "body_probes.csv",
     "contact_probes.csv",
     "log.txt",
+    "report.html",
     "fields.pvd",
     "fields",
     "contact.pvd",

@@ -6,7 +6,7 @@ import importlib.metadata
 import platform
 import resource
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -31,6 +31,7 @@ from app.simulation.observer import Interval, Observer
 from app.simulation.roundoff_watch import RoundOffWatch
 from app.simulation.run_state import RunState
 from app.simulation.simulation import Simulation
+from app.simulation.time_text import time_text
 from geometry.surfaces.facets import Floats
 
 TINY = 1e-30  # J/m², below any dissipation
@@ -46,10 +47,17 @@ class Recorder(Observer):
         load_steps: what each load step ended with, for the summary.
     """
 
-    def __init__(self, model: Model, directory: Path) -> None:
-        """Open the outputs and write the resolved case; collective."""
+    def __init__(self, model: Model, directory: Path, given: Sequence[str] = ()) -> None:
+        """Open the outputs and write the resolved case; collective.
+
+        Args:
+            model: that is run.
+            directory: of the results, ready to be written.
+            given: dotted keys that the case file gave, for the summary.
+        """
         self.model = model
         self.directory = directory
+        self.given = list(given)
         self.comm = model.problem.comm
         self.first = self.comm.rank == 0
         self.load_steps: list[dict[str, Any]] = []
@@ -158,7 +166,7 @@ class Recorder(Observer):
                 self._left.add(contact.master)
                 self.warnings.append(
                     f"{contact.slave} runs past the end of {contact.master}: no contact there "
-                    f"(first at time {row.time:.6g} s, stage {row.stage})"
+                    f"(first at time {time_text(row.time, row.dt)}, stage {row.stage})"
                 )
             if self._warned or pair.area <= 0.0 or not pair.worst:
                 continue
@@ -169,7 +177,7 @@ class Recorder(Observer):
                 where = ", ".join(f"{c:.4g}" for c in pair.worst)
                 self.warnings.append(
                     f"negative dissipation {pair.least_dissipation:.3g} J/m² at ({where}) m, "
-                    f"time {row.time:.6g} s, stage {row.stage}"
+                    f"time {time_text(row.time, row.dt)}, stage {row.stage}"
                 )
 
     def _share(self) -> dict[str, Any]:
@@ -209,6 +217,7 @@ class Recorder(Observer):
             "bodies": [solid.name for solid in problem.solids],
             "dofs": int(problem.space.dofmap.index_map.size_global * problem.dim),
             "ranks": self.comm.size,
+            "given": self.given,
             "seconds": {"run": round(wall, 4), **timings},
             **{f"{part}_per_rank": [share[part] for share in shares] for part in shares[0]},
             "versions": {

@@ -8,59 +8,55 @@ import time
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from app.build.load_steps import LoadStep
-from app.case.stage import Stage
+from app.case.case import Case
 from app.implicit.stepper import StepResult
+from app.run.stage_bars import StageBars
+from app.run.stage_progress import StageProgress, StagesProgress
 from app.simulation.failure_diagnosis import reason_of
 from app.simulation.history import Row
 from app.simulation.observer import Interval, Observer
 from app.simulation.run_state import RunState
+from app.simulation.time_text import time_text
 
 LINE_EVERY = 2.0  # s between two lines on an explicit run
 
 
 class Reporter(Observer):
-    """Prints one line per step, or moves a bar on a terminal; keeps all lines in the log.
+    """Prints one line per step, or moves bars on a terminal; keeps all lines in the log.
 
     An explicit run, with its many steps, has a line every two seconds.
 
     Only the first rank makes one; the others use a plain :class:`Observer`.
     """
 
-    def __init__(self, log: Path, stages: tuple[Stage, ...], quiet: bool = False) -> None:
+    def __init__(
+        self, log: Path, case: Case, quiet: bool = False, console: Console | None = None
+    ) -> None:
         """Open the log.
 
         Args:
             log: file that receives every line.
-            stages: the stages to come, for the bar.
+            case: that is run.
             quiet: print warnings and results only.
+            console: where lines are printed; default: standard output.
         """
         self._log = log.open("w", encoding="utf-8", buffering=1)
-        self._console = Console(highlight=False, soft_wrap=True)
+        self._console = console or Console(highlight=False, soft_wrap=True)
         self._quiet = quiet
-        self._bar: Progress | None = None
         self._pace = _Pace()
-        if sys.stdout.isatty() and not quiet and "OMPI_COMM_WORLD_SIZE" not in os.environ:
-            self._bar = Progress(
-                TextColumn("{task.description}"),
-                BarColumn(),
-                TextColumn(
-                    "{task.completed:.0f}/{task.total:.0f} load steps, step {task.fields[step]}"
-                ),
-                TimeElapsedColumn(),
-                console=self._console,
-                transient=True,
-            )
-            load_steps = sum(max(1, len(stage.velocities)) for stage in stages)
-            self._task = self._bar.add_task("starting", total=load_steps, step=0)
-            self._bar.start()
+        self._progress = StagesProgress(case)
+        self._bars: StageBars | None = None
+        alone = "OMPI_COMM_WORLD_SIZE" not in os.environ
+        terminal = self._console.file.isatty() and not self._console.is_dumb_terminal
+        if terminal and alone and not quiet:
+            self._bars = StageBars(self._progress, self._console)
 
     def say(self, line: str, *, always: bool = True) -> None:
         """Print a line and log it; lines not ``always`` printed stay in the log on a terminal."""
         self._log.write(line + "\n")
-        if always or (self._bar is None and not self._quiet):
+        if always or (self._bars is None and not self._quiet):
             self._console.print(line, markup=False)
             if not self._console.is_terminal:
                 sys.stdout.flush()
@@ -71,43 +67,47 @@ class Reporter(Observer):
 
     def step(self, state: RunState, row: Row, result: StepResult | Interval) -> None:
         """One line of the step's forces and Newton iterations; or, now and then, of a row."""
+        here = self._progress.at(row.time, row.dt)
         if isinstance(result, Interval):
             if self._pace.is_due():
-                self._explicit_line(state, row, result)
+                self._explicit_line(row, result)
             return
+        residual = f"residual {result.residuals[-1]:.1e}"
         self.say(
-            f"step {row.step:4d}  {row.stage:<10s} t {row.time:.6g} s  V {row.velocity:.3g} m/s  "
-            f"N {row.normal_force:.5g} N  T {row.tangential_force:.5g} N  "
-            f"Newton {row.newton_iterations} (residual {result.residuals[-1]:.1e})",
+            f"step {row.step:4d}  {row.stage:<10s} t {time_text(row.time, row.dt)}  "
+            f"{_forces(row)}  "
+            f"Newton {row.newton_iterations} ({residual})",
             always=False,
         )
-        self._move_bar(row.stage, row.step)
+        self._tell(f"step {row.step}  {_forces(row)}  {residual}  {_cuts(here)}")
 
     def within(self, state: RunState, load_step: LoadStep, steps: int) -> None:
         """A line where no row has come for a while."""
+        moved = state.time - self._progress.here.time
+        self._progress.at(state.time, moved)
         if self._pace.is_due():
             speed = self._pace.speed(steps)
+            when = time_text(state.time, moved)
             self.say(
-                f"time step {steps}  {load_step.stage.name:<10s} t {state.time:.8g} s  "
-                f"{speed:.0f} steps/s",
+                f"time step {steps}  {load_step.stage.name:<10s} t {when}  {speed:.0f} steps/s",
                 always=False,
             )
-            self._move_bar(f"{load_step.label}, {speed:.0f} steps/s", state.step)
+            self._tell(f"time step {steps}, {speed:.0f} steps/s")
 
-    def _explicit_line(self, state: RunState, row: Row, interval: Interval) -> None:
+    def _explicit_line(self, row: Row, interval: Interval) -> None:
         speed = self._pace.speed(interval.total)
+        ratio = f"E_kin/E_strain {interval.kinetic_ratio:.1e}"
         self.say(
-            f"row {row.step:4d}  {row.stage:<10s} t {row.time:.8g} s  V {row.velocity:.3g} m/s  "
-            f"N {row.normal_force:.5g} N  T {row.tangential_force:.5g} N  "
-            f"E_kin/E_strain {interval.kinetic_ratio:.1e}  time step {interval.total} of "
-            f"{interval.dt:.3g} s, {speed:.0f} steps/s",
+            f"row {row.step:4d}  {row.stage:<10s} t {time_text(row.time, row.dt)}  "
+            f"{_forces(row)}  {ratio}  "
+            f"time step {interval.total} of {interval.dt:.3g} s, {speed:.0f} steps/s",
             always=False,
         )
-        self._move_bar(f"{row.stage}, {speed:.0f} steps/s", row.step)
+        self._tell(f"row {row.step}  {_forces(row)}  {ratio}  {speed:.0f} steps/s")
 
-    def _move_bar(self, text: str, step: int) -> None:
-        if self._bar is not None:
-            self._bar.update(self._task, description=text, step=step)
+    def _tell(self, details: str) -> None:
+        if self._bars is not None:
+            self._bars.details = details
 
     def load_step(
         self, state: RunState, load_step: LoadStep, row: Row, steady: bool | None
@@ -115,13 +115,12 @@ class Reporter(Observer):
         """One line of what the load step ended with."""
         how = "" if steady is None else (" steady:" if steady else " NOT steady:")
         self.say(
-            f"{load_step.label}:{how} N {row.normal_force:.5g} N, T {row.tangential_force:.5g} N, "
+            f"{load_step.label}:{how} N {row.normal_force:.5g} N, T {row.friction_force:.5g} N, "
             f"T/N {row.friction_coefficient:.4g}"
             + (f", η_eff {row.effective_viscosity:.4g} Pa s" if row.effective_viscosity else ""),
             always=not self._quiet,
         )
-        if self._bar is not None:
-            self._bar.advance(self._task)
+        self._progress.end_load_step()
 
     def cut(self, state: RunState, dt: float, result: StepResult) -> None:
         """Say that a step is tried again shorter."""
@@ -130,12 +129,23 @@ class Reporter(Observer):
             f"({reason_of(result)}): cut in two",
             always=False,
         )
+        here = self._progress.here
+        here.cuts += 1
+        self._tell(f"step of {dt:.3g} s cut in two, {_cuts(here)}")
 
     def close(self) -> None:
-        """Stop the bar and close the log."""
-        if self._bar is not None:
-            self._bar.stop()
+        """Take the bars away and close the log."""
+        if self._bars is not None:
+            self._bars.close()
         self._log.close()
+
+
+def _forces(row: Row) -> str:
+    return f"V {row.velocity:.3g} m/s  N {row.normal_force:.5g} N  T {row.friction_force:.5g} N"
+
+
+def _cuts(stage: StageProgress) -> str:
+    return f"{stage.cuts} cut{'' if stage.cuts == 1 else 's'}"
 
 
 class _Pace:

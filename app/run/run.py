@@ -9,6 +9,7 @@ from mpi4py import MPI
 
 from app.build.model import build_model
 from app.case.case import Case
+from app.case.given import given_keys
 from app.errors import InputError, SolutionError
 from app.results.directory import check_free, prepare
 from app.results.earlier_sweep import sweep_labels
@@ -20,6 +21,7 @@ from app.simulation.explicit_stage import notes_on_steps
 from app.simulation.history import energy_gap
 from app.simulation.observer import Observer
 from app.simulation.simulation import Simulation
+from app.simulation.time_text import time_text
 
 
 def run_case(
@@ -51,8 +53,8 @@ def run_case(
     steps = notes_on_steps(model)
     simulation = Simulation(model)
     on_first(comm, lambda: prepare(directory))
-    recorder = Recorder(model, directory)
-    reporter = Reporter(directory / "log.txt", case.stage, quiet) if comm.rank == 0 else None
+    recorder = Recorder(model, directory, given_keys(case))
+    reporter = Reporter(directory / "log.txt", case, quiet) if comm.rank == 0 else None
     told: list[Observer] = [reporter, recorder] if reporter else [recorder]
     try:
         if reporter:
@@ -117,9 +119,10 @@ def _saved_line(simulation: Simulation, recorder: Recorder) -> str:
         return f"no step was solved, so {directory} holds no state"
     # An explicit run fails between two rows; its last output may be that of the row before.
     time, files = recorder.last_output
+    when = time_text(time, simulation.rows[-1].dt)
     what = "converged" if simulation.explicit is None else "valid"
     return (
-        f"the last {what} state, step {state.step} at time {time:.6g} s, is saved in {directory}: "
+        f"the last {what} state, step {state.step} at time {when}, is saved in {directory}: "
         f"{files}, and the steps that led there in history.csv"
     )
 

@@ -7,7 +7,7 @@ import os
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from typing import Any
 from app.case.case import Case
 from app.errors import InputError, SolutionError, TriboxError
 from app.results.directory import write_json, write_table
+from app.run.sweep_lines import SweepLines
 from app.simulation.history import COLUMNS
 
 INTERRUPTED = 130  # exit code of a run that was stopped by Ctrl-C
@@ -29,8 +30,8 @@ class Part:
     directory: Path
 
 
-def run_side_by_side(parts: Sequence[Part], jobs: int, say: Callable[[str], None]) -> None:
-    """Run all parts as processes, at most ``jobs`` at a time; their lines come labelled.
+def run_side_by_side(parts: Sequence[Part], jobs: int, lines: SweepLines) -> None:
+    """Run all parts as processes, at most ``jobs`` at a time; their lines go to ``lines``.
 
     Raises:
         InputError: all parts that failed were refused.
@@ -47,7 +48,7 @@ def run_side_by_side(parts: Sequence[Part], jobs: int, say: Callable[[str], None
                 if not waiting:
                     return
                 part = waiting.pop(0)
-            codes[part.label] = _run_part(part, say, lock)
+            codes[part.label] = _run_part(part, lines, lock)
             if codes[part.label] == INTERRUPTED:
                 with lock:
                     waiting.clear()
@@ -77,15 +78,20 @@ def run_side_by_side(parts: Sequence[Part], jobs: int, say: Callable[[str], None
         raise kind(f"{len(failed)} of {len(parts)} runs of the sweep failed: {names}")
 
 
-def _run_part(part: Part, say: Callable[[str], None], lock: threading.Lock) -> int:
+def _run_part(part: Part, lines: SweepLines, lock: threading.Lock) -> int:
+    with lock:
+        lines.begin(part.label)
     process = subprocess.Popen(
         part.command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, bufsize=1
     )
     assert process.stdout is not None
     for line in process.stdout:
         with lock:
-            say(f"[{part.label}] {line.rstrip()}")
-    return process.wait()
+            lines.say(part.label, line.rstrip())
+    code = process.wait()
+    with lock:
+        lines.end(part.label, code)
+    return code
 
 
 def cores() -> int:

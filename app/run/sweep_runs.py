@@ -11,6 +11,7 @@ from app.errors import SolutionError
 from app.results.directory import check_free, prepare, write_text
 from app.results.earlier_sweep import sweep_labels
 from app.run.sweep import Part, collate, cores, part_command, run_side_by_side
+from app.run.sweep_lines import sweep_lines
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +63,8 @@ def run_sweep(
     ]
     jobs = options.jobs or max(1, cores() // options.ranks)
     try:
-        run_side_by_side(parts, jobs, lambda line: print(line, flush=True))
+        with sweep_lines(len(parts)) as lines:
+            run_side_by_side(parts, jobs, lines)
     finally:  # What has been computed is collated whatever became of the others.
         _put_together(case, directory)
     print(f"results in {directory}")

@@ -28,6 +28,7 @@ from mpi4py import MPI
 from app.equilibrium.equilibrium import Equilibrium
 from app.simulation.history import Row
 from app.simulation.pair_bodies import pressed_by_force
+from app.simulation.time_text import time_text
 from forms.contact.penalty import ContactTerm
 from forms.contact.state import ContactTrial
 from geometry.surfaces.facets import Bools, Floats, Longs
@@ -188,7 +189,7 @@ class ContactWarnings:
         self._by_force = [pressed_by_force(problem, term) for term in problem.contacts]
         count = len(self._probes)
         self.over_facet, self.over_approach = [0.0] * count, [0.0] * count
-        self._deepest = [(0.0, 0.0, "")] * count
+        self._deepest = [(0.0, 0.0, "", 0.0)] * count
         self._strongest: list[PairState | None] = [None] * count
         self._widest: list[PairState | None] = [None] * count
 
@@ -204,7 +205,8 @@ class ContactWarnings:
         force = sum(state.force for state in states) * thickness
         approach = 2.0 * row.strain_energy / force if force > 0.0 else 0.0
         for index, state in enumerate(states):
-            self._deepest[index] = max(self._deepest[index], (state.deepest, row.time, row.stage))
+            here = (state.deepest, row.time, row.stage, row.dt)
+            self._deepest[index] = max(self._deepest[index], here)
             self.over_facet[index] = max(self.over_facet[index], state.over_facet)
             strongest, widest = self._strongest[index], self._widest[index]
             if strongest is None or state.force > strongest.force:
@@ -246,7 +248,7 @@ class ContactWarnings:
         )
 
     def _soft(self, index: int, comb: bool) -> str:
-        depth, time, stage = self._deepest[index]
+        depth, time, stage, dt = self._deepest[index]
         share = self.over_approach[index]
         cost = (
             "the bodies come that much too close under the given force"
@@ -259,9 +261,9 @@ class ContactWarnings:
             else "raise the penalty (penalty_factor) or refine the surface"
         )
         return (
-            f"contact.{index}: penetration up to {depth:.3g} m (time {time:.6g} s, stage {stage}), "
-            f"up to {self.over_facet[index]:.2g} of the local slave facet's length, and on average "
-            f"{share:.2g} of the approach of the bodies: {cost}; {cure}"
+            f"contact.{index}: penetration up to {depth:.3g} m (time {time_text(time, dt)}, stage "
+            f"{stage}), up to {self.over_facet[index]:.2g} of the local slave facet's length, and "
+            f"on average {share:.2g} of the approach of the bodies: {cost}; {cure}"
         )
 
 

@@ -23,6 +23,7 @@ from app.simulation.inertia import Inertia
 from app.simulation.interval_averages import IntervalAverages
 from app.simulation.observer import Interval, Observer
 from app.simulation.run_state import Effort, Moved, RunState
+from app.simulation.time_text import time_text
 from geometry.surfaces.facets import Floats
 
 CHECK_EVERY = 100  # time steps between two looks at the stable step and for an interruption
@@ -164,8 +165,9 @@ class ExplicitStage:
         # Steps of a length that is met but for round-off are not cut in two.
         share = left / longest * (1.0 - 1e-9) if longest > 0.0 else math.inf
         if not share < MOST_STEPS:
+            when = time_text(self.state.time, self._stable)
             raise SolutionError(
-                f"stage {load_step.label}, time {self.state.time:.9g} s: the stable step has "
+                f"stage {load_step.label}, time {when}: the stable step has "
                 f"shrunk to {self._stable:.3g} s; an element is about to fold, or the stage is far "
                 "too long for explicit dynamics"
             )
@@ -180,8 +182,8 @@ class ExplicitStage:
             # What is saved is the last state without a folded element.
             self.state.time = time if self.stepper.steps > before else time - dt
             raise SolutionError(
-                f"stage {load_step.label}, time {time:.9g} s: {error}; check the loads and the "
-                "mesh there, try a smaller step_safety or a higher penalty"
+                f"stage {load_step.label}, time {time_text(time, dt)}: {error}; check the loads "
+                "and the mesh there, try a smaller step_safety or a higher penalty"
             ) from None
         with self.model.problem.timer("averages"):
             self.averages.enter(dt)

@@ -11,6 +11,7 @@ from app.simulation.failure_diagnosis import body_adrift, explain, not_finite
 from app.simulation.observer import Observer
 from app.simulation.outside_forces import OutsideForces
 from app.simulation.run_state import Effort, Moved, RunState
+from app.simulation.time_text import time_text
 
 EASY_ITERATIONS = 6  # up to here a cut step may grow back
 
@@ -108,7 +109,8 @@ class ImplicitStage:
             x, trial = self.stepper.x.array_r, self.stepper.trial.array_r
             wrong = body_adrift(problem, self._loose, x, trial)
         if wrong is not None:
-            raise SolutionError(f"stage {load_step.label}, time {state.time:.6g} s: {wrong}")
+            when = time_text(state.time, load_step.dt)
+            raise SolutionError(f"stage {load_step.label}, time {when}: {wrong}")
         state.resultants = resultants
 
     def _commit(
@@ -126,7 +128,8 @@ class ImplicitStage:
     def _give_up(self, load_step: LoadStep, dt: float, result: StepResult) -> None:
         model = self.model
         why = explain(model.problem, result, self.stepper.x, self._loose, model.thickness)
+        when = time_text(self.state.time, dt)
         raise SolutionError(
-            f"stage {load_step.label}, time {self.state.time:.6g} s: no solution even with a step "
-            f"of {dt:.3g} s: {why}"
+            f"stage {load_step.label}, time {when}: no solution even with a step of "
+            f"{dt:.3g} s: {why}"
         )

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import re
+import tomllib
 from pathlib import Path
+
+import pytest
 
 from app.case.schema import json_schema
 
@@ -44,25 +48,132 @@ DOCUMENTED = {
 }
 
 
-def test_schema_describes_every_key():
-    schema = json_schema()
-    assert set(schema["$defs"]) == {name for names in DOCUMENTED.values() for name in names} - {""}
-    for table in (schema, *schema["$defs"].values()):
+@pytest.fixture(scope="module")
+def schema():
+    return json_schema()
+
+
+def test_schema_describes_every_key(schema):
+    tables = {name: table for name, table in schema["$defs"].items() if "properties" in table}
+    assert set(tables) == {name for names in DOCUMENTED.values() for name in names} - {""}
+    for table in (schema, *tables.values()):
         assert table["additionalProperties"] is False
         for key, field in table["properties"].items():
             assert field["description"], key
             assert "null" not in str(field)
-    thinnest = schema["$defs"]["FrictionMap"]["properties"]["D_min"]
-    assert thinnest["anyOf"] == [{"type": "number", "minimum": 0.0}, {"type": "string"}]
+    thinnest = tables["FrictionMap"]["properties"]["D_min"]
+    length = {"$ref": "#/$defs/text_m"}
+    assert thinnest["anyOf"] == [{"type": "number", "minimum": 0.0}, length]
     assert thinnest["description"] == "thickness up to which friction is purely Coulomb [m]"
-    assert schema["$defs"]["FrictionMap"]["properties"]["transition_width"]["default"] == 0.03
-    assert schema["$defs"]["FrictionMap"]["required"] == ["mu_s", "K_T"]
+    assert tables["FrictionMap"]["properties"]["transition_width"]["default"] == 0.03
+    assert tables["FrictionMap"]["required"] == ["mu_s", "K_T"]
 
 
-def test_documentation_lists_every_key_with_its_unit():
+def mistakes(node, value, schema, place=()):
+    """Places of the mistakes in a value, by as much of JSON schema as is used here."""
+    for word in node:
+        assert word in UNDERSTOOD or word in IGNORED, word
+    if "$ref" in node:
+        yield from mistakes(schema["$defs"][node["$ref"].split("/")[-1]], value, schema, place)
+    for part in node.get("allOf", ()):
+        yield from mistakes(part, value, schema, place)
+    if "anyOf" in node and all(any(mistakes(n, value, schema)) for n in node["anyOf"]):
+        yield place or "anyOf"
+    if "not" in node and not any(mistakes(node["not"], value, schema)):
+        yield place or "not"
+    if "if" in node and not any(mistakes(node["if"], value, schema)):
+        yield from mistakes(node["then"], value, schema, place)
+    wrong = [
+        not isinstance(value, KINDS[node.get("type", "any")]),
+        isinstance(value, bool) and node.get("type") in ("number", "integer"),
+        value not in node.get("enum", [value]),
+        value != node.get("const", value),
+        isinstance(value, str) and not re.search(node.get("pattern", ""), value),
+        isinstance(value, str | list) and len(value) < node.get("minLength", 0),
+    ]
+    if isinstance(value, int | float):
+        wrong += [
+            value < node.get("minimum", value),
+            value > node.get("maximum", value),
+            value <= node.get("exclusiveMinimum", -math.inf),
+            value >= node.get("exclusiveMaximum", math.inf),
+        ]
+    if any(wrong):
+        yield place or "value"
+    if isinstance(value, list):
+        if not node.get("minItems", 0) <= len(value) <= node.get("maxItems", math.inf):
+            yield place or "items"
+        columns = node.get("prefixItems", [])
+        for index, item in enumerate(value):
+            kind = columns[index] if index < len(columns) else node.get("items", {})
+            yield from mistakes(kind, item, schema, (*place, index))
+    if isinstance(value, dict):
+        keys, others = node.get("properties", {}), node.get("additionalProperties", {})
+        yield from ((*place, key) for key in node.get("required", ()) if key not in value)
+        for key, item in value.items():
+            if key in keys:
+                yield from mistakes(keys[key], item, schema, (*place, key))
+            elif others is False:
+                yield (*place, key)
+            else:
+                yield from mistakes(others, item, schema, (*place, key))
+
+
+UNDERSTOOD = {
+    *("$ref", "allOf", "anyOf", "not", "if", "then", "type", "enum", "const", "pattern"),
+    *("minLength", "minimum", "maximum", "exclusiveMinimum", "exclusiveMaximum", "minItems"),
+    *("maxItems", "items", "prefixItems", "properties", "additionalProperties", "required"),
+}
+IGNORED = {
+    *("$schema", "$defs", "title", "description", "default", "x-unit", "format"),
+    "minProperties",
+}
+KINDS = {
+    **{"any": object, "object": dict, "array": list, "string": str, "boolean": bool},
+    **{"number": int | float, "integer": int},
+}
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "cases").glob("*.toml")), ids=lambda p: p.stem)
+def test_shipped_cases_keep_to_the_schema(path, schema):
+    assert list(mistakes(schema, tomllib.loads(path.read_text()), schema)) == []
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place"),
+    [
+        ("mu = 0.2", "nu = 0.2", {"contact.0.friction.nu", "contact.0.friction.mu"}),
+        ("mu = 0.2", "mu = -0.2", {"contact.0.friction.mu"}),
+        ('law = "coulomb"', 'law = "coulomp"', {"contact.0.friction.law"}),
+        ('law = "coulomb"', "", {"contact.0.friction.law"}),
+        ('kind = "two-blocks"', "", {"geometry.kind"}),
+        ('thickness = "1 mm"', 'thickness = "1 ms"', {"geometry.thickness"}),
+        ('width = "1.0 mm"', 'width = "1.0 mn"', {"geometry.upper.width"}),
+        ('E = "5 MPa"', 'E = "5 Mpa"', {"bodies.elastomer.E"}),
+        ('material = "neo-hookean"', 'material = "neo"', {"bodies.elastomer.material"}),
+        ("steps = 3", "steps = 3.5", {"stage.0.steps"}),
+        ('[["1 s", "0 mm"]', '[["1 s", "0 mN"]', {"boundary.1.displacement.x"}),
+        ('[["1 s", "0 mm"]', '[["1 s", 0, 0]', {"boundary.1.displacement.x"}),
+    ],
+)
+def test_a_mistake_is_found_at_its_key(block, old, new, place, schema):
+    assert list(mistakes(schema, tomllib.loads(block), schema)) == []
+    found = mistakes(schema, tomllib.loads(block.replace(old, new, 1)), schema)
+    assert {".".join(map(str, keys)) for keys in found} == place
+
+
+def test_a_preset_and_a_mesh_need_no_kind(block, film, schema):
+    case = tomllib.loads(film.replace('law = "friction-map"\n', ""))
+    assert case["contact"][0]["friction"]["preset"] == "friction-map"
+    case["geometry"] = {"mesh": "my.msh"}
+    assert list(mistakes(schema, case, schema)) == []
+    case["geometry"]["section"] = "flat"
+    assert list(mistakes(schema, case, schema)) == [("geometry", "section")]
+
+
+def test_documentation_lists_every_key_with_its_unit(schema):
     text = (ROOT / "docs" / "case-file.md").read_text()
     sections = dict(re.findall(r"^###? (.+?)\n(.*?)(?=^##|\Z)", text, re.M | re.S))
-    schema = json_schema()
     for heading, names in DOCUMENTED.items():
         rows = dict(re.findall(r"^\| `(\w+)` \| ([^|]+) \|", sections[heading], re.M))
         fields: dict[str, dict] = {}

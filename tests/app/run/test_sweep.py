@@ -2,29 +2,40 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
 from app.case.reading import load_case
 from app.errors import InputError, SolutionError, TriboxError
 from app.run.sweep import Part, collate, part_command, run_side_by_side
+from app.run.sweep_lines import SweepLines, SweepScreen, sweep_lines
 
 
 def part(label: str, program: str) -> Part:
     return Part(label, [sys.executable, "-c", program], Path(label))
 
 
-def test_all_parts_run_and_their_lines_are_labelled():
-    said: list[str] = []
+class Said(SweepLines):
+    """Calls a function with each line."""
+
+    def __init__(self, hear: Callable[[str, str], None] = lambda label, line: None) -> None:
+        self.say = hear
+
+
+def test_all_parts_run_and_their_lines_are_labelled(capsys):
     program = "import sys; print('one'); print('two', file=sys.stderr)"
-    run_side_by_side([part(label, program) for label in "abc"], 2, said.append)
+    run_side_by_side([part(label, program) for label in "abc"], 2, SweepLines())
+    said = capsys.readouterr().out.splitlines()
     assert sorted(said) == sorted(f"[{a}] {line}" for a in "abc" for line in ("one", "two"))
 
 
@@ -33,13 +44,12 @@ def test_no_more_parts_run_at_a_time_than_asked_for(jobs):
     running: set[str] = set()
     most = []
 
-    def say(line: str) -> None:
-        label, what = line.split()
-        running.add(label) if what == "begin" else running.discard(label)
+    def hear(label: str, line: str) -> None:
+        running.add(label) if line == "begin" else running.discard(label)
         most.append(len(running))
 
     program = "import time; print('begin', flush=True); time.sleep(0.3); print('end')"
-    run_side_by_side([part(label, program) for label in "abcd"], jobs, say)
+    run_side_by_side([part(label, program) for label in "abcd"], jobs, Said(hear))
     assert max(most) == jobs
 
 
@@ -55,13 +65,13 @@ def test_failures_are_reported_after_all_have_run(tmp_path, codes, kind):
     failed = ", ".join(f"p{i}" for i, code in enumerate(codes) if code)
     count = sum(code != 0 for code in codes)
     with pytest.raises(kind, match=rf"^{count} of 3 runs of the sweep failed: {failed}$"):
-        run_side_by_side(parts, 1, lambda line: None)
+        run_side_by_side(parts, 1, Said())
     assert len(list(tmp_path.iterdir())) == 3
 
 
 def test_a_part_that_crashes_is_neither_wrong_input_nor_no_solution():
     with pytest.raises(TriboxError) as caught:
-        run_side_by_side([part("a", "raise SystemExit(1)")], 1, lambda line: None)
+        run_side_by_side([part("a", "raise SystemExit(1)")], 1, Said())
     assert caught.value.exit_code == 1
 
 
@@ -69,8 +79,43 @@ def test_after_an_interrupted_part_no_other_begins(tmp_path):
     parts = [part("a", "raise SystemExit(130)")]
     parts += [part(label, f"open({str(tmp_path / label)!r}, 'w')") for label in "bc"]
     with pytest.raises(KeyboardInterrupt):
-        run_side_by_side(parts, 1, lambda line: None)
+        run_side_by_side(parts, 1, Said())
     assert list(tmp_path.iterdir()) == []
+
+
+def lines_of(screen: SweepScreen) -> list[str]:
+    paper = Console(width=70, file=io.StringIO())
+    paper.print(screen.render())
+    return paper.file.getvalue().splitlines()
+
+
+def test_a_terminal_has_one_line_for_each_running_value():
+    console = Console(width=70, file=io.StringIO(), force_terminal=True, highlight=False)
+    screen = SweepScreen(4, console)
+    with screen:
+        for label in ("mu=0.1", "mu=0.2"):
+            screen.begin(label)
+        screen.say("mu=0.1", "step    7  slide      t 0.25 s  N 0.5 N")
+        screen.say("mu=0.2", "note: this is to stay")
+        first, second, last = (line.split() for line in lines_of(screen))
+        assert first == ["mu=0.1", "0:00", *"step 7 slide t 0.25 s N 0.5 N".split()]
+        assert second == ["mu=0.2", "0:00", "starting"]
+        assert " ".join(last) == "0 of 4 values done, 2 waiting"
+        screen.end("mu=0.1", 3)
+        second, last = lines_of(screen)
+        assert last.strip() == "1 of 4 values done, 1 failed, 2 waiting"
+    assert "[mu=0.2] note: this is to stay" in console.file.getvalue()
+    assert "[mu=0.1]" not in console.file.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("terminal", "term", "kind"),
+    [(True, "xterm", SweepScreen), (True, "dumb", SweepLines), (False, "xterm", SweepLines)],
+)
+def test_lines_are_plain_where_there_is_no_terminal(monkeypatch, terminal, term, kind):
+    monkeypatch.setenv("TERM", term)
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: terminal, raising=False)
+    assert type(sweep_lines(3)) is kind
 
 
 def test_commands_name_case_value_and_directory():

@@ -1,0 +1,1 @@
+"""``tribox init``: starter cases with comments, and what goes with them."""

@@ -1,0 +1,1 @@
+"""``tribox report``: a results directory as one HTML page, drawn from its files alone."""

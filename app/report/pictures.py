@@ -1,0 +1,83 @@
+"""The figures of a results directory, to stand in the page itself."""
+
+from __future__ import annotations
+
+import base64
+from dataclasses import dataclass
+from pathlib import Path
+
+_KNOWN = {
+    "history": ("Forces and friction", "Forces, friction coefficient and motion over the run"),
+    "deformed": ("Deformed bodies", "The deformed bodies, and the tractions between them"),
+    "energy": ("Energies", "Work and energies over the run"),
+    "effective_viscosity": (
+        "Effective viscosity",
+        "Effective viscosity over the velocity, on logarithmic axes",
+    ),
+    "friction_map": ("Friction map", "Friction over the velocity at steady points"),
+    "stribeck": ("Stribeck view", "Ratio of friction to normal force over the velocity"),
+    "force_displacement": (
+        "Force and displacement",
+        "Force of platens and tools over their displacement",
+    ),
+    "phase": ("Phase plot", "Velocity over displacement"),
+    "sweep": ("Sweep", "Forces at the end of each run over the swept value"),
+}
+_ORDER = ("sweep", "deformed", "history", "force_displacement", "energy")
+_KINDS = {".png": "image/png", ".gif": "image/gif"}
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A figure.
+
+    Attributes:
+        title: above it; alt: what it shows, for those who cannot see it.
+        source: the image itself, as a data address; width, height: in points of the image.
+    """
+
+    title: str
+    alt: str
+    source: str
+    width: int
+    height: int
+
+
+def pictures_of(directory: Path, subject: str) -> list[Picture]:
+    """All figures of a results directory, those that tell most first.
+
+    Args:
+        directory: of the results.
+        subject: title of the run, for the alternative texts.
+    """
+    from PIL import Image
+
+    paths = [p for p in (directory / "figures").glob("*.*") if p.suffix in _KINDS]
+    pictures = []
+    for path in sorted(paths, key=_rank):
+        if ".part" in path.name:
+            continue
+        title, shows = _title(path.stem)
+        data = base64.b64encode(path.read_bytes()).decode("ascii")
+        with Image.open(path) as image:
+            width, height = image.size
+        source = f"data:{_KINDS[path.suffix]};base64,{data}"
+        pictures.append(Picture(title, f"{shows}. {subject}", source, width, height))
+    return pictures
+
+
+def _rank(path: Path) -> tuple[int, str]:
+    places = [place for place, name in enumerate(_ORDER) if path.stem.startswith(name)]
+    return (min(places, default=len(_ORDER)), path.name)
+
+
+def _title(stem: str) -> tuple[str, str]:
+    """Title and description of a figure, by the longest known beginning of its name."""
+    known = [name for name in _KNOWN if stem.startswith(name)]
+    if not known:
+        words = stem.replace("_", " ").replace("-", " ")
+        return words.capitalize(), f"Figure {words}"
+    name = max(known, key=len)
+    title, shows = _KNOWN[name]
+    rest = stem.removeprefix(name).replace("_", " ").strip(" -")
+    return (f"{title}: {rest}", f"{shows}: {rest}") if rest else (title, shows)

@@ -1,0 +1,148 @@
+"""Tables of the report: frames of results with titles, units and few digits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from app.report.columns import column
+from app.report.units import Scale, fitting
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+ROUND_OFF = 1e-10  # beside the largest number of a table in the same unit
+_STEADY = {1: "yes", 0: "no", -1: "–"}
+_COUNTS = ("step", "newton_iterations")
+_OF_A_LOAD_STEP = (
+    *("label", "steady", "time", "velocity", "normal_force", "friction_force"),
+    *("tangential_force", "friction_coefficient", "film_thickness", "effective_viscosity"),
+    *("contact_area", "stick_fraction", "viscous_fraction", "max_penetration"),
+)
+_OF_A_PAIR = ("pair", *(name for name in _OF_A_LOAD_STEP if name not in ("steady", "velocity")))
+_MOTION = tuple(f"{kind}_{axis}" for kind in ("displacement", "velocity") for axis in "xyz")
+_OF_A_SURFACE = (
+    *("surface", "label", "time", *_MOTION, "force_x", "force_y", "force_z", "radial_force"),
+    *("moment_x", "moment_y", "moment_z"),
+)
+_OF_A_BODY = ("body", "label", "time", *_MOTION, *(f"contact_force_{axis}" for axis in "xyz"))
+_ALWAYS = ("label", "pair", "surface", "body", "time", "normal_force", "force_x", "force_y")
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A table that is ready to be written.
+
+    Attributes:
+        caption: what it holds.
+        headings: (title, unit) of each column; the first column names the row.
+        rows: text of the cells.
+    """
+
+    caption: str
+    headings: Sequence[tuple[str, str]]
+    rows: Sequence[Sequence[str]]
+
+
+def load_step_table(load_steps: DataFrame) -> Table | None:
+    """The last step of each load step; None without any."""
+    return frame_table(load_steps, _OF_A_LOAD_STEP, "At the end of each load step")
+
+
+def end_table(history: DataFrame) -> Table | None:
+    """The last step of a run that ended within a load step; None without a history."""
+    names = ("stage", *_OF_A_LOAD_STEP[2:])
+    return frame_table(history.tail(1), names, "After the last step that was solved")
+
+
+def detail_tables(
+    load_steps: DataFrame, contacts: DataFrame, surfaces: DataFrame, bodies: DataFrame
+) -> list[Table]:
+    """Pairs, surfaces and bodies at the end of each load step, those that there are."""
+    made = [
+        frame_table(_ends(frame, load_steps, first), names, caption)
+        for frame, first, names, caption in (
+            (contacts, "pair", _OF_A_PAIR, "Each pair at the end of each load step"),
+            (surfaces, "surface", _OF_A_SURFACE, "Each surface with a boundary"),
+            (bodies, "body", _OF_A_BODY, "Each body"),
+        )
+    ]
+    return [table for table in made if table is not None]
+
+
+def _ends(frame: DataFrame, load_steps: DataFrame, first: str) -> DataFrame:
+    """The rows of a table at the ends of load steps, with their labels, sorted by name."""
+    if frame.empty or load_steps.empty or first not in frame:
+        return frame.head(0)
+    found = frame.merge(load_steps[["step", "label"]], on="step", how="inner")
+    order = {name: place for place, name in enumerate(dict.fromkeys(frame[first]))}
+    return found.sort_values(first, key=lambda names: names.map(order), kind="stable")
+
+
+def frame_table(
+    frame: DataFrame, names: Sequence[str], caption: str, first: str = ""
+) -> Table | None:
+    """Rows of a frame; columns that are 0 everywhere are left out, but for a few.
+
+    Args:
+        frame: with columns as in the files, SI.
+        names: the columns wanted, in order; those that are missing are passed over.
+        caption: of the table.
+        first: title of the first column, where it is not the usual one.
+
+    Returns:
+        None where the frame has no rows.
+    """
+    if frame.empty:
+        return None
+    kept = [name for name in names if name in frame.columns and _tells(frame, name)]
+    noise = _noise(frame, kept)
+    columns, headings = [], []
+    for name in kept:
+        texts, unit = _cells(frame, name, noise.get(column(name).unit, 0.0))
+        columns.append(texts)
+        headings.append((column(name).title, unit))
+    headings[0] = (first or headings[0][0], headings[0][1])
+    return Table(caption, headings, list(zip(*columns, strict=True)))
+
+
+def _tells(frame: DataFrame, name: str) -> bool:
+    if name == "steady":
+        return bool((frame[name] >= 0).any())
+    return name in _ALWAYS or frame[name].dtype == object or bool((frame[name] != 0.0).any())
+
+
+def _noise(frame: DataFrame, names: Sequence[str]) -> dict[str, float]:
+    """What counts as round-off beside the largest value in the same unit; of ratios beside 1."""
+    noise = {"": ROUND_OFF}
+    for name in names:
+        unit = column(name).unit
+        if unit:
+            noise[unit] = max(noise.get(unit, 0.0), ROUND_OFF * float(frame[name].abs().max()))
+    return noise if {"N", "N m"} & noise.keys() else {}
+
+
+def _cells(frame: DataFrame, name: str, noise: float) -> tuple[list[str], str]:
+    """Text of a column's cells, and their unit."""
+    values = frame[name].tolist()
+    if any(isinstance(value, str) for value in values):
+        return [str(value) for value in values], ""
+    if name == "steady":
+        return [_STEADY.get(int(value), "–") for value in values], ""
+    if name in _COUNTS:
+        return [f"{value:.0f}" for value in values], ""
+    scale = fitting(values, column(name).unit)
+    if name == "time":
+        return _distinct(values, scale), scale.unit
+    shown = ["≈ 0" if 0.0 < abs(value) < noise else scale.text(value) for value in values]
+    return shown, scale.unit
+
+
+def _distinct(values: Sequence[float], scale: Scale) -> list[str]:
+    """Numbers with as many digits as tell them apart."""
+    for digits in range(6, 17):
+        texts = [scale.text(value, digits) for value in values]
+        if len(set(texts)) == len(set(values)):
+            break
+    return texts

@@ -1,0 +1,116 @@
+"""Starter cases: each is correct, runs in seconds as it is, and overwrites nothing."""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from app.case.reading import check_case
+from app.case.schema import FILE_NAME, json_schema
+from app.errors import InputError
+from app.init import starters
+from app.init.starters import KINDS, write_starter
+
+MESHED = ("own-mesh", "forming")
+
+
+def files(directory: Path) -> dict[str, bytes]:
+    return {p.name: p.read_bytes() for p in directory.iterdir()}
+
+
+@pytest.mark.parametrize(
+    "kind", ["two-blocks", "own-mesh", pytest.param("forming", marks=pytest.mark.long)]
+)
+def test_a_starter_runs_as_it_is(kind, tmp_path, tribox):
+    case = tmp_path / "try" / "mine.toml"
+    done = tribox("init", kind, case)
+    assert done.returncode == 0, done.stderr
+    names = {"mine.toml", FILE_NAME} | ({"mine.geo", "mine.msh"} if kind in MESHED else set())
+    assert set(files(case.parent)) == names
+    assert {Path(line.split()[1]).name for line in done.stdout.splitlines()[:-1]} == names
+
+    text = case.read_text(encoding="utf-8")
+    assert text.startswith(f"#:schema ./{FILE_NAME}\n") and "NAME" not in text
+    assert json.loads((case.parent / FILE_NAME).read_text(encoding="utf-8")) == json_schema()
+    assert check_case(case) == []
+
+    out = tmp_path / "out"
+    ran = tribox("run", case, "--out", out, "--set", "output.figures=false")
+    assert ran.returncode == 0, ran.stderr
+    assert "warning" not in ran.stdout
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["load_steps"][0]["label"] == "press"
+    last = summary["load_steps"][-1]
+    assert last["normal_force"] > 1.0 and last["friction_coefficient"] > 0.0
+    assert summary["seconds"]["run"] < 60.0
+
+
+def test_every_starter_is_listed():
+    texts = {p.stem for p in starters.HERE.glob("*.toml")}
+    assert set(KINDS) == texts and set(MESHED) < texts
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_comments_are_in_step_with_the_program(kind):
+    """Commands and files that a starter speaks of are there, and so are the commented tables."""
+    from app.cli import cli
+
+    text = (starters.HERE / f"{kind}.toml").read_text(encoding="utf-8")
+    spoken = set(re.findall(r"#.*?\btribox (\w+)", text))
+    known = {c.name or c.callback.__name__ for c in cli.registered_commands}
+    assert {"check", "mesh", "run"} <= spoken <= known
+    assert max(map(len, text.splitlines())) <= 105
+    aside = [line.removeprefix("# ") for line in text.splitlines() if line.startswith("# [")]
+    assert all(tomllib.loads(line) for line in aside)
+
+
+def test_it_overwrites_nothing(tmp_path):
+    write_starter("own-mesh", tmp_path)
+    before = files(tmp_path)
+    for name in ("own-mesh.toml", "own-mesh.geo", "own-mesh.msh"):
+        for other in before:
+            if other not in (name, FILE_NAME):
+                (tmp_path / other).unlink(missing_ok=True)
+        (tmp_path / name).write_bytes(before[name])
+        with pytest.raises(InputError, match=rf"{name}: exists already"):
+            write_starter("own-mesh", tmp_path)
+        assert set(files(tmp_path)) == {name, FILE_NAME}
+
+
+def test_several_starters_share_a_schema(tmp_path):
+    first = write_starter("two-blocks", tmp_path)
+    again = write_starter("two-blocks", tmp_path / "b.toml")
+    assert [p.name for p in first] == ["two-blocks.toml", FILE_NAME]
+    assert [p.name for p in again] == ["b.toml"]
+    (tmp_path / FILE_NAME).write_text('{"$schema": "older"}')
+    newer = write_starter("two-blocks", tmp_path / "c.toml")
+    assert [p.name for p in newer] == ["c.toml", FILE_NAME]
+    (tmp_path / FILE_NAME).write_text("mine")
+    with pytest.raises(InputError, match=f"{FILE_NAME}: exists already"):
+        write_starter("two-blocks", tmp_path / "d.toml")
+    assert not (tmp_path / "d.toml").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["three-blocks"], 'no starter "three-blocks"; there are two-blocks'),
+        (["two-blocks", "there/notes.txt"], "name a case file"),
+        (["two-blocks", "there/notes.txt/case.toml"], "cannot be written"),
+    ],
+)
+def test_wrong_words_are_one_line(tribox, tmp_path, words, said):
+    (tmp_path / "home" / "there").mkdir()
+    (tmp_path / "home" / "there" / "notes.txt").write_text("mine")
+    done = tribox("init", *words)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1 and said in done.stderr
+    assert [p.name for p in (tmp_path / "home").rglob("*")] == ["there", "notes.txt"]
+
+
+def test_by_default_it_writes_here(tribox, tmp_path):
+    assert tribox("init").returncode == 0
+    assert set(files(tmp_path / "home")) == {"two-blocks.toml", FILE_NAME}

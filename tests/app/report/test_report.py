@@ -1,0 +1,249 @@
+"""The HTML page of a results directory: what stands in it, and that it needs nothing else."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+import subprocess
+import sys
+from html.parser import HTMLParser
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from app.case.given import given_keys
+from app.case.reading import load_case
+from app.errors import InputError
+from app.report.page import write_report
+from app.report.verdicts import UNBALANCED
+from app.simulation.history import COLUMNS
+
+ROOT = Path(__file__).parents[3]
+EVIL = "<script>alert('a & b')</script>"
+VOID = {"meta", "img", "link", "br", "input"}
+
+
+class Reader(HTMLParser):
+    """Elements of a page, the text of each, and the problems of their nesting."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.texts: list[tuple[str, str]] = []
+        self.open: list[str] = []
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag, f"</{tag}> in {self.open}"
+
+    def handle_data(self, data):
+        if data.strip() and self.open:
+            self.texts.append((self.open[-1], " ".join(data.split())))
+
+    def all(self, tag: str) -> list[dict[str, str | None]]:
+        return [attributes for name, attributes in self.tags if name == tag]
+
+    def words(self, *tags: str) -> list[str]:
+        return [text for tag, text in self.texts if tag in tags]
+
+
+def row(step: int, stage: str = "slide", **values: float) -> dict[str, object]:
+    """A row of the history."""
+    zeros = dict.fromkeys(COLUMNS, 0.0)
+    told = {"normal_force": 20.0, "external_work": 2e-3, "strain_energy": 1.5e-3}
+    rest = {"dissipation": 5e-4, "energy_error": 2e-6, "friction_coefficient": 0.1}
+    return {**zeros, **told, **rest, "step": step, "time": 0.1 * step, "stage": stage, **values}
+
+
+def write_csv(path: Path, rows: list[dict[str, object]]) -> None:
+    lines = [",".join(rows[0]), *(",".join(map(str, one.values())) for one in rows)]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def results(directory: Path, case: str, **summary: object) -> Path:
+    """A results directory as a run leaves it, with two pairs and a surface."""
+    (directory / "figures").mkdir(parents=True)
+    (directory / "case.toml").write_text(case, encoding="utf-8")
+    rows = [row(1, "press"), row(2, film_thickness=3e-8)]
+    write_csv(directory / "history.csv", rows)
+    pair = {"step": 2.0, "time": 0.2, "stage": "slide", "normal_force": 12.5}
+    write_csv(directory / "contacts.csv", [pair | {"pair": p} for p in ("pad-tool", "pad-die")])
+    moved = {"step": 2.0, "time": 0.2, "stage": "slide", "surface": "top", "force_x": -2.0}
+    write_csv(directory / "surfaces.csv", [moved | {"force_y": 20.0, "displacement_y": -5e-5}])
+    ends = [{"label": one["stage"], "steady": None, **one} for one in rows]
+    whole = {
+        **{"title": "t", "status": "done", "failure": None, "warnings": [], "load_steps": ends},
+        **{"steps": 2, "newton_iterations": 7, "dofs": 12345, "ranks": 2},
+        **{"energy_error_relative": 1e-3, "memory_MiB_per_rank": [100.0, 120.0]},
+        **{"seconds": {"run": 4.0, "contact": 1.0}, "versions": {"tribox": "0.1.0"}},
+        "given": given_keys(load_case(directory / "case.toml")),
+    }
+    (directory / "summary.json").write_text(json.dumps(whole | summary), encoding="utf-8")
+    Image.new("RGB", (40, 30)).save(directory / "figures" / "history.png")
+    Image.new("RGB", (40, 30)).save(directory / "figures" / "my_own_view.png")
+    return directory
+
+
+def read_page(directory: Path) -> tuple[str, Reader]:
+    text = write_report(directory).read_text(encoding="utf-8")
+    return text, Reader(text)
+
+
+@pytest.fixture
+def run(tmp_path, film):
+    return results(tmp_path / "run", film, warnings=["penetration <deep>", "note & more"])
+
+
+def test_the_page_is_whole_and_needs_nothing_else(run):
+    text, page = read_page(run)
+    assert page.open == [] and text.startswith("<!doctype html>")
+    assert not page.all("script") and not page.all("link") and not page.all("iframe")
+    assert "@import" not in text and "url(" not in text and "http://" not in text
+    assert "https://" not in text and " on" + "click" not in text
+    policy = next(m["content"] for m in page.all("meta") if "http-equiv" in m)
+    assert policy.startswith("default-src 'none'")
+    sources = [image["src"] for image in page.all("img")]
+    figures = [run / "figures" / name for name in ("history.png", "my_own_view.png")]
+    packed = [base64.b64encode(path.read_bytes()).decode() for path in figures]
+    assert sources == [f"data:image/png;base64,{data}" for data in packed]
+
+
+def test_a_phone_and_a_reader_of_the_screen_can_use_it(run):
+    text, page = read_page(run)
+    assert page.all("html") == [{"lang": "en"}]
+    names = {m.get("name"): m.get("content") for m in page.all("meta")}
+    assert names["viewport"] == "width=device-width, initial-scale=1"
+    assert names["color-scheme"] == "light dark" and "prefers-color-scheme: dark" in text
+    assert all(len(image["alt"]) > 10 and image["width"] == "40" for image in page.all("img"))
+    levels = [int(tag[1]) for tag, _ in page.tags if re.fullmatch(r"h\d", tag)]
+    assert levels[0] == 1 and levels.count(1) == 1
+    assert all(b - a <= 1 for a, b in pairwise(levels))
+    regions = [d for d in page.all("div") if d.get("role") == "region"]
+    assert regions and all(d["aria-label"] and d["class"] == "scroll" for d in regions)
+    assert all(cell["scope"] in ("col", "row") for cell in page.all("th"))
+    ids = {attributes["id"] for _, attributes in page.tags if "id" in attributes}
+    assert {a["href"][1:] for a in page.all("a")} <= ids
+
+
+def test_warnings_come_first_and_all_text_is_escaped(tmp_path, film):
+    case = film.replace("small sliding test", EVIL)
+    text, page = read_page(results(tmp_path / "run", case, warnings=[f"see {EVIL}"]))
+    assert page.words("h1") == [EVIL] and page.words("title") == [EVIL]
+    assert page.words("li") == [f"see {EVIL}"]
+    assert "<script" not in text
+    assert text.index('id="warnings"') < text.index('id="run"') < text.index('id="inputs"')
+
+
+def test_tables_have_units_that_fit(run):
+    _, page = read_page(run)
+    headings = page.words("th", "span")
+    for title, unit in (
+        ("normal force N", "N"), ("film thickness D", "nm"), ("displacement u, y", "µm"),
+    ):  # fmt: skip
+        assert headings[headings.index(title) + 1] == unit
+    cells = page.words("td")
+    assert {"30", "12.5", "-50"} <= set(cells) and "12 345" in page.words("dd")
+    assert {"pad-tool", "pad-die", "top"} <= set(page.words("th"))
+
+
+def test_inputs_are_readable_and_defaults_marked(run):
+    text, page = read_page(run)
+    found = re.findall(r'<tr( class="default")?><th scope="row">([^<]*)</th><td>([^<]*)', text)
+    values = {key: (value.strip(), not default) for default, key, value in found}
+    assert values["film.thickness"] == ("30 nm", True)
+    assert values["friction.K_T"] == ("1000 GPa/m", True)
+    assert values["platen.pressure"] == ("0 s → 0 Pa; 1 s → 500 kPa", True)
+    assert values["velocities"] == ("10 µm/s, 2 mm/s", True)
+    assert values["upper.elements"] == ("14, 3", True)
+    assert values["friction.eta_b"] == ("0.8 Pa s", False)  # of the preset
+    assert values["penalty_factor"] == ("30", False)
+    assert "default" in page.words("span")
+    summary = json.loads((run / "summary.json").read_text())
+    del summary["given"]
+    (run / "summary.json").write_text(json.dumps(summary))
+    assert 'class="default"' not in read_page(run)[0]
+
+
+@pytest.mark.parametrize(
+    ("gap", "word"),
+    [(1e-3, "energies add up"), (-0.03, "energies nearly add up"), (0.2, "energies do not add up")],
+)
+def test_the_energy_verdict_has_its_number(tmp_path, film, gap, word):
+    _, page = read_page(results(tmp_path / "run", film, energy_error_relative=gap))
+    assert page.words("span").count(word) == 2
+    assert sum(f"{abs(100 * gap):.2g} % of" in text for text in page.words("p")) == 2
+
+
+def test_the_limit_of_the_balance_is_the_recorders():
+    from app.results import recorder
+
+    assert UNBALANCED == recorder.UNBALANCED
+
+
+def test_a_failed_run_says_why_and_shows_its_last_step(tmp_path, film):
+    directory = results(
+        tmp_path / "run", film, status="failed", failure="stage slide: <no> solution", load_steps=[]
+    )
+    _, page = read_page(directory)
+    assert "failed" in page.words("span")
+    assert "stage slide: <no> solution" in page.words("p")
+    assert "After the last step that was solved" in page.words("caption")
+
+
+def test_a_killed_run_without_steps_has_a_page_too(tmp_path, film):
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "case.toml").write_text(film)
+    _, page = read_page(tmp_path / "run")
+    assert "no summary" in page.words("span") and "No step was solved." in page.words("p")
+
+
+def test_a_sweep_has_a_table_and_a_section_for_each_value(tmp_path, block):
+    sweep = '[sweep]\nkey = "contact.0.friction.mu"\nvalues = [0.1, 0.2, 0.3]\n'
+    top = tmp_path / "sweep"
+    labels = ("mu=0.1", "mu=0.2")
+    for label in labels:
+        results(top / label, block, warnings=[f"warned in {label}"])
+    (top / "case.toml").write_text(block + sweep)
+    (top / "figures").mkdir()
+    write_csv(top / "sweep.csv", [{"label": label, "steady": -1, **row(2)} for label in labels])
+    parts = {label: {"status": "done"} for label in labels} | {"mu=0.3": {"status": "not run"}}
+    (top / "summary.json").write_text(json.dumps({"title": "t", "parts": parts}))
+    text, page = read_page(top)
+    assert [h for h in page.words("h2") if h.startswith("mu=")] == list(labels)
+    warned = [one for one in page.words("li") if "warned" in one]
+    assert warned == [f"warned in {label}" for label in labels]
+    assert "mu=0.3 was not run." in page.words("p")
+    assert "All values at the end of each load step" in page.words("caption")
+    assert len(page.all("img")) == 4
+    assert re.search(r'<tr class="default"><th scope="row">penalty_factor', text)
+
+
+def test_the_command_loads_no_solver_and_keeps_what_is_there(run, tmp_path, tribox):
+    done = subprocess.run(
+        [sys.executable, "-c", "import sys; from app.report.page import write_report; "
+         "from pathlib import Path; write_report(Path(sys.argv[1])); "
+         "print([m for m in ('dolfinx', 'petsc4py', 'mpi4py', 'pint') if m in sys.modules])",
+         str(run)],
+        capture_output=True, text=True, cwd=ROOT, timeout=60,
+    )  # fmt: skip
+    assert done.stdout == "[]\n", done.stderr
+    out = tmp_path / "page.html"
+    first = tribox("report", run, "--out", out)
+    assert (first.returncode, first.stdout) == (0, f"wrote {out}\n")
+    again = tribox("report", run, "--out", out)
+    assert again.returncode == 2 and "--force" in again.stderr
+    assert tribox("report", run, "--out", out, "--force").returncode == 0
+    assert tribox("report", run).returncode == 0 and (run / "report.html").is_file()
+    nothing = tribox("report", tmp_path / "none")
+    assert nothing.returncode == 2 and nothing.stderr.count("\n") == 1
+    with pytest.raises(InputError, match="cannot be written"):
+        write_report(run, tmp_path / "no" / "such" / "place.html")

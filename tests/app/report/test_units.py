@@ -1,0 +1,43 @@
+"""Numbers with units as a person writes them."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from app.case.quantities import COMMON_UNITS, format_quantity, parse_quantity
+from app.report.units import fitting, readable
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("3e-08 m", "30 nm"), ("0.0005 m", "500 µm"), ("0.35 m", "0.35 m"), ("0.0 m", "0 m"),
+        ("70000000000.0 Pa", "70 GPa"), ("100000000000.0 Pa/m", "100 GPa/m"),
+        ("0.8 Pa*s", "0.8 Pa s"), ("0.02 Pa*s", "20 mPa s"), ("1000000.0 1/m", "1e6 1/m"),
+        ("1100.0 kg/m^3", "1100 kg/m³"), ("-1e-05 m/s", "-10 µm/s"), ("5e-13 s", "0.5 ps"),
+        ("0.33", "0.33"), ("30.0", "30"), ("neo-hookean", "neo-hookean"), ("1.2.3", "1.2.3"),
+    ],
+)  # fmt: skip
+def test_quantities_are_readable(text, said):
+    assert readable(text) == said
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False), st.sampled_from([*COMMON_UNITS]))
+def test_readable_quantities_are_exact(value, unit):
+    assert parse_quantity(readable(str(format_quantity(value, unit))), unit) == value
+
+
+@pytest.mark.parametrize(
+    ("values", "unit", "text", "name"),
+    [
+        ([1e-3, 2e-3], "m", "1", "mm"), ([3e-8, 1e-9], "m", "30", "nm"),
+        ([1e-6], "m²", "1", "mm²"), ([2e-3, 1e4], "N", "0.002", "N"), ([1e-20], "m", "1e-08", "pm"),
+        ([0.0], "m", "0", "m"), ([float("nan"), 1e3], "Pa", "–", "kPa"), ([5e3], "", "5000", ""),
+        ([4e7, 1.0], "Pa", "4e+07", "Pa"), ([2e6, 1e-9], "Pa", "2", "MPa"),
+    ],
+)  # fmt: skip
+def test_the_unit_fits_the_largest(values, unit, text, name):
+    scale = fitting(values, unit)
+    assert (scale.text(values[0]), scale.unit) == (text, name)

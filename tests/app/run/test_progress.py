@@ -1,0 +1,90 @@
+"""What a run prints on a terminal and elsewhere, and what its log keeps."""
+
+from __future__ import annotations
+
+import io
+from types import SimpleNamespace
+
+import pytest
+from rich.console import Console
+
+from app.build.load_steps import load_steps_of
+from app.case.reading import load_case
+from app.implicit.stepper import StepResult
+from app.run.progress import Reporter
+from app.run.sweep_lines import is_passing
+from app.simulation.history import COLUMNS, Row
+from app.simulation.observer import Interval
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def row(step: int, time: float, dt: float) -> Row:
+    numbers = dict.fromkeys(COLUMNS, 0.5)
+    return Row(**numbers | {"step": step, "time": time, "dt": dt, "stage": "press"})
+
+
+def tell(case, log, stream) -> str:
+    """Let a reporter tell of two steps, one cut, an interval and the end of the load step."""
+    console = Console(file=stream, width=200, highlight=False, soft_wrap=True)
+    reporter = Reporter(log, case, console=console)
+    state = SimpleNamespace(time=0.1, step=1)
+    [load_step] = load_steps_of(case.stage[0])
+    solved = StepResult(True, 3, 2, 2, [1.0, 1e-9])
+    reporter.say("note: step 1 is not a step")
+    reporter.step(state, row(1, 0.1, 1e-9), solved)
+    reporter.cut(state, 1e-9, StepResult(False, 25, 25, -5, [1.0]))
+    reporter.step(state, row(2, 0.1 + 5e-10, 5e-10), solved)
+    reporter._pace._last = -10.0
+    reporter.step(state, row(3, 0.2, 1e-3), Interval(100, 1e-3, 2e-3, 300, 1e-4))
+    reporter._pace._last = -10.0
+    reporter.within(state, load_step, 400)
+    reporter.load_step(state, load_step, row(3, 0.2, 1e-3), None)
+    reporter.close()
+    return log.read_text(encoding="utf-8")
+
+
+@pytest.fixture
+def told(case_file, block, tmp_path, monkeypatch):
+    """Tells a stream, and returns the log and what the stream received."""
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.delenv("OMPI_COMM_WORLD_SIZE", raising=False)
+
+    def run(stream: io.StringIO) -> tuple[str, str]:
+        log = tell(load_case(case_file(block)), tmp_path / "log.txt", stream)
+        return log, stream.getvalue()
+
+    return run
+
+
+def test_without_a_terminal_all_lines_are_plain_and_in_the_log(told):
+    log, plain = told(io.StringIO())
+    assert plain == log and "\x1b" not in plain
+
+
+def test_a_terminal_keeps_only_lines_that_stay_and_shows_bars(told):
+    log, terminal = told(Terminal())
+    passing = [line for line in log.splitlines() if is_passing(line)]
+    assert len(passing) == 5
+    for line in log.splitlines():
+        assert (line in terminal) is (line not in passing), line
+    assert "1/2 press" in terminal and "━" in terminal
+    assert "time step 400, " in terminal
+
+
+@pytest.mark.parametrize(("ranks", "term"), [("2", "xterm"), (None, "dumb")])
+def test_there_are_no_bars_under_mpirun_and_on_a_dumb_terminal(told, monkeypatch, ranks, term):
+    monkeypatch.setenv("TERM", term)
+    if ranks is not None:
+        monkeypatch.setenv("OMPI_COMM_WORLD_SIZE", ranks)
+    log, terminal = told(Terminal())
+    assert "━" not in terminal and all(line in terminal for line in log.splitlines())
+
+
+def test_times_of_short_steps_differ(told):
+    log, _ = told(io.StringIO())
+    first, second = (line for line in log.splitlines() if line.startswith("step"))
+    assert "t 0.1 s" in first and "t 0.1000000005 s" in second
