@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from app.case.friction import Coulomb, Friction, Stribeck
 from forms.bodies.materials import Material, oedometric_modulus
 from forms.contact.pressure import PressureKind
 
+CORNERED = 3.0  # length of master facets over that of slave facets from which these feel corners
 APART = 2.0  # distance over facet length from which bodies are said to start apart
 COARSE = 3.0  # length of slave facets over that of master facets from which they are too coarse
 STIFFER = 10.0  # modulus of the slave's body over that of the master's that is pointed out
@@ -22,6 +24,19 @@ CHATTER = 10.0  # K h/M above which an explicit run pays for the penalty K
 STIFF_PENALTY = 3e4
 SOFT_PENALTY = 0.1
 SOFT_STICK = 0.1  # K_T h/G below which the elastic slip is longer than the shear of the elements
+
+
+@dataclass(frozen=True, slots=True)
+class Corners:
+    """Corners of a round master made of facets, as the slave beside it meets them.
+
+    Attributes:
+        ratio: largest length of a master facet that has a corner over that of the slave's beside
+            it; 0 without corners. degrees: largest angle at which such facets meet.
+    """
+
+    ratio: float
+    degrees: float
 
 
 def stiffer_slave(
@@ -62,6 +77,23 @@ def notes_on_surfaces(
         yield (
             f"{place}: the facets of the slave {contact.slave} are {slave / master:.2g} times as "
             f"long as those of {contact.master}, whose shape they cannot follow; refine the slave"
+        )
+
+
+def note_on_corners(place: str, contact: Contact, corners: Corners) -> Iterator[str]:
+    """A line on a faceted master whose corners a finer slave feels.
+
+    Args:
+        place: of the contact in the case.
+        contact: what the case says.
+        corners: of the master where the slave is near.
+    """
+    if corners.ratio > CORNERED:
+        yield (
+            f"{place}: beside it the facets of {contact.master} are {corners.ratio:.2g} times as "
+            f"long as those of the slave {contact.slave} and meet at up to {corners.degrees:.2g} "
+            "degrees: each corner presses with a peak of its own; set smoothing_angle, or refine "
+            f"{contact.master}"
         )
 
 

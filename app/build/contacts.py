@@ -15,6 +15,8 @@ from mpi4py import MPI
 from app.build.case_notes import highest_pressure
 from app.build.contact_notes import (
     STIFFER,
+    Corners,
+    note_on_corners,
     note_on_stick,
     notes_on_penalty,
     notes_on_surfaces,
@@ -35,8 +37,13 @@ from forms.friction.stribeck import StribeckLaw
 from geometry.meshes.mesh import NamedMesh
 from geometry.surfaces.body_facets import facet_length
 from geometry.surfaces.facets import Floats
+from geometry.surfaces.projection import Projection
+from geometry.surfaces.smoothing import shared_sides
 from geometry.surfaces.surface import QUADRATURE_DEGREE, ContactSurface
 
+# Angles, rad, between neighbouring facets of a master that are a round one's: from about 5 to 20
+# degrees a surface may be drawn with corners, and more surely is.
+STRAIGHT, SHARP = 1e-3, 0.35
 OVERLAP = 0.01  # depth over facet length up to which bodies only touch at the start
 # Default stiffness of stick, in units of G/h (shear modulus of the softer body over the length of a
 # slave facet): stiff against the shear of the elements beside it, yet soft enough for the onset of
@@ -93,7 +100,8 @@ class ContactBuilder:
         surface = self._surface(index, asked)
         softer = min(slave, master, key=oedometric_modulus)
         length = surface.facet_length
-        distance = _checked_distance(f"contact.{index}", asked, surface, length)
+        at = surface.project(surface.slave.position, surface.master.position)
+        distance = _checked_distance(f"contact.{index}", asked, surface, at)
         table = resolved_contact(asked, softer, length, highest_pressure(self.case))
         law, film = friction_law(table.friction), table.film.film() if table.film else 0.0
         lengths = (length, facet_length(self.named.mesh, self.named.facets(asked.master)))
@@ -104,6 +112,7 @@ class ContactBuilder:
         notes = (
             *stiffer_slave(index, asked, self.named.body_of(asked.slave), slave, master),
             *notes_on_surfaces(f"contact.{index}", asked, lengths, distance),
+            *note_on_corners(f"contact.{index}", asked, corners_of(asked, surface, at, distance)),
             *notes_on_penalty(index, factor, ratio, self.case.is_explicit, table.pressure),
             *note_on_stick(index, table.friction, softer.shear_modulus / length),
         )
@@ -231,8 +240,37 @@ def friction_law(friction: Friction) -> FrictionLaw:
     return FrictionlessLaw()
 
 
+def corners_of(
+    contact: Contact, surface: ContactSurface, at: Projection, distance: float
+) -> Corners:
+    """Corners of a faceted master where the slave is near at the start; collective.
+
+    Angles of more than `SHARP` are edges that are meant, and those of less than `STRAIGHT` none.
+
+    Args:
+        contact: what the case says.
+        surface: the pair.
+        at: the slave's points on the master.
+        distance: m, of the surfaces.
+    """
+    comm, master = surface.space.mesh.comm, surface.master
+    angle, size = np.zeros(len(master.facets)), master.sizes()
+    if contact.smoothing_angle is None:
+        shared = shared_sides(surface.shape, master.facets, master.position)
+        round_ones = np.where(shared.angle < SHARP, shared.angle, 0.0)
+        for facets in shared.facets.T:
+            np.maximum.at(angle, facets, round_ones)
+    cornered = at.on_surface & (angle[at.facet] > STRAIGHT)
+    near = cornered & (at.gap < distance + size[at.facet])
+    ratio = np.where(near, size[at.facet] / surface.slave.facet_length, 0.0)
+    worst = int(np.argmax(ratio)) if len(ratio) else -1
+    mine = (float(ratio[worst]), float(angle[at.facet[worst]])) if worst >= 0 else (0.0, 0.0)
+    largest, turned = max(comm.allgather(mine))
+    return Corners(largest, float(np.degrees(turned)))
+
+
 def _checked_distance(
-    place: str, contact: Contact, surface: ContactSurface, length: float
+    place: str, contact: Contact, surface: ContactSurface, at: Projection
 ) -> float:
     """Refuse surfaces that overlap, or face away from each other, before anything has moved.
 
@@ -240,16 +278,14 @@ def _checked_distance(
         place: of the contact in the case.
         contact: what the case says.
         surface: its surfaces.
-        length: m, mean length of a slave facet.
+        at: the slave's points on the master.
 
     Returns:
         Their distance, m; infinite if no slave point is above the master.
     """
-    points, nodes = surface.slave.position, surface.master.position
-    at = surface.project(points, nodes)
     local = float(np.max(-at.gap, where=at.on_surface, initial=0.0))
     depth = surface.space.mesh.comm.allreduce(local, op=MPI.MAX)
-    if depth > OVERLAP * length:
+    if depth > OVERLAP * surface.facet_length:
         smooth = (
             "; a smooth master bulges beyond its facets where flats and arcs meet: leave a gap, or "
             "lower smoothing_angle"

@@ -163,6 +163,33 @@ def _across_node(start: Longs, turn: Longs, valence: Longs) -> Longs:
 def _sharp_nodes(shape: FacetShape, facets: Ints, nodes: Floats, smoothing_angle: float) -> Bools:
     """Nodes (n,) on a side where the normals of its facets differ by more than the angle (rad)."""
     sharp = np.zeros(len(nodes), dtype=bool)
+    shared = shared_sides(shape, facets, nodes)
+    sharp[shared.ends[shared.angle > smoothing_angle]] = True
+    return sharp
+
+
+@dataclass(frozen=True, slots=True)
+class SharedSides:
+    """Sides (in the plane: ends) that two facets share.
+
+    Attributes:
+        facets: (s, 2) the facets; ends: (s, k) nodes of the side.
+        angle: (s,), rad, between the normals in the middles of the facets.
+    """
+
+    facets: Longs
+    ends: Ints
+    angle: Floats
+
+
+def shared_sides(shape: FacetShape, facets: Ints, nodes: Floats) -> SharedSides:
+    """The sides that two facets of a surface share.
+
+    Args:
+        shape: of the facets.
+        facets: (f, a) their nodes.
+        nodes: (n, i), m.
+    """
     sides = [side.nodes for side in shape.sides]
     middle = shape.points.mean(axis=0)[None]
     normal = unit_normals(np.einsum("ba,fai->fbi", shape.first(middle)[0], nodes[facets]))
@@ -170,10 +197,11 @@ def _sharp_nodes(shape: FacetShape, facets: Ints, nodes: Floats, smoothing_angle
     owner = np.tile(np.arange(len(facets)), len(sides))
     order = np.lexsort(ends.T)
     same = np.all(ends[order[1:]] == ends[order[:-1]], axis=1)
-    one, other = order[1:][same], order[:-1][same]
-    cosine = np.einsum("fi,fi->f", normal[owner[one]], normal[owner[other]])
-    sharp[ends[one[cosine < np.cos(smoothing_angle)]]] = True
-    return sharp
+    both = np.stack([order[1:][same], order[:-1][same]], axis=1)
+    one, other = normal[owner[both]].transpose(1, 0, 2)
+    # By the chord between the unit normals: exact for small angles too.
+    angle = 2.0 * np.arcsin(0.5 * np.minimum(np.linalg.norm(one - other, axis=1), 2.0))
+    return SharedSides(owner[both], ends[both[:, 0]], angle)
 
 
 def _rows(matrix: Sparse, index: Longs, factor: Floats) -> Sparse:

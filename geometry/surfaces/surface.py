@@ -47,6 +47,13 @@ class MasterFacets:
     position: Floats
     shape: FacetShape
 
+    def sizes(self) -> Floats:
+        """Length (f,), m, of each undeformed facet; in space the side of a square or half one."""
+        corners = self.position[self.facets[:, : self.shape.corners]]
+        apart = np.linalg.norm(corners[:, :, None] - corners[:, None], axis=3)
+        longest: Floats = apart.max(axis=(1, 2)) / np.sqrt(self.shape.directions)
+        return longest
+
 
 class ContactSurface:
     """Slave points and master facets of one pair, and the current positions of both.

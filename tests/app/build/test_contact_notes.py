@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import tomllib
+
 import numpy as np
 import pytest
+from mpi4py import MPI
 
 from app.build.contact_notes import note_on_stick, notes_on_penalty
+from app.build.model import build_model
+from app.case.case import Case
 from app.case.friction import Coulomb
 
 
@@ -34,3 +39,55 @@ def test_a_stick_far_softer_than_the_elements_is_noted():
     assert not list(note_on_stick(0, friction, 1e9))
     [note] = note_on_stick(0, friction, 1e12)
     assert note.startswith("contact.0: K_T is 0.01 times the stiffness G/h")
+
+
+ROUND = """
+[geometry]
+kind = "cylinder-on-block"
+contact_width = "1 mm"
+contact_size = "{tool}"
+growth = 1.4
+cylinder = {{ radius = "{radius}" }}
+block = {{ width = "12 mm", height = "4 mm", contact_size = "{block}" }}
+[bodies.elastomer]
+material = "hencky"
+E = "70 GPa"
+nu = 0.33
+[bodies.aluminium]
+material = "neo-hookean"
+E = "5 MPa"
+nu = 0.45
+[[contact]]
+slave = "aluminium_contact"
+master = "elastomer_contact"
+friction = {{ law = "frictionless" }}
+[[boundary]]
+surface = "bottom"
+displacement = {{ x = 0, y = 0 }}
+[[boundary]]
+surface = "top"
+displacement = {{ x = 0, y = "-0.01 mm" }}
+[[stage]]
+name = "press"
+duration = "1 s"
+"""
+
+
+@pytest.mark.parametrize(
+    ("tool", "block", "smoothing", "said"),
+    [
+        ("200 um", "25 um", None, "6.7 times as long as those of the slave"),
+        ("200 um", "25 um", "30 deg", None),
+        ("80 um", "50 um", None, None),
+    ],
+)
+def test_corners_of_a_round_tool_are_noted_where_the_slave_feels_them(tool, block, smoothing, said):
+    data = tomllib.loads(ROUND.format(tool=tool, block=block, radius="5 mm"))
+    if smoothing:
+        data["contact"][0]["smoothing_angle"] = smoothing
+    notes = [
+        n for n in build_model(Case.model_validate(data), MPI.COMM_SELF).notes if "corner" in n
+    ]
+    assert len(notes) == (said is not None)
+    for note in notes:
+        assert said in note and "meet at up to 1.9 degrees" in note
