@@ -51,13 +51,12 @@ _KNOWN = {
     )
 }
 _KINDS = {
-    "displacement": ("displacement u", "m"),
-    "velocity": ("velocity v", "m/s"),
-    "force": ("force R", "N"),
-    "boundary_force": ("force of boundaries", "N"),
-    "contact_force": ("force of contacts", "N"),
-    "friction": ("friction", "N"),
-    "moment": ("moment M", "N m"),
+    "displacement": ("displacement u_{}", "m"),
+    "velocity": ("velocity v_{}", "m/s"),
+    "force": ("force R_{}", "N"),
+    "boundary_force": ("force of boundaries, {}", "N"),
+    "contact_force": ("force of contacts, {}", "N"),
+    "moment": ("moment M_{}", "N m"),
 }
 
 
@@ -72,5 +71,5 @@ def column(name: str) -> Column:
     kind, _, axis = name.rpartition("_")
     if axis in ("x", "y", "z") and kind in _KINDS:
         title, unit = _KINDS[kind]
-        return Column(name, f"{title}, {axis}", unit)
+        return Column(name, title.format(axis), unit)
     return Column(name, name)

@@ -119,7 +119,10 @@ def contents(results: Results) -> dict[str, Any]:
 def _run_part(results: Results, label: str, title: str) -> RunPart:
     summary, history = results.summary, results.history
     ended = summary.get("status") == "done"
-    ends = (load_step_table(results.load_steps), None if ended else end_table(history))
+    ends = (
+        load_step_table(results.load_steps, len(results.case.contact)),
+        None if ended else end_table(history),
+    )
     details = detail_tables(results.load_steps, results.contacts, results.surfaces, results.bodies)
     return RunPart(
         label,

@@ -27,6 +27,9 @@ _OF_A_SURFACE = (
     *("moment_x", "moment_y", "moment_z"),
 )
 _OF_A_BODY = ("body", "label", "time", *_MOTION, *(f"contact_force_{axis}" for axis in "xyz"))
+_OF_ONE_PAIR = ("film_thickness", "effective_viscosity")  # their means over several say little
+_OVER_DECADES = ("velocity", "effective_viscosity", "slip_speed")  # with their SI unit then
+MANY = 1e4  # largest over smallest
 _ALWAYS = ("label", "pair", "surface", "body", "time", "normal_force", "force_x", "force_y")
 
 
@@ -45,9 +48,18 @@ class Table:
     rows: Sequence[Sequence[str]]
 
 
-def load_step_table(load_steps: DataFrame) -> Table | None:
-    """The last step of each load step; None without any."""
-    return frame_table(load_steps, _OF_A_LOAD_STEP, "At the end of each load step")
+def load_step_table(load_steps: DataFrame, pairs: int = 1) -> Table | None:
+    """The last step of each load step; None without any.
+
+    Args:
+        load_steps: from the summary.
+        pairs: number of contacts.
+    """
+    caption = "At the end of each load step"
+    if pairs == 1:
+        return frame_table(load_steps, _OF_A_LOAD_STEP, caption)
+    names = [name for name in _OF_A_LOAD_STEP if name not in _OF_ONE_PAIR]
+    return frame_table(load_steps, names, f"{caption}, all pairs together")
 
 
 def end_table(history: DataFrame) -> Table | None:
@@ -59,7 +71,12 @@ def end_table(history: DataFrame) -> Table | None:
 def detail_tables(
     load_steps: DataFrame, contacts: DataFrame, surfaces: DataFrame, bodies: DataFrame
 ) -> list[Table]:
-    """Pairs, surfaces and bodies at the end of each load step, those that there are."""
+    """Pairs, surfaces and bodies at the end of each load step, those that there are.
+
+    Of one pair alone the table of load steps has told all.
+    """
+    if not contacts.empty and contacts["pair"].nunique() == 1:
+        contacts = contacts.head(0)
     made = [
         frame_table(_ends(frame, load_steps, first), names, caption)
         for frame, first, names, caption in (
@@ -132,11 +149,18 @@ def _cells(frame: DataFrame, name: str, noise: float) -> tuple[list[str], str]:
         return [_STEADY.get(int(value), "–") for value in values], ""
     if name in _COUNTS:
         return [f"{value:.0f}" for value in values], ""
-    scale = fitting(values, column(name).unit)
+    wide = name in _OVER_DECADES and _spread(values) > MANY
+    scale = Scale(0, column(name).unit) if wide else fitting(values, column(name).unit)
     if name == "time":
         return _distinct(values, scale), scale.unit
     shown = ["≈ 0" if 0.0 < abs(value) < noise else scale.text(value) for value in values]
     return shown, scale.unit
+
+
+def _spread(values: Sequence[float]) -> float:
+    """Largest over smallest of the sizes of values, zeros left out; 1 without any."""
+    sizes = [abs(value) for value in values if value != 0.0]
+    return max(sizes) / min(sizes) if sizes else 1.0
 
 
 def _distinct(values: Sequence[float], scale: Scale) -> list[str]:
