@@ -20,13 +20,20 @@ _OF_A_LOAD_STEP = (
     *("tangential_force", "friction_coefficient", "film_thickness", "effective_viscosity"),
     *("contact_area", "stick_fraction", "viscous_fraction", "max_penetration"),
 )
-_OF_A_PAIR = ("pair", *(name for name in _OF_A_LOAD_STEP if name not in ("steady", "velocity")))
+_OF_A_PAIR = (
+    *("pair", "label"),
+    *(name for name in _OF_A_LOAD_STEP if name not in ("label", "steady", "time", "velocity")),
+)
 _MOTION = tuple(f"{kind}_{axis}" for kind in ("displacement", "velocity") for axis in "xyz")
 _OF_A_SURFACE = (
-    *("surface", "label", "time", *_MOTION, "force_x", "force_y", "force_z", "radial_force"),
-    *("moment_x", "moment_y", "moment_z"),
+    *("surface", "label", "force_x", "force_y", "force_z", "radial_force"),
+    *("moment_x", "moment_y", "moment_z", *_MOTION),
 )
-_OF_A_BODY = ("body", "label", "time", *_MOTION, *(f"contact_force_{axis}" for axis in "xyz"))
+_OF_A_BODY = (
+    *("body", "label"),
+    *(f"{kind}_force_{axis}" for kind in ("contact", "boundary") for axis in "xyz"),
+    *_MOTION,
+)
 _OF_ONE_PAIR = ("film_thickness", "effective_viscosity")  # their means over several say little
 _OVER_DECADES = ("velocity", "effective_viscosity", "slip_speed")  # with their SI unit then
 MANY = 1e4  # largest over smallest
