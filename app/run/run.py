@@ -12,6 +12,7 @@ from app.case.case import Case
 from app.errors import InputError, SolutionError
 from app.results.directory import check_free, prepare
 from app.results.earlier_sweep import sweep_labels
+from app.results.probes import ProbeRecorder
 from app.results.recorder import Recorder
 from app.run.interruption import Interruption
 from app.run.progress import Reporter, Together
@@ -56,8 +57,9 @@ def run_case(
     try:
         if reporter:
             _say_notes(reporter, model.notes, steps, quiet)
+        probes = ProbeRecorder(model, directory)
         with Interruption(comm) as interruption:
-            _run(simulation, recorder, Together(*told, interruption))
+            _run(simulation, recorder, Together(*told, probes, interruption))
         draw_run(simulation, directory, reporter)
         if reporter:
             _say_end(reporter, simulation, recorder, quiet)
