@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Annotated
 _rich = sys.modules.get("rich")
 sys.modules["rich"] = None  # type: ignore[assignment]
 import typer  # noqa: E402
+from typer.core import TyperCommand  # noqa: E402
 
 del sys.modules["rich"]
 if _rich is not None:
@@ -25,6 +26,8 @@ if _rich is not None:
 from app.errors import InputError, TriboxError  # noqa: E402
 
 if TYPE_CHECKING:
+    from click import Context
+
     from app.case.case import Case
 
 cli = typer.Typer(
@@ -239,21 +242,49 @@ def mesh(
     print(f"wrote {picture}")
 
 
-@cli.command()
+ANIMATIONS = ("gif", "mp4")
+
+
+class _PlotCommand(TyperCommand):
+    """``--animate`` alone means a GIF; Typer knows no option whose value may be left out."""
+
+    def parse_args(self, ctx: Context, args: list[str]) -> list[str]:
+        """Complete ``--animate`` where no format follows it."""
+        words = []
+        for word, following in zip(args, [*args[1:], ""], strict=True):
+            words.append(word)
+            if word == "--animate" and following not in ANIMATIONS:
+                words.append(ANIMATIONS[0])
+        return super().parse_args(ctx, words)
+
+
+@cli.command(cls=_PlotCommand)
 def plot(
     directory: Annotated[Path, typer.Argument(metavar="DIR", help="results directory")],
+    field: Annotated[
+        str,
+        typer.Option(metavar="NAME", help="array of the field files that bodies are coloured by"),
+    ] = "von_mises_stress",
+    animate: Annotated[
+        str | None,
+        typer.Option(metavar="[gif|mp4]", help="write an animation too, a GIF unless mp4 is named"),
+    ] = None,
 ) -> None:
-    """Draw the figures of a results directory again from its files."""
-    from app.case.reading import load_case
-    from app.figures.run_figures import draw_history, draw_sweep
+    """Draw the figures of a results directory again from its files, or those of a sweep's runs."""
+    if animate is not None and animate not in ANIMATIONS:
+        raise InputError(f"--animate={animate}: must be gif or mp4")
+    from app.figures.run_figures import draw_figures
+    from app.results import read
 
-    if not directory.is_dir():
-        raise InputError(f"{directory}: not a results directory")
-    (directory / "figures").mkdir(exist_ok=True)
-    if (directory / "sweep.csv").is_file():
-        draw_sweep(load_case(directory / "case.toml"), directory)
-    else:
-        draw_history(directory)
+    results = read(directory)
+    for one in [results, *results.parts.values()]:
+        draw_figures(one, field)
+        if animate is not None and one.case.sweep is None:
+            from app.figures.animation import animate as write_animation
+
+            path = one.directory / "figures" / f"animation.{animate}"
+            frames = write_animation(one, path, field)
+            print(f"{path}: {frames} frames")
     print(f"figures in {directory / 'figures'}")
 
 

@@ -62,7 +62,7 @@ def _compile(group: _Group) -> Iterator[str]:
     from forms.bodies.nodal_weights import body_form, surface_form
     from forms.bodies.solid import Solid
     from geometry.meshes.mesh import generate
-    from geometry.surfaces.surface import point_operator
+    from geometry.surfaces.slave_points import point_operator
 
     materials = (NeoHookean(1.0, 2.0), MooneyRivlin(0.4, 0.1, 2.0), Hencky(1.0, 2.0))
     # From gmsh, as every case: another mesh's coordinate element would give other forms.

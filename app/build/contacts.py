@@ -33,8 +33,9 @@ from forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLa
 from forms.friction.law import FrictionLaw
 from forms.friction.stribeck import StribeckLaw
 from geometry.meshes.mesh import NamedMesh
+from geometry.surfaces.body_facets import facet_length
 from geometry.surfaces.facets import Floats
-from geometry.surfaces.surface import QUADRATURE_DEGREE, ContactSurface, facet_length
+from geometry.surfaces.surface import QUADRATURE_DEGREE, ContactSurface
 
 OVERLAP = 0.01  # depth over facet length up to which bodies only touch at the start
 # Default stiffness of stick, in units of G/h (shear modulus of the softer body over the length of a

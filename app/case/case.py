@@ -10,10 +10,12 @@ from typing import Annotated, Any, Self
 from pydantic import (
     Field,
     PrivateAttr,
+    SerializerFunctionWrapHandler,
     Strict,
     ValidationError,
     ValidationInfo,
     field_validator,
+    model_serializer,
     model_validator,
 )
 
@@ -24,6 +26,7 @@ from app.case.generators import BlocksGeometry, CylinderOnBlockGeometry, TwoCyli
 from app.case.generators_3d import BoxesGeometry, SphereGeometry
 from app.case.geometry import GeneratedGeometry, MeshGeometry
 from app.case.overrides import KeyPathError, set_value, value_at
+from app.case.probe import Probe, probe_problems
 from app.case.solver import Output, Solver, Sweep
 from app.case.stage import Stage, order_problems, solver_of, stage_problems
 from app.case.table import Model, Place, Problem, problems_error
@@ -66,11 +69,19 @@ class Case(Model):
     stage: tuple[Stage, ...] = Field(
         min_length=1, description="the parts of the run, one after the other, [[stage]]"
     )
+    probe: tuple[Probe, ...] = Field(
+        default=(), description="points, lines, bodies and contacts that are followed, [[probe]]"
+    )
     solver: Solver = Field(default=Solver(), description="how the equations are solved")
     output: Output = Field(default=Output(), description="what is written beside the history")
     sweep: Sweep | None = Field(default=None, description="one key that is run with several values")
 
     _source: Path | None = PrivateAttr(None)
+
+    @model_serializer(mode="wrap")
+    def _without_empty_arrays(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave `probe = []` out, to which no [[probe]] could be added in a resolved case."""
+        return {key: value for key, value in handler(self).items() if key != "probe" or value}
 
     @property
     def source(self) -> Path | None:
@@ -176,6 +187,8 @@ class Case(Model):
                 reason = f"is what contact.{same} is called already"
                 yield Problem(("contact", index, "name"), reason, contact.label)
         yield from boundary_problems(self.boundary, ("boundary",), self.geometry.built_section)
+        section = self.geometry.built_section
+        yield from probe_problems(self.probe, self.bodies, self.contact, ("probe",), section)
         yield from stage_problems(self.stage, self.boundary, ("stage",))
         yield from self.solver.problems(("solver",))
         yield from order_problems(self.stage, self.solver.kind, ("stage",))

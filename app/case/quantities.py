@@ -122,6 +122,18 @@ def _parse_text(text: str, unit: str) -> float:
     return float(number * _factor(written, unit)) if written else float(number)
 
 
+def split_quantity(value: object) -> tuple[float, str]:
+    """Number and unit of a quantity as it was written; the unit is "" where there is none.
+
+    Raises:
+        QuantityError: neither a finite number nor text that begins with one.
+    """
+    if isinstance(value, str) and (match := _NUMBER_AND_UNIT.fullmatch(value)) is not None:
+        number, unit = float(match[1]), match[2]
+        return parse_quantity(number, ""), unit
+    return parse_quantity(value, ""), ""
+
+
 def format_quantity(value: float, unit: str) -> str | float:
     """Text that `parse_quantity` reads back to the same float; a plain number without unit."""
     return f"{value!r} {unit}" if unit else value

@@ -1,195 +1,151 @@
-"""Picture of the deformed bodies with the contact pressure along the interface."""
+"""Pictures of the deformed bodies with the tractions of each contact pair."""
 
 from __future__ import annotations
 
-import itertools
+from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
-from matplotlib.collections import Collection, LineCollection, PolyCollection
 from matplotlib.figure import Figure
-from matplotlib.tri import Triangulation
 
-from app.build.model import Model
-from app.figures.style import COLOURS, STYLE, save
-from app.results.contact_nodes import ContactNodes, contact_nodes
-from app.results.contact_points import contact_arrays
-from geometry.compat import cell_nodes
-from geometry.pictures.space import add_facets, facet_polygons, frame, outer_facets
-from geometry.surfaces.facets import Floats
+from app.figures.body_shapes import Bodies, read_bodies
+from app.figures.deformed_space import draw_states_in_space
+from app.figures.field_values import colour_scale
+from app.figures.names import axis_names, body_names, heading, pair_names
+from app.figures.plane_bodies import (
+    Frame,
+    close_up,
+    draw_bodies,
+    draw_slaves,
+    frame_round,
+    pair_colour,
+)
+from app.figures.states import State, states_to_draw
+from app.figures.style import STYLE, save
+from app.figures.tractions import draw_tractions, pairs_shown
+from app.figures.units import fitting
 
-BODY_COLOURS = ("#d8c3a5", "#b8c4ce")
-SLENDER = 6.0  # width over height from which the picture is stretched
-FRAME = 2.6  # width over height of the frame round the bodies, at most
+if TYPE_CHECKING:
+    import meshio
+
+    from app.results import Results
+
+MOST_PAIRS = 8  # pairs with a panel of their own
+IN_ONE_COLUMN = 2
 
 
-def draw_deformed(model: Model, path: Path) -> None:
-    """Draw the last converged state; collective, the first rank writes."""
-    problem = model.problem
-    flat = model.named.mesh.geometry.dim == 2
-    cells = _deformed_cells(model) if flat else _deformed_facets(model)
-    gathered = problem.comm.gather(cells)
-    points, nodes = contact_arrays(model), contact_nodes(model)
-    if gathered is None or points is None or nodes is None:
-        return
-    bodies = {
-        name: np.concatenate([rank[name] for rank in gathered]) for name in model.named.bodies
-    }
+def draw_deformed(results: Results, figures: Path, field: str) -> list[Path]:
+    """Draw the last state, the end of each stage and the highest load.
+
+    Args:
+        results: of a run.
+        figures: directory that exists.
+        field: array of the field files that bodies are coloured by.
+
+    Returns:
+        The files; none where no field has been written.
+
+    Raises:
+        InputError: there is no such array.
+    """
+    states = states_to_draw(results)
+    if not states:
+        return []
+    names = body_names(results)
+    drawn = [read_bodies(results.fields(state.step), names, field) for state in states]
+    if drawn[0].dim == 3:
+        return draw_states_in_space(results, states, drawn, figures)
+    files = []
     with rc_context(STYLE):
-        figure = _figure if flat else _figure_in_space
-        save(figure(bodies, points, nodes, model.case.title), path)
+        for state, bodies in zip(states, drawn, strict=True):
+            figure = _figure(results, state, bodies)
+            files.append(figures / f"{state.name}.png")
+            save(figure, files[-1])
+    return files
 
 
-def _deformed_cells(model: Model) -> dict[str, Floats]:
-    """Corner positions (c, a, i), m, current, of this rank's cells by body."""
-    mesh = model.named.mesh
-    owned = mesh.topology.index_map(mesh.topology.dim).size_local
-    moved = _moved_nodes(model)[:, :2]
-    order = [0, 1, 3, 2] if mesh.topology.cell_name() == "quadrilateral" else [0, 1, 2]
-    out = {}
-    for name in model.named.bodies:
-        cells = model.named.cells(name)
-        out[name] = moved[cell_nodes(mesh)[cells[cells < owned]][:, order]]
-    return out
-
-
-def _deformed_facets(model: Model) -> dict[str, Floats]:
-    """Corner positions (f, a, i), m, current, of this rank's outer facets by body."""
-    facets, body = outer_facets(model.named)
-    moved, mesh = _moved_nodes(model), model.named.mesh
-    return {
-        name: facet_polygons(mesh, facets[body == tag], moved)
-        for name, tag in model.named.bodies.items()
-    }
-
-
-def _moved_nodes(model: Model) -> Floats:
-    """Positions (n, 3), m, current, of the mesh's own nodes, which are its corners."""
-    problem, geometry = model.problem, model.named.mesh.geometry
-    layout = problem.space.dofmap.dof_layout
-    nodes = cell_nodes(model.named.mesh)
-    at = [layout.entity_dofs(0, corner)[0] for corner in range(nodes.shape[1])]
-    moved: Floats = geometry.x.copy()
-    values = problem.u.x.array.reshape(-1, problem.dim)
-    # The displacement's own nodes may be more, and are numbered in their own way.
-    displacement = np.zeros((len(moved), problem.dim))
-    displacement[nodes] = values[problem.space.dofmap.list[:, at]]
-    moved[:, : problem.dim] += displacement
-    return moved
-
-
-def _figure(
-    bodies: dict[str, Floats], points: dict[str, Floats], nodes: ContactNodes, title: str
-) -> Figure:
-    """The bodies with the pressure between them, and below the tractions along the contact."""
-    corners = np.concatenate([cells.reshape(-1, 2) for cells in bodies.values()])
-    width, height = np.ptp(corners, axis=0)
-    slender = width > SLENDER * height
-    figure = Figure(figsize=(8, 6), layout="constrained")
-    top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(1.4, 1))
-    for colour, (name, cells) in zip(BODY_COLOURS, bodies.items(), strict=False):
-        lines = 0.15 if len(cells) < 4000 else 0.0
-        top.add_collection(
-            PolyCollection(
-                list(cells * 1e3), facecolors=colour, edgecolors="0.35", linewidths=lines
-            )
-        )
-        top.plot([], [], "s", color=colour, label=name)
-    top.autoscale_view()
-    if not slender:
-        # Both frames share x, so equal scales change the limits of y: of tall bodies they would cut
-        # off the ends.
-        middle = 0.5e3 * (corners[:, 0].min() + corners[:, 0].max())
-        half = 0.525e3 * max(width, FRAME * height)
-        top.set_xlim(middle - half, middle + half)
-        top.set_aspect("equal", adjustable="datalim")
-    top.grid(False)
-    marks = top.add_collection(_pressed_facets(nodes))
-    figure.colorbar(marks, ax=top, label="contact pressure (MPa)")
-    # Below: bodies may fill all of the frame.
-    top.legend(loc="upper center", bbox_to_anchor=(0.5, -0.02), ncols=len(bodies), fontsize=8)
-    stretched = " (vertical scale stretched)" if slender else ""
-    top.set_title(f"{title}\ndeformed{stretched}", fontsize=9)
-    top.set_ylabel("y (mm)")
-    _along(bottom, points, nodes)
+def _figure(results: Results, state: State, bodies: Bodies) -> Figure:
+    """The bodies, and below or beside them the tractions of each pair."""
+    nodes, points = results.contact(state.step), results.contact_points(state.step)
+    frame = frame_round([bodies], axis_names(results))
+    names = pair_names(results)
+    pairs = {k: names[k] for k in pairs_shown(nodes, len(names), MOST_PAIRS)}
+    near = close_up(frame, nodes)
+    figure, top, beside, panels = _layout(frame, len(pairs), near is not None)
+    scale = colour_scale(bodies.field.values, bodies.field.unit)
+    cells = draw_bodies(top, bodies, scale, frame)
+    draw_slaves(top, nodes, pairs, frame.unit)
+    if near is not None and beside is not None:
+        draw_bodies(beside, bodies, scale, near, named=False)
+        draw_slaves(beside, nodes, pairs, near.unit)
+        beside.set_title("close-up", fontsize=9)
+    unit = f" ({scale.unit.name})" if scale.unit.name else ""
+    whole = [top] if beside is None else [top, beside]
+    figure.colorbar(cells, ax=whole, label=bodies.field.label + unit, extend=scale.extend,
+                    shrink=0.9, pad=0.02, fraction=0.05, aspect=25)  # fmt: skip
+    figure.suptitle(heading(results, state.title + _stretched_words(frame)), fontsize=9)
+    _fill_panels(panels, nodes, points, pairs, len(names))
     return figure
 
 
-def _pressed_facets(nodes: ContactNodes) -> LineCollection:
-    """The slave facets that carry pressure, in its colours, in the plane."""
-    values, facets = nodes.values, nodes.facets
-    pressure = values["pressure"][facets].mean(axis=1)
-    pressed = pressure > 0.0
-    return LineCollection(
-        list(values["position"][facets[pressed]] * 1e3),
-        array=pressure[pressed] / 1e6,
-        cmap="inferno",
-        linewidths=2.5,
-        zorder=3,
+def _stretched_words(frame: Frame) -> str:
+    if not frame.stretched:
+        return ""
+    width, height = frame.high - frame.low
+    return f" ({frame.names[1] if width > height else frame.names[0]} stretched)"
+
+
+def _layout(frame: Frame, pairs: int, closer: bool) -> tuple[Figure, Axes, Axes | None, list[Axes]]:
+    """A figure with room for the bodies, a close-up of the contact, and a panel of each pair."""
+    columns = 1 if pairs <= IN_ONE_COLUMN or frame.is_tall else 2
+    rows = -(-pairs // columns)
+    width, height = frame.high - frame.low
+    if frame.is_tall:
+        tall = min(9.0, max(6.0, 2.2 * rows))
+        figure = Figure(figsize=(9.0, tall), layout="constrained")
+        share = float(np.clip(width / height * tall / 9.0 + 0.15, 0.25, 0.5))
+        room, below = figure.subfigures(1, 2, width_ratios=(share, 1.0 - share))
+    else:
+        half = 3.2 if closer else 6.4
+        body = 3.0 if frame.stretched else float(np.clip(half * height / width, 1.3, 5.0))
+        body = max(body, 3.0) if closer else body
+        under = 0.7 + (2.2 if rows == 1 else 1.8) * rows
+        figure = Figure(figsize=(8.0, body + 0.9 + under), layout="constrained")
+        room, below = figure.subfigures(2, 1, height_ratios=(body + 0.9, under))
+    across = closer and not frame.is_tall
+    shape = (1, 2) if across else (2, 1) if closer else (1, 1)
+    first, *others = room.subplots(*shape, squeeze=False).flat
+    panels = list(below.subplots(rows, columns, squeeze=False).flat)
+    for idle in panels[pairs:]:
+        idle.set_visible(False)
+    return figure, first, others[0] if others else None, panels[:pairs]
+
+
+def _fill_panels(
+    panels: list[Axes],
+    nodes: meshio.Mesh,
+    points: meshio.Mesh | None,
+    pairs: Mapping[int, str],
+    total: int,
+) -> None:
+    """Tractions of each pair, in the same unit in all panels."""
+    data = nodes.point_data
+    stress = fitting(np.concatenate([data["pressure"], data["tangential_traction"]]), "Pa")
+    length = fitting(np.ptp(data["reference"], axis=0), "m")
+    for axes, (pair, name) in zip(panels, pairs.items(), strict=True):
+        draw_tractions(axes, nodes, points, pair, length, stress)
+        axes.set_title(name, fontsize=9, color=pair_colour(pair), loc="left", pad=3)
+        axes.set_ylabel(f"traction ({stress.name})", fontsize=9)
+    last = panels[-1]
+    last.set_xlabel(f"arc length along the slave from the dot, undeformed ({length.name})")
+    panels[0].legend(
+        fontsize=8, loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=2, borderaxespad=0.1
     )
-
-
-def _figure_in_space(
-    bodies: dict[str, Floats], points: dict[str, Floats], nodes: ContactNodes, title: str
-) -> Figure:
-    """The bodies from outside, and the pressure on the contact seen from above."""
-    figure = Figure(figsize=(11, 5.5), layout="constrained")
-    left = figure.add_subplot(1, 2, 1, projection="3d")
-    colours = dict(zip(bodies, itertools.cycle(BODY_COLOURS), strict=False))
-    add_facets(left, [(facets * 1e3, colours[name]) for name, facets in bodies.items()])
-    for name, colour in colours.items():
-        left.plot([], [], "s", color=colour, label=name)
-    frame(left, np.concatenate([f.reshape(-1, 3) for f in bodies.values()]) * 1e3, "mm")
-    left.legend(loc="upper right", fontsize=8)
-    left.set_title(f"{title}\ndeformed", fontsize=9)
-    right = figure.add_subplot(1, 2, 2)
-    marks = _seen_from_above(right, nodes)
-    open_ = points["pressure"] <= 0.0
-    x, z = points["position"][open_][:, 0] * 1e3, points["position"][open_][:, 2] * 1e3
-    right.plot(x, z, ".", color="0.8", ms=1)
-    figure.colorbar(marks, ax=right, label="contact pressure (MPa)")
-    right.set(xlabel="x (mm)", ylabel="z (mm)", aspect="equal")
-    right.set_title("contact, from above", fontsize=9)
-    right.invert_yaxis()  # z points towards the viewer
-    right.grid(False)
-    return figure
-
-
-def _seen_from_above(axes: Axes, nodes: ContactNodes) -> Collection:
-    """Nodal pressure over the slave's facets, shaded between the nodes."""
-    values, facets = nodes.values, nodes.facets
-    halves = [facets[:, :3]] if nodes.kind == "triangle" else [facets[:, :3], facets[:, [0, 2, 3]]]
-    triangles = np.concatenate(halves)
-    pressed = (values["pressure"][triangles] > 0.0).any(axis=1)
-    x, z = values["position"][:, 0] * 1e3, values["position"][:, 2] * 1e3
-    mesh = Triangulation(x, z, triangles, mask=~pressed)
-    return axes.tripcolor(mesh, values["pressure"] / 1e6, shading="gouraud", cmap="inferno")
-
-
-def _along(axes: Axes, points: dict[str, Floats], nodes: ContactNodes) -> None:
-    """Pressure and friction along the interface: nodal ones as lines, those of points faint."""
-    values = nodes.values
-    for pair in np.unique(values["pair"]):
-        at, of = (np.nonzero(table["pair"] == pair)[0] for table in (values, points))
-        at = at[np.argsort(values["position"][at, 0])]
-        for colour, name, label in (
-            (COLOURS[0], "pressure", "pressure"),
-            (COLOURS[1], "tangential_traction", "friction"),
-        ):
-            shown = label if pair == 0 else None
-            axes.plot(
-                points["position"][of, 0] * 1e3,
-                points[name][of] / 1e6,
-                ".",
-                color=colour,
-                alpha=0.25,
-                ms=3,
-                mew=0,
-            )
-            place, value = values["position"][at, 0] * 1e3, values[name][at] / 1e6
-            axes.plot(place, value, color=colour, lw=1.2, label=shown)
-    axes.set_xlabel("x (mm)")
-    axes.set_ylabel("traction (MPa), points faint")
-    axes.legend(fontsize=8)
+    if len(pairs) < total:
+        last.annotate(
+            f"{len(pairs)} of {total} pairs: those that carry most", (0.0, -0.45),
+            xycoords="axes fraction", fontsize=8, color="0.35", annotation_clip=False,
+        )  # fmt: skip

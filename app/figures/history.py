@@ -1,94 +1,165 @@
-"""Figures of the history of a run: forces and energies over the steps."""
+"""Figures of the history of a run: forces and their ratio, and energies."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from app.figures.style import COLOURS, columns
+from app.figures.abscissa import abscissa_of
+from app.figures.style import COLOURS, Floats, thin_log_ticks
+from app.figures.symbols import ENERGY, FRICTION_FORCE, NORMAL_FORCE, RATIO
+from app.figures.units import Unit, fitting
+
+if TYPE_CHECKING:
+    from app.results import Results
+
+MOST_PAIRS = 12  # with a line of their own
+DECADES = 100.0  # largest over smallest value from which on an axis is logarithmic
+NOUGHT = 1e-6  # of the largest: smaller normal forces are no contact yet
+LEAST = 1e-10  # of the largest: smaller friction is rounding
 
 
-def _mark_stages(axes: Axes, rows: list[dict[str, Any]], named: bool) -> None:
-    """A line where each stage or velocity begins, and its name above the axes."""
-    keys = [(row["stage"], row["velocity"]) for row in rows]
-    starts = [i for i, key in enumerate(keys) if i == 0 or key != keys[i - 1]]
-    for start in starts:
-        axes.axvline(rows[start]["step"] - 0.5, color="0.8", lw=0.8, zorder=0)
-    apart = 0.03 * len(rows)
-    last = -apart
-    for start in starts:
-        if not named or start - last < apart:
-            continue
-        last = start
-        stage, velocity = keys[start]
-        axes.annotate(
-            f"{velocity:g} m/s" if velocity else stage,
-            (rows[start]["step"] - 0.5, 1.0),
-            xycoords=("data", "axes fraction"),
-            xytext=(0, 3),
-            textcoords="offset points",
-            fontsize=7,
-            color="0.35",
-            rotation=60,
+def forces_figure(results: Results) -> Figure:
+    """Normal force, friction force and their ratio, of each pair where there are several."""
+    history = results.history
+    at = abscissa_of(results)
+    count = 3 if history["friction_force"].any() else 1  # without friction it has no panels
+    figure = Figure(figsize=(7.5, 1.2 + 2.0 * count), layout="constrained")
+    panels = list(figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0])
+    forces = fitting(history["normal_force"], "N"), fitting(history["friction_force"], "N")
+    for label, colour, width, rows, table in _lines(results):
+        x = at.values[rows]
+        normal, friction = (
+            table[name].to_numpy(dtype=np.float64) for name in ("normal_force", "friction_force")
         )
-
-
-def forces_figure(rows: list[dict[str, Any]]) -> Figure:
-    """Forces and their ratio over the steps."""
-    figure = Figure(figsize=(7, 5.4))
-    top, bottom = figure.subplots(2, 1, sharex=True)
-    step, normal, tangential, friction = columns(
-        rows, "step", "normal_force", "tangential_force", "friction_coefficient"
-    )
-    top.plot(step, normal, color=COLOURS[0], label="normal force")
-    top.plot(step, tangential, color=COLOURS[1], label="tangential force")
-    top.set_ylabel("force (N)")
-    top.legend()
-    bottom.plot(step, friction, color=COLOURS[2])
-    bottom.set_ylabel("T/N (-)")
-    bottom.set_ylim(bottom=0.0)
-    bottom.set_xlabel("step")
-    _mark_stages(top, rows, named=True)
-    _mark_stages(bottom, rows, named=False)
+        shown = forces[0].of(normal), forces[1].of(friction), _over(friction, normal)
+        style: dict[str, Any] = {"color": colour, "lw": width, "label": label}
+        style |= {"marker": "."} if len(x) < 3 else {}
+        for axes, values in zip(panels, shown, strict=False):
+            axes.plot(x, values, **style)
+    _draw_resultant(panels[1:2], at.values, history, forces[1])
+    units = (*forces, Unit(1.0, ""))
+    for axes, quantity, unit in zip(
+        panels, (NORMAL_FORCE, FRICTION_FORCE, RATIO), units, strict=False
+    ):
+        axes.set_ylabel(quantity.label(unit.name))
+    _fit_scales(panels, history)
+    for axes in panels:
+        at.mark(axes, named=axes is panels[0])
+    panels[-1].set_xlabel(at.label)
+    handles, labels = panels[min(1, count - 1)].get_legend_handles_labels()
+    if len(labels) > 1:
+        figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 3),
+                      fontsize=8)  # fmt: skip
     return figure
 
 
-def energies_figure(rows: list[dict[str, Any]]) -> Figure:
-    """Where the work of the run went, over the steps."""
-    figure = Figure(figsize=(7, 4))
+def _lines(results: Results) -> Iterator[tuple[str, str, float, Any, Any]]:
+    """Label, colour, width, rows of the history and table of each line: all pairs, then each."""
+    history = results.history
+    contacts = results.contacts
+    names = [] if contacts.empty else list(dict.fromkeys(contacts["pair"]))
+    alone = len(names) < 2
+    yield ("all pairs", COLOURS[0] if alone else "0.25", 1.4, np.arange(len(history)), history)
+    if alone:
+        return
+    place = {int(step): k for k, step in enumerate(history["step"])}
+    for number, name in enumerate(names[:MOST_PAIRS]):
+        table = contacts[(contacts["pair"] == name) & contacts["step"].isin(list(place))]
+        rows = np.array([place[int(step)] for step in table["step"]], dtype=np.int64)
+        yield (str(name), COLOURS[number % len(COLOURS)], 1.1, rows, table)
+
+
+def _over(friction: Floats, normal: Floats) -> Floats:
+    """Ratio (n,) of two forces; NaN where the normal force is as good as none."""
+    least = NOUGHT * float(np.max(np.abs(normal), initial=0.0))
+    out = np.full(len(normal), np.nan)
+    pressed = normal > least
+    out[pressed] = friction[pressed] / normal[pressed]
+    return out
+
+
+def _draw_resultant(panels: Sequence[Axes], at: Floats, history: Any, unit: Unit) -> None:
+    """The signed resultant of the friction, where it says more than the sum of its amounts."""
+    if "tangential_force" not in history:
+        return
+    signed = history["tangential_force"].to_numpy(dtype=np.float64)
+    whole = history["friction_force"].to_numpy(dtype=np.float64)
+    largest = float(np.max(whole, initial=0.0))
+    unlike = np.abs(np.abs(signed) - whole) > 0.02 * largest
+    if unlike.any() or (signed < -NOUGHT * largest).any():
+        label = "resultant of the friction, signed"
+        for axes in panels:
+            axes.plot(at, unit.of(signed), color="0.55", lw=0.9, ls="--", label=label)
+
+
+def _fit_scales(panels: Sequence[Axes], history: Any) -> None:
+    """Friction on logarithmic scales where it spans decades while surfaces are driven."""
+    moving = history["velocity"].to_numpy(dtype=np.float64) != 0.0
+    friction = history["friction_force"].to_numpy(dtype=np.float64)
+    log = spans_decades(friction[moving])
+    for axes in panels:
+        values = np.concatenate([np.asarray(line.get_ydata(), np.float64) for line in axes.lines])
+        values = values[np.isfinite(values)]
+        largest = float(np.max(np.abs(values), initial=0.0))
+        if log and axes is not panels[0]:
+            axes.set_yscale("log")
+            axes.set_ylim(bottom=max(values[values > LEAST * largest].min() / 2.0, 0.0))
+            thin_log_ticks(axes)
+        elif not (values < -NOUGHT * largest).any():
+            axes.set_ylim(bottom=0.0)
+
+
+def spans_decades(values: Floats) -> bool:
+    """Whether positive values span decades, leaving out a tenth of them at either end."""
+    found = values[np.isfinite(values) & (values > 0.0)]
+    if len(found) < 3:
+        return bool(len(found) == 2 and found.max() > DECADES * found.min())
+    low, high = np.quantile(found, [0.1, 0.9])
+    return bool(high > DECADES * low)
+
+
+def energies_figure(results: Results) -> Figure:
+    """Where the work of the run went."""
+    table = results.history
+    figure = Figure(figsize=(7, 4.4), layout="constrained")
     axes = figure.subplots()
-    step, strain, interface, dissipated, numerical, kinetic, damping, error = columns(
-        rows,
-        "step",
-        "strain_energy",
-        "interface_energy",
-        "dissipation",
-        "numerical_dissipation",
-        "kinetic_energy",
-        "damping_dissipation",
-        "energy_error",
+    at = abscissa_of(results)
+    column = {
+        name: table[name].to_numpy(dtype=np.float64)
+        for name in (
+            *("strain_energy", "interface_energy", "dissipation", "numerical_dissipation"),
+            *("kinetic_energy", "damping_dissipation", "energy_error", "external_work"),
+        )
+    }
+    dissipated = column["dissipation"] - column["numerical_dissipation"]
+    parts = {
+        "strain": column["strain_energy"],
+        "interface": column["interface_energy"],
+        "dissipated": dissipated,
+    }
+    parts |= {"kinetic": column["kinetic_energy"]} if column["kinetic_energy"].any() else {}
+    parts |= (
+        {"damped": column["damping_dissipation"]} if column["damping_dissipation"].any() else {}
     )
-    parts = {"strain": strain, "interface": interface, "dissipated": dissipated - numerical}
-    parts |= {"kinetic": kinetic} if kinetic.any() else {}
-    parts |= {"damped": damping} if damping.any() else {}
-    supplied = sum(parts.values()) + error
-    moving_first = (
-        abs(supplied - columns(rows, "external_work")[0]).max() > 1e-9 * abs(supplied).max()
-    )
-    name = "external work" + " and initial kinetic energy" * bool(moving_first)
-    axes.plot(step, supplied, color="k", lw=2.5, alpha=0.35, label=name)
-    axes.stackplot(step, *parts.values(), labels=list(parts), colors=COLOURS, alpha=0.6)
+    error = column["energy_error"]
+    supplied = np.sum(list(parts.values()), axis=0) + error
     largest = float(np.max(np.abs(supplied))) or 1.0
-    axes.plot(step, error, color=COLOURS[1], lw=1, label="not accounted for")
-    axes.set_title(
-        f"largest gap between work and its uses: {np.max(np.abs(error)) / largest:.1e} of the work",
-        fontsize=9,
-    )
-    axes.set_xlabel("step")
-    axes.set_ylabel("energy (J)")
-    # Below: areas and lines may fill all of the axes.
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.15), ncols=3, fontsize=8)
+    moving_first = np.abs(supplied - column["external_work"]).max() > 1e-9 * largest
+    name = "external work" + " and initial kinetic energy" * bool(moving_first)
+    unit = fitting(supplied, "J")
+    axes.plot(at.values, unit.of(supplied), color="k", lw=2.5, alpha=0.35, label=name)
+    axes.stackplot(at.values, *map(unit.of, parts.values()), labels=list(parts), colors=COLOURS,
+                   alpha=0.6)  # fmt: skip
+    axes.plot(at.values, unit.of(error), color=COLOURS[1], lw=1, label="not accounted for")
+    at.mark(axes, named=True)
+    gap = float(np.max(np.abs(error))) / largest
+    figure.suptitle(f"largest gap between work and its uses: {gap:.1e} of the work", fontsize=9)
+    axes.set_xlabel(at.label)
+    axes.set_ylabel(ENERGY.label(unit.name))
+    figure.legend(loc="outside lower center", ncols=4, fontsize=8)
     return figure

@@ -1,95 +1,112 @@
-"""The figures of a results directory, drawn from its files."""
+"""All figures of a results directory, drawn from its files alone."""
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from app.case.case import Case
 from app.case.friction import FrictionMap
-from app.case.reading import load_case
+from app.figures.deformed import draw_deformed
+from app.figures.field_values import DEFAULT_FIELD
+from app.figures.force_displacement import force_displacement_figure
 from app.figures.history import energies_figure, forces_figure
 from app.figures.phase_plots import draw_phases
 from app.figures.steady_points import draw_steady, steady_series
-from app.figures.style import COLOURS, STYLE, columns, save
-from app.results.directory import read_table
+from app.figures.stribeck import series_of, stribeck_figure
+from app.figures.style import STYLE, save
+from app.figures.sweep import sweep_figure
+
+if TYPE_CHECKING:
+    from app.case.case import Case
+    from app.results import Results
 
 
-def draw_history(directory: Path) -> None:
-    """Draw ``history.png`` and ``energy.png``; the steady points too, where there are some.
+def draw_figures(results: Results, field: str = DEFAULT_FIELD) -> list[Path]:
+    """Draw every figure that a results directory has the files for, into its ``figures``.
+
+    Args:
+        results: of a run or of a sweep, also of one that has failed.
+        field: array of the field files that bodies are coloured by; of a sweep without use.
+
+    Returns:
+        The files.
 
     Raises:
-        InputError: the directory holds no history.
+        InputError: a file is cut off, or there is no such array.
     """
-    rows = read_table(directory / "history.csv")
-    figures = directory / "figures"
-    if not rows:
-        return
+    figures = results.directory / "figures"
+    figures.mkdir(exist_ok=True)
     with rc_context(STYLE):
-        save(forces_figure(rows), figures / "history.png")
-        save(energies_figure(rows), figures / "energy.png")
-        case = load_case(directory / "case.toml")
-        draw_phases(case, directory)
-        steady = [last for last in _load_steps(directory) if last["steady"] is not None]
-        if steady and isinstance(case.contact[0].friction, FrictionMap):
-            draw_steady([steady_series(case, steady)], figures)
+        if results.case.sweep is not None:
+            return _draw_sweep(results, figures)
+        return _draw_run(results, figures) + draw_deformed(results, figures, field)
 
 
-def _load_steps(directory: Path) -> list[dict[str, Any]]:
-    """The load steps of a run, from its summary; none if it was killed before it wrote one."""
-    summary = directory / "summary.json"
-    if not summary.is_file():
+def _draw_run(results: Results, figures: Path) -> list[Path]:
+    """The figures of the tables of a run; none before its first step."""
+    if results.history.empty:
         return []
-    found = json.loads(summary.read_text(encoding="utf-8"))
-    return list(found.get("load_steps") or found.get("legs", []))  # legs: their earlier name
+    drawn: dict[str, Figure | None] = {
+        "history.png": forces_figure(results),
+        "energy.png": energies_figure(results),
+        "force_displacement.png": force_displacement_figure(results),
+        "stribeck.png": stribeck_figure(series_of(results)),
+    }
+    files = _saved(drawn, figures) + draw_phases(results, figures)
+    steady = _steady_rows(results.load_steps)
+    if steady and _has_film(results.case):
+        files += draw_steady([steady_series(results.case, steady)], figures)
+    return files
 
 
-def draw_sweep(case: Case, directory: Path) -> None:
-    """Draw the figures of a collated sweep.
+def _draw_sweep(results: Results, figures: Path) -> list[Path]:
+    """The figures of all runs of a sweep together."""
+    case = results.case
+    found = [
+        (_series_label(case, label), single, results.parts[label])
+        for label, single in case.sweep_cases()
+        if label in results.parts
+    ]
+    stribeck = [
+        one
+        for _, _, part in found
+        for one in series_of(part, part.directory.name.replace("=", " = "))
+    ]
+    drawn = {"sweep.png": sweep_figure(results), "stribeck.png": stribeck_figure(stribeck)}
+    files = _saved(drawn, figures)
+    series = [
+        steady_series(single, steady, label)
+        for label, single, part in found
+        if _has_film(single) and (steady := _steady_rows(part.load_steps))
+    ]
+    return files + (draw_steady(series, figures) if series else [])
 
-    Raises:
-        InputError: the directory holds no ``sweep.csv``.
-    """
-    rows = read_table(directory / "sweep.csv")
-    figures = directory / "figures"
-    parts = case.sweep_cases()
-    with rc_context(STYLE):
-        laws = [single.contact[0] for _, single in parts]
-        film = all(isinstance(c.friction, FrictionMap) for c in laws)
-        series = [
-            steady_series(single, steady, _series_label(case, label))
-            for label, single in parts
-            if film
-            and (steady := [row for row in rows if row["label"] == label and row["steady"] >= 0])
-        ]
-        if series:
-            draw_steady(series, figures)
-        save(_sweep_ends(case, rows), figures / "sweep.png")
+
+def _saved(drawn: dict[str, Figure | None], figures: Path) -> list[Path]:
+    """Write the figures that there are."""
+    made = {figures / name: figure for name, figure in drawn.items() if figure is not None}
+    for path, figure in made.items():
+        save(figure, path)
+    return list(made)
+
+
+def _has_film(case: Case) -> bool:
+    """Whether the first pair follows the friction map."""
+    return isinstance(case.contact[0].friction, FrictionMap)
+
+
+def _steady_rows(load_steps: Any) -> list[dict[str, Any]]:
+    """The ends of velocities that were held until steady, or were to be."""
+    if load_steps.empty:
+        return []
+    rows: list[dict[str, Any]] = load_steps[load_steps["steady"] >= 0].to_dict("records")
+    return rows
 
 
 def _series_label(case: Case, label: str) -> str:
-    """Name of a sweep's series: the swept value, or D where that is what is swept."""
+    """Name of a sweep's series: the swept value; "" where that is D, which the figures give."""
     assert case.sweep is not None
     return "" if case.sweep.key.endswith("film.thickness") else label
-
-
-def _sweep_ends(case: Case, rows: list[dict[str, Any]]) -> Figure:
-    """Forces at the end of each run of the sweep."""
-    assert case.sweep is not None
-    last = {row["label"]: row for row in rows}
-    figure = Figure(figsize=(6, 3.6))
-    axes = figure.subplots()
-    at = np.arange(len(last))
-    normal, tangential = columns(list(last.values()), "normal_force", "tangential_force")
-    axes.bar(at - 0.2, normal, 0.4, color=COLOURS[0], label="normal")
-    axes.bar(at + 0.2, tangential, 0.4, color=COLOURS[1], label="tangential")
-    axes.set_xticks(at, [label.split("=", 1)[-1] for label in last])
-    axes.set_xlabel(case.sweep.key)
-    axes.set_ylabel("force at the end of the run (N)")
-    axes.legend()
-    return figure

@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 
 from app.case.case import Case
 from app.case.friction import FrictionMap
-from app.figures.style import COLOURS, MARKERS, columns, save, thin_log_ticks
+from app.figures.style import COLOURS, MARKERS, Floats, columns, save, thin_log_ticks
+from app.figures.symbols import MEAN_TRACTION, SHEAR_RATE, VELOCITY, VISCOSITY
 from forms.closed_forms.homogeneous_sliding import (
     effective_viscosity,
     steady_traction,
     threshold_speed,
 )
 from forms.friction.parameters import FrictionMapParameters
-from geometry.surfaces.facets import Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +30,7 @@ class Series:
 
     Attributes:
         thickness: D, m; parameters: of the law.
-        speed: m/s; viscosity: Pa s; traction: Pa, T/A; pressure: Pa, N/A; mu: computed μ(d).
+        speed: m/s; viscosity: Pa s; traction: Pa, F_T/A; pressure: Pa, N/A; mu: computed μ(d).
         steady: whether each point is; label: what the series is called.
     """
 
@@ -55,9 +55,9 @@ def steady_series(case: Case, load_steps: Iterable[dict[str, Any]], label: str =
     """
     contact = case.contact[0]
     assert isinstance(contact.friction, FrictionMap) and contact.film is not None
-    speed, viscosity, tangential, normal, area, mu, steady = columns(
+    speed, viscosity, friction, normal, area, mu, steady = columns(
         sorted(load_steps, key=lambda load_step: abs(load_step["velocity"])),
-        *("velocity", "effective_viscosity", "tangential_force", "normal_force"),
+        *("velocity", "effective_viscosity", "friction_force", "normal_force"),
         *("contact_area", "mu", "steady"),
     )
     mean_pressure = float(np.mean(normal / area))
@@ -68,19 +68,21 @@ def steady_series(case: Case, load_steps: Iterable[dict[str, Any]], label: str =
         parameters=contact.friction.parameters(),
         speed=np.abs(speed),
         viscosity=viscosity,
-        traction=np.abs(tangential) / area,
+        traction=friction / area,
         pressure=mean_pressure,
         mu=float(np.mean(mu)),
         steady=steady.astype(bool),
     )
 
 
-def draw_steady(series: list[Series], figures: Path) -> None:
+def draw_steady(series: list[Series], figures: Path) -> list[Path]:
     """Draw ``effective_viscosity.png``, where there is a film, and ``friction_map.png``."""
     wet = [one for one in series if one.thickness > 0.0]  # D = 0 has no viscosity
-    if wet:
-        save(_viscosity_figure(wet), figures / "effective_viscosity.png")
-    save(_map_figure(series), figures / "friction_map.png")
+    drawn = {"effective_viscosity.png": _viscosity_figure(wet)} if wet else {}
+    drawn["friction_map.png"] = _map_figure(series)
+    for name, figure in drawn.items():
+        save(figure, figures / name)
+    return [figures / name for name in drawn]
 
 
 def _unsteady_words(series: list[Series]) -> str:
@@ -99,7 +101,7 @@ def _curve_speeds(series: list[Series]) -> Floats:
     return np.geomspace(low / 1.5, high * 1.5, 2000)
 
 
-def _broken(values: Floats, speed: Floats, at: float) -> Floats:
+def broken(values: Floats, speed: Floats, at: float) -> Floats:
     """A curve with a gap where it jumps, so that no line is drawn across."""
     out = values.copy()
     jump = np.searchsorted(speed, at)
@@ -128,9 +130,9 @@ def _viscosity_figure(series: list[Series]) -> Figure:
         fontsize=8,
     )
     left.set_ylim(bottom=0.3 * eta)
-    left.set_xlabel("sliding velocity V (m/s)")
-    left.set_ylabel("effective viscosity T D/(A V) (Pa s)")
-    right.set_xlabel("shear rate V/D (1/s)")
+    left.set_xlabel(VELOCITY.label())
+    left.set_ylabel(f"{VISCOSITY.name} {VISCOSITY.symbol} = F_T D/(A V) ({VISCOSITY.unit})")
+    right.set_xlabel(SHEAR_RATE.label())
     left.legend(frameon=True, framealpha=0.9, edgecolor="none")
     for axes in (left, right):
         thin_log_ticks(axes)
@@ -147,7 +149,7 @@ def _viscosity_curve(axes: Axes, one: Series, number: int, speed: Floats, scale:
     colour = COLOURS[number % len(COLOURS)]
     star = float(threshold_speed(one.thickness, one.parameters))
     curve = effective_viscosity(speed, one.thickness, one.pressure, one.mu, one.parameters)
-    axes.loglog(speed * scale, _broken(curve, speed, star), color=colour, lw=1)
+    axes.loglog(speed * scale, broken(curve, speed, star), color=colour, lw=1)
     axes.loglog(
         one.speed * scale,
         one.viscosity,
@@ -169,7 +171,7 @@ def _map_figure(series: list[Series]) -> Figure:
     for colour, one in zip(_colours(len(series)), series, strict=True):
         star = float(threshold_speed(one.thickness, one.parameters))
         curve = steady_traction(speed, one.thickness, one.pressure, one.mu, one.parameters)
-        axes.loglog(speed, _broken(curve, speed, star) / 1e6, color=colour, lw=1)
+        axes.loglog(speed, broken(curve, speed, star) / 1e6, color=colour, lw=1)
         viscous = (one.speed > star) | (one.thickness >= one.parameters.D_max)
         for chosen, marker in ((~viscous, "o"), (viscous, "s")):
             axes.loglog(
@@ -180,11 +182,12 @@ def _map_figure(series: list[Series]) -> Figure:
                 color=colour,
                 mfc=colour if marker == "o" else "w",
             )
+        _cross_out(axes, one.speed, np.asarray(one.traction / 1e6), one.steady)
         axes.plot([], [], color=colour, label=one.label)
     axes.plot([], [], "o", color="0.4", label="frictional or mixed (V < V*)")
     axes.plot([], [], "s", color="0.4", mfc="w", label="viscous (V > V* or D ≥ D_max)")
-    axes.set_xlabel("sliding velocity V (m/s)")
-    axes.set_ylabel("friction T(V; D) per area (MPa)")
+    axes.set_xlabel(VELOCITY.label())
+    axes.set_ylabel(MEAN_TRACTION.label("MPa"))
     axes.set_title(
         f"friction map: computed points{_unsteady_words(series)} on the closed form", fontsize=9
     )

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter, NullLocator
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -20,6 +20,7 @@ COLOURS = ("#1b6ca8", "#d1495b", "#2e8b57", "#8d5fa8", "#e08e1b", "#555555")
 COMPRESSION = 2  # of PNG files; 6, the default, takes a third longer for an eighth less
 DECADES, MANY_DECADES = 2.5, 5.0  # from which on an axis has ticks at 1, 2, 5; at 1 only
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+PLAIN = (1e-3, 1e5)  # numbers between these have no power of ten
 MARKERS = ("o", "s", "^", "D", "v", "P")
 STYLE = {
     "font.size": 10,
@@ -54,19 +55,33 @@ def save(figure: Figure, path: Path, *, tight: bool = True) -> None:
 
 
 def thin_log_ticks(axes: Axes) -> None:
-    """On logarithmic axes over several decades, few ticks, and the decades as plain text.
+    """On logarithmic axes few ticks, plain numbers or, over several decades, powers as plain text.
 
     Matplotlib's own eight ticks between two decades and its powers set as formulae take most of
     the time of a figure. To be called when the limits of the axes are what they will be.
     """
     for axis in (axes.xaxis, axes.yaxis):
         low, high = axis.get_view_interval()
-        if axis.get_scale() != "log" or high < 10.0**DECADES * low:
+        if axis.get_scale() != "log":
+            continue
+        if high < 10.0**DECADES * low:
+            between = (1.0, 2.0, 5.0) if PLAIN[0] <= low and high < PLAIN[1] else (1.0, 3.0)
+            axis.set_major_locator(MaxNLocator(5) if high < 4.0 * low else LogLocator(subs=between))
+            axis.set_minor_locator(NullLocator())
+            axis.set_major_formatter(FuncFormatter(lambda value, _: plain_number(value)))
             continue
         many = high > 10.0**MANY_DECADES * low
         axis.set_minor_locator(NullLocator() if many else LogLocator(subs=(2.0, 5.0)))
         axis.set_minor_formatter(NullFormatter())
         axis.set_major_formatter(FuncFormatter(lambda value, _: power_of_ten(value)))
+
+
+def plain_number(value: float) -> str:
+    """A number such as 0.2 or 3·10⁵ in plain text."""
+    if PLAIN[0] <= abs(value) < PLAIN[1] or value == 0.0:
+        return f"{value:.4g}"
+    digits, _, power = f"{value:.3e}".partition("e")
+    return f"{float(digits):g}·10" + f"{int(power)}".translate(RAISED)
 
 
 def power_of_ten(value: float) -> str:

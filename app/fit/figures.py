@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from app.figures.style import COLOURS, MARKERS, STYLE, save
+from app.figures.symbols import LOCAL_RATIO, SLIP, TRACTION, VELOCITY, VISCOSITY
 from app.fit.data import TribometerData
 from app.fit.model import friction
 from app.fit.result import FitResult
@@ -22,10 +23,10 @@ from forms.friction.parameters import FrictionMapParameters
 Floats = NDArray[np.float64]
 
 AXES = {
-    "traction": "friction per area T/A (kPa)",
-    "force": "friction per area T/A (kPa)",
-    "friction_coefficient": "friction coefficient T/L (-)",
-    "effective_viscosity": "effective viscosity T D/(A V) (Pa s)",
+    "traction": TRACTION.label("kPa"),
+    "force": TRACTION.label("kPa"),
+    "friction_coefficient": LOCAL_RATIO.label(),
+    "effective_viscosity": f"{VISCOSITY.name} {VISCOSITY.symbol} = T D/V ({VISCOSITY.unit})",
 }
 
 
@@ -85,7 +86,7 @@ def _finish(top: Axes, bottom: Axes, data: TribometerData, steady: bool) -> None
     top.legend(fontsize=8, frameon=True, framealpha=0.9, edgecolor="none")
     bottom.axhline(0.0, color="k", lw=0.8)
     bottom.set_ylabel("ln(data/law)")
-    bottom.set_xlabel("sliding velocity V (m/s)" if steady else "slip (μm)")
+    bottom.set_xlabel(VELOCITY.label() if steady else SLIP.label("µm"))
     largest = float(np.max(np.abs(bottom.get_ylim())))
     bottom.set_ylim(-largest, largest)
 
@@ -101,7 +102,7 @@ def _groups(data: TribometerData, steady: bool) -> Iterator[_Group]:
     for D, p, V in sorted(set(keys)):
         rows = chosen[[key == (D, p, V) for key in keys]]
         label = f"D = {D * 1e9:g} nm" if D > 0.0 else "dry (D = 0)"
-        label += f", L/A = {p / 1e6:g} MPa" if several_loads else ""
+        label += f", p = {p / 1e6:g} MPa" if several_loads else ""
         label += f", V = {V:g} m/s" if several_speeds else ""
         yield _Group(rows, float(D), float(p), None if steady else float(V), label)
 

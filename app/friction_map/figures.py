@@ -14,6 +14,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from app.figures.style import COLOURS, STYLE, save, thin_log_ticks
+from app.figures.symbols import LOCAL_RATIO, SLIP, TIME, TRACTION, VELOCITY, VISCOSITY
+from app.figures.units import fitting
 from app.friction_map.material_point import Track
 from app.friction_map.material_tests import Curve, FrictionMapResult
 from app.friction_map.setup import MapSetup
@@ -116,9 +118,9 @@ def _by_film(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
         axes.plot(fine, _closed_form(setup, curve, fine) / 1e3, color=colour, lw=1)
         _dots(axes, curve.speed, curve.traction / 1e3, colour, _film_label(setup, curve.film))
     _explain(axes, _mark_stars(setup, axes, curves))
-    axes.set_xlabel("sliding velocity V (m/s)")
-    axes.set_ylabel("friction per area T/A (kPa)")
-    _legend(axes, "lower right", f"load L/A = {setup.pressure / 1e6:g} MPa")
+    axes.set_xlabel(VELOCITY.label())
+    axes.set_ylabel(TRACTION.label("kPa"))
+    _legend(axes, "lower right", f"pressure p = {setup.pressure / 1e6:g} MPa")
     thin_log_ticks(axes)
     return figure
 
@@ -128,7 +130,7 @@ def _by_load(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
     fine = _fine(setup.speeds)
     for number, curve in enumerate(curves):
         colour = _colour(number)
-        label = f"L/A = {curve.pressure / 1e6:.3g} MPa"
+        label = f"p = {curve.pressure / 1e6:.3g} MPa"
         axes.plot(fine, _closed_form(setup, curve, fine) / 1e3, color=colour, lw=1)
         _dots(axes, curve.speed, curve.traction / 1e3, colour, label)
     _explain(axes, False)
@@ -139,8 +141,8 @@ def _by_load(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
             "V*", (star, 1.0), xycoords=("data", "axes fraction"), xytext=(-3, -2),
             textcoords="offset points", ha="right", va="top", fontsize=9, color="0.3",
         )  # fmt: skip
-    axes.set_xlabel("sliding velocity V (m/s)")
-    axes.set_ylabel("friction per area T/A (kPa)")
+    axes.set_xlabel(VELOCITY.label())
+    axes.set_ylabel(TRACTION.label("kPa"))
     _legend(axes, "upper left", _film_label(setup, setup.film))
     thin_log_ticks(axes)
     return figure
@@ -165,15 +167,15 @@ def _viscosity(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
     )  # fmt: skip
     lowest = min(float(c.viscosity.min()) for c in curves if c.film > setup.parameters.D_min)
     axes.set_ylim(bottom=min(0.2 * eta, 0.7 * lowest))
-    axes.set_xlabel("sliding velocity V (m/s)")
-    axes.set_ylabel("effective viscosity T D/(A V) (Pa s)")
-    _legend(axes, "upper right", f"load L/A = {setup.pressure / 1e6:g} MPa")
+    axes.set_xlabel(VELOCITY.label())
+    axes.set_ylabel(f"{VISCOSITY.name} {VISCOSITY.symbol} = T D/V ({VISCOSITY.unit})")
+    _legend(axes, "upper right", f"pressure p = {setup.pressure / 1e6:g} MPa")
     thin_log_ticks(axes)
     return figure
 
 
 def _stribeck(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
-    """Friction over the paper's A V eta_b/D, the force a Newtonian film would drag with."""
+    """Friction over V η_b/D, the traction of a Newtonian film (in the paper: both times A)."""
     figure, axes = _log_log()
     eta, fine = setup.parameters.eta_b, _fine(setup.speeds)
     for number, curve in enumerate(curves):
@@ -188,12 +190,12 @@ def _stribeck(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
         _dots(axes, curve.speed * scale, curve.traction / 1e3, colour, label)
     low, high = axes.get_xlim()
     ends = np.array([low, high])
-    axes.plot(ends, ends, color="k", lw=0.8, ls="--", label="Newtonian: T = A V η_b/D")
+    axes.plot(ends, ends, color="k", lw=0.8, ls="--", label="Newtonian: T = V η_b/D")
     axes.set_xlim(low, high)
     _explain(axes, False)
-    axes.set_xlabel("viscous force of the bulk fluid per area, (A V η_b/D)/A (kPa)")
-    axes.set_ylabel("friction per area T/A (kPa)")
-    _legend(axes, "lower right", f"load L/A = {setup.pressure / 1e6:g} MPa")
+    axes.set_xlabel("viscous stress of the bulk fluid V η_b/D (kPa)")
+    axes.set_ylabel(TRACTION.label("kPa"))
+    _legend(axes, "lower right", f"pressure p = {setup.pressure / 1e6:g} MPa")
     thin_log_ticks(axes)
     return figure
 
@@ -229,8 +231,8 @@ def _weakening(setup: MapSetup, track: Track) -> Figure:
         f"dry contact under {setup.pressure / 1e6:g} MPa; the rise is elastic, over μp/K_T",
         fontsize=8.5, y=1.0,
     )  # fmt: skip
-    axes.set_xlabel("slip (μm)")
-    axes.set_ylabel("coefficient of friction T/L (-)")
+    axes.set_xlabel(SLIP.label("µm"))
+    axes.set_ylabel(LOCAL_RATIO.label())
     axes.legend(loc="lower right", fontsize=8)
     return figure
 
@@ -260,8 +262,8 @@ def _start_stop(setup: MapSetup, track: Track, films: tuple[float, ...]) -> Figu
     panels = figure.subplots(
         len(films) + 1, 1, sharex=True, height_ratios=[*(1.0 for _ in films), 0.55]
     )
-    unit, factor = _time_unit(track.time[-1])
-    time = track.time * factor
+    unit = fitting(track.time[-1], "s")
+    time = unit.of(track.time)
     for q, (axes, film) in enumerate(zip(panels[:-1], films, strict=True)):
         _traction_panel(axes, setup, film, time, track.traction[:, q], _colour(q + 1))
         for _, first, _ in _phases(track)[1:]:
@@ -269,8 +271,8 @@ def _start_stop(setup: MapSetup, track: Track, films: tuple[float, ...]) -> Figu
     _name_phases(panels[0], track, time)
     speed = np.concatenate([[0.0], track.speed[:, 0]])
     panels[-1].step(np.concatenate([[0.0], time]), speed * 1e6, color="0.25", where="pre", lw=1.2)
-    _name_ordinate(panels[-1], "V (μm/s)")
-    panels[-1].set_xlabel(f"time ({unit})")
+    _name_ordinate(panels[-1], "V (µm/s)")
+    panels[-1].set_xlabel(TIME.label(unit.name))
     figure.subplots_adjust(left=WIDE_MARGIN, right=0.97)
     return figure
 
@@ -283,7 +285,7 @@ def _traction_panel(
     axes.plot(
         np.concatenate([[0.0], x]), np.concatenate([[0.0], traction]) * scale, color=colour, lw=1.3
     )
-    _name_ordinate(axes, f"D = {film * 1e9:g} nm\nT/A ({unit})")
+    _name_ordinate(axes, f"D = {film * 1e9:g} nm\nT ({unit})")
     axes.margins(y=0.12)
 
 
@@ -296,13 +298,6 @@ def _name_ordinate(axes: Axes, text: str) -> None:
     axes.set_ylabel(text, fontsize=8)
     axes.yaxis.set_label_coords(-0.125, 0.5)
     axes.locator_params(axis="y", nbins=4)
-
-
-def _time_unit(longest: float) -> tuple[str, float]:
-    for unit, factor in (("s", 1.0), ("ms", 1e3), ("μs", 1e6)):
-        if longest * factor >= 1.0:
-            return unit, factor
-    return "ns", 1e9
 
 
 def _jump(setup: MapSetup, track: Track, films: tuple[float, ...]) -> Figure:
@@ -318,6 +313,6 @@ def _jump(setup: MapSetup, track: Track, films: tuple[float, ...]) -> Figure:
         for _, first, _ in spans[1:]:
             axes.axvline(slip[first - 1], color="0.6", lw=0.8, ls=":", zorder=0)
     _name_phases(panels[0, 0], replace(track, phase=tuple(names)), slip)
-    panels[-1, 0].set_xlabel("slip (μm)")
+    panels[-1, 0].set_xlabel(SLIP.label("µm"))
     figure.subplots_adjust(left=WIDE_MARGIN, right=0.97)
     return figure

@@ -16,6 +16,7 @@ from app.build.model import Model
 from app.results.contact_points import point_values
 from app.results.vtu import Array
 from forms.contact.penalty import ContactTerm
+from forms.contact.pressure import nodal_pressure as pressure_at_nodes
 from forms.contact.state import ContactTrial
 from geometry.surfaces.facets import Floats, Ints, Longs
 from geometry.surfaces.ordering import order_by_place
@@ -98,13 +99,8 @@ def contact_nodes(model: Model, facets: SlaveFacets | None = None) -> ContactNod
 
 
 def nodal_pressure(term: ContactTerm, trial: ContactTrial) -> Floats:
-    """Contact pressure (v,), Pa, at the slave's vertices; collective.
-
-    That of the averaged contact, or the mean of pressures from the points' own gaps.
-    """
-    if trial.nodal_pressure is not None:
-        return trial.nodal_pressure
-    return _mean(term, trial.pressure)
+    """Contact pressure (v,), Pa, at the slave's vertices: force over area; collective."""
+    return pressure_at_nodes(term.surface, trial.pressure)
 
 
 def _values(index: int, model: Model, term: ContactTerm, trial: ContactTrial) -> dict[str, Array]:

@@ -19,6 +19,9 @@ OWN = (
     "contacts.csv",
     "surfaces.csv",
     "bodies.csv",
+    "probes.csv",
+    "body_probes.csv",
+    "contact_probes.csv",
     "log.txt",
     "report.html",
     "fields.pvd",
@@ -43,7 +46,7 @@ OWN = (
     "verification.md",
 )
 # What earlier versions wrote and --force clears too.
-EARLIER = ("contact_nodes.pvd", "contact_nodes", "motion.csv")
+EARLIER = ("motion.csv", "contact_nodes.pvd", "contact_nodes")
 TEXT_COLUMNS = ("stage", "label", "pair", "surface", "body", "probe")
 
 

@@ -121,8 +121,18 @@ class Results:
 
     @cached_property
     def probes(self) -> DataFrame:
-        """One row a step and point of a probe."""
+        """One row a step and point of the probes that are points or lines."""
         return self._table("probes")
+
+    @cached_property
+    def body_probes(self) -> DataFrame:
+        """One row a step and probe that is a body."""
+        return self._table("body_probes")
+
+    @cached_property
+    def contact_probes(self) -> DataFrame:
+        """One row a step and point of the probes along slave surfaces."""
+        return self._table("contact_probes")
 
     @cached_property
     def load_steps(self) -> DataFrame:

@@ -13,6 +13,7 @@ from app.case.given import given_keys
 from app.errors import InputError, SolutionError
 from app.results.directory import check_free, prepare
 from app.results.earlier_sweep import sweep_labels
+from app.results.probes import ProbeRecorder
 from app.results.recorder import Recorder
 from app.run.interruption import Interruption
 from app.run.progress import Reporter, Together
@@ -58,15 +59,16 @@ def run_case(
     try:
         if reporter:
             _say_notes(reporter, model.notes, steps, quiet)
+        probes = ProbeRecorder(model, directory)
         with Interruption(comm) as interruption:
-            _run(simulation, recorder, Together(*told, interruption))
-        if case.output.figures:
-            draw_run(simulation, directory)
+            _run(simulation, recorder, Together(*told, probes, interruption))
+        draw_run(simulation, directory, reporter)
         if reporter:
             _say_end(reporter, simulation, recorder, quiet)
     except (SolutionError, KeyboardInterrupt) as error:
         if reporter:
             _say_failure(reporter, simulation, recorder, error)
+        draw_run(simulation, directory, reporter)
         raise
     finally:
         if reporter:
@@ -158,17 +160,23 @@ def _run(simulation: Simulation, recorder: Recorder, observer: Observer) -> None
     recorder.close(simulation, "done")
 
 
-def draw_run(simulation: Simulation, directory: Path) -> None:
-    """Draw the figures of a finished run; collective."""
-    from app.figures.deformed import draw_deformed
-    from app.figures.run_figures import draw_history
+def draw_run(simulation: Simulation, directory: Path, reporter: Reporter | None) -> None:
+    """Draw the figures of a run, however it ended, from its files, if the case asks for them.
+
+    The first rank does, and only where there is a step to show. A figure that cannot be drawn is a
+    warning: the results are there, and can be drawn again.
+    """
+    wanted = simulation.model.case.output.figures and simulation.state.step > 0
+    if reporter is None or not wanted:
+        return
+    from app.figures.run_figures import draw_figures
+    from app.results import read
 
     with simulation.model.problem.timer("figures"):
-        figures = directory / "figures"
-        if simulation.model.problem.comm.rank == 0:
-            figures.mkdir(exist_ok=True)
-            draw_history(directory)
-        draw_deformed(simulation.model, figures / "deformed.png")
+        try:
+            draw_figures(read(directory))
+        except Exception as error:
+            reporter.say(f"warning: the figures could not be drawn: {error!r}")
 
 
 def on_first(comm: MPI.Comm, action: Callable[[], None]) -> None:

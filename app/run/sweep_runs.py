@@ -103,7 +103,7 @@ def _put_together(case: Case, directory: Path) -> None:
     """Tables and figures over all values."""
     collate(case, directory)
     if case.output.figures:
-        from app.figures.run_figures import draw_sweep
+        from app.figures.run_figures import draw_figures
+        from app.results import read
 
-        (directory / "figures").mkdir(exist_ok=True)
-        draw_sweep(case, directory)
+        draw_figures(read(directory))

@@ -12,8 +12,9 @@ from app.simulation.contact_resultants import turned_right
 from app.simulation.history import Row
 from app.simulation.observer import Interval, Observer
 from app.simulation.run_state import RunState
+from forms.contact.pressure import nodal_pressure
+from geometry.surfaces.body_facets import facet_nodes
 from geometry.surfaces.facets import Floats, Ints
-from geometry.surfaces.surface import facet_nodes
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,8 +25,8 @@ class Frame:
         row: of the history.
         nodes: (n, i), m, current places of the nodes of each surface of the first pair.
         position: (q, i), m, current, of the contact points; weight: (q,), m or m², reference.
-        pressure: (q,), Pa, at the points; nodal: (v,), Pa, at slave nodes, None where the contact
-            has none; at: (v, i), m, current, those nodes.
+        pressure: (q,), Pa, at the points; nodal: (v,), Pa, at slave nodes, force over area, None
+            point by point; at: (v, i), m, current, those nodes.
         along: N, Σ w T·r with r the direction to the right of each point's own normal (in space:
             the length of Σ w T); load: N, Σ w p.
     """
@@ -78,8 +79,9 @@ class Photographer(Observer):
             along = float(weight @ np.einsum("qi,qi->q", friction, turned_right(normal)))
         else:
             along = float(np.linalg.norm(weight @ friction))
-        nodal, at = trial.nodal_pressure, None
-        if nodal is not None:
+        nodal, at = None, None
+        if trial.nodal_pressure is not None:
+            nodal = nodal_pressure(surface, trial.pressure)
             vertices = surface.vertices.nodes
             at = problem.space.tabulate_dof_coordinates()[vertices, :dim] + moved[vertices]
         return Frame(
@@ -88,7 +90,7 @@ class Photographer(Observer):
             position=trial.position.copy(),
             weight=weight,
             pressure=trial.pressure.copy(),
-            nodal=None if nodal is None else nodal.copy(),
+            nodal=nodal,
             at=at,
             along=along,
             load=float(weight @ trial.pressure),

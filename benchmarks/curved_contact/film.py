@@ -168,15 +168,22 @@ def case_of(setup: Setup) -> str:
     return text + (SCALING.format(step=3e-10 * setup.size * 5.0) if explicit else "")
 
 
-def mesh(path: Path, size: float, ring: float = 0.0) -> None:
-    """Write the mesh with facets of ``size`` (m) on the rubber, its axis at ``ring`` (m)."""
+def mesh(path: Path, size: float, ring: float = 0.0, tool_zone: float = 3 * MM) -> None:
+    """Write the mesh.
+
+    Args:
+        path: the file.
+        size: m, facets of the rubber.
+        ring: m, its axis.
+        tool_zone: m, width of the tool's surface that may touch.
+    """
     tool_on_rubber(
         path,
         radius=RADIUS,
         size=size,
         tool_size=1.3 * size,
         zone=2 * round(2.2 * MM / size) * size,
-        tool_zone=3 * MM,
+        tool_zone=tool_zone,
         width=10 * MM,
         height=2 * MM,
         axis=ring,

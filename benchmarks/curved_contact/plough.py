@@ -18,7 +18,7 @@ import numpy as np
 
 from benchmarks.curved_contact.film import FILM as THICKNESS
 from benchmarks.curved_contact.film import MM, RADIUS, SHARE, STRESS, TOOLS, mesh
-from benchmarks.curved_contact.runs import run
+from benchmarks.curved_contact.runs import Outcome, run
 
 MU = 0.3
 WAY = 1.0  # mm
@@ -90,11 +90,12 @@ FILM = f"""film = {{ thickness = {THICKNESS} }}
 friction = {{ law = "friction-map", mu_s = 0.1, K_T = "1e11 Pa/m", eta_b = %.12g, \
 D_max = {THICKNESS}, alpha = 1.0, V_star = "1 mm/s", V_star_at = {THICKNESS} }}"""
 LAG = 0.9
+TOOL_ZONE = 2 * (WAY / LAG + 1.2) * MM  # the tool rolls onto it by WAY/LAG, with a contact of 1.1
 
 
 def row(setup: Setup, scratch: Path, overrides: tuple[str, ...] = ()) -> dict[str, Any]:
     """Solve one problem; its row of the table."""
-    mesh(scratch / "mesh.msh", SHARE * setup.size * 1e-6)
+    mesh(scratch / "mesh.msh", SHARE * setup.size * 1e-6, tool_zone=TOOL_ZONE)
     rolls, speed = setup.kind == "roll", WAY * MM
     slip = (1.0 / LAG - 1.0) * speed if rolls else speed
     angle = -WAY * MM / RADIUS / LAG
@@ -116,8 +117,9 @@ def row(setup: Setup, scratch: Path, overrides: tuple[str, ...] = ()) -> dict[st
         "seconds": outcome.seconds,
     }
     last = [f for f in outcome.stage("slide") if f.row.time > 1.6 + 1e-6]
-    if outcome.failure or not last:
-        return out | {"failure": outcome.failure}
+    failure = outcome.failure or _off_the_tool(outcome, 2e-6 * setup.size)
+    if failure or not last:
+        return out | {"failure": failure}
     share = np.array([abs(f.along) / f.load for f in last])
     column = np.array([abs(f.row.tangential_force) / f.row.normal_force for f in last])
     T = np.array([abs(f.row.tangential_force) for f in last])
@@ -126,3 +128,13 @@ def row(setup: Setup, scratch: Path, overrides: tuple[str, ...] = ()) -> dict[st
     if setup.law == "dry":
         out["T/∫p off μ, most"] = float(np.abs(share / MU - 1.0).max())
     return out | {"stick": float(np.mean([f.row.stick_fraction for f in last]))}
+
+
+def _off_the_tool(outcome: Outcome, near: float) -> str:
+    """What is wrong if the contact has come ``near`` (m) an end of the tool's surface, or ""."""
+    for frame in outcome.frames:
+        pressed = frame.position[frame.pressure > 0.0, 0]
+        left, *_, right = frame.nodes["tool_contact"][:, 0]
+        if len(pressed) and not (left + near < pressed.min() and pressed.max() < right - near):
+            return f"the contact comes to the end of the tool at t = {frame.row.time:g} s"
+    return ""

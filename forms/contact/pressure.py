@@ -164,6 +164,23 @@ def normal_rule(
     raise ValueError(f'the contact pressure is "averaged" or "pointwise", not {kind!r}')
 
 
+def nodal_pressure(surface: ContactSurface, pressure: Floats) -> Floats:
+    """Contact pressure (v,), Pa, at the slave's vertices from that at the points (q,); collective.
+
+    p_A = (1/m_A) Σ_q w N_A t_N: the normal force of the vertex over its area. Where a contact ends
+    within a facet the coefficients s_A of t_N go up and down about a smooth pressure, as those of
+    any projection onto functions that are linear in a facet; the forces, which are all that the
+    bodies feel of it, do not.
+
+    Args:
+        surface: of the pair.
+        pressure: t_N at the points of this rank, whatever the rule that it comes from.
+    """
+    vertices = surface.vertices
+    out: Floats = vertices.sums(surface.slave.weight * pressure) / vertices.area
+    return out
+
+
 def _depth(depth: Floats, closed: Bools, mode: ContactMode, least: Floats) -> Floats:
     """Depth that the penalty acts on: below zero only within an adhesive gap."""
     held = np.where(mode.adhesive_gap > 0.0, depth, np.where(depth > least, depth, 0.0))

@@ -140,7 +140,10 @@ class ContactTrial:
 
     @property
     def nodal_pressure(self) -> Floats | None:
-        """Contact pressure at the slave vertices (v,), Pa; None point by point."""
+        """Coefficients s_A (v,), Pa, of the contact pressure, linear between them; None pointwise.
+
+        The pressure to show is :func:`forms.contact.pressure.nodal_pressure`.
+        """
         return self.normal_contact.nodal_pressure
 
     @property

@@ -58,7 +58,9 @@ class PairTangent:
 
     surface: ContactSurface
     rule: NormalRule
-    _known: list[VertexRows] = field(default_factory=list, repr=False)
+    _known: dict[bool, list[VertexRows]] = field(
+        default_factory=lambda: {False: [], True: []}, repr=False
+    )
 
     # -- point by point -----------------------------------------------------------------------
 
@@ -215,17 +217,22 @@ class PairTangent:
         values = weighted[:, None, :, None] * along[:, :, None, :]
         return self._rows(take, facet, active).matrix(values)
 
-    def _rows(self, take: Longs, facet: Ints, needs: Bools) -> VertexRows:
-        """Places of the entries of points ``take`` (p,) on their master facets (p,)."""
-        for known in self._known:
+    def _rows(self, take: Longs, facet: Ints, needs: Bools, chords: bool = False) -> VertexRows:
+        """Places of the entries of points ``take`` (p,) on their master facets (p,).
+
+        With ``chords`` the vertices of the slave's chords are behind the facets' nodes.
+        """
+        kept = self._known[chords]
+        for known in kept:
             if known.fits(take, facet, needs):
                 return known
         surface = self.surface
         key = surface.slave.facet[take].astype(np.int64) * len(surface.master.facets) + facet
-        nodes = np.concatenate([surface.slave_rows[take], self._master_rows(facet)], axis=1)
-        numbers = key, surface.vertices.of_point[take], nodes
+        nodes = [surface.slave_rows[take], self._master_rows(facet)]
+        nodes += [surface.chain_rows[take]] if chords else []
+        numbers = key, surface.vertices.of_point[take], np.concatenate(nodes, axis=1)
         rows = VertexRows(take, facet, needs, numbers, (len(surface.nodes), surface.dim))
-        self._known[:] = [rows, *self._known[:1]]
+        kept[:] = [rows, *kept[:1]]
         return rows
 
     def _gap_rows(
@@ -251,7 +258,11 @@ class PairTangent:
         assert trial.anchor is not None
         at = trial.projection
         v = vary(trial.position[take], at.of(take), trial.anchor.of(take))
-        rows, nodes = self.generalised_rows(state, trial, take)
+        rows = self.generalised_rows(state, trial, take)[0]
+        # The gap does not know where the point came from.
+        m = self.surface.target.stencil.shape[1]
+        first = self.surface.slave.shape.shape[1] + m
+        rows = np.delete(rows, slice(first, first + m), axis=2)
         change = v.d_gap
         if at.share is not None and at.share_slope is not None:
             change = at.share[take][:, None] * v.d_gap
@@ -259,10 +270,7 @@ class PairTangent:
         d_gap = change.reshape(len(take), rows.shape[1], self.surface.dim)
         share = self.surface.slave.weight[take][:, None] * self.surface.vertices.shape[take]
         values = np.einsum("pk,pmi->pkmi", share, np.einsum("prm,pri->pmi", rows, d_gap))
-        every = np.arange(len(take))  # no two of them are known to have the same nodes
-        numbers = every, self.surface.vertices.of_point[take], nodes
-        size = len(self.surface.nodes), self.surface.dim
-        return VertexRows(take, at.facet[take], needs, numbers, size).matrix(values)
+        return self._rows(take, at.facet[take], needs, at.rays is not None).matrix(values)
 
     def _completed(self, right: scipy.sparse.csr_matrix) -> tuple[scipy.sparse.csr_matrix, Longs]:
         """R with the other ranks' parts of shared vertices, and its columns' nodes; collective."""

@@ -290,7 +290,7 @@ def test_schema_is_json_with_all_tables(tribox):
     assert result.returncode == 0 and result.stderr == ""
     schema = json.loads(result.stdout)
     tables = {"title", "geometry", "bodies", "contact", "boundary", "stage"}
-    assert tables | {"solver", "output", "sweep"} == set(schema["properties"])
+    assert tables | {"probe", "solver", "output", "sweep"} == set(schema["properties"])
     assert set(schema["required"]) == tables - {"title"}
 
 
@@ -315,8 +315,17 @@ def test_plot_draws_again(tribox, case_file, block, tmp_path):
     assert not (out / "figures").exists()
     result = tribox("plot", out)
     assert result.returncode == 0, result.stderr
-    assert {p.name for p in (out / "figures").iterdir()} == {"history.png", "energy.png"}
+    drawn = {
+        *("history.png", "energy.png", "force_displacement.png"),
+        *("deformed-1-press.png", "deformed.png"),
+    }
+    assert {p.name for p in (out / "figures").iterdir()} == drawn
     assert_refused(tribox("plot", tmp_path / "nowhere"), "nowhere")
+    assert_refused(tribox("plot", out, "--field", "stress"), "--field stress", "von_mises_stress")
+    assert_refused(tribox("plot", out, "--animate=avi"), "--animate=avi", "gif or mp4")
+    moving = tribox("plot", out, "--animate", "--field", "displacement")
+    assert moving.returncode == 0 and "animation.gif: 9 frames" in moving.stdout
+    assert {p.name for p in (out / "figures").iterdir()} == drawn | {"animation.gif"}
 
 
 @pytest.mark.parametrize("found", [True, False])
@@ -369,8 +378,9 @@ def test_run_prints_plain_lines_while_it_goes_and_changes_by_set(tribox, case_fi
     assert films == pytest.approx([20e-9] * len(films), rel=1e-12)
     figures = {p.name for p in (out / "figures").iterdir()}
     assert figures == {
-        *("history.png", "energy.png", "deformed.png"),
-        *("effective_viscosity.png", "friction_map.png"),
+        *("history.png", "energy.png", "force_displacement.png"),
+        *("deformed-1-press.png", "deformed.png"),
+        *("effective_viscosity.png", "friction_map.png", "stribeck.png"),
     }
     again = load_case(out / "case.toml")
     asked = load_case(tmp_path / "case-file.toml", [w for w in override if "=" in w])

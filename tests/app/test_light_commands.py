@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 from app.simulation.history import COLUMNS
+from tests.app.figures.made_results import write_strip
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT / "cases" / "data" / "tribometer-synthetic.csv"
@@ -48,13 +49,14 @@ def results(directory: Path, case: str) -> Path:
 def test_commands_that_solve_nothing_load_no_solver(tmp_path, block):
     wrong = tmp_path / "wrong.toml"
     wrong.write_text(block.replace("mu = 0.2", "nu = 0.2", 1))
-    out = results(tmp_path / "out", block)
+    out, strip = results(tmp_path / "out", block), write_strip(tmp_path / "strip")
     lines = [
         ["--version"],
         ["--help"],
         ["schema"],
         ["check", str(wrong)],
         ["plot", str(out)],
+        ["plot", str(strip), "--animate"],
         ["report", str(out)],
         ["init", "own-mesh", str(tmp_path / "starter")],
         ["map", "--out", str(tmp_path / "map")],
@@ -68,6 +70,8 @@ def test_commands_that_solve_nothing_load_no_solver(tmp_path, block):
     codes = {"check": 2}
     assert told == [[line[0], codes.get(line[0], 0), []] for line in lines], done.stderr
     assert (out / "figures" / "history.png").is_file()
+    assert (strip / "figures" / "deformed.png").is_file()
+    assert (strip / "figures" / "animation.gif").is_file()
     assert (tmp_path / "map" / "summary.json").is_file()
     assert (tmp_path / "fit" / "fit.json").is_file()
 

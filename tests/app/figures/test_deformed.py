@@ -1,95 +1,133 @@
-"""The picture of the deformed bodies: corners where the displacement puts them, in any element."""
+"""The picture of the deformed bodies in the plane: all bodies, all pairs, what it says of them."""
 
 from __future__ import annotations
 
-import tomllib
-
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from mpi4py import MPI
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import to_rgba
+from matplotlib.figure import Figure
 
-from app.build.model import Model, build_model
-from app.case.case import Case
-from app.figures.deformed import _deformed_cells, _deformed_facets, _figure, draw_deformed
-from app.results.contact_nodes import ContactNodes
-from app.simulation.observer import Observer
-from app.simulation.simulation import Simulation
-
-CASE = """
-[geometry]
-kind = "two-boxes"
-upper = { width = "1 mm", height = "0.5 mm", depth = "0.6 mm", elements = [2, 1, 2] }
-lower = { width = "2 mm", height = "0.5 mm", depth = "1 mm", elements = [3, 1, 2] }
-[bodies.elastomer]
-material = "neo-hookean"
-E = "5 MPa"
-nu = 0.45
-[bodies.aluminium]
-material = "hencky"
-E = "70 GPa"
-nu = 0.33
-[[contact]]
-slave = "elastomer_contact"
-master = "aluminium_contact"
-friction = { law = "coulomb", mu = 0.2 }
-[[boundary]]
-surface = "bottom"
-displacement = { x = 0, y = 0, z = 0 }
-[[boundary]]
-surface = "top"
-displacement = { x = 0, z = 0, y = [["0 s", "0 mm"], ["1 s", "-0.02 mm"]] }
-[[stage]]
-name = "press"
-duration = "1 s"
-steps = 1
-"""
+from app.figures import deformed
+from app.figures.body_shapes import Bodies
+from app.figures.deformed import draw_deformed
+from app.figures.field_values import CellField, colour_scale
+from app.figures.plane_bodies import draw_bodies, frame_round, pair_colour
+from app.results import read
+from tests.app.figures.made_results import CELLS, PAIRS, strip_contact, write_strip
 
 
-def model(block: str, kind: str) -> Model:
-    """A small case in space, or in the plane with second-order elements."""
-    data = tomllib.loads(CASE if kind == "space" else block)
-    if kind == "space":
-        data["geometry"]["cell"] = "tetrahedron"
-    else:
-        data["bodies"]["elastomer"]["formulation"] = "q2"
-    return build_model(Case.model_validate(data), MPI.COMM_SELF)
+@pytest.fixture
+def kept(monkeypatch) -> dict[str, Figure]:
+    """The figures themselves, by name, in place of their files."""
+    found: dict[str, Figure] = {}
+    monkeypatch.setattr(deformed, "save", lambda figure, path: found.update({path.stem: figure}))
+    return found
 
 
-@pytest.mark.parametrize("kind", ["space", "plane"])
-def test_corners_move_with_the_displacement(block, kind):
-    made = model(block, kind)
-    dim = made.problem.dim
-    gradient = np.array([[0.1, 0.3, -0.2], [0.0, -0.2, 0.1], [0.2, 0.1, 0.3]])[:dim, :dim]
-    before = (_deformed_facets if dim == 3 else _deformed_cells)(made)
-    made.problem.u.interpolate(lambda x: gradient @ x[:dim])
-    after = (_deformed_facets if dim == 3 else _deformed_cells)(made)
-    for name, corners in before.items():
-        assert corners.shape[2] == dim and len(corners) > 10
-        np.testing.assert_allclose(after[name], corners + corners @ gradient.T, atol=1e-15)
+def panels(figure: Figure) -> list[Axes]:
+    return [axes for axes in figure.axes if axes.get_title(loc="left")]
 
 
-def test_picture_in_space(block, tmp_path):
-    simulation = Simulation(model(block, "space"))
-    simulation.run(Observer())
-    draw_deformed(simulation.model, tmp_path / "deformed.png")
-    assert (tmp_path / "deformed.png").stat().st_size > 10_000
+def bodies_of(figure: Figure) -> tuple[Axes, PolyCollection]:
+    """The axes with the bodies, and their cells."""
+    [found] = [
+        (axes, shown)
+        for axes in figure.axes
+        for shown in axes.collections
+        if isinstance(shown, PolyCollection) and len(shown.get_paths()) == sum(CELLS)
+    ]
+    return found
 
 
-@pytest.mark.parametrize(("width", "height"), [(1.0, 3.0), (1.0, 0.6), (5.0, 1.0), (20.0, 1.0)])
-def test_picture_shows_the_bodies_whole(width, height):
+def test_all_bodies_and_pairs_are_shown(strip, kept, tmp_path):
+    draw_deformed(strip, tmp_path, "von_mises_stress")
+    assert set(kept) == {"deformed-1-press", "deformed-highest-load", "deformed"}
+    figure = kept["deformed"]
+    top, cells = bodies_of(figure)
+    stress = np.repeat([5.0, 10.0, 15.0], CELLS)  # MPa
+    np.testing.assert_allclose(cells.get_array(), stress)
+    assert {text.get_text() for text in top.texts} == {"punch", "strip", "die"}
+    assert (top.get_xlabel(), top.get_ylabel()) == ("x (mm)", "y (mm)")
+    assert "von Mises stress (MPa)" in [axes.get_ylabel() for axes in figure.axes]
+    assert "strip between punch and die\nstage slide" in figure.get_suptitle()
+    # One line of what is pressed for each pair, in the colour of its panel's title.
+    found = panels(figure)
+    assert [axes.get_title(loc="left") for axes in found] == list(PAIRS)
+    marked = [tuple(c.get_colors()[0]) for c in top.collections if c.get_linewidths()[0] == 2.0]
+    assert marked == [to_rgba(pair_colour(k)) for k in range(2)]
+
+
+def test_tractions_are_drawn_over_the_arc_length(strip, kept, tmp_path):
+    draw_deformed(strip, tmp_path, "von_mises_stress")
+    data = strip_contact(5).point_data
+    for number, axes in enumerate(panels(kept["deformed"])):
+        curves = {line.get_label(): line.get_data() for line in axes.lines}
+        own = data["pair"] == number
+        for name, label in (
+            ("pressure", "contact pressure t_N"),
+            ("tangential_traction", "friction traction T"),
+        ):
+            arc, values = curves[label]
+            np.testing.assert_allclose(arc, np.linspace(0.0, 4.0, 9), atol=1e-12)  # mm
+            np.testing.assert_allclose(values, 1e-6 * data[name][own])
+        faint = [line for line in axes.lines if line.get_marker() == "."]
+        np.testing.assert_allclose(np.sort(faint[0].get_xdata()), np.arange(0.25, 4.0, 0.5))
+    assert "arc length" in panels(kept["deformed"])[-1].get_xlabel()
+
+
+def test_another_field_and_an_axisymmetric_section(kept, tmp_path):
+    results = read(write_strip(tmp_path / "out", section="axisymmetric"))
+    draw_deformed(results, tmp_path, "displacement_x")
+    figure = kept["deformed"]
+    top, cells = bodies_of(figure)
+    assert (top.get_xlabel(), top.get_ylabel()) == ("r (mm)", "z (mm)")
+    np.testing.assert_allclose(cells.get_array(), np.repeat([300.0, 0.0, 0.0], CELLS))  # µm
+    assert "displacement u_x (µm)" in [axes.get_ylabel() for axes in figure.axes]
+
+
+def test_more_pairs_than_panels_says_so(strip, kept, tmp_path, monkeypatch):
+    monkeypatch.setattr(deformed, "MOST_PAIRS", 1)
+    draw_deformed(strip, tmp_path, "von_mises_stress")
+    [only] = panels(kept["deformed"])
+    assert only.get_title(loc="left") == "lower"  # which carries more
+    assert "1 of 2 pairs" in only.texts[0].get_text()
+
+
+def plate(width: float, height: float) -> Bodies:
+    corners = np.array([[0, -height, 0], [width, -height, 0], [width, 0, 0], [0, 0, 0]], float)
+    field = CellField(np.ones(1), "v", "", "v")
+    edges = np.array([[0, 1], [1, 2], [2, 3], [3, 0]])
+    one = np.zeros(1, dtype=int)
+    return Bodies(
+        ("body",),
+        2,
+        corners,
+        corners,
+        np.array([[0, 1, 2, 3]]),
+        edges,
+        one,
+        np.zeros(4, int),
+        field,
+    )
+
+
+@pytest.mark.parametrize(
+    ("width", "height", "stretched"),
+    [(1.0, 3.0, False), (1.0, 0.6, False), (5.0, 1.0, False), (20.0, 1.0, True), (0.1, 1.0, True)],
+)
+def test_picture_shows_the_bodies_whole(width, height, stretched):
     """Neither tall nor long bodies are cut off at the edges of the frame."""
-    corners = np.array([[0.0, -height], [width, -height], [width, 0.0], [0.0, 0.0]])[None]
-    points = {
-        "position": np.array([[0.0, 0.0], [width, 0.0]]),
-        "pressure": np.array([1e6, 2e6]),
-        "tangential_traction": np.zeros(2),
-        "pair": np.zeros(2),
-    }
-    nodes = ContactNodes(points, np.array([[0, 1]]), "line")
-    figure = _figure({"body": corners}, points, nodes, "title")
+    bodies = plate(width, height)
+    frame = frame_round([bodies], ("x", "y"))
+    assert frame.stretched == stretched and frame.is_tall == (height == 3.0)
+    figure, axes, _, _ = deformed._layout(frame, 1, closer=False)
+    draw_bodies(axes, bodies, colour_scale(bodies.field.values, ""), frame)
     figure.draw_without_rendering()
-    (left, right), (low, high) = figure.axes[0].get_xlim(), figure.axes[0].get_ylim()
-    plt.close(figure)
-    assert left < 0.0 and right > 1e3 * width
-    assert low < -1e3 * height and high > 0.0
+    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+    factor = frame.unit.factor
+    assert left < 0.0 and right > factor * width
+    assert low < -factor * height and high > 0.0
+    box = axes.get_window_extent()
+    assert box.width > 60 and box.height > 60

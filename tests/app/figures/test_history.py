@@ -1,18 +1,36 @@
-"""What all figures share; those of a sweep are in test_sfa.py, with a sweep to draw."""
+"""Figures of the tables of a run: what is drawn, over what, on which scales."""
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import numpy as np
+import pytest
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 
-from app.figures import steady_points as figures
+from app.figures import steady_points
+from app.figures.abscissa import abscissa_of
+from app.figures.force_displacement import force_displacement_figure
+from app.figures.history import energies_figure, forces_figure
+from app.figures.stribeck import series_of, stribeck_figure
+from app.figures.style import save
+from app.results import Results, read
+from tests.app.figures.made_results import (
+    PAIRS,
+    STEPS,
+    friction_force,
+    history_row,
+    normal_force,
+    write_rows,
+)
 
 
 def test_saving_leaves_a_picture_and_nothing_else(tmp_path):
     figure = Figure()
     figure.subplots().plot([0, 1], [0, 1])
-    figures.save(figure, tmp_path / "a.png")
+    save(figure, tmp_path / "a.png")
     assert [p.name for p in tmp_path.iterdir()] == ["a.png"]
     assert imread(tmp_path / "a.png").std() > 0.0
 
@@ -20,7 +38,137 @@ def test_saving_leaves_a_picture_and_nothing_else(tmp_path):
 def test_a_jump_is_not_joined():
     speed = np.array([1.0, 2.0, 4.0, 8.0])
     curve = np.array([9.0, 8.0, 2.0, 1.0])
-    out = figures._broken(curve, speed, 3.0)
+    out = steady_points.broken(curve, speed, 3.0)
     assert np.isnan(out[1]) and np.array_equal(out[[0, 2, 3]], curve[[0, 2, 3]])
-    assert np.array_equal(figures._broken(curve, speed, 10.0), curve)
-    assert np.array_equal(figures._broken(curve, speed, np.inf), curve)
+    assert np.array_equal(steady_points.broken(curve, speed, 10.0), curve)
+    assert np.array_equal(steady_points.broken(curve, speed, np.inf), curve)
+
+
+def lines_of(axes) -> dict[str, np.ndarray]:
+    return {line.get_label(): line.get_ydata() for line in axes.lines if line.get_label()[0] != "_"}
+
+
+def test_forces_and_ratio_of_each_pair_and_of_all(strip):
+    figure = forces_figure(strip)
+    normal, friction, ratio = figure.axes
+    for number, name in enumerate(PAIRS):
+        own = np.array([normal_force(s, number) for s in STEPS])
+        rubbed = np.array([friction_force(s, number) for s in STEPS])
+        np.testing.assert_allclose(lines_of(normal)[name], own)
+        np.testing.assert_allclose(lines_of(friction)[name], rubbed)
+        np.testing.assert_allclose(lines_of(ratio)[name], rubbed / own)
+    both = [sum(normal_force(s, k) for k in (0, 1)) for s in STEPS]
+    np.testing.assert_allclose(lines_of(normal)["all pairs"], both)
+    assert normal.get_ylabel() == "normal force N (N)"
+    assert friction.get_ylabel() == "friction force F_T (N)"
+    assert ratio.get_ylabel() == "friction coefficient F_T/N (-)"
+    assert ratio.get_xlabel() == "time t (s)"
+    assert [text.get_text() for text in normal.texts] == ["slide", "press"]
+    assert lines_of(friction)["resultant of the friction, signed"].tolist() == [1.0] * 5
+
+
+def test_energies_are_stacked(strip):
+    [axes] = energies_figure(strip).axes
+    assert {line.get_label() for line in axes.lines} >= {"not accounted for"}
+    assert [area.get_label() for area in axes.collections] == [
+        "strain", "interface", "dissipated", "kinetic", "damped",
+    ]  # fmt: skip
+    assert axes.get_ylabel() == "energy (J)"
+
+
+def test_force_over_displacement_of_what_moves(strip):
+    figure = force_displacement_figure(strip)
+    along, down = figure.axes
+    assert [axes.get_title() for axes in (along, down)] == ["punch_top", "punch_top"]
+    assert (along.get_xlabel(), along.get_ylabel()) == ("displacement u_x (µm)", "force R_x (mN)")
+    press, slide = along.lines
+    assert slide.get_xdata() == pytest.approx([0.0, 100.0, 200.0, 300.0])
+    assert slide.get_ydata() == pytest.approx([200.0, 300.0, 400.0, 500.0])
+    assert press.get_label() == "press" and len(press.get_xdata()) == 2
+    assert down.lines[0].get_ydata() == pytest.approx([-normal_force(s, 0) for s in (1, 2)])
+
+
+# -- runs with velocities -------------------------------------------------------------------------
+
+FORCES = (0.05, 0.02, 0.4, 8.0)
+SPEEDS = (1e-5, 1e-3, 1e-1, 1e1)
+
+
+def write_film(directory: Path, film: str, press: float = 1.0, thickness: str = "30 nm") -> Results:
+    """A run of one pair that slides at four velocities, two steps each, after it was pressed."""
+    directory.mkdir()
+    speeds = ", ".join(f'"{v} m/s"' for v in SPEEDS)
+    lines = [
+        f"velocities = [{speeds}]" if line.startswith("velocities") else line
+        for line in film.replace('"30 nm"', f'"{thickness}"').splitlines()
+    ]
+    (directory / "case.toml").write_text("\n".join(lines))
+    rows = [history_row(s, stage="press", time=press * s / 3, dt=press / 3) for s in (1, 2, 3)]
+    path, time = 0.0, press
+    for number, (speed, force) in enumerate(zip(SPEEDS, FORCES, strict=True)):
+        for half in (0.5, 1.0):
+            path, time = path + 4e-6, time + 4e-6 / speed
+            rows.append(
+                history_row(
+                    len(rows) + 1, stage="slide", time=time, velocity=speed, normal_force=2.0,
+                    friction_force=half * force, tangential_force=half * force,
+                    driven_displacement=path, contact_area=1e-6,
+                )
+            )  # fmt: skip
+    write_rows(directory / "history.csv", rows)
+    ends = [{"label": "press", "steady": None, **rows[2]}]
+    ends += [
+        {"label": f"slide {v}", "steady": v != 1e-1, **rows[4 + 2 * k]}
+        for k, v in enumerate(SPEEDS)
+    ]
+    summary = {"status": "done", "load_steps": ends, "bodies": ["elastomer", "aluminium"]}
+    (directory / "summary.json").write_text(json.dumps(summary))
+    return read(directory)
+
+
+def test_velocities_are_drawn_over_the_path_and_decades_on_a_log_scale(film, tmp_path):
+    results = write_film(tmp_path / "out", film)
+    normal, friction, ratio = forces_figure(results).axes
+    assert ratio.get_xlabel() == "path of the driven surface (µm)"
+    assert friction.get_yscale() == ratio.get_yscale() == "log" and normal.get_yscale() == "linear"
+    assert friction.lines[0].get_xdata()[3:] == pytest.approx(4.0 * np.arange(1, 9))
+    assert {"10 µm/s", "100 mm/s"} <= {text.get_text() for text in normal.texts}
+
+
+def test_time_that_has_no_effect_does_not_hide_what_follows(film, tmp_path):
+    text = film.replace('velocities = ["1e-5 m/s", "2e-3 m/s"]', 'velocity = "2e-3 m/s"')
+    text = text.replace('slip_step = "4 um"\nmax_steps = 60', 'duration = "8 ms"')
+    (tmp_path / "case.toml").write_text(text)
+    pressed = [history_row(s, stage="press", time=s / 3, velocity=0.0) for s in (1, 2, 3)]
+    slid = [
+        history_row(s, stage="slide", time=1 + 1e-3 * (s - 3), velocity=2e-3) for s in (4, 8, 11)
+    ]
+    write_rows(tmp_path / "history.csv", pressed + slid)
+    found = abscissa_of(read(tmp_path))
+    assert found.label == "time since the end of press, which is not to scale (ms)"
+    assert found.values[3:] == pytest.approx([1.0, 5.0, 8.0])
+    assert (np.diff(found.values) > 0.0).all() and -1.0 < found.values[0] < 0.0
+    assert found.values[2] == 0.0
+    # Where time counts in both, steps are the only measure that shows both.
+    (tmp_path / "case.toml").write_text(text.replace("rate_dependent = false", ""))
+    assert abscissa_of(read(tmp_path)).label == "step"
+
+
+def test_stribeck_view(film, tmp_path):
+    results = write_film(tmp_path / "out", film)
+    [one] = series_of(results)
+    assert one.speed.tolist() == list(SPEEDS)
+    assert one.ratio == pytest.approx(np.array(FORCES) / 2.0)
+    viscosity = results.case.contact[0].friction.eta_b
+    assert one.hersey == pytest.approx(viscosity * np.array(SPEEDS) / 2e6)
+    assert one.settled.tolist() == [True, True, False, True]
+    left, right = stribeck_figure([one]).axes
+    assert left.get_xscale() == right.get_xscale() == left.get_yscale() == "log"
+    assert left.get_xlabel() == "sliding velocity V (m/s)"
+    assert right.get_xlabel().startswith("Hersey length η_b V/p (")
+    [cross] = [line for line in left.lines if line.get_marker() == "x"]
+    assert cross.get_xdata().tolist() == [1e-1]
+
+
+def test_a_run_at_one_velocity_has_no_stribeck_view(strip):
+    assert stribeck_figure(series_of(strip)) is None

@@ -303,7 +303,7 @@ def test_overlaid_histories_are_drawn_at_the_middle_of_explicit_rows(tmp_path, m
 
     monkeypatch.setattr(Axes, "semilogy", keep)
     rows = [
-        {"driven_displacement": k * 1e-6, "tangential_force": 1.0 + k, "velocity": float(k > 0)}
+        {"driven_displacement": k * 1e-6, "friction_force": 1.0 + k, "velocity": float(k > 0)}
         for k in range(4)
     ]
     draw_overlay({"D = 10 nm": (rows, rows)}, tmp_path / "overlay.png")

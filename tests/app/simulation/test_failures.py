@@ -152,7 +152,8 @@ def last_displacement(directory: Path) -> np.ndarray:
 def test_hopeless_problem_says_why_and_keeps_its_last_state(block, film, tmp_path, problem):
     stage, what, cure = HOPELESS[problem]
     out = tmp_path / "out"
-    case = Case.model_validate(problem(block, film) | {"output": {"fields_every": 0}})
+    output = {"fields_every": 0, "figures": problem in (collapsing, unsupported)}
+    case = Case.model_validate(problem(block, film) | {"output": output})
     with pytest.raises(SolutionError) as caught:
         run_case(case, out, quiet=True)
     text = str(caught.value)
@@ -174,6 +175,9 @@ def test_hopeless_problem_says_why_and_keeps_its_last_state(block, film, tmp_pat
         moved = last_displacement(out)
         assert np.all(np.isfinite(moved)) and 1e-7 < np.max(np.abs(moved)) < 2e-3
     assert bool(rows) is (problem in (lifted, collapsing, wedged, overrun, pushed))
+    # Where a run fails, its figures are wanted most; without a step there is nothing to draw.
+    drawn = {path.name for path in out.glob("figures/*")}
+    assert drawn >= {"deformed.png", "history.png"} if problem is collapsing else not drawn
 
 
 def test_saved_state_is_the_last_converged_one(monkeypatch, block, tmp_path):

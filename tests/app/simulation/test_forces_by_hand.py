@@ -39,7 +39,7 @@ master = "tube_left"
 friction = {{ law = "coulomb", mu = 0.1 }}
 [[boundary]]
 surface = "plug_bottom"
-displacement = {{ y = 0 }}
+displacement = {{ x = 0, y = 0 }}
 [[boundary]]
 surface = "plug_top"
 displacement = {{ y = [["0 s", 0], ["1 s", "-1 mm"]] }}
@@ -171,8 +171,18 @@ def test_a_plug_pressed_against_a_tube(tmp_path):
     assert 0.02 < row["friction_coefficient"] <= 0.1 * (1.0 + 1e-12)
     assert abs(row["normal_resultant"]) < 0.2 * row["normal_force"]  # what used to be shown
     assert pair["normal_force"] == row["normal_force"]
-    # The radial force on a free end is none; rings cancel in the resultants.
-    assert above["force_x"] == 0.0 and above["radial_force"] == pytest.approx(0.0, abs=1e-9)
+    # The glued end is drawn inwards; round the ring that cancels, but for the sum of magnitudes.
+    assert below["force_x"] == 0.0 and below["moment_z"] == 0.0
+    assert below["radial_force"] < -1.0
+    assert above["radial_force"] == pytest.approx(0.0, abs=1e-9)
+    # The free end spreads: the mean of its radial displacement weighs rings by their length.
+    fields = found.fields()
+    moved = fields.point_data["displacement"]
+    r, z = (fields.points - moved)[:, :2].T
+    top = np.isclose(z, height) & (r < radius + 1e-6) & (fields.points[:, 0] < 1.001 * radius)
+    spread = sides(moved[top, 0] * 2.0 * np.pi * r[top], r[top]) / (np.pi * radius**2)
+    assert above["displacement_x"] == pytest.approx(spread, rel=0.05)
+    assert above["displacement_y"] == pytest.approx(-1e-3, rel=1e-12)
 
 
 def test_a_strip_drawn_between_two_pads(tmp_path):
@@ -199,6 +209,8 @@ def test_a_strip_drawn_between_two_pads(tmp_path):
     assert row["friction_force"] == pytest.approx(8.0, rel=1e-3)
     pulled = last(found.surfaces, surface="strip_right")
     assert pulled["force_x"] == pytest.approx(8.0, rel=1e-3)
+    assert pulled["velocity_x"] == pytest.approx(2e-3, rel=1e-9)
+    assert pulled["centre_x"] == pytest.approx(12e-3, rel=1e-9)
     assert pulled["body"] == "strip" and pulled["displacement_x"] == pytest.approx(2e-3)
     held = {s: last(found.surfaces, surface=s)["force_x"] for s in ("upper_top", "lower_bottom")}
     assert held["upper_top"] == pytest.approx(-2.0, rel=1e-3)
@@ -207,6 +219,31 @@ def test_a_strip_drawn_between_two_pads(tmp_path):
     strip = last(found.bodies, body="strip")
     assert strip["contact_force_x"] == pytest.approx(-8.0, rel=1e-3)
     assert strip["contact_force_y"] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_pressures_and_shared_nodes(tmp_path, block):
+    """Pressures on the sides of a block; a support that shares a corner with another."""
+    data = tomllib.loads(block)
+    data["stage"] = [{"name": "press", "duration": "1 s", "steps": 2}]
+    data["boundary"] += [
+        {"surface": "aluminium_right", "pressure": "2 MPa"},
+        {"surface": "aluminium_left", "displacement": {"x": 0}},
+    ]
+    sums, shares = [], []
+    for number, order in enumerate((1, -1)):
+        case = Case.model_validate({**data, "boundary": data["boundary"][::order]})
+        run_case(case, tmp_path / f"{number}", quiet=True, comm=MPI.COMM_SELF)
+        table = read(tmp_path / f"{number}").surfaces
+        right, left, bottom = (
+            last(table, surface=name)["force_x"]
+            for name in ("aluminium_right", "aluminium_left", "bottom")
+        )
+        assert right == pytest.approx(-2e6 * 0.5e-3 * 1e-3, rel=1e-3)
+        sums.append(left + bottom)
+        shares.append(left)
+    # The sum balances the pressure and what little the contact drags; the corner goes to the first.
+    assert sums[0] == pytest.approx(1.0, rel=1e-3) and sums[1] == pytest.approx(sums[0], rel=1e-9)
+    assert shares[1] > shares[0] + 0.01
 
 
 def test_a_roller_that_brakes(tmp_path):

@@ -8,7 +8,6 @@ import tomllib
 from itertools import pairwise
 from pathlib import Path
 
-import gmsh
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -18,6 +17,7 @@ from app.case.case import Case
 from app.simulation.history import Row
 from app.simulation.observer import Observer
 from app.simulation.simulation import Simulation
+from benchmarks.curved_contact.shapes import ridge
 
 MM = 1e-3
 
@@ -105,52 +105,10 @@ def test_second_contact_is_that_of_a_fresh_run(block, lifted):
 
 # -- edges of a master ----------------------------------------------------------------------------
 
-KINKS = (0.0, 1.2, 1.5, 1.8, 3.0)  # mm, where the top of the lower block may change its slope
-FACETS = (6, 2, 2, 6)
-
-
-def write_mesh(path: Path, degrees: float) -> None:
-    """A block of 10 x 5 cells on a wider one whose top has a ridge (or groove: negative)."""
-    rise = 0.3 * np.tan(np.radians(degrees))
-    gmsh.initialize(interruptible=False)  # or it would take Ctrl-C from all that follows
-    gmsh.option.setNumber("General.Terminal", 0)
-    geo = gmsh.model.geo
-    low = [geo.addPoint(x, -0.5, 0.0) for x in KINKS]
-    high = [geo.addPoint(x, rise * (i == 2), 0.0) for i, x in enumerate(KINKS)]
-    bottom = [geo.addLine(*low[i : i + 2]) for i in range(4)]
-    master = [geo.addLine(*high[i : i + 2]) for i in range(4)]
-    sides = [geo.addLine(a, b) for a, b in zip(low, high, strict=True)]
-    loops = [[bottom[i], sides[i + 1], -master[i], -sides[i]] for i in range(4)]
-    corners = [geo.addPoint(x, y, 0.0) for x, y in ((0.1, 0.0), (1.1, 0.0), (1.1, 0.5), (0.1, 0.5))]
-    around = [geo.addLine(corners[i], corners[(i + 1) % 4]) for i in range(4)]
-    areas = [geo.addPlaneSurface([geo.addCurveLoop(loop)]) for loop in (*loops, around)]
-    divisions = [(bottom, FACETS), (master, FACETS), (sides, [3] * 5), (around, (10, 5, 10, 5))]
-    for lines, counts in divisions:
-        for line, count in zip(lines, counts, strict=True):
-            geo.mesh.setTransfiniteCurve(line, count + 1)
-    for area in areas:
-        geo.mesh.setTransfiniteSurface(area)
-        geo.mesh.setRecombine(2, area)
-    geo.synchronize()
-    groups = {
-        (2, "aluminium"): areas[:4],
-        (2, "elastomer"): areas[4:],
-        (1, "bottom"): bottom,
-        (1, "aluminium_contact"): master,
-        (1, "elastomer_contact"): around[:1],
-        (1, "top"): around[2:3],
-    }
-    for (dimension, name), tags in groups.items():
-        gmsh.model.addPhysicalGroup(dimension, tags, name=name)
-    gmsh.model.mesh.generate(2)
-    gmsh.model.mesh.affineTransform([MM, 0, 0, 0, 0, MM, 0, 0, 0, 0, MM, 0])
-    gmsh.write(str(path))
-    gmsh.finalize()
-
 
 def over_the_edges(block: str, tmp_path: Path, degrees: float, mu: float) -> tuple[Simulation, int]:
     """The block pressed, and slid over the edges by more than its length; and how many cuts."""
-    write_mesh(tmp_path / "ridge.msh", degrees)
+    ridge(tmp_path / "ridge.msh", degrees)
     data = copy.deepcopy(tomllib.loads(block))
     data["geometry"] = {"kind": "file", "mesh": str(tmp_path / "ridge.msh"), "thickness": MM}
     data["contact"][0]["friction"]["mu"] = mu

@@ -18,6 +18,8 @@ from matplotlib.figure import Figure
 from app.case.reading import load_case
 from app.figures import run_figures as figures
 from app.figures import steady_points
+from app.figures.units import fitting
+from app.results import read
 from app.results.directory import read_table
 from forms.closed_forms.homogeneous_sliding import (
     effective_viscosity,
@@ -245,7 +247,7 @@ def drawn(monkeypatch) -> Iterator[dict[str, Figure]]:
 
 def test_sweep_figures_show_the_steady_points(sfa, drawn):
     case = load_case(sfa / "case.toml")
-    figures.draw_sweep(case, sfa)
+    figures.draw_figures(read(sfa))
     assert {"effective_viscosity.png", "friction_map.png"} <= set(drawn)
     rows = [row for row in read_table(sfa / "sweep.csv") if row["steady"] >= 0]
     parts = case.sweep_cases()
@@ -273,19 +275,23 @@ def test_sweep_figures_show_the_steady_points(sfa, drawn):
     [plane] = drawn["friction_map.png"].axes
     shown = [line.get_ydata() for line in plane.lines if line.get_marker() in ("o", "s")]
     shown = np.sort(np.concatenate(shown)) * 1e6
-    tractions = [abs(row["tangential_force"]) / row["contact_area"] for row in rows]
+    tractions = [row["friction_force"] / row["contact_area"] for row in rows]
     assert shown == pytest.approx(sorted(tractions))
 
 
 def test_history_figures_show_the_history(sfa, drawn):
     part = sfa / "thickness=30nm"
-    figures.draw_history(part)
+    figures.draw_figures(read(part))
     rows = read_table(part / "history.csv")
-    top, bottom = drawn["history.png"].axes
-    curves = {line.get_label(): line.get_ydata() for line in top.lines}
-    assert curves["normal force"] == pytest.approx([row["normal_force"] for row in rows])
-    assert curves["tangential force"] == pytest.approx([row["tangential_force"] for row in rows])
-    assert bottom.get_ylabel() == "T/N (-)"
+    for axes, column in zip(
+        drawn["history.png"].axes, ("normal_force", "friction_force"), strict=False
+    ):
+        unit = fitting([row[column] for row in rows], "N")
+        curves = {line.get_label(): line.get_ydata() for line in axes.lines}
+        assert curves["all pairs"] == pytest.approx([unit.factor * row[column] for row in rows])
+    assert drawn["history.png"].axes[2].get_ylabel() == "friction coefficient F_T/N (-)"
     [axes] = drawn["energy.png"].axes
     curves = {line.get_label(): line.get_ydata() for line in axes.lines}
-    assert curves["external work"] == pytest.approx([row["external_work"] for row in rows])
+    unit = fitting([row["external_work"] for row in rows], "J")
+    work = [unit.factor * row["external_work"] for row in rows]
+    assert curves["external work"] == pytest.approx(work)

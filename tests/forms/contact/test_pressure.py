@@ -10,7 +10,13 @@ import pytest
 
 from app.equilibrium.equilibrium import Equilibrium
 from forms.contact.penalty import ContactTerm
-from forms.contact.pressure import TOUCHING, AveragedPressure, PointwisePressure, normal_rule
+from forms.contact.pressure import (
+    TOUCHING,
+    AveragedPressure,
+    PointwisePressure,
+    nodal_pressure,
+    normal_rule,
+)
 from forms.contact.state import AS_IS, ContactMode
 from forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
 from geometry.surfaces.ordering import order_by_place
@@ -84,8 +90,20 @@ def test_force_is_that_of_the_vertices(shape):
     assert np.array_equal(normal.active, mean <= 0.0)
     force = vertices.area @ normal.nodal_pressure
     assert surface.slave.weight @ normal.pressure == pytest.approx(force, rel=1e-12)
+    assert vertices.area @ nodal_pressure(surface, normal.pressure) == pytest.approx(force)
     around = normal.active[vertices.of_point].any(axis=1)
     assert np.array_equal(normal.closed, around)
+
+
+def test_nodal_pressure_is_force_over_area():
+    """Coefficients of pressure that go up and down by c do so by c/3 in what the nodes bear."""
+    surface = Scene("Q4", FrictionlessLaw(), degree=5, fine=True).surface
+    vertices = surface.vertices
+    order = np.argsort(vertices.position[:, 0])
+    coefficients = np.empty(vertices.count)
+    coefficients[order] = 1.0 + 0.3 * (-1.0) ** np.arange(vertices.count)
+    found = nodal_pressure(surface, vertices.at_points(coefficients))[order][1:-1]
+    np.testing.assert_allclose(found, 1.0 + 0.1 * (-1.0) ** np.arange(1, len(found) + 1))
 
 
 @pytest.mark.parametrize("rule", [AveragedPressure, PointwisePressure])

@@ -16,7 +16,8 @@ from geometry.compat import integration_facets
 from geometry.generators.two_blocks import Block, TwoBlocks
 from geometry.meshes.gmsh_model import gmsh_session
 from geometry.meshes.mesh import generate, read
-from geometry.surfaces.surface import ContactSurface, facet_nodes
+from geometry.surfaces.body_facets import facet_nodes
+from geometry.surfaces.surface import ContactSurface
 
 SLAVE, MASTER = "elastomer_contact", "aluminium_contact"
 A = np.array([[0.31, -0.47], [0.22, 0.18]])

@@ -11,8 +11,9 @@ from mpi4py import MPI
 
 from geometry.compat import integration_facets, model_to_mesh
 from geometry.meshes.gmsh_model import gmsh_session
+from geometry.surfaces.body_facets import facet_nodes
 from geometry.surfaces.facets import facet_shape, unit_normals
-from geometry.surfaces.surface import ContactSurface, facet_nodes
+from geometry.surfaces.surface import ContactSurface
 from tests.grid import grid
 
 CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")

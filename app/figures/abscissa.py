@@ -1,0 +1,116 @@
+"""What the figures of a history are drawn over: time, the path of the driven surface, or steps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from app.figures.style import Floats
+from app.figures.symbols import DRIVEN_PATH, STEP, TIME
+from app.figures.units import fitting
+
+if TYPE_CHECKING:
+    from app.results import Results
+
+# Time per step of one stage over that of another from which on time would hide one of them.
+UNEVEN = 30.0
+SQUEEZED = 0.05  # of the rest of the axis, for stages that are not to scale
+NAMES_APART = 0.035  # of the axis
+
+
+@dataclass(frozen=True, slots=True)
+class Abscissa:
+    """Places of the rows of a history.
+
+    Attributes:
+        values: (n,), in the unit of the label, one for each row; label: of the axis.
+        starts: (value, name) where each stage or velocity begins.
+    """
+
+    values: Floats
+    label: str
+    starts: tuple[tuple[float, str], ...]
+
+    def mark(self, axes: Axes, *, named: bool) -> None:
+        """A line where each stage or velocity begins, and its name above the axes.
+
+        Of names that would overlap, that of the longer stage stands; one stage alone has none.
+        """
+        if len(self.starts) < 2:
+            return
+        for place, _ in self.starts:
+            axes.axvline(place, color="0.8", lw=0.8, zorder=0)
+        apart = NAMES_APART * float(np.ptp([*self.values, *(p for p, _ in self.starts)]) or 1.0)
+        ends = [*(place for place, _ in self.starts[1:]), float(self.values[-1])]
+        lengths = [end - place for end, (place, _) in zip(ends, self.starts, strict=True)]
+        shown: list[float] = []
+        for k in np.argsort(lengths, kind="stable")[::-1]:
+            place, name = self.starts[k]
+            if not named or any(abs(place - other) < apart for other in shown):
+                continue
+            shown.append(place)
+            axes.annotate(
+                name, (place, 1.0), xycoords=("data", "axes fraction"), xytext=(0, 3),
+                textcoords="offset points", fontsize=7, color="0.35", rotation=45,
+            )  # fmt: skip
+
+
+def abscissa_of(results: Results) -> Abscissa:
+    """What the history of a run is drawn over.
+
+    The path of the driven surface, where velocities are held until steady: time at the slowest
+    would hide that at all others. Else time; but where the stages differ so much in time per step
+    that one could not be seen, time without the stages that it has no effect in, or steps.
+    """
+    history = results.history
+    time = history["time"].to_numpy(dtype=np.float64)
+    driven = history["driven_displacement"].to_numpy(dtype=np.float64)
+    path = np.cumsum(np.abs(np.diff(driven, prepend=0.0)))
+    if any(stage.velocities for stage in results.case.stage) and path[-1] > 0.0:
+        unit = fitting(path, "m")
+        return _made(results, unit.of(path), DRIVEN_PATH.label(unit.name))
+    if not _uneven(history, time):
+        unit = fitting(time, "s")
+        return _made(results, unit.of(time), TIME.label(unit.name))
+    idle = _idle_rows(results)
+    if 0 < idle < len(time) and not _uneven(history[idle:], time[idle:] - time[idle - 1]):
+        since = time - time[idle - 1]
+        since[:idle] = np.linspace(-SQUEEZED * since[-1], 0.0, idle + 1)[1:]
+        unit = fitting(since, "s")
+        before = ", ".join(dict.fromkeys(history["stage"][:idle]))
+        label = f"time since the end of {before}, which is not to scale ({unit.name})"
+        return _made(results, unit.of(since), label)
+    steps = history["step"].to_numpy(dtype=np.float64)
+    return _made(results, steps, STEP.name)
+
+
+def _idle_rows(results: Results) -> int:
+    """Number of rows at the beginning in stages that time has no effect in."""
+    idle = {stage.name for stage in results.case.stage if not stage.rate_dependent}
+    counts = np.array([stage not in idle for stage in results.history["stage"]])
+    return int(np.argmax(counts)) if counts.any() else 0
+
+
+def _uneven(history: Any, time: Floats) -> bool:
+    """Whether the time of a step in one stage is far from that in another."""
+    ends = history.assign(_time=time).groupby("stage", sort=False)["_time"].agg(["last", "size"])
+    lengths = np.diff(ends["last"].to_numpy(), prepend=0.0) / ends["size"].to_numpy()
+    lengths = lengths[lengths > 0.0]
+    return bool(len(lengths) > 1 and lengths.max() > UNEVEN * lengths.min())
+
+
+def _made(results: Results, values: Floats, label: str) -> Abscissa:
+    history = results.history
+    several = {stage.name for stage in results.case.stage if stage.velocities}
+    keys = list(zip(history["stage"], history["velocity"], strict=True))
+    begins = [i for i, key in enumerate(keys) if i == 0 or key != keys[i - 1]]
+    starts = []
+    for i in begins:
+        stage, velocity = keys[i]
+        before = float(values[i - 1]) if i else min(0.0, float(values[0]))
+        name = fitting([velocity], "m/s").text(velocity) if stage in several else str(stage)
+        starts.append((before, name))
+    return Abscissa(values, label, tuple(starts))

@@ -1,0 +1,138 @@
+"""Animation of the deformed bodies of a run: a GIF, or an MP4 where there is ffmpeg."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from app.errors import InputError
+from app.figures.body_shapes import Bodies, read_bodies
+from app.figures.field_values import ColourScale, colour_scale
+from app.figures.names import axis_names, body_names, heading, pair_names
+from app.figures.plane_bodies import draw_bodies, draw_slaves, frame_round
+from app.figures.rendering import render
+from app.figures.scenes import facets_seen
+from app.figures.space_bodies import View, draw_space, scene_of
+from app.figures.states import title_of
+from app.figures.style import STYLE
+from app.figures.tractions import pairs_shown
+
+if TYPE_CHECKING:
+    from app.results import Results
+
+MOST_FRAMES = 100
+SECONDS = 8.0  # that an animation of many frames takes
+SLOWEST, FASTEST = 3, 15  # frames per second
+DPI = 90
+MOST_PAIRS = 12
+
+
+def animate(results: Results, path: Path, field: str) -> int:
+    """Write an animation of the field outputs of a run: fixed colours, fixed frame.
+
+    Args:
+        results: of a run.
+        path: the file, ``.gif`` or ``.mp4``.
+        field: array of the field files that bodies are coloured by.
+
+    Returns:
+        Number of its frames.
+
+    Raises:
+        InputError: fewer than two outputs, no such array, or an MP4 without ffmpeg.
+    """
+    kind = path.suffix[1:]
+    if kind == "mp4" and shutil.which("ffmpeg") is None:
+        raise InputError("--animate mp4: there is no ffmpeg here; --animate gif needs none")
+    steps = frames_of(np.asarray(results.steps, dtype=np.int64))
+    if len(steps) < 2:
+        raise InputError(
+            f"{results.directory}: {len(steps)} field output{'s' * (len(steps) != 1)}; an "
+            "animation needs two or more (output.fields_every)"
+        )
+    states = [read_bodies(results.fields(step), body_names(results), field) for step in steps]
+    scale = colour_scale(np.concatenate([s.field.values for s in states]), states[0].field.unit)
+    rate = int(np.clip(len(steps) / SECONDS, SLOWEST, FASTEST))
+    writer: AbstractMovieWriter = (
+        PillowWriter(fps=rate) if kind == "gif" else FFMpegWriter(fps=rate)
+    )
+    part = path.with_name(f".{path.stem}.part{path.suffix}")
+    with rc_context(STYLE):
+        figure, draw = (_in_space if states[0].dim == 3 else _in_the_plane)(
+            results, steps, states, scale
+        )
+        with writer.saving(figure, str(part), DPI):
+            for number, step in enumerate(steps):
+                draw(number)
+                figure.suptitle(heading(results, title_of(results, step)), fontsize=8)
+                writer.grab_frame()
+    part.replace(path)
+    return len(steps)
+
+
+def frames_of(steps: NDArray[np.int64]) -> list[int]:
+    """At most so many steps, evenly chosen; the first and the last are among them."""
+    if len(steps) <= MOST_FRAMES:
+        return [int(step) for step in steps]
+    chosen = np.unique(np.rint(np.linspace(0, len(steps) - 1, MOST_FRAMES)).astype(int))
+    return [int(step) for step in steps[chosen]]
+
+
+def _page(scale: ColourScale, states: list[Bodies], shape: float) -> tuple[Figure, Axes]:
+    """A page with a colour bar; its size stays, since all frames must be of one size."""
+    width = 7.2 if shape < 1.2 else 5.6
+    figure = Figure(figsize=(width, float(np.clip(width * shape + 1.2, 3.0, 7.5))))
+    axes = figure.subplots()
+    figure.subplots_adjust(left=0.1, right=0.86, bottom=0.12, top=0.86)
+    words = f" ({scale.unit.name})" if scale.unit.name else ""
+    bar = figure.add_axes((0.885, 0.14, 0.02, 0.68))
+    figure.colorbar(ScalarMappable(scale.norm, scale.cmap), cax=bar, extend=scale.extend,
+                    label=states[0].field.label + words)  # fmt: skip
+    return figure, axes
+
+
+def _in_the_plane(
+    results: Results, steps: list[int], states: list[Bodies], scale: ColourScale
+) -> tuple[Figure, Callable[[int], None]]:
+    frame = frame_round(states, axis_names(results))
+    width, height = frame.high - frame.low
+    figure, axes = _page(scale, states, 0.45 if frame.stretched else 0.75 * height / width)
+    names = pair_names(results)
+
+    def draw(number: int) -> None:
+        axes.clear()
+        draw_bodies(axes, states[number], scale, frame)
+        nodes = results.contact(steps[number])
+        shown = pairs_shown(nodes, len(names), MOST_PAIRS)
+        draw_slaves(axes, nodes, {k: names[k] for k in shown}, frame.unit)
+
+    return figure, draw
+
+
+def _in_space(
+    results: Results, steps: list[int], states: list[Bodies], scale: ColourScale
+) -> tuple[Figure, Callable[[int], None]]:
+    low = np.min([state.position.min(axis=0) for state in states], axis=0)
+    high = np.max([state.position.max(axis=0) for state in states], axis=0)
+    scenes = [scene_of(state, scale, low, high) for state in states]
+    pictures = render(scenes)
+    width, height = scenes[0].size
+    figure, axes = _page(scale, states, 0.75 * height / width)
+
+    def draw(number: int) -> None:
+        axes.clear()
+        picture = None if pictures is None else pictures[number]
+        view = View(scenes[number], facets_seen(scenes[number]), picture)
+        draw_space(axes, view, states[number].names)
+
+    return figure, draw

@@ -1,0 +1,138 @@
+"""Bodies of a field file as polygons: the cells in the plane, the outer facets in space.
+
+Axis letters: n nodes, c cells, f facets, a corners, i space.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.figures.field_values import CellField, cell_field
+from app.figures.style import Floats
+
+if TYPE_CHECKING:
+    import meshio
+
+Ints = NDArray[np.int64]
+
+# Corners of a cell, by the beginning of what meshio calls it; those of any degree come first.
+_CORNERS = {"triangle": 3, "quad": 4, "tetra": 4, "hexahedron": 8, "wedge": 6}
+_LAGRANGE = "VTK_LAGRANGE_"
+# Sides of cells as VTK numbers their corners.
+_SIDES = {
+    "triangle": ((0, 1), (1, 2), (2, 0)),
+    "quad": ((0, 1), (1, 2), (2, 3), (3, 0)),
+    "tetra": ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)),
+    "hexahedron": (
+        *((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4)),
+        *((1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
+    ),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Bodies:
+    """All bodies of a state.
+
+    Attributes:
+        names: of the bodies. dim: 2 or 3.
+        position: (n, 3), m, current; reference: (n, 3), m, undeformed.
+        polygons: (f, a) nodes of the cells in the plane, of the outer facets in space.
+        edges: (e, 2) nodes of the sides round each body, in the plane; none in space.
+        body: (f,) of each polygon; edge_body: (e,).
+        field: values (f,) of the polygons.
+    """
+
+    names: tuple[str, ...]
+    dim: int
+    position: Floats
+    reference: Floats
+    polygons: Ints
+    edges: Ints
+    body: Ints
+    edge_body: Ints
+    field: CellField
+
+    def corners(self, factor: float, of: Ints | slice = slice(None)) -> Floats:
+        """Corners (f, a, i) of polygons, current, in the unit of ``factor``."""
+        return self.position[self.polygons[of], : self.dim] * factor
+
+
+def read_bodies(mesh: meshio.Mesh, names: Sequence[str], field: str) -> Bodies:
+    """Polygons of a mesh of a field file.
+
+    Args:
+        mesh: with point data ``displacement`` and cell data ``body``.
+        names: of the bodies, in the order of their numbers.
+        field: what to colour by, as :func:`cell_field` says.
+
+    Raises:
+        InputError: there is no such array.
+    """
+    blocks = [_corners(block) for block in mesh.cells]
+    kinds = [kind for kind, _ in blocks]
+    cells = [corners for _, corners in blocks]
+    body = np.concatenate([np.asarray(b, dtype=np.int64).reshape(-1) for b in _body(mesh, cells)])
+    values = cell_field(mesh, cells, field)
+    position = np.zeros((len(mesh.points), 3))
+    position[:, : mesh.points.shape[1]] = mesh.points
+    displacement = np.zeros_like(position)
+    moved = np.asarray(mesh.point_data["displacement"], dtype=np.float64)
+    displacement[:, : moved.shape[1]] = moved
+    dim = 3 if kinds[0] in ("tetra", "hexahedron") else 2
+    sides, owner = _outer_sides(kinds, cells)
+    if dim == 3:
+        polygons, of, edges, edge_body = sides, owner, sides[:0, :2], body[:0]
+    else:
+        polygons, of = _padded(cells), np.arange(len(body)).astype(np.int64)
+        edges, edge_body = sides, body[owner]
+    shown = CellField(values.values[of], values.label, values.unit, values.name)
+    count = int(body.max(initial=-1)) + 1
+    all_names = (*names, *(f"body {k}" for k in range(len(names), count)))
+    return Bodies(
+        all_names, dim, position, position - displacement, polygons, edges, body[of], edge_body,
+        shown,
+    )  # fmt: skip
+
+
+def _body(mesh: meshio.Mesh, cells: Sequence[Ints]) -> Sequence[Ints]:
+    """Numbers of the bodies, block by block; one body where the file does not say."""
+    if "body" in mesh.cell_data:
+        return list(mesh.cell_data["body"])
+    return [np.zeros(len(block), dtype=np.int64) for block in cells]
+
+
+def _corners(block: meshio.CellBlock) -> tuple[str, Ints]:
+    """Kind and corners (c, a) of a block of cells of any degree."""
+    kind = block.type.removeprefix(_LAGRANGE).lower().replace("quadrilateral", "quad")
+    kind = kind.replace("tetrahedron", "tetra")
+    for start, count in _CORNERS.items():
+        if kind.startswith(start):
+            return start, np.asarray(block.data, dtype=np.int64)[:, :count]
+    raise ValueError(f"cells of kind {block.type} cannot be drawn")
+
+
+def _padded(cells: Sequence[Ints]) -> Ints:
+    """Corners of all blocks in one array; triangles among quadrilaterals repeat their last."""
+    most = max(block.shape[1] for block in cells)
+    return np.concatenate([np.pad(c, ((0, 0), (0, most - c.shape[1])), mode="edge") for c in cells])
+
+
+def _outer_sides(kinds: Sequence[str], cells: Sequence[Ints]) -> tuple[Ints, Ints]:
+    """Sides (f, a) of one cell only, and the cell (f,) that each is of."""
+    sides, owner, first = [], [], 0
+    for kind, corners in zip(kinds, cells, strict=True):
+        table = np.array(_SIDES[kind])
+        sides.append(corners[:, table].reshape(-1, table.shape[1]))
+        owner.append(first + np.repeat(np.arange(len(corners)), len(table)))
+        first += len(corners)
+    found, of = np.concatenate(sides), np.concatenate(owner)
+    _, where, times = np.unique(np.sort(found, axis=1), axis=0, return_index=True,
+                                return_counts=True)  # fmt: skip
+    once = np.sort(where[times == 1])
+    return found[once], of[once]

@@ -1,0 +1,76 @@
+"""Pictures of deformed bodies in space, with the pressure of each pair seen along its normal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from matplotlib import rc_context
+from matplotlib.cm import ScalarMappable
+from matplotlib.figure import Figure
+
+from app.figures.body_shapes import Bodies
+from app.figures.field_values import ColourScale, colour_scale
+from app.figures.names import heading, pair_names
+from app.figures.pressure_maps import draw_pairs
+from app.figures.rendering import render
+from app.figures.scenes import facets_seen
+from app.figures.space_bodies import View, draw_space, scene_of
+from app.figures.states import State
+from app.figures.style import STYLE, save
+from app.figures.tractions import pairs_shown
+
+if TYPE_CHECKING:
+    from app.results import Results
+
+MOST_PAIRS = 4
+
+
+def draw_states_in_space(
+    results: Results, states: Sequence[State], drawn: Sequence[Bodies], figures: Path
+) -> list[Path]:
+    """Draw states in space, each into a file of its name.
+
+    Args:
+        results: of a run.
+        states: what to draw.
+        drawn: the bodies of each.
+        figures: directory that exists.
+    """
+    scales = [colour_scale(one.field.values, one.field.unit) for one in drawn]
+    scenes = [scene_of(b, s) for b, s in zip(drawn, scales, strict=True)]
+    pictures = render(scenes)
+    files = []
+    with rc_context(STYLE):
+        for number, (state, scene) in enumerate(zip(states, scenes, strict=True)):
+            picture = None if pictures is None else pictures[number]
+            view = View(scene, facets_seen(scene), picture)
+            figure = _figure(results, state, drawn[number], scales[number], view)
+            files.append(figures / f"{state.name}.png")
+            save(figure, files[-1])
+    return files
+
+
+def _figure(
+    results: Results, state: State, bodies: Bodies, scale: ColourScale, view: View
+) -> Figure:
+    """The bodies from outside, and beside them the pressure of each pair."""
+    nodes, names = results.contact(state.step), pair_names(results)
+    pairs = {k: names[k] for k in pairs_shown(nodes, len(names), MOST_PAIRS)}
+    columns = 1 if len(pairs) == 1 else 2
+    rows = -(-len(pairs) // columns)
+    figure = Figure(figsize=(6.5 + 4.3 * columns, max(5.5, 4.6 * rows)), layout="constrained")
+    left, right = figure.subfigures(1, 2, width_ratios=(6.0, 4.8 * columns))
+    bar = ScalarMappable(scale.norm, scale.cmap)
+    axes = left.add_subplot()
+    draw_space(axes, view, bodies.names)
+    words = f" ({scale.unit.name})" if scale.unit.name else ""
+    left.colorbar(bar, ax=axes, label=bodies.field.label + words, extend=scale.extend,
+                  orientation="horizontal", shrink=0.7, pad=0.02, aspect=35)  # fmt: skip
+    figure.suptitle(heading(results, state.title), fontsize=9)
+    panels = list(right.subplots(rows, columns, squeeze=False).flat)
+    for idle in panels[len(pairs) :]:
+        idle.set_visible(False)
+    draw_pairs(right, panels[: len(pairs)], nodes, pairs)
+    return figure

@@ -1,0 +1,115 @@
+"""Force over displacement of the surfaces that are moved: platens, tools, springs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from app.figures.style import COLOURS
+from app.figures.symbols import DISPLACEMENT, MOMENT, REACTION, TIME
+from app.figures.units import fitting
+
+if TYPE_CHECKING:
+    from app.results import Results
+
+MOST_PANELS = 8
+STILL = 1e-4  # of the largest displacement of all surfaces: what moves less is a support
+IDLE = 1e-9  # of the largest force: what needs less moves freely, such as along a symmetry plane
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """What one panel shows.
+
+    Attributes:
+        surface: its name. x, y: columns of the table.
+        x_label, y_label: without units; x_unit, y_unit: SI.
+    """
+
+    surface: str
+    x: str
+    y: str
+    x_label: str
+    y_label: str
+    x_unit: str
+    y_unit: str
+
+
+def curves_of(results: Results) -> list[Curve]:
+    """The surfaces that move, each in the directions that it moves in; moments of those turned."""
+    table = results.surfaces
+    if table.empty:
+        return []
+    letters = [i for i in "xyz" if f"displacement_{i}" in table]
+    names = list(dict.fromkeys(table["surface"]))
+    travel = {
+        (name, i): float(np.ptp(table.loc[table["surface"] == name, f"displacement_{i}"]))
+        for name in names
+        for i in letters
+    }
+    largest = max(travel.values(), default=0.0)
+    most = max((_largest(table, f"force_{i}") for i in letters), default=0.0)
+    curves = [
+        Curve(name, f"displacement_{i}", f"force_{i}",
+              f"{DISPLACEMENT.name} {DISPLACEMENT.symbol}_{i}",
+              f"{REACTION.name} {REACTION.symbol}_{i}", "m", "N")
+        for (name, i), way in travel.items()
+        if way > STILL * largest and _largest(table, f"force_{i}", name) > IDLE * most
+    ]  # fmt: skip
+    for boundary in results.case.boundary:
+        turned = boundary.rotation
+        if turned is not None and boundary.surface in names and f"moment_{turned.axis}" in table:
+            about = f"{MOMENT.name} {MOMENT.symbol}_{turned.axis}"
+            time = f"{TIME.name} {TIME.symbol}"
+            curves.append(
+                Curve(boundary.surface, "time", f"moment_{turned.axis}", time, about, "s", "N m")
+            )
+    return curves[:MOST_PANELS]
+
+
+def _largest(table: Any, column: str, surface: str | None = None) -> float:
+    """Largest amount in a column, of one surface or of all."""
+    rows = table if surface is None else table[table["surface"] == surface]
+    return float(np.max(np.abs(rows[column].to_numpy(dtype=np.float64)), initial=0.0))
+
+
+def force_displacement_figure(results: Results) -> Figure | None:
+    """A panel for each moved surface and direction, the stages in colours; None without any."""
+    curves = curves_of(results)
+    if not curves:
+        return None
+    columns = min(len(curves), 2)
+    rows = -(-len(curves) // columns)
+    figure = Figure(figsize=(4.4 * columns + 0.4, 3.3 * rows + 0.5), layout="constrained")
+    panels = list(figure.subplots(rows, columns, squeeze=False).flat)
+    for idle in panels[len(curves) :]:
+        idle.set_visible(False)
+    for axes, curve in zip(panels, curves, strict=False):
+        _draw(axes, curve, results.surfaces)
+    handles, labels = panels[0].get_legend_handles_labels()
+    if len(labels) > 1:
+        figure.legend(handles, labels, loc="outside lower center", ncols=5, fontsize=8)
+    figure.suptitle("force of the surroundings on each moved surface", fontsize=9)
+    return figure
+
+
+def _draw(axes: Axes, curve: Curve, surfaces: Any) -> None:
+    table = surfaces[surfaces["surface"] == curve.surface]
+    x_unit, y_unit = fitting(table[curve.x], curve.x_unit), fitting(table[curve.y], curve.y_unit)
+    x, y = x_unit.of(table[curve.x]), y_unit.of(table[curve.y])
+    stages = list(dict.fromkeys(table["stage"]))
+    of = table["stage"].to_numpy()
+    for number, stage in enumerate(stages):
+        rows = np.flatnonzero(of == stage)
+        # With the last point of the stage before, so that the curve has no gaps.
+        rows = np.concatenate([rows[:1] - 1, rows]) if rows[0] else rows
+        style = "-" if len(rows) > 40 else ".-"
+        axes.plot(x[rows], y[rows], style, ms=4, lw=1.1, color=COLOURS[number % len(COLOURS)],
+                  label=str(stage))  # fmt: skip
+    axes.set_title(curve.surface, fontsize=9)
+    axes.set_xlabel(f"{curve.x_label} ({x_unit.name})")
+    axes.set_ylabel(f"{curve.y_label} ({y_unit.name})")

@@ -1,0 +1,236 @@
+"""Pressure and friction on slave surfaces in space, each seen along its mean normal.
+
+Axis letters: f facets, a corners, v vertices of a slave, i space, k pairs of neighbours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection
+from matplotlib.colors import Normalize, PowerNorm
+from matplotlib.tri import Triangulation
+
+from app.figures.plane_bodies import pair_colour
+from app.figures.style import Floats
+from app.figures.symbols import CONTACT_PRESSURE, TRACTION
+from app.figures.tractions import Ints, facets_of
+from app.figures.units import Unit, fitting
+
+if TYPE_CHECKING:
+    import meshio
+
+LEVELS = 64  # of the colours of the pressure
+SMALL = 0.5  # extent of what is pressed over the slave's, below which only that is shown
+SHY = 0.25  # of the squared pressures around an open node: the least it is continued to below zero
+ARROWS = 250  # friction tractions drawn, about
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A slave surface seen along its mean normal.
+
+    Attributes:
+        across: (v, 2), m, current, in the directions of ``axes``; axes: (2, 3), unit vectors.
+        names: of the two directions. facets: (f, a).
+    """
+
+    across: Floats
+    axes: Floats
+    names: tuple[str, str]
+    facets: Ints
+
+
+def seen_along_normal(nodes: meshio.Mesh, pair: int) -> Plan:
+    """A slave in the plane across its mean normal, where it is pressed (all of it if nowhere).
+
+    The normal is that of the slave, out of its body, turned towards the viewer where it has to be:
+    the picture is seen from y, from z or from x upwards, never from below.
+    """
+    facets = facets_of(nodes, pair)
+    x = np.asarray(nodes.points, dtype=np.float64)
+    pressure = np.asarray(nodes.point_data["pressure"], dtype=np.float64)
+    share = pressure[facets].mean(axis=1)
+    areas = _area_vectors(x[facets])
+    normal = (areas * share[:, None]).sum(axis=0) if share.any() else areas.sum(axis=0)
+    length = float(np.linalg.norm(normal))
+    normal = normal / length if length > 0.0 else np.array([0.0, 1.0, 0.0])
+    for axis in (1, 2, 0):
+        if abs(normal[axis]) > 0.1:
+            normal = normal * np.sign(normal[axis])
+            break
+    right = np.array([1.0, 0.0, 0.0]) if abs(normal[0]) < 0.9 else np.array([0.0, 0.0, -1.0])
+    right = right - normal * (normal @ right)
+    right /= np.linalg.norm(right)
+    axes = np.stack([right, np.cross(normal, right)])
+    return Plan(x @ axes.T, axes, (_direction(axes[0]), _direction(axes[1])), facets)
+
+
+def _area_vectors(corners: Floats) -> Floats:
+    """Area vectors (f, i) of facets with corners (f, a, i)."""
+    first = corners[:, 1] - corners[:, 0]
+    if corners.shape[1] == 3:
+        return 0.5 * np.cross(first, corners[:, 2] - corners[:, 0])
+    return 0.5 * np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+
+
+def _direction(vector: Floats) -> str:
+    """Name of a direction: that of an axis, or its components."""
+    largest = int(np.argmax(np.abs(vector)))
+    if abs(vector[largest]) > 0.9999:
+        return ("−" if vector[largest] < 0.0 else "") + "xyz"[largest]
+    return "along (" + ", ".join(f"{v:.2g}" for v in vector) + ")"
+
+
+def draw_pairs(
+    figure: Any, panels: Sequence[Axes], nodes: meshio.Mesh, pairs: Mapping[int, str]
+) -> None:
+    """Pressure and friction of each pair, in the same colours in all panels."""
+    pressure = np.asarray(nodes.point_data["pressure"], dtype=np.float64)
+    stress = fitting(pressure, "Pa")
+    top = float(pressure.max()) * stress.factor or 1.0
+    for axes, (pair, name) in zip(panels, pairs.items(), strict=True):
+        plan = seen_along_normal(nodes, pair)
+        unit = fitting(np.ptp(plan.across[np.unique(plan.facets)], axis=0), "m")
+        draw_pressure(axes, nodes, plan, unit, stress, top)
+        draw_friction(axes, nodes, plan, unit)
+        axes.set_title(name, fontsize=9, color=pair_colour(pair))
+        axes.set(xlabel=f"{plan.names[0]} ({unit.name})", ylabel=f"{plan.names[1]} ({unit.name})")
+        axes.set_aspect("equal", adjustable="box")
+        axes.grid(False)
+    label = f"{CONTACT_PRESSURE.name} {CONTACT_PRESSURE.symbol} ({stress.name})"
+    bar = ScalarMappable(Normalize(0.0, top), "inferno")
+    figure.colorbar(bar, ax=list(panels), label=label, orientation="horizontal", shrink=0.7,
+                    pad=0.02, aspect=35)  # fmt: skip
+
+
+def signed_square(pressure: Floats, facets: Ints, place: Floats) -> Floats:
+    """Square of the nodal pressure, continued below zero over the open nodes beside the pressed.
+
+    Pressure ends between a pressed node and an open one; where, its nodes do not say, and drawn
+    down to zero at the open node it has the teeth of the mesh. Towards the rim of a smooth contact
+    it falls as the root of the distance (Hertz), so its square is continued linearly: with the
+    gradient found at the pressed nodes around, by least squares over their pressed neighbours.
+
+    Args:
+        pressure: (v,), Pa.
+        facets: (f, a).
+        place: (v, 2), in any unit.
+
+    Returns:
+        (v,), Pa²; below zero at all open nodes.
+    """
+    from scipy.sparse import coo_matrix
+
+    count, corners = len(pressure), facets.shape[1]
+    square = pressure**2
+    here, there = (
+        np.repeat(facets, corners, axis=1).reshape(-1),
+        np.tile(facets, corners).reshape(-1),
+    )
+    near = coo_matrix((np.ones(len(here)), (here, there)), (count, count)).tocsr().tocoo()
+    here, there = near.row, near.col
+    pressed = pressure > 0.0
+    gradient = _gradients(
+        square, place, *(n[pressed[here] & pressed[there]] for n in (here, there))
+    )
+    beside = ~pressed[here] & pressed[there]
+    opened, by = here[beside], there[beside]
+    ahead = square[by] + (gradient[by] * (place[opened] - place[by])).sum(axis=1)
+    sums, around, hits = (np.bincount(opened, w, count) for w in (ahead, square[by], None))
+    # An open node has a gap, so the rim comes no closer to it than a fifth of the way.
+    least = np.minimum(sums, -SHY * around) / np.maximum(hits, 1)
+    out: Floats = np.where(pressed, square, least)
+    out[~pressed & (hits == 0)] = out.min(initial=0.0)
+    return out
+
+
+def _gradients(values: Floats, place: Floats, here: Ints, there: Ints) -> Floats:
+    """Gradients (v, 2) by least squares over neighbours; 0 where these are too few.
+
+    Args:
+        values: (v,).
+        place: (v, 2).
+        here: (k,) nodes; each has a neighbour in ``there``.
+        there: (k,).
+    """
+    count = len(values)
+    step, rise = place[there] - place[here], values[there] - values[here]
+    normal = np.zeros((count, 2, 2))
+    right = np.zeros((count, 2))
+    np.add.at(normal, here, step[:, :, None] * step[:, None])
+    np.add.at(right, here, step * rise[:, None])
+    determinant = np.linalg.det(normal)
+    enough = determinant > 1e-6 * np.trace(normal, axis1=1, axis2=2) ** 2
+    out = np.zeros((count, 2))
+    out[enough] = np.linalg.solve(normal[enough], right[enough][..., None])[..., 0]
+    return out
+
+
+def draw_pressure(
+    axes: Axes, nodes: meshio.Mesh, plan: Plan, unit: Unit, stress: Unit, top: float
+) -> None:
+    """Filled contours of the pressure on a slave, whose facets are faint where it is open."""
+    facets, place = plan.facets, plan.across * unit.factor
+    pressure = np.asarray(nodes.point_data["pressure"], dtype=np.float64) * stress.factor
+    around = np.concatenate([facets, facets[:, :1]], axis=1)
+    outlines = LineCollection(list(place[around]), colors="0.88", linewidths=0.4, zorder=0)
+    axes.add_collection(outlines)
+    pressed = np.unique(facets[(pressure[facets] > 0.0).any(axis=1)])
+    if len(pressed):
+        mesh, square = _triangles(place, facets, signed_square(pressure, facets, place))
+        levels = np.linspace(0.0, top * (1.0 + 1e-9), LEVELS) ** 2
+        norm = PowerNorm(0.5, 0.0, top**2)
+        axes.tricontourf(mesh, square, levels=levels, cmap="inferno", norm=norm)
+        axes.tricontour(mesh, square, levels=[0.0], colors="0.4", linewidths=0.6)
+    _limit(axes, place[np.unique(facets)], place[pressed])
+
+
+def _triangles(place: Floats, facets: Ints, values: Floats) -> tuple[Triangulation, Floats]:
+    """Triangles of the facets and their nodal values; quadrilaterals are cut from their middle."""
+    if facets.shape[1] == 3:
+        return Triangulation(*place.T, facets), values
+    middle = len(place) + np.arange(len(facets))
+    sides = [np.stack([facets[:, k], facets[:, (k + 1) % 4], middle], axis=1) for k in range(4)]
+    places = np.concatenate([place, place[facets].mean(axis=1)])
+    mesh = Triangulation(*places.T, np.concatenate(sides))
+    return mesh, np.concatenate([values, values[facets].mean(axis=1)])
+
+
+def _limit(axes: Axes, whole: Floats, pressed: Floats) -> None:
+    """Limits round a slave, or round what is pressed where that is a small part of it."""
+    shown = whole
+    if len(pressed) and np.ptp(pressed, axis=0).max() < SMALL * np.ptp(whole, axis=0).max():
+        shown = pressed
+    margin = 0.07 * float(np.ptp(shown, axis=0).max() or 1.0)
+    (left, low), (right, high) = shown.min(axis=0) - margin, shown.max(axis=0) + margin
+    axes.set(xlim=(left, right), ylim=(low, high))
+
+
+def draw_friction(axes: Axes, nodes: meshio.Mesh, plan: Plan, unit: Unit) -> None:
+    """Arrows of the friction on the master, where there is some."""
+    vectors = nodes.point_data.get("friction_traction")
+    if vectors is None:
+        return
+    own = np.unique(plan.facets)
+    traction = np.asarray(vectors, dtype=np.float64)[own]
+    largest = float(np.linalg.norm(traction, axis=1).max(initial=0.0))
+    pressure = np.asarray(nodes.point_data["pressure"])[own]
+    shown = np.flatnonzero((np.linalg.norm(traction, axis=1) > 0.02 * largest) & (pressure > 0.0))
+    if not largest > 0.0 or not len(shown):
+        return
+    shown = shown[:: max(1, len(shown) // ARROWS)]
+    place = plan.across[own[shown]] * unit.factor
+    along = traction[shown] @ plan.axes.T
+    stress = fitting([largest], "Pa")
+    axes.quiver(*place.T, *(along * stress.factor).T, color="#7fd4ff", width=0.004, pivot="mid",
+                zorder=3)  # fmt: skip
+    axes.annotate(
+        f"arrows: {TRACTION.name} {TRACTION.symbol} on the master, up to {stress.text(largest)}",
+        (0.0, -0.17), xycoords="axes fraction", fontsize=8, color="0.35", annotation_clip=False,
+    )  # fmt: skip

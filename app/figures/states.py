@@ -1,0 +1,130 @@
+"""Which states of a run are worth a picture, and what its title says."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from app.figures.units import fitting
+
+if TYPE_CHECKING:
+    from app.results import Results
+
+AS_HIGH = 0.999  # share of the largest normal force from which on a load counts as the highest
+ENDINGS = {
+    "failed": "last state before the failure",
+    "interrupted": "last state before the interruption",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """A state to draw.
+
+    Attributes:
+        name: of the picture, without its ending; step: of the field output.
+        title: what it shows, for people.
+    """
+
+    name: str
+    step: int
+    title: str
+
+
+def states_to_draw(results: Results) -> list[State]:
+    """The last state, the end of each stage before the last, and the highest load.
+
+    The highest load has no picture of its own where another shows it.
+    """
+    outputs = np.asarray(results.steps, dtype=np.int64)
+    if not len(outputs):
+        return []
+    history = results.history
+    last = int(outputs[-1])
+    names, notes = {last: "deformed"}, {last: [ENDINGS.get(results.summary.get("status", ""), "")]}
+    ends = [] if history.empty else _stage_ends(history)
+    for number, (stage, end) in enumerate(ends[:-1], 1):
+        step = _nearest(outputs, end)
+        names.setdefault(step, f"deformed-{number}-{_as_name(stage)}")
+        exact = "" if step == end else f"nearest output to the end of {stage}"
+        notes.setdefault(step, []).append(exact or f"end of {stage}")
+    peak = _highest(history, list(names), outputs)
+    if peak is not None:
+        step, exact = peak
+        names.setdefault(step, "deformed-highest-load")
+        notes.setdefault(step, []).append(exact)
+    return [State(names[s], s, _title(results, s, notes[s])) for s in sorted(names)]
+
+
+def title_of(results: Results, step: int) -> str:
+    """Stage, time and number of a step, for people."""
+    return _title(results, step, [])
+
+
+def _stage_ends(history: Any) -> list[tuple[str, int]]:
+    """Each stage with its last step, in order."""
+    last = history.groupby("stage", sort=False)["step"].last()
+    return [(str(stage), int(step)) for stage, step in last.items()]
+
+
+def _highest(history: Any, drawn: list[int], outputs: Any) -> tuple[int, str] | None:
+    """The output at the highest load and what to say of it; None where nothing is pressed."""
+    if history.empty or "normal_force" not in history:
+        return None
+    force = history["normal_force"].to_numpy(dtype=np.float64)
+    steps = history["step"].to_numpy(dtype=np.int64)
+    largest = float(np.nanmax(force))
+    if not largest > 0.0:
+        return None
+    high = set(steps[force >= AS_HIGH * largest].tolist())
+    for step in drawn:
+        if step in high:
+            return step, "highest load"
+    at = int(steps[np.nanargmax(force)])
+    written = [s for s in outputs.tolist() if s in high]
+    if at in written:
+        return at, "highest load"
+    if written:
+        return written[0], "highest load"
+    return _nearest(outputs, at), f"nearest output to the highest load (step {at})"
+
+
+def _nearest(outputs: Any, step: int) -> int:
+    return int(outputs[np.argmin(np.abs(outputs - step))])
+
+
+def _as_name(text: str) -> str:
+    """Text that is safe in a file's name."""
+    return re.sub(r"[^A-Za-z0-9.+=_%µμ-]+", "_", text)
+
+
+def _title(results: Results, step: int, notes: list[str]) -> str:
+    """Stage, velocity, time and step, then what is special."""
+    words = [note for note in notes if note]
+    row = _row(results.history, step)
+    if row is None:
+        return "; ".join([f"step {step}", *words])
+    total = int(results.history["step"].iloc[-1])
+    velocity, time = float(row.get("velocity", 0.0)), float(row["time"])
+    moving = f" at {fitting([velocity], 'm/s').text(velocity)}" if velocity else ""
+    when = _time(time, float(row.get("dt", 0.0)))
+    said = f"stage {row['stage']}{moving}, t = {when}, step {step} of {total}"
+    return "; ".join([said, *words])
+
+
+def _time(time: float, step: float) -> str:
+    """A time with the digits that tell it from the step before."""
+    digits = int(np.ceil(np.log10(time / step))) + 2 if 0.0 < step < time else 4
+    return f"{time:.{min(max(digits, 4), 15)}g} s"
+
+
+def _row(history: Any, step: int) -> Mapping[str, Any] | None:
+    """The row of a step in the history."""
+    if history.empty:
+        return None
+    found = history[history["step"] == step]
+    return None if found.empty else dict(found.iloc[0])

@@ -1,0 +1,127 @@
+"""Stribeck view of a run with velocities: F_T/N at the end of each over V, and over η_b V/p."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from app.case.friction import FrictionMap
+from app.figures.history import spans_decades
+from app.figures.style import COLOURS, MARKERS, Floats, thin_log_ticks
+from app.figures.symbols import HERSEY, RATIO, VELOCITY
+from app.figures.units import fitting
+
+if TYPE_CHECKING:
+    from app.case.case import Case
+    from app.results import Results
+
+
+@dataclass(frozen=True, slots=True)
+class StribeckSeries:
+    """Sliding at several velocities, of one pair or of all together.
+
+    Attributes:
+        label: what it is called. speed: (n,), m/s, |V|, rising; ratio: (n,), F_T/N.
+        hersey: (n,), m, η_b V/p with the mean pressure p; NaN without a film.
+        settled: (n,) False where the velocity ended before the force was steady.
+    """
+
+    label: str
+    speed: Floats
+    ratio: Floats
+    hersey: Floats
+    settled: NDArray[np.bool_]
+
+
+def series_of(results: Results, label: str = "") -> list[StribeckSeries]:
+    """The Stribeck points of a run: of each pair where there are several.
+
+    Args:
+        results: of a run.
+        label: of the run, before the name of the pair.
+    """
+    ends = results.load_steps
+    if ends.empty or "velocity" not in ends:
+        return []
+    ends = ends[ends["velocity"] != 0.0]
+    if ends["velocity"].abs().nunique() < 2:
+        return []
+    settled = np.array([value not in (False, 0) for value in ends["steady"]])
+    contacts = results.contacts
+    names = [] if contacts.empty else list(dict.fromkeys(contacts["pair"]))
+    if len(names) < 2:
+        return [_series(label, ends, ends["velocity"], settled, _viscosity(results.case, 0))]
+    found = []
+    for number, name in enumerate(names):
+        own = contacts[contacts["pair"] == name].set_index("step")
+        there = ends["step"].isin(own.index).to_numpy()
+        rows = own.loc[ends["step"][there]]
+        words = f"{label}, {name}" if label else str(name)
+        viscosity = _viscosity(results.case, number)
+        found.append(_series(words, rows, ends["velocity"][there], settled[there], viscosity))
+    return found
+
+
+def _viscosity(case: Case, pair: int) -> float:
+    """η_b of a pair, Pa s; NaN without a film."""
+    contact = case.contact[pair]
+    wet = isinstance(contact.friction, FrictionMap) and contact.film is not None
+    return float(contact.friction.eta_b) if wet else np.nan  # type: ignore[union-attr]
+
+
+def _series(
+    label: str, rows: Any, velocity: Any, settled: NDArray[np.bool_], viscosity: float
+) -> StribeckSeries:
+    speed = np.abs(np.asarray(velocity, dtype=np.float64))
+    normal = rows["normal_force"].to_numpy(dtype=np.float64)
+    friction = rows["friction_force"].to_numpy(dtype=np.float64)
+    area = rows["contact_area"].to_numpy(dtype=np.float64)
+    order = np.argsort(speed, kind="stable")
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.where(normal > 0.0, friction / normal, np.nan)
+        hersey = np.where(normal > 0.0, viscosity * speed * area / normal, np.nan)
+    return StribeckSeries(label, speed[order], ratio[order], hersey[order], settled[order])
+
+
+def stribeck_figure(series: list[StribeckSeries]) -> Figure | None:
+    """Friction over velocity and, with a film, over the Hersey length; None without velocities."""
+    if not series:
+        return None
+    film = any(np.isfinite(one.hersey).any() for one in series)
+    figure = Figure(figsize=(10.0 if film else 6.0, 4.6), layout="constrained")
+    panels = figure.subplots(1, 2 if film else 1, sharey=True, squeeze=False)[0]
+    speeds = fitting(np.concatenate([one.speed for one in series]), "m/s")
+    _draw(panels[0], series, [speeds.of(one.speed) for one in series])
+    panels[0].set_xlabel(VELOCITY.label(speeds.name))
+    panels[0].set_ylabel(RATIO.label())
+    if film:
+        lengths = fitting(np.concatenate([one.hersey for one in series]), "m")
+        _draw(panels[1], series, [lengths.of(one.hersey) for one in series])
+        panels[1].set_xlabel(f"{HERSEY.label(lengths.name)}, p = N/A")
+    unsteady = not all(one.settled.all() for one in series)
+    words = "; grey crosses: NOT steady" if unsteady else ""
+    figure.suptitle(f"friction at the end of each velocity{words}", fontsize=9)
+    if len(series) > 1:
+        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right center",
+                      fontsize=8)  # fmt: skip
+    return figure
+
+
+def _draw(axes: Axes, series: list[StribeckSeries], places: list[Floats]) -> None:
+    axes.set_xscale("log")
+    for number, (one, x) in enumerate(zip(series, places, strict=True)):
+        colour, marker = COLOURS[number % len(COLOURS)], MARKERS[number % len(MARKERS)]
+        axes.plot(x, one.ratio, marker + "-", color=colour, lw=0.8, ms=5, label=one.label)
+        axes.plot(x[~one.settled], one.ratio[~one.settled], "x", color="0.45", ms=10, mew=2,
+                  zorder=5)  # fmt: skip
+    ratios = np.concatenate([one.ratio for one in series])
+    if spans_decades(ratios):
+        axes.set_yscale("log")
+    else:
+        axes.set_ylim(bottom=0.0)
+    thin_log_ticks(axes)

@@ -1,0 +1,199 @@
+"""Figure of a sweep: forces at the end of each stage or velocity over the swept value."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from app.case.quantities import QuantityError, split_quantity
+from app.figures.history import DECADES, LEAST, spans_decades
+from app.figures.style import MARKERS, Floats, thin_log_ticks
+from app.figures.symbols import FRICTION_FORCE, NORMAL_FORCE, RATIO
+from app.figures.units import Unit, fitting
+
+if TYPE_CHECKING:
+    from app.results import Results
+
+MOST_LINES = 8
+MOST_TICKS = 10  # values that have a tick each on a logarithmic axis
+
+
+@dataclass(frozen=True, slots=True)
+class SweptValues:
+    """Where the values of a sweep stand on its axis.
+
+    Attributes:
+        places: by the label of each run. label: of the axis.
+        texts: ticks of values that are no numbers; empty for numbers.
+    """
+
+    places: dict[str, float]
+    label: str
+    texts: tuple[str, ...] = ()
+
+    @property
+    def is_log(self) -> bool:
+        """Whether the axis is logarithmic: positive numbers over more than a decade."""
+        found = list(self.places.values())
+        return not self.texts and min(found) > 0.0 and max(found) > 10.0 * min(found)
+
+
+def swept_values(key: str, labels: Sequence[str], values: Sequence[object]) -> SweptValues:
+    """Values of a sweep as numbers in one unit, where they are; else one place after the other.
+
+    Args:
+        key: that is swept.
+        labels: of the runs.
+        values: as they stand in the case file.
+    """
+    try:
+        split = [split_quantity(value) for value in values]
+        unit = next((u for _, u in split if u), "")
+        numbers = [_in_unit(number, u, unit) for number, u in split]
+    except QuantityError:
+        texts = tuple(label.split("=", 1)[-1] for label in labels)
+        return SweptValues(
+            dict(zip(labels, map(float, range(len(labels))), strict=True)), key, texts
+        )
+    shown = f"{key} ({unit})" if unit else key
+    return SweptValues(dict(zip(labels, numbers, strict=True)), shown)
+
+
+def _in_unit(number: float, given: str, unit: str) -> float:
+    """A number in another unit; plain numbers among quantities are SI, which is no one unit.
+
+    Raises:
+        QuantityError: the units are not of one kind, or only some values have one.
+    """
+    from app.case.quantities import parse_quantity
+
+    if given == unit:
+        return number
+    if not given:
+        raise QuantityError("values with and without a unit")
+    return number * parse_quantity(f"1 {given}", unit)
+
+
+@dataclass(frozen=True, slots=True)
+class SweepLine:
+    """The same stage or velocity of all runs.
+
+    Attributes:
+        label: of it. places, normal, friction: (n,) on the axis, N, N.
+        unsettled: (n,) whether it ended before the force was steady.
+    """
+
+    label: str
+    places: Floats
+    normal: Floats
+    friction: Floats
+    unsettled: Any
+
+
+def sweep_lines(results: Results, swept: SweptValues) -> list[SweepLine]:
+    """One line for each stage or velocity that at least one run has come to."""
+    table = results.sweep
+    table = table[table["label"].isin(list(swept.places))]
+    lines = []
+    for (stage, velocity), rows in table.groupby(["stage", "velocity"], sort=False):
+        at = np.array([swept.places[label] for label in rows["label"]])
+        order = np.argsort(at, kind="stable")
+        speed = fitting([velocity], "m/s").text(velocity)
+        name = f"{stage}, {speed}" if velocity else str(stage)
+        normal, friction, steady = (
+            rows[column].to_numpy(dtype=np.float64)[order]
+            for column in ("normal_force", "friction_force", "steady")
+        )
+        lines.append(SweepLine(name, at[order], normal, friction, steady == 0))
+    return lines
+
+
+def _chosen(lines: list[SweepLine]) -> list[SweepLine]:
+    """At most so many lines that they can be told apart, evenly; the first and the last stay."""
+    if len(lines) <= MOST_LINES:
+        return lines
+    kept = np.unique(np.rint(np.linspace(0, len(lines) - 1, MOST_LINES)).astype(int))
+    return [lines[k] for k in kept]
+
+
+def sweep_figure(results: Results) -> Figure | None:
+    """Normal force, friction force and their ratio over the swept value; None without any row."""
+    sweep = results.case.sweep
+    if sweep is None or results.sweep.empty:
+        return None
+    swept = swept_values(sweep.key, sweep.labels, sweep.values)
+    found = sweep_lines(results, swept)
+    if not found:
+        return None
+    lines = _chosen(found)
+    figure = Figure(figsize=(8.2, 7.4), layout="constrained")
+    panels = figure.subplots(3, 1, sharex=True)
+    units = (
+        fitting(np.concatenate([line.normal for line in lines]), "N"),
+        fitting(np.concatenate([line.friction for line in lines]), "N"),
+        Unit(1.0, ""),
+    )
+    colours = colormaps["viridis"](np.linspace(0.0, 0.9, len(lines)))
+    for number, line in enumerate(lines):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = np.where(line.normal > 0.0, line.friction / line.normal, np.nan)
+        for axes, unit, values in zip(
+            panels, units, (line.normal, line.friction, ratio), strict=True
+        ):
+            _draw(axes, swept, line, unit.of(_whole(values)), colours[number], number)
+    for axes, unit, quantity in zip(
+        panels, units, (NORMAL_FORCE, FRICTION_FORCE, RATIO), strict=True
+    ):
+        axes.set_ylabel(quantity.label(unit.name))
+        _scales(axes, swept)
+    panels[-1].set_xlabel(swept.label)
+    words = "" if len(lines) == len(found) else f" ({len(lines)} of {len(found)} shown)"
+    unsteady = any(line.unsettled.any() for line in lines)
+    crosses = "; grey crosses: NOT steady" * unsteady
+    title = f"at the end of each stage or velocity{words}{crosses}"
+    figure.suptitle(f"{results.case.title}\n{title}".strip(), fontsize=9)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right upper", fontsize=8)
+    return figure
+
+
+def _whole(values: Floats) -> Floats:
+    """Values without those that are rounding beside the largest of them all."""
+    least = LEAST * float(np.nanmax(np.abs(values), initial=0.0))
+    return np.where(np.abs(values) > least, values, np.nan)
+
+
+def _draw(
+    axes: Axes, swept: SweptValues, line: SweepLine, values: Floats, colour: Any, number: int
+) -> None:
+    joined = "none" if swept.texts else "-"
+    marker = MARKERS[number % len(MARKERS)]
+    axes.plot(line.places, values, marker=marker, ls=joined, lw=0.9, ms=5, color=colour,
+              mfc="none" if number % 2 else colour, label=line.label)  # fmt: skip
+    off = line.unsettled & np.isfinite(values)
+    axes.plot(line.places[off], values[off], "x", color="0.45", ms=10, mew=2, zorder=5)
+
+
+def _scales(axes: Axes, swept: SweptValues) -> None:
+    """Logarithmic where values span decades; ticks at the values, or their words."""
+    values = np.concatenate([np.asarray(line.get_ydata(), np.float64) for line in axes.lines])
+    found = values[np.isfinite(values)]
+    positive = found[found > 0.0]
+    if spans_decades(found) or (len(positive) and positive.max() > DECADES * positive.min()):
+        axes.set_yscale("log")
+    elif len(found):
+        axes.set_ylim(min(0.0, 1.08 * float(found.min())), 1.08 * float(found.max()) or 1.0)
+    if swept.is_log:
+        axes.set_xscale("log")
+    thin_log_ticks(axes)
+    places = sorted(set(swept.places.values()))
+    if swept.texts:
+        axes.set_xticks(places, swept.texts)
+        axes.margins(x=0.15)
+    elif swept.is_log and len(places) <= MOST_TICKS:
+        axes.set_xticks(places, [f"{place:g}" for place in places])

@@ -1,0 +1,235 @@
+"""Tractions of contact pairs along the arc length of their slave surfaces, in the plane.
+
+Axis letters: v vertices, f facets, q points, i space.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+from app.figures.style import COLOURS, Floats
+from app.figures.symbols import CONTACT_PRESSURE, TRACTION
+from app.figures.units import Unit
+
+if TYPE_CHECKING:
+    import meshio
+
+Ints = NDArray[np.int64]
+
+MOST_POINTS = 20_000  # contact points beyond which they are left out: one colour, and slow
+SMALL = 0.35  # share of a surface below which only what is pressed is shown
+MARGIN = 0.25  # of the pressed length, then shown on either side of it
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A slave surface in the plane, in the order of its arc length.
+
+    Attributes:
+        vertices: (v,) numbers of the nodes of the contact file along the line, piece by piece.
+        arc: (v,), m, undeformed arc length of each from the line's start.
+        starts: positions in ``vertices`` where pieces begin, the first too.
+    """
+
+    vertices: Ints
+    arc: Floats
+    starts: tuple[int, ...]
+
+    def broken(self, values: Floats) -> tuple[Floats, Floats]:
+        """Arc length, m, and values (v,) with a gap between two pieces, to draw as one line."""
+        at = list(self.starts[1:])
+        return np.insert(self.arc, at, np.nan), np.insert(values[self.vertices], at, np.nan)
+
+
+def slave_line(reference: Floats, facets: Ints, pressed: NDArray[np.bool_]) -> Line:
+    """Vertices of a slave surface in their order along it.
+
+    The line runs from the left to the right, or from below to above; a closed one (a roller's) is
+    cut in the middle of what is not pressed. Pieces that do not hang together follow one another.
+
+    Args:
+        reference: (n, i), m, undeformed, of all nodes.
+        facets: (f, 2) nodes of the surface's facets.
+        pressed: (n,) whether a node carries pressure.
+    """
+    chains = sorted(
+        (_directed(chain, reference, pressed) for chain in _chains(facets)),
+        key=lambda chain: tuple(reference[chain[0]]),
+    )
+    arcs, starts, end, count = [], [], 0.0, 0
+    for chain in chains:
+        steps = np.linalg.norm(np.diff(reference[chain], axis=0), axis=1)
+        arcs.append(end + np.concatenate([[0.0], np.cumsum(steps)]))
+        starts.append(count)
+        end, count = float(arcs[-1][-1]), count + len(chain)
+    return Line(np.concatenate(chains), np.concatenate(arcs), tuple(starts))
+
+
+def _chains(facets: Ints) -> Iterator[Ints]:
+    """Nodes of each connected piece in order; of a closed one the first comes again at the end."""
+    neighbours: dict[int, list[int]] = {}
+    pairs: list[list[int]] = facets.tolist()  # type: ignore[assignment]
+    for a, b in pairs:
+        neighbours.setdefault(a, []).append(b)
+        neighbours.setdefault(b, []).append(a)
+    left = dict.fromkeys([n for n, near in neighbours.items() if len(near) == 1])
+    left |= dict.fromkeys(neighbours)  # ends first, so that open pieces begin at one
+    while left:
+        here = next(iter(left))
+        chain, before = [here], -1
+        del left[here]
+        while True:
+            ahead = [n for n in neighbours[here] if n != before]
+            following = next((n for n in ahead if n in left), None)
+            if following is None:
+                if len(chain) > 2 and chain[0] in ahead:
+                    chain.append(chain[0])
+                break
+            before, here = here, following
+            del left[here]
+            chain.append(here)
+        yield np.array(chain)
+
+
+def _directed(chain: Ints, reference: Floats, pressed: NDArray[np.bool_]) -> Ints:
+    """A piece from left to right, or from below; a closed one cut where nothing is pressed."""
+    if chain[0] == chain[-1] and len(chain) > 2:
+        ring = chain[:-1]
+        turned = np.roll(ring, -_middle_of_gap(pressed[ring]))
+        centre = reference[ring].mean(axis=0)
+        arms = reference[turned] - centre
+        area = np.cross(np.c_[arms, np.zeros(len(arms))], np.roll(np.c_[arms, 0 * arms[:, :1]], -1,
+                        axis=0))[:, 2].sum()  # fmt: skip
+        turned = turned if area > 0.0 else np.roll(turned[::-1], 1)
+        return np.append(turned, turned[0])
+    ends = reference[chain[[0, -1]]]
+    across = np.abs(ends[1] - ends[0])
+    axis = 0 if across[0] >= across[1] else 1
+    return chain if ends[0, axis] <= ends[1, axis] else chain[::-1]
+
+
+def _middle_of_gap(pressed: NDArray[np.bool_]) -> int:
+    """Place in the middle of the longest run of a ring that is not pressed; 0 if all of it is."""
+    if pressed.all() or not pressed.any():
+        return 0
+    first = int(np.argmax(pressed))
+    around = np.roll(pressed, -first)
+    edges = np.flatnonzero(np.diff(np.r_[True, around, True].astype(int)))
+    begins, ends = edges[::2], edges[1::2]
+    longest = int(np.argmax(ends - begins))
+    return int(first + (begins[longest] + ends[longest]) // 2) % len(pressed)
+
+
+def arc_of_points(line: Line, nodes: Floats, points: Floats) -> Floats:
+    """Arc length (q,), m, of points that lie on the undeformed line.
+
+    Args:
+        line: the slave surface.
+        nodes: (n, i), m, undeformed, of the contact file.
+        points: (q, i), m, undeformed.
+    """
+    from scipy.spatial import cKDTree
+
+    within = np.setdiff1d(np.arange(len(line.vertices) - 1), np.array(line.starts[1:]) - 1)
+    place = nodes[line.vertices]
+    begin, along = place[within], place[within + 1] - place[within]
+    near = min(3, len(within))
+    _, candidates = cKDTree(begin + 0.5 * along).query(points, k=near)
+    candidates = np.asarray(candidates).reshape(len(points), near)
+    a, d = begin[candidates], along[candidates]
+    share = ((points[:, None] - a) * d).sum(axis=2) / (d**2).sum(axis=2)
+    share = np.clip(share, 0.0, 1.0)
+    off = ((points[:, None] - a - share[..., None] * d) ** 2).sum(axis=2)
+    best = np.argmin(off, axis=1)[:, None]
+    facet = within[np.take_along_axis(candidates, best, axis=1)[:, 0]]
+    t = np.take_along_axis(share, best, axis=1)[:, 0]
+    out: Floats = line.arc[facet] + t * (line.arc[facet + 1] - line.arc[facet])
+    return out
+
+
+def facets_of(mesh: meshio.Mesh, pair: int) -> Ints:
+    """Facets (f, a) of a pair in a contact file, in all its blocks."""
+    of = np.rint(np.asarray(mesh.point_data["pair"], dtype=np.float64)).astype(np.int64)
+    blocks = [np.asarray(block.data, dtype=np.int64) for block in mesh.cells]
+    return np.concatenate([block[of[block[:, 0]] == pair] for block in blocks])
+
+
+def pairs_shown(nodes: meshio.Mesh, count: int, most: int) -> list[int]:
+    """Numbers of the pairs to show: all, or those that carry most; in their order.
+
+    Args:
+        nodes: the contact file of the state.
+        count: of pairs in the case.
+        most: how many to show.
+    """
+    data = nodes.point_data
+    force = np.bincount(
+        np.rint(data["pair"]).astype(np.int64), data["pressure"] * data["area"], minlength=count
+    )
+    return sorted(int(pair) for pair in np.argsort(-force, kind="stable")[:most])
+
+
+def draw_tractions(
+    axes: Axes,
+    nodes: meshio.Mesh,
+    points: meshio.Mesh | None,
+    pair: int,
+    length: Unit,
+    stress: Unit,
+) -> None:
+    """Pressure and friction of a pair along its slave: nodal ones as lines, those of points faint.
+
+    Args:
+        axes: to draw in.
+        nodes: contact file.
+        points: contact points, or None.
+        pair: number of the pair.
+        length: unit of the arc length.
+        stress: unit of the tractions.
+    """
+    reference = np.asarray(nodes.point_data["reference"], dtype=np.float64)[:, :2]
+    pressure = np.asarray(nodes.point_data["pressure"], dtype=np.float64)
+    line = slave_line(reference, facets_of(nodes, pair), pressure > 0.0)
+    shown = [
+        ("pressure", CONTACT_PRESSURE, COLOURS[0]),
+        ("tangential_traction", TRACTION, COLOURS[1]),
+    ]
+    for name, quantity, colour in shown:
+        arc, values = line.broken(np.asarray(nodes.point_data[name], dtype=np.float64))
+        label = f"{quantity.name} {quantity.symbol}"
+        axes.plot(length.of(arc), stress.of(values), color=colour, lw=1.3, label=label)
+    if points is not None and len(points.points) <= MOST_POINTS:
+        data = points.point_data
+        own = np.rint(data["pair"]) == pair
+        at = arc_of_points(line, reference, np.asarray(data["reference"], float)[own, :2])
+        for name, _, colour in shown:
+            axes.plot(length.of(at), stress.of(data[name][own]), ".", color=colour, alpha=0.25,
+                      ms=3, mew=0, zorder=1)  # fmt: skip
+    _show_pressed(axes, line, pressure, length)
+
+
+def _show_pressed(axes: Axes, line: Line, pressure: Floats, length: Unit) -> None:
+    """Limits round what is pressed, where that is a small part of the surface."""
+    at = line.arc[pressure[line.vertices] > 0.0]
+    whole = line.arc[-1]
+    if not len(at) or np.ptp(at) > SMALL * whole:
+        axes.set_xlim(-0.02 * length.factor * whole, 1.02 * length.factor * whole)
+        return
+    margin = max(MARGIN * float(np.ptp(at)), 0.03 * whole)
+    axes.set_xlim(length.factor * (at.min() - margin), length.factor * (at.max() + margin))
+
+
+def line_starts(nodes: meshio.Mesh, pairs: Sequence[int]) -> dict[int, Floats]:
+    """Current place (i,), m, of the point where the arc length of each pair begins."""
+    reference = np.asarray(nodes.point_data["reference"], dtype=np.float64)[:, :2]
+    pressed = np.asarray(nodes.point_data["pressure"]) > 0.0
+    return {
+        pair: nodes.points[slave_line(reference, facets_of(nodes, pair), pressed).vertices[0], :2]
+        for pair in pairs
+    }

@@ -1,0 +1,189 @@
+"""Quadrature points of a contact pair's slave facets: what moves them, and what they stand for.
+
+They come from a facet submesh with a quadrature space; UFL assembles once the operator
+S = ∫ t̂·v dΓ₀ between that space and the displacement space, whose rows hold the shape functions of
+each point, so that any displacement element and any order of points on a facet is right by
+construction.
+
+Axis letters: q points, a facet nodes, i space, α surface directions.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import basix.ufl
+import dolfinx
+import dolfinx.fem.petsc
+import numpy as np
+import ufl
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from geometry.compat import facet_submesh, integration_facets, mixed_form
+from geometry.surfaces.body_facets import facet_nodes, require_facets
+from geometry.surfaces.facets import FacetShape, Floats, Ints, Longs
+
+
+@dataclass(slots=True)
+class SlavePoints:
+    """Quadrature points of the slave facets owned by this rank.
+
+    Attributes:
+        nodes: (q, a) global node (displacement block) numbers that move each point.
+        shape: (q, a) shape functions there.
+        shape_derivative: (q, α, a) their derivatives along ``tangents``, per reference length, 1/m.
+        weight: (q,) quadrature weight times reference facet measure: m (per unit thickness) in the
+            plane, m² in space and with axial symmetry (the whole ring 2πR).
+        position: (q, i), m, reference.
+        tangents: (q, α, i) orthonormal tangents of the facets, reference.
+        facet: (q,) number of the slave facet, for counting pairs of facets; mesh_facet: (q,) its
+            local number in the mesh.
+        xi: (q, α) reference coordinates on it; facet_length: (q,), m, its length, in space the side
+            of a square or of half a square of its area; facet_share: (q,) share of it that the
+            point stands for; reach: (q,), m, in the plane half the way from the point to the end of
+            that piece, so that no point fades while slave and master end at the same place.
+    """
+
+    nodes: Longs
+    shape: Floats
+    shape_derivative: Floats
+    weight: Floats
+    position: Floats
+    tangents: Floats
+    facet: Ints
+    mesh_facet: Ints
+    xi: Floats
+    facet_length: Floats
+    facet_share: Floats
+    reach: Floats
+
+
+def slave_points(
+    space: dolfinx.fem.FunctionSpace, form: FacetShape, facets: NDArray[np.int32], degree: int
+) -> SlavePoints:
+    """Collect the points of this rank; collective.
+
+    Args:
+        space: of the displacement.
+        form: shape of its facets.
+        facets: local facets (owned and ghosts) of the surface.
+        degree: integrated exactly on an affine facet.
+
+    Raises:
+        ValueError: on every rank, if there is no facet.
+    """
+    mesh = space.mesh
+    require_facets(mesh, facets, "slave")
+    operator, facet = point_operator(space, facets, degree)
+    distinct, number = np.unique(facet, return_inverse=True)
+    local = facet_nodes(space, distinct)[number].reshape(len(facet), form.count)
+    nodes = space.dofmap.index_map.local_to_global(local.reshape(-1)).reshape(local.shape)
+    values = _rows(operator, nodes, mesh.geometry.dim)
+    operator.destroy()
+    weight = values.sum(axis=1)
+    shape = values / weight[:, None]
+    corners = space.tabulate_dof_coordinates()[:, : mesh.geometry.dim][local]
+    # Shape functions reproduce the reference coordinates: so each point's are known, in the order
+    # in which the operator has the points.
+    xi = shape @ form.points
+    derivative = form.first(xi)
+    tangents, derivative = _orthonormal(np.einsum("qba,qai->qbi", derivative, corners), derivative)
+    number = number.reshape(-1)
+    length = _lengths(form, number, weight)
+    share = weight / np.bincount(number, weight)[number]
+    return SlavePoints(
+        nodes=nodes.astype(np.int64),
+        shape=shape,
+        shape_derivative=derivative,
+        weight=weight,
+        position=np.einsum("qa,qai->qi", shape, corners),
+        tangents=tangents,
+        facet=number.astype(np.int32),
+        mesh_facet=facet.astype(np.int32),
+        xi=xi,
+        facet_length=length,
+        facet_share=share,
+        reach=length * _half_way_to_the_end(number, xi, share),
+    )
+
+
+def point_operator(
+    space: dolfinx.fem.FunctionSpace, facets: NDArray[np.int32], degree: int
+) -> tuple[PETSc.Mat, Ints]:
+    """Sᵀ = ∫ t̂·u dΓ₀, rows the points of the facet submesh, blocked.
+
+    Returns:
+        The matrix, and the local facet of the mesh that each owned point (q,) lies on.
+    """
+    mesh = space.mesh
+    fdim = mesh.topology.dim - 1
+    sub, to_parent, relation = facet_submesh(mesh, facets)
+    dim = mesh.geometry.dim
+    element = basix.ufl.quadrature_element(sub.basix_cell(), value_shape=(dim,), degree=degree)
+    points = dolfinx.fem.functionspace(sub, element)
+    ds = ufl.Measure(
+        "ds",
+        domain=mesh,
+        subdomain_data=[(1, integration_facets(mesh, facets))],
+        metadata={"quadrature_degree": degree},
+    )(1)
+    form = ufl.inner(ufl.TrialFunction(space), ufl.TestFunction(points)) * ds
+    matrix = dolfinx.fem.petsc.assemble_matrix(mixed_form(form, relation))
+    matrix.assemble()
+    owned = points.dofmap.index_map.size_local
+    per_facet = points.dofmap.dof_layout.num_dofs
+    cell = np.empty(owned, dtype=np.int32)
+    table = points.dofmap.list[: sub.topology.index_map(fdim).size_local]
+    cell[table.reshape(-1)] = np.repeat(np.arange(len(table), dtype=np.int32), per_facet)
+    return matrix, to_parent[cell]
+
+
+def _rows(matrix: PETSc.Mat, nodes: Longs, dim: int) -> Floats:
+    """Values (q, a) of the first component of each owned point at the given nodes (q, a)."""
+    indptr, indices, values = matrix.getValuesCSR()
+    count = np.diff(indptr)[::dim]
+    row = np.repeat(np.arange(len(count)), count)
+    start = np.repeat(indptr[:-1:dim] - np.cumsum(count) + count, count)
+    take = start + np.arange(len(row))
+    width = np.int64(matrix.getSize()[1])
+    key = row * width + indices[take]
+    order = np.argsort(key)
+    wanted = np.arange(len(nodes))[:, None] * width + dim * nodes
+    found: Floats = values[take][order][np.searchsorted(key, wanted, sorter=order)]
+    return found
+
+
+def _half_way_to_the_end(facet: Longs, xi: Floats, share: Floats) -> Floats:
+    """Half the way (q,), in lengths of a facet, from the points to the ends of their pieces.
+
+    Along a facet in the plane the pieces lie one after the other, each with its point inside.
+    """
+    order = np.lexsort([xi[:, 0], facet])
+    total = np.cumsum(share[order])  # a facet's shares add up to one
+    end = np.empty_like(total)
+    end[order] = total - facet[order]
+    inside = xi[:, 0]
+    out: Floats = 0.5 * np.minimum(inside - (end - share), end - inside)
+    return out
+
+
+def _lengths(form: FacetShape, facet: Longs, weight: Floats) -> Floats:
+    """Length (q,), m, of each point's facet from the weights on it."""
+    size = np.bincount(facet, weight).astype(np.float64)
+    if form.directions == 2:
+        size = np.sqrt(2.0 * size if form.cell == "triangle" else size)
+    out: Floats = size[facet]
+    return out
+
+
+def _orthonormal(tangents: Floats, derivative: Floats) -> tuple[Floats, Floats]:
+    """Gram–Schmidt on tangents (q, α, i), with the same combinations of derivatives (q, α, a)."""
+    tangents, derivative = tangents.copy(), derivative.copy()
+    if tangents.shape[1] == 2:
+        first = np.einsum("qi,qi->q", tangents[:, 0], tangents[:, 0])
+        share = (np.einsum("qi,qi->q", tangents[:, 0], tangents[:, 1]) / first)[:, None]
+        tangents[:, 1] -= share * tangents[:, 0]
+        derivative[:, 1] -= share * derivative[:, 0]
+    length = np.linalg.norm(tangents, axis=2)[..., None]
+    return tangents / length, derivative / length

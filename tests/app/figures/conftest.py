@@ -1,0 +1,14 @@
+"""A results directory that the tests of the figures share; none of them changes its files."""
+
+from __future__ import annotations
+
+import pytest
+
+from app.results import Results, read
+from tests.app.figures.made_results import write_strip
+
+
+@pytest.fixture(scope="session")
+def strip(tmp_path_factory) -> Results:
+    """Three bodies, two pairs, five steps with fields."""
+    return read(write_strip(tmp_path_factory.mktemp("strip") / "out"))

@@ -1,0 +1,74 @@
+"""Polygons of bodies, and the numbers they are coloured by."""
+
+from __future__ import annotations
+
+import meshio
+import numpy as np
+import pytest
+
+from app.errors import InputError
+from app.figures.body_shapes import read_bodies
+from app.figures.field_values import colour_scale
+from tests.app.figures.made_results import CELLS, strip_fields
+
+
+def test_every_body_is_there_with_its_outline():
+    bodies = read_bodies(strip_fields(4), ["punch", "strip", "die"], "von_mises_stress")
+    assert np.bincount(bodies.body).tolist() == list(CELLS)
+    assert np.bincount(bodies.edge_body).tolist() == [2 * (4 + 2), 2 * (8 + 1), 2 * (6 + 2)]
+    np.testing.assert_allclose(bodies.field.values, 4e6 * (1 + bodies.body))
+    moved = bodies.position - bodies.reference
+    assert moved[:15, 0] == pytest.approx(2e-4) and not moved[15:].any()
+
+
+def brick(kind: str) -> meshio.Mesh:
+    """Two hexahedra on each other, or one of degree 2, or two tetrahedra with a common side."""
+    grid = np.stack(np.meshgrid([0.0, 1.0], [0.0, 1.0], [0.0, 1.0, 2.0], indexing="ij"), axis=-1)
+    points = grid.reshape(-1, 3)
+    cells = {
+        "hexahedron": [[0, 6, 9, 3, 1, 7, 10, 4], [1, 7, 10, 4, 2, 8, 11, 5]],
+        "hexahedron27": [[0, 6, 9, 3, 1, 7, 10, 4, *[2] * 19]],
+        "tetra": [[0, 6, 9, 1], [1, 6, 9, 10]],
+    }[kind]
+    data = {"body": [np.zeros(len(cells))], "v": [np.arange(len(cells)) + 1.0]}
+    moved = {"displacement": np.zeros_like(points)}
+    return meshio.Mesh(points, [(kind, np.array(cells))], point_data=moved, cell_data=data)
+
+
+@pytest.mark.parametrize(
+    ("kind", "sides", "corners"), [("hexahedron", 10, 4), ("hexahedron27", 6, 4), ("tetra", 6, 3)]
+)
+def test_in_space_only_outer_facets_are_drawn(kind, sides, corners):
+    bodies = read_bodies(brick(kind), ["brick"], "v")
+    assert bodies.polygons.shape == (sides, corners)
+    cells = len(brick(kind).cells[0].data)
+    assert bodies.field.values.tolist() == sorted([1.0, 2.0][:cells] * (sides // cells))
+
+
+def test_a_field_of_nodes_vectors_and_tensors():
+    mesh = strip_fields(5)
+    names = ["punch", "strip", "die"]
+    length = read_bodies(mesh, names, "displacement").field
+    across = read_bodies(mesh, names, "displacement_x").field
+    np.testing.assert_allclose(length.values, across.values)
+    assert length.values[0] == pytest.approx(3e-4) and length.unit == "m"
+    shear = read_bodies(mesh, names, "cauchy_stress_xy").field
+    np.testing.assert_allclose(
+        shear.values, read_bodies(mesh, names, "von_mises_stress").field.values
+    )
+    for wrong, said in (("strain", "there are body"), ("cauchy_stress", "a tensor")):
+        with pytest.raises(InputError, match=said):
+            read_bodies(mesh, names, wrong)
+    with pytest.raises(InputError, match="there are x, y"):
+        read_bodies(mesh, names, "displacement_xy")
+
+
+def test_colours_tell_signs_apart_and_are_not_those_of_one_corner():
+    signed = colour_scale(np.linspace(-1e6, 2e6, 1000), "Pa")
+    assert signed.norm.vmin == -signed.norm.vmax and signed.unit.name == "MPa"
+    corner = np.append(np.linspace(0.0, 1e6, 1000), 1e9)
+    single = colour_scale(corner, "Pa")
+    assert single.norm.vmin == 0.0 and single.extend == "max"
+    assert single.norm.vmax == pytest.approx(1e6 * single.unit.factor, rel=0.01)
+    flat = colour_scale(np.full(10, 3.0), "")
+    assert flat.norm.vmin < 3.0 < flat.norm.vmax or flat.norm.vmin < flat.norm.vmax

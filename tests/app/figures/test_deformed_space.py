@@ -1,0 +1,123 @@
+"""Pictures of results in space: both bodies, the pair, and what the title and the scale say."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from app.figures import deformed_space
+from app.figures.animation import animate
+from app.figures.deformed import draw_deformed
+from app.results import Results, read
+from tests.app.figures.made_results import history_row, write_index, write_rows
+
+CASE = """
+title = "box on a plate"
+[geometry]
+kind = "two-boxes"
+upper = { width = "1 mm", height = "0.5 mm", depth = "1 mm", elements = [2, 1, 2] }
+lower = { width = "2 mm", height = "0.5 mm", depth = "2 mm", elements = [3, 1, 3] }
+[bodies.elastomer]
+material = "neo-hookean"
+E = "5 MPa"
+nu = 0.45
+[bodies.aluminium]
+material = "hencky"
+E = "70 GPa"
+nu = 0.33
+[[contact]]
+name = "sole"
+slave = "elastomer_contact"
+master = "aluminium_contact"
+friction = { law = "coulomb", mu = 0.2 }
+[[boundary]]
+surface = "bottom"
+displacement = { x = 0, y = 0, z = 0 }
+[[boundary]]
+surface = "top"
+displacement = { x = 0, z = 0, y = [["0 s", "0 mm"], ["1 s", "-0.02 mm"]] }
+[[stage]]
+name = "press"
+duration = "1 s"
+steps = 2
+"""
+
+
+def boxes(step: int) -> tuple[meshio.Mesh, meshio.Mesh]:
+    """Fields and contact of an elastomer box on a plate, one cell each."""
+    unit = np.array([[x, y, z] for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))], float)
+    place = 1e-3 * np.concatenate([0.5 * unit + [0.25, 0.0, 0.25], unit - [0.0, 1.0, 0.0]])
+    moved = np.zeros_like(place)
+    moved[:8, 0] = 1e-4 * step
+    fields = meshio.Mesh(
+        place + moved,
+        [("hexahedron", np.arange(16).reshape(2, 8))],
+        point_data={"displacement": moved},
+        cell_data={"body": [np.array([0, 1])], "von_mises_stress": [1e6 * step * np.array([1, 2])]},
+    )
+    sole = place[[0, 1, 5, 4]]
+    contact = meshio.Mesh(
+        sole + moved[:4],
+        [("quad", np.array([[0, 1, 2, 3]]))],
+        point_data={
+            "reference": sole, "pair": np.zeros(4), "area": np.full(4, 1e-7),
+            "pressure": np.full(4, 1e5 * step), "tangential_traction": np.full(4, 1e4),
+            "friction_traction": np.tile([1e4, 0.0, 0.0], (4, 1)),
+        },
+    )  # fmt: skip
+    return fields, contact
+
+
+@pytest.fixture(scope="module")
+def box(tmp_path_factory) -> Results:
+    directory: Path = tmp_path_factory.mktemp("box")
+    (directory / "case.toml").write_text(CASE)
+    write_rows(directory / "history.csv", [history_row(s, stage="press") for s in (1, 2)])
+    (directory / "summary.json").write_text(json.dumps({"status": "failed"}))
+    write_index(directory, (1, 2))
+    for kind in ("fields", "contact", "contact_points"):
+        (directory / kind).mkdir()
+    for step in (1, 2):
+        fields, contact = boxes(step)
+        fields.write(directory / f"fields/{step:06d}.vtu")
+        contact.write(directory / f"contact/{step:06d}.vtu")
+        contact.write(directory / f"contact_points/{step:06d}.vtu")
+    return read(directory)
+
+
+def test_picture_in_space(box, tmp_path, monkeypatch):
+    kept: dict[str, Figure] = {}
+    monkeypatch.setattr(deformed_space, "save", lambda f, path: kept.update({path.stem: f}))
+    monkeypatch.setattr(deformed_space, "render", lambda scenes: None)  # our own renderer
+    draw_deformed(box, tmp_path, "von_mises_stress")
+    [figure] = kept.values()
+    assert figure.get_suptitle().startswith("box on a plate\nstage press, t = 1 s, step 2 of 2; ")
+    assert "before the failure" in figure.get_suptitle()
+    [bodies] = [axes for axes in figure.axes if axes.images]
+    assert {"elastomer", "aluminium", "x", "y", "z"} <= {t.get_text() for t in bodies.texts}
+    picture = np.asarray(bodies.images[0].get_array())
+    assert 0.2 < (picture < 250).any(axis=2).mean() < 0.9
+    [panel] = [axes for axes in figure.axes if axes.get_title() == "sole"]
+    assert (panel.get_xlabel(), panel.get_ylabel()) == ("x (µm)", "−z (µm)")
+    labels = {axes.get_xlabel() for axes in figure.axes}
+    assert {"von Mises stress (MPa)", "contact pressure t_N (kPa)"} <= labels
+    # The bar and the bodies are in one scale: the plate is 1 mm wide along x.
+    [bar] = bodies.lines
+    drawn = float(np.ptp(bar.get_xdata()))
+    length = next(
+        t.get_text() for t in bodies.texts if "µm" in t.get_text() or "mm" in t.get_text()
+    )
+    in_mm = float(length.split()[0]) * (1e-3 if "µm" in length else 1.0)
+    columns = np.flatnonzero((picture < 250).any(axis=(0, 2)))
+    across = 0.884 + 0.469  # 1 mm along x and 1 mm along z, seen from the picture's eye
+    assert np.ptp(columns) / drawn == pytest.approx(across / in_mm, rel=0.02)
+
+
+def test_animation_in_space(box, tmp_path, monkeypatch):
+    monkeypatch.setattr("app.figures.animation.render", lambda scenes: None)
+    assert animate(box, tmp_path / "a.gif", "displacement_x") == 2

@@ -1,0 +1,68 @@
+"""The renderer: what is in front is seen, without teeth where two bodies touch."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from app.figures.rendering import render
+from app.figures.scenes import EYE, PIXELS, RIGHT, UP, Scene, facets_seen, rendered
+
+SQUARE = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
+
+
+def scene(*sheets: np.ndarray) -> Scene:
+    position = np.concatenate(sheets)
+    polygons = np.arange(len(position)).reshape(len(sheets), -1)
+    colours = np.linspace(0.2, 0.9, 3 * len(sheets)).reshape(-1, 3)
+    number = np.arange(len(sheets))
+    low, high = position.min(axis=0), position.max(axis=0)
+    return Scene(position, polygons, colours, number, low, high)
+
+
+def test_the_nearer_facet_hides_the_other_whatever_their_order():
+    above = SQUARE + np.array([0.0, 0.3, 0.0])
+    for made, front in ((scene(SQUARE, above), 1), (scene(above, SQUARE), 0)):
+        seen = facets_seen(made)
+        middle = above.mean(axis=0)
+        low, _ = made.window
+        column, row = (np.array([RIGHT, UP]) @ middle - low) / made.pixel
+        assert seen[seen.shape[0] - 1 - int(row), int(column)] == front
+
+
+def test_a_step_between_two_bodies_has_no_teeth():
+    """A wall stands on a plate: the line between them is as straight as pixels allow."""
+    wall = np.array([[0.2, 0.0, 0.5], [0.8, 0.0, 0.5], [0.8, 0.4, 0.5], [0.2, 0.4, 0.5]])
+    made = scene(SQUARE, wall)
+    seen = facets_seen(made)
+    columns = np.flatnonzero((seen == 1).any(axis=0))[5:-5]
+    foot = np.array([np.flatnonzero(seen[:, c] == 1).max() for c in columns])
+    fit = np.polyval(np.polyfit(columns, foot, 1), columns)
+    assert np.abs(foot - fit).max() < 1.5
+    assert len(columns) > 0.3 * PIXELS
+
+
+@pytest.mark.parametrize("corners", [3, 4])
+def test_a_facet_fills_its_pixels(corners):
+    made = scene(SQUARE[:corners])
+    area = EYE[1] * (1.0 if corners == 4 else 0.5)
+    assert (facets_seen(made) == 0).sum() * made.pixel**2 == pytest.approx(area, rel=0.02)
+
+
+def test_the_picture_is_white_outside_and_shaded_inside():
+    made = scene(SQUARE)
+    seen = facets_seen(made)
+    picture = rendered(made, seen)
+    assert picture.shape == (*made.size[::-1], 3)
+    assert (picture[seen < 0].min() < 255) and (picture[0, 0] == 255).all()
+    inside = picture[seen.shape[0] // 2, seen.shape[1] // 2] / 255.0
+    assert (inside <= made.colours[0] + 0.01).all() and inside == pytest.approx(
+        made.colours[0], rel=0.4
+    )
+
+
+def test_rendering_that_fails_gives_none_or_pictures_of_the_same_size():
+    """Without a display VTK may end its process; this one goes on."""
+    made = scene(SQUARE)
+    pictures = render([made])
+    assert pictures is None or [p.shape for p in pictures] == [(*made.size[::-1], 3)]
