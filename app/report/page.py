@@ -144,9 +144,9 @@ def _labels(results: Results) -> Sequence[str]:
 def _sweep_table(results: Results) -> Table | None:
     """All values and load steps of a sweep in one table."""
     names = (
-        *("label", "stage", "steady", "time", "velocity", "normal_force", "friction_force"),
-        *("tangential_force", "friction_coefficient", "film_thickness", "effective_viscosity"),
-        *("contact_area", "max_penetration"),
+        *("label", "stage", "velocity", "normal_force", "friction_force", "friction_coefficient"),
+        *("tangential_force", "film_thickness", "effective_viscosity", "contact_area"),
+        *("max_penetration", "steady", "time"),
     )
     return frame_table(results.sweep, names, "All values at the end of each load step", "value")
 

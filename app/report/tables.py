@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from app.report.columns import column
@@ -16,9 +16,9 @@ ROUND_OFF = 1e-10  # beside the largest number of a table in the same unit
 _STEADY = {1: "yes", 0: "no", -1: "–"}
 _COUNTS = ("step", "newton_iterations")
 _OF_A_LOAD_STEP = (
-    *("label", "steady", "time", "velocity", "normal_force", "friction_force"),
-    *("tangential_force", "friction_coefficient", "film_thickness", "effective_viscosity"),
-    *("contact_area", "stick_fraction", "viscous_fraction", "max_penetration"),
+    *("label", "steady", "normal_force", "friction_force", "friction_coefficient"),
+    *("tangential_force", "film_thickness", "effective_viscosity", "contact_area"),
+    *("stick_fraction", "viscous_fraction", "max_penetration", "velocity", "time"),
 )
 _OF_A_PAIR = (
     *("pair", "label"),
@@ -37,6 +37,7 @@ _OF_A_BODY = (
 _OF_ONE_PAIR = ("film_thickness", "effective_viscosity")  # their means over several say little
 _OVER_DECADES = ("velocity", "effective_viscosity", "slip_speed")  # with their SI unit then
 MANY = 1e4  # largest over smallest
+MANY_ROWS = 12  # from which a table of details is folded
 _ALWAYS = ("label", "pair", "surface", "body", "time", "normal_force", "force_x", "force_y")
 
 
@@ -48,11 +49,13 @@ class Table:
         caption: what it holds.
         headings: (title, unit) of each column; the first column names the row.
         rows: text of the cells.
+        folded: whether it is shown only when asked for.
     """
 
     caption: str
     headings: Sequence[tuple[str, str]]
     rows: Sequence[Sequence[str]]
+    folded: bool = False
 
 
 def load_step_table(load_steps: DataFrame, pairs: int = 1) -> Table | None:
@@ -88,11 +91,12 @@ def detail_tables(
         frame_table(_ends(frame, load_steps, first), names, caption)
         for frame, first, names, caption in (
             (contacts, "pair", _OF_A_PAIR, "Each pair at the end of each load step"),
-            (surfaces, "surface", _OF_A_SURFACE, "Each surface with a boundary"),
-            (bodies, "body", _OF_A_BODY, "Each body"),
+            (surfaces, "surface", _OF_A_SURFACE, "Surfaces with a boundary: force on the body"),
+            (bodies, "body", _OF_A_BODY, "Bodies: forces on them, and their centres"),
         )
     ]
-    return [table for table in made if table is not None]
+    tables = [table for table in made if table is not None]
+    return [replace(t, folded=len(t.rows) > MANY_ROWS) for t in tables]
 
 
 def _ends(frame: DataFrame, load_steps: DataFrame, first: str) -> DataFrame:

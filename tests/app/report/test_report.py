@@ -259,6 +259,16 @@ def test_several_pairs_are_told_apart_and_one_is_told_once(run):
     assert "Each pair at the end of each load step" not in read_page(run)[1].words("caption")
 
 
+def test_long_tables_of_details_are_folded(run):
+    assert "<details>" not in read_page(run)[0]
+    head, *rows = (run / "surfaces.csv").read_text().splitlines()
+    more = [rows[0].replace("top", f"wall {number}") for number in range(15)]
+    (run / "surfaces.csv").write_text("\n".join([head, *more]) + "\n")
+    text, page = read_page(run)
+    assert page.open == [] and text.count("<details>") == 1
+    assert any(words.endswith("(15 rows)") for words in page.words("summary"))
+
+
 def test_tables_say_what_is_round_off_and_keep_decades():
     frame = DataFrame(
         {
@@ -273,7 +283,7 @@ def test_tables_say_what_is_round_off_and_keep_decades():
     table = frame_table(frame, list(frame), "caption")
     assert table.headings[1:] == [
         ("time t", "s"),
-        ("velocity V", "m/s"),
+        ("sliding velocity V", "m/s"),
         ("normal force N", "N"),
         ("friction force F_T", "N"),
     ]
