@@ -34,6 +34,14 @@ class Abscissa:
     label: str
     starts: tuple[tuple[float, str], ...]
 
+    @property
+    def begin(self) -> float:
+        """Where the run begins, before its first row."""
+        first = float(self.values[0])
+        return (
+            0.0 if first > 0.0 else 2.0 * first - float(self.values[min(1, len(self.values) - 1)])
+        )
+
     def mark(self, axes: Axes, *, named: bool) -> None:
         """A line where each stage or velocity begins, and its name above the axes.
 

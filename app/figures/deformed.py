@@ -139,13 +139,10 @@ def _fill_panels(
         draw_tractions(axes, nodes, points, pair, length, stress)
         axes.set_title(name, fontsize=9, color=pair_colour(pair), loc="left", pad=3)
         axes.set_ylabel(f"traction ({stress.name})", fontsize=9)
-    last = panels[-1]
-    last.set_xlabel(f"arc length along the slave from the dot, undeformed ({length.name})")
+    words = f"arc length along the slave from the dot, undeformed ({length.name})"
+    if len(pairs) < total:
+        words += f"\n{len(pairs)} of {total} pairs: those that carry most"
+    panels[0].figure.supxlabel(words, fontsize=9)
     panels[0].legend(
         fontsize=8, loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=2, borderaxespad=0.1
     )
-    if len(pairs) < total:
-        last.annotate(
-            f"{len(pairs)} of {total} pairs: those that carry most", (0.0, -0.45),
-            xycoords="axes fraction", fontsize=8, color="0.35", annotation_clip=False,
-        )  # fmt: skip

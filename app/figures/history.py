@@ -13,6 +13,7 @@ from app.figures.abscissa import abscissa_of
 from app.figures.style import COLOURS, Floats, thin_log_ticks
 from app.figures.symbols import ENERGY, FRICTION_FORCE, NORMAL_FORCE, RATIO
 from app.figures.units import Unit, fitting
+from app.results.directory import TEXT_COLUMNS
 
 if TYPE_CHECKING:
     from app.results import Results
@@ -124,38 +125,26 @@ def spans_decades(values: Floats) -> bool:
 
 
 def energies_figure(results: Results) -> Figure:
-    """Where the work of the run went."""
-    table = results.history
+    """Where the work of the run went; from nothing on, unless bodies moved at the beginning."""
     figure = Figure(figsize=(7, 4.4), layout="constrained")
     axes = figure.subplots()
-    at = abscissa_of(results)
-    column = {
-        name: table[name].to_numpy(dtype=np.float64)
-        for name in (
-            *("strain_energy", "interface_energy", "dissipation", "numerical_dissipation"),
-            *("kinetic_energy", "damping_dissipation", "energy_error", "external_work"),
-        )
-    }
-    dissipated = column["dissipation"] - column["numerical_dissipation"]
-    parts = {
-        "strain": column["strain_energy"],
-        "interface": column["interface_energy"],
-        "dissipated": dissipated,
-    }
-    parts |= {"kinetic": column["kinetic_energy"]} if column["kinetic_energy"].any() else {}
-    parts |= (
-        {"damped": column["damping_dissipation"]} if column["damping_dissipation"].any() else {}
-    )
-    error = column["energy_error"]
+    at, table = abscissa_of(results), results.history
+    parts, error = _energies(table)
     supplied = np.sum(list(parts.values()), axis=0) + error
     largest = float(np.max(np.abs(supplied))) or 1.0
-    moving_first = np.abs(supplied - column["external_work"]).max() > 1e-9 * largest
-    name = "external work" + " and initial kinetic energy" * bool(moving_first)
+    apart = np.abs(supplied - table["external_work"].to_numpy(dtype=np.float64))
+    moving_first = bool(apart.max() > 1e-9 * largest)
+    first = [] if moving_first else [0.0]
+    x = np.concatenate([[at.begin] * len(first), at.values])
     unit = fitting(supplied, "J")
-    axes.plot(at.values, unit.of(supplied), color="k", lw=2.5, alpha=0.35, label=name)
-    axes.stackplot(at.values, *map(unit.of, parts.values()), labels=list(parts), colors=COLOURS,
-                   alpha=0.6)  # fmt: skip
-    axes.plot(at.values, unit.of(error), color=COLOURS[1], lw=1, label="not accounted for")
+
+    def whole(values: Floats) -> Floats:
+        return unit.of(np.concatenate([first, values]))
+
+    name = "external work" + " and initial kinetic energy" * moving_first
+    axes.plot(x, whole(supplied), color="k", lw=2.5, alpha=0.35, label=name)
+    axes.stackplot(x, *map(whole, parts.values()), labels=list(parts), colors=COLOURS, alpha=0.6)
+    axes.plot(x, whole(error), color=COLOURS[1], lw=1, label="not accounted for")
     at.mark(axes, named=True)
     gap = float(np.max(np.abs(error))) / largest
     figure.suptitle(f"largest gap between work and its uses: {gap:.1e} of the work", fontsize=9)
@@ -163,3 +152,16 @@ def energies_figure(results: Results) -> Figure:
     axes.set_ylabel(ENERGY.label(unit.name))
     figure.legend(loc="outside lower center", ncols=4, fontsize=8)
     return figure
+
+
+def _energies(table: Any) -> tuple[dict[str, Floats], Floats]:
+    """What the work went into, J, by name, and what is not accounted for; each (n,)."""
+    column = {name: values.to_numpy(dtype=np.float64) for name, values in table.items()
+              if name not in TEXT_COLUMNS}  # fmt: skip
+    parts = {
+        "strain": column["strain_energy"],
+        "interface": column["interface_energy"],
+        "dissipated": column["dissipation"] - column["numerical_dissipation"],
+    }
+    more = {"kinetic": column["kinetic_energy"], "damped": column["damping_dissipation"]}
+    return parts | {name: part for name, part in more.items() if part.any()}, column["energy_error"]

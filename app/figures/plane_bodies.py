@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.patheffects import withStroke
 
-from app.figures.body_shapes import Bodies
+from app.figures.body_shapes import Bodies, Ints
 from app.figures.field_values import ColourScale
 from app.figures.style import Floats
 from app.figures.tractions import facets_of, line_starts
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 SLENDER = 6.0  # extent over extent from which on the shorter one is stretched
 SMALL = 0.15  # extent of what is pressed over that of the bodies, below which it is seen close up
 CELLS_OUTLINED = 4000
+MESH_WIDTH = 0.3  # points
 # Distinct from each other and from the colours of the fields.
 PAIR_COLOURS = ("#e6399b", "#ff7f0e", "#111111", "#00b5d8", "#8c4a2f", "#a4133c")
 
@@ -100,7 +101,6 @@ def draw_bodies(
         The cells, which a colour bar can be made of.
     """
     factor = frame.unit.factor
-    outline = 0.15 if len(bodies.polygons) < CELLS_OUTLINED else 0.0
     before = bodies.reference[bodies.edges, :2] * factor
     axes.add_collection(LineCollection(list(before), colors="0.6", linewidths=0.7, linestyles=":"))
     cells = PolyCollection(
@@ -108,16 +108,28 @@ def draw_bodies(
         array=bodies.field.values * scale.unit.factor,
         norm=scale.norm,
         cmap=scale.cmap,
-        edgecolors=(0.0, 0.0, 0.0, 0.35) if outline else "face",
-        linewidths=outline or 0.2,
+        edgecolors="face",  # or the page would shine through between cells
+        linewidths=0.3,
+        snap=False,
     )
     axes.add_collection(cells)
+    if len(bodies.polygons) < CELLS_OUTLINED:
+        sides = bodies.position[_sides(bodies.polygons), :2] * factor
+        axes.add_collection(
+            LineCollection(list(sides), colors="k", alpha=0.25, linewidths=MESH_WIDTH, snap=False)
+        )
     around = bodies.position[bodies.edges, :2] * factor
     axes.add_collection(LineCollection(list(around), colors="0.25", linewidths=0.8))
     _set_frame(axes, frame)
     if named:
         _name_bodies(axes, bodies, frame)
     return cells
+
+
+def _sides(polygons: Ints) -> Ints:
+    """Sides (s, 2) of polygons (f, a), each once."""
+    both = np.stack([polygons, np.roll(polygons, -1, axis=1)], axis=-1).reshape(-1, 2)
+    return np.unique(np.sort(both, axis=1), axis=0)
 
 
 def _set_frame(axes: Axes, frame: Frame) -> None:

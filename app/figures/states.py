@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from app.results import Results
 
 AS_HIGH = 0.999  # share of the largest normal force from which on a load counts as the highest
+HIGHEST = "highest load"
 ENDINGS = {
     "failed": "last state before the failure",
     "interrupted": "last state before the interruption",
@@ -50,13 +51,14 @@ def states_to_draw(results: Results) -> list[State]:
     for number, (stage, end) in enumerate(ends[:-1], 1):
         step = _nearest(outputs, end)
         names.setdefault(step, f"deformed-{number}-{_as_name(stage)}")
-        exact = "" if step == end else f"nearest output to the end of {stage}"
-        notes.setdefault(step, []).append(exact or f"end of {stage}")
+        near = "" if step == last else f"nearest output to the end of {stage}"
+        notes.setdefault(step, []).append(f"end of {stage}" if step == end else near)
     peak = _highest(history, list(names), outputs)
     if peak is not None:
-        step, exact = peak
+        step, note = peak
         names.setdefault(step, "deformed-highest-load")
-        notes.setdefault(step, []).append(exact)
+        exact = note == HIGHEST
+        notes.setdefault(step, []).append(note if exact or step != last else "")
     return [State(names[s], s, _title(results, s, notes[s])) for s in sorted(names)]
 
 
@@ -83,13 +85,13 @@ def _highest(history: Any, drawn: list[int], outputs: Any) -> tuple[int, str] | 
     high = set(steps[force >= AS_HIGH * largest].tolist())
     for step in drawn:
         if step in high:
-            return step, "highest load"
+            return step, HIGHEST
     at = int(steps[np.nanargmax(force)])
     written = [s for s in outputs.tolist() if s in high]
     if at in written:
-        return at, "highest load"
+        return at, HIGHEST
     if written:
-        return written[0], "highest load"
+        return written[0], HIGHEST
     return _nearest(outputs, at), f"nearest output to the highest load (step {at})"
 
 

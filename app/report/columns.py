@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from app.figures import symbols
+
 
 @dataclass(frozen=True, slots=True)
 class Column:
@@ -18,10 +20,23 @@ class Column:
     unit: str = ""
 
 
+_SYMBOLS = {
+    "time": symbols.TIME,
+    "velocity": symbols.VELOCITY,
+    "normal_force": symbols.NORMAL_FORCE,
+    "friction_force": symbols.FRICTION_FORCE,
+    "friction_coefficient": symbols.RATIO,
+    "film_thickness": symbols.FILM,
+    "effective_viscosity": symbols.VISCOSITY,
+}
+_VECTORS = {
+    "displacement": symbols.DISPLACEMENT,
+    "force": symbols.REACTION,
+    "moment": symbols.MOMENT,
+}
 _KNOWN = {
     column.name: column
     for column in (
-        Column("time", "time t", "s"),
         Column("step", "step"),
         Column("stage", "stage"),
         Column("label", "load step"),
@@ -29,18 +44,12 @@ _KNOWN = {
         Column("pair", "pair"),
         Column("surface", "surface"),
         Column("body", "body"),
-        Column("velocity", "velocity V", "m/s"),
         Column("slip_speed", "slip speed", "m/s"),
         Column("driven_displacement", "driven path", "m"),
-        Column("normal_force", "normal force N", "N"),
-        Column("friction_force", "friction force F_T", "N"),
         Column("tangential_force", "signed friction force", "N"),
         Column("normal_resultant", "normal resultant", "N"),
         Column("drag", "drag", "N"),
-        Column("friction_coefficient", "ratio F_T/N"),
         Column("mu", "μ of the law"),
-        Column("film_thickness", "film thickness D", "m"),
-        Column("effective_viscosity", "effective viscosity η_eff", "Pa s"),
         Column("contact_area", "contact area A", "m²"),
         Column("stick_fraction", "share that sticks"),
         Column("viscous_fraction", "share only the film carries"),
@@ -51,13 +60,10 @@ _KNOWN = {
     )
 }
 _KINDS = {
-    "displacement": ("displacement u", "m"),
-    "velocity": ("velocity v", "m/s"),
-    "force": ("force R", "N"),
-    "boundary_force": ("force of boundaries", "N"),
-    "contact_force": ("force of contacts", "N"),
-    "friction": ("friction", "N"),
-    "moment": ("moment M", "N m"),
+    **{name: (f"{one.name} {one.symbol}_{{}}", one.unit) for name, one in _VECTORS.items()},
+    "velocity": ("velocity v_{}", "m/s"),
+    "boundary_force": ("force of boundaries, {}", "N"),
+    "contact_force": ("force of contacts, {}", "N"),
 }
 
 
@@ -67,10 +73,13 @@ def column(name: str) -> Column:
     Args:
         name: in the file, such as "force_x".
     """
+    if name in _SYMBOLS:
+        known = _SYMBOLS[name]
+        return Column(name, f"{known.name} {known.symbol}", known.unit)
     if name in _KNOWN:
         return _KNOWN[name]
     kind, _, axis = name.rpartition("_")
     if axis in ("x", "y", "z") and kind in _KINDS:
         title, unit = _KINDS[kind]
-        return Column(name, f"{title}, {axis}", unit)
+        return Column(name, title.format(axis), unit)
     return Column(name, name)

@@ -119,7 +119,10 @@ def contents(results: Results) -> dict[str, Any]:
 def _run_part(results: Results, label: str, title: str) -> RunPart:
     summary, history = results.summary, results.history
     ended = summary.get("status") == "done"
-    ends = (load_step_table(results.load_steps), None if ended else end_table(history))
+    ends = (
+        load_step_table(results.load_steps, len(results.case.contact)),
+        None if ended else end_table(history),
+    )
     details = detail_tables(results.load_steps, results.contacts, results.surfaces, results.bodies)
     return RunPart(
         label,
@@ -141,9 +144,9 @@ def _labels(results: Results) -> Sequence[str]:
 def _sweep_table(results: Results) -> Table | None:
     """All values and load steps of a sweep in one table."""
     names = (
-        *("label", "stage", "steady", "time", "velocity", "normal_force", "friction_force"),
-        *("tangential_force", "friction_coefficient", "film_thickness", "effective_viscosity"),
-        *("contact_area", "max_penetration"),
+        *("label", "stage", "velocity", "normal_force", "friction_force", "friction_coefficient"),
+        *("tangential_force", "film_thickness", "effective_viscosity", "contact_area"),
+        *("max_penetration", "steady", "time"),
     )
     return frame_table(results.sweep, names, "All values at the end of each load step", "value")
 

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import base64
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
 _KNOWN = {
-    "history": ("Forces and friction", "Forces, friction coefficient and motion over the run"),
+    "history": ("Forces and friction", "Normal force, friction force and their ratio over the run"),
     "deformed": ("Deformed bodies", "The deformed bodies, and the tractions between them"),
+    "animation": ("Animation", "The deformed bodies in the course of the run"),
     "energy": ("Energies", "Work and energies over the run"),
     "effective_viscosity": (
         "Effective viscosity",
         "Effective viscosity over the velocity, on logarithmic axes",
     ),
     "friction_map": ("Friction map", "Friction over the velocity at steady points"),
-    "stribeck": ("Stribeck view", "Ratio of friction to normal force over the velocity"),
+    "stribeck": ("Stribeck view", "Friction coefficient over the velocity"),
     "force_displacement": (
         "Force and displacement",
         "Force of platens and tools over their displacement",
@@ -79,5 +81,7 @@ def _title(stem: str) -> tuple[str, str]:
         return words.capitalize(), f"Figure {words}"
     name = max(known, key=len)
     title, shows = _KNOWN[name]
-    rest = stem.removeprefix(name).replace("_", " ").strip(" -")
+    rest = stem.removeprefix(name).replace("_", " ").replace("-", " ").strip()
+    if name == "deformed" and (stage := re.fullmatch(r"deformed-(\d+)-(.+)", stem)):
+        rest = f"end of stage {stage[1]}, {stage[2]}"
     return (f"{title}: {rest}", f"{shows}: {rest}") if rest else (title, shows)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from app.report.columns import column
@@ -16,17 +16,28 @@ ROUND_OFF = 1e-10  # beside the largest number of a table in the same unit
 _STEADY = {1: "yes", 0: "no", -1: "–"}
 _COUNTS = ("step", "newton_iterations")
 _OF_A_LOAD_STEP = (
-    *("label", "steady", "time", "velocity", "normal_force", "friction_force"),
-    *("tangential_force", "friction_coefficient", "film_thickness", "effective_viscosity"),
-    *("contact_area", "stick_fraction", "viscous_fraction", "max_penetration"),
+    *("label", "steady", "normal_force", "friction_force", "friction_coefficient"),
+    *("tangential_force", "film_thickness", "effective_viscosity", "contact_area"),
+    *("stick_fraction", "viscous_fraction", "max_penetration", "velocity", "time"),
 )
-_OF_A_PAIR = ("pair", *(name for name in _OF_A_LOAD_STEP if name not in ("steady", "velocity")))
+_OF_A_PAIR = (
+    *("pair", "label"),
+    *(name for name in _OF_A_LOAD_STEP if name not in ("label", "steady", "time", "velocity")),
+)
 _MOTION = tuple(f"{kind}_{axis}" for kind in ("displacement", "velocity") for axis in "xyz")
 _OF_A_SURFACE = (
-    *("surface", "label", "time", *_MOTION, "force_x", "force_y", "force_z", "radial_force"),
-    *("moment_x", "moment_y", "moment_z"),
+    *("surface", "label", "force_x", "force_y", "force_z", "radial_force"),
+    *("moment_x", "moment_y", "moment_z", *_MOTION),
 )
-_OF_A_BODY = ("body", "label", "time", *_MOTION, *(f"contact_force_{axis}" for axis in "xyz"))
+_OF_A_BODY = (
+    *("body", "label"),
+    *(f"{kind}_force_{axis}" for kind in ("contact", "boundary") for axis in "xyz"),
+    *_MOTION,
+)
+_OF_ONE_PAIR = ("film_thickness", "effective_viscosity")  # their means over several say little
+_OVER_DECADES = ("velocity", "effective_viscosity", "slip_speed")  # with their SI unit then
+MANY = 1e4  # largest over smallest
+MANY_ROWS = 12  # from which a table of details is folded
 _ALWAYS = ("label", "pair", "surface", "body", "time", "normal_force", "force_x", "force_y")
 
 
@@ -38,16 +49,27 @@ class Table:
         caption: what it holds.
         headings: (title, unit) of each column; the first column names the row.
         rows: text of the cells.
+        folded: whether it is shown only when asked for.
     """
 
     caption: str
     headings: Sequence[tuple[str, str]]
     rows: Sequence[Sequence[str]]
+    folded: bool = False
 
 
-def load_step_table(load_steps: DataFrame) -> Table | None:
-    """The last step of each load step; None without any."""
-    return frame_table(load_steps, _OF_A_LOAD_STEP, "At the end of each load step")
+def load_step_table(load_steps: DataFrame, pairs: int = 1) -> Table | None:
+    """The last step of each load step; None without any.
+
+    Args:
+        load_steps: from the summary.
+        pairs: number of contacts.
+    """
+    caption = "At the end of each load step"
+    if pairs == 1:
+        return frame_table(load_steps, _OF_A_LOAD_STEP, caption)
+    names = [name for name in _OF_A_LOAD_STEP if name not in _OF_ONE_PAIR]
+    return frame_table(load_steps, names, f"{caption}, all pairs together")
 
 
 def end_table(history: DataFrame) -> Table | None:
@@ -59,16 +81,22 @@ def end_table(history: DataFrame) -> Table | None:
 def detail_tables(
     load_steps: DataFrame, contacts: DataFrame, surfaces: DataFrame, bodies: DataFrame
 ) -> list[Table]:
-    """Pairs, surfaces and bodies at the end of each load step, those that there are."""
+    """Pairs, surfaces and bodies at the end of each load step, those that there are.
+
+    Of one pair alone the table of load steps has told all.
+    """
+    if not contacts.empty and contacts["pair"].nunique() == 1:
+        contacts = contacts.head(0)
     made = [
         frame_table(_ends(frame, load_steps, first), names, caption)
         for frame, first, names, caption in (
             (contacts, "pair", _OF_A_PAIR, "Each pair at the end of each load step"),
-            (surfaces, "surface", _OF_A_SURFACE, "Each surface with a boundary"),
-            (bodies, "body", _OF_A_BODY, "Each body"),
+            (surfaces, "surface", _OF_A_SURFACE, "Surfaces with a boundary: force on the body"),
+            (bodies, "body", _OF_A_BODY, "Bodies: forces on them, and their centres"),
         )
     ]
-    return [table for table in made if table is not None]
+    tables = [table for table in made if table is not None]
+    return [replace(t, folded=len(t.rows) > MANY_ROWS) for t in tables]
 
 
 def _ends(frame: DataFrame, load_steps: DataFrame, first: str) -> DataFrame:
@@ -132,11 +160,18 @@ def _cells(frame: DataFrame, name: str, noise: float) -> tuple[list[str], str]:
         return [_STEADY.get(int(value), "–") for value in values], ""
     if name in _COUNTS:
         return [f"{value:.0f}" for value in values], ""
-    scale = fitting(values, column(name).unit)
+    wide = name in _OVER_DECADES and _spread(values) > MANY
+    scale = Scale(0, column(name).unit) if wide else fitting(values, column(name).unit)
     if name == "time":
         return _distinct(values, scale), scale.unit
     shown = ["≈ 0" if 0.0 < abs(value) < noise else scale.text(value) for value in values]
     return shown, scale.unit
+
+
+def _spread(values: Sequence[float]) -> float:
+    """Largest over smallest of the sizes of values, zeros left out; 1 without any."""
+    sizes = [abs(value) for value in values if value != 0.0]
+    return max(sizes) / min(sizes) if sizes else 1.0
 
 
 def _distinct(values: Sequence[float], scale: Scale) -> list[str]:

@@ -22,7 +22,6 @@ _SCALED = {
     "Pa s": (range(-12, 10), 1),
     "m²": (range(-12, 1), 2),
 }
-MANY, ROUND_OFF = 1e4, 1e-10  # from where numbers span decades, and where the least is noise
 _RAISED = {"^2": "²", "^3": "³", "*": " "}
 _QUANTITY = re.compile(r"([+-]?[0-9.]+(?:[eE][+-]?[0-9]+)?)(?: (.*))?")
 
@@ -48,15 +47,12 @@ class Scale:
 def fitting(values: Iterable[float], unit: str) -> Scale:
     """The unit in which the largest of the values has one to three digits before the point.
 
-    Values over many decades stay in the SI unit.
-
     Args:
         values: in SI; those that are not finite do not count.
         unit: SI unit.
     """
-    sizes = [abs(value) for value in values if math.isfinite(value) and value != 0.0]
-    largest = max(sizes, default=0.0)
-    if unit not in _SCALED or largest == 0.0 or MANY < largest / min(sizes) < 1.0 / ROUND_OFF:
+    largest = max((abs(value) for value in values if math.isfinite(value)), default=0.0)
+    if unit not in _SCALED or largest == 0.0:
         return Scale(0, unit)
     powers, exponent = _SCALED[unit]
     usual = [power for power in _PREFIXES if power in powers]

@@ -98,9 +98,8 @@ def energy_table(history: DataFrame) -> Table | None:
         for name, title in _PARTS
         if last[name] != 0.0
     ]
-    return Table(
-        "Energies since the start", [("", ""), ("energy", scale.unit), ("share", "%")], rows
-    )
+    headings = [("part", ""), ("energy", scale.unit), ("share", "%")]
+    return Table("Energies since the start", headings, rows)
 
 
 def cost_table(summary: Mapping[str, Any]) -> Table | None:
@@ -120,10 +119,11 @@ def cost_table(summary: Mapping[str, Any]) -> Table | None:
 def facts(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     """(name, value) of the size of a run and of what it was made with."""
     found = []
+    explicit = "explicit" in summary
     for key, name in (
-        ("steps", "steps"),
+        ("steps", "rows" if explicit else "steps"),
         ("newton_iterations", "Newton iterations"),
-        ("attempts", "attempts at steps"),
+        ("attempts", "time steps" if explicit else "attempts at steps"),
         ("dofs", "unknowns"),
         ("ranks", "ranks"),
     ):

@@ -121,6 +121,8 @@ class Reporter(Observer):
             always=not self._quiet,
         )
         self._progress.end_load_step()
+        if self._progress.here.ended is not None:
+            self._tell("all stages done; writing results and figures")
 
     def cut(self, state: RunState, dt: float, result: StepResult) -> None:
         """Say that a step is tried again shorter."""

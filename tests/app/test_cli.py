@@ -369,6 +369,9 @@ def test_run_prints_plain_lines_while_it_goes_and_changes_by_set(tribox, case_fi
     assert lines[-1] == f"results in {out}"
     assert (out / "log.txt").read_text(encoding="utf-8").splitlines() == lines
 
+    given = json.loads((out / "summary.json").read_text())["given"]
+    assert {"contact.0.film.thickness", "boundary.1.platen.pressure"} < set(given)
+    assert "contact.0.friction.eta_b" not in given  # of the preset
     with (out / "history.csv").open() as stream:
         header = next(csv.reader(stream))
     assert not set(REQUIRED) - set(header)

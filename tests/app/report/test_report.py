@@ -12,12 +12,14 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from pandas import DataFrame
 from PIL import Image
 
 from app.case.given import given_keys
 from app.case.reading import load_case
 from app.errors import InputError
 from app.report.page import write_report
+from app.report.tables import frame_table
 from app.report.verdicts import UNBALANCED
 from app.simulation.history import COLUMNS
 
@@ -147,7 +149,7 @@ def test_tables_have_units_that_fit(run):
     _, page = read_page(run)
     headings = page.words("th", "span")
     for title, unit in (
-        ("normal force N", "N"), ("film thickness D", "nm"), ("displacement u, y", "µm"),
+        ("normal force N", "N"), ("film thickness D", "nm"), ("displacement u_y", "µm"),
     ):  # fmt: skip
         assert headings[headings.index(title) + 1] == unit
     cells = page.words("td")
@@ -247,3 +249,47 @@ def test_the_command_loads_no_solver_and_keeps_what_is_there(run, tmp_path, trib
     assert nothing.returncode == 2 and nothing.stderr.count("\n") == 1
     with pytest.raises(InputError, match="cannot be written"):
         write_report(run, tmp_path / "no" / "such" / "place.html")
+
+
+def test_several_pairs_are_told_apart_and_one_is_told_once(run):
+    _, page = read_page(run)
+    assert "Each pair at the end of each load step" in page.words("caption")
+    alone = (run / "contacts.csv").read_text().splitlines()[:2]
+    (run / "contacts.csv").write_text("\n".join(alone) + "\n")
+    assert "Each pair at the end of each load step" not in read_page(run)[1].words("caption")
+
+
+def test_long_tables_of_details_are_folded(run):
+    assert "<details>" not in read_page(run)[0]
+    head, *rows = (run / "surfaces.csv").read_text().splitlines()
+    more = [rows[0].replace("top", f"wall {number}") for number in range(15)]
+    (run / "surfaces.csv").write_text("\n".join([head, *more]) + "\n")
+    text, page = read_page(run)
+    assert page.open == [] and text.count("<details>") == 1
+    assert any(words.endswith("(15 rows)") for words in page.words("summary"))
+
+
+def test_tables_say_what_is_round_off_and_keep_decades():
+    frame = DataFrame(
+        {
+            "label": ["press", "slide 1e-8 m/s", "slide 1e-3 m/s"],
+            "time": [21023.2712, 21023.2713, 21023.3],
+            "velocity": [0.0, 1e-8, 1e-3],
+            "normal_force": [18.0, 18.0, 18.0],
+            "friction_force": [3e-14, 1.5, 2e-3],
+            "twist_moment": [0.0, 0.0, 0.0],
+        }
+    )
+    table = frame_table(frame, list(frame), "caption")
+    assert table.headings[1:] == [
+        ("time t", "s"),
+        ("sliding velocity V", "m/s"),
+        ("normal force N", "N"),
+        ("friction force F_T", "N"),
+    ]
+    assert [row[1:] for row in table.rows] == [
+        ("21023.2712", "0", "18", "≈ 0"),
+        ("21023.2713", "1e-08", "18", "1.5"),
+        ("21023.3", "0.001", "18", "0.002"),
+    ]
+    assert frame_table(frame.head(0), list(frame), "caption") is None

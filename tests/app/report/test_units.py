@@ -33,9 +33,9 @@ def test_readable_quantities_are_exact(value, unit):
     ("values", "unit", "text", "name"),
     [
         ([1e-3, 2e-3], "m", "1", "mm"), ([3e-8, 1e-9], "m", "30", "nm"),
-        ([1e-6], "m²", "1", "mm²"), ([2e-3, 1e4], "N", "0.002", "N"), ([1e-20], "m", "1e-08", "pm"),
+        ([1e-6], "m²", "1", "mm²"), ([2.0, 1e4], "N", "0.002", "kN"), ([1e-20], "m", "1e-08", "pm"),
         ([0.0], "m", "0", "m"), ([float("nan"), 1e3], "Pa", "–", "kPa"), ([5e3], "", "5000", ""),
-        ([4e7, 1.0], "Pa", "4e+07", "Pa"), ([2e6, 1e-9], "Pa", "2", "MPa"),
+        ([2e6, 1e-9], "Pa", "2", "MPa"),
     ],
 )  # fmt: skip
 def test_the_unit_fits_the_largest(values, unit, text, name):

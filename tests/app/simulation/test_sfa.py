@@ -294,4 +294,4 @@ def test_history_figures_show_the_history(sfa, drawn):
     curves = {line.get_label(): line.get_ydata() for line in axes.lines}
     unit = fitting([row["external_work"] for row in rows], "J")
     work = [unit.factor * row["external_work"] for row in rows]
-    assert curves["external work"] == pytest.approx(work)
+    assert curves["external work"] == pytest.approx([0.0, *work])
