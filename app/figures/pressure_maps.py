@@ -1,6 +1,6 @@
 """Pressure and friction on slave surfaces in space, each seen along its mean normal.
 
-Axis letters: f facets, a corners, v vertices of a slave, i space, k pairs of neighbours.
+Axis letters: f facets, a corners, v vertices of a slave, i space.
 """
 
 from __future__ import annotations
@@ -13,7 +13,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
-from matplotlib.colors import Normalize, PowerNorm
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
 from matplotlib.tri import Triangulation
 
 from app.figures.plane_bodies import pair_colour
@@ -25,9 +28,7 @@ from app.figures.units import Unit, fitting
 if TYPE_CHECKING:
     import meshio
 
-LEVELS = 64  # of the colours of the pressure
 SMALL = 0.5  # extent of what is pressed over the slave's, below which only that is shown
-SHY = 0.25  # of the squared pressures around an open node: the least it is continued to below zero
 ARROWS = 250  # friction tractions drawn, about
 
 
@@ -109,73 +110,14 @@ def draw_pairs(
                     pad=0.02, aspect=35)  # fmt: skip
 
 
-def signed_square(pressure: Floats, facets: Ints, place: Floats) -> Floats:
-    """Square of the nodal pressure, continued below zero over the open nodes beside the pressed.
-
-    Pressure ends between a pressed node and an open one; where, its nodes do not say, and drawn
-    down to zero at the open node it has the teeth of the mesh. Towards the rim of a smooth contact
-    it falls as the root of the distance (Hertz), so its square is continued linearly: with the
-    gradient found at the pressed nodes around, by least squares over their pressed neighbours.
-
-    Args:
-        pressure: (v,), Pa.
-        facets: (f, a).
-        place: (v, 2), in any unit.
-
-    Returns:
-        (v,), Pa²; below zero at all open nodes.
-    """
-    from scipy.sparse import coo_matrix
-
-    count, corners = len(pressure), facets.shape[1]
-    square = pressure**2
-    here, there = (
-        np.repeat(facets, corners, axis=1).reshape(-1),
-        np.tile(facets, corners).reshape(-1),
-    )
-    near = coo_matrix((np.ones(len(here)), (here, there)), (count, count)).tocsr().tocoo()
-    here, there = near.row, near.col
-    pressed = pressure > 0.0
-    gradient = _gradients(
-        square, place, *(n[pressed[here] & pressed[there]] for n in (here, there))
-    )
-    beside = ~pressed[here] & pressed[there]
-    opened, by = here[beside], there[beside]
-    ahead = square[by] + (gradient[by] * (place[opened] - place[by])).sum(axis=1)
-    sums, around, hits = (np.bincount(opened, w, count) for w in (ahead, square[by], None))
-    # An open node has a gap, so the rim comes no closer to it than a fifth of the way.
-    least = np.minimum(sums, -SHY * around) / np.maximum(hits, 1)
-    out: Floats = np.where(pressed, square, least)
-    out[~pressed & (hits == 0)] = out.min(initial=0.0)
-    return out
-
-
-def _gradients(values: Floats, place: Floats, here: Ints, there: Ints) -> Floats:
-    """Gradients (v, 2) by least squares over neighbours; 0 where these are too few.
-
-    Args:
-        values: (v,).
-        place: (v, 2).
-        here: (k,) nodes; each has a neighbour in ``there``.
-        there: (k,).
-    """
-    count = len(values)
-    step, rise = place[there] - place[here], values[there] - values[here]
-    normal = np.zeros((count, 2, 2))
-    right = np.zeros((count, 2))
-    np.add.at(normal, here, step[:, :, None] * step[:, None])
-    np.add.at(right, here, step * rise[:, None])
-    determinant = np.linalg.det(normal)
-    enough = determinant > 1e-6 * np.trace(normal, axis1=1, axis2=2) ** 2
-    out = np.zeros((count, 2))
-    out[enough] = np.linalg.solve(normal[enough], right[enough][..., None])[..., 0]
-    return out
-
-
 def draw_pressure(
     axes: Axes, nodes: meshio.Mesh, plan: Plan, unit: Unit, stress: Unit, top: float
 ) -> None:
-    """Filled contours of the pressure on a slave, whose facets are faint where it is open."""
+    """Pressure on a slave where half or more of a node's surroundings touches; else its facets.
+
+    Nodal pressures end somewhere between two nodes. Drawn down to the last node that has some, the
+    rim would have the teeth of the mesh; the share that touches says where it is.
+    """
     facets, place = plan.facets, plan.across * unit.factor
     pressure = np.asarray(nodes.point_data["pressure"], dtype=np.float64) * stress.factor
     around = np.concatenate([facets, facets[:, :1]], axis=1)
@@ -183,12 +125,29 @@ def draw_pressure(
     axes.add_collection(outlines)
     pressed = np.unique(facets[(pressure[facets] > 0.0).any(axis=1)])
     if len(pressed):
-        mesh, square = _triangles(place, facets, signed_square(pressure, facets, place))
-        levels = np.linspace(0.0, top * (1.0 + 1e-9), LEVELS) ** 2
-        norm = PowerNorm(0.5, 0.0, top**2)
-        axes.tricontourf(mesh, square, levels=levels, cmap="inferno", norm=norm)
-        axes.tricontour(mesh, square, levels=[0.0], colors="0.4", linewidths=0.6)
+        mesh, values = _triangles(place, facets, pressure)
+        colours = axes.tripcolor(
+            mesh, values, shading="gouraud", cmap="inferno", vmin=0.0, vmax=top
+        )
+        rim = touching(nodes, facets, place)
+        colours.set_clip_path(rim, axes.transData)
+        axes.add_patch(PathPatch(rim, fill=False, edgecolor="0.4", linewidth=0.6))
     _limit(axes, place[np.unique(facets)], place[pressed])
+
+
+def touching(nodes: meshio.Mesh, facets: Ints, place: Floats) -> Path:
+    """Outline of where half or more of a node's surroundings touches.
+
+    Args:
+        nodes: contact file; where it lacks ``cover``, pressed nodes count as covered.
+        facets: (f, a).
+        place: (v, 2), of the nodes, in the unit of the outline.
+    """
+    data = nodes.point_data
+    cover = np.asarray(data["cover"] if "cover" in data else data["pressure"] > 0.0, np.float64)
+    mesh, values = _triangles(place, facets, cover)
+    filled = Figure().subplots().tricontourf(mesh, values, levels=[0.5, 2.0])
+    return Path.make_compound_path(*filled.get_paths())
 
 
 def _triangles(place: Floats, facets: Ints, values: Floats) -> tuple[Triangulation, Floats]:
