@@ -12,6 +12,7 @@ from app.case.case import Case
 from app.case.friction import Coulomb
 from app.case.generators import CylinderOnBlockGeometry, TwoCylindersGeometry
 from app.results.contact_points import contact_arrays
+from app.simulation.simulation import Simulation
 from app.verify.result import Check, Floats, Line, Panel, Verification, compare
 from app.verify.shipped_case import solve
 from forms.closed_forms.hertz_line import LineContact, contact_modulus, relative_radius
@@ -114,7 +115,7 @@ def press(name: str, overrides: Sequence[str] = ()) -> Profile:
         peak=max(shares),
         mu=mu,
         penetration=row.max_penetration,
-        size=row.contact_area / thickness / (0.5 * closed.sum()),
+        size=_facet_length(simulation),
         depth=_depth(case),
     )
 
@@ -125,6 +126,12 @@ def _radius(case: Case) -> float:
         return relative_radius(geometry.cylinder.radius)
     assert isinstance(geometry, TwoCylindersGeometry)
     return relative_radius(geometry.upper.radius, geometry.lower.radius)
+
+
+def _facet_length(simulation: Simulation) -> float:
+    """Mean length, m, of the slave facets in contact: all have the same number of points."""
+    (term,), (trial,) = simulation.model.problem.contacts, simulation.model.problem.committed
+    return float(np.mean(term.surface.slave.facet_length[trial.pressure > 0.0]))
 
 
 def _depth(case: Case) -> float:
