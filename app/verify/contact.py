@@ -12,7 +12,6 @@ from app.case.case import Case
 from app.case.friction import Coulomb
 from app.case.generators import CylinderOnBlockGeometry, TwoCylindersGeometry
 from app.results.contact_points import contact_arrays
-from app.simulation.simulation import Simulation
 from app.verify.result import Check, Floats, Line, Panel, Verification, compare
 from app.verify.shipped_case import solve
 from forms.closed_forms.hertz_line import LineContact, contact_modulus, relative_radius
@@ -99,6 +98,8 @@ def press(name: str, overrides: Sequence[str] = ()) -> Profile:
     closed = arrays["pressure"] > 0.0
     if closed[0] or closed[-1]:
         raise ValueError("the contact reaches the end of the contact zone; widen contact_width")
+    (term,), (trial,) = simulation.model.problem.contacts, simulation.model.problem.committed
+    lengths = term.surface.slave.facet_length[trial.pressure > 0.0]
     row, thickness = simulation.rows[-1], case.geometry.slab
     load = row.normal_force / thickness
     friction = case.contact[0].friction
@@ -115,7 +116,7 @@ def press(name: str, overrides: Sequence[str] = ()) -> Profile:
         peak=max(shares),
         mu=mu,
         penetration=row.max_penetration,
-        size=_facet_length(simulation),
+        size=float(lengths.mean()),
         depth=_depth(case),
     )
 
@@ -126,12 +127,6 @@ def _radius(case: Case) -> float:
         return relative_radius(geometry.cylinder.radius)
     assert isinstance(geometry, TwoCylindersGeometry)
     return relative_radius(geometry.upper.radius, geometry.lower.radius)
-
-
-def _facet_length(simulation: Simulation) -> float:
-    """Mean length, m, of the slave facets in contact: all have the same number of points."""
-    (term,), (trial,) = simulation.model.problem.contacts, simulation.model.problem.committed
-    return float(np.mean(term.surface.slave.facet_length[trial.pressure > 0.0]))
 
 
 def _depth(case: Case) -> float:
