@@ -23,6 +23,7 @@ _numbers = itertools.count()
 REUSE_SAFETY = 10.0  # margin in the estimate of what an iteration with the last tangent leaves
 STALLED = 0.1  # relative residual below which a stalled line search is followed by whole steps
 KINKED = 1e-5  # relative residual from which on an iteration gains far more than GAIN, or wavers
+EDGED = 1e-3  # relative residual below which points on edges may be what an iteration stalls at
 GAIN = 4.0
 STALL_WINDOW = 4  # iterations over which the residual must fall by a tenth not to count as stalled
 
@@ -56,7 +57,7 @@ NEWTON_PHASES = (
     # The normals of two facets differ, however little, and with them the forces: a point that
     # belongs on the edge between them is pushed from each onto the other, without end.
     NewtonPhase(
-        "frozen facets", within=KINKED, freezes_facets=True, starts_over=True, ends_stalled=True
+        "frozen facets", within=EDGED, freezes_facets=True, starts_over=True, ends_stalled=True
     ),
     # On the far side of a kink the line search may find no decrease however short the step, while
     # a few whole steps decide which side each point is on.

@@ -103,6 +103,8 @@ def press(name: str, overrides: Sequence[str] = ()) -> Profile:
     closed = arrays["pressure"] > 0.0
     if closed[0] or closed[-1]:
         raise ValueError("the contact reaches the end of the contact zone; widen contact_width")
+    (term,), (trial,) = simulation.model.problem.contacts, simulation.model.problem.committed
+    lengths = term.surface.slave.facet_length[trial.pressure > 0.0]
     row, thickness = simulation.rows[-1], case.geometry.slab
     load = row.normal_force / thickness
     friction = case.contact[0].friction
@@ -119,7 +121,7 @@ def press(name: str, overrides: Sequence[str] = ()) -> Profile:
         peak=max(shares),
         mu=mu,
         penetration=row.max_penetration,
-        size=row.contact_area / thickness / (0.5 * closed.sum()),
+        size=float(lengths.mean()),
         depth=_depth(case),
         below=_below(simulation.model),
     )

@@ -12,7 +12,7 @@ from app.implicit.approach import HeldApproach
 from app.implicit.attempt import Attempt
 from app.implicit.globalisation import APPROACH, SEARCH, LinearStart, phases_after
 from app.implicit.linear_solver import LinearSolver
-from app.implicit.newton import KINKED, NEWTON_PHASES, STALLED, Newton
+from app.implicit.newton import EDGED, KINKED, NEWTON_PHASES, STALLED, Newton
 from app.implicit.options import ImplicitOptions
 
 
@@ -41,6 +41,8 @@ def test_what_is_tried_after_the_prediction_depends_on_where_it_failed():
         ([(0.5, -6)], ["line search"]),
         ([(1e-9, 2)], ["line search"]),
         ([(STALLED, -6), (1e-9, 2)], ["line search", "whole steps"]),
+        ([(EDGED, -6), (1e-9, 2)], ["line search", "frozen facets"]),
+        ([(2.0 * EDGED, -6), (1e-9, 2)], ["line search", "whole steps"]),
         ([(KINKED, -6), (1e-9, 2)], ["line search", "frozen facets"]),
         ([(KINKED, -6), (0.5, -6)], ["line search", "frozen facets"]),
         ([(KINKED, -6), (1e-6, -6), (1e-7, -6)], [phase.name for phase in NEWTON_PHASES]),

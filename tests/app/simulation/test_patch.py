@@ -38,6 +38,12 @@ def test_default_quadrature_does_so_with_the_stiff_side_as_slave(scratch):
         assert found.near < ALLOWED, (count, found)
 
 
+def test_a_point_on_a_node_of_a_soft_master_ends_on_one_side(scratch):
+    """The middle one of five points on the middle one of seven facets is there for ever."""
+    found = errors(Patch(7, 10, stiffness=5.0), scratch, "contact.0.quadrature_degree=9")
+    assert found.near < ALLOWED
+
+
 def test_error_falls_with_the_number_of_points(scratch):
     worst = [
         max(
