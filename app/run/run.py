@@ -161,14 +161,18 @@ def _run(simulation: Simulation, recorder: Recorder, observer: Observer) -> None
 
 
 def draw_run(simulation: Simulation, directory: Path, reporter: Reporter | None) -> None:
-    """Draw the figures of a run, however it ended, from its files, if the case asks for them.
+    """Draw the figures of a run, however it ended, from its files; collective.
 
-    The first rank does, and only where there is a step to show. A figure that cannot be drawn is a
+    If the case asks for them and there is a step to show. The first rank draws and the others wait:
+    of a failed run mpirun would end it with the first of them. A figure that cannot be drawn is a
     warning: the results are there, and can be drawn again.
     """
-    wanted = simulation.model.case.output.figures and simulation.state.step > 0
-    if reporter is None or not wanted:
-        return
+    if reporter is not None and simulation.model.case.output.figures and simulation.state.step > 0:
+        _draw(simulation, directory, reporter)
+    simulation.model.problem.comm.barrier()
+
+
+def _draw(simulation: Simulation, directory: Path, reporter: Reporter) -> None:
     from app.figures.run_figures import draw_figures
     from app.results import read
 
