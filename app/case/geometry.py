@@ -148,12 +148,15 @@ class MeshGeometry(Model):
     @field_validator("mesh", mode="before")
     @classmethod
     def _find(cls, value: object, info: ValidationInfo) -> Path:
-        """Make the path absolute, seen from the case file, and see that it is there."""
+        """Make the path absolute, seen from the case file, and see that it is there.
+
+        A run that is over (``past``) no longer needs it.
+        """
         if not isinstance(value, str | Path) or not str(value):
             raise PydanticCustomError("path", "must be the name of a mesh file, in quotes")
-        source = (info.context or {}).get("source")
-        path = (Path(source or "").parent / value).resolve()
-        if not path.is_file():
+        context = info.context or {}
+        path = (Path(context.get("source") or "").parent / value).resolve()
+        if not path.is_file() and not context.get("past"):
             raise PydanticCustomError("path", "no such file ({path})", {"path": str(path)})
         return path
 

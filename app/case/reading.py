@@ -28,7 +28,22 @@ def load_case(path: Path, overrides: Sequence[str] = ()) -> Case:
         InputError: the file cannot be read or the case is wrong. The message is the first
             problem; `check_case` lists all.
     """
-    case = _read(Path(path), overrides)
+    return _case_of(_read(Path(path), overrides))
+
+
+def load_past_case(path: Path) -> Case:
+    """Read the case file of a run that is over, to look at its results.
+
+    Files that the run was made from may have gone since: a mesh need not be there, and a friction
+    law in Python is not loaded, so that nothing of the file is run.
+
+    Raises:
+        InputError: as :func:`load_case`.
+    """
+    return _case_of(_read(Path(path), (), past=True))
+
+
+def _case_of(case: Case | list[str]) -> Case:
     if isinstance(case, Case):
         return case
     more = f" (and {len(case) - 1} more; tribox check lists them)" if len(case) > 1 else ""
@@ -46,8 +61,8 @@ def check_case(path: Path, overrides: Sequence[str] = ()) -> list[str]:
     return [] if isinstance(case, Case) else case
 
 
-def _read(path: Path, overrides: Sequence[str]) -> Case | list[str]:
-    """The case, or a line on each mistake in it."""
+def _read(path: Path, overrides: Sequence[str], past: bool = False) -> Case | list[str]:
+    """The case, or a line on each mistake in it; ``past`` if it has been run already."""
     try:
         data = _read_toml(path)
         for override in overrides:
@@ -55,7 +70,7 @@ def _read(path: Path, overrides: Sequence[str]) -> Case | list[str]:
     except InputError as error:
         return [str(error)]
     try:
-        return Case.model_validate(data, context={"source": path})
+        return Case.model_validate(data, context={"source": path, "past": past})
     except ValidationError as error:
         return [f"{path}: {format_problem(p)}" for p in problems_of(error, Case, data)]
 

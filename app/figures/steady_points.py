@@ -131,7 +131,7 @@ def _viscosity_figure(series: list[Series]) -> Figure:
     )
     left.set_ylim(bottom=0.3 * eta)
     left.set_xlabel(VELOCITY.label())
-    left.set_ylabel(f"{VISCOSITY.name} {VISCOSITY.symbol} = F_T D/(A V) ({VISCOSITY.unit})")
+    left.set_ylabel(f"{VISCOSITY.name} {VISCOSITY.symbol} = |Σ T| D/(A V) ({VISCOSITY.unit})")
     right.set_xlabel(SHEAR_RATE.label())
     left.legend(frameon=True, framealpha=0.9, edgecolor="none")
     for axes in (left, right):

@@ -16,10 +16,10 @@ def sweep_labels(directory: Path) -> tuple[str, ...]:
     if not (directory / "case.toml").is_file():
         return ()
     # Not before: most directories are new, and the tables of a case take a while to import.
-    from app.case.reading import load_case
+    from app.case.reading import load_past_case
 
     try:
-        case = load_case(directory / "case.toml")
+        case = load_past_case(directory / "case.toml")
     except InputError:
         return ()
     return case.sweep.labels if case.sweep is not None else ()

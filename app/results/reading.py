@@ -22,7 +22,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from app.case.case import Case
-from app.case.reading import load_case
+from app.case.reading import load_past_case
 from app.errors import InputError
 from app.results.directory import TEXT_COLUMNS
 
@@ -81,7 +81,7 @@ class Results:
         Raises:
             InputError: the case file is not one of this version.
         """
-        return load_case(self.directory / "case.toml")
+        return load_past_case(self.directory / "case.toml")
 
     @cached_property
     def summary(self) -> dict[str, Any]:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
 
 import pytest
 
+from app.case.reading import load_case
+from app.case.toml_writer import toml_text
 from app.errors import InputError
 from app.results import Results, read
 from app.results.directory import write_json, write_table
+from app.results.earlier_sweep import sweep_labels
 
 SWEEP = '[sweep]\nkey = "contact.0.friction.mu"\nvalues = [0.1, 0.3]\n'
 
@@ -127,3 +131,21 @@ def test_only_results_directories_are_read(tmp_path):
     (tmp_path / "case.toml").write_text("[")
     with pytest.raises(InputError, match="not valid TOML"):
         _ = read(tmp_path).case
+
+
+def test_results_are_read_without_what_the_run_was_made_from(tmp_path, block):
+    """A mesh that is gone, and a law in Python: neither is looked for, and no code is run."""
+    out = tmp_path / "out"
+    out.mkdir()
+    data = tomllib.loads(block)
+    data["geometry"] = {"mesh": str(tmp_path / "gone.msh")}
+    data["contact"][0]["friction"] = {"law": "python", "class": f"{tmp_path}/law.py:Law"}
+    (tmp_path / "law.py").write_text(f"open({str(tmp_path / 'ran')!r}, 'w')\n")
+    (out / "case.toml").write_text(toml_text(data))
+    case = read(out).case
+    assert case.geometry.mesh == tmp_path / "gone.msh"
+    assert case.contact[0].friction.law == "python"
+    assert sweep_labels(out) == ()
+    assert not (tmp_path / "ran").exists()
+    with pytest.raises(InputError, match="no such file"):
+        load_case(out / "case.toml")
