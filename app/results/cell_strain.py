@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import basix
 import dolfinx
 import numpy as np
 
+from forms.bodies.deformation import rows_at
 from forms.bodies.kinematics import Section
-from geometry.compat import cell_nodes
+from geometry.meshes.places import centre
 from geometry.surfaces.facets import Floats
 
 
@@ -38,34 +38,15 @@ class CellStrain:
             u: displacement, m, on straight cells.
             section: what the mesh stands for.
         """
-        mesh = u.function_space.mesh
-        element = u.function_space.element.basix_element
-        owned = mesh.topology.index_map(mesh.topology.dim).size_local
-        centre = basix.geometry(element.cell_type).mean(axis=0)[None]
-        linear = basix.create_element(basix.ElementFamily.P, element.cell_type, 1)
-        corners = mesh.geometry.x[cell_nodes(mesh)[:owned], : mesh.geometry.dim]
-        at_corners = linear.tabulate(1, centre)[:, 0, :, 0]
-        self._nodes = u.function_space.dofmap.list[:owned]
-        self._u, self._section = u, section
-        self._values, *slopes = element.tabulate(1, centre)[:, 0, :, 0]
-        self._slopes = np.array(slopes)
-        self._inverse = np.linalg.inv(np.einsum("cai,ka->cik", corners, at_corners[1:]))
-        self._radius = corners[:, :, 0] @ at_corners[0]
-
-    def deformation_gradient(self) -> Floats:
-        """F (c, 3, 3) at the present displacement, the stretch across a plane included."""
-        dim = self._u.function_space.mesh.geometry.dim
-        moved = self._u.x.array.reshape(-1, dim)[self._nodes]
-        F = np.zeros((len(moved), 3, 3))
-        F[:] = np.eye(3)
-        F[:, :dim, :dim] += (moved.transpose(0, 2, 1) @ self._slopes.T) @ self._inverse
-        if self._section == "axisymmetric":
-            F[:, 2, 2] += moved[:, :, 0] @ self._values / self._radius
-        return F
+        space, topology = u.function_space, u.function_space.mesh.topology
+        owned = np.arange(topology.index_map(topology.dim).size_local, dtype=np.int32)
+        self._rows = rows_at(space, section, owned, centre(topology.cell_name()))
+        self._nodes = space.dofmap.list[owned]
+        self._u, self._dim = u, space.mesh.geometry.dim
 
     def evaluate(self) -> Strain:
         """The measures at the present displacement."""
-        F = self.deformation_gradient()
+        F = self._rows.deformation(self._u.x.array.reshape(-1, self._dim)[self._nodes])
         squares, axes = np.linalg.eigh(F @ F.transpose(0, 2, 1))
         logs = 0.5 * np.log(squares)
         strain = (axes * logs[:, None]) @ axes.transpose(0, 2, 1)
