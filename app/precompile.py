@@ -59,6 +59,7 @@ def _compile(group: _Group) -> Iterator[str]:
     from forms.bodies.loads import FollowerPressure, mean_normal, reference_area
     from forms.bodies.lumped_mass import mass_form
     from forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean
+    from forms.bodies.nodal_weights import body_form, surface_form
     from forms.bodies.solid import Solid
     from geometry.meshes.mesh import generate
     from geometry.surfaces.slave_points import point_operator
@@ -75,12 +76,14 @@ def _compile(group: _Group) -> Iterator[str]:
             solid = Solid("sample", u, cells, material, formulation, section=group.section)
             StressField(u, [solid])
             mass_form(space, solid)
+            body_form(space, cells, group.section)
             yield f"{group.cell} {group.section} {type(material).__name__} {formulation}"
     mesh.topology.create_connectivity(dim - 1, dim)
     facets = dolfinx.mesh.exterior_facet_indices(mesh.topology)
     pattern_form(space)
     FollowerPressure(u, facets, group.section)
     reference_area(mesh, facets, group.section)
+    surface_form(space, facets, group.section)
     mean_normal(mesh, facets, 0)
     for degree in group.degrees:
         point_operator(space, facets, degree)

@@ -29,6 +29,7 @@ def test_the_command_of_an_installation_exists():
     [
         ("app.case", "Case, load_case, check_case, json_schema, resolved_toml"),
         ("app.run", "run_case"),
+        ("app.results", "Results, read"),
         ("app.fit", "Calibration, coordinates, fit_setup"),
         ("app.fit_model", "coordinates"),
         ("app.fit_run", "fit_setup"),

@@ -72,12 +72,16 @@ def test_every_column_and_array_is_explained():
     source = (ROOT / "app" / "results" / "contact_points.py").read_text(encoding="utf-8")
     arrays = set(re.findall(r'^ {8}"(\w+)": ', source, re.MULTILINE))
     assert {"pressure", "alpha", "regime"} <= arrays
+    fields = (ROOT / "app" / "results" / "field_series.py").read_text(encoding="utf-8")
+    of_fields = set(re.findall(r'"(\w+)": ', fields))
+    assert {"displacement", "body", "log_strain"} <= of_fields
+    arrays |= of_fields
     assert arrays | set(COLUMNS) | {"label", "steady"} <= explained
 
 
 def test_every_file_of_a_results_directory_is_explained():
     text = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
-    written = set(OWN) - {"contact", "contact_nodes", "figures", "mesh.msh"}
+    written = set(OWN) - {"fields", "contact", "contact_points", "figures", "mesh.msh"}
     assert written <= set(re.findall(r"`([a-zA-Z_.]+)`", text))
 
 

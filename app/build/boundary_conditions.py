@@ -28,8 +28,13 @@ Program = Callable[[float, float], float | Floats]
 
 
 @dataclass(frozen=True, slots=True)
-class _Constraint:
-    """A displacement component of a surface; those of equal sources agree at shared nodes."""
+class Constraint:
+    """A displacement component of a surface; those of equal sources agree at shared nodes.
+
+    Attributes:
+        surface: its name; component: 0 is x; source: what prescribes it.
+        dofs: owned local unknowns.
+    """
 
     surface: str
     component: int
@@ -42,6 +47,8 @@ class Loads:
 
     Attributes:
         prescribed, platens, pressures: for the equilibrium.
+        constraints: what is prescribed or moves as one, by surface; pressed: surface of each
+            pressure.
         platen_names: of the platens, such as "top_x": surface and direction.
         notes: what the user should know of them, one line each.
         programs: each sets one load from (time, driven displacement), s and m.
@@ -68,7 +75,8 @@ class Loads:
         self.pressures: list[FollowerPressure] = []
         self.programs: list[Callable[[float, float], None]] = []
         self.stage = ""
-        self._constraints: list[_Constraint] = []
+        self.pressed: list[str] = []
+        self.constraints: list[Constraint] = []
         if section == "axisymmetric":
             self._constrain_axis()
 
@@ -87,6 +95,7 @@ class Loads:
         if boundary.pressure is not None:
             load = FollowerPressure(self.u, facets, self.section)
             self.pressures.append(load)
+            self.pressed.append(boundary.surface)
             table = boundary.pressure
             self.programs.append(lambda time, driven: load.set(table(time)))
 
@@ -95,7 +104,7 @@ class Loads:
     ) -> None:
         constrained = Prescribed(dofs)
         self.prescribed.append(constrained)
-        self._constraints.append(_Constraint(surface, component, source, dofs))
+        self.constraints.append(Constraint(surface, component, source, dofs))
 
         def program(time: float, driven: float) -> None:
             constrained.value = value(time, driven)
@@ -135,7 +144,7 @@ class Loads:
         mine = [
             f'"{a.surface}" and "{b.surface}" share a node and both decide its displacement in '
             f"{COMPONENTS[a.component]}, each in its own way; let one of them leave it out"
-            for a, b in itertools.combinations(self._constraints, 2)
+            for a, b in itertools.combinations(self.constraints, 2)
             if a.component == b.component
             and a.source != b.source
             and np.intersect1d(a.dofs, b.dofs).size
@@ -186,7 +195,7 @@ class Loads:
         platen = Platen(dofs, mass=mass / self.thickness)
         self.platens.append(platen)
         self.platen_names.append(f"{surface}_{COMPONENTS[component]}")
-        self._constraints.append(_Constraint(surface, component, object(), platen.dofs))
+        self.constraints.append(Constraint(surface, component, object(), platen.dofs))
         return platen
 
     def _spring(self, surface: str, spring: Spring, facets: Ints) -> None:

@@ -151,6 +151,7 @@ def resolved_contact(contact: Contact, softer: Material, length: float, pressure
     """
     return contact.model_copy(
         update={
+            "name": contact.label,
             "friction": _resolved_friction(contact.friction, softer, length, pressure),
         }
     )

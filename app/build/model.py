@@ -13,6 +13,7 @@ from app.build.case_notes import notes_on
 from app.build.contacts import BuiltContact, ContactBuilder
 from app.build.mesh import make_mesh
 from app.build.mesh_notes import large_mesh, locking_bodies, notes_on_ranks
+from app.build.probes import PointPlaces, place_probes
 from app.build.solids import displacement_on, make_solids, resolved_bodies
 from app.build.supports import notes_on_supports
 from app.case.boundary import COMPONENTS
@@ -41,6 +42,7 @@ class Model:
         notes: what the user should know before the run, one line each.
         platen_names: of the problem's platens, such as "top_x": surface and direction.
         loads: what the boundaries prescribe.
+        probes: places of the probes that are points or lines.
     """
 
     case: Case
@@ -52,6 +54,7 @@ class Model:
     notes: list[str] = field(default_factory=list)
     platen_names: list[str] = field(default_factory=list)
     loads: Loads | None = None
+    probes: list[PointPlaces] = field(default_factory=list)
 
     @property
     def film_onset(self) -> list[float]:
@@ -84,6 +87,7 @@ def build_model(case: Case, comm: MPI.Comm) -> Model:
     section = case.geometry.section_in(named.mesh.geometry.dim)
     bodies = resolved_bodies(case.bodies, named)
     u = displacement_on(named, bodies)
+    probes = place_probes(case, named, u.function_space, section)
     solids = make_solids(bodies, named, u, section)
     materials = {solid.name: solid.material for solid in solids}
     builder = ContactBuilder(case, named, u.function_space, section, materials)
@@ -96,7 +100,7 @@ def build_model(case: Case, comm: MPI.Comm) -> Model:
     problem = Equilibrium(u, solids, terms, loads.prescribed, loads.platens, loads.pressures)
     resolved = _resolved(case.model_copy(update={"bodies": bodies}), contacts, problem)
     model = Model(resolved, named, problem, loads.programs, section, case.geometry.slab)
-    model.platen_names, model.loads = loads.platen_names, loads
+    model.platen_names, model.loads, model.probes = loads.platen_names, loads, probes
     model.begin_stage(case.stage[0].name)
     model.notes = _notes(case, model, contacts, loads)
     return model

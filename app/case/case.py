@@ -10,10 +10,12 @@ from typing import Annotated, Any, Self
 from pydantic import (
     Field,
     PrivateAttr,
+    SerializerFunctionWrapHandler,
     Strict,
     ValidationError,
     ValidationInfo,
     field_validator,
+    model_serializer,
     model_validator,
 )
 
@@ -23,10 +25,12 @@ from app.case.contact import Contact
 from app.case.generators import BlocksGeometry, CylinderOnBlockGeometry, TwoCylindersGeometry
 from app.case.generators_3d import BoxesGeometry, SphereGeometry
 from app.case.geometry import GeneratedGeometry, MeshGeometry
-from app.case.overrides import KeyPathError, set_value
+from app.case.overrides import KeyPathError, set_value, value_at
+from app.case.probe import Probe, probe_problems
 from app.case.solver import Output, Solver, Sweep
 from app.case.stage import Stage, order_problems, solver_of, stage_problems
 from app.case.table import Model, Place, Problem, problems_error
+from app.case.time_tables import TimeTable
 from app.case.toml_writer import toml_text
 from app.case.validation import format_problem, problems_of
 
@@ -65,11 +69,19 @@ class Case(Model):
     stage: tuple[Stage, ...] = Field(
         min_length=1, description="the parts of the run, one after the other, [[stage]]"
     )
+    probe: tuple[Probe, ...] = Field(
+        default=(), description="points, lines, bodies and contacts that are followed, [[probe]]"
+    )
     solver: Solver = Field(default=Solver(), description="how the equations are solved")
     output: Output = Field(default=Output(), description="what is written beside the history")
     sweep: Sweep | None = Field(default=None, description="one key that is run with several values")
 
     _source: Path | None = PrivateAttr(None)
+
+    @model_serializer(mode="wrap")
+    def _without_empty_arrays(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave `probe = []` out, to which no [[probe]] could be added in a resolved case."""
+        return {key: value for key, value in handler(self).items() if key != "probe" or value}
 
     @property
     def source(self) -> Path | None:
@@ -91,6 +103,24 @@ class Case(Model):
             (label, self._rebuilt(self._swept_data(value)))
             for label, value in zip(self.sweep.labels, self.sweep.values, strict=True)
         ]
+
+    def swept_value(self, part: Case) -> float | str | None:
+        """What one of the sweep's cases has at the swept key.
+
+        Args:
+            part: one of :meth:`sweep_cases`.
+
+        Returns:
+            A number in SI, also of a program that does not change with time, or a text; None where
+            it is neither.
+        """
+        assert self.sweep is not None
+        value = value_at(part, self.sweep.key)
+        if isinstance(value, TimeTable) and len(value.times) == 1:
+            value = value.values[0]
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            return float(value)
+        return value if isinstance(value, str) else None
 
     def _rebuilt(self, data: dict[str, Any]) -> Case:
         """Another case, with file names seen from the same place.
@@ -145,13 +175,20 @@ class Case(Model):
             yield from self._formulation_problems(self.geometry)
             yield from self._surface_problems(self.geometry)
         pairs: dict[frozenset[str], int] = {}
+        labels: dict[str, int] = {}
         for index, contact in enumerate(self.contact):
             yield from contact.problems(("contact", index))
             first = pairs.setdefault(frozenset((contact.slave, contact.master)), index)
             if first != index:
                 reason = f"this pair of surfaces is contact.{first} already"
                 yield Problem(("contact", index, "slave"), reason, contact.slave)
+            same = labels.setdefault(contact.label, index)
+            if same != index and first == index:
+                reason = f"is what contact.{same} is called already"
+                yield Problem(("contact", index, "name"), reason, contact.label)
         yield from boundary_problems(self.boundary, ("boundary",), self.geometry.built_section)
+        section = self.geometry.built_section
+        yield from probe_problems(self.probe, self.bodies, self.contact, ("probe",), section)
         yield from stage_problems(self.stage, self.boundary, ("stage",))
         yield from self.solver.problems(("solver",))
         yield from order_problems(self.stage, self.solver.kind, ("stage",))

@@ -21,6 +21,9 @@ _PLURAL = {"triangle": "triangles", "tetrahedron": "tetrahedra"}
 class Contact(Model):
     """One pair of surfaces."""
 
+    name: Text | None = Field(
+        default=None, description="what tables and figures call the pair; default SLAVE-MASTER"
+    )
     slave: Text = Field(description="surface that carries the contact points (the softer body's)")
     master: Text = Field(description="surface the points are projected on")
     quadrature_degree: Count | None = Field(
@@ -66,6 +69,11 @@ class Contact(Model):
         friction = handler({"law": "friction-map", **value, **merged})
         friction.model_fields_set.difference_update(merged.keys() - given.keys())
         return friction
+
+    @property
+    def label(self) -> str:
+        """What results call the pair."""
+        return f"{self.slave}-{self.master}" if self.name is None else self.name
 
     @property
     def film_conductance(self) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from app.errors import InputError
@@ -41,6 +42,24 @@ def set_value(data: dict[str, Any], key: str, value: object) -> None:
         if last:
             here[step] = value
         here = here[step]
+
+
+def value_at(model: Any, key: str) -> Any:
+    """What validated tables hold at a dotted key, such as a number in SI.
+
+    Raises:
+        KeyPathError: the key leads nowhere.
+    """
+    here = model
+    for name in _split(key):
+        try:
+            if isinstance(here, Mapping):
+                here = here[name]
+            else:
+                here = here[int(name)] if isinstance(here, Sequence) else getattr(here, name)
+        except (AttributeError, IndexError, KeyError, ValueError):
+            raise KeyPathError(f"there is no {name!r}") from None
+    return here
 
 
 def _entries(count: int) -> str:

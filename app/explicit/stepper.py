@@ -44,7 +44,8 @@ class ExplicitStepper:
         state: displacements, velocities, accelerations and the time.
         internal: the bodies' forces; contacts: the pairs; dynamics: lumped masses and platens.
         masses: what mass scaling made of them, without the platens' own.
-        energies: work and damping.
+        energies: work and damping; loads: forces from outside at the last whole step.
+        pressure_residuals: of each follower pressure (n,), N per unit thickness, local unknowns.
     """
 
     def __init__(
@@ -70,7 +71,8 @@ class ExplicitStepper:
         self.problem, self.options = problem, options or ExplicitOptions()
         self.rate_dependent = rate_dependent
         self.state = ExplicitState(problem.u, displacement, velocity)
-        self._residual, self._pressed = NodalVector(problem.space), NodalVector(problem.space)
+        self._residual = NodalVector(problem.space)
+        self.pressure_residuals = [np.zeros(len(self._residual.array)) for _ in problem.pressures]
         compiled = self.options.compiled
         self.internal = InternalForce(problem.u, problem.solids, compiled)
         self.contacts = [explicit_contact(term, compiled) for term in problem.contacts]
@@ -101,7 +103,8 @@ class ExplicitStepper:
         if not valid:
             raise folded(problem, self.time)
         problem.trials = trials
-        self.energies = Energies(problem, self.state, self.mass, self.internal, self._loads())
+        self.loads = self._loads()
+        self.energies = Energies(problem, self.state, self.mass, self.internal, self.loads)
         stiffness = Stiffness(dynamics, self.internal, self.state.u, problem.space, pairs)
         stable_steps = StableSteps(stiffness, problem.space, film=not implicit)
         self._estimate = StepEstimate(stable_steps, options.reestimate_every)
@@ -121,6 +124,12 @@ class ExplicitStepper:
         return self.state.v.owned
 
     @property
+    def whole_step_velocity(self) -> Floats:
+        """Velocities (n,) of the owned unknowns at the last whole step, m/s."""
+        out: Floats = self.v + 0.5 * self.state.last_dt * self.a
+        return out
+
+    @property
     def a(self) -> Floats:
         """Accelerations (n,) of the owned unknowns at the last whole step, m/s²."""
         return self.state.a.owned
@@ -134,6 +143,11 @@ class ExplicitStepper:
     def steps(self) -> int:
         """Steps so far."""
         return self.state.steps
+
+    @property
+    def residual(self) -> Floats:
+        """Forces (n,) of bodies, contacts and pressures on the owned unknowns, the last, N/m."""
+        return self._residual.owned
 
     @property
     def mass(self) -> Floats:
@@ -169,7 +183,8 @@ class ExplicitStepper:
         for contact in self.contacts:
             contact.commit()
         problem.trials = problem.committed = trials
-        self.energies.add_step(self._loads(), self._motion, damped)
+        self.loads = self._loads()
+        self.energies.add_step(self.loads, self._motion, damped)
         if state.steps % self.options.check_every == 0:
             stored = self.energies.stored(trials)
             work = self.energies.work_of_all_ranks()
@@ -208,12 +223,10 @@ class ExplicitStepper:
 
     def _press(self) -> None:
         """Add the pressures' forces."""
-        if not self.problem.pressures:
-            return
-        self._pressed.array[:] = 0.0
-        for load in self.problem.pressures:
-            dolfinx.fem.assemble_vector(self._pressed.array, load.residual)
-        self._residual.array += self._pressed.array
+        for values, load in zip(self.pressure_residuals, self.problem.pressures, strict=True):
+            values[:] = 0.0
+            dolfinx.fem.assemble_vector(values, load.residual)
+            self._residual.array += values
 
     def _pulls(self) -> Floats:
         """Forces (p,) on the platens, N per unit thickness."""
@@ -224,7 +237,7 @@ class ExplicitStepper:
         """Forces from outside at the state evaluated last."""
         return LoadForces(
             supports=self._residual.owned[self.problem.constrained_dofs()],
-            pressures=self._pressed.array.copy() if self.problem.pressures else None,
+            pressures=np.sum(self.pressure_residuals, axis=0) if self.problem.pressures else None,
             platens=self._pulls(),
         )
 

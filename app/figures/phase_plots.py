@@ -9,34 +9,35 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from app.case.case import Case
+from app.case.stage import solver_of
 from app.figures.style import COLOURS, STYLE, columns, save
 from app.results.directory import read_table
 
 
 def draw_phases(case: Case, directory: Path) -> None:
     """A phase plot of each sprung surface, ``phase.png`` or, of several, ``phase-NAME.png``."""
-    table = directory / "motion.csv"
-    names = [
-        f"{boundary.surface}_{boundary.spring.direction}"
-        for boundary in case.boundary
-        if boundary.spring is not None
-    ]
-    if names and table.is_file():
-        rows = read_table(table)
-        for name in names:
-            picture = "phase.png" if len(names) == 1 else f"phase-{name}.png"
-            draw_phase(rows, name, directory / "figures" / picture)
+    table = directory / "surfaces.csv"
+    sprung = [(b.surface, b.spring.direction) for b in case.boundary if b.spring is not None]
+    stages = {
+        stage.name for stage in case.stage if solver_of(stage, case.solver.kind) == "explicit"
+    }
+    if sprung and stages and table.is_file():
+        rows = [row for row in read_table(table) if row["stage"] in stages]
+        for surface, axis in sprung:
+            picture = "phase.png" if len(sprung) == 1 else f"phase-{surface}_{axis}.png"
+            mine = [row for row in rows if row["surface"] == surface]
+            draw_phase(mine, axis, directory / "figures" / picture)
 
 
-def draw_phase(rows: list[dict[str, Any]], name: str, path: Path) -> None:
+def draw_phase(rows: list[dict[str, Any]], axis: str, path: Path) -> None:
     """Draw the phase plot of a sprung surface: its velocity against the force in the spring.
 
     Args:
-        rows: of ``motion.csv``.
-        name: of the surface there, such as "top_x".
+        rows: of ``surfaces.csv``, of one surface.
+        axis: direction of the spring.
         path: the picture.
     """
-    time, force, speed = columns(rows, "time", f"{name}_force", f"{name}_v")
+    time, force, speed = columns(rows, "time", f"force_{axis}", f"velocity_{axis}")
     with rc_context(STYLE):
         figure = Figure(figsize=(10, 4), layout="constrained")
         left, right = figure.subplots(1, 2)

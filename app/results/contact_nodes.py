@@ -1,4 +1,4 @@
-"""Data of all pairs at the vertices of their slave facets, on the first rank, and their files.
+"""Data of all pairs at the vertices of their slave facets, on the first rank.
 
 Axis letters: v vertices, q points, f facets, k vertices of a facet. Values of points are averaged
 to the vertices with the weights of the contact pressure, (1/m_A) Σ_q w N_A f_q, so that pressure or
@@ -8,18 +8,17 @@ friction times ``area`` add up to the forces.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
-import meshio
 import numpy as np
 from mpi4py import MPI
 
 from app.build.model import Model
 from app.results.contact_points import point_values
+from app.results.vtu import Array
 from forms.contact.penalty import ContactTerm
 from forms.contact.pressure import nodal_pressure as pressure_at_nodes
 from forms.contact.state import ContactTrial
-from geometry.surfaces.facets import Floats, Longs
+from geometry.surfaces.facets import Floats, Ints, Longs
 from geometry.surfaces.ordering import order_by_place
 
 # What a cell is called in files, and the order of its corners there.
@@ -28,10 +27,25 @@ _CELLS = {
     "triangle": ("triangle", [0, 1, 2]),
     "quadrilateral": ("quad", [0, 1, 3, 2]),
 }
+VTK_KINDS = {"line": 3, "triangle": 5, "quad": 9}
 _AVERAGED = (
     *("cover", "slip_increment", "slip_rate", "slip_path"),
     *("film_thickness", "alpha", "dissipation"),
 )
+
+
+@dataclass(frozen=True, slots=True)
+class SlaveFacets:
+    """The slave facets of all pairs, one after the other, in an order that ranks do not change.
+
+    Attributes:
+        nodes: (f, k) rows of the vertices of each facet, round it; pair: (f,) number of its pair.
+        kind: "line", "triangle" or "quad".
+    """
+
+    nodes: Longs
+    pair: Ints
+    kind: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,32 +58,44 @@ class ContactNodes:
             or "quad".
     """
 
-    values: dict[str, Floats]
+    values: dict[str, Array]
     facets: Longs
     kind: str
 
 
-def contact_nodes(model: Model) -> ContactNodes | None:
+def slave_facets(model: Model) -> SlaveFacets:
+    """The facets between the nodes of :func:`contact_nodes`, on all ranks; collective."""
+    terms = model.problem.contacts
+    facets = [_facets(term) for term in terms]
+    first = np.cumsum([0, *(term.surface.vertices.count for term in terms)])
+    kind, corners = _CELLS[terms[0].surface.shape.cell]
+    rows = np.concatenate([start + f for start, f in zip(first[:-1], facets, strict=True)])
+    pair = np.repeat(np.arange(len(terms), dtype=np.int32), [len(f) for f in facets])
+    return SlaveFacets(rows[:, corners], pair, kind)
+
+
+def contact_nodes(model: Model, facets: SlaveFacets | None = None) -> ContactNodes | None:
     """Nodal values of all pairs after the last converged step; collective.
+
+    Args:
+        model: what is solved.
+        facets: those of :func:`slave_facets`, which do not change; None: found anew.
 
     Returns:
         On the first rank, by name: ``position`` and ``reference`` (v, i), m; ``pair``; ``area``,
-        m_A: m² (m in the plane); ``gap``, m, mean; NaN with no master below; ``pressure``,
-        ``tangential_traction``, Pa, and in space the vector ``friction_traction`` (v, i), Pa;
-        means of the other values of :func:`app.results.contact_points.contact_arrays`, but for the
-        regime. None on the others.
+        m_A: m² (m in the plane); ``normal`` (v, i), out of the master; ``gap``, m, mean; 0 and
+        NaN with no master below; ``pressure``, ``tangential_traction``, Pa, and in space the vector
+        ``friction_traction`` (v, i), Pa; means of the other values of
+        :func:`app.results.contact_points.contact_arrays`, but for the regime. None on the others.
     """
     problem = model.problem
+    facets = facets or slave_facets(model)
     pairs = list(zip(problem.contacts, problem.committed, strict=True))
     parts = [_values(index, model, term, trial) for index, (term, trial) in enumerate(pairs)]
-    facets = [_facets(term) for term, _ in pairs]
     if problem.comm.rank > 0:
         return None
-    first = np.cumsum([0, *(len(part["pair"]) for part in parts)])
-    kind, corners = _CELLS[problem.contacts[0].surface.shape.cell]
-    rows = np.concatenate([start + f for start, f in zip(first[:-1], facets, strict=True)])
     values = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    return ContactNodes(values, rows[:, corners], kind)
+    return ContactNodes(values, facets.nodes, facets.kind)
 
 
 def nodal_pressure(term: ContactTerm, trial: ContactTrial) -> Floats:
@@ -77,33 +103,22 @@ def nodal_pressure(term: ContactTerm, trial: ContactTrial) -> Floats:
     return pressure_at_nodes(term.surface, trial.pressure)
 
 
-def write_contact_nodes(path: Path, nodes: ContactNodes) -> None:
-    """Write the deformed slave surfaces with their values, for ParaView."""
-    values = dict(nodes.values)
-    position = values.pop("position")
-    points = np.zeros((len(position), 3))
-    points[:, : position.shape[1]] = position
-    part = path.with_suffix(".part.vtu")
-    meshio.Mesh(points, [(nodes.kind, nodes.facets)], point_data=values).write(part)
-    part.replace(path)
-
-
-def _values(index: int, model: Model, term: ContactTerm, trial: ContactTrial) -> dict[str, Floats]:
+def _values(index: int, model: Model, term: ContactTerm, trial: ContactTrial) -> dict[str, Array]:
     """Values of one pair, on all ranks; collective."""
     vertices, of_points = term.surface.vertices, point_values(term, trial)
-    out = {
+    out: dict[str, Array] = {
         "position": vertices.position + _displacement(model, vertices.nodes),
         "reference": vertices.position,
-        "pair": np.full(vertices.count, float(index)),
+        "pair": np.full(vertices.count, index, dtype=np.int32),
         "area": vertices.area,
+        "normal": _normals(term, of_points["normal"]),
         "gap": _gap(term, trial),
         "pressure": nodal_pressure(term, trial),
     }
     if term.surface.dim == 2:
         out["tangential_traction"] = _mean(term, of_points["tangential_traction"])
     else:
-        traction = of_points["friction_traction"]
-        vectors = np.stack([_mean(term, component) for component in traction.T], axis=1)
+        vectors = _mean_vectors(term, of_points["friction_traction"])
         out |= {
             "tangential_traction": np.linalg.norm(vectors, axis=1),
             "friction_traction": vectors,
@@ -115,6 +130,19 @@ def _mean(term: ContactTerm, values: Floats) -> Floats:
     """Means (v,) of point values (q,); collective."""
     vertices = term.surface.vertices
     out: Floats = vertices.sums(term.surface.slave.weight * values) / vertices.area
+    return out
+
+
+def _mean_vectors(term: ContactTerm, vectors: Floats) -> Floats:
+    """Means (v, i) of point values (q, i); collective."""
+    return np.stack([_mean(term, component) for component in vectors.T], axis=1)
+
+
+def _normals(term: ContactTerm, normals: Floats) -> Floats:
+    """Mean unit normals (v, i) of those at the points (q, i); 0 where these are; collective."""
+    mean = _mean_vectors(term, normals)
+    length = np.linalg.norm(mean, axis=1, keepdims=True)
+    out: Floats = mean / np.where(length > 0.0, length, 1.0)
     return out
 
 

@@ -8,49 +8,100 @@ from __future__ import annotations
 import numpy as np
 
 from app.build.model import Model
+from app.results.gathered_mesh import gathered
+from app.results.vtu import Array
 from app.simulation.contact_resultants import turned_right
 from forms.contact.penalty import ContactTerm
 from forms.contact.state import ContactTrial
-from geometry.surfaces.facets import Floats
+from geometry.surfaces.facets import Floats, Longs
 from geometry.surfaces.ordering import order_by_place
 
 
-def contact_arrays(model: Model) -> dict[str, Floats] | None:
+class ContactPoints:
+    """The contact points of all pairs, one after the other, and what never changes of them.
+
+    Attributes:
+        pair: (q,) numbers of the pairs; reference: (q, i), m; weight: (q,), quadrature weight times
+            reference area, m², of rings the whole 2πR, in the plane m. Empty but on the first rank.
+    """
+
+    def __init__(self, model: Model) -> None:
+        """Find the order of the points; collective."""
+        terms = model.problem.contacts
+        slaves = [term.surface.slave for term in terms]
+        self._comm = model.problem.comm
+        pair = np.repeat(np.arange(len(terms)), [len(slave.weight) for slave in slaves])
+        fixed = np.column_stack(
+            [
+                pair,
+                np.concatenate([slave.weight for slave in slaves]),
+                np.concatenate([slave.position for slave in slaves]),
+            ]
+        )
+        # Of each rank all pairs one after the other.
+        fixed = gathered(self._comm, fixed)
+        self._order: Longs = np.empty(0, dtype=np.int64)
+        if len(fixed):
+            order = order_by_place(fixed[:, 2:])
+            self._order = order[np.argsort(fixed[order, 0], kind="stable")]
+        fixed = fixed[self._order]
+        self.pair = fixed[:, 0].astype(np.int32)
+        self.weight, self.reference = fixed[:, 1], fixed[:, 2:]
+
+    def arrays(self, model: Model) -> dict[str, Array] | None:
+        """As :func:`contact_arrays`; collective."""
+        problem = model.problem
+        pairs = zip(problem.contacts, problem.committed, strict=True)
+        parts = [point_values(term, trial) for term, trial in pairs]
+        widths = {name: values.shape[1:] for name, values in parts[0].items()}
+        rows = gathered(self._comm, np.concatenate([_rows(part) for part in parts]))
+        if self._comm.rank > 0:
+            return None
+        rows, at = rows[self._order], 0
+        out: dict[str, Array] = {
+            "position": np.empty(0),
+            "reference": self.reference,
+            "pair": self.pair,
+            "weight": self.weight,
+        }
+        for name, width in widths.items():
+            count = width[0] if width else 1
+            out[name] = rows[:, at : at + count].reshape(-1, *width)
+            at += count
+        return out
+
+
+def _rows(part: dict[str, Floats]) -> Floats:
+    """All arrays of points side by side (q, k)."""
+    return np.column_stack(list(part.values()))
+
+
+def contact_arrays(model: Model) -> dict[str, Array] | None:
     """Data at all contact points after the last converged step; collective.
 
     Returns:
         On the first rank, arrays by name (SI), points sorted by pair and reference position:
-        ``position`` and ``reference`` (q, i), m; ``pair``; ``gap``, ``slip_increment``,
+        ``position`` and ``reference`` (q, i), m; ``pair``; ``weight``, m² (m in the plane);
+        ``normal`` (q, i), out of the master; 0 with none below; ``gap``, ``slip_increment``,
         ``slip_path``, ``film_thickness``, m; ``slip_rate``, m/s; ``pressure``,
-        ``tangential_traction``, Pa; ``cover``, share that touches; ``alpha``; ``regime``;
-        ``dissipation``, J/m² in the last step.
+        ``tangential_traction``, Pa;
+        ``cover``, share that touches; ``alpha``; ``regime``; ``dissipation``, J/m² in the last
+        step.
         In the plane slip and friction count positive to the right of the normal; in space they are
         lengths, beside the vectors ``slip_vector``, m, and ``friction_traction``, Pa, (q, i).
         None on the others.
     """
-    problem = model.problem
-    mine = [
-        {"pair": np.full(len(trial.pressure), float(index)), **point_values(term, trial)}
-        for index, (term, trial) in enumerate(zip(problem.contacts, problem.committed, strict=True))
-    ]
-    gathered = problem.comm.gather(mine)
-    if gathered is None:
-        return None
-    parts = [arrays for rank in gathered for arrays in rank]
-    joined = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    order = order_by_place(joined["reference"])
-    order = order[np.argsort(joined["pair"][order], kind="stable")]
-    return {name: values[order] for name, values in joined.items()}
+    return ContactPoints(model).arrays(model)
 
 
 def point_values(term: ContactTerm, trial: ContactTrial) -> dict[str, Floats]:
-    """Arrays of :func:`contact_arrays`, but for ``pair``, of this rank's points of one pair."""
+    """Arrays of :func:`contact_arrays` that change, of this rank's points of one pair."""
     k, response = trial.kinematics, trial.response
     state = response.state
     slip, friction = _along(k.slip, k.normal), _along(response.traction, k.normal)
     out = {
         "position": trial.position,
-        "reference": term.surface.slave.position,
+        "normal": np.where(trial.projection.on_surface[:, None], k.normal, 0.0),
         "gap": np.where(trial.projection.on_surface, k.gap, np.nan),
         "pressure": trial.pressure,
         "cover": np.where(trial.pressure > 0.0, trial.normal_contact.cover, 0.0),

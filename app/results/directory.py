@@ -16,14 +16,21 @@ OWN = (
     "case.toml",
     "summary.json",
     "history.csv",
-    "motion.csv",
+    "contacts.csv",
+    "surfaces.csv",
+    "bodies.csv",
+    "probes.csv",
+    "body_probes.csv",
+    "contact_probes.csv",
     "log.txt",
-    "fields.bp",
-    "stress.bp",
+    "fields.pvd",
+    "fields",
     "contact.pvd",
     "contact",
-    "contact_nodes.pvd",
-    "contact_nodes",
+    "contact_points.pvd",
+    "contact_points",
+    "fields.bp",
+    "stress.bp",
     "figures",
     "sweep.csv",
     "mesh.msh",
@@ -37,7 +44,9 @@ OWN = (
     "friction.toml",
     "verification.md",
 )
-TEXT_COLUMNS = ("stage", "label")
+# What earlier versions wrote and --force clears too.
+EARLIER = ("motion.csv", "contact_nodes.pvd", "contact_nodes")
+TEXT_COLUMNS = ("stage", "label", "pair", "surface", "body", "probe")
 
 
 def default_directory(case_file: Path) -> Path:
@@ -103,7 +112,7 @@ def prepare(directory: Path) -> None:
 
 def _is_own(name: str, labels: Sequence[str]) -> bool:
     """Whether a name in a results directory is one of a result, or of a value of its sweep."""
-    return name.removesuffix(".part") in OWN or name in labels
+    return name.removesuffix(".part") in OWN + EARLIER or name in labels
 
 
 def write_text(path: Path, text: str) -> None:
@@ -128,6 +137,42 @@ def write_table(path: Path, columns: Sequence[str], rows: Iterable[Sequence[Any]
     part.replace(path)
 
 
+class GrowingTable:
+    """A CSV file that gets rows while a run goes on; what is there is whole up to its last row.
+
+    Attributes:
+        written: number of rows so far.
+    """
+
+    def __init__(self, path: Path, columns: Sequence[str]) -> None:
+        """Begin the file with the names of the columns."""
+        self._path = path
+        self.written = 0
+        with path.open("w", newline="", encoding="utf-8") as stream:
+            csv.writer(stream, lineterminator="\n").writerow(columns)
+
+    def extend(self, rows: Sequence[Sequence[Any]]) -> None:
+        """Append rows; numbers with all their digits."""
+        if not rows:
+            return
+        with self._path.open("a", newline="", encoding="utf-8") as stream:
+            out = csv.writer(stream, lineterminator="\n")
+            out.writerows([repr(v) if isinstance(v, float) else v for v in row] for row in rows)
+        self.written += len(rows)
+
+
+def _entry(column: str, text: str) -> float | str:
+    """A number, or the text of a column that holds text; what is swept may be either."""
+    if column in TEXT_COLUMNS:
+        return text
+    try:
+        return float(text)
+    except ValueError:
+        if column == "value":
+            return text
+        raise
+
+
 def read_table(path: Path) -> list[dict[str, Any]]:
     """Rows of a CSV file written here, numbers as floats.
 
@@ -137,7 +182,7 @@ def read_table(path: Path) -> list[dict[str, Any]]:
     try:
         with path.open(newline="", encoding="utf-8") as stream:
             return [
-                {key: value if key in TEXT_COLUMNS else float(value) for key, value in row.items()}
+                {key: _entry(key, value) for key, value in row.items()}
                 for row in csv.DictReader(stream)
             ]
     except FileNotFoundError:

@@ -1,9 +1,8 @@
-"""Field output for ParaView: displacement and contact pressure at nodes, stress in the cells."""
+"""What field output is made of: stress in the cells, contact pressure at the nodes."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import dolfinx
 import numpy as np
@@ -44,6 +43,16 @@ class StressField:
         deviator = sigma + pressure[:, None, None] * np.eye(3)
         self.pressure.x.array[:] = pressure
         self.von_mises.x.array[:] = np.sqrt(1.5 * np.einsum("cij,cij->c", deviator, deviator))
+
+    def own(self) -> tuple[Floats, Floats, Floats]:
+        """Stress (c, 3, 3), von Mises stress (c,) and pressure (c,), Pa, of this rank's cells."""
+        mesh = self.stress.function_space.mesh
+        owned = mesh.topology.index_map(mesh.topology.dim).size_local
+        tensors, scalars = (
+            f.function_space.dofmap.list[:owned, 0] for f in (self.stress, self.pressure)
+        )
+        stress = self.stress.x.array.reshape(-1, 3, 3)[tensors]
+        return stress, self.von_mises.x.array[scalars], self.pressure.x.array[scalars]
 
 
 class ContactPressureField:
@@ -90,51 +99,3 @@ def _interpolation(surface: ContactSurface) -> tuple[Longs, Longs, Floats]:
     local = surface.space.dofmap.index_map.global_to_local(distinct).astype(np.int64)
     here = local >= 0
     return local[here], number[once][here], share[once][here]
-
-
-class FieldWriter:
-    """Writes ``fields.bp`` and ``stress.bp``, as ParaView reads them; collective."""
-
-    def __init__(
-        self,
-        u: dolfinx.fem.Function,
-        solids: Sequence[Solid],
-        directory: Path,
-        surfaces: Sequence[ContactSurface] = (),
-    ) -> None:
-        """Open the files.
-
-        Args:
-            u: displacement, m.
-            solids: the bodies.
-            directory: where the files go.
-            surfaces: of the contact pairs.
-        """
-        self._stress = StressField(u, solids)
-        self._contact = ContactPressureField(u, surfaces) if surfaces else None
-        nodes = [u, self._contact.pressure] if self._contact else [u]
-        comm = u.function_space.mesh.comm
-        cells = [self._stress.stress, self._stress.von_mises, self._stress.pressure]
-        # The default engine writes garbage from a rank without cells; BP4 does not.
-        self._writers = [
-            dolfinx.io.VTXWriter(comm, directory / name, functions, engine="BP4")
-            for name, functions in (("fields.bp", nodes), ("stress.bp", cells))
-        ]
-
-    def write(self, time: float, pressures: Sequence[Floats] = ()) -> None:
-        """Write the present state at ``time`` (s).
-
-        Args:
-            time: s.
-            pressures: Pa, (v,) at the vertices of each slave surface.
-        """
-        self._stress.update()
-        if self._contact is not None:
-            self._contact.update(pressures)
-        for writer in self._writers:
-            writer.write(time)
-
-    def close(self) -> None:
-        """Finish the files."""
-        for writer in self._writers:
-            writer.close()

@@ -6,13 +6,12 @@ import importlib.metadata
 import platform
 import resource
 import time
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, astuple
+from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import dolfinx
-import meshio
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -20,13 +19,13 @@ from petsc4py import PETSc
 from app.build.load_steps import LoadStep
 from app.build.model import Model
 from app.case.case import resolved_toml
+from app.case.stage import solver_of
 from app.implicit.stepper import StepResult
-from app.results.contact_nodes import contact_nodes, nodal_pressure, write_contact_nodes
-from app.results.contact_points import contact_arrays
-from app.results.directory import write_json, write_table, write_text
-from app.results.fields import FieldWriter
+from app.results.directory import write_json, write_text
+from app.results.output_files import OutputFiles
+from app.results.run_tables import RunTables
 from app.simulation.contact_warnings import ContactWarnings
-from app.simulation.history import COLUMNS, Row, energy_gap
+from app.simulation.history import Row, energy_gap
 from app.simulation.inertia import notes_on_inertia
 from app.simulation.observer import Interval, Observer
 from app.simulation.roundoff_watch import RoundOffWatch
@@ -36,8 +35,7 @@ from geometry.surfaces.facets import Floats
 
 TINY = 1e-30  # J/m², below any dissipation
 UNBALANCED = 0.05  # energy error over the work from which a run is warned of
-HISTORY_EVERY = 2.0  # s between two rewrites of history.csv while running
-POINTS, NODES = "contact", "contact_nodes"  # directories, and names of their indices by time
+UNBALANCED_FORCE = 1e-4  # resultant on a body over the largest force from which it is
 
 
 class Recorder(Observer):
@@ -56,8 +54,6 @@ class Recorder(Observer):
         self.first = self.comm.rank == 0
         self.load_steps: list[dict[str, Any]] = []
         self.every = model.case.output.fields_every
-        self._outputs: list[tuple[float, str]] = []
-        self._written = time.monotonic()
         self._started = time.perf_counter()
         self._warned = False
         self._thin = False
@@ -69,12 +65,8 @@ class Recorder(Observer):
         self.warnings: list[str] = list(model.notes)
         if self.first:
             write_text(directory / "case.toml", resolved_toml(model.case))
-            for name in (POINTS, NODES):
-                (directory / name).mkdir()
-        self.comm.barrier()
-        surfaces = [term.surface for term in model.problem.contacts]
-        self._fields = FieldWriter(model.problem.u, model.problem.solids, directory, surfaces)
-        self._last_output = -1
+        self._tables: RunTables | None = None
+        self._files = OutputFiles(model, directory)
 
     def step(self, state: RunState, row: Row, result: StepResult | Interval) -> None:
         """Write the outputs that are due and look for a negative dissipation."""
@@ -84,9 +76,7 @@ class Recorder(Observer):
         self._label = row.stage
         self._roundoff.step(row, result)
         self._contacts.step(row, self.model.thickness)
-        if self.first and time.monotonic() - self._written > HISTORY_EVERY:
-            self._write_history(state)
-            self._written = time.monotonic()
+        self._write_tables(state)
 
     def load_step(
         self, state: RunState, load_step: LoadStep, row: Row, steady: bool | None
@@ -123,52 +113,43 @@ class Recorder(Observer):
         if simulation.state.step:
             self._output(simulation.state)
             self.warnings.extend(self._contacts.warnings())
-            self.warnings.extend(_unbalanced(simulation.rows))
+            self.warnings.extend(_unbalanced(simulation))
             self._roundoff.end(self._label)
             self.warnings.extend(self._roundoff.warnings())
-        self._fields.close()
+        self._files.close()
         explicit = {} if simulation.explicit is None else simulation.explicit.summary()
         shares = self.comm.gather(self._share())
+        self._write_tables(simulation.state)
         if self.first:
-            self._write_history(simulation.state)
-            if simulation.explicit is not None:
-                motion = simulation.explicit.motion
-                write_table(self.directory / "motion.csv", motion.columns, motion.rows)
-            self._write_series()
             summary = self._summary(simulation, status, shares or [])
             parts = {"explicit": explicit} if explicit else {}
             write_json(self.directory / "summary.json", summary | parts | {"failure": failure})
 
     def rescue(self, simulation: Simulation) -> None:
         """Write the history after an error of this rank alone; not collective."""
+        self._write_tables(simulation.state)
         if self.first:
-            self._write_history(simulation.state)
+            self._files.write_indices()
 
-    def _write_history(self, state: RunState) -> None:
-        rows = (astuple(row) for row in state.rows)
-        write_table(self.directory / "history.csv", COLUMNS, rows)
+    def _write_tables(self, state: RunState) -> None:
+        if self.first:
+            if self._tables is None:
+                self._tables = RunTables(self.directory, state)
+            self._tables.write(state)
 
     @property
     def last_output(self) -> tuple[float, str]:
-        """Time, s, and file of contact points of the last output; there must be one."""
-        when, name = self._outputs[-1]
-        return when, f"{POINTS}/{name}"
+        """Time, s, and files of the last output; there must be one."""
+        step, when = next(reversed(self._files.times.items()))
+        return when, self._files.described(step)
 
     def _output(self, state: RunState) -> None:
-        if state.step == self._last_output:
+        if state.step in self._files.times:
             return
-        self._last_output = state.step
         problem = self.model.problem
         with problem.timer("output"):
             problem.spread(state.stepper.x)
-            pairs = zip(problem.contacts, problem.committed, strict=True)
-            self._fields.write(state.time, [nodal_pressure(*pair) for pair in pairs])
-            name = f"{state.step:06d}.vtu"
-            points, nodes = contact_arrays(self.model), contact_nodes(self.model)
-            if points is not None and nodes is not None:
-                _write_points(self.directory / POINTS / name, points)
-                write_contact_nodes(self.directory / NODES / name, nodes)
-            self._outputs.append((state.time, name))
+            self._files.write(state.step, state.time)
 
     def _watch(self, state: RunState, row: Row) -> None:
         """Warn once of a negative dissipation beyond round-off, and of running off the master."""
@@ -190,18 +171,6 @@ class Recorder(Observer):
                     f"negative dissipation {pair.least_dissipation:.3g} J/m² at ({where}) m, "
                     f"time {row.time:.6g} s, stage {row.stage}"
                 )
-
-    def _write_series(self) -> None:
-        """Indices of the contact files by time, as ParaView reads them."""
-        for kind in (POINTS, NODES):
-            sets = "\n".join(
-                f'    <DataSet timestep="{t!r}" file="{kind}/{name}"/>' for t, name in self._outputs
-            )
-            write_text(
-                self.directory / f"{kind}.pvd",
-                '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n'
-                f"  <Collection>\n{sets}\n  </Collection>\n</VTKFile>\n",
-            )
 
     def _share(self) -> dict[str, Any]:
         """What this rank has of the work."""
@@ -229,6 +198,7 @@ class Recorder(Observer):
             "factorisations": assembled,
             "attempts": sum(row.attempts for row in rows),
             "energy_error_relative": energy_gap(rows),
+            "force_balance_relative": force_balance(simulation),
             "residual_at_roundoff": worst.share if worst else None,
             "penalty": self._penalty,
             "film_onset_pressure": self.model.film_onset,
@@ -236,6 +206,7 @@ class Recorder(Observer):
             "penetration_over_approach": self._contacts.over_approach,
             "penetration_over_film": [_penetration_over_film(row) for row in rows[-1:]],
             "load_steps": self.load_steps,
+            "bodies": [solid.name for solid in problem.solids],
             "dofs": int(problem.space.dofmap.index_map.size_global * problem.dim),
             "ranks": self.comm.size,
             "seconds": {"run": round(wall, 4), **timings},
@@ -256,9 +227,22 @@ def _extent(comm: MPI.Comm, values: Floats) -> list[float]:
     return [least, comm.allreduce(float(np.max(values, initial=0.0)), op=MPI.MAX)]
 
 
-def _unbalanced(rows: Sequence[Row]) -> Iterator[str]:
-    """A warning on a run whose energies do not add up."""
-    gap = abs(energy_gap(rows))
+def force_balance(simulation: Simulation) -> float | None:
+    """Largest resultant force on a body in equilibrium over the largest force; None without one."""
+    case = simulation.model.case
+    still = [s.name for s in case.stage if solver_of(s, case.solver.kind) == "implicit"]
+    return simulation.state.motion.force_balance(still)
+
+
+def _unbalanced(simulation: Simulation) -> Iterator[str]:
+    """Warnings on a run whose forces or energies do not add up."""
+    rest = force_balance(simulation) or 0.0
+    if rest > UNBALANCED_FORCE:
+        yield (
+            f"forces on a body add up to zero only to {rest:.2g} of the largest: solver.tolerance "
+            "is too large for them, or rounding leaves no less"
+        )
+    gap = abs(energy_gap(simulation.rows))
     if gap > UNBALANCED:
         yield (
             f"energy is balanced only to {gap:.2g} of the work: the steps are too long for what "
@@ -278,14 +262,3 @@ def _version() -> str:
         return importlib.metadata.version("tribox")
     except importlib.metadata.PackageNotFoundError:
         return __version__
-
-
-def _write_points(path: Path, arrays: dict[str, Floats]) -> None:
-    """Contact points as vertices with data, ``position`` being where they are."""
-    position = arrays.pop("position")
-    points = np.zeros((len(position), 3))
-    points[:, : position.shape[1]] = position
-    vertices = [("vertex", np.arange(len(points))[:, None])]
-    part = path.with_suffix(".part.vtu")
-    meshio.Mesh(points, vertices, point_data=arrays).write(part)
-    part.replace(path)

@@ -12,6 +12,7 @@ from app.case.case import Case
 from app.errors import InputError, SolutionError
 from app.results.directory import check_free, prepare
 from app.results.earlier_sweep import sweep_labels
+from app.results.probes import ProbeRecorder
 from app.results.recorder import Recorder
 from app.run.interruption import Interruption
 from app.run.progress import Reporter, Together
@@ -56,8 +57,9 @@ def run_case(
     try:
         if reporter:
             _say_notes(reporter, model.notes, steps, quiet)
+        probes = ProbeRecorder(model, directory)
         with Interruption(comm) as interruption:
-            _run(simulation, recorder, Together(*told, interruption))
+            _run(simulation, recorder, Together(*told, probes, interruption))
         if case.output.figures:
             draw_run(simulation, directory)
         if reporter:
@@ -114,12 +116,11 @@ def _saved_line(simulation: Simulation, recorder: Recorder) -> str:
     if state.step == 0:
         return f"no step was solved, so {directory} holds no state"
     # An explicit run fails between two rows; its last output may be that of the row before.
-    time, points = recorder.last_output
+    time, files = recorder.last_output
     what = "converged" if simulation.explicit is None else "valid"
     return (
         f"the last {what} state, step {state.step} at time {time:.6g} s, is saved in {directory}: "
-        f"last output of fields.bp and stress.bp, {points}, and the steps that led there in "
-        "history.csv"
+        f"{files}, and the steps that led there in history.csv"
     )
 
 

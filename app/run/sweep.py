@@ -104,12 +104,14 @@ def part_command(case_file: Path, index: int, directory: Path, options: Sequence
 def collate(case: Case, directory: Path) -> None:
     """Write ``sweep.csv``, one row for each load step of each part, and ``summary.json``.
 
-    Columns are those of the history, with the part's ``label`` and ``steady`` before them. Parts
+    Columns are those of the history, with the part's ``label``, the swept ``value`` (in SI, where
+    it is a number) and ``steady`` before them. Parts
     that were not run, or not to their end, give what they have; ``summary.json`` tells.
     """
     rows = []
     parts: dict[str, Any] = {}
-    for label, _ in case.sweep_cases():
+    for label, single in case.sweep_cases():
+        value = case.swept_value(single)
         path = directory / label / "summary.json"
         if not path.is_file():
             parts[label] = {"status": "not run"}
@@ -119,6 +121,7 @@ def collate(case: Case, directory: Path) -> None:
         for load_step in summary["load_steps"]:
             steady = load_step["steady"]
             number = -1 if steady is None else int(steady)
-            rows.append([label, number, *(load_step[name] for name in COLUMNS)])
-    write_table(directory / "sweep.csv", ("label", "steady", *COLUMNS), rows)
+            first = [label, "" if value is None else value, number]
+            rows.append([*first, *(load_step[name] for name in COLUMNS)])
+    write_table(directory / "sweep.csv", ("label", "value", "steady", *COLUMNS), rows)
     write_json(directory / "summary.json", {"title": case.title, "parts": parts})

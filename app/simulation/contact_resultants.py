@@ -14,6 +14,9 @@ from forms.contact.state import ContactTrial
 from forms.friction.law import Regime
 from geometry.surfaces.facets import Floats
 
+# Vector integrals whose radial part cancels round the ring of an axisymmetric pair.
+_CANCELLING = ("force", "normal", "friction")
+
 
 @dataclass(slots=True)
 class ContactResultants:
@@ -23,10 +26,13 @@ class ContactResultants:
     normal; in space the driven direction, or that of the friction where nothing is driven.
 
     Attributes:
-        normal_force, drag: N/m; resultant of all tractions on the slave along the mean normal of
-            the contact, and against the way along it.
-        tangential_force: N/m; friction on the master along its surface. It leaves out what the drag
-            also holds: pressure on a surface that is not flat.
+        normal_force: N/m; integral of the contact pressure t_N, ≥ 0 on a surface of any shape;
+            friction_force: N/m; integral of the friction's magnitude |T|.
+        tangential_force: N/m; integral of the friction on the master along its surface, with its
+            sign. It leaves out what the drag also holds: pressure on a surface that is not flat.
+        normal_resultant, drag: N/m; resultant of all tractions on the slave along the mean normal
+            of the contact, and against the way along it. On a surface that closes on itself (a
+            plug in a tube) it says little.
         force, friction: N/m, vectors: resultant of all tractions on the slave, and of the friction
             on the master. On an axisymmetric pair the radial parts cancel round the ring.
         twist_moment: N m, of the friction on the master about the mean normal, through the centre
@@ -43,8 +49,10 @@ class ContactResultants:
     """
 
     normal_force: float
-    drag: float
+    friction_force: float
     tangential_force: float
+    normal_resultant: float
+    drag: float
     force: tuple[float, ...]
     friction: tuple[float, ...]
     twist_moment: float
@@ -138,24 +146,26 @@ def _scalars(term: ContactTerm, trial: ContactTrial) -> dict[str, float]:
 def vector_integrals(term: ContactTerm, trial: ContactTrial) -> dict[str, Floats]:
     """This rank's vector integrals (k, i) over the reference area, for :func:`resultants`.
 
-    They are the traction on the slave, N/m, the normals of the closed area, m, and the friction on
-    the master; in the plane its sum along the surface beside a 0; in space its moment about the
-    origin, the centre of pressure times the load, and the load beside two 0.
+    They are the traction on the slave, N/m, the normals of the closed area, m, the friction on the
+    master, and as ``scalars`` the pressure and the friction's magnitude (in space beside a 0); in
+    the plane the friction along the surface beside a 0; in space its moment about the origin, and
+    the centre of pressure times the load.
     """
     weight, normal = term.surface.slave.weight, trial.kinematics.normal
-    traction = trial.response.traction
+    traction, load = trial.response.traction, weight * trial.pressure
+    scalars = np.zeros(term.surface.dim)
+    scalars[:2] = load.sum(), weight @ np.sqrt(_dot(traction, traction))
     out = {
         "force": weight @ trial.traction,
         "normal": np.where(trial.pressure > 0.0, weight, 0.0) @ normal,
         "friction": weight @ traction,
+        "scalars": scalars,
     }
     if term.surface.dim == 2:
         out["right"] = np.array([weight @ _dot(traction, turned_right(normal)), 0.0])
     else:
-        load = weight * trial.pressure
         out["moment"] = weight @ np.cross(trial.position, traction)
         out["centre"] = load @ trial.position
-        out["load"] = np.array([load.sum(), 0.0, 0.0])
     return out
 
 
@@ -170,14 +180,17 @@ def resultants(
         axisymmetric: whether radial parts cancel round the ring.
     """
     if axisymmetric:
-        vectors = {n: v if n == "right" else v * np.array([0.0, 1.0]) for n, v in vectors.items()}
+        axial = np.array([0.0, 1.0])
+        vectors = {n: v * axial if n in _CANCELLING else v for n, v in vectors.items()}
     along = _Along(vectors, driven)
     right = vectors.get("right")
     friction = along.share(vectors["friction"]) if right is None else float(right[0])
     return {
-        "normal_force": float(vectors["force"] @ along.normal),
-        "drag": -along.share(vectors["force"]),
+        "normal_force": float(vectors["scalars"][0]),
+        "friction_force": float(vectors["scalars"][1]),
         "tangential_force": friction,
+        "normal_resultant": float(vectors["force"] @ along.normal),
+        "drag": -along.share(vectors["force"]),
         "force": tuple(map(float, vectors["force"])),
         "friction": tuple(map(float, vectors["friction"])),
         "twist_moment": _twist(vectors, along.normal),
@@ -217,9 +230,10 @@ class _Along:
 
 def _twist(vectors: dict[str, Floats], normal: Floats) -> float:
     """Moment of the friction about the normal through the centre of pressure, N m; 0 in a plane."""
-    if "load" not in vectors or vectors["load"][0] <= 0.0:
+    load = vectors["scalars"][0]
+    if "centre" not in vectors or load <= 0.0:
         return 0.0
-    lever = np.cross(vectors["centre"] / vectors["load"][0], vectors["friction"])
+    lever = np.cross(vectors["centre"] / load, vectors["friction"])
     return float((vectors["moment"] - lever) @ normal)
 
 
@@ -244,6 +258,20 @@ def _least(density: Floats, position: Floats, comm: MPI.Comm) -> tuple[float, tu
     return least, worst
 
 
+# Columns of :func:`contact_columns` beside the vectors.
+SCALAR_COLUMNS = (
+    *("slip_speed", "normal_force", "friction_force", "tangential_force", "normal_resultant"),
+    *("drag", "friction_coefficient", "mu", "film_thickness", "effective_viscosity"),
+    *("contact_area", "area_ratio", "stick_fraction", "viscous_fraction", "max_penetration"),
+)
+_FORCES = ("normal_force", "friction_force", "tangential_force", "normal_resultant", "drag")
+
+
+def along_force(pairs: Sequence[ContactResultants]) -> float:
+    """Sum of the tangential forces' magnitudes, N/m: signs of different pairs do not cancel."""
+    return sum(abs(m.tangential_force) for m in pairs)
+
+
 def contact_columns(
     pairs: Sequence[ContactResultants], velocity: float, rate_dependent: bool, thickness: float
 ) -> dict[str, Any]:
@@ -255,22 +283,26 @@ def contact_columns(
         rate_dependent: whether time counts, so that there is a slip speed.
         thickness: m, of the slab that the results are for.
     """
-    normal = sum(m.normal_force for m in pairs)
-    tangential = sum(m.tangential_force for m in pairs)
+    normal, friction, tangential, resultant, drag = (
+        sum(getattr(m, name) for m in pairs) * thickness for name in _FORCES
+    )
     area = sum(m.area for m in pairs)
 
     def mean(value: Callable[[ContactResultants], float]) -> float:
         return sum(value(m) * m.area for m in pairs) / area if area > 0.0 else 0.0
 
     film = mean(lambda m: m.film)
+    along = along_force(pairs)
     sliding = velocity != 0.0 and area > 0.0
-    viscosity = abs(tangential * film / (velocity * area)) if sliding else 0.0
+    viscosity = abs(along * film / (velocity * area)) if sliding else 0.0
     return {
         "slip_speed": mean(lambda m: m.speed) if rate_dependent else 0.0,
-        "normal_force": normal * thickness,
-        "tangential_force": tangential * thickness,
-        "drag": sum(m.drag for m in pairs) * thickness,
-        "friction_coefficient": abs(tangential / normal) if normal != 0.0 else 0.0,
+        "normal_force": normal,
+        "friction_force": friction,
+        "tangential_force": tangential,
+        "normal_resultant": resultant,
+        "drag": drag,
+        "friction_coefficient": _over(friction, normal),
         "mu": mean(lambda m: m.friction_coefficient),
         "film_thickness": film,
         "effective_viscosity": viscosity,

@@ -22,8 +22,7 @@ from app.explicit.stepper import ExplicitStepper, MassScaling
 from app.simulation.inertia import Inertia
 from app.simulation.interval_averages import IntervalAverages
 from app.simulation.observer import Interval, Observer
-from app.simulation.rigid_motion import RigidMotionHistory
-from app.simulation.run_state import RunState
+from app.simulation.run_state import Effort, Moved, RunState
 from geometry.surfaces.facets import Floats
 
 CHECK_EVERY = 100  # time steps between two looks at the stable step and for an interruption
@@ -83,7 +82,6 @@ class ExplicitStage:
     Attributes:
         state: what the run has come to; stepper: central differences.
         averages: of the contacts over the interval at hand.
-        motion: mean motion of bodies and platens, by row.
         steps: time steps so far; shortest, longest: s, stable steps met.
     """
 
@@ -105,7 +103,6 @@ class ExplicitStage:
         )
         state.stepper = self.stepper
         self.averages = IntervalAverages(self.stepper)
-        self.motion = RigidMotionHistory(self.model, self.stepper)
         self.steps = 0
         self.shortest, self.longest = math.inf, 0.0
         state.energy_balance.set_initial_kinetic_energy(self.stepper.kinetic_energy())
@@ -206,13 +203,13 @@ class ExplicitStage:
         problem.spread(self.stepper.x)
         with problem.timer("resultants"):
             ends = state.resultants_of(problem.committed)
-            state.resultants, flow = self.averages.close(ends, state.driven_direction())
+            state.resultants, flow, outside = self.averages.close(ends, state.driven_direction())
             state.energy_balance.add_interval(state.resultants, flow)
         inertia = state.inertia[-1]
         inertia.add(flow.kinetic, state.energy_balance.strain)
-        self.motion.add(state.time)
         interval = Interval(steps, dt, self._stable, self.steps, inertia.last)
-        row = state.add_row(load_step, dt, 0, steps)
+        moved = Moved(self.stepper.whole_step_velocity, outside)
+        row = state.add_row(load_step, Effort(dt, 0, steps), moved)
         observer.step(state, row, interval)
 
     def summary(self) -> dict[str, Any]:

@@ -10,9 +10,11 @@ from dataclasses import dataclass, fields
 class Row:
     """One line of the history: a converged step. SI units; forces for the given thickness.
 
-    ``tangential_force`` is the friction, ``drag`` the whole resultant along the contact (with the
-    pressure on a surface that is not flat). ``velocity`` is that of the driven boundaries (0
-    without), ``effective_viscosity`` T D/(A V) with A the closed reference area, ``area_ratio``
+    ``normal_force`` is the integral of the contact pressure, ``friction_force`` that of the
+    friction's magnitude, ``friction_coefficient`` their ratio. ``tangential_force`` is the friction
+    along the surface with its sign, ``normal_resultant`` and ``drag`` are the whole resultant
+    across and along the contact. ``velocity`` is that of the driven boundaries (0 without),
+    ``effective_viscosity`` T D/(A V) with A the closed reference area, ``area_ratio``
     the mean da/dA of that area. ``energy_error`` is external work less strain, kinetic and
     interface energy and dissipation, these by the trapezoidal rule: ``numerical_dissipation`` is
     what the dissipation of the backward Euler steps holds beyond it. ``force`` is the resultant of
@@ -33,7 +35,9 @@ class Row:
     slip_speed: float
     driven_displacement: float
     normal_force: float
+    friction_force: float
     tangential_force: float
+    normal_resultant: float
     drag: float
     friction_coefficient: float
     mu: float

@@ -9,7 +9,8 @@ from app.implicit.options import ImplicitOptions
 from app.implicit.stepper import ImplicitStepper, StepResult
 from app.simulation.failure_diagnosis import body_adrift, explain, not_finite
 from app.simulation.observer import Observer
-from app.simulation.run_state import RunState
+from app.simulation.outside_forces import OutsideForces
+from app.simulation.run_state import Effort, Moved, RunState
 
 EASY_ITERATIONS = 6  # up to here a cut step may grow back
 
@@ -114,9 +115,12 @@ class ImplicitStage:
         self, load_step: LoadStep, dt: float, result: StepResult, failures: int, observer: Observer
     ) -> None:
         state = self.state
+        before = self.stepper.x.array_r.copy()
         self.stepper.commit()
         state.energy_balance.add(self.stepper.x, state.resultants)
-        row = state.add_row(load_step, dt, result.iterations, failures + 1)
+        outside = OutsideForces.at(self.model.problem, state.motion.held)
+        moved = Moved((self.stepper.x.array_r - before) / dt, outside)
+        row = state.add_row(load_step, Effort(dt, result.iterations, failures + 1), moved)
         observer.step(state, row, result)
 
     def _give_up(self, load_step: LoadStep, dt: float, result: StepResult) -> None:

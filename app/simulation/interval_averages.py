@@ -11,6 +11,7 @@ from mpi4py import MPI
 from app.explicit.stepper import ExplicitStepper
 from app.simulation.contact_resultants import ContactResultants, resultants, vector_integrals
 from app.simulation.energy_balance import EnergyFlow
+from app.simulation.outside_forces import OutsideForces, OutsideMean
 from forms.contact.penalty import ContactTerm
 from forms.contact.state import ContactTrial
 from geometry.surfaces.facets import Floats
@@ -53,6 +54,7 @@ class IntervalAverages:
     def open(self) -> None:
         """Begin an interval."""
         self._tallies = [_Tally() for _ in self.problem.contacts]
+        self._outside = OutsideMean(self.stepper)
 
     def enter(self, dt: float) -> None:
         """Enter the step of ``dt`` (s) just made; local to the rank."""
@@ -60,10 +62,11 @@ class IntervalAverages:
         for number, (term, trial, tally) in enumerate(pairs):
             _tally_step(term, trial, self._tractions[number], tally, dt)
             self._tractions[number] = trial.response.traction
+        self._outside.enter(dt)
 
     def close(
         self, ends: Sequence[ContactResultants], driven: Sequence[float] | None = None
-    ) -> tuple[list[ContactResultants], EnergyFlow]:
+    ) -> tuple[list[ContactResultants], EnergyFlow, OutsideForces]:
         """End the interval; collective.
 
         Args:
@@ -72,7 +75,7 @@ class IntervalAverages:
 
         Returns:
             The contacts with mean forces and with what they dissipated; what else happened to the
-            energy.
+            energy; mean forces of the surroundings.
         """
         comm = self.problem.comm
         parts = zip(self.problem.contacts, ends, self._tallies, strict=True)
@@ -88,7 +91,7 @@ class IntervalAverages:
             kinetic=self.stepper.kinetic_energy(),
         )
         self.removed = 0.0
-        return resultants, flow
+        return resultants, flow, self._outside.close()
 
 
 def _tally_step(

@@ -3,17 +3,54 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 from app.build.load_steps import LoadStep
 from app.build.model import Model
+from app.case.boundary import COMPONENTS
 from app.explicit.stepper import ExplicitStepper
 from app.implicit.stepper import ImplicitStepper
-from app.simulation.contact_resultants import ContactResultants, contact_columns, measure_contact
+from app.simulation.contact_resultants import (
+    SCALAR_COLUMNS,
+    ContactResultants,
+    along_force,
+    contact_columns,
+    measure_contact,
+)
 from app.simulation.energy_balance import EnergyBalance
 from app.simulation.history import Row
 from app.simulation.inertia import Inertia
+from app.simulation.motion_history import KEYS, MotionHistory
+from app.simulation.outside_forces import OutsideForces
 from app.simulation.steady import NOT_SLID, SlidWay, measure_settling
 from forms.contact.state import ContactTrial
+from geometry.surfaces.facets import Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Effort:
+    """What a step took.
+
+    Attributes:
+        dt: s, length of the step; iterations: of Newton's method.
+        attempts: at the step; in an explicit run the time steps of the row.
+    """
+
+    dt: float
+    iterations: int
+    attempts: int
+
+
+@dataclass(frozen=True, slots=True)
+class Moved:
+    """How the bodies move after a step, and what from outside acts on them.
+
+    Attributes:
+        velocity: (n,), m/s, of the owned unknowns; outside: forces on the bodies.
+    """
+
+    velocity: Floats
+    outside: OutsideForces
 
 
 class RunState:
@@ -23,7 +60,8 @@ class RunState:
         model: what is solved; energy_balance: its energies.
         stepper: what makes the steps at present; its ``x`` are the unknowns, m.
         time: s; driven: m, displacement of driven boundaries; step: converged steps so far.
-        rows: the history.
+        rows: the history; pair_rows: of each pair in turn, for each row of it, by pair_columns;
+            motion: surfaces and bodies, likewise.
         resultants: the contacts after the last step.
         inertia: kinetic against strain energy, of each explicit load step.
         way: tangential force over the way of driven boundaries; steadiness: as last judged.
@@ -37,12 +75,18 @@ class RunState:
         self.time = self.driven = 0.0
         self.step = 0
         self.rows: list[Row] = []
+        dim = model.problem.dim
+        vectors = [f"{kind}_{axis}" for kind in ("force", "friction") for axis in COMPONENTS[:dim]]
+        self._columns = (*SCALAR_COLUMNS, *vectors, *["twist_moment"] * (dim == 3))
+        self.pair_columns = (*KEYS, "pair", *self._columns)
+        self.pair_rows: list[tuple[int | float | str, ...]] = []
         self.resultants: list[ContactResultants] = []
         self.inertia: list[Inertia] = []
         self.way = SlidWay(term.law for term in model.problem.contacts)
         self.steadiness = NOT_SLID
         model.set_loads(0.0, 0.0)
         self.energy_balance = EnergyBalance(model.problem, model.problem.new_vector())
+        self.motion = MotionHistory(model)
 
     def resultants_of(self, trials: Iterable[ContactTrial]) -> list[ContactResultants]:
         """The resultants of all contacts at converged trials; collective."""
@@ -60,30 +104,36 @@ class RunState:
                 return [share(axis) if axis in components else 0.0 for axis in axes]
         return None
 
-    def add_row(self, load_step: LoadStep, dt: float, iterations: int, attempts: int) -> Row:
+    def add_row(self, load_step: LoadStep, effort: Effort, moved: Moved) -> Row:
         """Add a row of the present resultants and energies to the history; collective.
 
         Args:
             load_step: what the step belongs to.
-            dt: s, length of the step.
-            iterations: of Newton's method.
-            attempts: at the step; in an explicit run the time steps of the row.
+            effort: what the step took.
+            moved: how the bodies move, and what from outside acts on them.
         """
         self.step += 1
         t, stage = self.model.thickness, load_step.stage
+        rates = stage.rate_dependent
         row = Row(
             step=self.step,
             time=self.time,
             stage=stage.name,
-            dt=dt,
+            dt=effort.dt,
             velocity=load_step.velocity,
             driven_displacement=self.driven,
-            newton_iterations=iterations,
-            attempts=attempts,
-            **contact_columns(self.resultants, load_step.velocity, stage.rate_dependent, t),
+            newton_iterations=effort.iterations,
+            attempts=effort.attempts,
+            **contact_columns(self.resultants, load_step.velocity, rates, t),
             **self.energy_balance.columns(t),
         )
         self.rows.append(row)
+        at = (row.step, row.time, row.stage)
+        for contact, pair in zip(self.model.case.contact, self.resultants, strict=True):
+            columns = contact_columns([pair], load_step.velocity, rates, t)
+            self.pair_rows.append((*at, contact.label, *(columns[name] for name in self._columns)))
+        motion = (self.stepper.x.array_r, moved.velocity)
+        self.motion.add(at, motion, moved.outside, self.resultants)
         self._add_to_way(row)
         return row
 
@@ -91,7 +141,8 @@ class RunState:
         problem = self.model.problem
         unsettled, presliding = measure_settling(problem.contacts, problem.committed, problem.comm)
         unsettled *= self.model.thickness
-        self.way.add(row.driven_displacement, row.tangential_force, unsettled, presliding)
+        along = along_force(self.resultants) * self.model.thickness
+        self.way.add(row.driven_displacement, along, unsettled, presliding)
 
     def is_steady(self, load_step: LoadStep, first: int) -> bool:
         """Whether the tangential force has come to where it tends at the present velocity.

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from app.build.model import Model
 from app.case.case import Case
 from app.case.friction import Coulomb
 from app.case.generators import CylinderOnBlockGeometry, TwoCylindersGeometry
 from app.results.contact_points import contact_arrays
+from app.results.point_probes import PointProbes
 from app.verify.result import Check, Floats, Line, Panel, Verification, compare
 from app.verify.shipped_case import solve
 from forms.closed_forms.hertz_line import LineContact, contact_modulus, relative_radius
@@ -37,6 +39,8 @@ class Profile:
         penetration: m, largest.
         size: m, mean length of a slave facet in contact.
         depth: m, of the shallower body.
+        below: (3, p) depth under the middle, m, and the stresses along and across the surface
+            there, Pa, by the case's first line probe; None without one.
     """
 
     x: Floats
@@ -50,6 +54,7 @@ class Profile:
     penetration: float
     size: float
     depth: float
+    below: Floats | None = None
 
     @property
     def middle(self) -> NDArray[np.bool_]:
@@ -118,7 +123,18 @@ def press(name: str, overrides: Sequence[str] = ()) -> Profile:
         penetration=row.max_penetration,
         size=float(lengths.mean()),
         depth=_depth(case),
+        below=_below(simulation.model),
     )
+
+
+def _below(model: Model) -> Floats | None:
+    """Depth and stresses of `Profile.below`."""
+    if not model.probes:
+        return None
+    probes = PointProbes(model, model.probes[:1])
+    named = ("reference_y", "cauchy_xx", "cauchy_yy")
+    picked = [probes.columns.index(name) for name in named]
+    return np.array([[row[i] for i in picked] for row in probes.rows()], dtype=np.float64).T
 
 
 def _radius(case: Case) -> float:
@@ -179,6 +195,21 @@ def pressure_checks(profile: Profile, bar: float = BAR) -> tuple[Check, ...]:
         Check("pressure profile, rms / p0", rms, bar),
         Check("pressure off the edges, max / p0", float(np.abs(apart[profile.middle]).max()), bar),
     )
+
+
+def depth_checks(profile: Profile, bar: float = BAR) -> Iterator[Check]:
+    """Stress under the middle of the contact against that of the half-space."""
+    if profile.below is None:
+        return
+    depth, along, across = profile.below
+    exact = profile.exact.stress_below(depth)
+    mean, shear = 0.5 * (along + across), 0.5 * (along - across)
+    for name, found, wanted in (
+        ("mean stress", mean, 0.5 * (exact[0] + exact[1])),
+        ("shear stress", shear, 0.5 * (exact[0] - exact[1])),
+    ):
+        apart = (found - wanted) / profile.exact.peak
+        yield Check(f"{name} below the middle, rms / p0", float(np.sqrt(np.mean(apart**2))), bar)
 
 
 def traction_checks(profile: Profile, bar: float = BAR) -> tuple[Check, ...]:
@@ -245,6 +276,26 @@ def _panel(profile: Profile, traction: bool) -> Panel:
     return Panel("x / a (-)", "pressure, traction (-)", tuple(lines))
 
 
+def _depth_panel(profile: Profile) -> Iterator[Panel]:
+    """Stress under the middle of the contact over the depth."""
+    if profile.below is None:
+        return
+    a, peak = profile.exact.half_width, profile.exact.peak
+    depth, along, across = profile.below
+    z = np.linspace(0.0, depth.max(), 201)
+    exact = profile.exact.stress_below(z)
+    yield Panel(
+        "z / a (-)",
+        "stress (-)",
+        (
+            Line("σ_x / p0, half-space", z / a, exact[0] / peak, exact=True),
+            Line("σ_x / p0, computed", depth / a, along / peak),
+            Line("σ_z / p0, half-space", z / a, exact[1] / peak, exact=True),
+            Line("σ_z / p0, computed", depth / a, across / peak),
+        ),
+    )
+
+
 def hertz_line(overrides: Sequence[str] = ()) -> Verification:
     """An elastomer cylinder on aluminium."""
     profile = press("hertz-line", overrides)
@@ -252,8 +303,8 @@ def hertz_line(overrides: Sequence[str] = ()) -> Verification:
         "hertz-line",
         "Hertz's line contact, elastomer on aluminium",
         _about(profile),
-        pressure_checks(profile),
-        (_panel(profile, traction=False),),
+        (*pressure_checks(profile), *depth_checks(profile)),
+        (_panel(profile, traction=False), *_depth_panel(profile)),
     )
 
 

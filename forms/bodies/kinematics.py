@@ -129,15 +129,18 @@ def centre_kinematics(u: Expr, section: Section) -> Kinematics:
 
 def _plane(u: Expr, stretch: Expr, gradient: Expr = None) -> Kinematics:
     F = ufl.variable(ufl.Identity(2) + ufl.grad(u) if gradient is None else gradient)
-    plane_J = ufl.det(F)
-    plane_I1 = ufl.inner(F, F)
+    return plane_kinematics(F, PlanePart(stretch, ufl.det(F), ufl.inner(F, F)))
+
+
+def plane_kinematics(F: Expr, plane: PlanePart) -> Kinematics:
+    """Kinematics of an in-plane deformation gradient with the invariants of ``plane``."""
     # Eigenvalues of C: those of the in-plane part, with product J₂², and λ₃².
     return Kinematics(
         F=F,
-        J=plane_J * stretch,
-        I1=plane_I1 + stretch**2,
-        I2=plane_I1 * stretch**2 + plane_J**2,
-        plane=PlanePart(stretch, plane_J, plane_I1),
+        J=plane.J * plane.stretch,
+        I1=plane.I1 + plane.stretch**2,
+        I2=plane.I1 * plane.stretch**2 + plane.J**2,
+        plane=plane,
     )
 
 

@@ -38,7 +38,7 @@ class FollowerPressure:
         self.value = dolfinx.fem.Constant(mesh, PETSc.ScalarType(0.0))
         # Tangents of the deformed surface, their product and δu: exact on straight facets.
         degree = 2 if space.ufl_element().degree == 1 else 5
-        ds = _measure(mesh, facets, degree)
+        ds = surface_measure(mesh, facets, degree)
         test, trial = ufl.TestFunction(space), ufl.TrialFunction(space)
         gradient = ufl.Identity(dim) + ufl.grad(u)
         if dim == 3:
@@ -71,13 +71,13 @@ def reference_area(
     """
     section = section_of(mesh.geometry.dim, section)
     one = dolfinx.fem.Constant(mesh, PETSc.ScalarType(1.0))
-    form = dolfinx.fem.form(one * circumference(mesh, section) * _measure(mesh, facets))
+    form = dolfinx.fem.form(one * circumference(mesh, section) * surface_measure(mesh, facets))
     return float(mesh.comm.allreduce(dolfinx.fem.assemble_scalar(form)))
 
 
 def mean_normal(mesh: dolfinx.mesh.Mesh, facets: NDArray[np.int32], component: int) -> float:
     """Mean of one component of the outward normal over a surface's facets; collective."""
-    ds = _measure(mesh, facets)
+    ds = surface_measure(mesh, facets)
     unit = dolfinx.fem.Constant(mesh, np.zeros(mesh.geometry.dim, dtype=PETSc.ScalarType))
     unit.value[component] = 1.0
     form = dolfinx.fem.form(ufl.inner(ufl.FacetNormal(mesh), unit) * ds)
@@ -86,7 +86,9 @@ def mean_normal(mesh: dolfinx.mesh.Mesh, facets: NDArray[np.int32], component: i
     return total / size if size > 0.0 else 0.0
 
 
-def _measure(mesh: dolfinx.mesh.Mesh, facets: NDArray[np.int32], degree: int | None = None) -> Any:
+def surface_measure(
+    mesh: dolfinx.mesh.Mesh, facets: NDArray[np.int32], degree: int | None = None
+) -> Any:
     """Surface measure over local facets, of a quadrature degree."""
     return ufl.Measure(
         "ds",

@@ -66,6 +66,17 @@ class LineContact:
         r"""Pa, :math:`p_0 \sqrt{1 - x^2/a^2}` at x (m, from the middle), zero outside."""
         return self.peak * ellipse(x, self.half_width)
 
+    def stress_below(self, depth: ArrayLike) -> tuple[Floats, Floats]:
+        r"""Pa, stress along and across the surface under the middle of the contact, depth z (m).
+
+        :math:`\sigma_x = -\frac{p_0}{a} \left(\frac{a^2 + 2 z^2}{\sqrt{a^2 + z^2}} - 2 z\right)`
+        and :math:`\sigma_z = -p_0 a/\sqrt{a^2 + z^2}` (Johnson, equations 4.45).
+        """
+        a, z = self.half_width, np.asarray(depth, dtype=np.float64)
+        root = np.sqrt(a**2 + z**2)
+        along = -self.peak / a * ((a**2 + 2.0 * z**2) / root - 2.0 * z)
+        return np.asarray(along), np.asarray(-self.peak * a / root)
+
     def stick_half_width(self, share: float) -> float:
         r"""m, :math:`c = a \sqrt{1 - Q'/(\mu P')}`, zero in gross sliding.
 

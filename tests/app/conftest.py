@@ -5,13 +5,16 @@ from __future__ import annotations
 import subprocess
 import sys
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TextIO
 
 import pytest
 
 from app.cli import main
+from app.results.recorder import force_balance
+from app.simulation.observer import Observer
+from app.simulation.simulation import Simulation
 
 BLOCK = """
 title = "small block"
@@ -216,6 +219,27 @@ def block() -> str:
 def film() -> str:
     """A small layer under a platen, slid on a film at two velocities, as a case file."""
     return FILM
+
+
+@pytest.fixture(autouse=True, scope="session")
+def forces_balance() -> Iterator[None]:
+    """Hold the forces on each body against each other in every run that a test makes.
+
+    Of their largest, 1e-8 or three times what the case asks of the residual may be left; rounding
+    may leave more than that of a stiff body under a light load.
+    """
+    run = Simulation.run
+
+    def run_and_look(simulation: Simulation, observer: Observer) -> None:
+        run(simulation, observer)
+        allowed = max(1e-8, 3.0 * simulation.model.case.solver.tolerance)
+        problem, left = simulation.model.problem, force_balance(simulation)
+        rounding = problem.roundoff / max(problem.reference_force, 1e-300)
+        assert left is None or left < max(allowed, 10.0 * rounding), left
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Simulation, "run", run_and_look)
+        yield
 
 
 @pytest.fixture

@@ -290,7 +290,7 @@ def test_schema_is_json_with_all_tables(tribox):
     assert result.returncode == 0 and result.stderr == ""
     schema = json.loads(result.stdout)
     tables = {"title", "geometry", "bodies", "contact", "boundary", "stage"}
-    assert tables | {"solver", "output", "sweep"} == set(schema["properties"])
+    assert tables | {"probe", "solver", "output", "sweep"} == set(schema["properties"])
     assert set(schema["required"]) == tables - {"title"}
 
 

@@ -89,3 +89,24 @@ def test_commands_without_a_terminal_load_neither_rich_nor_units(tmp_path):
     )  # fmt: skip
     told = [json.loads(line) for line in done.stderr.splitlines() if line.startswith("[")]
     assert told == [["schema", 0, []], ["map", 0, []]]
+
+
+def test_reading_results_loads_no_solver(tmp_path, block):
+    out = results(tmp_path / "out", block)
+    script = f"""
+import sys
+from app.results import read
+found = read({str(out)!r})
+assert "pandas" not in sys.modules
+assert len(found.history) == 3 and found.surfaces.empty
+assert len(found.load_steps) == 1 and found.case.title == "small block"
+assert found.steps.tolist() == []
+from app.results import read as again
+assert again is read
+heavy = [name for name in {(*HEAVY, "basix", PYPLOT)!r} if name in sys.modules]
+print(heavy)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, cwd=ROOT, timeout=120
+    )
+    assert done.stdout == "[]\n", done.stderr

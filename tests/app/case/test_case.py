@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pydantic import ValidationError
 
 from app.case.bodies import formulations
 from app.case.case import Case, resolved_toml
@@ -307,3 +308,13 @@ def test_round_trip_of_any_values(tmp_path_factory, title, width, E, nu, options
     case = Case.model_validate(data)
     assert case.geometry.thickness == width and case.bodies["aluminium"].E == E
     assert reloaded(case, tmp_path_factory.mktemp("case")) == case
+
+
+def test_pairs_have_names_of_their_own():
+    data = tomllib.loads(BLOCK_SLIDE.read_text(encoding="utf-8"))
+    [first] = data["contact"]
+    again = {**first, "slave": "aluminium_left", "name": "elastomer_contact-aluminium_contact"}
+    with pytest.raises(ValidationError, match=r"is what contact\.0 is called already"):
+        Case.model_validate({**data, "contact": [first, again]})
+    found = Case.model_validate({**data, "contact": [first, {**again, "name": "side"}]})
+    assert [pair.label for pair in found.contact][1] == "side"

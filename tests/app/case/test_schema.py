@@ -35,6 +35,8 @@ DOCUMENTED = {
     "`rotation`": ("Rotation",),
     "`spring`": ("Spring",),
     "`[[stage]]`": ("Stage",),
+    "`[[probe]]`": ("Probe",),
+    "`line`": ("ProbeLine",),
     "`[solver]`": ("Solver",),
     "`mass_scaling`": ("MassScaling",),
     "`[output]`": ("Output",),

@@ -84,12 +84,13 @@ def test_rows_hold_mean_vectors(shape):
         normals.append((weight * (trial.pressure > 0.0)) @ trial.kinematics.normal)
     force, friction, moment, centre, load = np.mean(sums, axis=0)
     end = measure_contact(scene.term, problem.committed[0], MPI.COMM_SELF, WAY)
-    [found], _ = averages.close([end], WAY)
+    [found], _, _ = averages.close([end], WAY)
     np.testing.assert_allclose(found.force, force, rtol=1e-10)
     np.testing.assert_allclose(found.friction, friction, rtol=1e-10)
     assert np.linalg.norm(np.subtract(end.force, force)) > 0.01 * np.linalg.norm(force)
     # The interface stays nearly level: the mean normal is z, the way along it that of the drive.
-    assert found.normal_force == pytest.approx(force[2], rel=1e-2)
+    assert found.normal_resultant == pytest.approx(force[2], rel=1e-2)
+    assert found.normal_force == pytest.approx(load[0], rel=1e-10)
     assert found.tangential_force == pytest.approx(friction @ WAY, rel=1e-2)
     # A small tilt already counts in the drag, of which the load is a multiple.
     normal = np.mean(normals, axis=0)

@@ -133,7 +133,7 @@ def test_a_force_finds_the_other_body_from_the_first_touch():
     sim = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
     sim.run(Observer())
     assert [row.attempts for row in sim.rows] == [1, 1]
-    assert [row.normal_force for row in sim.rows] == pytest.approx([0.025, 0.05], rel=1e-6)
+    assert [row.normal_resultant for row in sim.rows] == pytest.approx([0.025, 0.05], rel=1e-6)
     # None of the pull is left in the solution.
     (term,), (trial,) = sim.model.problem.contacts, sim.model.problem.trials
     assert trial.penalty_scale == 1.0

@@ -11,8 +11,9 @@ from mpi4py import MPI
 
 from app.build.model import Model, build_model
 from app.case.case import Case
-from app.results.contact_nodes import ContactNodes, contact_nodes, write_contact_nodes
+from app.results.contact_nodes import ContactNodes, contact_nodes
 from app.results.contact_points import contact_arrays
+from app.results.contact_series import ContactSeries
 from app.simulation.observer import Observer
 from app.simulation.simulation import Simulation
 
@@ -130,8 +131,9 @@ def test_pairs_follow_each_other(block, tmp_path):
     force = values["area"] * values["pressure"] * 1e-3
     assert force[:11].sum() == pytest.approx(simulation.rows[-1].normal_force, rel=1e-2)
     assert force[11:].sum() < 0.01 * force[:11].sum()
-    write_contact_nodes(tmp_path / "one.vtu", nodes)
-    read = meshio.read(tmp_path / "one.vtu")
+    ContactSeries(simulation.model, tmp_path).write(1, 1.0)
+    read = meshio.read(tmp_path / "contact" / "000001.vtu")
+    assert read.cell_data["pair"][0].tolist() == [0] * 10 + [1] * 5
     assert np.array_equal(read.cells_dict["line"], nodes.facets)
     np.testing.assert_array_equal(read.points[:, :2], values["position"])
     np.testing.assert_array_equal(read.point_data["pressure"], values["pressure"])

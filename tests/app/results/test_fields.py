@@ -7,7 +7,8 @@ import dolfinx
 import numpy as np
 import pytest
 
-from app.results.fields import FieldWriter, StressField
+from app.results.bp_files import BpWriter
+from app.results.fields import StressField
 from forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, shear_and_bulk
 from forms.bodies.solid import Solid
 from forms.friction.coulomb import FrictionlessLaw
@@ -114,7 +115,7 @@ def test_files_of_second_order_displacements(cell: str, tmp_path: Path) -> None:
     u, _ = strained(cell, 0.1 * np.eye(dim), material, section, degree=2)
     cells = np.arange(u.function_space.mesh.topology.index_map(dim).size_local, dtype=np.int32)
     solid = Solid("body", u, cells, material, "q2", section=section)  # type: ignore[arg-type]
-    writer = FieldWriter(u, [solid], tmp_path)
+    writer = BpWriter(u, [solid], tmp_path)
     writer.write(0.0)
     writer.close()
     with adios2.FileReader(str(tmp_path / "fields.bp")) as file:
@@ -129,7 +130,7 @@ def test_contact_pressure_at_the_nodes_of_the_slave(shape: str, tmp_path: Path) 
     """Linear between the vertices of a facet, at its inner nodes too; nothing elsewhere."""
     surface = Scene(shape, FrictionlessLaw(), fine=True).surface
     u = dolfinx.fem.Function(surface.space, name="displacement")
-    writer = FieldWriter(u, [], tmp_path, [surface, surface])
+    writer = BpWriter(u, [], tmp_path, [surface, surface])
     slope = np.array([3.0, -2.0, 5.0])[: surface.dim]
     at_vertices = 1.0 + surface.vertices.position @ slope
     # Where both have a node the larger counts.

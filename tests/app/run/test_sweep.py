@@ -87,6 +87,21 @@ def test_collating_tells_of_parts_that_were_not_run(case_file, block, tmp_path):
     assert len((tmp_path / "sweep.csv").read_text().splitlines()) == 1
 
 
+@pytest.mark.parametrize(
+    ("key", "values", "expected"),
+    [
+        ("contact.0.friction.mu", "[0.1, 0.3]", [0.1, 0.3]),
+        ("geometry.upper.height", '["500 um", "0.6 mm"]', [0.5e-3, 0.6e-3]),
+        ("boundary.0.displacement.x", '[0, "1 um"]', [0.0, 1e-6]),
+        ("contact.0.pressure", '["averaged", "pointwise"]', ["averaged", "pointwise"]),
+        ("geometry.upper.elements", "[[4, 2], [8, 4]]", [None, None]),
+    ],
+)
+def test_a_sweep_knows_its_values_as_numbers(case_file, block, key, values, expected):
+    case = load_case(case_file(block + f'[sweep]\nkey = "{key}"\nvalues = {values}\n'))
+    assert [case.swept_value(part) for _, part in case.sweep_cases()] == expected
+
+
 def test_ctrl_c_ends_a_sweep_at_once_with_valid_parts(case_file, block, environment, tmp_path):
     values = "\nvalues = [0.1, 0.2, 0.3]\n"
     path = case_file(block + '[sweep]\nkey = "contact.0.friction.mu"' + values)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app.simulation.contact_resultants import measure_contact
+from app.simulation.contact_resultants import contact_columns, measure_contact
 from forms.friction.coulomb import CoulombLaw, CoulombParameters
 from tests.contact_boxes import PENALTY, Scene
 
@@ -90,3 +92,20 @@ def test_open_contact_measures_nothing():
         m = measured(scene, lambda x: np.broadcast_to([*[0.0] * (x.shape[1] - 1), 0.1], x.shape))
         numbers = (m.normal_force, m.drag, m.tangential_force, m.twist_moment, m.area, *m.force)
         assert not any(numbers)
+
+
+def test_frictions_of_opposite_sign_do_not_cancel():
+    """Two pairs whose surfaces face each other's way: the ratio and the viscosity see both."""
+    scene = pressed("hex8", CoulombLaw(CoulombParameters(mu=0.3, K_T=60.0)))
+    way = np.array([0.6, -0.8, 0.0])
+    one, other = (
+        measured(scene, lambda x, s=s: np.broadcast_to(0.1 * s * way, x.shape), way)
+        for s in (1.0, -1.0)
+    )
+    one, other = (replace(m, film=3.0) for m in (one, other))
+    assert other.tangential_force == pytest.approx(-one.tangential_force, rel=1e-9)
+    columns = contact_columns([one, other], 2.0, True, 0.5)
+    assert columns["tangential_force"] == pytest.approx(0.0, abs=1e-9)
+    assert columns["friction_force"] == pytest.approx(0.5 * 2.0 * 0.3 * PRESSURE * 0.25, rel=1e-9)
+    assert columns["friction_coefficient"] == pytest.approx(0.3, rel=1e-9)
+    assert columns["effective_viscosity"] == pytest.approx(0.3 * PRESSURE * 3.0 / 2.0, rel=1e-9)

@@ -9,7 +9,6 @@ import pytest
 from mpi4py import MPI
 
 from app.case.reading import load_case
-from app.results.directory import read_table
 from app.run.run import run_case
 from forms.closed_forms.homogeneous_sliding import threshold_speed
 
@@ -21,7 +20,7 @@ def run(name: str, directory: Path, *overrides: str, label: str | None = None):
     if label is not None:
         case = dict(case.sweep_cases())[label]
     simulation = run_case(case, directory / "out", quiet=True, comm=MPI.COMM_SELF)
-    return simulation, read_table(directory / "out" / "motion.csv")
+    return simulation, simulation.state.motion
 
 
 def column(rows: list, name: str) -> np.ndarray:
@@ -40,7 +39,7 @@ def test_impact(tmp_path):
     # It lands, is pushed back and braked, and is gone.
     force = column(rows, "normal_force")
     assert force[0] == 0.0 < force.max() and np.all(force[-20:] == 0.0)
-    speed, rebound = column(motion, "elastomer_vx"), column(motion, "elastomer_vy")
+    speed, rebound = (motion.of_body("elastomer", f"velocity_{axis}") for axis in "xy")
     assert rebound[-1] > 1.0
     # Impulses: friction takes at most mu of what pushes back.
     assert 0.0 < 3.0 - speed[-1] <= 0.3 * (3.0 + rebound[-1]) * 1.001
@@ -51,7 +50,8 @@ def test_stick_slip(tmp_path):
     simulation, motion = run(
         "stick-slip.toml", tmp_path, "stage.1.duration=10 ms", "stage.1.steps=200"
     )
-    force, speed = column(motion, "top_x_force"), column(motion, "top_x_v")
+    slid = np.array([row.stage != "press" for row in simulation.rows])
+    force, speed = (motion.of_surface("top", f"{n}_x")[slid] for n in ("force", "velocity"))
     contact = simulation.model.case.contact[0]
     star = float(threshold_speed(30e-9, contact.friction.parameters()))
     # Stick up to (1 - alpha) mu N and the film's share, with a little vibration on top.

@@ -9,7 +9,6 @@ import tomllib
 from dataclasses import replace
 from pathlib import Path
 
-import adios2
 import meshio
 import numpy as np
 import pytest
@@ -20,6 +19,7 @@ from app.build.supports import loose_directions
 from app.case.case import Case
 from app.errors import SolutionError
 from app.implicit.stepper import StepResult
+from app.results import read
 from app.run.run import run_case
 from app.simulation.failure_diagnosis import (
     explain,
@@ -144,12 +144,8 @@ def rows_of(directory: Path) -> list[dict[str, str]]:
 
 
 def last_displacement(directory: Path) -> np.ndarray:
-    """Displacements (n, 3) of the last output of fields.bp, in no order."""
-    with adios2.FileReader(str(directory / "fields.bp")) as reader:
-        variable = reader.inquire_variable("displacement")
-        variable.set_step_selection([variable.steps() - 1, 1])
-        values = reader.read(variable)
-    return np.asarray(values).reshape(-1, 3)
+    """Displacements (n, 3) of the last output."""
+    return np.asarray(read(directory).fields().point_data["displacement"])
 
 
 @pytest.mark.parametrize("problem", HOPELESS, ids=lambda p: p.__name__)
@@ -171,7 +167,7 @@ def test_hopeless_problem_says_why_and_keeps_its_last_state(block, film, tmp_pat
     assert summary["steps"] == len(rows)
     assert f"failed: {text}" in (out / "log.txt").read_text()
     if rows:
-        name = "contact" if case.contact[0].pressure == "pointwise" else "contact_nodes"
+        name = "contact_points" if case.contact[0].pressure == "pointwise" else "contact"
         saved = meshio.read(out / name / f"{len(rows):06d}.vtu").point_data
         deepest = float(rows[-1]["max_penetration"])
         assert np.nanmax(-saved["gap"]) == pytest.approx(deepest, rel=1e-12) and deepest > 0.0
@@ -181,7 +177,7 @@ def test_hopeless_problem_says_why_and_keeps_its_last_state(block, film, tmp_pat
 
 
 def test_saved_state_is_the_last_converged_one(monkeypatch, block, tmp_path):
-    """fields.bp ends with the unknowns of the last step, whatever was tried after it."""
+    """The fields end with the unknowns of the last step, whatever was tried after it."""
     seen = []
     commit = ImplicitStage._commit
 
@@ -211,7 +207,7 @@ def test_command_ends_with_code_3_and_one_line(tribox, case_file, block):
     )
     steps = len(rows_of(case_file("").parent / "home" / "out"))
     assert f"the last converged state, step {steps} at time " in done.stdout
-    assert f"fields.bp and stress.bp, contact/{steps:06d}.vtu" in done.stdout
+    assert f"fields/{steps:06d}.vtu, contact/{steps:06d}.vtu" in done.stdout
 
 
 # -- penalties ------------------------------------------------------------------------------------

@@ -135,7 +135,7 @@ def test_a_force_finds_the_contact_and_is_met(apart, shape, nu, steps, gap):
     force = SHAPES[shape][1]
     assert cuts == 0 and max(row.newton_iterations for row in run.rows) <= MOST
     for count, row in enumerate(run.rows, 1):
-        assert row.normal_force == pytest.approx(force * count / steps, rel=1e-7)
+        assert row.normal_resultant == pytest.approx(force * count / steps, rel=1e-7)
 
 
 def test_springs_let_the_load_move_the_body_to_the_other_at_once(apart, monkeypatch):
@@ -201,7 +201,7 @@ def test_displacement_is_met_in_its_stage_and_force_in_the_next(both):
     assert seen[:2] == pytest.approx([-0.5 * DEPTH, -DEPTH], rel=1e-12)
     force = SHAPES["sphere"][1]
     assert 0.0 < run.rows[1].normal_force < 0.9 * force
-    assert [row.normal_force for row in run.rows[2:]] == pytest.approx([force] * 2, rel=1e-7)
+    assert [row.normal_resultant for row in run.rows[2:]] == pytest.approx([force] * 2, rel=1e-7)
     assert seen[3] == pytest.approx(seen[2], rel=1e-6) and seen[3] < 1.2 * seen[1]
 
 

@@ -83,3 +83,19 @@ def test_compression_of_a_block_follows_from_its_energy():
     across = G * (1.0 - 0.7**-2)
     trace = 0.7 * plane_strain_stress(0.7, G) + across
     assert plane_strain_pressure(0.7, G) == pytest.approx(-trace / 3.0, rel=1e-12)
+
+
+def test_stress_below_the_middle():
+    """At the surface −p0 both ways; the largest shear stress is 0.300 p0 at 0.786 a."""
+    contact = LineContact(load=1e3, radius=0.01, modulus=1e7)
+    a, peak = contact.half_width, contact.peak
+    assert np.array(contact.stress_below(0.0)) == pytest.approx([-peak, -peak])
+    depth = np.linspace(0.0, 3.0, 30001) * a
+    along, across = contact.stress_below(depth)
+    shear = 0.5 * (along - across) / peak
+    assert shear.max() == pytest.approx(0.30028, rel=1e-4)
+    assert depth[shear.argmax()] / a == pytest.approx(0.78615, rel=1e-3)
+    # Far below it is Flamant's: −2 P'/(π z) across the surface and nothing along it.
+    along, across = contact.stress_below(100.0 * a)
+    assert across == pytest.approx(-2.0 * contact.load / (np.pi * 100.0 * a), rel=1e-4)
+    assert abs(along) < 1e-4 * abs(across)

@@ -1,0 +1,161 @@
+"""The `[[probe]]` tables of a case file: what is followed through the history, and where."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from pydantic import Field, create_model
+
+from app.case.contact import Contact
+from app.case.quantities import Quantity
+from app.case.table import Count, Model, Place, Problem, Text
+
+if TYPE_CHECKING:
+    from forms.bodies.kinematics import Section
+
+Kind = Literal["point", "line", "contact", "body"]
+_Length = Annotated[float, Quantity("m")]
+Point = tuple[_Length, ...]
+
+
+if TYPE_CHECKING:
+    _NamesFrom = Model
+else:
+    # A field called "from" cannot be written as an attribute.
+    _NamesFrom = create_model(
+        "_NamesFrom",
+        __base__=Model,
+        **{"from": (Point, Field(description="first point, [x, y] or [x, y, z], undeformed"))},
+    )
+
+
+class ProbeLine(_NamesFrom):
+    """Points at equal distances on a straight line in the undeformed mesh."""
+
+    to: Point = Field(description="last point, [x, y] or [x, y, z], undeformed")
+    points: Count = Field(description="number of points, the ends included; at least 2")
+
+    @property
+    def start(self) -> Point:
+        """The first point, m."""
+        found: Point = getattr(self, "from")
+        return found
+
+    def problems(self, place: Place) -> Iterator[Problem]:
+        """No line, or no number of points to divide it by."""
+        if self.points < 2:
+            yield Problem((*place, "points"), "must be at least 2; give point for one", self.points)
+        if self.start == self.to:
+            yield Problem((*place, "to"), "must differ from from", list(self.to))
+
+
+class Probe(Model):
+    """One thing that is followed: a point, a line, a body, or the contact of a pair."""
+
+    name: Text = Field(description="what the tables call it; each probe its own")
+    point: Point | None = Field(
+        default=None, description="one place, [x, y] or [x, y, z], undeformed"
+    )
+    at: Literal["interpolated", "node"] = Field(
+        default="interpolated",
+        description='"interpolated": the material point at this place; "node": the nearest node of '
+        "the displacement, reported where it is; with point only",
+    )
+    line: ProbeLine | None = Field(default=None, description="points on a line, undeformed")
+    body: Text | None = Field(
+        default=None,
+        description="alone: averages, extremes and energy of this body; with point or line: the "
+        "body they lie in, needed where two bodies touch",
+    )
+    contact: Text | None = Field(
+        default=None, description="name of a contact pair, along whose slave surface values are"
+    )
+    points: Count | None = Field(
+        default=None,
+        description="number of points at equal distances along the slave surface, in the plane; "
+        "default: its vertices; with contact only",
+    )
+
+    @property
+    def kind(self) -> Kind:
+        """What is followed."""
+        if self.point is not None:
+            return "point"
+        if self.line is not None:
+            return "line"
+        return "body" if self.contact is None else "contact"
+
+    def problems(
+        self, place: Place, bodies: Sequence[str], pairs: Sequence[str]
+    ) -> Iterator[Problem]:
+        """Keys that do not fit together, and names that nothing has.
+
+        Args:
+            place: where this table stands in the case.
+            bodies: names of all bodies.
+            pairs: names of all contact pairs.
+        """
+        given = [key for key in ("point", "line", "contact") if getattr(self, key) is not None]
+        if len(given) > 1:
+            yield Problem(place, f"give one of point, line and contact, found {', '.join(given)}")
+        elif not given and self.body is None:
+            yield Problem(place, "follows nothing; give point, line, body or contact")
+        if self.line is not None:
+            yield from self.line.problems((*place, "line"))
+        if self.point is None and self.at == "node":
+            yield Problem((*place, "at"), "goes with point only", self.at)
+        if self.contact is None and self.points is not None:
+            yield Problem((*place, "points"), "goes with contact only", self.points)
+        if self.points is not None and self.points < 2:
+            yield Problem((*place, "points"), "must be at least 2", self.points)
+        if self.contact is not None and self.body is not None:
+            yield Problem((*place, "body"), "does not go with contact", self.body)
+        yield from _unknown("body", self.body, bodies, place)
+        yield from _unknown("contact", self.contact, pairs, place)
+
+    def section_problems(self, section: Section, place: Place) -> Iterator[Problem]:
+        """What does not go with what the mesh stands for."""
+        dim = 3 if section == "3D" else 2
+        places: list[tuple[Place, Point]] = []
+        if self.point is not None:
+            places.append((("point",), self.point))
+        if self.line is not None:
+            places += [(("line", "from"), self.line.start), (("line", "to"), self.line.to)]
+        for keys, point in places:
+            if len(point) != dim:
+                reason = f"must have {dim} coordinates in this mesh"
+                yield Problem((*place, *keys), reason, list(point))
+        if dim == 3 and self.points is not None:
+            reason = "goes with meshes in the plane; in space the values are at the vertices"
+            yield Problem((*place, "points"), reason, self.points)
+
+
+def probe_problems(
+    probes: Sequence[Probe],
+    bodies: Mapping[str, object],
+    contacts: Sequence[Contact],
+    place: Place,
+    section: Section | None = None,
+) -> Iterator[Problem]:
+    """Mistakes in the probes: each by itself, together, and with the mesh if known."""
+    names: dict[str, int] = {}
+    pairs = [contact.label for contact in contacts]
+    for index, probe in enumerate(probes):
+        here = (*place, index)
+        yield from probe.problems(here, list(bodies), pairs)
+        if section is not None:
+            yield from probe.section_problems(section, here)
+        first = names.setdefault(probe.name, index)
+        if first != index:
+            yield Problem((*here, "name"), f"is what probe.{first} is called already", probe.name)
+
+
+def _unknown(key: str, name: str | None, known: Sequence[str], place: Place) -> Iterator[Problem]:
+    if name is None or name in known:
+        return
+    near = difflib.get_close_matches(name, known, n=1)
+    hint = f'did you mean "{near[0]}"?' if near else f"there are {', '.join(known)}"
+    kind = "contact pair" if key == "contact" else key
+    yield Problem((*place, key), f"no such {kind}; {hint}", name)

@@ -1,0 +1,69 @@
+"""All field output of a run: bodies and contact, in the formats that the case asks for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from app.build.model import Model
+from app.results.bp_files import BpWriter
+from app.results.contact_nodes import nodal_pressure
+from app.results.contact_series import ContactSeries
+from app.results.field_series import FieldSeries
+from app.results.series import Series
+
+
+class OutputFiles:
+    """Writes a state to all files; all ranks take part.
+
+    Attributes:
+        times: s, by the number of the step, of what has been written.
+    """
+
+    def __init__(self, model: Model, directory: Path) -> None:
+        """Open the files; collective."""
+        problem, formats = model.problem, model.case.output.formats
+        surfaces = [term.surface for term in problem.contacts]
+        told = (problem.u, problem.solids, directory, surfaces)
+        self._model = model
+        self._fields = FieldSeries(*told) if "vtu" in formats else None
+        self._bp = BpWriter(*told) if "adios2" in formats else None
+        self._contact = ContactSeries(model, directory)
+        self.times: dict[int, float] = {}
+
+    def write(self, step: int, time: float) -> None:
+        """Write the displacement and the last converged state of the contacts; collective.
+
+        Args:
+            step: number of the step.
+            time: s.
+        """
+        self.times[step] = time
+        pairs = zip(self._model.problem.contacts, self._model.problem.committed, strict=True)
+        pressures = [nodal_pressure(*pair) for pair in pairs]
+        if self._fields is not None:
+            self._fields.write(step, time, pressures)
+        if self._bp is not None:
+            self._bp.write(time, pressures)
+        self._contact.write(step, time)
+
+    def described(self, step: int) -> str:
+        """Where the output of a step is, in words."""
+        name = f"{step:06d}.vtu"
+        files = [f"fields/{name}"] if self._fields is not None else []
+        files += ["fields.bp and stress.bp"] if self._bp is not None else []
+        return ", ".join([*files, f"contact/{name}"])
+
+    def write_indices(self) -> None:
+        """Bring the indices by time up to date; not collective."""
+        for series in self._series():
+            series.write_index()
+
+    def close(self) -> None:
+        """Finish the files; collective."""
+        self.write_indices()
+        if self._bp is not None:
+            self._bp.close()
+
+    def _series(self) -> list[Series]:
+        fields = self._fields.series if self._fields is not None else None
+        return [*self._contact.series, *([fields] if fields is not None else [])]

@@ -1,0 +1,74 @@
+"""Follows the probes of a case through its history into tables: one row per step and point."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Protocol
+
+from app.build.model import Model
+from app.implicit.stepper import StepResult
+from app.results.body_probes import BodyProbes
+from app.results.contact_probes import ContactProbes
+from app.results.directory import GrowingTable
+from app.results.point_probes import PointProbes
+from app.simulation.history import Row
+from app.simulation.observer import Interval, Observer
+from app.simulation.run_state import RunState
+
+WHEN = ("step", "time", "stage")
+
+
+class Table(Protocol):
+    """What a table of probes offers."""
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns after those that say when, known once there are rows."""
+        ...
+
+    def rows(self) -> list[tuple[object, ...]]:
+        """Rows after the last step, on the first rank; collective."""
+        ...
+
+
+class ProbeRecorder(Observer):
+    """Observer that follows the probes; all ranks take part, the first one writes."""
+
+    def __init__(self, model: Model, directory: Path) -> None:
+        """Make the tables that the case has probes for; collective.
+
+        Args:
+            model: what is solved.
+            directory: of the results.
+        """
+        self._problem = model.problem
+        self._tables = {directory / name: table for name, table in _tables(model).items()}
+        self._files: dict[Path, GrowingTable] = {}
+
+    def step(self, state: RunState, row: Row, result: StepResult | Interval) -> None:
+        """Append the rows of a step."""
+        if not self._tables:
+            return
+        with self._problem.timer("output"):
+            self._problem.spread(state.stepper.x)
+            for path, table in self._tables.items():
+                rows = [(row.step, row.time, row.stage, *values) for values in table.rows()]
+                if self._problem.comm.rank == 0:
+                    if path not in self._files:
+                        self._files[path] = GrowingTable(path, (*WHEN, *table.columns))
+                    self._files[path].extend(rows)
+
+
+def _tables(model: Model) -> dict[str, Table]:
+    """The tables by the names of their files."""
+    probes = model.case.probe
+    bodies = [(p.name, p.body) for p in probes if p.kind == "body" and p.body]
+    contacts = [(p.name, p.contact, p.points) for p in probes if p.contact]
+    tables: dict[str, Table] = {}
+    if model.probes:
+        tables["probes.csv"] = PointProbes(model, model.probes)
+    if bodies:
+        tables["body_probes.csv"] = BodyProbes(model, bodies)
+    if contacts:
+        tables["contact_probes.csv"] = ContactProbes(model, contacts)
+    return tables

@@ -1,0 +1,274 @@
+"""A results directory as one object: case, summary, tables and fields.
+
+Neither DOLFINx nor PETSc nor MPI is needed: what is read are the files. ::
+
+    from app.results import read
+
+    results = read("results/sfa")
+    results.history.plot("time", "friction_coefficient")
+    mesh = results.fields()          # after the last step
+    mesh.cell_data["von_mises_stress"][0].max()
+"""
+
+from __future__ import annotations
+
+import json
+from functools import cached_property
+from io import StringIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from app.case.case import Case
+from app.case.reading import load_case
+from app.errors import InputError
+from app.results.directory import TEXT_COLUMNS
+
+if TYPE_CHECKING:
+    import meshio
+    from numpy.typing import NDArray
+    from pandas import DataFrame
+
+LAST = -1
+CUT_OFF = "is cut off or not"
+# Directories of the contact in results of earlier versions, which had contact_nodes.
+EARLIER_NAMES = {"contact": "contact_nodes", "contact_points": "contact"}
+
+
+def read(directory: str | Path) -> Results:
+    """Read a results directory of ``tribox run``, also one of a run that goes on.
+
+    Args:
+        directory: of a case, or of a sweep.
+
+    Raises:
+        InputError: it is no such directory.
+    """
+    return Results(Path(directory))
+
+
+class Results:
+    """What a run has written. Every part is read when it is asked for, and once.
+
+    Tables are pandas data frames with a column for each of the file's, in SI: names are text, all
+    else floats. A table that the run did not write is empty.
+
+    Attributes:
+        directory: where the results are.
+    """
+
+    def __init__(self, directory: Path) -> None:
+        """See that it is a results directory; nothing is read yet.
+
+        Raises:
+            InputError: it is none.
+        """
+        if not (directory / "case.toml").is_file():
+            what = "no results directory of tribox run (it has no case.toml)"
+            missing = "" if directory.is_dir() else "no such directory"
+            raise InputError(f"{directory}: {missing or what}")
+        self.directory = directory
+
+    def __repr__(self) -> str:
+        return f"Results({str(self.directory)!r})"
+
+    @cached_property
+    def case(self) -> Case:
+        """The case as it was run, every default resolved, in SI.
+
+        Raises:
+            InputError: the case file is not one of this version.
+        """
+        return load_case(self.directory / "case.toml")
+
+    @cached_property
+    def summary(self) -> dict[str, Any]:
+        """What ``summary.json`` holds; empty while the run goes on."""
+        path = self.directory / "summary.json"
+        if not path.exists():
+            return {}
+        try:
+            found = json.loads(path.read_text(encoding="utf-8"))
+        except ValueError:
+            found = None
+        if not isinstance(found, dict):
+            raise InputError(f"{path}: {CUT_OFF} a summary of tribox")
+        return found
+
+    # -- tables -------------------------------------------------------------------------------
+
+    @cached_property
+    def history(self) -> DataFrame:
+        """One row a step: the contact of all pairs together, energies, iterations."""
+        return self._table("history")
+
+    @cached_property
+    def contacts(self) -> DataFrame:
+        """One row a step and pair."""
+        return self._table("contacts")
+
+    @cached_property
+    def surfaces(self) -> DataFrame:
+        """One row a step and surface with a boundary: motion, force and moment."""
+        return self._table("surfaces")
+
+    @cached_property
+    def bodies(self) -> DataFrame:
+        """One row a step and body: motion and contact force."""
+        return self._table("bodies")
+
+    @cached_property
+    def probes(self) -> DataFrame:
+        """One row a step and point of the probes that are points or lines."""
+        return self._table("probes")
+
+    @cached_property
+    def body_probes(self) -> DataFrame:
+        """One row a step and probe that is a body."""
+        return self._table("body_probes")
+
+    @cached_property
+    def contact_probes(self) -> DataFrame:
+        """One row a step and point of the probes along slave surfaces."""
+        return self._table("contact_probes")
+
+    @cached_property
+    def load_steps(self) -> DataFrame:
+        """One row for each stage or velocity: ``label``, ``steady``, and the history at its end.
+
+        ``steady`` is 1 if the velocity was held until steady, 0 if not, −1 where nobody asked.
+        """
+        rows = [
+            row | {"steady": {True: 1.0, False: 0.0}.get(row["steady"], -1.0)}
+            for row in self.summary.get("load_steps", [])
+        ]
+        return _frame(rows, self.directory / "summary.json")
+
+    @cached_property
+    def sweep(self) -> DataFrame:
+        """One row for each stage or velocity of each run of a sweep."""
+        return self._table("sweep")
+
+    @cached_property
+    def parts(self) -> dict[str, Results]:
+        """The runs of a sweep by label, in its order; those without results are left out."""
+        labels = list(self.summary.get("parts", ()))
+        if not labels and self.case.sweep is not None:
+            labels = list(self.case.sweep.labels)
+        found = {label: self.directory / label for label in labels}
+        return {k: Results(path) for k, path in found.items() if (path / "case.toml").is_file()}
+
+    def _table(self, name: str) -> DataFrame:
+        import pandas as pd
+
+        path = self.directory / f"{name}.csv"
+        if not path.exists():
+            return pd.DataFrame()
+        try:
+            text = path.read_text(encoding="utf-8")
+            rows = pd.read_csv(StringIO(text), dtype=str, keep_default_na=False)
+        except ValueError:  # also pandas' own errors, and text that is no UTF-8
+            raise InputError(f"{path}: {CUT_OFF} a table of tribox") from None
+        if not text.endswith("\n"):
+            raise InputError(f"{path}: {CUT_OFF} a table of tribox")
+        return _frame(rows, path)
+
+    # -- fields -------------------------------------------------------------------------------
+
+    @property
+    def steps(self) -> NDArray[np.int64]:
+        """Numbers (n,) of the steps whose fields were written."""
+        return self._outputs[0]
+
+    @property
+    def times(self) -> NDArray[np.float64]:
+        """Times (n,) of these steps, s."""
+        return self._outputs[1]
+
+    @cached_property
+    def _outputs(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        there = [self.directory / f"{name}.pvd" for name in ("fields", "contact")]
+        path = next((path for path in there if path.exists()), None)
+        if path is None:
+            return np.empty(0, dtype=np.int64), np.empty(0)
+        try:
+            sets = list(ElementTree.parse(path).getroot().iter("DataSet"))
+            steps = [int(Path(s.attrib["file"]).stem) for s in sets]
+            times = [float(s.attrib["timestep"]) for s in sets]
+        except (ElementTree.ParseError, KeyError, ValueError):
+            raise InputError(f"{path}: {CUT_OFF} an index of tribox") from None
+        return np.array(steps, dtype=np.int64), np.array(times)
+
+    def fields(self, step: int = LAST) -> meshio.Mesh:
+        """Deformed bodies with displacement, stress and strain.
+
+        Args:
+            step: number of the step, one of ``steps``; −1: the last one.
+
+        Returns:
+            Mesh with ``points`` (n, 3), m, current; ``point_data`` and ``cell_data`` by name, as
+            docs/results.md says; ``field_data``: ``TimeValue``, s, and ``step``.
+
+        Raises:
+            InputError: nothing was written at this step, or the file is cut off.
+        """
+        return self._mesh("fields", step)
+
+    def contact(self, step: int = LAST) -> meshio.Mesh:
+        """Deformed slave surfaces with nodal values; as :meth:`fields`."""
+        return self._mesh("contact", step)
+
+    def contact_points(self, step: int = LAST) -> meshio.Mesh:
+        """Contact points at their deformed places; as :meth:`fields`."""
+        return self._mesh("contact_points", step)
+
+    def _mesh(self, name: str, step: int) -> meshio.Mesh:
+        import meshio
+
+        path = self._file(name, step)
+        try:
+            return meshio.vtu.read(path)
+        except Exception:  # whatever its XML parser, base64, zlib and numpy raise
+            raise InputError(f"{path}: {CUT_OFF} a file of tribox") from None
+
+    def _file(self, name: str, step: int) -> Path:
+        """The file of a step.
+
+        Raises:
+            InputError: there is none.
+        """
+        if self.directory.joinpath("contact_nodes").is_dir():
+            name = EARLIER_NAMES.get(name, name)
+        files = {int(p.stem): p for p in self.directory.glob(f"{name}/*.vtu") if p.stem.isdigit()}
+        if not files:
+            raise InputError(f"{self.directory}: holds no output in {name}/")
+        if step == LAST:
+            return files[max(files)]
+        if step not in files:
+            raise InputError(
+                f"{self.directory}: no output of step {step} in {name}/; there are {len(files)}, "
+                f"from step {min(files)} to {max(files)}"
+            )
+        return files[step]
+
+
+def _frame(rows: Any, path: Path) -> DataFrame:
+    """Rows as a data frame: text columns as text, the others as floats.
+
+    Raises:
+        InputError: a number is missing or is none.
+    """
+    import pandas as pd
+
+    frame = pd.DataFrame(rows)
+    kinds = {name: str if name in TEXT_COLUMNS else float for name in frame.columns}
+    if "value" in frame and pd.to_numeric(frame["value"], errors="coerce").isna().any():
+        kinds["value"] = str  # what is swept are texts
+    if frame.isna().to_numpy().any():
+        raise InputError(f"{path}: {CUT_OFF} a table of tribox")
+    try:
+        return frame.astype(kinds)
+    except ValueError:
+        raise InputError(f"{path}: {CUT_OFF} a table of tribox") from None

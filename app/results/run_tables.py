@@ -1,0 +1,30 @@
+"""The tables of a run: a row for each converged step, and each pair, surface or body at it."""
+
+from __future__ import annotations
+
+from dataclasses import astuple
+from pathlib import Path
+
+from app.results.directory import GrowingTable
+from app.simulation.history import COLUMNS
+from app.simulation.run_state import RunState
+
+
+class RunTables:
+    """``history.csv``, ``contacts.csv``, ``surfaces.csv`` and ``bodies.csv``."""
+
+    def __init__(self, directory: Path, state: RunState) -> None:
+        """Begin the files."""
+        motion = state.motion
+        self._history = GrowingTable(directory / "history.csv", COLUMNS)
+        self._contacts = GrowingTable(directory / "contacts.csv", state.pair_columns)
+        self._surfaces = GrowingTable(directory / "surfaces.csv", motion.surface_columns)
+        self._bodies = GrowingTable(directory / "bodies.csv", motion.body_columns)
+
+    def write(self, state: RunState) -> None:
+        """Append the rows that are new."""
+        motion = state.motion
+        self._history.extend([astuple(row) for row in state.rows[self._history.written :]])
+        self._contacts.extend(state.pair_rows[self._contacts.written :])
+        self._surfaces.extend(motion.surface_rows[self._surfaces.written :])
+        self._bodies.extend(motion.body_rows[self._bodies.written :])

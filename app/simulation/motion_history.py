@@ -1,0 +1,275 @@
+"""Motion of surfaces and bodies, and the forces on them: ``surfaces.csv`` and ``bodies.csv``.
+
+Means are over the undeformed surface or body. Forces are what the surroundings do to a body. Where
+two boundaries prescribe the same at a node that they share, its force is the first one's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import dolfinx
+import numpy as np
+from mpi4py import MPI
+
+from app.build.boundary_conditions import Loads
+from app.build.model import Model
+from app.case.boundary import COMPONENTS
+from app.simulation.contact_resultants import ContactResultants
+from app.simulation.outside_forces import OutsideForces, held_dofs
+from forms.bodies.nodal_weights import body_weights, surface_weights
+from geometry.surfaces.facets import Floats, Ints
+
+KEYS = ("step", "time", "stage")
+
+
+class MotionHistory:
+    """Rows of both tables, added together so that ranks talk once.
+
+    Attributes:
+        held: owned unknowns that :class:`OutsideForces` are wanted at.
+        surface_columns, body_columns: names of the columns.
+        surface_rows, body_rows: their values, a row for each surface or body and step.
+    """
+
+    def __init__(self, model: Model) -> None:
+        """Find nodes, weights and who holds what; collective."""
+        self._model, self._dim = model, model.problem.dim
+        axes = COMPONENTS[: self._dim]
+        self._turning = "xyz" if self._dim == 3 else "z"
+        self.held = held_dofs(model.problem)
+        self._means = _Means(model)
+        self._forces = _SurfaceForces(model, self._means.surfaces, self.held)
+        self._bodies = list(model.case.bodies)
+        self._on = [model.named.body_of(surface) for surface in self._means.surfaces]
+        self._pairs = [
+            (model.named.body_of(pair.slave), model.named.body_of(pair.master))
+            for pair in model.case.contact
+        ]
+        motion = [f"{name}_{a}" for name in ("displacement", "velocity", "force") for a in axes]
+        moments = [f"moment_{a}" for a in self._turning]
+        about = [f"centre_{a}" for a in axes]
+        radial = ["radial_force"] if model.section == "axisymmetric" else []
+        self.surface_columns = (*KEYS, "surface", "body", *motion, *radial, *moments, *about)
+        forces = [f"{name}_force_{a}" for name in ("boundary", "contact") for a in axes]
+        self.body_columns = (*KEYS, "body", *motion[: 2 * self._dim], *forces)
+        self.surface_rows: list[tuple[int | float | str, ...]] = []
+        self.body_rows: list[tuple[int | float | str, ...]] = []
+
+    def add(
+        self,
+        key: tuple[int, float, str],
+        motion: tuple[Floats, Floats],
+        outside: OutsideForces,
+        pairs: Sequence[ContactResultants],
+    ) -> None:
+        """Add the rows of a step; collective.
+
+        Args:
+            key: number of the step, time in s, name of the stage.
+            motion: displacements, m, and velocities, m/s, of the owned unknowns (n,).
+            outside: forces of the surroundings.
+            pairs: resultants of the contacts.
+        """
+        here = self._means.of(*motion)
+        there = self._forces.sums(outside)
+        local = np.concatenate([here.reshape(-1), there.reshape(-1)])
+        total = np.empty_like(local)
+        self._model.problem.comm.Allreduce(local, total, op=MPI.SUM)
+        means = total[: here.size].reshape(here.shape)
+        forces = total[here.size :].reshape(there.shape) * self._model.thickness
+        self._add_surfaces(key, means[: len(self._on)], forces)
+        self._add_bodies(key, means[len(self._on) :], forces, pairs)
+
+    def force_balance(self, stages: Collection[str]) -> float | None:
+        """Largest resultant force on a body over the largest force of the same stages.
+
+        Args:
+            stages: names of those at whose rows the bodies are in equilibrium.
+
+        Returns:
+            None without a force.
+        """
+        dim, stage = self._dim, KEYS.index("stage")
+        forces = np.array([row[-2 * dim :] for row in self.body_rows if row[stage] in stages])
+        radial = np.abs(self._radial(stages)).max(initial=0.0)
+        largest = np.abs(forces).max(initial=radial)
+        if largest == 0.0:
+            return None
+        return float(np.abs(forces[:, :dim] + forces[:, dim:]).max() / largest)
+
+    def _radial(self, stages: Collection[str]) -> Floats:
+        """Radial forces (r,), N, on surfaces of bodies of revolution."""
+        if "radial_force" not in self.surface_columns:
+            return np.empty(0)
+        stage, at = KEYS.index("stage"), self.surface_columns.index("radial_force")
+        return np.array([row[at] for row in self.surface_rows if row[stage] in stages])
+
+    def of_surface(self, name: str, column: str) -> Floats:
+        """Values (r,) of a column for one surface, row by row."""
+        return _column(self.surface_columns, self.surface_rows, "surface", name, column)
+
+    def of_body(self, name: str, column: str) -> Floats:
+        """Values (r,) of a column for one body, row by row."""
+        return _column(self.body_columns, self.body_rows, "body", name, column)
+
+    def _add_surfaces(self, key: tuple[int, float, str], means: Floats, forces: Floats) -> None:
+        """Rows of the surfaces: ``forces`` (s, 3 + 3) are those, and moments about the origin."""
+        dim, round_axis = self._dim, self._model.section == "axisymmetric"
+        names = zip(self._means.surfaces, self._on, strict=True)
+        for number, (name, body) in enumerate(names):
+            centre = self._forces.centre(number, means[number, :dim])
+            force: Floats = forces[number, :3].copy()
+            arm = np.append(centre, [0.0] * (3 - dim))
+            moment: Floats = forces[number, 3:] - np.cross(arm, force)
+            radial = [force[0]] if round_axis else []
+            if round_axis:  # What points outwards cancels round the ring.
+                force[0], moment = 0.0, np.zeros(3)
+            turned = moment if dim == 3 else moment[2:]
+            values = (*means[number].reshape(-1), *force[:dim], *radial, *turned, *centre)
+            self.surface_rows.append((*key, name, body, *map(float, values)))
+
+    def _add_bodies(
+        self,
+        key: tuple[int, float, str],
+        means: Floats,
+        forces: Floats,
+        pairs: Sequence[ContactResultants],
+    ) -> None:
+        """Rows of the bodies: forces of all boundaries and of all contacts on each."""
+        dim, thickness = self._dim, self._model.thickness
+        pushed = {name: np.zeros(dim) for name in self._bodies}
+        pressed = {name: np.zeros(dim) for name in self._bodies}
+        for number, name in enumerate(self._on):
+            pushed[name] += forces[number, :dim]
+        for (slave, master), pair in zip(self._pairs, pairs, strict=True):
+            pressed[slave] += np.array(pair.force) * thickness
+            pressed[master] -= np.array(pair.force) * thickness
+        for name, mean in zip(self._bodies, means, strict=True):
+            if self._model.section == "axisymmetric":
+                pushed[name][0] = 0.0
+            values = (*mean.reshape(-1), *pushed[name], *pressed[name])
+            self.body_rows.append((*key, name, *map(float, values)))
+
+
+def _column(
+    columns: Sequence[str], rows: Sequence[Sequence[Any]], kind: str, name: str, column: str
+) -> Floats:
+    which, at = columns.index(kind), columns.index(column)
+    return np.array([row[at] for row in rows if row[which] == name])
+
+
+class _Means:
+    """Mean displacements and velocities of surfaces with a boundary, and of bodies.
+
+    Attributes:
+        surfaces: names, in the order in which the case names them.
+    """
+
+    def __init__(self, model: Model) -> None:
+        problem, named, section = model.problem, model.named, model.section
+        self.surfaces = list(dict.fromkeys(b.surface for b in model.case.boundary))
+        self._dim, space = problem.dim, problem.space
+        owned = np.arange(space.mesh.topology.index_map(space.mesh.topology.dim).size_local)
+        weights = [surface_weights(space, named.facets(s), section) for s in self.surfaces]
+        for name in model.case.bodies:
+            cells = np.intersect1d(named.cells(name), owned).astype(np.int32)
+            weights.append(body_weights(space, cells, section))
+        sizes = problem.comm.allreduce(np.array([w.sum() for w in weights]))
+        self._parts = []
+        for weight, size in zip(weights, sizes, strict=True):
+            nodes = np.nonzero(weight)[0]
+            self._parts.append((nodes, weight[nodes] / size))
+
+    def of(self, displacement: Floats, velocity: Floats) -> Floats:
+        """This rank's part of the means (s, 2 i) of unknowns (n,)."""
+        both = [v.reshape(-1, self._dim) for v in (displacement, velocity)]
+        return np.array(
+            [np.concatenate([w @ v[nodes] for v in both]) for nodes, w in self._parts]
+        ).reshape(len(self._parts), 2 * self._dim)
+
+
+@dataclass(frozen=True, slots=True)
+class _Pressed:
+    """Nodes (n,) of a surface with a pressure, ghosts included, and its number."""
+
+    surface: int
+    nodes: Ints
+
+
+class _SurfaceForces:
+    """Sums of forces, and of their moments, over each surface with a boundary."""
+
+    def __init__(self, model: Model, surfaces: Sequence[str], held: Ints) -> None:
+        assert model.loads is not None
+        self._problem, self._count = model.problem, len(surfaces)
+        self._number = {name: number for number, name in enumerate(surfaces)}
+        self._reference = model.problem.space.tabulate_dof_coordinates()
+        self._owner = self._owners(model.loads, held)
+        self._held = held
+        self._pressed = [self._nodes_of(model, name) for name in model.loads.pressed]
+        self._centres, self._fixed = self._centres_of(model, surfaces)
+
+    def _owners(self, loads: Loads, held: Ints) -> Ints:
+        """Number of the surface whose force each held unknown's is; −1 for the axis."""
+        owner = np.full(len(held), -1, dtype=np.int32)
+        for constraint in reversed(loads.constraints):
+            number = self._number.get(constraint.surface, -1)
+            owner[np.searchsorted(held, constraint.dofs)] = number
+        return owner
+
+    def _nodes_of(self, model: Model, surface: str) -> _Pressed:
+        space, facets = model.problem.space, model.named.facets(surface)
+        fdim = space.mesh.topology.dim - 1
+        nodes = dolfinx.fem.locate_dofs_topological(space, fdim, np.sort(facets), remote=False)
+        return _Pressed(self._number[surface], nodes.astype(np.int32))
+
+    def _centres_of(self, model: Model, surfaces: Sequence[str]) -> tuple[Floats, list[bool]]:
+        """Where moments are about (s, i), and whether that stays: the centre of a rotation."""
+        problem, dim = model.problem, model.problem.dim
+        centres, fixed = np.zeros((len(surfaces), dim)), [False] * len(surfaces)
+        owned = problem.owned // dim
+        for number, name in enumerate(surfaces):
+            weight = surface_weights(problem.space, model.named.facets(name), model.section)
+            local = np.append(weight @ self._reference[:owned, :dim], weight.sum())
+            total = problem.comm.allreduce(local)
+            centres[number] = total[:-1] / total[-1]
+        for boundary in model.case.boundary:
+            if boundary.rotation is not None:
+                number = self._number[boundary.surface]
+                given = boundary.rotation.centre
+                centres[number] = 0.0
+                centres[number, : len(given or ())] = given or 0.0
+                fixed[number] = True
+        return centres, fixed
+
+    def centre(self, number: int, displacement: Floats) -> Floats:
+        """Place (i,), m, that a surface's moment is about."""
+        place: Floats = self._centres[number].copy()
+        if not self._fixed[number]:
+            place += displacement
+        return place
+
+    def sums(self, outside: OutsideForces) -> Floats:
+        """This rank's forces and moments about the origin (s, 3 + 3), N and N m per thickness."""
+        out = np.zeros((self._count, 6))
+        dim = self._problem.dim
+        nodes, component = self._held // dim, self._held % dim
+        vectors = np.zeros((len(self._held), 3))
+        vectors[np.arange(len(self._held)), component] = outside.held
+        mine = self._owner >= 0
+        self._add(out, self._owner[mine], nodes[mine], vectors[mine])
+        for part, load in zip(self._pressed, outside.pressures, strict=True):
+            vectors = np.zeros((len(part.nodes), 3))
+            vectors[:, :dim] = load.reshape(-1, dim)[part.nodes]
+            self._add(out, np.full(len(part.nodes), part.surface), part.nodes, vectors)
+        return out
+
+    def _add(self, out: Floats, surface: Ints, nodes: Ints, vectors: Floats) -> None:
+        """Add forces (n, 3) on local nodes (n,) of surfaces (n,), where these are at present."""
+        dim = self._problem.dim
+        place = self._reference[nodes].copy()
+        place[:, :dim] += self._problem.u.x.array.reshape(-1, dim)[nodes]
+        np.add.at(out, surface, np.concatenate([vectors, np.cross(place, vectors)], axis=1))

@@ -1,0 +1,97 @@
+"""Forces of supports, platens and pressures on the bodies, unknown by unknown."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import dolfinx
+import numpy as np
+
+from app.equilibrium.equilibrium import Equilibrium
+from app.explicit.stepper import ExplicitStepper
+from geometry.surfaces.facets import Floats, Ints
+
+
+@dataclass(frozen=True, slots=True)
+class OutsideForces:
+    """What the surroundings do to the bodies, at a state or in the mean over an interval.
+
+    Attributes:
+        held: (c,), N per unit thickness, on the unknowns of :func:`held_dofs`.
+        pressures: of each follower pressure, N likewise, on all local unknowns (n,): what this
+            rank's facets give, so that sums over ranks are whole.
+    """
+
+    held: Floats
+    pressures: list[Floats]
+
+    @classmethod
+    def at(cls, problem: Equilibrium, held: Ints) -> OutsideForces:
+        """The forces of the state that was evaluated last."""
+        return cls(problem.unbalanced[held], [-load for load in pressure_residuals(problem)])
+
+
+def held_dofs(problem: Equilibrium) -> Ints:
+    """Owned unknowns that supports or platens act on, sorted."""
+    parts = [part.dofs for part in problem.prescribed]
+    parts += [platen.dofs for platen in problem.platens]
+    out: Ints = np.unique(np.concatenate([*parts, np.empty(0, dtype=np.int32)]))
+    return out
+
+
+def pressure_residuals(problem: Equilibrium) -> list[Floats]:
+    """Residuals of the follower pressures at the state, N per unit thickness, this rank's part."""
+    out: list[Floats] = []
+    for load in problem.pressures:
+        values = np.zeros(len(problem.u.x.array))
+        dolfinx.fem.assemble_vector(values, load.residual)
+        out.append(values)
+    return out
+
+
+class OutsideMean:
+    """Mean of the outside forces over an interval of explicit steps.
+
+    What holds an unknown balances the other forces on it and moves its mass.
+    """
+
+    def __init__(self, stepper: ExplicitStepper) -> None:
+        """Begin an interval at the stepper's state."""
+        self._stepper, problem = stepper, stepper.problem
+        self._held = held_dofs(problem)
+        self._mass = stepper.mass[self._held]
+        self._residual = np.zeros(len(self._held))
+        self._pulls = np.zeros(len(problem.platens))
+        self._pressures = [np.zeros(len(problem.u.x.array)) for _ in problem.pressures]
+        self._time = 0.0
+        self._speed, self._place = self._motion()
+
+    def enter(self, dt: float) -> None:
+        """Enter the step of ``dt`` (s) just made; local to the rank."""
+        stepper = self._stepper
+        self._time += dt
+        self._residual += dt * stepper.residual[self._held]
+        self._pulls += dt * stepper.loads.platens
+        for total, load in zip(self._pressures, stepper.pressure_residuals, strict=True):
+            total -= dt * load
+
+    def close(self) -> OutsideForces:
+        """The means since the beginning; collective."""
+        stepper, residual = self._stepper, self._residual / self._time
+        speed, place = self._motion()
+        change = (speed - self._speed) + stepper.options.damping * (place - self._place)
+        force = residual + self._mass * change / self._time
+        whole = np.zeros(len(stepper.mass))
+        whole[self._held] = residual
+        platens = stepper.problem.platens
+        accelerations = self._pulls / self._time - stepper.dynamics.sums(whole)
+        accelerations /= stepper.dynamics.platen_mass
+        for platen, acceleration in zip(platens, accelerations, strict=True):
+            at = np.searchsorted(self._held, platen.dofs)
+            force[at] = residual[at] + self._mass[at] * acceleration
+        return OutsideForces(force, [np.asarray(p / self._time) for p in self._pressures])
+
+    def _motion(self) -> tuple[Floats, Floats]:
+        """Velocities, m/s, and displacements, m, of the unknowns that are held."""
+        stepper = self._stepper
+        return stepper.v[self._held].copy(), stepper.x.array_r[self._held].copy()

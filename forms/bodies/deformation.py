@@ -1,0 +1,150 @@
+"""Deformation gradients at fixed material points, from the nodal displacements, in numpy.
+
+Axis letters: p points, c cells, q quadrature points of a cell, a nodes of a cell, i, j, l space,
+α, β reference directions. Gradients are (3, 3), the direction across a plane being the third.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import basix
+import dolfinx
+import numpy as np
+
+from forms.bodies.kinematics import Section
+from forms.bodies.solid import Solid
+from geometry.meshes.places import centre, corners, shape_functions
+from geometry.surfaces.facets import Floats, Ints
+
+ON_AXIS = 1e-6  # radius over the cell's outer one up to which a point lies on the axis
+
+
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """What takes the displacements of a cell's nodes to one point of it; by cell, (c, …).
+
+    Attributes:
+        values: (c, a) shape functions; slopes: (c, α, a) their derivatives in the reference cell.
+        inverse: (c, α, j), 1/m, ∂ξ_α/∂X_j.
+        place: (c, i), m, undeformed.
+        across: (c,) 1/m, by which a radial displacement gives the hoop strain; 0 on the axis,
+            where it is the radial strain instead, and in all sections but axisymmetric ones.
+        on_axis: (c,) whether that is so.
+        volume: (c,) determinant of the Jacobian, m² or m³.
+    """
+
+    values: Floats
+    slopes: Floats
+    inverse: Floats
+    place: Floats
+    across: Floats
+    on_axis: Floats
+    volume: Floats
+
+    def deformation(self, u: Floats) -> Floats:
+        """Deformation gradients (c, 3, 3) of nodal displacements ``u`` (c, a, i), m."""
+        dim = u.shape[2]
+        F: Floats = np.tile(np.eye(3), (len(u), 1, 1))
+        F[:, :dim, :dim] += (self.slopes @ u).transpose(0, 2, 1) @ self.inverse
+        if dim == 2:
+            radial = np.einsum("ca,ca->c", self.values, u[:, :, 0])
+            F[:, 2, 2] += self.across * radial + self.on_axis * (F[:, 0, 0] - 1.0)
+        return F
+
+    def displacement(self, u: Floats) -> Floats:
+        """Displacements (c, i), m."""
+        found: Floats = np.einsum("ca,cai->ci", self.values, u)
+        return found
+
+
+def rows_at(space: dolfinx.fem.FunctionSpace, section: Section, cells: Ints, xi: Floats) -> Rows:
+    """Rows at one point of each cell.
+
+    Args:
+        space: of the displacement, on straight first-order cells.
+        section: what the mesh stands for.
+        cells: (c,) local.
+        xi: (c, α) reference coordinates, or (1, α) of the same point in every cell.
+    """
+    mesh = space.mesh
+    kind, X = mesh.topology.cell_name(), corners(mesh, cells)
+    geometry = shape_functions(kind, 1, 1, xi)
+    place = np.einsum("ca,cai->ci", _each(geometry[0], cells), X)
+    edges = np.einsum("zca,cai->ciz", _each(geometry[1:], cells), X)
+    degree = space.element.basix_element.degree
+    table = shape_functions(kind, degree, 1, xi)
+    values, slopes = _each(table[0], cells), _each(table[1:], cells).transpose(1, 0, 2)
+    across, axis = _hoop(X, place, section)
+    volume = np.abs(np.linalg.det(edges))
+    return Rows(values, slopes, np.linalg.inv(edges), place, across, axis, volume)
+
+
+def centre_rows(space: dolfinx.fem.FunctionSpace, section: Section, cells: Ints) -> Rows:
+    """Rows of the kinematics from which ``q1-sri`` takes the volume of a cell.
+
+    Those of its centre; of a ring's cell with the gradients extrapolated to the centroid of its
+    volume, as :func:`forms.bodies.kinematics.centre_kinematics` has it.
+    """
+    kind = space.mesh.topology.cell_name()
+    rows = rows_at(space, section, cells, centre(kind))
+    if section != "axisymmetric" or not len(cells):
+        return rows
+    X, table = corners(space.mesh, cells), shape_functions(kind, 1, 2, centre(kind))[:, 0]
+    # The order of basix: N, N_ξ, N_η, N_ξξ, N_ξη, N_ηη. Second derivatives of N along an edge of
+    # the cell and across are those in the reference cell less what the edges themselves bend.
+    second = table[[[3, 4], [4, 5]]]
+    edges, bend = np.einsum("za,cai->ciz", table[1:3], X), np.einsum("zya,cai->cizy", second, X)
+    gradients = rows.inverse.transpose(0, 2, 1) @ rows.slopes
+    curved = second - np.einsum("cia,cizy->czya", gradients, bend)
+    away = np.einsum("ciz,cz->ci", edges, edges[:, 0]) / (12.0 * rows.place[:, :1])
+    towards = np.einsum("cyi,ci->cy", rows.inverse, away)
+    return replace(rows, slopes=rows.slopes + np.einsum("czya,cy->cza", curved, towards))
+
+
+class BodyPoints:
+    """The quadrature points of a body's own cells, those of full integration.
+
+    Attributes:
+        weight: (q, c) m² or m³, of whole rings with axial symmetry; place: (q, c, i), m.
+    """
+
+    def __init__(self, space: dolfinx.fem.FunctionSpace, solid: Solid) -> None:
+        """Tabulate the shape functions.
+
+        Args:
+            space: of the displacement.
+            solid: the body.
+        """
+        kind = basix.CellType[space.mesh.topology.cell_name()]
+        points, weights = basix.make_quadrature(kind, solid.full_degree)
+        self._rows = [rows_at(space, solid.section, solid.cells, x[None]) for x in points]
+        ring = solid.section == "axisymmetric"
+        self.place: Floats = np.stack([rows.place for rows in self._rows])
+        around = 2.0 * np.pi * self.place[:, :, 0] if ring else 1.0
+        volume = np.stack([rows.volume for rows in self._rows])
+        self.weight: Floats = around * weights[:, None] * volume
+
+    def deformation(self, u: Floats) -> Floats:
+        """Deformation gradients (q, c, 3, 3) of nodal displacements ``u`` (c, a, i), m."""
+        return np.stack([rows.deformation(u) for rows in self._rows])
+
+    def displacement(self, u: Floats) -> Floats:
+        """Displacements (q, c, i), m."""
+        return np.stack([rows.displacement(u) for rows in self._rows])
+
+
+def _each(table: Floats, cells: Ints) -> Floats:
+    """A table (…, c or 1, a) with the same values for every cell where it has one row."""
+    shape = (*table.shape[:-2], len(cells), table.shape[-1])
+    return np.broadcast_to(table, shape)
+
+
+def _hoop(X: Floats, place: Floats, section: Section) -> tuple[Floats, Floats]:
+    """``across`` and ``on_axis`` of :class:`Rows`."""
+    none = np.zeros(len(place))
+    if section != "axisymmetric":
+        return none, none
+    radius, outer = place[:, 0], X[:, :, 0].max(axis=1, initial=0.0)
+    axis = radius <= ON_AXIS * outer
+    return np.where(axis, 0.0, 1.0 / np.where(axis, 1.0, radius)), axis.astype(np.float64)

@@ -1,0 +1,86 @@
+"""Values of scalar UFL expressions at many points at once, in numpy and without compiling."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from ufl.corealg.map_dag import map_expr_dags
+from ufl.corealg.multifunction import MultiFunction
+
+Floats = NDArray[np.float64]
+
+
+def values_of(expressions: Sequence[Any], arguments: Mapping[Any, Floats]) -> list[Floats | float]:
+    """Values of scalar expressions; parts that they share are computed once.
+
+    Args:
+        expressions: of ``ufl.Constant``, numbers, arithmetic, roots, logarithms and conditionals.
+        arguments: value (p,) of each constant that occurs.
+
+    Raises:
+        NotImplementedError: there is something else in them; the message names it.
+    """
+    found: list[Floats | float] = map_expr_dags(_Values(arguments), expressions, compress=False)
+    return found
+
+
+class _Values(MultiFunction):
+    """Replaces every node of an expression by its value."""
+
+    def __init__(self, arguments: Mapping[Any, Floats]) -> None:
+        super().__init__()
+        self._arguments = arguments
+
+    def expr(self, o: Any, *operands: Any) -> Any:
+        raise NotImplementedError(f"no values of {type(o).__name__}")
+
+    def constant(self, o: Any) -> Any:
+        return self._arguments[o]
+
+    def scalar_value(self, o: Any) -> float:
+        return float(o)
+
+    def zero(self, o: Any) -> float:
+        return 0.0
+
+    def label(self, o: Any) -> None:
+        return None
+
+    def variable(self, o: Any, operand: Any, label: Any) -> Any:
+        return operand
+
+    def sum(self, o: Any, a: Any, b: Any) -> Any:
+        return a + b
+
+    def product(self, o: Any, a: Any, b: Any) -> Any:
+        return a * b
+
+    def division(self, o: Any, a: Any, b: Any) -> Any:
+        return a / b
+
+    def power(self, o: Any, a: Any, b: Any) -> Any:
+        return a**b
+
+    def abs(self, o: Any, a: Any) -> Any:
+        return np.abs(a)
+
+    def sqrt(self, o: Any, a: Any) -> Any:
+        return np.sqrt(a)
+
+    def exp(self, o: Any, a: Any) -> Any:
+        return np.exp(a)
+
+    def ln(self, o: Any, a: Any) -> Any:
+        return np.log(a)
+
+    def gt(self, o: Any, a: Any, b: Any) -> Any:
+        return np.greater(a, b)
+
+    def lt(self, o: Any, a: Any, b: Any) -> Any:
+        return np.less(a, b)
+
+    def conditional(self, o: Any, condition: Any, true: Any, false: Any) -> Any:
+        return np.where(condition, true, false)

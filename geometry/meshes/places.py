@@ -1,0 +1,142 @@
+"""Places in the undeformed mesh: the cells around a point, and how far it is from them.
+
+Axis letters: p points, k pairs of a point and a cell around it, c cells, a corners of a cell,
+i space, α reference directions.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import basix
+import dolfinx
+import numpy as np
+
+from geometry.compat import cell_nodes
+from geometry.surfaces.facets import Bools, Floats, Ints, Longs
+
+INSIDE = 1e-6  # reference coordinates by which a point may lie outside a cell it is counted to
+NEWTON_STEPS = 40
+_SIMPLICES = ("triangle", "tetrahedron")
+
+
+@dataclass(frozen=True, slots=True)
+class CellPlaces:
+    """Points in the cells around them; one on a side between cells is in each of these.
+
+    Attributes:
+        point: (k,) number of the point.
+        cell: (k,) local number of the cell.
+        xi: (k, α) reference coordinates of the point in the cell.
+    """
+
+    point: Longs
+    cell: Ints
+    xi: Floats
+
+
+def shape_functions(cell: str, degree: int, order: int, xi: Floats) -> Floats:
+    """Lagrange shape functions and their derivatives (z, p, a) at reference coordinates (p, α).
+
+    Args:
+        cell: name of the cell.
+        degree: of the functions.
+        order: highest derivative; row z is the function, then its derivatives in basix's order.
+        xi: (p, α).
+    """
+    at = xi if len(xi) else centre(cell)  # basix wants one point at least
+    table: Floats = _lagrange(cell, degree).tabulate(order, at)[..., 0]
+    return table[:, : len(xi)]
+
+
+@lru_cache
+def _lagrange(cell: str, degree: int) -> basix.finite_element.FiniteElement:
+    """The element whose nodes a mesh's cells and displacements have."""
+    return basix.create_element(
+        basix.ElementFamily.P, basix.CellType[cell], degree, basix.LagrangeVariant.equispaced
+    )
+
+
+def corners(mesh: dolfinx.mesh.Mesh, cells: Ints) -> Floats:
+    """Corners (c, a, i), m, of local cells."""
+    found: Floats = mesh.geometry.x[cell_nodes(mesh)[cells]][:, :, : mesh.geometry.dim]
+    return found
+
+
+def centre(cell: str) -> Floats:
+    """Reference coordinates (1, α) of the middle of a cell."""
+    found: Floats = basix.geometry(basix.CellType[cell]).mean(axis=0)[None]
+    return found
+
+
+def places_in(mesh: dolfinx.mesh.Mesh, cells: Ints, points: Floats) -> CellPlaces:
+    """The cells among ``cells`` that each point lies in, or on the boundary of.
+
+    What is found in a cell does not depend on the ranks: every rank has the same corners.
+
+    Args:
+        mesh: of straight first-order cells.
+        cells: (c,) local.
+        points: (p, i), m.
+    """
+    X = corners(mesh, cells)
+    low, high = X.min(axis=1), X.max(axis=1)
+    slack = INSIDE * (high - low).max(axis=1, initial=0.0)[:, None]
+    near = [
+        np.flatnonzero(np.all((low - slack <= x) & (x <= high + slack), axis=1)) for x in points
+    ]
+    point = np.repeat(np.arange(len(points)), [len(n) for n in near])
+    row = np.concatenate([*near, np.empty(0, dtype=np.int64)]).astype(np.int64)
+    kind = mesh.topology.cell_name()
+    xi = _reference_coordinates(kind, X[row], points[point])
+    inside = _inside(kind, xi)
+    return CellPlaces(point[inside], cells[row[inside]], xi[inside])
+
+
+def nearest_place(mesh: dolfinx.mesh.Mesh, cells: Ints, point: Floats) -> tuple[float, Floats]:
+    """Distance (m) of a point from local cells, and the place (i,) there that is nearest.
+
+    Infinite without cells. (Faces of hexahedra that are not flat count as their convex hull.)
+    """
+    best, place = np.inf, np.zeros_like(point)
+    X = corners(mesh, cells)
+    low, high = X.min(axis=1), X.max(axis=1)
+    bound = np.linalg.norm(np.maximum(np.maximum(low - point, point - high), 0.0), axis=1)
+    here = np.zeros((1, 3))
+    here[0, : len(point)] = point
+    for row in np.argsort(bound):
+        if bound[row] >= best:
+            break
+        hull = np.zeros((X.shape[1], 3))
+        hull[:, : len(point)] = X[row]
+        away = dolfinx.geometry.compute_distance_gjk(hull, here)
+        if (distance := float(np.linalg.norm(away))) < best:
+            best, place = distance, point + away[: len(point)]
+    return best, place
+
+
+def _reference_coordinates(cell: str, X: Floats, points: Floats) -> Floats:
+    """ξ (k, α) with Σ_a N_a(ξ) X_a = x, by Newton's method; not finite where there is none."""
+    xi = np.repeat(centre(cell), len(points), axis=0)
+    with np.errstate(all="ignore"):
+        for _ in range(NEWTON_STEPS if len(points) else 0):
+            table = shape_functions(cell, 1, 1, xi)
+            away = points - np.einsum("ka,kai->ki", table[0], X)
+            edges = np.einsum("zka,kai->kiz", table[1:], X)
+            flat = np.abs(np.linalg.det(edges)) == 0.0
+            edges[flat] = np.eye(xi.shape[1])
+            step = np.linalg.solve(edges, away[..., None])[..., 0]
+            # Beyond these bounds the point is outside; a twisted map may have no way back.
+            xi = np.clip(xi + step, -1.0, 2.0)
+            if np.all(np.abs(step) < 1e-13) or cell in _SIMPLICES:
+                break
+    return xi
+
+
+def _inside(cell: str, xi: Floats) -> Bools:
+    """Whether reference coordinates (k, α) lie in a cell."""
+    excess = (-xi).max(axis=1, initial=-np.inf)
+    beyond = xi.sum(axis=1) if cell in _SIMPLICES else xi.max(axis=1, initial=-np.inf)
+    inside: Bools = np.maximum(excess, beyond - 1.0) <= INSIDE
+    return inside

@@ -1,0 +1,161 @@
+"""What a run leaves: indices whole at any moment, contact files, formats; read back as one."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+
+import adios2
+import numpy as np
+import pytest
+import pyvista
+from mpi4py import MPI
+
+from app.build.model import build_model
+from app.case.case import Case
+from app.errors import InputError
+from app.results import Results, read
+from app.results.directory import prepare
+from app.results.recorder import Recorder
+from app.run.progress import Together
+from app.simulation.history import COLUMNS
+from app.simulation.observer import Observer
+from app.simulation.simulation import Simulation
+from tests.app.results.test_contact_nodes import SPACE
+
+ROOT = Path(__file__).parents[3]
+SERIES = ("fields", "contact", "contact_points")
+
+
+class Watch(Observer):
+    """Opens what is there after every step, as somebody who cannot wait does."""
+
+    def __init__(self, directory: Path) -> None:
+        self.directory = directory
+        self.seen: list[list[int]] = []
+        self.status: set[int] = set()
+
+    def step(self, state, row, result) -> None:
+        for name in SERIES:
+            reader = pyvista.get_reader(self.directory / f"{name}.pvd")
+            assert reader.time_values[-1] <= state.time
+            assert reader.read()[0].n_points > 0
+        results = read(self.directory)
+        self.seen.append(results.steps.tolist())
+        self.status.add(len(results.summary))
+
+
+def run(data: dict, directory: Path, *observers: Observer) -> Simulation:
+    prepare(directory)
+    model = build_model(Case.model_validate(data), MPI.COMM_SELF)
+    simulation, recorder = Simulation(model), Recorder(model, directory)
+    simulation.run(Together(recorder, *observers))
+    recorder.close(simulation, "done")
+    return simulation
+
+
+@pytest.fixture(scope="module")
+def pressed(tmp_path_factory) -> tuple[Simulation, Watch, Results]:
+    directory = tmp_path_factory.mktemp("pressed") / "out"
+    watch = Watch(directory)
+    return run(tomllib.loads(SPACE), directory, watch), watch, read(directory)
+
+
+def test_indices_can_be_read_while_the_run_goes_on(pressed):
+    simulation, watch, results = pressed
+    assert watch.seen[0] == [1] and watch.status == {0}
+    assert all(seen in ([1], [1, 2]) for seen in watch.seen)
+    assert results.steps.tolist() == [1, 2] == [row.step for row in simulation.rows]
+    assert results.times.tolist() == [row.time for row in simulation.rows]
+    for name in SERIES:
+        reader = pyvista.get_reader(results.directory / f"{name}.pvd")
+        assert reader.time_values == results.times.tolist()
+    assert not list(results.directory.rglob("*.part"))
+
+
+def test_fields_and_contact_are_those_of_the_step(pressed):
+    simulation, _, results = pressed
+    assert results.summary["bodies"] == ["elastomer", "aluminium"]
+    row, problem = simulation.rows[-1], simulation.model.problem
+    fields, contact = results.fields(), results.contact(2)
+    assert fields.field_data["step"] == [2] and fields.field_data["TimeValue"] == [row.time]
+    moved = fields.point_data["displacement"]
+    assert np.sort(moved, axis=0) == pytest.approx(
+        np.sort(problem.u.x.array.reshape(-1, 3), axis=0)
+    )
+    assert results.fields(1).field_data["step"] == [1]
+    body = fields.cell_data["body"][0]
+    height = fields.points[fields.cells[0].data].mean(axis=1)[:, 1]
+    assert (body == 0).tolist() == (height > 0.0).tolist()
+    pressure = contact.point_data["pressure"]
+    for place, expected in zip(contact.points, pressure, strict=True):
+        at = np.linalg.norm(fields.points - place, axis=1).argmin()
+        assert fields.point_data["contact_pressure"][at] == pytest.approx(expected)
+    force = contact.point_data["area"] @ pressure
+    assert force == pytest.approx(row.normal_force)
+    assert contact.cell_data["pair"][0].tolist() == [0] * 6
+
+
+def test_points_weigh_what_the_surface_does(pressed):
+    simulation, _, results = pressed
+    points, row = results.contact_points().point_data, simulation.rows[-1]
+    assert points["weight"].sum() == pytest.approx(0.6e-6)
+    assert points["weight"] @ points["pressure"] == pytest.approx(row.normal_force)
+    assert points["weight"] @ points["cover"] == pytest.approx(row.contact_area)
+
+
+@pytest.mark.parametrize(("slave", "sign"), [("elastomer", 1.0), ("aluminium", -1.0)])
+def test_normals_are_unit_and_point_out_of_the_master(pressed, tmp_path, slave, sign):
+    results = pressed[2]
+    if slave == "aluminium":
+        data = tomllib.loads(SPACE)
+        data["contact"][0] |= {"slave": "aluminium_contact", "master": "elastomer_contact"}
+        run(data, tmp_path / "out")
+        results = read(tmp_path / "out")
+    for mesh in (results.contact(), results.contact_points()):
+        normal, above = mesh.point_data["normal"], ~np.isnan(mesh.point_data["gap"])
+        assert above.sum() >= 6
+        assert np.linalg.norm(normal, axis=1) == pytest.approx(above.astype(float), abs=1e-14)
+        assert np.all(sign * normal[above, 1] > 0.99)
+    assert above.all() == (slave == "elastomer")
+
+
+def test_adios2_alone_leaves_out_the_fields_of_the_first_rank(tmp_path):
+    data = tomllib.loads(SPACE.replace("steps = 2", "steps = 1"))
+    simulation = run(data | {"output": {"formats": ["adios2"]}}, tmp_path / "out")
+    results = read(tmp_path / "out")
+    assert results.case.output.formats == ("adios2",)
+    assert results.steps.tolist() == [1]
+    assert results.contact().point_data["pressure"].max() > 0.0
+    with pytest.raises(InputError, match="holds no output in fields/"):
+        results.fields()
+    with adios2.FileReader(str(tmp_path / "out" / "fields.bp")) as file:
+        moved = file.read("displacement", block_id=0).reshape(-1, 3)
+    u = simulation.model.problem.u.x.array.reshape(-1, 3)
+    assert np.sort(moved, axis=0) == pytest.approx(np.sort(u, axis=0))
+
+
+def test_the_history_is_that_of_the_run(pressed):
+    simulation, _, results = pressed
+    history = results.history
+    assert list(history.columns) == list(COLUMNS)
+    for name in COLUMNS:
+        assert history[name].tolist() == [getattr(row, name) for row in simulation.rows]
+    assert results.load_steps["label"].tolist() == ["press"]
+    assert results.load_steps["steady"].tolist() == [-1.0]
+    assert results.case == simulation.model.case
+
+
+def test_the_examples_of_the_docs_run(pressed, tmp_path, monkeypatch, capsys):
+    """One after the other, on these results."""
+    directory = pressed[2].directory
+    text = (ROOT / "docs" / "reading-results.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    assert len(blocks) == 5
+    monkeypatch.chdir(tmp_path)
+    exec("".join(blocks).replace("results/block-slide", str(directory)), {})
+    assert (tmp_path / "friction.png").stat().st_size > 1000
+    said = capsys.readouterr().out
+    force = f"N {pressed[0].rows[-1].normal_force:.3f} N"
+    assert said.count(force) == 2 and "elastomer: " in said

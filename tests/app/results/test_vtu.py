@@ -1,0 +1,104 @@
+"""VTU files as pyvista and meshio read them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pytest
+import pyvista
+
+from app.results.vtu import BLOCK, Cells, pack, with_three_components, write_vtu
+
+TRIANGLE, VERTEX = 5, 1
+
+
+@pytest.fixture
+def arrays() -> dict:
+    rng = np.random.default_rng(1)
+    count = BLOCK // 24 * 3 + 5  # more than three blocks, the last one not full
+    return {
+        "points": rng.random((count, 3)),
+        "nodes": rng.integers(0, count, (4000, 3)),
+        "point_data": {
+            "vector": rng.random((count, 3)),
+            "gap": np.where(rng.random(count) < 0.5, np.nan, -1e-300),
+            "pair": rng.integers(0, 9, count).astype(np.int32),
+        },
+        "cell_data": {
+            "tensor": rng.random((4000, 9)),
+            "one": np.full((4000, 1), 3.0),
+            "long": rng.integers(-(2**40), 2**40, 4000),
+        },
+    }
+
+
+def write(path: Path, arrays: dict, time: float = 0.1 + 0.2, step: int = 7) -> None:
+    cells = Cells.of_one_kind(arrays["nodes"], TRIANGLE)
+    data = arrays["point_data"], arrays["cell_data"]
+    write_vtu(path, arrays["points"], cells, *data, time, step)
+
+
+def test_both_libraries_read_back_every_bit(tmp_path, arrays):
+    path = tmp_path / "a.vtu"
+    write(path, arrays)
+    assert [p.name for p in tmp_path.iterdir()] == ["a.vtu"]
+    grid, mesh = pyvista.read(path), meshio.read(path)
+    np.testing.assert_array_equal(grid.points, arrays["points"])
+    np.testing.assert_array_equal(mesh.points, arrays["points"])
+    np.testing.assert_array_equal(grid.cells_dict[TRIANGLE], arrays["nodes"])
+    np.testing.assert_array_equal(mesh.cells_dict["triangle"], arrays["nodes"])
+    for name, values in arrays["point_data"].items():
+        for found in (grid.point_data[name], mesh.point_data[name]):
+            np.testing.assert_array_equal(found, values)
+            assert found.dtype == values.dtype
+    for name, values in arrays["cell_data"].items():
+        for found in (grid.cell_data[name], mesh.cell_data[name][0]):
+            np.testing.assert_array_equal(np.reshape(found, values.shape), values)
+            assert found.dtype == values.dtype
+    assert set(grid.array_names) == {
+        *arrays["point_data"],
+        *arrays["cell_data"],
+        "TimeValue",
+        "step",
+    }
+    for data in (grid.field_data, mesh.field_data):
+        assert list(data["TimeValue"]) == [0.1 + 0.2] and list(data["step"]) == [7]
+
+
+def test_vtk_knows_the_time_of_a_file(tmp_path, arrays):
+    """As ParaView, which takes it from there where a file is opened without an index."""
+    from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
+    from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
+
+    write(tmp_path / "a.vtu", arrays, time=1.25e-7)
+    reader = vtkXMLUnstructuredGridReader()
+    reader.SetFileName(str(tmp_path / "a.vtu"))
+    reader.UpdateInformation()
+    said = reader.GetOutputInformation(0)
+    assert said.Get(vtkStreamingDemandDrivenPipeline.TIME_STEPS()) == (1.25e-7,)
+
+
+def test_what_is_packed_once_is_written_as_it_is(tmp_path, arrays):
+    write(tmp_path / "a.vtu", arrays)
+    for group in ("point_data", "cell_data"):
+        arrays[group] = {name: pack(values) for name, values in arrays[group].items()}
+    write(tmp_path / "b.vtu", arrays)
+    assert (tmp_path / "a.vtu").read_bytes() == (tmp_path / "b.vtu").read_bytes()
+
+
+def test_a_file_that_cannot_be_finished_leaves_the_old_one(tmp_path, arrays):
+    write(tmp_path / "a.vtu", arrays)
+    before = (tmp_path / "a.vtu").read_bytes()
+    arrays["cell_data"]["text"] = np.array(["a"])
+    with pytest.raises(KeyError):
+        write(tmp_path / "a.vtu", arrays)
+    assert (tmp_path / "a.vtu").read_bytes() == before
+
+
+def test_vectors_of_the_plane_have_three_components():
+    vectors = np.array([[1.0, 2.0], [3.0, 4.0]])
+    assert with_three_components(vectors).tolist() == [[1.0, 2.0, 0.0], [3.0, 4.0, 0.0]]
+    space = np.ones((2, 3))
+    assert with_three_components(space) is space

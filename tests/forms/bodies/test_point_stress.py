@@ -1,0 +1,157 @@
+"""Stress at points in numpy against the compiled one, in cells that are distorted and bent."""
+
+from __future__ import annotations
+
+import dolfinx
+import numpy as np
+import pytest
+import ufl
+
+from forms.bodies.deformation import BodyPoints, centre_rows, rows_at
+from forms.bodies.kinematics import centre_kinematics
+from forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean
+from forms.bodies.point_stress import PointStress, log_strain, mean_pressure, von_mises
+from forms.bodies.solid import Solid
+from forms.bodies.ufl_values import values_of
+from geometry.compat import cell_values
+from geometry.meshes.places import centre, places_in
+from tests.grid import grid
+
+MATERIALS = [NeoHookean(1.0, 4.0), MooneyRivlin(0.4, 0.15, 4.0), Hencky(1.0, 4.0)]
+SECTIONS = {
+    "plane-strain": ("quadrilateral", "q1"),
+    "axisymmetric": ("quadrilateral", "q1-sri"),
+    "3D": ("hexahedron", "q1-sri"),
+}
+
+
+class Bent:
+    """Distorted cells under a displacement without any order."""
+
+    def __init__(self, section, cell=None, degree=1):
+        kind = cell or SECTIONS[section][0]
+        dim = 3 if section == "3D" else 2
+        random = np.random.default_rng(1)
+        mesh = grid(kind, (2,) * dim)
+        x = mesh.geometry.x
+        x[:, :dim] += 0.08 * random.uniform(-1.0, 1.0, (len(x), dim))
+        x[:, 0] += 0.5
+        self.section, self.mesh = section, mesh
+        self.space = dolfinx.fem.functionspace(mesh, ("Lagrange", degree, (dim,)))
+        self.u = dolfinx.fem.Function(self.space)
+        self.u.x.array[:] = 0.05 * random.uniform(-1.0, 1.0, len(self.u.x.array))
+        self.cells = np.arange(mesh.topology.index_map(dim).size_local, dtype=np.int32)
+
+    @property
+    def nodal(self):
+        return self.u.x.array.reshape(-1, self.mesh.geometry.dim)[
+            self.space.dofmap.list[self.cells]
+        ]
+
+    def compiled(self, expression, xi):
+        return cell_values(dolfinx.fem.Expression(expression, xi), self.mesh, self.cells)
+
+    def solid(self, material, formulation):
+        return Solid("bent", self.u, self.cells, material, formulation, section=self.section)
+
+
+@pytest.fixture(scope="module", params=SECTIONS)
+def bent(request):
+    return Bent(request.param)
+
+
+@pytest.mark.parametrize("material", MATERIALS, ids=lambda m: type(m).__name__)
+def test_stress_is_the_compiled_one(bent, material):
+    xi = centre(bent.mesh.topology.cell_name())
+    solid = bent.solid(material, SECTIONS[bent.section][1])
+    expected = bent.compiled(solid.cauchy_stress(), xi).reshape(-1, 3, 3)
+    F = rows_at(bent.space, bent.section, bent.cells, xi).deformation(bent.nodal)
+    found = PointStress(material, bent.section).cauchy(F)
+    np.testing.assert_allclose(found, expected, atol=1e-13 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(
+    ("section", "cell", "degree"), [("plane-strain", "triangle", 2), ("3D", "hexahedron", 1)]
+)
+def test_deformation_off_the_centre(section, cell, degree):
+    bent = Bent(section, cell, degree)
+    dim = bent.mesh.geometry.dim
+    xi = np.array([[0.2, 0.3, 0.7][:dim]])
+    expected = bent.compiled(ufl.grad(bent.u), xi).reshape(-1, dim, dim)
+    rows = rows_at(bent.space, section, bent.cells, xi)
+    found = rows.deformation(bent.nodal)[:, :dim, :dim] - np.eye(dim)
+    np.testing.assert_allclose(found, expected, atol=1e-14)
+
+
+def test_volume_of_reduced_integration():
+    """That of the compiled kinematics; round an axis not quite that of the centre."""
+    bent = Bent("axisymmetric")
+    expected = bent.compiled(centre_kinematics(bent.u, "axisymmetric").J, np.array([[0.5, 0.5]]))
+    centred = centre_rows(bent.space, "axisymmetric", bent.cells).deformation(bent.nodal)
+    np.testing.assert_allclose(np.linalg.det(centred), expected[:, 0], rtol=1e-14)
+    plain = rows_at(bent.space, "axisymmetric", bent.cells, np.array([[0.5, 0.5]]))
+    assert np.abs(np.linalg.det(plain.deformation(bent.nodal)) - expected[:, 0]).max() > 1e-5
+
+
+def test_the_volumetric_part_may_be_that_of_another_place():
+    """Of a Hencky body it is the pressure: −K ln J/J there, whatever the point's own volume is."""
+    F, other = np.diag([1.2, 0.9, 1.1])[None], np.diag([1.1, 1.0, 1.0])[None]
+    stress = PointStress(Hencky(1.0, 4.0), "3D").cauchy(F, other)
+    assert mean_pressure(stress) == pytest.approx(-4.0 * np.log(1.1) / 1.1)
+    own = PointStress(Hencky(1.0, 4.0), "3D").cauchy(F)
+    assert von_mises(stress) == pytest.approx(von_mises(own))
+    assert mean_pressure(own) == pytest.approx(-4.0 * np.log(1.188) / 1.188)
+
+
+def test_on_the_axis_the_hoop_strain_is_the_radial_one():
+    mesh = grid("quadrilateral", (1, 1))
+    space = dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (2,)))
+    cell = np.zeros(1, np.int32)
+    xi = places_in(mesh, cell, np.array([[0.0, 0.3], [0.5, 0.3]])).xi
+    places = space.tabulate_dof_coordinates()[space.dofmap.list[:1], :2]
+    for at in xi:
+        rows = rows_at(space, "axisymmetric", cell, at[None])
+        F = rows.deformation(places @ np.diag([0.2, -0.1]))
+        np.testing.assert_allclose(F[0], np.diag([1.2, 0.9, 1.2]), atol=1e-14)
+    assert rows_at(space, "axisymmetric", cell, xi[:1]).place[0] == pytest.approx([0.0, 0.3])
+
+
+def test_logarithmic_strain_of_a_turned_stretch():
+    """In the deformed axes: the turn after the stretch turns it, one before would not."""
+    cosine, sine = np.cos(0.4), np.sin(0.4)
+    turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    stretch = np.diag([1.5, 0.8, 1.1])
+    expected = turn @ np.diag(np.log([1.5, 0.8, 1.1])) @ turn.T
+    np.testing.assert_allclose(log_strain((turn @ stretch)[None])[0], expected, atol=1e-14)
+    np.testing.assert_allclose(log_strain((turn @ stretch @ turn)[None])[0], expected, atol=1e-14)
+
+
+@pytest.mark.parametrize("section", SECTIONS)
+def test_quadrature_points_fill_the_body(section):
+    """Volume, and the work of a linear displacement's stress, of bodies between round numbers."""
+    mesh = grid(SECTIONS[section][0], (2, 1, 2)[: 3 if section == "3D" else 2])
+    dim = mesh.geometry.dim
+    space = dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (dim,)))
+    u = dolfinx.fem.Function(space)
+    cells = np.arange(mesh.topology.index_map(dim).size_local, dtype=np.int32)
+    solid = Solid("body", u, cells, MATERIALS[0], SECTIONS[section][1], section=section)
+    points = BodyPoints(space, solid)
+    assert points.weight.sum() == pytest.approx(np.pi if section == "axisymmetric" else 1.0)
+    nodal = (
+        space.tabulate_dof_coordinates()[space.dofmap.list, :dim]
+        @ np.diag([0.1, 0.2, 0.3])[:dim, :dim]
+    )
+    F = points.deformation(nodal)
+    across = {"plane-strain": 1.0, "axisymmetric": 1.1, "3D": 1.3}[section]
+    expected = np.diag([1.1, 1.2, across])
+    np.testing.assert_allclose(F, np.broadcast_to(expected, F.shape), atol=1e-14)
+    moved = points.displacement(nodal)
+    np.testing.assert_allclose(moved, points.place * np.array([0.1, 0.2, 0.3])[:dim], atol=1e-14)
+
+
+def test_what_cannot_be_evaluated_is_named():
+    x = ufl.Constant(grid("triangle", (1, 1)).ufl_domain())
+    [value] = values_of([abs(x) + ufl.exp(x) * ufl.sqrt(4.0)], {x: np.array([-1.0, 2.0])})
+    np.testing.assert_allclose(value, [1.0 + 2.0 * np.exp(-1.0), 2.0 + 2.0 * np.exp(2.0)])
+    with pytest.raises(NotImplementedError, match="Cos"):
+        values_of([ufl.cos(x)], {x: np.zeros(1)})
