@@ -231,7 +231,7 @@ def press_nodes(name: str, overrides: Sequence[str] = ()) -> Nodal:
     if last.nodal is None or last.at is None:
         raise ValueError('the contact has no nodal pressures; pressure = "averaged" has')
     radii = {"hertz-line": (10e-3,), "hertz-two-cylinders": (20e-3, 20e-3)}[name]
-    load = last.row.normal_force / case.geometry.slab
+    load = last.row.normal_resultant / case.geometry.slab
     exact = LineContact(load, relative_radius(*radii), case_modulus(case))
     order = np.argsort(last.at[:, 0])
     return Nodal(last.at[order, 0], last.nodal[order], exact)

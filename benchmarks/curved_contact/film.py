@@ -256,7 +256,7 @@ def measured(setup: Setup, outcome: Outcome, slid: list[Frame]) -> dict[str, Any
         "a µm": half * 1e6,
         "area/extent": area / (reference * depth),
         "p max/p0": float(last.pressure.max()) / peak,
-        "N": last.row.normal_force,
+        "N": last.row.normal_resultant,
         "T points": abs(last.along) / abs(last.row.tangential_force),
     }
 

@@ -241,7 +241,7 @@ def row(setup: Setup, scratch: Path, overrides: tuple[str, ...] = ()) -> dict[st
     if not outcome.frames:
         return out | {"failure": outcome.failure}
     last = outcome.frames[-1]
-    out |= {"time": last.row.time, "N": last.row.normal_force, "T": last.along}
+    out |= {"time": last.row.time, "N": last.row.normal_resultant, "T": last.along}
     out |= {"T/∫p": last.along / last.load if last.load else float("nan")}
     if setup.kind == "blocks" and int(setup.value) in REFERENCE:
         pressed, *end = REFERENCE[int(setup.value)]

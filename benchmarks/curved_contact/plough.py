@@ -121,7 +121,7 @@ def row(setup: Setup, scratch: Path, overrides: tuple[str, ...] = ()) -> dict[st
     if failure or not last:
         return out | {"failure": failure}
     share = np.array([abs(f.along) / f.load for f in last])
-    column = np.array([abs(f.row.tangential_force) / f.row.normal_force for f in last])
+    column = np.array([abs(f.row.tangential_force) / f.row.normal_resultant for f in last])
     T = np.array([abs(f.row.tangential_force) for f in last])
     out |= {"T": float(T.mean()), "ripple max %": 100 * float(np.abs(T / T.mean() - 1.0).max())}
     out |= {"T/∫p": float(share.mean()), "column T/N": float(column.mean())}

@@ -170,10 +170,10 @@ def measured(setup: Setup, outcome: Outcome, last: Frame) -> dict[str, Any]:
     modulus = case_modulus(outcome.model.case)
     exact: LineContact | PointContact
     if setup.point:
-        exact = PointContact(last.row.normal_force, radius, modulus)
+        exact = PointContact(last.row.normal_resultant, radius, modulus)
         a = exact.contact_radius
     else:
-        exact = LineContact(last.row.normal_force, radius, modulus)
+        exact = LineContact(last.row.normal_resultant, radius, modulus)
         a = exact.half_width
     closed = last.pressure > 0.0
     width, peak = fit_ellipse(last.position[closed, 0], last.pressure[closed])
@@ -196,5 +196,5 @@ def measured(setup: Setup, outcome: Outcome, last: Frame) -> dict[str, Any]:
         "p max %": 100 * (float(np.max(p)) / exact.peak - 1.0),
         "worst %": 100 * float(apart.max()),
         "worst of": "points" if last.nodal is None else "nodes",
-        "load N": last.row.normal_force,
+        "load N": last.row.normal_resultant,
     }

@@ -305,7 +305,7 @@ def test_the_cases_stick_slide_and_lift_off(results, case):
     if not case.endswith("film"):
         assert area[-1] < 1e-9 * max(area)
     else:
-        # Points stay closed up to a facet beyond the last vertex that carries pressure.
+        # Points stay closed, and nodes press, up to a facet beyond the last vertex that is closed.
         last = max((results(case, 1) / "contact").glob("*.vtu"))
         nodes = meshio.read(last).point_data
         opened = nodes["area"] @ ~(nodes["gap"] < 0.0) / nodes["area"].sum()
