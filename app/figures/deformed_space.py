@@ -62,7 +62,7 @@ def _figure(
     rows = -(-len(pairs) // columns)
     figure = Figure(figsize=(6.5 + 4.3 * columns, max(5.5, 4.6 * rows)), layout="constrained")
     left, right = figure.subfigures(1, 2, width_ratios=(6.0, 4.8 * columns))
-    bar = ScalarMappable(scale.norm, scale.cmap)
+    bar = ScalarMappable(scale.norm, scale.colours)
     axes = left.add_subplot()
     draw_space(axes, view, bodies.names)
     words = f" ({scale.unit.name})" if scale.unit.name else ""

@@ -102,12 +102,12 @@ class ColourScale:
     """How values become colours.
 
     Attributes:
-        norm: of values in ``unit``; cmap: name of the colours.
+        norm: of values in ``unit``; colours: name of the colours.
         unit: of the colour bar; extend: which ends of the bar are pointed, as matplotlib says.
     """
 
     norm: Normalize
-    cmap: str
+    colours: str
     unit: Unit
     extend: str
 

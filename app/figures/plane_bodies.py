@@ -107,7 +107,7 @@ def draw_bodies(
         list(bodies.corners(factor)),
         array=bodies.field.values * scale.unit.factor,
         norm=scale.norm,
-        cmap=scale.cmap,
+        cmap=scale.colours,
         edgecolors="face",  # or the page would shine through between cells
         linewidths=0.3,
         snap=False,

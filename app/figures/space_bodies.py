@@ -53,7 +53,7 @@ def scene_of(
 
 def polygon_colours(bodies: Bodies, scale: ColourScale) -> Floats:
     """Colours (f, 4) of the outer facets."""
-    shade = colormaps[scale.cmap](scale.norm(bodies.field.values * scale.unit.factor))
+    shade = colormaps[scale.colours](scale.norm(bodies.field.values * scale.unit.factor))
     return np.asarray(shade, dtype=np.float64)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.case.quantities import COMMON_UNITS, format_quantity, parse_quantity
@@ -24,6 +24,7 @@ def test_quantities_are_readable(text, said):
     assert readable(text) == said
 
 
+@settings(deadline=None)  # the first call loads the unit library
 @given(st.floats(allow_nan=False, allow_infinity=False), st.sampled_from([*COMMON_UNITS]))
 def test_readable_quantities_are_exact(value, unit):
     assert parse_quantity(readable(str(format_quantity(value, unit))), unit) == value
