@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from app.build.load_steps import LoadStep
 from app.build.model import Model
-from app.case.boundary import COMPONENTS
+from app.case.boundary import COMPONENTS, DRIVEN
 from app.explicit.stepper import ExplicitStepper
 from app.implicit.stepper import ImplicitStepper
 from app.simulation.contact_resultants import (
@@ -96,13 +96,15 @@ class RunState:
         return [measure_contact(term, trial, problem.comm, driven) for term, trial in pairs]
 
     def driven_direction(self) -> list[float] | None:
-        """Direction of the first driven boundary, None without."""
+        """Direction of the first driven boundary or spring, None without."""
+        axes = COMPONENTS[: self.model.problem.dim]
         for boundary in self.model.case.boundary:
             components = boundary.driven_components()
             if components and boundary.displacement is not None:
                 share = boundary.displacement.driven_share
-                axes = "xyz"[: self.model.problem.dim]
                 return [share(axis) if axis in components else 0.0 for axis in axes]
+            if boundary.spring is not None and boundary.spring.end == DRIVEN:
+                return [float(axis == boundary.spring.direction) for axis in axes]
         return None
 
     def add_row(self, load_step: LoadStep, effort: Effort, moved: Moved) -> Row:

@@ -7,9 +7,12 @@ import tomllib
 import pytest
 from mpi4py import MPI
 
+from app.build.model import build_model
 from app.case.case import Case
 from app.results import read
 from app.run.run import run_case
+from app.simulation.run_state import RunState
+from tests.app.conftest import BOXES
 
 
 @pytest.mark.parametrize("ramp", ["0 s", "40 ms"])
@@ -26,3 +29,15 @@ def test_viscosity_goes_with_the_speed_within_a_ramp(tmp_path, film, ramp):
     eta = found.case.contact[0].friction.eta_b * row["area_ratio"] * row["slip_speed"] / speed
     assert row["effective_viscosity"] == pytest.approx(eta, rel=1e-3)
     assert found.contacts["effective_viscosity"].iloc[-4] == row["effective_viscosity"]
+
+
+def test_a_driven_spring_says_which_way_friction_is_signed():
+    """In space; without it friction would be along itself, so never negative on the way back."""
+    data = tomllib.loads(BOXES)
+    spring = {"direction": "z", "stiffness": "1 N/mm", "end": "driven"}
+    held = next(b for b in data["boundary"] if b["surface"] == "top")
+    held.pop("displacement", None)
+    held["spring"] = spring
+    data["stage"][1]["velocity"] = 1e-4
+    model = build_model(Case.model_validate(data), MPI.COMM_SELF)
+    assert RunState(model).driven_direction() == [0.0, 0.0, 1.0]
