@@ -24,7 +24,7 @@ from app.figures.rendering import render
 from app.figures.scenes import facets_seen
 from app.figures.space_bodies import View, draw_space, scene_of
 from app.figures.states import title_of
-from app.figures.style import STYLE
+from app.figures.style import CASE_STYLE
 from app.figures.tractions import pairs_shown
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ def animate(results: Results, path: Path, field: str) -> int:
         PillowWriter(fps=rate) if kind == "gif" else FFMpegWriter(fps=rate)
     )
     part = path.with_name(f".{path.stem}.part{path.suffix}")
-    with rc_context(STYLE):
+    with rc_context(CASE_STYLE):
         figure, draw = (_in_space if states[0].dim == 3 else _in_the_plane)(
             results, steps, states, scale
         )

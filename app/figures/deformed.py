@@ -24,7 +24,7 @@ from app.figures.plane_bodies import (
     pair_colour,
 )
 from app.figures.states import State, states_to_draw
-from app.figures.style import STYLE, save
+from app.figures.style import CASE_STYLE, save
 from app.figures.tractions import draw_tractions, pairs_shown
 from app.figures.units import fitting
 
@@ -59,7 +59,7 @@ def draw_deformed(results: Results, figures: Path, field: str) -> list[Path]:
     if drawn[0].dim == 3:
         return draw_states_in_space(results, states, drawn, figures)
     files = []
-    with rc_context(STYLE):
+    with rc_context(CASE_STYLE):
         for state, bodies in zip(states, drawn, strict=True):
             figure = _figure(results, state, bodies)
             files.append(figures / f"{state.name}.png")

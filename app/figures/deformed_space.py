@@ -18,7 +18,7 @@ from app.figures.rendering import render
 from app.figures.scenes import facets_seen
 from app.figures.space_bodies import View, draw_space, scene_of
 from app.figures.states import State
-from app.figures.style import STYLE, save
+from app.figures.style import CASE_STYLE, save
 from app.figures.tractions import pairs_shown
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def draw_states_in_space(
     scenes = [scene_of(b, s) for b, s in zip(drawn, scales, strict=True)]
     pictures = render(scenes)
     files = []
-    with rc_context(STYLE):
+    with rc_context(CASE_STYLE):
         for number, (state, scene) in enumerate(zip(states, scenes, strict=True)):
             picture = None if pictures is None else pictures[number]
             view = View(scene, facets_seen(scene), picture)

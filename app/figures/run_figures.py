@@ -16,7 +16,7 @@ from app.figures.history import energies_figure, forces_figure
 from app.figures.phase_plots import draw_phases
 from app.figures.steady_points import draw_steady, steady_series
 from app.figures.stribeck import series_of, stribeck_figure
-from app.figures.style import STYLE, save
+from app.figures.style import CASE_STYLE, save
 from app.figures.sweep import sweep_figure
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def draw_figures(results: Results, field: str = DEFAULT_FIELD) -> list[Path]:
     """
     figures = results.directory / "figures"
     figures.mkdir(exist_ok=True)
-    with rc_context(STYLE):
+    with rc_context(CASE_STYLE):
         if results.case.sweep is not None:
             return _draw_sweep(results, figures)
         return _draw_run(results, figures) + draw_deformed(results, figures, field)

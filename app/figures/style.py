@@ -31,6 +31,9 @@ STYLE = {
     "legend.frameon": False,
     "figure.dpi": 150,
 }
+# Of figures that hold names and titles of a case: a $ in them begins no formula. Logarithmic axes
+# then need :func:`thin_log_ticks`, matplotlib's own powers of ten being formulae.
+CASE_STYLE = STYLE | {"text.parse_math": False}
 
 
 def save(figure: Figure, path: Path, *, tight: bool = True) -> None:

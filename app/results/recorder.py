@@ -128,8 +128,9 @@ class Recorder(Observer):
         explicit = {} if simulation.explicit is None else simulation.explicit.summary()
         shares = self.comm.gather(self._share())
         self._write_tables(simulation.state)
+        balance = force_balance(simulation)
         if self.first:
-            summary = self._summary(simulation, status, shares or [])
+            summary = self._summary(simulation, status, shares or [], balance)
             parts = {"explicit": explicit} if explicit else {}
             write_json(self.directory / "summary.json", summary | parts | {"failure": failure})
 
@@ -191,7 +192,11 @@ class Recorder(Observer):
         }
 
     def _summary(
-        self, simulation: Simulation, status: str, shares: list[dict[str, Any]]
+        self,
+        simulation: Simulation,
+        status: str,
+        shares: list[dict[str, Any]],
+        balance: float | None,
     ) -> dict[str, Any]:
         rows, problem, implicit = simulation.rows, self.model.problem, simulation.implicit
         assembled = implicit.stepper.solver.assembled if implicit else 0
@@ -206,7 +211,7 @@ class Recorder(Observer):
             "factorisations": assembled,
             "attempts": sum(row.attempts for row in rows),
             "energy_error_relative": energy_gap(rows),
-            "force_balance_relative": force_balance(simulation),
+            "force_balance_relative": balance,
             "residual_at_roundoff": worst.share if worst else None,
             "penalty": self._penalty,
             "film_onset_pressure": self.model.film_onset,
@@ -237,10 +242,16 @@ def _extent(comm: MPI.Comm, values: Floats) -> list[float]:
 
 
 def force_balance(simulation: Simulation) -> float | None:
-    """Largest resultant force on a body in equilibrium over the largest force; None without one."""
-    case = simulation.model.case
+    """Largest resultant force on a body in equilibrium over the largest force; collective.
+
+    Returns:
+        None where nothing but round-off acts.
+    """
+    case, problem = simulation.model.case, simulation.model.problem
     still = [s.name for s in case.stage if solver_of(s, case.solver.kind) == "implicit"]
-    return simulation.state.motion.force_balance(still)
+    problem.spread(simulation.state.stepper.x)  # not what a failed step left
+    noise = problem.roundoff * simulation.model.thickness
+    return simulation.state.motion.force_balance(still, noise)
 
 
 def _unbalanced(simulation: Simulation) -> Iterator[str]:

@@ -83,11 +83,12 @@ class MotionHistory:
         self._add_surfaces(key, means[: len(self._on)], forces)
         self._add_bodies(key, means[len(self._on) :], forces, pairs)
 
-    def force_balance(self, stages: Collection[str]) -> float | None:
+    def force_balance(self, stages: Collection[str], noise: float = 0.0) -> float | None:
         """Largest resultant force on a body over the largest force of the same stages.
 
         Args:
             stages: names of those at whose rows the bodies are in equilibrium.
+            noise: N, what rounding leaves; no force beyond it is none.
 
         Returns:
             None without a force.
@@ -96,7 +97,7 @@ class MotionHistory:
         forces = np.array([row[-2 * dim :] for row in self.body_rows if row[stage] in stages])
         radial = np.abs(self._radial(stages)).max(initial=0.0)
         largest = np.abs(forces).max(initial=radial)
-        if largest == 0.0:
+        if largest == 0.0 or largest <= noise:
             return None
         return float(np.abs(forces[:, :dim] + forces[:, dim:]).max() / largest)
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from app.build.load_steps import LoadStep
 from app.build.model import Model
-from app.case.boundary import COMPONENTS
+from app.case.boundary import COMPONENTS, DRIVEN
 from app.explicit.stepper import ExplicitStepper
 from app.implicit.stepper import ImplicitStepper
 from app.simulation.contact_resultants import (
@@ -82,6 +82,7 @@ class RunState:
         self.pair_rows: list[tuple[int | float | str, ...]] = []
         self.resultants: list[ContactResultants] = []
         self.inertia: list[Inertia] = []
+        self._last = (0.0, 0.0)
         self.way = SlidWay(term.law for term in model.problem.contacts)
         self.steadiness = NOT_SLID
         model.set_loads(0.0, 0.0)
@@ -95,13 +96,15 @@ class RunState:
         return [measure_contact(term, trial, problem.comm, driven) for term, trial in pairs]
 
     def driven_direction(self) -> list[float] | None:
-        """Direction of the first driven boundary, None without."""
+        """Direction of the first driven boundary or spring, None without."""
+        axes = COMPONENTS[: self.model.problem.dim]
         for boundary in self.model.case.boundary:
             components = boundary.driven_components()
             if components and boundary.displacement is not None:
                 share = boundary.displacement.driven_share
-                axes = "xyz"[: self.model.problem.dim]
                 return [share(axis) if axis in components else 0.0 for axis in axes]
+            if boundary.spring is not None and boundary.spring.end == DRIVEN:
+                return [float(axis == boundary.spring.direction) for axis in axes]
         return None
 
     def add_row(self, load_step: LoadStep, effort: Effort, moved: Moved) -> Row:
@@ -114,7 +117,7 @@ class RunState:
         """
         self.step += 1
         t, stage = self.model.thickness, load_step.stage
-        rates = stage.rate_dependent
+        rates, speed = stage.rate_dependent, self._mean_speed(load_step)
         row = Row(
             step=self.step,
             time=self.time,
@@ -124,18 +127,25 @@ class RunState:
             driven_displacement=self.driven,
             newton_iterations=effort.iterations,
             attempts=effort.attempts,
-            **contact_columns(self.resultants, load_step.velocity, rates, t),
+            **contact_columns(self.resultants, speed, rates, t),
             **self.energy_balance.columns(t),
         )
         self.rows.append(row)
         at = (row.step, row.time, row.stage)
         for contact, pair in zip(self.model.case.contact, self.resultants, strict=True):
-            columns = contact_columns([pair], load_step.velocity, rates, t)
+            columns = contact_columns([pair], speed, rates, t)
             self.pair_rows.append((*at, contact.label, *(columns[name] for name in self._columns)))
         motion = (self.stepper.x.array_r, moved.velocity)
         self.motion.add(at, motion, moved.outside, self.resultants)
         self._add_to_way(row)
         return row
+
+    def _mean_speed(self, load_step: LoadStep) -> float:
+        """Velocity of the driven boundaries in the mean since the last row, m/s."""
+        (time, driven), self._last = self._last, (self.time, self.driven)
+        if load_step.stage.ramp <= 0.0:
+            return load_step.velocity
+        return (self.driven - driven) / (self.time - time)
 
     def _add_to_way(self, row: Row) -> None:
         problem = self.model.problem

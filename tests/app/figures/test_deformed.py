@@ -14,6 +14,7 @@ from app.figures.body_shapes import Bodies
 from app.figures.deformed import draw_deformed
 from app.figures.field_values import CellField, colour_scale
 from app.figures.plane_bodies import draw_bodies, frame_round, pair_colour
+from app.figures.run_figures import draw_figures
 from app.results import read
 from tests.app.figures.made_results import CELLS, PAIRS, strip_contact, write_strip
 
@@ -76,6 +77,21 @@ def test_tractions_are_drawn_over_the_arc_length(strip, kept, tmp_path):
         np.testing.assert_allclose(np.sort(faint[0].get_xdata()), np.arange(0.25, 4.0, 0.5))
     below = panels(kept["deformed"])[0].figure
     assert below.get_supxlabel() == "arc length along the slave from the dot, undeformed (mm)"
+
+
+def test_names_are_never_formulae(kept, tmp_path):
+    """What stands between two dollars matplotlib takes for a formula, and this for a wrong one."""
+    directory = write_strip(tmp_path / "out")
+    for name in ("case.toml", "contacts.csv"):
+        text = (directory / name).read_text().replace("upper,", "$\\up$,")
+        text = text.replace('name = "upper"', r"name = '$\up$'")
+        (directory / name).write_text(text.replace('title = "strip', "title = '$2 to $3'  # \""))
+    found = draw_figures(read(directory))
+    assert directory / "figures" / "history.png" in found
+    figure = kept["deformed"]
+    assert figure.get_suptitle().startswith("$2 to $3")
+    assert not figure._suptitle.get_parse_math()
+    assert r"$\up$" in [axes.get_title(loc="left") for axes in panels(figure)]
 
 
 def test_another_field_and_an_axisymmetric_section(kept, tmp_path):

@@ -1,0 +1,43 @@
+"""Columns of a row that depend on how the run came there."""
+
+from __future__ import annotations
+
+import tomllib
+
+import pytest
+from mpi4py import MPI
+
+from app.build.model import build_model
+from app.case.case import Case
+from app.results import read
+from app.run.run import run_case
+from app.simulation.run_state import RunState
+from tests.app.conftest import BOXES
+
+
+@pytest.mark.parametrize("ramp", ["0 s", "40 ms"])
+def test_viscosity_goes_with_the_speed_within_a_ramp(tmp_path, film, ramp):
+    """Past V* the film alone carries T = η_b v/D, v being the speed at which the layer slips."""
+    data = tomllib.loads(film)
+    slide = {"name": "slide", "velocity": "4 mm/s", "duration": "40 ms", "steps": 8, "ramp": ramp}
+    data["stage"][1:] = [slide]
+    run_case(Case.model_validate(data), tmp_path / "out", quiet=True, comm=MPI.COMM_SELF)
+    found = read(tmp_path / "out")
+    before, row = found.history.iloc[-5], found.history.iloc[-4]  # half way up
+    assert row["viscous_fraction"] == 1.0
+    speed = (row["driven_displacement"] - before["driven_displacement"]) / row["dt"]
+    eta = found.case.contact[0].friction.eta_b * row["area_ratio"] * row["slip_speed"] / speed
+    assert row["effective_viscosity"] == pytest.approx(eta, rel=1e-3)
+    assert found.contacts["effective_viscosity"].iloc[-4] == row["effective_viscosity"]
+
+
+def test_a_driven_spring_says_which_way_friction_is_signed():
+    """In space; without it friction would be along itself, so never negative on the way back."""
+    data = tomllib.loads(BOXES)
+    spring = {"direction": "z", "stiffness": "1 N/mm", "end": "driven"}
+    held = next(b for b in data["boundary"] if b["surface"] == "top")
+    held.pop("displacement", None)
+    held["spring"] = spring
+    data["stage"][1]["velocity"] = 1e-4
+    model = build_model(Case.model_validate(data), MPI.COMM_SELF)
+    assert RunState(model).driven_direction() == [0.0, 0.0, 1.0]
