@@ -43,7 +43,6 @@ class ContactResultants:
         penetration: m, largest. speed: m/s, mean slip speed of the closed area.
         energy: J/m, penalty and elastic slip. dissipated: J/m in this step; numerical: the part of
             it that backward Euler counts beyond the trapezoidal rule, ½ (T_{n+1} − T_n)·Δg_T.
-        beyond: share of the reference area that has run past the end of the master.
         least_dissipation: J/m², smallest at any point, without the time integration's own part.
         worst: where that is (m, current).
     """
@@ -67,7 +66,6 @@ class ContactResultants:
     energy: float
     dissipated: float
     numerical: float
-    beyond: float
     least_dissipation: float
     worst: tuple[float, ...]
 
@@ -110,7 +108,6 @@ def measure_contact(
         energy=total["energy"],
         dissipated=total["dissipated"],
         numerical=total["numerical"],
-        beyond=_over(total["beyond"], total["whole"]),
         least_dissipation=least,
         worst=worst,
     )
@@ -136,8 +133,6 @@ def _scalars(term: ContactTerm, trial: ContactTrial) -> dict[str, float]:
         "dissipated": weight @ parts.total,
         "numerical": 0.5
         * (weight @ _dot(response.traction - term.state.friction_traction, k.slip)),
-        "beyond": weight @ (~trial.projection.on_surface & (k.gap < 0.0)),
-        "whole": weight.sum(),
         "area_ratio": closed @ trial.area_ratio,
     }
     return {name: float(value) for name, value in out.items()}
@@ -273,7 +268,11 @@ def along_force(pairs: Sequence[ContactResultants]) -> float:
 
 
 def contact_columns(
-    pairs: Sequence[ContactResultants], velocity: float, rate_dependent: bool, thickness: float
+    pairs: Sequence[ContactResultants],
+    velocity: float,
+    rate_dependent: bool,
+    thickness: float,
+    noise: float = 0.0,
 ) -> dict[str, Any]:
     """Columns of the history that are of the contacts: forces summed over the pairs, means by area.
 
@@ -282,6 +281,7 @@ def contact_columns(
         velocity: m/s, of the driven boundaries; 0 without.
         rate_dependent: whether time counts, so that there is a slip speed.
         thickness: m, of the slab that the results are for.
+        noise: N/m, force up to which there is nothing but rounding, and no ratio.
     """
     normal, friction, tangential, resultant, drag = (
         sum(getattr(m, name) for m in pairs) * thickness for name in _FORCES
@@ -302,7 +302,7 @@ def contact_columns(
         "tangential_force": tangential,
         "normal_resultant": resultant,
         "drag": drag,
-        "friction_coefficient": _over(friction, normal),
+        "friction_coefficient": _over(friction, normal) if normal > noise * thickness else 0.0,
         "mu": mean(lambda m: m.friction_coefficient),
         "film_thickness": film,
         "effective_viscosity": viscosity,

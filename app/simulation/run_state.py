@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+import numpy as np
+
 from app.build.load_steps import LoadStep
 from app.build.model import Model
 from app.case.boundary import COMPONENTS, DRIVEN
@@ -118,6 +120,7 @@ class RunState:
         self.step += 1
         t, stage = self.model.thickness, load_step.stage
         rates, speed = stage.rate_dependent, self._mean_speed(load_step)
+        noise = self.model.problem.roundoff
         row = Row(
             step=self.step,
             time=self.time,
@@ -127,13 +130,13 @@ class RunState:
             driven_displacement=self.driven,
             newton_iterations=effort.iterations,
             attempts=effort.attempts,
-            **contact_columns(self.resultants, speed, rates, t),
+            **contact_columns(self.resultants, speed, rates, t, noise),
             **self.energy_balance.columns(t),
         )
         self.rows.append(row)
         at = (row.step, row.time, row.stage)
         for contact, pair in zip(self.model.case.contact, self.resultants, strict=True):
-            columns = contact_columns([pair], speed, rates, t)
+            columns = contact_columns([pair], speed, rates, t, noise)
             self.pair_rows.append((*at, contact.label, *(columns[name] for name in self._columns)))
         motion = (self.stepper.x.array_r, moved.velocity)
         self.motion.add(at, motion, moved.outside, self.resultants)
@@ -141,11 +144,16 @@ class RunState:
         return row
 
     def _mean_speed(self, load_step: LoadStep) -> float:
-        """Velocity of the driven boundaries in the mean since the last row, m/s."""
+        """Speed of the driven boundaries in the mean since the last row, m/s.
+
+        Of components that are each driven, without a common direction, the vector counts.
+        """
         (time, driven), self._last = self._last, (self.time, self.driven)
+        direction = self.driven_direction()
+        length = 1.0 if direction is None else float(np.linalg.norm(direction))
         if load_step.stage.ramp <= 0.0:
-            return load_step.velocity
-        return (self.driven - driven) / (self.time - time)
+            return length * load_step.velocity
+        return length * (self.driven - driven) / (self.time - time)
 
     def _add_to_way(self, row: Row) -> None:
         problem = self.model.problem

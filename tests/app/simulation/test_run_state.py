@@ -41,3 +41,35 @@ def test_a_driven_spring_says_which_way_friction_is_signed():
     data["stage"][1]["velocity"] = 1e-4
     model = build_model(Case.model_validate(data), MPI.COMM_SELF)
     assert RunState(model).driven_direction() == [0.0, 0.0, 1.0]
+
+
+def test_components_that_are_each_driven_go_faster_together(tmp_path, film):
+    """Both with the velocity of the stage: the layer slips √2 times as fast, and V says so."""
+    friction = tomllib.loads(film)["contact"][0] | {"pressure": "averaged"}
+    data = tomllib.loads(BOXES)
+    data["geometry"]["upper"]["elements"] = [2, 1, 2]
+    data["geometry"]["lower"]["elements"] = [3, 1, 3]
+    data["contact"][0] |= {key: friction[key] for key in ("film", "friction")}
+    data["boundary"][1]["displacement"] = {"x": "driven", "z": "driven"}
+    data["stage"][1] = {"name": "slide", "velocity": "4 mm/s", "duration": "40 ms", "steps": 2}
+    run_case(Case.model_validate(data), tmp_path / "out", quiet=True, comm=MPI.COMM_SELF)
+    found = read(tmp_path / "out")
+    row = found.history.iloc[-1]
+    assert row["viscous_fraction"] == 1.0
+    eta = found.case.contact[0].friction.eta_b * row["area_ratio"]
+    assert row["slip_speed"] == pytest.approx(4e-3 * 2.0**0.5, rel=0.1)
+    shared = eta * row["slip_speed"] / (4e-3 * 2.0**0.5)
+    assert row["effective_viscosity"] == pytest.approx(shared, rel=1e-2)
+
+
+def test_rounding_has_no_friction_coefficient(tmp_path, block):
+    """A body that is lifted until only rounding presses."""
+    data = tomllib.loads(block)
+    data["boundary"][1]["displacement"]["y"] = [["0 s", "0 mm"], ["1 s", "1e-19 m"]]
+    data["boundary"][1]["displacement"]["x"] = [["1 s", "0 mm"], ["2 s", "1e-15 m"]]
+    data["stage"][1]["steps"] = 1
+    run_case(Case.model_validate(data), tmp_path / "out", quiet=True, comm=MPI.COMM_SELF)
+    found = read(tmp_path / "out")
+    assert found.history["friction_coefficient"].tolist() == [0.0] * 4
+    assert found.contacts["friction_coefficient"].tolist() == [0.0] * 4
+    assert not [w for w in found.summary["warnings"] if "balanced" in w or "add up" in w]

@@ -1,0 +1,49 @@
+"""Points of a slave that have run past the end of its master."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from mpi4py import MPI
+
+from app.build.model import Model
+from app.simulation.history import Row
+from app.simulation.time_text import time_text
+
+FEW = 0.05  # share of the area above the master that may leave it without a word
+
+
+class LeftMaster:
+    """Watches the points that were above the master at some row of the history.
+
+    Those that were beside it from the start, as where a slave is simply the longer one, do not
+    count, nor do points that lie above the plane of the master's end; nor a few that leave it as a
+    pressed slave spreads.
+    """
+
+    def __init__(self, model: Model) -> None:
+        """Find what is above the masters at the start."""
+        self._problem, self._contacts = model.problem, model.case.contact
+        self._above = [np.isfinite(term.state.gap) for term in self._problem.contacts]
+        self._found: dict[int, str] = {}
+
+    def step(self, row: Row) -> None:
+        """Look at a converged step; collective."""
+        local = np.zeros((2, len(self._above)))
+        for index, trial in enumerate(self._problem.committed):
+            here = trial.projection.on_surface
+            left = self._above[index] & ~here & (trial.kinematics.gap < 0.0)
+            weight = self._problem.contacts[index].surface.slave.weight
+            self._above[index] |= here
+            local[:, index] = weight @ left, weight @ self._above[index]
+        lost, whole = self._problem.comm.allreduce(local, op=MPI.SUM)
+        when = f"first at time {time_text(row.time, row.dt)}, stage {row.stage}"
+        for index in np.nonzero(lost > FEW * whole)[0]:
+            self._found.setdefault(int(index), when)
+
+    def warnings(self) -> Iterator[str]:
+        """One line for each pair that has lost points."""
+        for index, when in self._found.items():
+            pair = self._contacts[index]
+            yield f"{pair.slave} runs past the end of {pair.master}: no contact there ({when})"

@@ -1,0 +1,35 @@
+"""The warning of points that have run past the end of the master."""
+
+from __future__ import annotations
+
+import tomllib
+
+import pytest
+from mpi4py import MPI
+
+from app.case.case import Case
+from app.run.run import run_case
+
+
+@pytest.mark.parametrize(
+    ("offset", "width", "sliding", "said"),
+    [
+        ("0.1 mm", "1.5 mm", "0.15 mm", False),
+        ("0.1 mm", "1.2 mm", "0.3 mm", True),
+        # Longer than the master from the start: what hangs over has never been above it.
+        ("-0.1 mm", "0.8 mm", "0 mm", False),
+        ("-0.1 mm", "0.8 mm", "0.15 mm", True),
+    ],
+)
+def test_only_points_that_were_above_the_master_run_past_its_end(
+    tmp_path, block, offset, width, sliding, said
+):
+    data = tomllib.loads(block)
+    data["geometry"]["lower"]["width"] = width
+    data["geometry"]["offset"] = offset
+    data["boundary"][1]["displacement"]["x"] = [["1 s", "0 mm"], ["2 s", sliding]]
+    run_case(Case.model_validate(data), tmp_path / "out", quiet=True, comm=MPI.COMM_SELF)
+    log = (tmp_path / "out" / "log.txt").read_text()
+    past = [line for line in log.splitlines() if "runs past the end of" in line]
+    assert len(past) == said
+    assert all("stage slide)" in line for line in past)
