@@ -273,7 +273,7 @@ class Results:
         if step in files:
             return files[step]
         index = self.directory / f"{name}.pvd"
-        listed = _index(index)[0].tolist() if index.exists() else []
+        listed = [int(number) for number in _index(index)[0]] if index.exists() else []
         files = self._files(name)  # after the index, which a run writes after the files
         wanted = max([*files, *listed], default=step) if step == LAST else step
         if wanted in files:  # and maybe not listed yet
