@@ -25,7 +25,7 @@ from app.figures.scenes import facets_seen
 from app.figures.space_bodies import View, draw_space, scene_of
 from app.figures.states import title_of
 from app.figures.style import CASE_STYLE
-from app.figures.tractions import pairs_shown
+from app.figures.tractions import pairs_shown, roundoff_of, without_roundoff
 
 if TYPE_CHECKING:
     from app.results import Results
@@ -107,12 +107,12 @@ def _in_the_plane(
     frame = frame_round(states, axis_names(results))
     width, height = frame.high - frame.low
     figure, axes = _page(scale, states, 0.45 if frame.stretched else 0.75 * height / width)
-    names = pair_names(results)
+    names, roundoff = pair_names(results), roundoff_of(results)
 
     def draw(number: int) -> None:
         axes.clear()
         draw_bodies(axes, states[number], scale, frame)
-        nodes = results.contact(steps[number])
+        nodes = without_roundoff(results.contact(steps[number]), roundoff)
         shown = pairs_shown(nodes, len(names), MOST_PAIRS)
         draw_slaves(axes, nodes, {k: names[k] for k in shown}, frame.unit)
 

@@ -25,7 +25,7 @@ from app.figures.plane_bodies import (
 )
 from app.figures.states import State, states_to_draw
 from app.figures.style import CASE_STYLE, save
-from app.figures.tractions import draw_tractions, pairs_shown
+from app.figures.tractions import draw_tractions, pairs_shown, roundoff_of, without_roundoff
 from app.figures.units import fitting
 
 if TYPE_CHECKING:
@@ -69,7 +69,8 @@ def draw_deformed(results: Results, figures: Path, field: str) -> list[Path]:
 
 def _figure(results: Results, state: State, bodies: Bodies) -> Figure:
     """The bodies, and below or beside them the tractions of each pair."""
-    nodes, points = results.contact(state.step), results.contact_points(state.step)
+    nodes = without_roundoff(results.contact(state.step), roundoff_of(results))
+    points = results.contact_points(state.step)
     frame = frame_round([bodies], axis_names(results))
     names = pair_names(results)
     pairs = {k: names[k] for k in pairs_shown(nodes, len(names), MOST_PAIRS)}
@@ -138,11 +139,14 @@ def _fill_panels(
     for axes, (pair, name) in zip(panels, pairs.items(), strict=True):
         draw_tractions(axes, nodes, points, pair, length, stress)
         axes.set_title(name, fontsize=9, color=pair_colour(pair), loc="left", pad=3)
-        axes.set_ylabel(f"traction ({stress.name})", fontsize=9)
+        if axes.lines:
+            axes.set_ylabel(f"traction ({stress.name})", fontsize=9)
     words = f"arc length along the slave from the dot, undeformed ({length.name})"
     if len(pairs) < total:
         words += f"\n{len(pairs)} of {total} pairs: those that carry most"
     panels[0].figure.supxlabel(words, fontsize=9)
-    panels[0].legend(
-        fontsize=8, loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=2, borderaxespad=0.1
-    )
+    drawn = next((axes for axes in panels if axes.lines), None)
+    if drawn is not None:
+        drawn.legend(
+            fontsize=8, loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=2, borderaxespad=0.1
+        )

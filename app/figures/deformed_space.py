@@ -19,7 +19,7 @@ from app.figures.scenes import facets_seen
 from app.figures.space_bodies import View, draw_space, scene_of
 from app.figures.states import State
 from app.figures.style import CASE_STYLE, save
-from app.figures.tractions import pairs_shown
+from app.figures.tractions import pairs_shown, roundoff_of, without_roundoff
 
 if TYPE_CHECKING:
     from app.results import Results
@@ -56,7 +56,8 @@ def _figure(
     results: Results, state: State, bodies: Bodies, scale: ColourScale, view: View
 ) -> Figure:
     """The bodies from outside, and beside them the pressure of each pair."""
-    nodes, names = results.contact(state.step), pair_names(results)
+    nodes = without_roundoff(results.contact(state.step), roundoff_of(results))
+    names = pair_names(results)
     pairs = {k: names[k] for k in pairs_shown(nodes, len(names), MOST_PAIRS)}
     columns = 1 if len(pairs) == 1 else 2
     rows = -(-len(pairs) // columns)

@@ -22,7 +22,7 @@ from matplotlib.tri import Triangulation
 from app.figures.plane_bodies import pair_colour
 from app.figures.style import Floats
 from app.figures.symbols import CONTACT_PRESSURE, TRACTION
-from app.figures.tractions import Ints, facets_of
+from app.figures.tractions import Ints, facets_of, write_no_load
 from app.figures.units import Unit, fitting
 
 if TYPE_CHECKING:
@@ -132,6 +132,8 @@ def draw_pressure(
         rim = touching(nodes, facets, place)
         colours.set_clip_path(rim, axes.transData)
         axes.add_patch(PathPatch(rim, fill=False, edgecolor="0.4", linewidth=0.6))
+    else:
+        write_no_load(axes)
     _limit(axes, place[np.unique(facets)], place[pressed])
 
 

@@ -20,11 +20,14 @@ from app.figures.units import Unit
 if TYPE_CHECKING:
     import meshio
 
+    from app.results import Results
+
 Ints = NDArray[np.int64]
 
 MOST_POINTS = 20_000  # contact points beyond which they are left out: one colour, and slow
 SMALL = 0.35  # share of a surface below which only what is pressed is shown
 MARGIN = 0.25  # of the pressed length, then shown on either side of it
+NO_LOAD = 1e-9  # of the largest mean pressure of a run, below which a pressure is round-off
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,6 +178,38 @@ def pairs_shown(nodes: meshio.Mesh, count: int, most: int) -> list[int]:
     return sorted(int(pair) for pair in np.argsort(-force, kind="stable")[:most])
 
 
+def roundoff_of(results: Results) -> float:
+    """Pressure, Pa, below which there is none: far below the largest N/A of any step and pair."""
+    table = results.history if results.contacts.empty else results.contacts
+    if table.empty or not {"normal_force", "contact_area"} <= set(table.columns):
+        return 0.0
+    force, area = (table[name].to_numpy(np.float64) for name in ("normal_force", "contact_area"))
+    touching = area > 0.0
+    return NO_LOAD * float(np.max(np.abs(force[touching]) / area[touching], initial=0.0))
+
+
+def without_roundoff(nodes: meshio.Mesh, roundoff: float) -> meshio.Mesh:
+    """The contact file with no traction at all at nodes whose pressure is round-off.
+
+    Args:
+        nodes: contact file; it is changed.
+        roundoff: Pa, of :func:`roundoff_of`.
+    """
+    data = nodes.point_data
+    none = np.asarray(data["pressure"], dtype=np.float64) < roundoff
+    for name in ("pressure", "tangential_traction", "friction_traction"):
+        if name in data:
+            data[name] = np.array(data[name], dtype=np.float64)
+            data[name][none] = 0.0
+    return nodes
+
+
+def write_no_load(axes: Axes) -> None:
+    """Write in a panel that its pair carries nothing."""
+    axes.text(0.5, 0.5, "no load", transform=axes.transAxes, ha="center", va="center",
+              fontsize=9, color="0.35")  # fmt: skip
+
+
 def draw_tractions(
     axes: Axes,
     nodes: meshio.Mesh,
@@ -184,6 +219,8 @@ def draw_tractions(
     stress: Unit,
 ) -> None:
     """Pressure and friction of a pair along its slave: nodal ones as lines, those of points faint.
+
+    Of a pair that is pressed nowhere the panel says so.
 
     Args:
         axes: to draw in.
@@ -196,6 +233,11 @@ def draw_tractions(
     reference = np.asarray(nodes.point_data["reference"], dtype=np.float64)[:, :2]
     pressure = np.asarray(nodes.point_data["pressure"], dtype=np.float64)
     line = slave_line(reference, facets_of(nodes, pair), pressure > 0.0)
+    _show_pressed(axes, line, pressure, length)
+    if not (pressure[line.vertices] > 0.0).any():
+        write_no_load(axes)
+        axes.set_yticks([])
+        return
     shown = [
         ("pressure", CONTACT_PRESSURE, COLOURS[0]),
         ("tangential_traction", TRACTION, COLOURS[1]),
@@ -211,7 +253,6 @@ def draw_tractions(
         for name, _, colour in shown:
             axes.plot(length.of(at), stress.of(data[name][own]), ".", color=colour, alpha=0.25,
                       ms=3, mew=0, zorder=1)  # fmt: skip
-    _show_pressed(axes, line, pressure, length)
 
 
 def _show_pressed(axes: Axes, line: Line, pressure: Floats, length: Unit) -> None:

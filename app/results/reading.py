@@ -13,6 +13,7 @@ Neither DOLFINx nor PETSc nor MPI is needed: what is read are the files. ::
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from functools import cached_property
 from io import StringIO
 from pathlib import Path
@@ -35,6 +36,19 @@ LAST = -1
 CUT_OFF = "is cut off or not"
 # Directories of the contact in results of earlier versions, which had contact_nodes.
 EARLIER_NAMES = {"contact": "contact_nodes", "contact_points": "contact"}
+# Columns that every table has, and those that some have beside them; a sweep's has its own.
+STEP_COLUMNS = ("step", "time", "stage")
+NAME_COLUMNS = {
+    "contacts": ("pair",),
+    "surfaces": ("surface",),
+    "bodies": ("body",),
+    "probes": ("probe",),
+    "body_probes": ("probe",),
+    "contact_probes": ("probe",),
+}
+SWEEP_COLUMNS = ("label", "steady")
+SUMMARY_KINDS: dict[str, type] = {"load_steps": list, "parts": dict, "bodies": list}
+STEADY = {True: 1.0, False: 0.0, None: -1.0}
 
 
 def read(directory: str | Path) -> Results:
@@ -66,9 +80,12 @@ class Results:
             InputError: it is none.
         """
         if not (directory / "case.toml").is_file():
-            what = "no results directory of tribox run (it has no case.toml)"
-            missing = "" if directory.is_dir() else "no such directory"
-            raise InputError(f"{directory}: {missing or what}")
+            what = "no such directory"
+            if directory.is_dir():
+                what = "no results directory of tribox run (it has no case.toml)"
+            elif directory.exists():
+                what = "is no directory"
+            raise InputError(f"{directory}: {what}")
         self.directory = directory
 
     def __repr__(self) -> str:
@@ -85,16 +102,24 @@ class Results:
 
     @cached_property
     def summary(self) -> dict[str, Any]:
-        """What ``summary.json`` holds; empty while the run goes on."""
+        """What ``summary.json`` holds; empty while the run goes on.
+
+        Raises:
+            InputError: it cannot be read, or is none.
+        """
         path = self.directory / "summary.json"
         if not path.exists():
             return {}
         try:
-            found = json.loads(path.read_text(encoding="utf-8"))
+            found = json.loads(_text(path, "a summary"))
         except ValueError:
             found = None
         if not isinstance(found, dict):
             raise InputError(f"{path}: {CUT_OFF} a summary of tribox")
+        for key, kind in SUMMARY_KINDS.items():
+            if not isinstance(found.get(key, kind()), kind):
+                what = "list" if kind is list else "table"
+                raise InputError(f"{path}: is no summary of tribox ({key} is no {what})")
         return found
 
     # -- tables -------------------------------------------------------------------------------
@@ -140,11 +165,17 @@ class Results:
 
         ``steady`` is 1 if the velocity was held until steady, 0 if not, −1 where nobody asked.
         """
-        rows = [
-            row | {"steady": {True: 1.0, False: 0.0}.get(row["steady"], -1.0)}
-            for row in self.summary.get("load_steps", [])
-        ]
-        return _frame(rows, self.directory / "summary.json")
+        path = self.directory / "summary.json"
+        try:
+            rows = [r | {"steady": STEADY[r["steady"]]} for r in self.summary.get("load_steps", [])]
+        except (KeyError, TypeError):
+            raise InputError(
+                f"{path}: is no summary of tribox (a load step has no steady true, false or null)"
+            ) from None
+        frame = _frame(rows, path)
+        if rows:
+            _check_columns(frame, ("label", "step", "stage"), path)
+        return frame
 
     @cached_property
     def sweep(self) -> DataFrame:
@@ -166,14 +197,18 @@ class Results:
         path = self.directory / f"{name}.csv"
         if not path.exists():
             return pd.DataFrame()
+        text = _text(path, "a table")
         try:
-            text = path.read_text(encoding="utf-8")
             rows = pd.read_csv(StringIO(text), dtype=str, keep_default_na=False)
-        except ValueError:  # also pandas' own errors, and text that is no UTF-8
+        except ValueError:  # also pandas' own errors
             raise InputError(f"{path}: {CUT_OFF} a table of tribox") from None
-        if not text.endswith("\n"):
+        # Of rows that are longer than the header pandas takes the first column for names of rows.
+        if not text.endswith("\n") or not isinstance(rows.index, pd.RangeIndex):
             raise InputError(f"{path}: {CUT_OFF} a table of tribox")
-        return _frame(rows, path)
+        frame = _frame(rows, path)
+        needed = (*STEP_COLUMNS, *NAME_COLUMNS.get(name, ()))
+        _check_columns(frame, SWEEP_COLUMNS if name == "sweep" else needed, path)
+        return frame
 
     # -- fields -------------------------------------------------------------------------------
 
@@ -189,17 +224,10 @@ class Results:
 
     @cached_property
     def _outputs(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        there = [self.directory / f"{name}.pvd" for name in ("fields", "contact")]
-        path = next((path for path in there if path.exists()), None)
-        if path is None:
-            return np.empty(0, dtype=np.int64), np.empty(0)
-        try:
-            sets = list(ElementTree.parse(path).getroot().iter("DataSet"))
-            steps = [int(Path(s.attrib["file"]).stem) for s in sets]
-            times = [float(s.attrib["timestep"]) for s in sets]
-        except (ElementTree.ParseError, KeyError, ValueError):
-            raise InputError(f"{path}: {CUT_OFF} an index of tribox") from None
-        return np.array(steps, dtype=np.int64), np.array(times)
+        for name in ("fields", "contact"):
+            if (self.directory / f"{name}.pvd").exists():
+                return _index(self.directory / f"{name}.pvd")
+        return np.empty(0, dtype=np.int64), np.empty(0)
 
     def fields(self, step: int = LAST) -> meshio.Mesh:
         """Deformed bodies with displacement, stress and strain.
@@ -212,7 +240,7 @@ class Results:
             docs/results.md says; ``field_data``: ``TimeValue``, s, and ``step``.
 
         Raises:
-            InputError: nothing was written at this step, or the file is cut off.
+            InputError: nothing was written at this step, or the file is cut off or gone.
         """
         return self._mesh("fields", step)
 
@@ -241,17 +269,70 @@ class Results:
         """
         if self.directory.joinpath("contact_nodes").is_dir():
             name = EARLIER_NAMES.get(name, name)
-        files = {int(p.stem): p for p in self.directory.glob(f"{name}/*.vtu") if p.stem.isdigit()}
+        files = self._files(name)
+        if step in files:
+            return files[step]
+        index = self.directory / f"{name}.pvd"
+        listed = [int(number) for number in _index(index)[0]] if index.exists() else []
+        files = self._files(name)  # after the index, which a run writes after the files
+        wanted = max([*files, *listed], default=step) if step == LAST else step
+        if wanted in files:  # and maybe not listed yet
+            return files[wanted]
+        if wanted in listed:
+            path = self.directory / name / f"{wanted:06d}.vtu"
+            raise InputError(f"{path}: no such file, though {index.name} lists it")
         if not files:
             raise InputError(f"{self.directory}: holds no output in {name}/")
-        if step == LAST:
-            return files[max(files)]
-        if step not in files:
-            raise InputError(
-                f"{self.directory}: no output of step {step} in {name}/; there are {len(files)}, "
-                f"from step {min(files)} to {max(files)}"
-            )
-        return files[step]
+        raise InputError(
+            f"{self.directory}: no output of step {step} in {name}/; there are {len(files)}, "
+            f"from step {min(files)} to {max(files)}"
+        )
+
+    def _files(self, name: str) -> dict[int, Path]:
+        """The files of a series by their steps."""
+        found = self.directory.glob(f"{name}/*.vtu")
+        return {int(p.stem): p for p in found if p.stem.isdecimal()}
+
+
+def _text(path: Path, what: str) -> str:
+    """Text of a file.
+
+    Raises:
+        InputError: it cannot be read, or is no text in UTF-8.
+    """
+    try:
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: {CUT_OFF} {what} of tribox") from None
+
+
+def _index(path: Path) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Numbers (n,) and times (n,), s, of the steps that an index lists.
+
+    Raises:
+        InputError: it cannot be read, or is none.
+    """
+    text = _text(path, "an index")
+    try:
+        sets = list(ElementTree.fromstring(text).iter("DataSet"))
+        steps = [int(Path(s.attrib["file"]).stem) for s in sets]
+        times = [float(s.attrib["timestep"]) for s in sets]
+        return np.array(steps, dtype=np.int64), np.array(times)
+    except (ElementTree.ParseError, KeyError, ValueError, OverflowError):
+        raise InputError(f"{path}: {CUT_OFF} an index of tribox") from None
+
+
+def _check_columns(frame: DataFrame, names: Iterable[str], path: Path) -> None:
+    """See that a table has columns.
+
+    Raises:
+        InputError: it lacks one, so that it is some other table.
+    """
+    missing = next((name for name in names if name not in frame.columns), None)
+    if missing is not None:
+        raise InputError(f"{path}: is no table of tribox (it has no column {missing})")
 
 
 def _frame(rows: Any, path: Path) -> DataFrame:
@@ -270,5 +351,5 @@ def _frame(rows: Any, path: Path) -> DataFrame:
         raise InputError(f"{path}: {CUT_OFF} a table of tribox")
     try:
         return frame.astype(kinds)
-    except ValueError:
+    except (TypeError, ValueError, OverflowError):
         raise InputError(f"{path}: {CUT_OFF} a table of tribox") from None

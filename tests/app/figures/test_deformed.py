@@ -79,6 +79,29 @@ def test_tractions_are_drawn_over_the_arc_length(strip, kept, tmp_path):
     assert below.get_supxlabel() == "arc length along the slave from the dot, undeformed (mm)"
 
 
+@pytest.mark.parametrize("unloaded", [(0,), (0, 1)])
+def test_roundoff_of_a_pair_without_load_is_no_curve(kept, tmp_path, unloaded):
+    """Beside the 5 MPa of the run 1e-6 Pa are none."""
+    directory = write_strip(tmp_path / "out", outputs=(5,))
+    mesh = strip_contact(5)
+    away = np.isin(mesh.point_data["pair"], unloaded)
+    for name in ("pressure", "tangential_traction"):
+        mesh.point_data[name][away] *= 1e-6 / mesh.point_data["pressure"].max()
+    mesh.write(directory / "contact/000005.vtu")
+    draw_deformed(read(directory), tmp_path, "von_mises_stress")
+    top, _ = bodies_of(kept["deformed"])
+    marked = [c for c in top.collections if c.get_linewidths()[0] == 2.0]
+    found = panels(kept["deformed"])
+    for number, axes in enumerate(found):
+        none = number in unloaded
+        assert [text.get_text() for text in axes.texts] == none * ["no load"]
+        assert (not axes.lines) == none == (not marked[number].get_segments())
+        assert axes.get_ylabel() == ("" if none else "traction (MPa)")
+        assert axes.get_xlim() == pytest.approx((-0.08, 4.08))  # mm
+    legends = [axes.get_legend() is not None for axes in found]
+    assert legends == ([False, True] if unloaded == (0,) else [False, False])
+
+
 def test_names_are_never_formulae(kept, tmp_path):
     """What stands between two dollars matplotlib takes for a formula, and this for a wrong one."""
     directory = write_strip(tmp_path / "out")

@@ -8,6 +8,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from app.figures.pressure_maps import draw_pairs, seen_along_normal, touching
+from app.figures.tractions import without_roundoff
 
 SIZE, RADIUS = 21, 0.71
 
@@ -66,6 +67,15 @@ def test_a_slave_is_seen_along_its_normal(axes, names):
     plan = seen_along_normal(slave(np.array(axes, dtype=float)), 0)
     assert plan.names == names
     assert np.ptp(plan.across, axis=0) == pytest.approx([2e-3, 2e-3])
+
+
+def test_a_slave_without_load_says_so():
+    mesh = slave(np.eye(3)[:2])
+    mesh.point_data["pressure"] *= 1e-12
+    figure = Figure(layout="constrained")
+    panel = figure.subplots()
+    draw_pairs(figure, [panel], without_roundoff(mesh, 1e-3), {0: "ball"})
+    assert [text.get_text() for text in panel.texts] == ["no load"]
 
 
 def test_colours_span_the_pressure_and_arrows_show_the_friction():

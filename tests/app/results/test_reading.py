@@ -22,8 +22,8 @@ def directory(tmp_path, block) -> Path:
     """A directory as a run leaves it, with tables of a few columns."""
     (tmp_path / "case.toml").write_text(block)
     write_table(tmp_path / "history.csv", ("step", "stage", "time"), [(1, "NA", 0.1 + 0.2)])
-    rows = [(1, "null", "a-b", float("nan")), (1, "1", "c", -5e-324)]
-    write_table(tmp_path / "contacts.csv", ("step", "stage", "pair", "gap"), rows)
+    rows = [(1, 0.5, "null", "a-b", float("nan")), (1, 0.5, "1", "c", -5e-324)]
+    write_table(tmp_path / "contacts.csv", ("step", "time", "stage", "pair", "gap"), rows)
     rows = [
         {"label": "slide 1", "steady": steady, "stage": "slide", "step": 2}
         for steady in (True, False, None)
@@ -39,7 +39,7 @@ def test_names_are_text_and_all_else_floats(directory):
     contacts = results.contacts
     assert contacts["stage"].tolist() == ["null", "1"] and contacts["pair"].tolist() == ["a-b", "c"]
     assert contacts["gap"].isna().tolist() == [True, False] and contacts["gap"][1] == -5e-324
-    assert [str(kind) for kind in contacts.dtypes] == ["float64", "object", "object", "float64"]
+    assert [str(kind) for kind in contacts.dtypes] == 2 * ["float64"] + 2 * ["object"] + ["float64"]
     assert results.load_steps["steady"].tolist() == [1.0, 0.0, -1.0]
     assert results.load_steps["label"].tolist() == 3 * ["slide 1"]
     assert results.summary["status"] == "done"
@@ -84,6 +84,7 @@ WRONG = {
         "step,stage,time\n1,a,0.",
         "step,stage,time\n1,a\n",
         "step,stage\n1,a,2\n",
+        "step,time,stage\n1,2,3,a\n",
         "",
         "step\nx\n",
         b"\xff\xfe\n1\n",
@@ -115,15 +116,91 @@ def test_a_field_file_that_is_cut_off_or_missing_is_one_line(directory):
     (directory / "fields" / "copy.vtu").write_text("mine")
     with pytest.raises(InputError, match=r"000012.vtu: is cut off or not a file of tribox$"):
         results.fields()
+    (directory / "fields" / "²².vtu").touch()
     with pytest.raises(
         InputError, match=r"no output of step 4 in fields/; there are 2, from step 3 to 12$"
     ):
         results.fields(4)
 
 
+def listing(*steps: int) -> str:
+    """The index of field outputs."""
+    sets = "".join(f'<DataSet timestep="{s}" file="fields/{s:06d}.vtu"/>' for s in steps)
+    return f'<?xml version="1.0"?>\n<VTKFile><Collection>{sets}</Collection></VTKFile>\n'
+
+
+def test_an_output_that_is_listed_and_gone_is_missed(directory):
+    """Not silently the one before, while ``steps`` ends with what is gone."""
+    (directory / "fields.pvd").write_text(listing(18, 19))
+    gone = r"fields/000019.vtu: no such file, though fields.pvd lists it$"
+    with pytest.raises(InputError, match=gone):
+        read(directory).fields()
+    with pytest.raises(InputError, match=r"holds no output in fields/$"):
+        read(directory).fields(3)
+    (directory / "fields").mkdir()
+    (directory / "fields" / "000018.vtu").write_text("<VTKFile><Unst")
+    results = read(directory)
+    for step in (-1, int(results.steps[-1])):
+        with pytest.raises(InputError, match=gone):
+            results.fields(step)
+    # A run has written more than its index tells: what is newest counts.
+    (directory / "fields" / "000020.vtu").write_text("<VTKFile><Unst")
+    with pytest.raises(InputError, match=r"000020.vtu: is cut off"):
+        results.fields()
+
+
+@pytest.mark.parametrize(
+    ("name", "ask"),
+    [("history.csv", "history"), ("summary.json", "summary"), ("fields.pvd", "steps")],
+)
+def test_a_directory_in_place_of_a_file_is_one_line(directory, name, ask):
+    (directory / name).unlink(missing_ok=True)
+    (directory / name).mkdir()
+    with pytest.raises(InputError, match=f"/{name}: cannot be read \\(Is a directory\\)$"):
+        getattr(read(directory), ask)
+
+
+@pytest.mark.parametrize(
+    ("summary", "ask", "said"),
+    [
+        ({"load_steps": 3}, "load_steps", "load_steps is no list"),
+        ({"load_steps": None}, "load_steps", "load_steps is no list"),
+        ({"load_steps": [{"label": "a"}]}, "load_steps", "a load step has no steady true"),
+        ({"load_steps": [{"steady": [1]}]}, "load_steps", "a load step has no steady true"),
+        ({"load_steps": [7]}, "load_steps", "a load step has no steady true"),
+        ({"load_steps": [{"steady": True}]}, "load_steps", "it has no column label"),
+        ({"parts": None}, "parts", "parts is no table"),
+        ({"bodies": 1}, "summary", "bodies is no list"),
+    ],
+)
+def test_a_summary_of_another_kind_is_one_line(directory, summary, ask, said):
+    write_json(directory / "summary.json", summary)
+    with pytest.raises(InputError, match=rf"/summary.json: is no .* of tribox \(.*{said}"):
+        getattr(read(directory), ask)
+
+
+@pytest.mark.parametrize(
+    ("name", "columns", "missing"),
+    [
+        ("history", ("x", "y"), "step"),
+        ("contacts", ("step", "time", "stage"), "pair"),
+        ("body_probes", ("step", "time", "stage"), "probe"),
+        ("sweep", ("label", "value"), "steady"),
+    ],
+)
+def test_some_other_table_is_not_taken_for_one_of_the_run(directory, name, columns, missing):
+    write_table(directory / f"{name}.csv", columns, [range(len(columns))])
+    said = f"/{name}.csv: is no table of tribox \\(it has no column {missing}\\)$"
+    with pytest.raises(InputError, match=said):
+        getattr(read(directory), name)
+
+
 def test_only_results_directories_are_read(tmp_path):
     with pytest.raises(InputError, match=r"nowhere: no such directory$"):
         read(tmp_path / "nowhere")
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match=r"file: is no directory$"):
+        read(tmp_path / "file")
     with pytest.raises(
         InputError, match=r"no results directory of tribox run \(it has no case.toml\)"
     ):
