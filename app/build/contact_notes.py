@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.case.contact import Contact
-from app.case.friction import Coulomb, Friction, Stribeck
+from app.case.friction import Coulomb, Friction, Frictionless, Stribeck
 from forms.bodies.materials import Material, oedometric_modulus
 from forms.contact.pressure import PressureKind
 
@@ -78,6 +78,12 @@ def notes_on_surfaces(
             f"{place}: the facets of the slave {contact.slave} are {slave / master:.2g} times as "
             f"long as those of {contact.master}, whose shape they cannot follow; refine the slave"
         )
+
+
+def note_on_idle_film(place: str, contact: Contact) -> Iterator[str]:
+    """A line on a film that the friction law has no use for."""
+    if contact.film is not None and isinstance(contact.friction, Coulomb | Frictionless):
+        yield f'{place}: film has no effect with law = "{contact.friction.law}"'
 
 
 def note_on_corners(place: str, contact: Contact, corners: Corners) -> Iterator[str]:

@@ -17,6 +17,7 @@ from app.build.contact_notes import (
     STIFFER,
     Corners,
     note_on_corners,
+    note_on_idle_film,
     note_on_stick,
     notes_on_penalty,
     notes_on_surfaces,
@@ -112,6 +113,7 @@ class ContactBuilder:
         notes = (
             *stiffer_slave(index, asked, self.named.body_of(asked.slave), slave, master),
             *notes_on_surfaces(f"contact.{index}", asked, lengths, distance),
+            *note_on_idle_film(f"contact.{index}", asked),
             *note_on_corners(f"contact.{index}", asked, corners_of(asked, surface, at, distance)),
             *notes_on_penalty(index, factor, ratio, self.case.is_explicit, table.pressure),
             *note_on_stick(index, table.friction, softer.shear_modulus / length),

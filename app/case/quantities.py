@@ -73,7 +73,10 @@ def _factor(text: str, unit: str) -> Decimal:
     try:
         given = registry.Quantity(Decimal(1), registry.parse_units(text))
     except Exception as error:  # The library fails on odd text in many ways, all the writer's.
-        raise QuantityError(f'unknown unit "{text}"; {_expected(unit)}') from error
+        hint = _expected(unit)
+        if re.match(r",\d", text):
+            hint = "decimals stand behind a point, as in 0.5"
+        raise QuantityError(f'unknown unit "{text}"; {hint}') from error
     try:
         return Decimal(given.to(registry.parse_units(unit)).magnitude)
     except Exception as error:  # Wrong dimension, or an offset unit such as degC.

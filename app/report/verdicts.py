@@ -62,6 +62,9 @@ def energy_verdict(history: DataFrame, summary: Mapping[str, Any]) -> Verdict | 
     """Whether energies add up; None without a history."""
     if history.empty or "energy_error" not in history:
         return None
+    if "force_balance_relative" in summary and summary["force_balance_relative"] is None:
+        if not summary.get("explicit"):
+            return Verdict("fair", "nothing acted", "No force beyond rounding acts on any body.")
     last = history.iloc[-1]
     work = _largest(history)
     gap = summary.get("energy_error_relative", last["energy_error"] / work if work else 0.0)

@@ -214,7 +214,10 @@ class Recorder(Observer):
             "film_onset_pressure": self.model.film_onset,
             "penetration_over_facet": self._contacts.over_facet,
             "penetration_over_approach": self._contacts.over_approach,
-            "penetration_over_film": [_penetration_over_film(row) for row in rows[-1:]],
+            "penetration_over_film": [
+                pair.penetration / pair.film if pair.film > 0.0 else None
+                for pair in simulation.state.resultants
+            ],
             "load_steps": self.load_steps,
             "bodies": [solid.name for solid in problem.solids],
             "dofs": int(problem.space.dofmap.index_map.size_global * problem.dim),
@@ -269,10 +272,6 @@ def _unbalanced(simulation: Simulation) -> Iterator[str]:
             "happens in them (smaller steps), or facets of a curved master catch (a finer master, "
             "or smoothing_angle)"
         )
-
-
-def _penetration_over_film(row: Row) -> float | None:
-    return row.max_penetration / row.film_thickness if row.film_thickness > 0.0 else None
 
 
 def _version() -> str:

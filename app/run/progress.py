@@ -5,7 +5,10 @@ from __future__ import annotations
 import os
 import sys
 import time
+from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 
@@ -114,12 +117,15 @@ class Reporter(Observer):
     ) -> None:
         """One line of what the load step ended with."""
         how = "" if steady is None else (" steady:" if steady else " NOT steady:")
-        self.say(
-            f"{load_step.label}:{how} N {row.normal_force:.5g} N, T {row.friction_force:.5g} N, "
-            f"T/N {row.friction_coefficient:.4g}"
-            + (f", η_eff {row.effective_viscosity:.4g} Pa s" if row.effective_viscosity else ""),
-            always=not self._quiet,
-        )
+        pairs = state.last_of_pairs()
+        several = len(pairs) > 1
+        whose = " all pairs together:" if several else ""
+        viscosity = 0.0 if several else row.effective_viscosity
+        line = f"{load_step.label}:{how}{whose} {_at_end(asdict(row))}"
+        self.say(line + _viscosity(viscosity), always=not self._quiet)
+        for pair in pairs if several else ():
+            line = f"  {pair['pair']}: {_at_end(pair)}{_viscosity(pair['effective_viscosity'])}"
+            self.say(line, always=not self._quiet)
         self._progress.end_load_step()
         if self._progress.here.ended is not None:
             self._tell("all stages done; writing results and figures")
@@ -143,7 +149,19 @@ class Reporter(Observer):
 
 
 def _forces(row: Row) -> str:
-    return f"V {row.velocity:.3g} m/s  N {row.normal_force:.5g} N  T {row.friction_force:.5g} N"
+    return f"V {row.velocity:.3g} m/s  N {row.normal_force:.5g} N  F_T {row.friction_force:.5g} N"
+
+
+def _at_end(values: Mapping[str, Any]) -> str:
+    """Forces at the end of a load step, of all pairs or of one."""
+    return (
+        f"N {values['normal_force']:.5g} N, F_T {values['friction_force']:.5g} N, "
+        f"F_T/N {values['friction_coefficient']:.4g}"
+    )
+
+
+def _viscosity(value: float) -> str:
+    return f", η_eff {value:.4g} Pa s" if value else ""
 
 
 def _cuts(stage: StageProgress) -> str:

@@ -131,8 +131,7 @@ def _closing_line(simulation: Simulation) -> str:
     """Steps, iterations, penetration and energy balance of a finished run."""
     rows = simulation.rows
     deepest = max(row.max_penetration for row in rows)
-    films = [row.max_penetration / row.film_thickness for row in rows if row.film_thickness > 0.0]
-    depth = f"{deepest:.3g} m" + (f" = {max(films):.2g} D" if films else "")
+    depth = f"{deepest:.3g} m"
     explicit = simulation.explicit
     counted = f"{sum(row.newton_iterations for row in rows)} Newton iterations"
     if explicit is not None:

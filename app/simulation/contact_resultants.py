@@ -276,6 +276,9 @@ def contact_columns(
 ) -> dict[str, Any]:
     """Columns of the history that are of the contacts: forces summed over the pairs, means by area.
 
+    μ and D are means by the normal force, D and the effective viscosity those of the pairs that
+    have a film.
+
     Args:
         pairs: resultants of each pair.
         velocity: m/s, of the driven boundaries; 0 without.
@@ -291,10 +294,11 @@ def contact_columns(
     def mean(value: Callable[[ContactResultants], float]) -> float:
         return sum(value(m) * m.area for m in pairs) / area if area > 0.0 else 0.0
 
-    film = mean(lambda m: m.film)
-    along = along_force(pairs)
-    sliding = velocity != 0.0 and area > 0.0
-    viscosity = abs(along * film / (velocity * area)) if sliding else 0.0
+    wet = [m for m in pairs if m.film > 0.0]
+    load, wet_load = (sum(m.normal_force for m in some) for some in (pairs, wet))
+    film = _over(sum(m.film * m.normal_force for m in wet), wet_load)
+    wet_area = abs(velocity) * sum(m.area for m in wet)
+    viscosity = _over(along_force(wet) * film, wet_area)
     return {
         "slip_speed": mean(lambda m: m.speed) if rate_dependent else 0.0,
         "normal_force": normal,
@@ -303,7 +307,7 @@ def contact_columns(
         "normal_resultant": resultant,
         "drag": drag,
         "friction_coefficient": _over(friction, normal) if normal > noise * thickness else 0.0,
-        "mu": mean(lambda m: m.friction_coefficient),
+        "mu": _over(sum(m.friction_coefficient * m.normal_force for m in pairs), load),
         "film_thickness": film,
         "effective_viscosity": viscosity,
         "contact_area": area * thickness,

@@ -219,7 +219,10 @@ class ContactWarnings:
         """The lines of all pairs."""
         for index, state in enumerate(self._strongest):
             if state is None or state.force <= 0.0:
-                yield f"contact.{index}: the bodies never pressed on each other"
+                yield (
+                    f"contact.{index}: the bodies never pressed on each other (does what is "
+                    "prescribed point into the body? y < 0 presses down)"
+                )
                 continue
             comb = self._is_comb(state)
             if comb:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -142,6 +143,11 @@ class RunState:
         self.motion.add(at, motion, moved.outside, self.resultants)
         self._add_to_way(row)
         return row
+
+    def last_of_pairs(self) -> list[dict[str, Any]]:
+        """The last row of each pair, by column."""
+        rows = self.pair_rows[-len(self.resultants) :] if self.resultants else []
+        return [dict(zip(self.pair_columns, row, strict=True)) for row in rows]
 
     def _mean_speed(self, load_step: LoadStep) -> float:
         """Speed of the driven boundaries in the mean since the last row, m/s.

@@ -91,3 +91,13 @@ def test_corners_of_a_round_tool_are_noted_where_the_slave_feels_them(tool, bloc
     assert len(notes) == (said is not None)
     for note in notes:
         assert said in note and "meet at up to 1.9 degrees" in note
+
+
+def test_a_film_that_the_law_does_not_know_is_noted(block):
+    data = tomllib.loads(block)
+    assert not [
+        n for n in build_model(Case.model_validate(data), MPI.COMM_SELF).notes if "film" in n
+    ]
+    data["contact"][0]["film"] = {"thickness": "30 nm"}
+    [note] = [n for n in build_model(Case.model_validate(data), MPI.COMM_SELF).notes if "film" in n]
+    assert note == 'contact.0: film has no effect with law = "coulomb"'

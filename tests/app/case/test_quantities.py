@@ -69,6 +69,7 @@ def test_parses_to_the_nearest_float(value, unit, expected):
         ("3 mm mm", "m", '"mm mm" has the wrong dimension'),
         ("0.2 m", "", "must be a plain number"),
         ("3 nmm", "m", 'unknown unit "nmm"'),
+        ("0,5 mm", "m", "decimals stand behind a point"),
         ("20 degC", "m", "wrong dimension"),
         ("3 MPa/", "Pa", "unknown unit"),
         ("3 __import__('os')", "m", "unknown unit"),

@@ -31,7 +31,7 @@ def tell(case, log, stream) -> str:
     """Let a reporter tell of two steps, one cut, an interval and the end of the load step."""
     console = Console(file=stream, width=200, highlight=False, soft_wrap=True)
     reporter = Reporter(log, case, console=console)
-    state = SimpleNamespace(time=0.1, step=1)
+    state = SimpleNamespace(time=0.1, step=1, last_of_pairs=lambda: [])
     [load_step] = load_steps_of(case.stage[0])
     solved = StepResult(True, 3, 2, 2, [1.0, 1e-9])
     reporter.say("note: step 1 is not a step")

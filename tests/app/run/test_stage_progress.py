@@ -91,7 +91,7 @@ def test_bars_fit_into_a_narrow_terminal(stages, now):
     to_the_slide(stages, now)
     stages.at(1.4, 0.4)
     now.time += 1.0
-    details = "step 4  V 1e-05 m/s  N 0.5 N  T 0.02 N  residual 1.6e-11  0 cuts"
+    details = "step 4  V 1e-05 m/s  N 0.5 N  F_T 0.02 N  residual 1.6e-11  0 cuts"
     press, slide, last = rendered(stages, details, 72)
     assert press.startswith("1/2 press ━") and press.endswith("━ done in 0:02")
     assert slide.startswith("2/2 slide ") and "load step 1/2, step 1/60, at most" in slide

@@ -109,3 +109,17 @@ def test_frictions_of_opposite_sign_do_not_cancel():
     assert columns["friction_force"] == pytest.approx(0.5 * 2.0 * 0.3 * PRESSURE * 0.25, rel=1e-9)
     assert columns["friction_coefficient"] == pytest.approx(0.3, rel=1e-9)
     assert columns["effective_viscosity"] == pytest.approx(0.3 * PRESSURE * 3.0 / 2.0, rel=1e-9)
+
+
+def test_a_dry_pair_beside_a_film_leaves_its_viscosity_alone():
+    """D and η_eff are those of the pairs with a film; μ is weighted by the normal force."""
+    scene = pressed("hex8", CoulombLaw(CoulombParameters(mu=0.3, K_T=60.0)))
+    way = np.array([0.6, -0.8, 0.0])
+    found = measured(scene, lambda x: np.broadcast_to(0.1 * way, x.shape), way)
+    wet = replace(found, film=3.0)
+    dry = replace(found, normal_force=3.0 * found.normal_force, friction_coefficient=0.7, area=9.0)
+    alone = contact_columns([wet], 2.0, True, 0.5)
+    both = contact_columns([wet, dry], 2.0, True, 0.5)
+    assert both["film_thickness"] == alone["film_thickness"] == pytest.approx(3.0, rel=1e-12)
+    assert both["effective_viscosity"] == pytest.approx(alone["effective_viscosity"], rel=1e-12)
+    assert both["mu"] == pytest.approx(0.25 * 0.3 + 0.75 * 0.7, rel=1e-12)

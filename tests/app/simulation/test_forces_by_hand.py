@@ -216,6 +216,11 @@ def test_a_strip_drawn_between_two_pads(tmp_path):
     assert held["upper_top"] == pytest.approx(-2.0, rel=1e-3)
     assert held["lower_bottom"] == pytest.approx(-6.0, rel=1e-3)
     assert last(found.surfaces, surface="upper_top")["force_y"] == pytest.approx(-20.0, rel=1e-9)
+    log = (tmp_path / "out" / "log.txt").read_text()
+    assert (
+        "draw: all pairs together: N 40 N, F_T 7.9999 N, F_T/N 0.2\n  above: N 20 N, F_T 2 N, "
+        in log
+    )
     strip = last(found.bodies, body="strip")
     assert strip["contact_force_x"] == pytest.approx(-8.0, rel=1e-3)
     assert strip["contact_force_y"] == pytest.approx(0.0, abs=1e-6)
