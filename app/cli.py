@@ -398,6 +398,26 @@ def schema() -> None:
     print(json.dumps(json_schema(), indent=2, ensure_ascii=False))
 
 
+@cli.command(
+    context_settings={
+        "allow_extra_args": True,
+        "ignore_unknown_options": True,
+        "allow_interspersed_args": False,
+    }
+)
+def python(
+    context: typer.Context,
+    script: Annotated[Path, typer.Argument(help="file of Python, with its own arguments behind")],
+) -> None:
+    """Run a script that imports tribox's packages, such as one that reads results."""
+    if not script.is_file():
+        raise InputError(f"{script}: no such file")
+    root = str(Path(__file__).resolve().parent.parent)
+    before = os.environ.get("PYTHONPATH")
+    os.environ["PYTHONPATH"] = root if not before else f"{root}{os.pathsep}{before}"
+    os.execv(sys.executable, [sys.executable, str(script), *context.args])
+
+
 @cli.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
 def test(
     context: typer.Context,

@@ -414,3 +414,14 @@ def test_sweep_collates_its_parts(tribox, case_file, block, tmp_path):
     assert mine.read_bytes() == theirs.read_bytes()
     assert_refused(tribox("run", tmp_path / "case-file.toml", "--part", 2), "--part 2")
     assert tribox("plot", out).returncode == 0
+
+
+def test_a_script_finds_the_packages_and_its_arguments(tribox, tmp_path):
+    script = tmp_path / "my.py"
+    script.write_text(
+        "import sys\nfrom app.results import read\nprint(read.__name__, sys.argv[1:])\n"
+    )
+    done = tribox("python", script, "a", "--out", "b", process=True)
+    assert (done.returncode, done.stdout) == (0, "read ['a', '--out', 'b']\n")
+    missing = tribox("python", tmp_path / "none.py")
+    assert missing.returncode == 2 and "none.py: no such file" in missing.stderr
