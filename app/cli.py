@@ -313,8 +313,9 @@ def plot(
         draw_figures(one, field)
         if animate is not None and one.case.sweep is None:
             from app.figures.animation import animate as write_animation
+            from app.figures.field_values import named_after
 
-            path = one.directory / "figures" / f"animation.{animate}"
+            path = one.directory / "figures" / f"{named_after('animation', field)}.{animate}"
             frames = write_animation(one, path, field)
             print(f"{path}: {frames} frames")
     print(f"figures in {directory / 'figures'}")
