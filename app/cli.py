@@ -209,14 +209,24 @@ def check(case_file: CaseFile, overrides: Overrides = None) -> None:
 
 @cli.command()
 def mesh(
-    case_file: CaseFile,
+    case_file: Annotated[
+        Path,
+        typer.Argument(metavar="CASE|FILE.geo", help="case file (TOML), or a drawing for gmsh"),
+    ],
     out: Annotated[
-        Path | None, typer.Option(help="directory of mesh and picture (default: results/CASE-mesh)")
+        Path | None,
+        typer.Option(
+            help="directory of mesh and picture (default: results/CASE-mesh); of a drawing the "
+            "mesh file (default: FILE.msh)"
+        ),
     ] = None,
     overrides: Overrides = None,
     force: Annotated[bool, typer.Option("--force", help="replace files that are there")] = False,
 ) -> None:
-    """Write a case's mesh (.msh) and a picture of it with the names of bodies and surfaces."""
+    """Write a case's mesh (.msh) and a picture of it with its names, or the mesh of a drawing."""
+    if case_file.suffix == ".geo":
+        _mesh_drawing(case_file, out or case_file.with_suffix(".msh"), overrides or [], force)
+        return
     from mpi4py import MPI
 
     from app.build.mesh import make_mesh
@@ -240,6 +250,28 @@ def mesh(
         print(f"wrote {msh}")
     save_picture(named, picture, case.title)
     print(f"wrote {picture}")
+
+
+def _mesh_drawing(drawing: Path, path: Path, overrides: list[str], force: bool) -> None:
+    """Write the mesh of a drawing."""
+    from geometry.meshes.drawing import mesh_drawing
+    from geometry.meshes.gmsh_model import MeshError
+
+    if overrides:
+        raise InputError(f"--set {overrides[0]}: {drawing} is a drawing, not a case")
+    if path.suffix != ".msh":
+        raise InputError(f"--out {path}: name the mesh of a drawing as a file ending in .msh")
+    if path.exists() and not force:
+        raise InputError(f"{path}: exists already; replace it with --force")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        cells = mesh_drawing(drawing, path)
+    except MeshError as error:
+        raise InputError(str(error)) from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror or error})") from None
+    told = ", ".join(f"{name} {count}" for name, count in cells.items())
+    print(f"wrote {path} (cells: {told})")
 
 
 ANIMATIONS = ("gif", "mp4")
@@ -281,8 +313,9 @@ def plot(
         draw_figures(one, field)
         if animate is not None and one.case.sweep is None:
             from app.figures.animation import animate as write_animation
+            from app.figures.field_values import named_after
 
-            path = one.directory / "figures" / f"animation.{animate}"
+            path = one.directory / "figures" / f"{named_after('animation', field)}.{animate}"
             frames = write_animation(one, path, field)
             print(f"{path}: {frames} frames")
     print(f"figures in {directory / 'figures'}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,7 +14,7 @@ from matplotlib.figure import Figure
 
 from app.figures.body_shapes import Bodies, read_bodies
 from app.figures.deformed_space import draw_states_in_space
-from app.figures.field_values import colour_scale
+from app.figures.field_values import colour_scale, named_after
 from app.figures.names import axis_names, body_names, heading, pair_names
 from app.figures.plane_bodies import (
     Frame,
@@ -51,7 +52,7 @@ def draw_deformed(results: Results, figures: Path, field: str) -> list[Path]:
     Raises:
         InputError: there is no such array.
     """
-    states = states_to_draw(results)
+    states = [replace(s, name=named_after(s.name, field)) for s in states_to_draw(results)]
     if not states:
         return []
     names = body_names(results)

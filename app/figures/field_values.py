@@ -41,6 +41,19 @@ class CellField:
     name: str
 
 
+def named_after(stem: str, field: str) -> str:
+    """Name of a picture in the colours of a field; of the default field it stays as it is.
+
+    Args:
+        stem: name without ending, such as "deformed-1-press".
+        field: array of the field files.
+    """
+    if field == DEFAULT_FIELD:
+        return stem
+    first, dash, rest = stem.partition("-")
+    return f"{first}-{field}{dash}{rest}"
+
+
 def cell_field(mesh: meshio.Mesh, cells: Sequence[NDArray[np.int64]], name: str) -> CellField:
     """An array of a mesh, one number for each cell: of nodes the mean over the corners.
 

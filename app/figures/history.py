@@ -32,7 +32,8 @@ def forces_figure(results: Results) -> Figure:
     figure = Figure(figsize=(7.5, 1.2 + 2.0 * count), layout="constrained")
     panels = list(figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0])
     forces = fitting(history["normal_force"], "N"), fitting(history["friction_force"], "N")
-    for label, colour, width, rows, table in _lines(results):
+    lines = list(_lines(results))
+    for label, colour, width, rows, table in lines:
         x = at.values[rows]
         normal, friction = (
             table[name].to_numpy(dtype=np.float64) for name in ("normal_force", "friction_force")
@@ -42,7 +43,8 @@ def forces_figure(results: Results) -> Figure:
         style |= {"marker": "."} if len(x) < 3 else {}
         for axes, values in zip(panels, shown, strict=False):
             axes.plot(x, values, **style)
-    _draw_resultant(panels[1:2], at.values, history, forces[1])
+    if len(lines) == 1:  # added up over several pairs it acts nowhere
+        _draw_resultant(panels[1:2], at.values, history, forces[1])
     units = (*forces, Unit(1.0, ""))
     for axes, quantity, unit in zip(
         panels, (NORMAL_FORCE, FRICTION_FORCE, RATIO), units, strict=False
@@ -60,14 +62,18 @@ def forces_figure(results: Results) -> Figure:
 
 
 def _lines(results: Results) -> Iterator[tuple[str, str, float, Any, Any]]:
-    """Label, colour, width, rows of the history and table of each line: all pairs, then each."""
+    """Label, colour, width, rows of the history and table of each line.
+
+    Of several pairs all together, then each; of one pair alone the history.
+    """
     history = results.history
     contacts = results.contacts
     names = [] if contacts.empty else list(dict.fromkeys(contacts["pair"]))
-    alone = len(names) < 2
-    yield ("all pairs", COLOURS[0] if alone else "0.25", 1.4, np.arange(len(history)), history)
-    if alone:
+    whole = np.arange(len(history)), history
+    if len(names) < 2:
+        yield (str(names[0]) if names else "contact", COLOURS[0], 1.4, *whole)
         return
+    yield ("all pairs", "0.25", 1.4, *whole)
     place = {int(step): k for k, step in enumerate(history["step"])}
     for number, name in enumerate(names[:MOST_PAIRS]):
         table = contacts[(contacts["pair"] == name) & contacts["step"].isin(list(place))]

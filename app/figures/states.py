@@ -39,7 +39,8 @@ class State:
 def states_to_draw(results: Results) -> list[State]:
     """The last state, the end of each stage before the last, and the highest load.
 
-    The highest load has no picture of its own where another shows it.
+    The highest load has no picture of its own where another shows it or as good as that, and no
+    mention where several do.
     """
     outputs = np.asarray(results.steps, dtype=np.int64)
     if not len(outputs):
@@ -74,7 +75,11 @@ def _stage_ends(history: Any) -> list[tuple[str, int]]:
 
 
 def _highest(history: Any, drawn: list[int], outputs: Any) -> tuple[int, str] | None:
-    """The output at the highest load and what to say of it; None where nothing is pressed."""
+    """The output at the highest load and what to say of it.
+
+    None where nothing is pressed, and where no other picture shows a lower load than one that is
+    drawn.
+    """
     if history.empty or "normal_force" not in history:
         return None
     force = history["normal_force"].to_numpy(dtype=np.float64)
@@ -83,9 +88,9 @@ def _highest(history: Any, drawn: list[int], outputs: Any) -> tuple[int, str] | 
     if not largest > 0.0:
         return None
     high = set(steps[force >= AS_HIGH * largest].tolist())
-    for step in drawn:
-        if step in high:
-            return step, HIGHEST
+    shown = [step for step in drawn if step in high]
+    if shown:
+        return (shown[0], HIGHEST) if len(shown) == 1 < len(drawn) else None
     at = int(steps[np.nanargmax(force)])
     written = [s for s in outputs.tolist() if s in high]
     if at in written:

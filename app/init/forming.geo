@@ -1,6 +1,6 @@
 // A round tool above an elastomer pad that lies on a plate. Lengths in metres.
 //
-//   gmsh -2 NAME.geo        makes NAME.msh again after a change
+//   tribox mesh NAME.geo --force        makes NAME.msh again after a change
 
 radius = 8e-3;        // of the tool's face
 wall = 3e-3;          // thickness of the tool

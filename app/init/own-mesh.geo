@@ -1,6 +1,6 @@
 // A pad with rounded corners on a plate. Lengths in metres.
 //
-//   gmsh -2 NAME.geo        makes NAME.msh again after a change
+//   tribox mesh NAME.geo --force        makes NAME.msh again after a change
 
 width = 10e-3;        // of the pad
 height = 4e-3;        // of the pad

@@ -9,7 +9,7 @@ from pathlib import Path
 from app.case.schema import FILE_NAME, json_schema
 from app.errors import InputError
 from app.results.directory import write_text
-from geometry.meshes.gmsh_model import gmsh_session
+from geometry.meshes.drawing import mesh_drawing
 
 HERE = Path(__file__).parent
 KINDS = {
@@ -78,12 +78,7 @@ def _makers(kind: str, case: Path) -> dict[Path, Callable[[Path], bool]]:
 
 def _write_mesh(path: Path) -> bool:
     """Make the mesh of the drawing beside it."""
-    part = path.with_name(f".{path.stem}.part.msh")
-    with gmsh_session(path.stem) as gmsh:
-        gmsh.merge(str(path.with_suffix(".geo")))
-        gmsh.model.mesh.generate(2)
-        gmsh.write(str(part))
-    part.replace(path)
+    mesh_drawing(path.with_suffix(".geo"), path)
     return True
 
 

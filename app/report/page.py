@@ -13,7 +13,7 @@ from app.case.given import given_keys
 from app.errors import InputError
 from app.report.inputs import input_tables
 from app.report.pictures import Picture, pictures_of
-from app.report.tables import Table, detail_tables, end_table, frame_table, load_step_table
+from app.report.tables import Table, detail_tables, end_table, load_step_table, sweep_table
 from app.report.verdicts import (
     Verdict,
     cost_table,
@@ -98,7 +98,7 @@ def contents(results: Results) -> dict[str, Any]:
         parts, given = [_run_part(results, "", title)], summary.get("given")
     else:
         given = given_keys(case)
-        sweep = _sweep_table(results)
+        sweep = sweep_table(results.sweep, len(case.contact))
         pictures = pictures_of(results.directory, title)
         parts = [_run_part(part, label, title) for label, part in results.parts.items()]
     missing = [label for label in _labels(results) if label not in results.parts]
@@ -121,7 +121,7 @@ def _run_part(results: Results, label: str, title: str) -> RunPart:
     ended = summary.get("status") == "done"
     ends = (
         load_step_table(results.load_steps, len(results.case.contact)),
-        None if ended else end_table(history),
+        None if ended else end_table(history, len(results.case.contact)),
     )
     details = detail_tables(results.load_steps, results.contacts, results.surfaces, results.bodies)
     return RunPart(
@@ -139,16 +139,6 @@ def _run_part(results: Results, label: str, title: str) -> RunPart:
 
 def _labels(results: Results) -> Sequence[str]:
     return () if results.case.sweep is None else results.case.sweep.labels
-
-
-def _sweep_table(results: Results) -> Table | None:
-    """All values and load steps of a sweep in one table."""
-    names = (
-        *("label", "stage", "velocity", "normal_force", "friction_force", "friction_coefficient"),
-        *("tangential_force", "film_thickness", "effective_viscosity", "contact_area"),
-        *("max_penetration", "steady", "time"),
-    )
-    return frame_table(results.sweep, names, "All values at the end of each load step", "value")
 
 
 def _version(summary: dict[str, Any], parts: Sequence[RunPart]) -> str:

@@ -82,6 +82,8 @@ def _title(stem: str) -> tuple[str, str]:
     name = max(known, key=len)
     title, shows = _KNOWN[name]
     rest = stem.removeprefix(name).replace("_", " ").replace("-", " ").strip()
-    if name == "deformed" and (stage := re.fullmatch(r"deformed-(\d+)-(.+)", stem)):
-        rest = f"end of stage {stage[1]}, {stage[2]}"
+    # Names of fields hold no dash, and begin with a letter.
+    if found := re.fullmatch(r"deformed-(?:([A-Za-z]\w*)-)?(\d+)-(.+)", stem):
+        field = f"{found[1].replace('_', ' ')}, " if found[1] else ""
+        rest = f"{field}end of stage {found[2]}, {found[3]}"
     return (f"{title}: {rest}", f"{shows}: {rest}") if rest else (title, shows)

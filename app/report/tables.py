@@ -20,6 +20,11 @@ _OF_A_LOAD_STEP = (
     *("tangential_force", "film_thickness", "effective_viscosity", "contact_area"),
     *("stick_fraction", "viscous_fraction", "max_penetration", "velocity", "time"),
 )
+_OF_A_SWEEP = (
+    *("label", "stage", "velocity", "normal_force", "friction_force", "friction_coefficient"),
+    *("tangential_force", "film_thickness", "effective_viscosity", "contact_area"),
+    *("max_penetration", "steady", "time"),
+)
 _OF_A_PAIR = (
     *("pair", "label"),
     *(name for name in _OF_A_LOAD_STEP if name not in ("label", "steady", "time", "velocity")),
@@ -35,6 +40,8 @@ _OF_A_BODY = (
     *_MOTION,
 )
 _OF_ONE_PAIR = ("film_thickness", "effective_viscosity")  # their means over several say little
+_NONE_AT_0 = _OF_ONE_PAIR  # 0 stands for pairs without a film, and where nothing is driven
+_FRICTION = ("friction_force", "tangential_force")  # in one unit, to be compared
 _OVER_DECADES = ("velocity", "effective_viscosity", "slip_speed")  # with their SI unit then
 MANY = 1e4  # largest over smallest
 MANY_ROWS = 12  # from which a table of details is folded
@@ -66,16 +73,34 @@ def load_step_table(load_steps: DataFrame, pairs: int = 1) -> Table | None:
         pairs: number of contacts.
     """
     caption = "At the end of each load step"
-    if pairs == 1:
-        return frame_table(load_steps, _OF_A_LOAD_STEP, caption)
-    names = [name for name in _OF_A_LOAD_STEP if name not in _OF_ONE_PAIR]
-    return frame_table(load_steps, names, f"{caption}, all pairs together")
+    return frame_table(load_steps, _of_pairs(_OF_A_LOAD_STEP, pairs), caption + _words(pairs))
 
 
-def end_table(history: DataFrame) -> Table | None:
+def end_table(history: DataFrame, pairs: int = 1) -> Table | None:
     """The last step of a run that ended within a load step; None without a history."""
-    names = ("stage", *_OF_A_LOAD_STEP[2:])
-    return frame_table(history.tail(1), names, "After the last step that was solved")
+    names = _of_pairs(("stage", *_OF_A_LOAD_STEP[2:]), pairs)
+    caption = "After the last step that was solved" + _words(pairs)
+    return frame_table(history.tail(1), names, caption)
+
+
+def sweep_table(sweep: DataFrame, pairs: int = 1) -> Table | None:
+    """All values and load steps of a sweep in one table; None without any.
+
+    Args:
+        sweep: from its file.
+        pairs: number of contacts.
+    """
+    caption = "All values at the end of each load step" + _words(pairs)
+    return frame_table(sweep, _of_pairs(_OF_A_SWEEP, pairs), caption, "value")
+
+
+def _of_pairs(names: Sequence[str], pairs: int) -> list[str]:
+    """Columns that tell something of so many pairs together."""
+    return [name for name in names if pairs == 1 or name not in _OF_ONE_PAIR]
+
+
+def _words(pairs: int) -> str:
+    return "" if pairs == 1 else ", all pairs together"
 
 
 def detail_tables(
@@ -161,11 +186,18 @@ def _cells(frame: DataFrame, name: str, noise: float) -> tuple[list[str], str]:
     if name in _COUNTS:
         return [f"{value:.0f}" for value in values], ""
     wide = name in _OVER_DECADES and _spread(values) > MANY
-    scale = Scale(0, column(name).unit) if wide else fitting(values, column(name).unit)
+    together = [other for other in _FRICTION if name in _FRICTION and other in frame.columns]
+    sizes = frame[together].to_numpy().ravel().tolist() if together else values
+    scale = Scale(0, column(name).unit) if wide else fitting(sizes, column(name).unit)
     if name == "time":
         return _distinct(values, scale), scale.unit
-    shown = ["≈ 0" if 0.0 < abs(value) < noise else scale.text(value) for value in values]
-    return shown, scale.unit
+    return [_text(value, name, scale, noise) for value in values], scale.unit
+
+
+def _text(value: float, name: str, scale: Scale, noise: float) -> str:
+    if value == 0.0 and name in _NONE_AT_0:
+        return "–"
+    return "≈ 0" if 0.0 < abs(value) < noise else scale.text(value)
 
 
 def _spread(values: Sequence[float]) -> float:

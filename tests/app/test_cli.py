@@ -324,8 +324,11 @@ def test_plot_draws_again(tribox, case_file, block, tmp_path):
     assert_refused(tribox("plot", out, "--field", "stress"), "--field stress", "von_mises_stress")
     assert_refused(tribox("plot", out, "--animate=avi"), "--animate=avi", "gif or mp4")
     moving = tribox("plot", out, "--animate", "--field", "displacement")
-    assert moving.returncode == 0 and "animation.gif: 9 frames" in moving.stdout
-    assert {p.name for p in (out / "figures").iterdir()} == drawn | {"animation.gif"}
+    assert moving.returncode == 0 and "animation-displacement.gif: 9 frames" in moving.stdout
+    own = {f"{kind}-displacement{rest}" for kind, rest in (
+        ("deformed", "-1-press.png"), ("deformed", ".png"), ("animation", ".gif")
+    )}  # fmt: skip
+    assert {p.name for p in (out / "figures").iterdir()} == drawn | own
 
 
 @pytest.mark.parametrize("found", [True, False])

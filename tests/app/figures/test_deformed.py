@@ -120,7 +120,7 @@ def test_names_are_never_formulae(kept, tmp_path):
 def test_another_field_and_an_axisymmetric_section(kept, tmp_path):
     results = read(write_strip(tmp_path / "out", section="axisymmetric"))
     draw_deformed(results, tmp_path, "displacement_x")
-    figure = kept["deformed"]
+    figure = kept["deformed-displacement_x"]
     top, cells = bodies_of(figure)
     assert (top.get_xlabel(), top.get_ylabel()) == ("r (mm)", "z (mm)")
     np.testing.assert_allclose(cells.get_array(), np.repeat([300.0, 0.0, 0.0], CELLS))  # µm

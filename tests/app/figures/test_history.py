@@ -24,6 +24,7 @@ from tests.app.figures.made_results import (
     history_row,
     normal_force,
     write_rows,
+    write_strip,
 )
 
 
@@ -64,6 +65,14 @@ def test_forces_and_ratio_of_each_pair_and_of_all(strip):
     assert ratio.get_ylabel() == "friction coefficient F_T/N (-)"
     assert ratio.get_xlabel() == "time t (s)"
     assert [text.get_text() for text in normal.texts] == ["slide", "press"]
+    assert set(lines_of(friction)) == {"all pairs", *PAIRS}  # no resultant over several pairs
+
+
+def test_one_pair_has_its_name_and_the_signed_resultant(tmp_path):
+    results = read(write_strip(tmp_path / "out"))
+    results.contacts = results.contacts[results.contacts["pair"] == PAIRS[0]]
+    friction = forces_figure(results).axes[1]
+    assert set(lines_of(friction)) == {PAIRS[0], "resultant of the friction, signed"}
     assert lines_of(friction)["resultant of the friction, signed"].tolist() == [1.0] * 5
 
 

@@ -34,6 +34,16 @@ def test_a_step_without_output_gives_way_to_the_nearest(tmp_path):
     assert found["deformed-highest-load"][1].endswith("nearest output to the highest load (step 3)")
 
 
+@pytest.mark.parametrize(("last", "said"), [(10.0, 0), (9.995, 0), (9.9, 1)])
+def test_the_highest_load_is_told_where_other_pictures_show_less(tmp_path, last, said):
+    results = read(write_strip(tmp_path / "out"))
+    results.history["normal_force"] = [5.0, 10.0, 10.0, 10.0, last]
+    titles = {state.name: state.title for state in states_to_draw(results)}
+    assert set(titles) == {"deformed-1-press", "deformed"}
+    assert sum("highest load" in title for title in titles.values()) == said
+    assert ("highest load" in titles["deformed-1-press"]) == bool(said)
+
+
 def test_no_second_picture_of_one_state(tmp_path):
     found = drawn(tmp_path, outputs=(2, 5))
     assert set(found) == {"deformed-1-press", "deformed"}

@@ -14,6 +14,8 @@ from app.case.schema import FILE_NAME, json_schema
 from app.errors import InputError
 from app.init import starters
 from app.init.starters import KINDS, write_starter
+from geometry.meshes.drawing import mesh_drawing
+from geometry.meshes.gmsh_model import MeshError
 
 MESHED = ("own-mesh", "forming")
 
@@ -114,3 +116,41 @@ def test_wrong_words_are_one_line(tribox, tmp_path, words, said):
 def test_by_default_it_writes_here(tribox, tmp_path):
     assert tribox("init").returncode == 0
     assert set(files(tmp_path / "home")) == {"two-blocks.toml", FILE_NAME}
+
+
+def test_a_changed_drawing_is_meshed_again(tribox, tmp_path):
+    """``tribox mesh FILE.geo`` takes the place of the program gmsh, and says what is wrong."""
+    home = tmp_path / "home"
+    write_starter("own-mesh", home / "pad.toml")
+    drawing, before = home / "pad.geo", (home / "pad.msh").read_bytes()
+    refused = tribox("mesh", "pad.geo")
+    assert refused.returncode == 2 and "pad.msh: exists already" in refused.stderr
+    text = drawing.read_text()
+    drawing.write_text(text.replace("size = 0.5e-3", "size = 1e-3"))
+    done = tribox("mesh", "pad.geo", "--out", "coarse.msh")
+    assert done.returncode == 0, done.stderr
+    told = re.fullmatch(r"wrote coarse.msh \(cells: pad (\d+), plate (\d+)\)\n", done.stdout)
+    assert told and 0 < int(told[1]) < 100
+    assert (home / "pad.msh").read_bytes() == before
+    coarse = (home / "coarse.msh").read_text()
+    assert coarse.startswith("$MeshFormat\n4.1 ") and '"pad_face"' in coarse
+    assert len(coarse) < len(before)
+    set_mesh = tribox("check", "pad.toml", "--set", "geometry.mesh='coarse.msh'")
+    assert set_mesh.returncode == 0, set_mesh.stderr
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("Line(1) = {1, 2};", "Line(1) = {1, 99};", "cannot mesh it"),
+        ('Physical Surface("pad") = {1};', "", "cells are in no named body"),
+        ("Physical Surface", "// ", "no physical groups of faces or volumes"),
+    ],
+)
+def test_what_is_wrong_with_a_drawing_is_one_error(tmp_path, old, new, said):
+    drawing = tmp_path / "pad.geo"
+    drawing.write_text((starters.HERE / "own-mesh.geo").read_text().replace(old, new))
+    with pytest.raises(MeshError, match=said) as refused:
+        mesh_drawing(drawing, tmp_path / "pad.msh")
+    assert "\n" not in str(refused.value) and str(drawing) in str(refused.value)
+    assert [p.name for p in tmp_path.iterdir()] == ["pad.geo"]

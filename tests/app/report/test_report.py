@@ -19,7 +19,8 @@ from app.case.given import given_keys
 from app.case.reading import load_case
 from app.errors import InputError
 from app.report.page import write_report
-from app.report.tables import frame_table
+from app.report.pictures import pictures_of
+from app.report.tables import end_table, frame_table, load_step_table, sweep_table
 from app.report.verdicts import UNBALANCED
 from app.simulation.history import COLUMNS
 
@@ -293,3 +294,45 @@ def test_tables_say_what_is_round_off_and_keep_decades():
         ("21023.3", "0.001", "18", "0.002"),
     ]
     assert frame_table(frame.head(0), list(frame), "caption") is None
+
+
+def test_what_a_pair_does_not_have_is_a_dash_and_friction_has_one_unit():
+    frame = DataFrame(
+        {
+            "pair": ["wet", "dry"],
+            "friction_force": [2.0, 4.0],
+            "tangential_force": [-2e-3, 4e-4],
+            "film_thickness": [3e-8, 0.0],
+            "effective_viscosity": [0.0, 0.0],
+        }
+    )
+    frame.loc[0, "effective_viscosity"] = 0.8
+    table = frame_table(frame, list(frame.columns), "")
+    assert [unit for _, unit in table.headings] == ["", "N", "N", "nm", "mPa s"]
+    assert list(zip(*table.rows, strict=True))[1:] == [
+        ("2", "4"), ("-0.002", "0.0004"), ("30", "–"), ("800", "–"),
+    ]  # fmt: skip
+
+
+def test_the_tables_of_several_pairs_leave_out_means_that_say_little():
+    columns = {"label": ["a"], "stage": ["slide"], "normal_force": [1.0], "film_thickness": [3e-8],
+               "effective_viscosity": [0.8]}  # fmt: skip
+    for make in (sweep_table, load_step_table, end_table):
+        one, two = make(DataFrame(columns)), make(DataFrame(columns), 2)
+        assert len(one.headings) == len(two.headings) + 2
+        assert two.caption == f"{one.caption}, all pairs together"
+
+
+@pytest.mark.parametrize(
+    ("stem", "said"),
+    [
+        ("deformed-2-slide_on", "end of stage 2, slide_on"),
+        ("deformed-cauchy_stress_xy-1-press-2-x", "cauchy stress xy, end of stage 1, press-2-x"),
+        ("deformed-pressure-highest-load", "pressure highest load"),
+    ],
+)
+def test_a_picture_is_called_what_it_shows(tmp_path, stem, said):
+    (tmp_path / "figures").mkdir()
+    Image.new("RGB", (2, 1)).save(tmp_path / "figures" / f"{stem}.png")
+    [picture] = pictures_of(tmp_path, "it")
+    assert picture.title == f"Deformed bodies: {said}" and said in picture.alt

@@ -152,7 +152,7 @@ def test_the_examples_of_the_docs_run(pressed, tmp_path, monkeypatch, capsys):
     directory = pressed[2].directory
     text = (ROOT / "docs" / "reading-results.md").read_text(encoding="utf-8")
     blocks = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
-    assert len(blocks) == 5
+    assert len(blocks) == 6
     monkeypatch.chdir(tmp_path)
     exec("".join(blocks).replace("results/block-slide", str(directory)), {})
     assert (tmp_path / "friction.png").stat().st_size > 1000

@@ -288,7 +288,8 @@ def test_history_figures_show_the_history(sfa, drawn):
     ):
         unit = fitting([row[column] for row in rows], "N")
         curves = {line.get_label(): line.get_ydata() for line in axes.lines}
-        assert curves["all pairs"] == pytest.approx([unit.factor * row[column] for row in rows])
+        pair = "elastomer_contact-aluminium_contact"
+        assert curves[pair] == pytest.approx([unit.factor * row[column] for row in rows])
     assert drawn["history.png"].axes[2].get_ylabel() == "friction coefficient F_T/N (-)"
     [axes] = drawn["energy.png"].axes
     curves = {line.get_label(): line.get_ydata() for line in axes.lines}
