@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from app.figures.units import fitting
+from app.simulation.time_text import time_text
 
 if TYPE_CHECKING:
     from app.results import Results
@@ -118,15 +119,9 @@ def _title(results: Results, step: int, notes: list[str]) -> str:
     total = int(results.history["step"].iloc[-1])
     velocity, time = float(row.get("velocity", 0.0)), float(row["time"])
     moving = f" at {fitting([velocity], 'm/s').text(velocity)}" if velocity else ""
-    when = _time(time, float(row.get("dt", 0.0)))
+    when = time_text(time, float(row.get("dt", 0.0)))
     said = f"stage {row['stage']}{moving}, t = {when}, step {step} of {total}"
     return "; ".join([said, *words])
-
-
-def _time(time: float, step: float) -> str:
-    """A time with the digits that tell it from the step before."""
-    digits = int(np.ceil(np.log10(time / step))) + 2 if 0.0 < step < time else 4
-    return f"{time:.{min(max(digits, 4), 15)}g} s"
 
 
 def _row(history: Any, step: int) -> Mapping[str, Any] | None:

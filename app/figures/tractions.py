@@ -5,7 +5,7 @@ Axis letters: v vertices, f facets, q points, i space.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from app.figures.style import COLOURS, Floats
 from app.figures.symbols import CONTACT_PRESSURE, TRACTION
 from app.figures.units import Unit
+from geometry.surfaces.ordering import chains
 
 if TYPE_CHECKING:
     import meshio
@@ -61,43 +62,17 @@ def slave_line(reference: Floats, facets: Ints, pressed: NDArray[np.bool_]) -> L
         facets: (f, 2) nodes of the surface's facets.
         pressed: (n,) whether a node carries pressure.
     """
-    chains = sorted(
-        (_directed(chain, reference, pressed) for chain in _chains(facets)),
+    pieces = sorted(
+        (_directed(chain, reference, pressed) for chain in chains(facets)),
         key=lambda chain: tuple(reference[chain[0]]),
     )
     arcs, starts, end, count = [], [], 0.0, 0
-    for chain in chains:
+    for chain in pieces:
         steps = np.linalg.norm(np.diff(reference[chain], axis=0), axis=1)
         arcs.append(end + np.concatenate([[0.0], np.cumsum(steps)]))
         starts.append(count)
         end, count = float(arcs[-1][-1]), count + len(chain)
-    return Line(np.concatenate(chains), np.concatenate(arcs), tuple(starts))
-
-
-def _chains(facets: Ints) -> Iterator[Ints]:
-    """Nodes of each connected piece in order; of a closed one the first comes again at the end."""
-    neighbours: dict[int, list[int]] = {}
-    pairs: list[list[int]] = facets.tolist()  # type: ignore[assignment]
-    for a, b in pairs:
-        neighbours.setdefault(a, []).append(b)
-        neighbours.setdefault(b, []).append(a)
-    left = dict.fromkeys([n for n, near in neighbours.items() if len(near) == 1])
-    left |= dict.fromkeys(neighbours)  # ends first, so that open pieces begin at one
-    while left:
-        here = next(iter(left))
-        chain, before = [here], -1
-        del left[here]
-        while True:
-            ahead = [n for n in neighbours[here] if n != before]
-            following = next((n for n in ahead if n in left), None)
-            if following is None:
-                if len(chain) > 2 and chain[0] in ahead:
-                    chain.append(chain[0])
-                break
-            before, here = here, following
-            del left[here]
-            chain.append(here)
-        yield np.array(chain)
+    return Line(np.concatenate(pieces), np.concatenate(arcs), tuple(starts))
 
 
 def _directed(chain: Ints, reference: Floats, pressed: NDArray[np.bool_]) -> Ints:

@@ -11,6 +11,7 @@ from app.build.model import Model
 from app.results.contact_nodes import ContactNodes, contact_nodes, slave_facets
 from app.results.point_probes import AXES
 from geometry.surfaces.facets import Floats, Longs
+from geometry.surfaces.ordering import chains
 
 AT_VERTEX = 1e-9  # share of a segment up to which a point lies at its end
 
@@ -113,8 +114,7 @@ def _along(nodes: ContactNodes, name: str, pair: int, points: int | None) -> _Al
 def arc_length(facets: Longs, place: Floats) -> tuple[Longs, Floats]:
     """Vertices of a surface in the plane one after the other, and their arc length.
 
-    Each piece of the surface begins at the end whose vertex comes first (they are numbered by
-    place, x first), a closed one at its first vertex, which is there again at the end. The arc
+    The vertices are numbered by place, x first, and pieces begin as :func:`chains` says. The arc
     length goes on from one piece to the next.
 
     Args:
@@ -124,32 +124,12 @@ def arc_length(facets: Longs, place: Floats) -> tuple[Longs, Floats]:
     Returns:
         (n,) vertices and (n,), m.
     """
-    beside: dict[int, list[int]] = {}
-    for a, b in ((int(a), int(b)) for a, b in facets):
-        beside.setdefault(a, []).append(b)
-        beside.setdefault(b, []).append(a)
-    order: list[int] = []
-    way: list[float] = []
-    ends = sorted(v for v, others in beside.items() if len(others) == 1)
-    left = set(beside)
-    for start in (*ends, *sorted(beside)):
-        if start not in left:
-            continue
-        piece = _piece(start, beside, left)
+    order: list[Longs] = []
+    way: list[Floats] = []
+    end = 0.0
+    for piece in chains(facets):
         steps = np.linalg.norm(np.diff(place[piece], axis=0), axis=1)
-        way += map(float, (way[-1] if way else 0.0) + np.cumsum([0.0, *steps]))
-        order += piece
-    return np.array(order, dtype=np.int64), np.array(way)
-
-
-def _piece(start: int, beside: dict[int, list[int]], left: set[int]) -> list[int]:
-    """The vertices from one on, as long as there are more; taken out of ``left``."""
-    piece, here = [start], start
-    left.remove(start)
-    while onward := [v for v in sorted(beside[here]) if v in left]:
-        here = onward[0]
-        left.remove(here)
-        piece.append(here)
-    if len(piece) > 2 and start in beside[here]:
-        piece.append(start)
-    return piece
+        order.append(piece)
+        way.append(end + np.cumsum([0.0, *steps]))
+        end = float(way[-1][-1])
+    return np.concatenate(order), np.concatenate(way)

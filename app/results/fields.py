@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import dolfinx
 import numpy as np
 
+from forms.bodies.point_stress import mean_pressure, von_mises
 from forms.bodies.solid import Solid
 from geometry.compat import interpolation_points
 from geometry.surfaces.facets import Floats, Longs, facet_shape
@@ -39,10 +40,8 @@ class StressField:
             self.stress.interpolate(expression, cells0=cells)
         self.stress.x.scatter_forward()
         sigma = self.stress.x.array.reshape(-1, 3, 3)
-        pressure = -np.einsum("cii->c", sigma) / 3.0
-        deviator = sigma + pressure[:, None, None] * np.eye(3)
-        self.pressure.x.array[:] = pressure
-        self.von_mises.x.array[:] = np.sqrt(1.5 * np.einsum("cij,cij->c", deviator, deviator))
+        self.pressure.x.array[:] = mean_pressure(sigma)
+        self.von_mises.x.array[:] = von_mises(sigma)
 
     def own(self) -> tuple[Floats, Floats, Floats]:
         """Stress (c, 3, 3), von Mises stress (c,) and pressure (c,), Pa, of this rank's cells."""

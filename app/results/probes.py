@@ -12,10 +12,9 @@ from app.results.contact_probes import ContactProbes
 from app.results.directory import GrowingTable
 from app.results.point_probes import PointProbes
 from app.simulation.history import Row
+from app.simulation.motion_history import KEYS
 from app.simulation.observer import Interval, Observer
 from app.simulation.run_state import RunState
-
-WHEN = ("step", "time", "stage")
 
 
 class Table(Protocol):
@@ -55,7 +54,7 @@ class ProbeRecorder(Observer):
                 rows = [(row.step, row.time, row.stage, *values) for values in table.rows()]
                 if self._problem.comm.rank == 0:
                     if path not in self._files:
-                        self._files[path] = GrowingTable(path, (*WHEN, *table.columns))
+                        self._files[path] = GrowingTable(path, (*KEYS, *table.columns))
                     self._files[path].extend(rows)
 
 

@@ -120,18 +120,18 @@ class Recorder(Observer):
             status: done, interrupted or failed.
             failure: why it failed.
         """
+        balance = force_balance(simulation)
         if simulation.state.step:
             self._output(simulation.state)
             self.warnings.extend(self._left.warnings())
             self.warnings.extend(self._contacts.warnings())
-            self.warnings.extend(_unbalanced(simulation))
+            self.warnings.extend(_unbalanced(simulation, balance))
             self._roundoff.end(self._label)
             self.warnings.extend(self._roundoff.warnings())
         self._files.close()
         explicit = {} if simulation.explicit is None else simulation.explicit.summary()
         shares = self.comm.gather(self._share())
         self._write_tables(simulation.state)
-        balance = force_balance(simulation)
         if self.first:
             summary = self._summary(simulation, status, shares or [], balance)
             parts = {"explicit": explicit} if explicit else {}
@@ -254,16 +254,14 @@ def force_balance(simulation: Simulation) -> float | None:
     return simulation.state.motion.force_balance(still, noise)
 
 
-def _unbalanced(simulation: Simulation) -> Iterator[str]:
-    """Warnings on a run whose forces or energies do not add up."""
-    rest = force_balance(simulation)
-    if rest is None and simulation.explicit is None:
+def _unbalanced(simulation: Simulation, balance: float | None) -> Iterator[str]:
+    """Warnings on a run whose forces or energies do not add up; its :func:`force_balance`."""
+    if balance is None and simulation.explicit is None:
         return  # nothing but rounding acts
-    rest = rest or 0.0
-    if rest > UNBALANCED_FORCE:
+    if balance is not None and balance > UNBALANCED_FORCE:
         yield (
-            f"forces on a body add up to zero only to {rest:.2g} of the largest: solver.tolerance "
-            "is too large for them, or rounding leaves no less"
+            f"forces on a body add up to zero only to {balance:.2g} of the largest: "
+            "solver.tolerance is too large for them, or rounding leaves no less"
         )
     gap = abs(energy_gap(simulation.rows))
     if gap > UNBALANCED:

@@ -41,8 +41,8 @@ class MotionHistory:
         self._turning = "xyz" if self._dim == 3 else "z"
         self.held = held_dofs(model.problem)
         self._means = _Means(model)
-        self._forces = _SurfaceForces(model, self._means.surfaces, self.held)
-        self._bodies = list(model.case.bodies)
+        self._forces = _SurfaceForces(model, self._means, self.held)
+        self._bodies = [solid.name for solid in model.problem.solids]
         self._on = [model.named.body_of(surface) for surface in self._means.surfaces]
         self._pairs = [
             (model.named.body_of(pair.slave), model.named.body_of(pair.master))
@@ -173,23 +173,20 @@ class _Means:
         problem, named, section = model.problem, model.named, model.section
         self.surfaces = list(dict.fromkeys(b.surface for b in model.case.boundary))
         self._dim, space = problem.dim, problem.space
-        owned = np.arange(space.mesh.topology.index_map(space.mesh.topology.dim).size_local)
         weights = [surface_weights(space, named.facets(s), section) for s in self.surfaces]
-        for name in model.case.bodies:
-            cells = np.intersect1d(named.cells(name), owned).astype(np.int32)
-            weights.append(body_weights(space, cells, section))
+        weights += [body_weights(space, solid.cells, section) for solid in problem.solids]
         sizes = problem.comm.allreduce(np.array([w.sum() for w in weights]))
         self._parts = []
         for weight, size in zip(weights, sizes, strict=True):
             nodes = np.nonzero(weight)[0]
             self._parts.append((nodes, weight[nodes] / size))
 
-    def of(self, displacement: Floats, velocity: Floats) -> Floats:
-        """This rank's part of the means (s, 2 i) of unknowns (n,)."""
-        both = [v.reshape(-1, self._dim) for v in (displacement, velocity)]
+    def of(self, *vectors: Floats) -> Floats:
+        """This rank's part of the means (s, k i) of k vectors of unknowns (n,)."""
+        nodal = [v.reshape(-1, self._dim) for v in vectors]
         return np.array(
-            [np.concatenate([w @ v[nodes] for v in both]) for nodes, w in self._parts]
-        ).reshape(len(self._parts), 2 * self._dim)
+            [np.concatenate([w @ v[nodes] for v in nodal]) for nodes, w in self._parts]
+        ).reshape(len(self._parts), len(nodal) * self._dim)
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,15 +200,15 @@ class _Pressed:
 class _SurfaceForces:
     """Sums of forces, and of their moments, over each surface with a boundary."""
 
-    def __init__(self, model: Model, surfaces: Sequence[str], held: Ints) -> None:
+    def __init__(self, model: Model, means: _Means, held: Ints) -> None:
         assert model.loads is not None
-        self._problem, self._count = model.problem, len(surfaces)
-        self._number = {name: number for number, name in enumerate(surfaces)}
+        self._problem, self._count = model.problem, len(means.surfaces)
+        self._number = {name: number for number, name in enumerate(means.surfaces)}
         self._reference = model.problem.space.tabulate_dof_coordinates()
         self._owner = self._owners(model.loads, held)
         self._held = held
         self._pressed = [self._nodes_of(model, name) for name in model.loads.pressed]
-        self._centres, self._fixed = self._centres_of(model, surfaces)
+        self._centres, self._fixed = self._centres_of(model, means)
 
     def _owners(self, loads: Loads, held: Ints) -> Ints:
         """Number of the surface whose force each held unknown's is; −1 for the axis."""
@@ -227,16 +224,12 @@ class _SurfaceForces:
         nodes = dolfinx.fem.locate_dofs_topological(space, fdim, np.sort(facets), remote=False)
         return _Pressed(self._number[surface], nodes.astype(np.int32))
 
-    def _centres_of(self, model: Model, surfaces: Sequence[str]) -> tuple[Floats, list[bool]]:
+    def _centres_of(self, model: Model, means: _Means) -> tuple[Floats, list[bool]]:
         """Where moments are about (s, i), and whether that stays: the centre of a rotation."""
         problem, dim = model.problem, model.problem.dim
-        centres, fixed = np.zeros((len(surfaces), dim)), [False] * len(surfaces)
-        owned = problem.owned // dim
-        for number, name in enumerate(surfaces):
-            weight = surface_weights(problem.space, model.named.facets(name), model.section)
-            local = np.append(weight @ self._reference[:owned, :dim], weight.sum())
-            total = problem.comm.allreduce(local)
-            centres[number] = total[:-1] / total[-1]
+        places = self._reference[: problem.owned // dim, :dim].reshape(-1)
+        centres: Floats = problem.comm.allreduce(means.of(places)[: self._count])
+        fixed = [False] * self._count
         for boundary in model.case.boundary:
             if boundary.rotation is not None:
                 number = self._number[boundary.surface]
