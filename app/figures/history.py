@@ -45,7 +45,7 @@ def forces_figure(results: Results) -> Figure:
             axes.plot(x, values, **style)
     if len(lines) == 1:  # added up over several pairs it acts nowhere
         _draw_resultant(panels[1:2], at.values, history, forces[1])
-    units = (*forces, Unit(1.0, ""))
+    units = (*forces, Unit(0, ""))
     for axes, quantity, unit in zip(
         panels, (NORMAL_FORCE, FRICTION_FORCE, RATIO), units, strict=False
     ):

@@ -137,7 +137,7 @@ def sweep_figure(results: Results) -> Figure | None:
     units = (
         fitting(np.concatenate([line.normal for line in lines]), "N"),
         fitting(np.concatenate([line.friction for line in lines]), "N"),
-        Unit(1.0, ""),
+        Unit(0, ""),
     )
     colours = colormaps["viridis"](np.linspace(0.0, 0.9, len(lines)))
     for number, line in enumerate(lines):

@@ -2,59 +2,69 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from app.figures.style import Floats
 
-PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
-# Nobody says km of a contact, or ks; and pressures below 1 Pa are noise.
-LARGEST = {"m": 1.0, "m/s": 1.0, "s": 1.0}
-SMALLEST = {"Pa": 1.0}
+PREFIXES = {9: "G", 6: "M", 3: "k", 0: "", -3: "m", -6: "µ", -9: "n", -12: "p"}
+_ALL, _SMALL, _LARGE = range(-12, 10), range(-12, 1), range(10)
+# Units that take a prefix: its powers of ten in use, and the power of the unit under it. Nobody
+# says km of a contact, or ks; and pressures below 1 Pa are noise.
+_SCALED = {
+    **dict.fromkeys(("m", "s", "m/s"), (_SMALL, 1)),
+    **dict.fromkeys(("Pa", "Pa/m"), (_LARGE, 1)),
+    **dict.fromkeys(("N", "J", "N m", "Pa s", "J/m²"), (_ALL, 1)),
+    "m²": (_SMALL, 2),
+}
 
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """A unit to draw in.
+    """A unit to show values in.
 
     Attributes:
-        factor: from SI to it; name: such as "µm".
+        power: of ten, from it to SI; name: such as "µm".
     """
 
-    factor: float
+    power: int
     name: str
+
+    @property
+    def factor(self) -> float:
+        """What SI values are multiplied by."""
+        return 10.0**-self.power
 
     def of(self, values: ArrayLike) -> Floats:
         """Values given in SI, in this unit."""
         return np.asarray(values, dtype=np.float64) * self.factor
 
+    def number(self, value: float, digits: int = 4) -> str:
+        """A value given in SI, in this unit, without its name."""
+        return f"{value * self.factor:.{digits}g}" if math.isfinite(value) else "–"
+
     def text(self, value: float) -> str:
         """A value given in SI, with the unit behind it."""
-        return f"{value * self.factor:.4g} {self.name}".rstrip()
+        return f"{self.number(value)} {self.name}".rstrip()
 
 
 def fitting(values: ArrayLike, unit: str) -> Unit:
     """The unit in which the largest of the values has one to three digits before the point.
 
     Args:
-        values: in SI; NaN is passed over, and without any other the SI unit serves.
-        unit: the SI unit, such as "m"; "" for plain numbers, which have no prefix.
+        values: in SI; those that are not finite do not count.
+        unit: the SI unit, such as "m"; others than those in use, and plain numbers, have no prefix.
     """
-    found: Any = np.abs(np.asarray(values, dtype=np.float64))
-    largest = float(np.max(found[np.isfinite(found)], initial=0.0))
-    if not unit or unit.startswith("-") or largest == 0.0:
-        return Unit(1.0, unit)
-    usual = [
-        (size, prefix)
-        for size, prefix in PREFIXES
-        if SMALLEST.get(unit, 0.0) <= size <= LARGEST.get(unit, np.inf)
-    ]
-    for size, prefix in usual:
-        # A hair below, since 1 mm may come as 0.000999999….
-        if largest >= size * (1.0 - 1e-9):
-            return Unit(1.0 / size, prefix + unit)
-    size, prefix = usual[-1]
-    return Unit(1.0 / size, prefix + unit)
+    found: Floats = np.abs(np.asarray(values, dtype=np.float64))
+    largest = float(np.max(found, initial=0.0, where=np.isfinite(found)))
+    if unit not in _SCALED or largest == 0.0:
+        return Unit(0, unit)
+    powers, exponent = _SCALED[unit]
+    usual = [power for power in PREFIXES if power in powers]
+    # A hair below, since 1 mm may come as 0.000999999….
+    fits = [p for p in usual if largest >= 10.0 ** (p * exponent) * (1.0 - 1e-9)]
+    power = fits[0] if fits else usual[-1]
+    return Unit(power * exponent, PREFIXES[power] + unit)

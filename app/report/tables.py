@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from app.figures.units import Unit, fitting
 from app.report.columns import column
-from app.report.units import Scale, fitting
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -188,16 +188,16 @@ def _cells(frame: DataFrame, name: str, noise: float) -> tuple[list[str], str]:
     wide = name in _OVER_DECADES and _spread(values) > MANY
     together = [other for other in _FRICTION if name in _FRICTION and other in frame.columns]
     sizes = frame[together].to_numpy().ravel().tolist() if together else values
-    scale = Scale(0, column(name).unit) if wide else fitting(sizes, column(name).unit)
+    scale = Unit(0, column(name).unit) if wide else fitting(sizes, column(name).unit)
     if name == "time":
-        return _distinct(values, scale), scale.unit
-    return [_text(value, name, scale, noise) for value in values], scale.unit
+        return _distinct(values, scale), scale.name
+    return [_text(value, name, scale, noise) for value in values], scale.name
 
 
-def _text(value: float, name: str, scale: Scale, noise: float) -> str:
+def _text(value: float, name: str, scale: Unit, noise: float) -> str:
     if value == 0.0 and name in _NONE_AT_0:
         return "–"
-    return "≈ 0" if 0.0 < abs(value) < noise else scale.text(value)
+    return "≈ 0" if 0.0 < abs(value) < noise else scale.number(value)
 
 
 def _spread(values: Sequence[float]) -> float:
@@ -206,10 +206,10 @@ def _spread(values: Sequence[float]) -> float:
     return max(sizes) / min(sizes) if sizes else 1.0
 
 
-def _distinct(values: Sequence[float], scale: Scale) -> list[str]:
+def _distinct(values: Sequence[float], scale: Unit) -> list[str]:
     """Numbers with as many digits as tell them apart."""
     for digits in range(6, 17):
-        texts = [scale.text(value, digits) for value in values]
+        texts = [scale.number(value, digits) for value in values]
         if len(set(texts)) == len(set(values)):
             break
     return texts

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from app.figures.units import fitting
 from app.report.tables import Table
-from app.report.units import fitting
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -70,7 +70,7 @@ def energy_verdict(history: DataFrame, summary: Mapping[str, Any]) -> Verdict | 
     gap = summary.get("energy_error_relative", last["energy_error"] / work if work else 0.0)
     scale = fitting([work], "J")
     what = f"{abs(100.0 * gap):.2g} % of the largest work or kinetic energy, "
-    what += f"{scale.text(work)} {scale.unit}"
+    what += scale.text(work)
     if abs(gap) < CLOSE:
         return Verdict("good", "energies add up", f"All but {what}, is accounted for.")
     if abs(gap) <= UNBALANCED:
@@ -97,11 +97,11 @@ def energy_table(history: DataFrame) -> Table | None:
     work = _largest(history)
     scale = fitting([work], "J")
     rows = [
-        (title, scale.text(last[name]), f"{100.0 * last[name] / work:.3g}" if work else "–")
+        (title, scale.number(last[name]), f"{100.0 * last[name] / work:.3g}" if work else "–")
         for name, title in _PARTS
         if last[name] != 0.0
     ]
-    headings = [("part", ""), ("energy", scale.unit), ("share", "%")]
+    headings = [("part", ""), ("energy", scale.name), ("share", "%")]
     return Table("Energies since the start", headings, rows)
 
 

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.case.quantities import COMMON_UNITS, format_quantity, parse_quantity
-from app.report.units import fitting, readable
+from app.report.units import readable
 
 
 @pytest.mark.parametrize(
@@ -28,17 +28,3 @@ def test_quantities_are_readable(text, said):
 @given(st.floats(allow_nan=False, allow_infinity=False), st.sampled_from([*COMMON_UNITS]))
 def test_readable_quantities_are_exact(value, unit):
     assert parse_quantity(readable(str(format_quantity(value, unit))), unit) == value
-
-
-@pytest.mark.parametrize(
-    ("values", "unit", "text", "name"),
-    [
-        ([1e-3, 2e-3], "m", "1", "mm"), ([3e-8, 1e-9], "m", "30", "nm"),
-        ([1e-6], "m²", "1", "mm²"), ([2.0, 1e4], "N", "0.002", "kN"), ([1e-20], "m", "1e-08", "pm"),
-        ([0.0], "m", "0", "m"), ([float("nan"), 1e3], "Pa", "–", "kPa"), ([5e3], "", "5000", ""),
-        ([2e6, 1e-9], "Pa", "2", "MPa"),
-    ],
-)  # fmt: skip
-def test_the_unit_fits_the_largest(values, unit, text, name):
-    scale = fitting(values, unit)
-    assert (scale.text(values[0]), scale.unit) == (text, name)
