@@ -34,7 +34,7 @@ _INPUTS = (
     *("master", "facets", "previous", "next"),
     *("penalty", "reach", "of_point", "vertex_shape", "sums", "nodal_pressure", "active"),
     *("candidate", "searched_points", "searched_nodes", "values", "load"),
-    *("facet_before", "xi_before", "component_before", "length_before", "gap_before"),
+    *("facet_before", "xi_before", "component_before", "length_before"),
 )
 _VECTORS = ("position", "foot", "normal", "tangent", "slip", "elastic", "traction", "friction")
 _RESULTS = (
@@ -199,7 +199,7 @@ class CompiledContact(ExplicitContact):
         for name, array in self._inputs.items():
             mine.point(name, array)
         names = {"facet": "facet", "xi": "xi", "component": "component", "length": "length"}
-        for state, result in (names | {"gap": "gap_after"}).items():
+        for state, result in names.items():
             mine.point(f"{state}_before", other.arrays[result])
 
     def _take_over(self, other: _Buffers) -> None:
@@ -212,7 +212,6 @@ class CompiledContact(ExplicitContact):
             ("xi", state.xi[:, 0]),
             ("component", state.slip_components[:, 0]),
             ("length", state.slip_length),
-            ("gap_after", state.gap),
         ):
             other.arrays[name][:] = value
         self._adopted = state

@@ -35,19 +35,15 @@ class Anchor:
         foot: (q, i), m, current: φ²(Ȳ_n), where the last closest material point is now.
         slip_image: (q, i), m, current: e^α τ_α(Ȳ_n), the advected elastic slip.
         slip_length: (q,), m: L, the length of the elastic slip, kept by the transport.
-        gap: (q,), m: gap of the last converged step (+inf where there was none).
     """
 
     foot: Floats
     slip_image: Floats
     slip_length: Floats
-    gap: Floats
 
     def of(self, take: Longs) -> Anchor:
         """The same of the points ``take`` (p,)."""
-        return Anchor(
-            self.foot[take], self.slip_image[take], self.slip_length[take], self.gap[take]
-        )
+        return Anchor(self.foot[take], self.slip_image[take], self.slip_length[take])
 
 
 @dataclass(slots=True)
@@ -98,7 +94,8 @@ def relate(
     """Contact kinematics of the slave points against their projections.
 
     The slip of a point that closes within the step counts in full: a share of it would depend on
-    penalty and step. Where there was no projection before, nothing is known of the way: no slip.
+    penalty and step. That of a point which comes over the end of the master counts from there,
+    where its closest point was.
 
     Args:
         points: (q, i), m, current: slave points.
@@ -108,7 +105,6 @@ def relate(
     """
     n = projection.normal
     slip = _in_plane(n, _apart(points, projection, anchor))
-    slip[~np.isfinite(anchor.gap)] = 0.0
     image = _in_plane(n, anchor.slip_image)
     elastic = _rescaled(image, anchor)[0][:, None] * image
     return ContactKinematics(n, projection.gap, closed, slip, elastic)
@@ -142,7 +138,6 @@ def vary(points: Floats, projection: Projection, anchor: Anchor) -> Variations:
         d_foot = np.einsum("qai,qar->qir", projection.tangents[at], d_xi[at])
         d_foot[:, :, a] -= np.eye(dim)
         d_slip[at] += plane[at] @ d_foot
-    d_slip[~np.isfinite(anchor.gap)] = 0.0
     return Variations(d_gap, d_normal, d_slip, _vary_transport(n, plane, anchor, d_normal, d), d_xi)
 
 

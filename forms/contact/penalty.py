@@ -263,7 +263,6 @@ class ContactTerm:
             foot=foot,
             slip_image=np.einsum("qb,qbi->qi", state.slip_components, tangents),
             slip_length=state.slip_length,
-            gap=state.gap,
         )
 
     def commit(self, trial: ContactTrial) -> None:

@@ -38,7 +38,7 @@ typedef struct {
     double *load;
     /* State of the last step, (q). */
     const int32_t *facet_before;
-    const double *xi_before, *component_before, *length_before, *gap_before;
+    const double *xi_before, *component_before, *length_before;
     /* Results: current nodes (n, 2), then per point. */
     double *current, *position, *area_ratio, *xi, *foot, *normal, *tangent, *gap, *slip, *elastic;
     double *pressure, *traction, *component, *length, *gap_after, *friction, *viscous, *work;
@@ -236,16 +236,15 @@ static void press(Pair *p, int64_t q)
     p->pressure[q] = pressure;
 }
 
-/* Slip and elastic slip. Without a projection at the last step the way is not known: no slip. */
+/* Slip and elastic slip. */
 static void relate(Pair *p, int64_t q)
 {
-    Vector n = at(p->normal, q), start, slip = {0.0, 0.0};
+    Vector n = at(p->normal, q), start;
     p->gap_after[q] = p->on_surface[q] ? p->gap[q] : INFINITY;
     Vector old = edge(p, p->facet_before[q], &start);
     Vector anchor = plus(start, p->xi_before[q], old);
-    if (isfinite(p->gap_before[q]))
-        slip = in_plane(n, less(p->clamped[q] ? at(p->foot, q) : at(p->position, q), anchor));
-    put(p->slip, q, slip);
+    Vector here = p->clamped[q] ? at(p->foot, q) : at(p->position, q);
+    put(p->slip, q, in_plane(n, less(here, anchor)));
     double c = p->component_before[q];
     Vector image = in_plane(n, (Vector){c * old.x, c * old.y});
     double length = sqrt(dot(image, image)), scale = length > 0.0 ? p->length_before[q] / length : 0.0;

@@ -185,9 +185,16 @@ def test_a_plug_pressed_against_a_tube(tmp_path):
     assert above["displacement_y"] == pytest.approx(-1e-3, rel=1e-12)
 
 
-def test_a_strip_drawn_between_two_pads(tmp_path):
+@pytest.mark.parametrize("slave", ["pad", "strip"])
+def test_a_strip_drawn_between_two_pads(tmp_path, slave):
+    """With either as slave above: points of the strip then come in over the end of the pad."""
+    text = STRIP
+    if slave == "strip":
+        pad, strip = 'slave = "upper_bottom"', 'master = "strip_top"'
+        swapped = 'slave = "strip_top"\nmaster = "upper_bottom"'
+        text = text.replace(f"{pad}\n{strip}", swapped)
     found = run(
-        STRIP,
+        text,
         tmp_path,
         {
             "lower": Rectangle(0.0, -2e-3, 6e-3, 0.0, (12, 4)),

@@ -30,13 +30,13 @@ class Scene:
 
     Attributes:
         points: (q, i) and nodes: (n, i), current.
-        facet, xi, components, length, gap: (q, …), what the last step left.
+        facet, xi, components, length: (q, …), what the last step left.
     """
 
-    def __init__(self, points, nodes, facet, xi, components, length, gap):
+    def __init__(self, points, nodes, facet, xi, components, length):
         self.points, self.nodes = np.array(points), np.array(nodes)
         self.facet, self.xi = facet, xi
-        self.components, self.length, self.gap = components, length, gap
+        self.components, self.length = components, length
         chain = np.stack([np.arange(len(nodes) - 1), np.arange(1, len(nodes))], axis=1)
         self.line = FacetSurface(SEGMENT, chain.astype(np.int32), self.nodes)
 
@@ -48,7 +48,6 @@ class Scene:
             foot=np.einsum("qa,qai->qi", SEGMENT.values(self.xi), ends),
             slip_image=np.einsum("qb,qbi->qi", self.components, tangents),
             slip_length=self.length,
-            gap=self.gap,
         )
         return projection, related(points, projection, anchor)
 
@@ -67,7 +66,7 @@ class Scene:
 
 
 def scene(kind):
-    """All points interior or clamped ('groove', 'ridge'); ``closing``: interior, open before."""
+    """All points interior or clamped ('groove', 'ridge')."""
     q = 24
     if kind == "groove":
         # Below the reflex vertex at (2.1, −0.12), in the wedge between the two facets' normals.
@@ -86,21 +85,18 @@ def scene(kind):
         n = np.stack([-tau[:, 1], tau[:, 0]], axis=1) / np.linalg.norm(tau, axis=1)[:, None]
         depth = RNG.uniform(0.01, 0.06, (q, 1))
         points = start + RNG.uniform(0.2, 0.8, (q, 1)) * tau - depth * n
-    gap = RNG.uniform(0.01, 0.03, q) if kind == "closing" else np.full(q, -0.02)
-    if kind == "closing":
-        gap[0] = np.inf
     xi = RNG.uniform(0.1, 0.9, (q, 1))
     components = RNG.normal(size=(q, 1)) * 0.1
     components[1] = 0.0
     length = np.abs(components[:, 0]) * RNG.uniform(0.8, 1.2, q)
-    return Scene(points, KINKED, facet.astype(np.int32), xi, components, length, gap)
+    return Scene(points, KINKED, facet.astype(np.int32), xi, components, length)
 
 
 def rotation(angle):
     return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
 
-@pytest.mark.parametrize("kind", ["interior", "groove", "ridge", "closing"])
+@pytest.mark.parametrize("kind", ["interior", "groove", "ridge"])
 def test_variations_against_central_differences(kind):
     """Interior points on tilted facets, and points clamped to a vertex of either kind."""
     s = scene(kind)
@@ -132,7 +128,7 @@ def test_variations_against_central_differences(kind):
 
 def test_every_block_of_the_variations_is_used():
     """The comparison above would miss nothing: no block of coordinates has only zeros."""
-    _, k = scene("closing").now()
+    _, k = scene("interior").now()
     a, b, c, d = (slice(2 * i, 2 * i + 2) for i in range(4))
     for table, blocks in (
         (k.d_gap, (a,)),
@@ -151,23 +147,6 @@ def test_every_block_of_the_variations_is_used():
     assert np.abs(k.d_elastic[..., d]).max() < 1e-12
 
 
-def test_closing_points_slip_in_full_and_new_ones_not_at_all():
-    """Whatever the gap before: a share of the way would depend on penalty and step."""
-    s = scene("closing")
-    s.gap[:] = -0.03
-    _, whole = s.now()
-    assert np.linalg.norm(whole.slip, axis=1).min() > 1e-3
-    for gap in (0.001, 0.03, 10.0):
-        s.gap[:] = gap
-        _, k = s.now()
-        np.testing.assert_array_equal(k.slip, whole.slip)
-        np.testing.assert_array_equal(k.d_slip, whole.d_slip)
-    s.gap[:] = np.inf
-    _, none = s.now()
-    np.testing.assert_array_equal(none.slip, 0.0)
-    np.testing.assert_array_equal(none.d_slip, 0.0)
-
-
 def test_elastic_slip_keeps_its_length_and_lies_in_the_plane():
     s = scene("interior")
     rng = np.random.default_rng(5)
@@ -180,7 +159,7 @@ def test_elastic_slip_keeps_its_length_and_lies_in_the_plane():
     np.testing.assert_array_equal(k.elastic_slip[1], 0.0)
 
 
-@pytest.mark.parametrize("kind", ["interior", "groove", "closing"])
+@pytest.mark.parametrize("kind", ["interior", "groove"])
 @pytest.mark.parametrize("angle", [1e-4, 0.7, 3.0])
 def test_rigid_motion_changes_nothing(kind, angle):
     """Slip and elastic slip turn with the bodies."""
@@ -213,7 +192,7 @@ def test_slip_over_a_flat_master_is_the_motion_along_it():
     nodes = np.stack([x, np.zeros(5)], axis=1)
     points = np.array([[0.9, -0.01], [2.4, -0.01]])
     facet, xi = np.array([0, 1], dtype=np.int32), np.array([[0.5], [0.25]])
-    s = Scene(points, nodes, facet, xi, np.zeros((2, 1)), np.zeros(2), np.full(2, -0.01))
+    s = Scene(points, nodes, facet, xi, np.zeros((2, 1)), np.zeros(2))
     _, k = s.now()
     np.testing.assert_allclose(k.slip, [[0.9 - 0.25, 0.0], [2.4 - 0.8, 0.0]], atol=1e-15)
     stretched = nodes * [1.1, 1.0]
@@ -225,7 +204,7 @@ def test_touching_counts_as_closed_and_past_the_end_does_not():
     nodes = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
     points = np.array([[0.5, 1e-10], [0.5, 1e-8], [0.5, -0.1], [2.1, -0.1]])
     zero = np.zeros(4, dtype=np.int32)
-    s = Scene(points, nodes, zero, np.full((4, 1), 0.5), np.zeros((4, 1)), np.zeros(4), np.zeros(4))
+    s = Scene(points, nodes, zero, np.full((4, 1), 0.5), np.zeros((4, 1)), np.zeros(4))
     projection, _ = s.now()
     points = SimpleNamespace(slave=SimpleNamespace(weight=np.ones(4)))
     normal = PointwisePressure(points, 50.0).evaluate(projection, AS_IS)
@@ -245,7 +224,6 @@ class Triangle:
         self.xi_before = rng.uniform(0.1, 0.4, (count, 2))
         self.components = rng.normal(size=(count, 2)) * 0.1
         self.length = rng.uniform(0.05, 0.1, count)
-        self.gap = np.where(np.arange(count) < 4, 0.02, -0.02)
         foot, _, n = self.surface(self.nodes, rng.uniform(0.1, 0.4, (count, 2)))
         self.points = foot - rng.uniform(0.01, 0.05, (count, 1)) * n
 
@@ -274,7 +252,6 @@ class Triangle:
             foot=nodes[0] + self.xi_before @ tau,
             slip_image=self.components @ tau,
             slip_length=self.length,
-            gap=self.gap,
         )
         return projection, related(points, projection, anchor)
 
