@@ -19,3 +19,9 @@ class SolutionError(TriboxError):
     """The solver could not go on; the last converged state has been saved."""
 
     exit_code = 3
+
+
+class OutputError(TriboxError):
+    """Results cannot be written any more: a full disk, or a directory that is gone."""
+
+    exit_code = 4

@@ -30,6 +30,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("app.build",),
     ("app.simulation",),
     ("app.results",),
+    ("app.checkpoint",),
     ("app.precompile",),
     ("app.figures",),
     ("app.friction_map",),

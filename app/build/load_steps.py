@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from app.case.case import Case
 from app.case.stage import Stage
 from app.case.time_tables import smooth_step, smooth_step_integral
 
@@ -71,3 +72,12 @@ def load_steps_of(
         assert stage.duration is not None
         velocity = stage.velocity or 0.0
         yield LoadStep(stage, velocity, stage.duration / stage.steps, stage.steps, before)
+
+
+def all_load_steps(case: Case) -> list[LoadStep]:
+    """The load steps of all stages of a case, in order."""
+    out: list[LoadStep] = []
+    for stage in case.stage:
+        before = out[-1].velocity if out else 0.0
+        out += load_steps_of(stage, case.film_conductance, before)
+    return out

@@ -43,6 +43,7 @@ class Model:
         platen_names: of the problem's platens, such as "top_x": surface and direction.
         loads: what the boundaries prescribe.
         probes: places of the probes that are points or lines.
+        loaded: s and m, time and driven displacement of the loads that are set.
     """
 
     case: Case
@@ -55,6 +56,7 @@ class Model:
     platen_names: list[str] = field(default_factory=list)
     loads: Loads | None = None
     probes: list[PointPlaces] = field(default_factory=list)
+    loaded: tuple[float, float] = (0.0, 0.0)
 
     @property
     def film_onset(self) -> list[float]:
@@ -73,6 +75,7 @@ class Model:
             time: s, since the start.
             driven: m, displacement of the driven boundaries so far.
         """
+        self.loaded = (time, driven)
         for program in self.programs:
             program(time, driven)
 

@@ -147,6 +147,17 @@ class Output(Model):
         '"adios2" by every rank for itself (fields.bp, stress.bp)',
     )
     figures: Flag = Field(default=True, description="whether figures are drawn at the end")
+    checkpoint_every: CountOrZero = Field(
+        default=0, description="steps between two checkpoints; 0 for none by steps"
+    )
+    checkpoint_interval: Annotated[float, Quantity("s", gt=0.0)] = Field(
+        default=600.0,
+        description="time on the clock between two checkpoints; one is written in any case when a "
+        "run ends, is stopped or fails",
+    )
+    checkpoints_kept: CountOrZero = Field(
+        default=2, description="checkpoints that are kept, the latest; 0 writes none"
+    )
 
 
 class Sweep(Model):

@@ -8,7 +8,8 @@ new symbolic factorisation, at every step. The room only grows.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse
@@ -38,6 +39,23 @@ class ContactWindow:
     touching: scipy.sparse.csr_matrix
     together: scipy.sparse.csr_matrix
     rings: scipy.sparse.csr_matrix
+
+    def arrays(self) -> dict[str, Ints]:
+        """The columns and the row ends of its tables, for :meth:`with_arrays`."""
+        out: dict[str, Ints] = {}
+        for name in ("touching", "together"):
+            table = getattr(self, name)
+            out |= {f"{name}_columns": table.indices, f"{name}_ends": table.indptr}
+        return out
+
+    def with_arrays(self, arrays: Mapping[str, Ints]) -> ContactWindow:
+        """The same neighbours, with the tables that :meth:`arrays` gave."""
+        tables = {}
+        for name in ("touching", "together"):
+            columns = arrays[f"{name}_columns"]
+            parts = (np.ones(len(columns), dtype=np.int32), columns, arrays[f"{name}_ends"])
+            tables[name] = scipy.sparse.csr_matrix(parts, shape=getattr(self, name).shape)
+        return replace(self, **tables)
 
     def holds(self, term: ContactTerm, trial: ContactTrial) -> bool:
         """Whether the tangent of a trial fits in."""

@@ -36,6 +36,7 @@ class Equilibrium:
     Attributes:
         u: displacement function; holds the last vector that was evaluated.
         trials: contacts at the last evaluation; committed: at the last converged step.
+        evaluated: how the contacts were evaluated last.
         unbalanced: (n,), N per unit thickness, forces of the owned unknowns at the last evaluation,
             reactions included.
         reference_force: N per unit thickness, what residual norms are compared with: the larger of
@@ -68,6 +69,7 @@ class Equilibrium:
         self.unbalanced: Floats = np.zeros(self.owned)
         self.reference_force = 0.0
         self.rounding = RoundOff(self.space, self.solids)
+        self.evaluated = DEFAULT_STEP
         self._strain_energy: float | None = None
         self._work = dolfinx.la.vector(self.space.dofmap.index_map, self.dim)
 
@@ -191,7 +193,7 @@ class Equilibrium:
         return mine
 
     def _evaluate_contacts(self, x: PETSc.Vec, step: StepMode) -> None:
-        pairs = step.pairs(self.contacts)
+        self.evaluated, pairs = step, step.pairs(self.contacts)
         self.trials = [term.evaluate(x, step.dt, mode) for term, mode in pairs]
 
     def _contact_forces(self, f: PETSc.Vec) -> float:

@@ -40,6 +40,7 @@ class Tangent:
     Attributes:
         constraints: with the numbering of the unknowns; solids, contacts, pressures: the parts.
         pattern_changes: how often the pattern was widened, when it was made included.
+        windows: of each contact, what the pattern has room for; None before it is made.
     """
 
     def __init__(
@@ -54,11 +55,11 @@ class Tangent:
         self.solids, self.contacts, self.pressures = solids, contacts, pressures
         self.pattern_changes = 0
         self._known_places: list[BlockPlaces] = []  # of blocks added lately
-        self._windows: list[ContactWindow | None] = [None] * len(contacts)
+        self.windows: list[ContactWindow | None] = [None] * len(contacts)
 
     def new_matrix(self, trials: Sequence[ContactTrial]) -> PETSc.Mat:
         """A matrix with room for solids, platens and these contacts; collective."""
-        self._windows = [None] * len(self.contacts)
+        self.windows = [None] * len(self.contacts)
         A = dolfinx.fem.petsc.assemble_matrix(pattern_form(self.constraints.unknowns.space))
         A.assemble()
         self._widen(A, trials)
@@ -149,7 +150,7 @@ class Tangent:
     def _keep_pattern(self, A: PETSc.Mat, trials: Sequence[ContactTrial], timer: Stopwatch) -> None:
         """Widen the pattern when a contact has left its window; collective."""
         missing = False
-        for term, trial, window in zip(self.contacts, trials, self._windows, strict=True):
+        for term, trial, window in zip(self.contacts, trials, self.windows, strict=True):
             missing |= window is None or not window.holds(term, trial)
         if self.constraints.unknowns.comm.allreduce(missing, op=MPI.LOR):
             with timer("pattern"):
@@ -157,11 +158,16 @@ class Tangent:
 
     def _widen(self, A: PETSc.Mat, trials: Sequence[ContactTrial]) -> None:
         """Give ``A`` zeros wherever solids, platens and contact windows may add; collective."""
+        for index, (term, trial) in enumerate(zip(self.contacts, trials, strict=True)):
+            self.windows[index] = widened(self.windows[index], term, trial)
+        self.make_room(A)
+
+    def make_room(self, A: PETSc.Mat) -> None:
+        """Give ``A`` zeros wherever solids, platens and the windows may add; collective."""
         self.pattern_changes += 1
         extra = self._empty_like(A)
-        for index, (term, trial) in enumerate(zip(self.contacts, trials, strict=True)):
-            window = widened(self._windows[index], term, trial)
-            self._windows[index] = window
+        for term, window in zip(self.contacts, self.windows, strict=True):
+            assert window is not None, "windows come first"
             nodes = coupled_nodes(term, window)
             if len(nodes):
                 self._add_blocks(extra, nodes, None)

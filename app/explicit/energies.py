@@ -9,6 +9,7 @@ import numpy as np
 from mpi4py import MPI
 
 from app.equilibrium.equilibrium import Equilibrium
+from app.equilibrium.snapshot import Partial, Snapshot, scattered
 from app.explicit.leap_frog import LeapFrog
 from app.explicit.state import ExplicitState
 from forms.bodies.internal_force import InternalForce
@@ -95,6 +96,28 @@ class Energies:
             travel = state.last_dt * motion.platen_velocity
             self.work += 0.5 * float((last.platens + forces.platens) @ travel)
         self._forces = forces
+
+    def snapshot(self) -> Snapshot:
+        """Work so far, and the forces from outside at the last step."""
+        supports = scattered(self._constrained, self._forces.supports, len(self._mass))
+        return {
+            "sums": Partial(np.array([self.work, self.damped])),
+            "supports": supports,
+            "platens": self._forces.platens,
+        }
+
+    def restore(self, kept: Snapshot) -> LoadForces:
+        """Go on from what :meth:`snapshot` has seen, at the state that there was.
+
+        Returns:
+            The forces from outside; those of pressures are the present ones.
+        """
+        self.work, self.damped = map(float, kept["sums"])
+        self._constrained_energy = self._of_constrained()
+        self._forces = LoadForces(
+            kept["supports"][self._constrained], self._forces.pressures, kept["platens"]
+        )
+        return self._forces
 
     def kinetic(self) -> float:
         """½ v⁻·M v⁺ with v⁺ the velocities that follow, J/m; collective.

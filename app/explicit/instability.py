@@ -6,6 +6,7 @@ import numpy as np
 
 from app.equilibrium.equilibrium import Equilibrium
 from app.equilibrium.places import place_of_largest, place_text
+from app.equilibrium.snapshot import Snapshot
 from forms.bodies.materials import oedometric_modulus
 from geometry.surfaces.facets import Floats
 
@@ -73,6 +74,14 @@ class EnergyWatch:
         # Energy that rounding errors may hold, J/m: far below any of interest.
         stiffest = max(oedometric_modulus(solid.material) for solid in problem.solids)
         self._roundoff = 1e6 * problem.roundoff**2 / stiffest
+
+    def snapshot(self) -> Snapshot:
+        """What was supplied so far."""
+        return {"supplied": self._supplied, "work": self._work}
+
+    def restore(self, kept: Snapshot) -> None:
+        """Go on from what :meth:`snapshot` has seen."""
+        self._supplied, self._work = kept["supplied"], kept["work"]
 
     def check(self, stored: float, work: float, time: float, moving: Floats) -> None:
         """Compare; collective.

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from app.equilibrium.equilibrium import Equilibrium
+from app.equilibrium.snapshot import Snapshot
 from app.explicit.lumped_dynamics import LumpedDynamics
 from app.explicit.state import ExplicitState
 from geometry.surfaces.facets import Floats
@@ -96,6 +97,19 @@ class LeapFrog:
         np.multiply(mean, mean, out=mean)
         v += self._change
         return self._damping * dt * float(np.dot(self._mass, mean))
+
+    def snapshot(self) -> Snapshot:
+        """The platens' motion, the same on all ranks."""
+        return {
+            "acceleration": self.platen_acceleration,
+            "velocity": self.platen_velocity,
+            "displacement": self.platen_displacement,
+        }
+
+    def restore(self, kept: Snapshot) -> None:
+        """The platens' motion that :meth:`snapshot` has seen."""
+        self.platen_acceleration = kept["acceleration"]
+        self.platen_velocity, self.platen_displacement = kept["velocity"], kept["displacement"]
 
     def take_back(self, dt: float) -> None:
         """Return to the displacements before the last step, of ``dt`` (s); collective."""

@@ -15,13 +15,14 @@ close gain energy with every rebound; the bound taken here is ω Δt ≤ √2, w
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import dolfinx
 import numpy as np
 from mpi4py import MPI
 
 from app.equilibrium.places import place_of_largest
+from app.equilibrium.snapshot import Nodal, Snapshot
 from app.explicit.lumped_dynamics import LumpedDynamics
 from forms.bodies.internal_force import InternalForce
 from forms.contact.stiffness import PairStiffness
@@ -205,6 +206,21 @@ class StableSteps:
         place = place_of_largest(s.dynamics.mass * mode.vector**2, self._space)
         return StableStep(limit, elements, penalty, viscous, closing, reason, place)
 
+    def snapshot(self) -> Snapshot:
+        """The oscillations that the next estimate starts from."""
+        modes = {"bodies": self._bodies, "whole": self._whole, "contact": self._contact}
+        return {
+            name: None if mode is None else {"value": mode.value, "vector": Nodal(mode.vector)}
+            for name, mode in modes.items()
+        }
+
+    def restore(self, kept: Snapshot) -> None:
+        """Go on from what :meth:`snapshot` has seen."""
+        modes = {name: None if mode is None else Mode(**mode) for name, mode in kept.items()}
+        self._bodies, self._whole, self._contact = (
+            modes[name] for name in ("bodies", "whole", "contact")
+        )
+
     def _seed(self) -> Floats:
         """An irregular vector (n,) that depends on the nodes' positions, not on the ranks."""
         dynamics = self._stiffness.dynamics
@@ -269,6 +285,18 @@ class StepEstimate:
         if self._last is None or steps - self._made_at >= self._every:
             self._last, self._made_at = self._stable_steps.estimate(), steps
         return self._last
+
+    def snapshot(self) -> Snapshot:
+        """The last estimate, and what the next one starts from."""
+        last = None if self._last is None else asdict(self._last)
+        return {"made_at": self._made_at, "last": last, "modes": self._stable_steps.snapshot()}
+
+    def restore(self, kept: Snapshot) -> None:
+        """Go on from what :meth:`snapshot` has seen."""
+        self._made_at, last = kept["made_at"], kept["last"]
+        if last is not None:
+            self._last = StableStep(**last | {"place": tuple(last["place"])})
+        self._stable_steps.restore(kept["modes"])
 
     def last(self, steps: int) -> StableStep:
         """The last estimate, due or not; collective if there is none."""

@@ -16,12 +16,13 @@ from petsc4py import PETSc
 
 from app.equilibrium.equilibrium import Equilibrium
 from app.equilibrium.places import place_text
+from app.equilibrium.snapshot import AtPoints, Local, Nodal, Snapshot, of_contacts
 from app.explicit.energies import Energies, LoadForces
 from app.explicit.film_correction import FilmCorrection
 from app.explicit.instability import EnergyWatch, ExplicitError, folded
 from app.explicit.leap_frog import LeapFrog
 from app.explicit.lumped_dynamics import LumpedDynamics
-from app.explicit.mass_scaling import scaled_mass
+from app.explicit.mass_scaling import ScaledMass, scaled_mass
 from app.explicit.options import ExplicitOptions, MassScaling
 from app.explicit.stable_step import StableStep, StableSteps, StepEstimate, Stiffness
 from app.explicit.state import ExplicitState
@@ -55,6 +56,7 @@ class ExplicitStepper:
         displacement: Floats | None = None,
         velocity: Floats | None = None,
         rate_dependent: bool = True,
+        masses: ScaledMass | None = None,
     ) -> None:
         """Lump the masses and take over a state; collective.
 
@@ -64,6 +66,7 @@ class ExplicitStepper:
             displacement: (n,), m, of the owned unknowns; None: what ``problem.u`` holds.
             velocity: (n,), m/s, of the owned unknowns; None: rest.
             rate_dependent: whether rates count in the contacts' laws at the start.
+            masses: of a run that is resumed; None: scaled for the state taken over.
 
         Raises:
             ValueError: a body has no density.
@@ -81,7 +84,7 @@ class ExplicitStepper:
         self.state.u.update_ghosts()
         self._evaluate_contacts(1.0)
         pairs = [PairStiffness(contact) for contact in self.contacts]
-        self.masses = scaled_mass(problem, self.options.mass_scaling, pairs)
+        self.masses = masses or scaled_mass(problem, self.options.mass_scaling, pairs)
         self.dynamics = LumpedDynamics(
             self.masses.mass,
             problem.constrained_dofs(),
@@ -96,6 +99,7 @@ class ExplicitStepper:
         """Forces and accelerations of the state taken over; collective."""
         problem, options, dynamics = self.problem, self.options, self.dynamics
         implicit = options.viscous == "semi-implicit"
+        self._pairs = pairs
         self._motion = LeapFrog(problem, self.state, dynamics, options.damping)
         films = [pair.contact for pair in pairs if implicit and pair.viscosity > 0.0]
         self._films = FilmCorrection(films, dynamics, problem.space, options.damping)
@@ -240,6 +244,66 @@ class ExplicitStepper:
             pressures=np.sum(self.pressure_residuals, axis=0) if self.problem.pressures else None,
             platens=self._pulls(),
         )
+
+    # -- restart ------------------------------------------------------------------------------
+
+    def snapshot(self) -> Snapshot:
+        """All that the next step depends on, beside the loads; views, not copies."""
+        state, masses = self.state, self.masses
+        vectors = {name: Nodal(getattr(state, name).owned) for name in ("u", "v", "a")}
+        films = [c.film_arrays() for c in self.contacts]
+        places = [c.searched_at for c in self.contacts]
+        return {
+            **vectors,
+            "clock": {"time": state.time, "steps": state.steps, "last_dt": state.last_dt},
+            "mass": Nodal(masses.mass),
+            "masses": [masses.added, masses.original, masses.scaled],
+            "pairs": [[pair.tangential, pair.viscosity] for pair in self._pairs],
+            "contacts": of_contacts([term.state for term in self.problem.contacts]),
+            "films": [
+                {name: AtPoints(pair, a) for name, a in film.items()}
+                for pair, film in enumerate(films)
+            ],
+            "searches": Local(
+                {
+                    f"{what}_{pair}": at
+                    for pair, place in enumerate(places)
+                    for what, at in zip(("points", "facets"), place or (), strict=False)
+                }
+            ),
+            "motion": self._motion.snapshot(),
+            "energies": self.energies.snapshot(),
+            "watch": self._watch.snapshot(),
+            "estimate": self._estimate.snapshot(),
+        }
+
+    @staticmethod
+    def masses_in(kept: Snapshot) -> ScaledMass:
+        """The masses of a :meth:`snapshot`, to make the stepper with."""
+        return ScaledMass(kept["mass"], *kept["masses"])
+
+    def restore(self, kept: Snapshot) -> None:
+        """Go on from what :meth:`snapshot` has seen; collective.
+
+        The stepper must have been made with its displacements and masses, contacts and loads.
+        """
+        state = self.state
+        for name in ("v", "a"):
+            getattr(state, name).owned[:] = kept[name]
+        for name, value in kept["clock"].items():
+            setattr(state, name, value)
+        for pair, (tangential, viscosity) in zip(self._pairs, kept["pairs"], strict=True):
+            pair.tangential, pair.viscosity = tangential, viscosity
+        for number, contact in enumerate(self.contacts):
+            for name, values in contact.film_arrays().items():
+                values[:] = kept["films"][number][name]
+            if kept["searches"] is not None and f"points_{number}" in kept["searches"]:
+                places = (kept["searches"][f"{what}_{number}"] for what in ("points", "facets"))
+                contact.search_at(*places)
+        self._motion.restore(kept["motion"])
+        self.loads = self.energies.restore(kept["energies"])
+        self._watch.restore(kept["watch"])
+        self._estimate.restore(kept["estimate"])
 
     # -- energy -------------------------------------------------------------------------------
 

@@ -7,12 +7,27 @@ solvers see all of it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Literal
 
 from petsc4py import PETSc
 
 from app.equilibrium.equilibrium import Equilibrium
+from app.equilibrium.snapshot import (
+    Local,
+    Nodal,
+    Snapshot,
+    of_contacts,
+    of_searches,
+    of_step,
+    repeat_searches,
+    to_contacts,
+    to_step,
+)
 from app.equilibrium.step_mode import DEFAULT_STEP, StepMode
+from forms.contact.state import ContactState
+from geometry.surfaces.facets import Floats, Ints
 
 Linear = Literal["auto", "direct", "krylov"]
 # Unknowns up to which "auto" factorises, by the dimension of space: a factorisation takes about
@@ -55,6 +70,54 @@ def chosen_solver(problem: Equilibrium, kind: Linear) -> Linear:
     return kind
 
 
+@dataclass(frozen=True, slots=True)
+class Assembly:
+    """What a tangent was assembled from, so that a run that is resumed can make it again.
+
+    Attributes:
+        x: (n,), m, displacements; before: those that pressures were carried from, or None.
+        step: duration and contact modes.
+        states: of the contacts at the start of the step; searches: where their candidate facets
+            were searched for.
+        pressures: Pa, of the follower pressures; platens: m, their displacements where prescribed.
+    """
+
+    x: Floats
+    before: Floats | None
+    step: StepMode
+    states: tuple[ContactState, ...]
+    searches: Local
+    pressures: tuple[float, ...]
+    platens: tuple[float | None, ...]
+
+    @classmethod
+    def of(
+        cls, problem: Equilibrium, x: PETSc.Vec, step: StepMode, before: PETSc.Vec | None
+    ) -> Assembly:
+        """What the tangent at ``x`` has just been assembled from."""
+        return cls(
+            x.array_r.copy(),
+            None if before is None else before.array_r.copy(),
+            step,
+            tuple(term.state for term in problem.contacts),
+            of_searches(problem.contacts),
+            tuple(float(load.value.value) for load in problem.pressures),
+            tuple(platen.displacement for platen in problem.platens),
+        )
+
+    def snapshot(self) -> Snapshot:
+        """All of it."""
+        return {
+            "x": Nodal(self.x),
+            "before": None if self.before is None else Nodal(self.before),
+            "step": of_step(self.step),
+            "states": of_contacts(self.states),
+            "searches": self.searches,
+            "pressures": list(self.pressures),
+            "platens": list(self.platens),
+        }
+
+
 class LinearSolver:
     """Solves with the tangent of the state it was last assembled at.
 
@@ -73,6 +136,10 @@ class LinearSolver:
         self.assembled = 0
         self._pattern = problem.pattern_changes
         self._fresh: int | None = None  # iterations of the first solve with a new preconditioner
+        self._iterations = 0  # of the last solve before the run was resumed
+        # What the matrix was made from when analysis or preconditioner began anew, and last.
+        self._first: Assembly | None = None
+        self._last: Assembly | None = None
         self._ksp: PETSc.KSP | None = None
         self._near: PETSc.NullSpace | None = None
 
@@ -118,6 +185,7 @@ class LinearSolver:
             before: state that pressures are carried from; None: the exact tangent.
         """
         self.problem.jacobian(None, x, self.matrix, self.matrix, step, before)
+        self._last = Assembly.of(self.problem, x, step, before)
         self._changed()
 
     def solve_from(
@@ -140,6 +208,7 @@ class LinearSolver:
         """
         problem = self.problem
         problem.assemble_tangent(x, self.matrix, step)
+        self._last = Assembly.of(problem, x, step, None)
         rows = problem.constrained_dofs() + problem.first
         self.matrix.zeroRowsColumns(rows, 1.0, x=increment, b=rhs)
         self._changed()
@@ -161,6 +230,7 @@ class LinearSolver:
             return True
         self.ksp.reset()
         self.ksp.setOperators(self.matrix)
+        self._first = None
         return False
 
     def _changed(self) -> None:
@@ -175,16 +245,98 @@ class LinearSolver:
         if self._pattern != self.problem.pattern_changes or self._worn():
             self._pattern = self.problem.pattern_changes
             self.ksp.reset()
-            self._fresh = None
+            self._fresh = self._first = None
+        self._first = self._first or self._last
         self.ksp.setOperators(self.matrix)
         with self.problem.timer("factorisation" if self.direct else "preconditioner"):
             self.ksp.setUp()
 
     def _worn(self) -> bool:
         """Whether the last solve took far more iterations than the preconditioner's first."""
-        last = self.ksp.getIterationNumber()
+        last = self._last_iterations()
         if self.direct or last == 0:
             return False
         if self._fresh is None:
             self._fresh = max(last, FEW)
         return last > WORN * self._fresh
+
+    # -- restart ------------------------------------------------------------------------------
+
+    def snapshot(self) -> Snapshot:
+        """What the factorisation or preconditioner at hand was made from."""
+        first = None if self._first is self._last or self._first is None else self._first
+        windows: dict[str, Ints] = {}
+        for pair, window in enumerate(self.problem.tangent.windows):
+            arrays = {} if window is None else window.arrays()
+            windows |= {f"{name}_{pair}": values for name, values in arrays.items()}
+        return {
+            "first": None if first is None else first.snapshot(),
+            "last": None if self._last is None else self._last.snapshot(),
+            "windows": Local(windows),
+            "assembled": self.assembled,
+            "patterns": self.problem.pattern_changes,
+            "fresh": self._fresh,
+            "iterations": self._last_iterations(),
+        }
+
+    def restore(self, kept: Snapshot) -> None:
+        """Make the matrices again that :meth:`snapshot` has seen, with all that PETSc keeps.
+
+        A direct solver's analysis and a preconditioner's coarse spaces belong to the first matrix
+        with the present pattern, the rest to the last one. Contacts and loads are left as they
+        were; collective.
+        """
+        if kept["windows"] is not None:
+            self._restore_pattern(kept["windows"])
+        self._pattern = self.problem.tangent.pattern_changes = kept["patterns"]
+        self.ksp.reset()
+        self._first = None
+        for name in ("first", "last"):
+            if kept[name] is not None:
+                self._restore_matrix(kept[name])
+        self.assembled, self._fresh = kept["assembled"], kept["fresh"]
+        self._iterations = kept["iterations"]
+
+    def _restore_pattern(self, kept: Snapshot) -> None:
+        tangent = self.problem.tangent
+        for pair, window in enumerate(tangent.windows):
+            ending = f"_{pair}"
+            arrays = {k.removesuffix(ending): v for k, v in kept.items() if k.endswith(ending)}
+            if window is not None and arrays:
+                tangent.windows[pair] = window.with_arrays(arrays)
+        tangent.make_room(self.matrix)
+
+    def _restore_matrix(self, kept: Snapshot) -> None:
+        problem = self.problem
+        states = [term.state for term in problem.contacts]
+        loads = [float(load.value.value) for load in problem.pressures]
+        platens = [platen.displacement for platen in problem.platens]
+        x, before = problem.new_vector(), problem.new_vector()
+        x.array[:] = kept["x"]
+        if kept["before"] is not None:
+            before.array[:] = kept["before"]
+        self._set(to_contacts(problem.contacts, kept["states"]), kept["pressures"], kept["platens"])
+        repeat_searches(problem.contacts, kept["searches"])
+        self._iterations = 0  # not worn
+        carried = None if kept["before"] is None else before
+        self.assemble(x, to_step(kept["step"]), carried)
+        self._set(states, loads, platens)
+
+    def _set(
+        self,
+        states: Sequence[ContactState],
+        pressures: Sequence[float],
+        platens: Sequence[float | None],
+    ) -> None:
+        """Put in the contacts' histories, and the loads that the tangent depends on."""
+        problem = self.problem
+        for term, state in zip(problem.contacts, states, strict=True):
+            term.adopt(state)
+        for load, value in zip(problem.pressures, pressures, strict=True):
+            load.value.value = value
+        for platen, displacement in zip(problem.platens, platens, strict=True):
+            platen.displacement = displacement
+
+    def _last_iterations(self) -> int:
+        """Iterations of the last solve, or of that before the run was resumed."""
+        return int(self.ksp.getIterationNumber()) or self._iterations

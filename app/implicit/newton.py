@@ -14,6 +14,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.equilibrium.equilibrium import Equilibrium
+from app.equilibrium.snapshot import Snapshot
 from app.equilibrium.step_mode import DEFAULT_STEP, StepMode
 from app.implicit.linear_solver import LinearSolver, linear_options
 from app.implicit.options import ImplicitOptions
@@ -190,6 +191,14 @@ class Newton:
     def accept(self) -> None:
         """Take note of the forces of a solution that is committed."""
         self._largest_force = max(self._largest_force, self.problem.reference_force)
+
+    def snapshot(self) -> Snapshot:
+        """What the next solution depends on beside its start."""
+        return {"largest_force": self._largest_force}
+
+    def restore(self, kept: Snapshot) -> None:
+        """Go on from what :meth:`snapshot` has seen."""
+        self._largest_force = kept["largest_force"]
 
     def _run(self, phase: NewtonPhase, step: StepMode) -> tuple[int, int]:
         problem = self.problem

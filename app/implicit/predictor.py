@@ -9,16 +9,17 @@ that leaves much, a second one, without the stiffness of friction, lets them sli
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from app.equilibrium.equilibrium import Equilibrium
+from app.equilibrium.snapshot import Nodal, Snapshot, scattered
 from app.equilibrium.step_mode import DEFAULT_STEP, StepMode
 from app.implicit.linear_solver import LinearSolver
-from geometry.surfaces.facets import Floats
+from geometry.surfaces.facets import Floats, Ints
 
 HIGHEST_ORDER = 3  # of the polynomial through the last states
 CORRECTIONS = 3  # with the tangent factorised last, from the last state itself
@@ -31,10 +32,11 @@ class Drive:
     """What pushes a step forward.
 
     Attributes:
-        constrained: increments of this rank's prescribed displacements, m.
+        dofs: owned unknowns with a prescribed displacement; constrained: their increments, m.
         loads: increments of the platens' forces and the pressures; total: their values.
     """
 
+    dofs: Ints
     constrained: Floats
     loads: Floats
     total: Floats
@@ -160,6 +162,31 @@ class Predictor:
             self._path = [*states, (self._ahead(ratio), trial.array_r.copy())]
         self._drive, self._loads = drive, drive.total
 
+    def snapshot(self) -> Snapshot:
+        """The path so far."""
+        drive, owned, kept = self._drive, self.problem.owned, None
+        if drive is not None:
+            kept = {
+                "prescribed": scattered(drive.dofs, 1.0, owned),
+                "constrained": scattered(drive.dofs, drive.constrained, owned),
+                "loads": drive.loads,
+                "total": drive.total,
+            }
+        return {
+            "at": [at for at, _ in self._path],
+            "path": [Nodal(values) for _, values in self._path],
+            "loads": self._loads,
+            "drive": kept,
+        }
+
+    def restore(self, kept: Snapshot) -> None:
+        """Continue the path that :meth:`snapshot` has seen."""
+        self._path = list(zip(kept["at"], kept["path"], strict=True))
+        self._loads, drive, self._drive = kept["loads"], kept["drive"], None
+        if drive is not None:
+            dofs = np.nonzero(drive["prescribed"])[0].astype(np.int32)
+            self._drive = Drive(dofs, drive["constrained"][dofs], drive["loads"], drive["total"])
+
     def _ahead(self, ratio: float) -> float:
         """Parameter of the path after a step ``ratio`` times as long as the last."""
         (before, _), (last, _) = self._path[-2:]
@@ -224,12 +251,15 @@ class Predictor:
         problem = self.problem
         pulls = [platen.pull(0.0) for platen in problem.platens]
         loads = np.array(pulls + [float(load.value.value) for load in problem.pressures])
-        constrained = (problem.constrained_values(x) - x.array_r)[problem.constrained_dofs()]
-        return Drive(constrained, loads - self._loads if len(self._loads) else loads, loads)
+        dofs = problem.constrained_dofs()
+        constrained = (problem.constrained_values(x) - x.array_r)[dofs]
+        return Drive(dofs, constrained, loads - self._loads if len(self._loads) else loads, loads)
 
     def _proportion(self, drive: Drive) -> float | None:
         """Factor by which ``drive`` continues the last one; None where it does not."""
-        last = self._drive or Drive(0.0 * drive.constrained, 0.0 * drive.loads, drive.total)
+        last = self._drive or replace(
+            drive, constrained=0.0 * drive.constrained, loads=0.0 * drive.loads
+        )
         changed = float(len(last.constrained) != len(drive.constrained))
         if self._sum(np.array([changed]))[0]:  # a platen's force was given, now its displacement is
             return None

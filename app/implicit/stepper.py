@@ -13,6 +13,16 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from app.equilibrium.equilibrium import Equilibrium
+from app.equilibrium.snapshot import (
+    Nodal,
+    Snapshot,
+    of_contacts,
+    of_searches,
+    of_step,
+    repeat_searches,
+    to_contacts,
+    to_step,
+)
 from app.equilibrium.step_mode import StepMode
 from app.implicit.attempt import Attempt
 from app.implicit.globalisation import solve
@@ -72,6 +82,8 @@ class ImplicitStepper:
         self.predictor = Predictor(problem, self.solver)
         self._bodies, self._held = LooseBodies(problem), problem.constraints.controls
         self._pressed = False  # whether anything pressed at the last converged state
+        # How the last converged state was evaluated, and from which contacts.
+        self._mode, self._from = StepMode(), [term.state for term in problem.contacts]
 
     @property
     def snes(self) -> PETSc.SNES:
@@ -120,9 +132,47 @@ class ImplicitStepper:
         self.predictor.commit(self.x, self.trial)
         pressed = any(bool(trial.pressure.any()) for trial in self.problem.trials)
         self._pressed = self.problem.comm.allreduce(pressed, op=MPI.LOR)
+        self._mode = self.problem.evaluated
+        self._from = [term.state for term in self.problem.contacts]
         self.trial.copy(self.x)
         self.problem.commit()
         self.newton.accept()
+
+    def snapshot(self) -> Snapshot:
+        """All that the next step depends on, beside the loads."""
+        contacts = self.problem.contacts
+        return {
+            "x": Nodal(self.x.array_r.copy()),
+            "mode": of_step(self._mode),
+            "from": of_contacts(self._from),
+            "searches": of_searches(contacts),
+            "pressed": self._pressed,
+            "predictor": self.predictor.snapshot(),
+            "newton": self.newton.snapshot(),
+            "solver": self.solver.snapshot(),
+        }
+
+    def restore(self, kept: Snapshot) -> None:
+        """Go on from what :meth:`snapshot` has seen, under the loads of that time; collective.
+
+        The contacts are evaluated and committed again, so that all that follows from them is there.
+        """
+        problem = self.problem
+        self.solver.restore(kept["solver"])
+        repeat_searches(problem.contacts, kept["searches"])
+        for term, state in zip(
+            problem.contacts, to_contacts(problem.contacts, kept["from"]), strict=True
+        ):
+            term.adopt(state)
+        self.x.array[:] = kept["x"]
+        self._mode, self._from = to_step(kept["mode"]), [t.state for t in problem.contacts]
+        residual = problem.new_vector()
+        problem.residual(None, self.x, residual, self._mode)
+        residual.destroy()
+        problem.commit()
+        self._pressed = kept["pressed"]
+        self.predictor.restore(kept["predictor"])
+        self.newton.restore(kept["newton"])
 
     def seconds(self) -> dict[str, float]:
         """Seconds of this rank so far in each part of the solution, from assembly to solve."""

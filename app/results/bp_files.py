@@ -5,7 +5,7 @@ Each rank writes its own part. ParaView reads the files by its reader "ADIOS2VTX
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import dolfinx
@@ -25,6 +25,7 @@ class BpWriter:
         solids: Sequence[Solid],
         directory: Path,
         surfaces: Sequence[ContactSurface] = (),
+        times: Mapping[int, float] | None = None,
     ) -> None:
         """Open the files.
 
@@ -33,7 +34,10 @@ class BpWriter:
             solids: the bodies.
             directory: where the files go.
             surfaces: of the contact pairs.
+            times: s, by step, of what is there and kept, of a run that goes on. These files cannot
+                be added to: others follow, named after the step.
         """
+        ending = "" if times is None else f"_after_{max(times, default=0):06d}"
         self._stress = StressField(u, solids)
         self._contact = ContactPressureField(u, surfaces) if surfaces else None
         nodes = [u, self._contact.pressure] if self._contact else [u]
@@ -42,7 +46,10 @@ class BpWriter:
         # The default engine writes garbage from a rank without cells; BP4 does not.
         self._writers = [
             dolfinx.io.VTXWriter(comm, directory / name, functions, engine="BP4")
-            for name, functions in (("fields.bp", nodes), ("stress.bp", cells))
+            for name, functions in (
+                (f"fields{ending}.bp", nodes),
+                (f"stress{ending}.bp", cells),
+            )
         ]
 
     def write(self, time: float, pressures: Sequence[Floats] = ()) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -20,15 +21,17 @@ _FIXED = ("reference", "pair", "area", "weight")
 class ContactSeries:
     """Writes ``contact.pvd`` and ``contact_points.pvd`` with their files; collective."""
 
-    def __init__(self, model: Model, directory: Path) -> None:
-        """Find what does not change; collective."""
+    def __init__(
+        self, model: Model, directory: Path, times: Mapping[int, float] | None = None
+    ) -> None:
+        """Find what does not change, and keep the files of ``times`` (s, by step); collective."""
         self._model = model
         self._facets = slave_facets(model)
         self._points = ContactPoints(model)
         self.series: list[Series] = []
         self._fixed: list[dict[str, Packed]] = [{}, {}]
         if model.problem.comm.rank == 0:
-            self.series = [Series(directory, name) for name in (SURFACES, POINTS)]
+            self.series = [Series(directory, name, times) for name in (SURFACES, POINTS)]
             count = len(self._points.weight)
             self._cells = [
                 Cells.of_one_kind(self._facets.nodes, VTK_KINDS[self._facets.kind]),

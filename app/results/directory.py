@@ -24,6 +24,7 @@ OWN = (
     "contact_probes.csv",
     "log.txt",
     "report.html",
+    "checkpoints",
     "fields.pvd",
     "fields",
     "contact.pvd",
@@ -145,12 +146,34 @@ class GrowingTable:
         written: number of rows so far.
     """
 
-    def __init__(self, path: Path, columns: Sequence[str]) -> None:
-        """Begin the file with the names of the columns."""
+    def __init__(self, path: Path, columns: Sequence[str], after: int | None = None) -> None:
+        """Begin the file with the names of the columns, or go on with one that is there.
+
+        Args:
+            path: of the file.
+            columns: their names; the first is the number of the step.
+            after: number of the step whose rows are the last to be kept; None: a new file.
+        """
         self._path = path
         self.written = 0
+        if after is not None and path.is_file():
+            self._cut(after)
+            return
         with path.open("w", newline="", encoding="utf-8") as stream:
             csv.writer(stream, lineterminator="\n").writerow(columns)
+
+    def _cut(self, after: int) -> None:
+        """Drop the rows of later steps."""
+        header, *rows = self._path.read_text(encoding="utf-8").splitlines(keepends=True)
+        kept = [row for row in rows if row.endswith("\n") and int(row.split(",", 1)[0]) <= after]
+        if len(kept) < len(rows):
+            write_text(self._path, header + "".join(kept))
+        self.written = len(kept)
+
+    def sync(self) -> None:
+        """See that the rows are on the disk."""
+        with self._path.open("rb") as stream:
+            os.fsync(stream.fileno())
 
     def extend(self, rows: Sequence[Sequence[Any]]) -> None:
         """Append rows; numbers with all their digits."""

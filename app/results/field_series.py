@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import dolfinx
@@ -37,6 +37,7 @@ class FieldSeries:
         solids: Sequence[Solid],
         directory: Path,
         surfaces: Sequence[ContactSurface] = (),
+        times: Mapping[int, float] | None = None,
     ) -> None:
         """Gather what does not change.
 
@@ -45,6 +46,7 @@ class FieldSeries:
             solids: the bodies; cells carry their numbers.
             directory: where the files go.
             surfaces: of the contact pairs.
+            times: s, by step, of the files that are there and kept.
         """
         space = u.function_space
         self._u, self._comm, self._dim = u, space.mesh.comm, space.mesh.geometry.dim
@@ -56,7 +58,7 @@ class FieldSeries:
         body = self._mesh.cellwise(_numbers(solids, space.mesh)[:, None])
         self.series: Series | None = None
         if self._comm.rank == 0:
-            self.series = Series(directory, "fields")
+            self.series = Series(directory, "fields", times)
             self._cells = Cells.of_one_kind(self._mesh.cells, self._mesh.kind)
             self._body = pack(body[:, 0].astype(np.int32))
 

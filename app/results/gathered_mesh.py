@@ -58,7 +58,9 @@ class GatheredMesh:
 
     Attributes:
         cells: (c, a) nodes of each cell, in VTK's order; kind: VTK's number of the cells.
-        reference: (n, i), m, undeformed places of the nodes. Both are empty on the other ranks.
+        reference: (n, i), m, undeformed places of the nodes.
+        node_order: (n,) number of each node among those of all ranks, one rank after the other.
+            All are empty on the other ranks.
     """
 
     def __init__(self, space: dolfinx.fem.FunctionSpace) -> None:
@@ -74,7 +76,7 @@ class GatheredMesh:
         element = space.element.basix_element
         self.kind = _KINDS[element.degree][element.cell_type.name]
         self._cell_order: Longs = np.empty(0, dtype=np.int64)
-        self._node_order: Longs = np.empty(0, dtype=np.int64)
+        self.node_order: Longs = np.empty(0, dtype=np.int64)
         nodes = space.dofmap.list[:owned_cells][:, vtk_order(element)]
         shape = nodes.shape
         nodes = index.local_to_global(np.ascontiguousarray(nodes).reshape(-1)).reshape(shape)
@@ -84,7 +86,7 @@ class GatheredMesh:
         if everything is not None:
             rows, numbers = (np.concatenate(parts) for parts in zip(*everything, strict=True))
             self._cell_order = np.argsort(numbers, kind="stable")
-            self.cells, self._node_order = _numbered(rows[self._cell_order])
+            self.cells, self.node_order = _numbered(rows[self._cell_order])
         places = space.tabulate_dof_coordinates()[: index.size_local, : mesh.geometry.dim]
         self.reference = self.nodal(places)
 
@@ -94,7 +96,7 @@ class GatheredMesh:
         Returns:
             On the first rank; on the others no row.
         """
-        return gathered(self._comm, values)[self._node_order]
+        return gathered(self._comm, values)[self.node_order]
 
     def cellwise(self, values: Floats) -> Floats:
         """Values (c, k) of all cells of those (d, k) of this rank's own; as :meth:`nodal`."""

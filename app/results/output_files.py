@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from app.build.model import Model
@@ -19,16 +20,24 @@ class OutputFiles:
         times: s, by the number of the step, of what has been written.
     """
 
-    def __init__(self, model: Model, directory: Path) -> None:
-        """Open the files; collective."""
+    def __init__(
+        self, model: Model, directory: Path, times: Mapping[int, float] | None = None
+    ) -> None:
+        """Open the files; collective.
+
+        Args:
+            model: what is solved.
+            directory: of the results.
+            times: s, by the number of the step, of what a run that goes on has written and keeps.
+        """
         problem, formats = model.problem, model.case.output.formats
         surfaces = [term.surface for term in problem.contacts]
-        told = (problem.u, problem.solids, directory, surfaces)
+        told = (problem.u, problem.solids, directory, surfaces, times)
         self._model = model
         self._fields = FieldSeries(*told) if "vtu" in formats else None
         self._bp = BpWriter(*told) if "adios2" in formats else None
-        self._contact = ContactSeries(model, directory)
-        self.times: dict[int, float] = {}
+        self._contact = ContactSeries(model, directory, times)
+        self.times: dict[int, float] = dict(times or {})
 
     def write(self, step: int, time: float) -> None:
         """Write the displacement and the last converged state of the contacts; collective.

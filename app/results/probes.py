@@ -33,13 +33,15 @@ class Table(Protocol):
 class ProbeRecorder(Observer):
     """Observer that follows the probes; all ranks take part, the first one writes."""
 
-    def __init__(self, model: Model, directory: Path) -> None:
+    def __init__(self, model: Model, directory: Path, after: int | None = None) -> None:
         """Make the tables that the case has probes for; collective.
 
         Args:
             model: what is solved.
             directory: of the results.
+            after: step that a run goes on after; rows of later ones are dropped.
         """
+        self._after = after
         self._problem = model.problem
         self._tables = {directory / name: table for name, table in _tables(model).items()}
         self._files: dict[Path, GrowingTable] = {}
@@ -54,7 +56,7 @@ class ProbeRecorder(Observer):
                 rows = [(row.step, row.time, row.stage, *values) for values in table.rows()]
                 if self._problem.comm.rank == 0:
                     if path not in self._files:
-                        self._files[path] = GrowingTable(path, (*KEYS, *table.columns))
+                        self._files[path] = GrowingTable(path, (*KEYS, *table.columns), self._after)
                     self._files[path].extend(rows)
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.metadata
-import platform
 import resource
 import time
 from collections.abc import Iterator, Sequence
@@ -11,19 +9,19 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import dolfinx
 import numpy as np
 from mpi4py import MPI
-from petsc4py import PETSc
 
 from app.build.load_steps import LoadStep
 from app.build.model import Model
 from app.case.case import resolved_toml
 from app.case.stage import solver_of
+from app.equilibrium.snapshot import Snapshot
 from app.implicit.stepper import StepResult
 from app.results.directory import write_json, write_text
 from app.results.output_files import OutputFiles
 from app.results.run_tables import RunTables
+from app.results.versions import versions
 from app.simulation.contact_warnings import ContactWarnings
 from app.simulation.history import Row, energy_gap
 from app.simulation.inertia import notes_on_inertia
@@ -46,15 +44,24 @@ class Recorder(Observer):
     Attributes:
         directory: results directory, ready to be written.
         load_steps: what each load step ended with, for the summary.
+        resumed: steps after which the run was gone on with, having ended.
     """
 
-    def __init__(self, model: Model, directory: Path, given: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        model: Model,
+        directory: Path,
+        given: Sequence[str] = (),
+        resumed: Snapshot | None = None,
+    ) -> None:
         """Open the outputs and write the resolved case; collective.
 
         Args:
             model: that is run.
             directory: of the results, ready to be written.
             given: dotted keys that the case file gave, for the summary.
+            resumed: what :meth:`snapshot` has seen, of a run that goes on: what was written after
+                it is dropped.
         """
         self.model = model
         self.directory = directory
@@ -62,6 +69,7 @@ class Recorder(Observer):
         self.comm = model.problem.comm
         self.first = self.comm.rank == 0
         self.load_steps: list[dict[str, Any]] = []
+        self.resumed: list[int] = []
         self.every = model.case.output.fields_every
         self._started = time.perf_counter()
         self._warned = False
@@ -75,7 +83,10 @@ class Recorder(Observer):
         if self.first:
             write_text(directory / "case.toml", resolved_toml(model.case))
         self._tables: RunTables | None = None
-        self._files = OutputFiles(model, directory)
+        times = None if resumed is None else {int(step): time for step, time in resumed["times"]}
+        self._files = OutputFiles(model, directory, times)
+        if resumed is not None:
+            self._restore(resumed)
 
     def step(self, state: RunState, row: Row, result: StepResult | Interval) -> None:
         """Write the outputs that are due and look for a negative dissipation."""
@@ -136,6 +147,40 @@ class Recorder(Observer):
             summary = self._summary(simulation, status, shares or [], balance)
             parts = {"explicit": explicit} if explicit else {}
             write_json(self.directory / "summary.json", summary | parts | {"failure": failure})
+
+    def snapshot(self) -> Snapshot:
+        """What the results so far hold, beside files; collective."""
+        return {
+            "load_steps": self.load_steps,
+            "warnings": self.warnings[len(self.model.notes) :],
+            "told": [self._warned, self._thin],
+            "label": self._label,
+            "left": self._left.snapshot(),
+            "roundoff": self._roundoff.snapshot(),
+            "contacts": self._contacts.snapshot(),
+            "times": list(self._files.times.items()),
+            "resumed": self.resumed,
+        }
+
+    def _restore(self, kept: Snapshot) -> None:
+        self.load_steps, self._label = list(kept["load_steps"]), kept["label"]
+        self.warnings += kept["warnings"]
+        self._warned, self._thin = kept["told"]
+        self._left.restore(kept["left"])
+        self._roundoff.restore(kept["roundoff"])
+        self._contacts.restore(kept["contacts"])
+        self.resumed = list(kept["resumed"])
+
+    def go_on(self, state: RunState) -> None:
+        """Take up the tables after the last step of a run that goes on."""
+        self.resumed.append(state.step)
+        if self.first:
+            self._tables = RunTables(self.directory, state, state.step)
+
+    def sync(self) -> None:
+        """See that the rows written so far are on the disk; for the first rank."""
+        if self._tables is not None:
+            self._tables.sync()
 
     def rescue(self, simulation: Simulation) -> None:
         """Write the history after an error of this rank alone; not collective."""
@@ -222,16 +267,11 @@ class Recorder(Observer):
             "bodies": [solid.name for solid in problem.solids],
             "dofs": int(problem.space.dofmap.index_map.size_global * problem.dim),
             "ranks": self.comm.size,
+            "resumed": self.resumed,
             "given": self.given,
             "seconds": {"run": round(wall, 4), **timings},
             **{f"{part}_per_rank": [share[part] for share in shares] for part in shares[0]},
-            "versions": {
-                "tribox": _version(),
-                "dolfinx": dolfinx.__version__,
-                "petsc": ".".join(map(str, PETSc.Sys.getVersion())),
-                "numpy": np.__version__,
-                "python": platform.python_version(),
-            },
+            "versions": versions(),
         }
 
 
@@ -270,12 +310,3 @@ def _unbalanced(simulation: Simulation, balance: float | None) -> Iterator[str]:
             "happens in them (smaller steps), or facets of a curved master catch (a finer master, "
             "or smoothing_angle)"
         )
-
-
-def _version() -> str:
-    from app import __version__
-
-    try:
-        return importlib.metadata.version("tribox")
-    except importlib.metadata.PackageNotFoundError:
-        return __version__

@@ -13,13 +13,13 @@ from app.simulation.run_state import RunState
 class RunTables:
     """``history.csv``, ``contacts.csv``, ``surfaces.csv`` and ``bodies.csv``."""
 
-    def __init__(self, directory: Path, state: RunState) -> None:
-        """Begin the files."""
+    def __init__(self, directory: Path, state: RunState, after: int | None = None) -> None:
+        """Begin the files, or go on with those of a run ``after`` a step of it."""
         motion = state.motion
-        self._history = GrowingTable(directory / "history.csv", COLUMNS)
-        self._contacts = GrowingTable(directory / "contacts.csv", state.pair_columns)
-        self._surfaces = GrowingTable(directory / "surfaces.csv", motion.surface_columns)
-        self._bodies = GrowingTable(directory / "bodies.csv", motion.body_columns)
+        self._history = GrowingTable(directory / "history.csv", COLUMNS, after)
+        self._contacts = GrowingTable(directory / "contacts.csv", state.pair_columns, after)
+        self._surfaces = GrowingTable(directory / "surfaces.csv", motion.surface_columns, after)
+        self._bodies = GrowingTable(directory / "bodies.csv", motion.body_columns, after)
 
     def write(self, state: RunState) -> None:
         """Append the rows that are new."""
@@ -28,3 +28,8 @@ class RunTables:
         self._contacts.extend(state.pair_rows[self._contacts.written :])
         self._surfaces.extend(motion.surface_rows[self._surfaces.written :])
         self._bodies.extend(motion.body_rows[self._bodies.written :])
+
+    def sync(self) -> None:
+        """See that the rows are on the disk."""
+        for table in (self._history, self._contacts, self._surfaces, self._bodies):
+            table.sync()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from pathlib import Path
 
 from app.results.directory import write_text
@@ -17,12 +18,33 @@ class Series:
     series not with every file.
     """
 
-    def __init__(self, directory: Path, name: str) -> None:
-        """Make the directory of the files; the index comes with the first of them."""
+    def __init__(
+        self, directory: Path, name: str, times: Mapping[int, float] | None = None
+    ) -> None:
+        """Make the directory of the files; the index comes with the first of them.
+
+        Args:
+            directory: of the results.
+            name: of the series.
+            times: s, by the number of the step, of the files that are kept of a run that goes on;
+                the others are removed. None: there are none.
+        """
         self._directory, self._name = directory, name
-        (directory / name).mkdir()
+        (directory / name).mkdir(exist_ok=times is not None)
         self._lines: list[str] = []
         self._next = 0.0
+        if times is not None:
+            self._keep(times)
+
+    def _keep(self, times: Mapping[int, float]) -> None:
+        kept = {step: when for step, when in times.items() if self.path(step).is_file()}
+        names = {self.path(step).name for step in kept}
+        for path in (self._directory / self._name).glob("*.vtu*"):
+            if path.name not in names:
+                path.unlink()
+        self._lines = [self._line(step, when) for step, when in kept.items()]
+        if kept:
+            self.write_index()
 
     def path(self, step: int) -> Path:
         """The file of a step."""
@@ -35,10 +57,13 @@ class Series:
             step: number of the step.
             when: s, its time.
         """
-        file = self.path(step).relative_to(self._directory).as_posix()
-        self._lines.append(f'    <DataSet timestep="{when!r}" part="0" file="{file}"/>\n')
+        self._lines.append(self._line(step, when))
         if time.monotonic() >= self._next:
             self.write_index()
+
+    def _line(self, step: int, when: float) -> str:
+        file = self.path(step).relative_to(self._directory).as_posix()
+        return f'    <DataSet timestep="{when!r}" part="0" file="{file}"/>\n'
 
     def write_index(self) -> None:
         """Write the index of all files so far."""

@@ -9,10 +9,8 @@ from typing import Self
 
 from mpi4py import MPI
 
-from app.build.load_steps import LoadStep
 from app.implicit.stepper import StepResult
-from app.simulation.history import Row
-from app.simulation.observer import Interval, Observer
+from app.simulation.observer import Observer
 from app.simulation.run_state import RunState
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -44,11 +42,7 @@ class Interruption(Observer):
     ) -> None:
         self._restore()
 
-    def step(self, state: RunState, row: Row, result: StepResult | Interval) -> None:
-        """Stop here if any rank has been asked to."""
-        self._look()
-
-    def within(self, state: RunState, load_step: LoadStep, steps: int) -> None:
+    def ready(self, state: RunState) -> None:
         """Stop here if any rank has been asked to."""
         self._look()
 

@@ -35,7 +35,12 @@ class Reporter(Observer):
     """
 
     def __init__(
-        self, log: Path, case: Case, quiet: bool = False, console: Console | None = None
+        self,
+        log: Path,
+        case: Case,
+        quiet: bool = False,
+        console: Console | None = None,
+        resumed: bool = False,
     ) -> None:
         """Open the log.
 
@@ -44,8 +49,9 @@ class Reporter(Observer):
             case: that is run.
             quiet: print warnings and results only.
             console: where lines are printed; default: standard output.
+            resumed: whether the log goes on with one that is there.
         """
-        self._log = log.open("w", encoding="utf-8", buffering=1)
+        self._log = log.open("a" if resumed else "w", encoding="utf-8", buffering=1)
         self._console = console or Console(highlight=False, soft_wrap=True)
         self._quiet = quiet
         self._pace = _Pace()
@@ -200,6 +206,11 @@ class Together(Observer):
         """Pass on."""
         for observer in self.observers:
             observer.step(state, row, result)
+
+    def ready(self, state: RunState) -> None:
+        """Pass on."""
+        for observer in self.observers:
+            observer.ready(state)
 
     def within(self, state: RunState, load_step: LoadStep, steps: int) -> None:
         """Pass on."""

@@ -10,6 +10,8 @@ from mpi4py import MPI
 from app.build.model import build_model
 from app.case.case import Case
 from app.case.given import given_keys
+from app.checkpoint.checkpointer import Checkpointer
+from app.checkpoint.resume import Found, find_checkpoint, go_on, started_line, version_notes
 from app.errors import InputError, SolutionError
 from app.results.directory import check_free, prepare
 from app.results.earlier_sweep import sweep_labels
@@ -31,6 +33,8 @@ def run_case(
     force: bool = False,
     quiet: bool = False,
     comm: MPI.Comm = MPI.COMM_WORLD,
+    resume: bool = False,
+    extend: bool = False,
 ) -> Simulation:
     """Run one case (without its sweep) and write its results; collective.
 
@@ -40,6 +44,8 @@ def run_case(
         force: replace results that are there.
         quiet: print warnings and errors only.
         comm: ranks that work together.
+        resume: go on from the last checkpoint in the directory; from the start if there is none.
+        extend: the same, and past the end if the case has further stages.
 
     Returns:
         The finished simulation: ``rows`` is the history, ``model`` what was solved.
@@ -48,20 +54,33 @@ def run_case(
         InputError: the case, the mesh or the directory cannot be used; nothing has been changed.
         SolutionError: a step could not be solved; the state before it has been saved.
     """
-    on_first(comm, lambda: check_free(directory, force, sweep_labels(directory)))
+    found = find_checkpoint(directory, comm) if resume or extend else None
+    force = force or resume or extend
+    if found is None:
+        on_first(comm, lambda: check_free(directory, force, sweep_labels(directory)))
     model = build_model(case, comm)
     steps = notes_on_steps(model)
     simulation = Simulation(model)
-    on_first(comm, lambda: prepare(directory))
-    recorder = Recorder(model, directory, given_keys(case))
-    reporter = Reporter(directory / "log.txt", case, quiet) if comm.rank == 0 else None
+    kept = None
+    if found is None:
+        on_first(comm, lambda: prepare(directory))
+    else:
+        kept = go_on(simulation, found, directory, extend)
+    recorder = Recorder(model, directory, given_keys(case), kept)
+    if found is not None:
+        recorder.go_on(simulation.state)
+    log, resumed = directory / "log.txt", found is not None
+    reporter = Reporter(log, case, quiet, resumed=resumed) if comm.rank == 0 else None
     told: list[Observer] = [reporter, recorder] if reporter else [recorder]
     try:
         if reporter:
             _say_notes(reporter, model.notes, steps, quiet)
-        probes = ProbeRecorder(model, directory)
+            _say_resumed(reporter, simulation, found, quiet)
+        probes = ProbeRecorder(model, directory, simulation.state.step if resumed else None)
+        checkpointer = Checkpointer(simulation, recorder, directory)
         with Interruption(comm) as interruption:
-            _run(simulation, recorder, Together(*told, probes, interruption))
+            everybody = Together(*told, probes, interruption, checkpointer)
+            _run(simulation, recorder, checkpointer, everybody)
         draw_run(simulation, directory, reporter)
         if reporter:
             _say_end(reporter, simulation, recorder, quiet)
@@ -82,6 +101,16 @@ def _say_notes(reporter: Reporter, notes: Sequence[str], steps: Sequence[str], q
         reporter.say(f"note: {note}")
     for note in steps:
         reporter.say(f"note: {note}", always=not quiet)
+
+
+def _say_resumed(
+    reporter: Reporter, simulation: Simulation, found: Found | None, quiet: bool
+) -> None:
+    """From where a run goes on."""
+    if found is not None:
+        for note in (*found.notes, *version_notes(found.about)):
+            reporter.say(f"note: {note}")
+        reporter.say(started_line(found, simulation), always=not quiet)
 
 
 def _say_warnings(reporter: Reporter, recorder: Recorder) -> None:
@@ -143,19 +172,24 @@ def _closing_line(simulation: Simulation) -> str:
     )
 
 
-def _run(simulation: Simulation, recorder: Recorder, observer: Observer) -> None:
+def _run(
+    simulation: Simulation, recorder: Recorder, checkpointer: Checkpointer, observer: Observer
+) -> None:
     try:
         simulation.run(observer)
     except SolutionError as error:
+        checkpointer.close("failed")
         recorder.close(simulation, "failed", str(error))
         raise
     except KeyboardInterrupt:
+        checkpointer.close("interrupted")
         recorder.close(simulation, "interrupted")
         raise
     except BaseException:
         # An error of one rank alone: the others are not here, so nothing collective may follow.
         recorder.rescue(simulation)
         raise
+    checkpointer.close("done")
     recorder.close(simulation, "done")
 
 

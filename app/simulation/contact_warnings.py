@@ -19,13 +19,14 @@ vertices is summed over all.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
 from app.equilibrium.equilibrium import Equilibrium
+from app.equilibrium.snapshot import Snapshot
 from app.simulation.history import Row
 from app.simulation.pair_bodies import pressed_by_force
 from app.simulation.time_text import time_text
@@ -214,6 +215,24 @@ class ContactWarnings:
                 self.over_approach[index] = _over(state.mean, approach)
             if widest is None or state.area > widest.area:
                 self._widest[index] = state
+
+    def snapshot(self) -> Snapshot:
+        """What has been seen so far."""
+        return {
+            "over": [self.over_facet, self.over_approach],
+            "deepest": [list(one) for one in self._deepest],
+            "strongest": [None if one is None else asdict(one) for one in self._strongest],
+            "widest": [None if one is None else asdict(one) for one in self._widest],
+        }
+
+    def restore(self, kept: Snapshot) -> None:
+        """Go on from what :meth:`snapshot` has seen."""
+        self.over_facet, self.over_approach = map(list, kept["over"])
+        self._deepest = [(one[0], one[1], one[2], one[3]) for one in kept["deepest"]]
+        self._strongest, self._widest = (
+            [None if one is None else PairState(**one) for one in kept[name]]
+            for name in ("strongest", "widest")
+        )
 
     def warnings(self) -> Iterator[str]:
         """The lines of all pairs."""

@@ -11,8 +11,14 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from app.equilibrium.equilibrium import Equilibrium
+from app.equilibrium.snapshot import Nodal, Snapshot
 from app.simulation.contact_resultants import ContactResultants
 from geometry.surfaces.facets import Floats
+
+_SUMS = (
+    *("work", "dissipation", "numerical", "strain", "interface", "kinetic", "damping"),
+    "_initial_kinetic",
+)
 
 
 @dataclass(slots=True)
@@ -108,6 +114,22 @@ class EnergyBalance:
         self.work += self._last.until(now, self.problem.comm)
         self._last = now
         self._enter_contacts(resultants)
+
+    def snapshot(self) -> Snapshot:
+        """All sums so far."""
+        return {
+            "sums": {name: getattr(self, name) for name in _SUMS},
+            "start": list(self._start),
+            "force": Nodal(self._last.force),
+            "position": Nodal(self._last.position),
+        }
+
+    def restore(self, kept: Snapshot) -> None:
+        """Go on from what :meth:`snapshot` has seen."""
+        for name in _SUMS:
+            setattr(self, name, kept["sums"][name])
+        self._start = (kept["start"][0], kept["start"][1])
+        self._last = Work(kept["force"], kept["position"])
 
     @property
     def error(self) -> float:

@@ -15,8 +15,10 @@ from app.build.load_steps import LoadStep, load_steps_of
 from app.build.model import Model, initial_velocity
 from app.case.solver import Solver
 from app.case.stage import solver_of
+from app.equilibrium.snapshot import Snapshot, to_contacts
 from app.errors import SolutionError
 from app.explicit.instability import ExplicitError
+from app.explicit.mass_scaling import ScaledMass
 from app.explicit.options import ExplicitOptions
 from app.explicit.stepper import ExplicitStepper, MassScaling
 from app.simulation.inertia import Inertia
@@ -86,13 +88,20 @@ class ExplicitStage:
         steps: time steps so far; shortest, longest: s, stable steps met.
     """
 
-    def __init__(self, state: RunState, displacement: Floats, rate_dependent: bool = True) -> None:
+    def __init__(
+        self,
+        state: RunState,
+        displacement: Floats,
+        rate_dependent: bool = True,
+        masses: ScaledMass | None = None,
+    ) -> None:
         """Take over from the state that the run is in; collective.
 
         Args:
             state: of the run; its contacts hold the history.
             displacement: (n,), m, of the owned unknowns.
             rate_dependent: whether rates count in the contacts' laws at the start.
+            masses: of a run that is resumed; None: scaled for the state taken over.
         """
         self.state, self.model = state, state.model
         self.stepper = ExplicitStepper(
@@ -101,6 +110,7 @@ class ExplicitStage:
             displacement=displacement,
             velocity=initial_velocity(self.model),
             rate_dependent=rate_dependent,
+            masses=masses,
         )
         state.stepper = self.stepper
         self.averages = IntervalAverages(self.stepper)
@@ -110,50 +120,80 @@ class ExplicitStage:
         self._peak = 0.0
         self._stable = 0.0
 
+    @classmethod
+    def resumed(cls, state: RunState, kept: Snapshot) -> ExplicitStage:
+        """Go on from what :meth:`snapshot` has seen, under the loads of that time; collective."""
+        problem, stepper = state.model.problem, kept["stepper"]
+        for term, history in zip(
+            problem.contacts, to_contacts(problem.contacts, stepper["contacts"]), strict=True
+        ):
+            term.adopt(history)
+        masses = ExplicitStepper.masses_in(stepper)
+        stage = cls(state, stepper["u"], kept["rate_dependent"], masses)
+        stage.stepper.restore(stepper)
+        problem.committed = list(problem.trials)
+        stage.steps, stage.shortest, stage.longest, stage._peak, stage._stable = kept["numbers"]
+        stage.averages = IntervalAverages(stage.stepper)
+        stage.averages.restore(kept["averages"])
+        return stage
+
+    def snapshot(self) -> Snapshot:
+        """See :class:`app.simulation.simulation.StageRunner`."""
+        return {
+            "stepper": self.stepper.snapshot(),
+            "rate_dependent": self.stepper.rate_dependent,
+            "numbers": [self.steps, self.shortest, self.longest, self._peak, self._stable],
+            "averages": self.averages.snapshot(),
+        }
+
+    def begin(self, load_step: LoadStep) -> None:
+        """See :class:`app.simulation.simulation.StageRunner`."""
+        self.state.inertia.append(Inertia(load_step.label))
+
     def run(self, load_step: LoadStep, observer: Observer) -> None:
-        """Run one load step to its end, or until steady; collective.
+        """Run one load step, or what is left of it, to its end, or until steady; collective.
 
         Raises:
             SolutionError: an element is turned inside out, or the energy runs away.
         """
-        state, stage = self.state, load_step.stage
-        state.inertia.append(Inertia(load_step.label))
-        start, driven, first = state.time, state.driven, len(state.rows)
+        state, stage, at = self.state, load_step.stage, self.state.position
         steady: bool | None = None
-        for count in range(1, (load_step.steps or stage.max_steps) + 1):
-            self._interval(load_step, start, driven, count, observer)
+        while at.count < (load_step.steps or stage.max_steps):
+            self._interval(load_step, observer)
             if load_step.steps is None:
-                enough = count >= stage.min_steps and count * load_step.dt >= stage.ramp
-                steady = enough and state.is_steady(load_step, first)
+                enough = at.count >= stage.min_steps and at.count * load_step.dt >= stage.ramp
+                steady = enough and state.is_steady(load_step, at.row)
                 if steady:
                     break
         observer.load_step(state, load_step, state.rows[-1], steady)
 
-    def _interval(
-        self, load_step: LoadStep, start: float, driven: float, count: int, observer: Observer
-    ) -> None:
-        """The steps up to the ``count``-th row of the load step, and that row."""
-        elapsed, end = (count - 1) * load_step.dt, count * load_step.dt
-        done = 0
-        self.averages.open()
+    def _interval(self, load_step: LoadStep, observer: Observer) -> None:
+        """The steps up to the next row of the load step, and that row."""
+        at = self.state.position
+        start, driven, end = at.time, at.driven, (at.count + 1) * load_step.dt
+        if at.within == 0:
+            at.elapsed = at.count * load_step.dt
+            self.averages.open()
         while True:
-            left, dt = self._division(load_step, end - elapsed)
+            observer.ready(self.state)
+            left, dt = self._division(load_step, end - at.elapsed)
             chunk = min(left, CHECK_EVERY)
             last = chunk == left
             for k in range(1, chunk + 1):
-                now = end if last and k == chunk else elapsed + k * dt
+                now = end if last and k == chunk else at.elapsed + k * dt
                 self.model.set_loads(start + now, driven + load_step.travel(now))
                 self._advance(load_step, dt, start + now)
-            done += chunk
+            at.within += chunk
             self.steps += chunk
             if last:
                 break
-            elapsed += chunk * dt
-            self.state.time = start + elapsed
+            at.elapsed += chunk * dt
+            self.state.time = start + at.elapsed
             observer.within(self.state, load_step, self.steps)
         self.state.time = start + end
         self.state.driven = driven + load_step.travel(end)
-        self._row(load_step, dt, done, observer)
+        made, at.count, at.within = at.within, at.count + 1, 0
+        self._row(load_step, dt, made, observer)
 
     def _division(self, load_step: LoadStep, left: float) -> tuple[int, float]:
         """Number and length (s) of equal steps in the rest of an interval, none too long."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from app.build.load_steps import LoadStep
 from app.build.supports import Loose, loose_directions
+from app.equilibrium.snapshot import Snapshot
 from app.errors import InputError, SolutionError
 from app.implicit.options import ImplicitOptions
 from app.implicit.stepper import ImplicitStepper, StepResult
@@ -45,43 +46,54 @@ class ImplicitStage:
         """The directions in which contact alone holds a body at present; collective."""
         return loose_directions(self.model.problem)
 
+    def begin(self, load_step: LoadStep) -> None:
+        """See :class:`app.simulation.simulation.StageRunner`."""
+
     def run(self, load_step: LoadStep, observer: Observer) -> None:
-        """Run one load step to its end, or until steady; collective.
+        """Run one load step, or what is left of it, to its end, or until steady; collective.
 
         Raises:
             SolutionError: a step failed however short it was made.
         """
-        state, begin, first = self.state, self.state.time, len(self.state.rows)
+        state, at = self.state, self.state.position
         steady: bool | None = None
-        for count in range(1, (load_step.steps or load_step.stage.max_steps) + 1):
-            self._advance(load_step, begin, observer)
+        while at.count < (load_step.steps or load_step.stage.max_steps):
+            self._advance(load_step, observer)
+            at.count, at.done = at.count + 1, 0.0
             if load_step.steps is None:
-                enough = count >= load_step.stage.min_steps
-                steady = enough and state.is_steady(load_step, first)
+                enough = at.count >= load_step.stage.min_steps
+                steady = enough and state.is_steady(load_step, at.row)
                 if steady:
                     break
         observer.load_step(state, load_step, state.rows[-1], steady)
 
-    def _advance(self, load_step: LoadStep, begin: float, observer: Observer) -> None:
-        """One step of the load step that began at ``begin`` (s), in as many pieces as it takes.
+    def snapshot(self) -> Snapshot:
+        """See :class:`app.simulation.simulation.StageRunner`."""
+        return self.stepper.snapshot()
+
+    def _advance(self, load_step: LoadStep, observer: Observer) -> None:
+        """One step of the load step, or the rest of it, in as many pieces as it takes.
 
         The pieces end exactly where the whole step would have.
         """
-        state = self.state
-        start, driven = state.time, state.driven
-        since = start - begin
-        done, piece, failures, wasted = 0.0, 1.0, 0, 0
-        while done < 1.0:
-            end = min(1.0, done + piece)
+        state, at = self.state, self.state.position
+        at.begin_step(state.time, state.driven)
+        start, driven = at.step_time, at.step_driven
+        since = start - at.time
+        failures, wasted = 0, 0
+        while at.done < 1.0:
+            if not failures:
+                observer.ready(state)
+            end = min(1.0, at.done + at.piece)
             moved = driven + load_step.travel(since + end * load_step.dt) - load_step.travel(since)
             self.model.set_loads(start + end * load_step.dt, moved)
-            dt = (end - done) * load_step.dt
+            dt = (end - at.done) * load_step.dt
             result = self.stepper.attempt(dt)
             if not result.converged:
                 failures += 1
                 wasted += result.iterations
-                piece = 0.5 * (end - done)
-                if piece < self.model.case.solver.min_step_fraction:
+                at.piece = 0.5 * (end - at.done)
+                if at.piece < self.model.case.solver.min_step_fraction:
                     self._give_up(load_step, dt, result)
                 observer.cut(state, dt, result)
                 continue
@@ -90,9 +102,9 @@ class ImplicitStage:
             easy = result.iterations <= EASY_ITERATIONS
             result.iterations += wasted
             self._commit(load_step, dt, result, failures, observer)
-            done, failures, wasted = end, 0, 0
+            at.done, failures, wasted = end, 0, 0
             if easy:
-                piece = 2.0 * piece
+                at.piece = 2.0 * at.piece
 
     def _take_resultants(self, load_step: LoadStep) -> None:
         """Contact resultants of a solved step, before it is committed; collective.

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from mpi4py import MPI
 
+from app.equilibrium.snapshot import Partial, Snapshot
 from app.explicit.stepper import ExplicitStepper
 from app.simulation.contact_resultants import ContactResultants, resultants, vector_integrals
 from app.simulation.energy_balance import EnergyFlow
@@ -55,6 +56,41 @@ class IntervalAverages:
         """Begin an interval."""
         self._tallies = [_Tally() for _ in self.problem.contacts]
         self._outside = OutsideMean(self.stepper)
+
+    def snapshot(self) -> Snapshot:
+        """The sums of the interval at hand; collective."""
+        comm = self.problem.comm
+        tallies = []
+        for tally in self._tallies:
+            sums = {name: Partial(vector) for name, vector in tally.vectors.items()}
+            least, worst = min(comm.allgather((tally.least, tally.worst)))
+            tallies.append(
+                {
+                    "time": tally.time,
+                    "vectors": sums,
+                    "work": Partial(np.array([tally.dissipated, tally.numerical])),
+                    "least": [least, list(worst)],
+                }
+            )
+        return {
+            "tallies": tallies,
+            "outside": self._outside.snapshot(),
+            "removed": self.removed,
+            "taken": Partial(np.array(self._taken)),
+        }
+
+    def restore(self, kept: Snapshot) -> None:
+        """Go on from what :meth:`snapshot` has seen."""
+        self._tallies = []
+        for one in kept["tallies"]:
+            dissipated, numerical = map(float, one["work"])
+            least, worst = one["least"]
+            self._tallies.append(
+                _Tally(one["time"], one["vectors"], dissipated, numerical, least, tuple(worst))
+            )
+        self._outside.restore(kept["outside"])
+        self.removed = kept["removed"]
+        self._taken = (float(kept["taken"][0]), float(kept["taken"][1]))
 
     def enter(self, dt: float) -> None:
         """Enter the step of ``dt`` (s) just made; local to the rank."""

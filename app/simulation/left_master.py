@@ -8,6 +8,7 @@ import numpy as np
 from mpi4py import MPI
 
 from app.build.model import Model
+from app.equilibrium.snapshot import AtPoints, Snapshot
 from app.simulation.history import Row
 from app.simulation.time_text import time_text
 
@@ -41,6 +42,16 @@ class LeftMaster:
         when = f"first at time {time_text(row.time, row.dt)}, stage {row.stage}"
         for index in np.nonzero(lost > FEW * whole)[0]:
             self._found.setdefault(int(index), when)
+
+    def snapshot(self) -> Snapshot:
+        """What has been seen so far."""
+        above = [AtPoints(pair, points) for pair, points in enumerate(self._above)]
+        return {"above": above, "found": list(self._found.items())}
+
+    def restore(self, kept: Snapshot) -> None:
+        """Go on from what :meth:`snapshot` has seen."""
+        self._above = list(kept["above"])
+        self._found = {int(pair): when for pair, when in kept["found"]}
 
     def warnings(self) -> Iterator[str]:
         """One line for each pair that has lost points."""

@@ -33,6 +33,13 @@ class Observer:
     def step(self, state: RunState, row: Row, result: StepResult | Interval) -> None:
         """A step has converged and is committed, or an explicit interval is over; collective."""
 
+    def ready(self, state: RunState) -> None:
+        """All of the last step has been told, and another is about to begin; collective.
+
+        A run can be stopped here, and gone on with later. Explicit runs come by between two rows
+        too.
+        """
+
     def within(self, state: RunState, load_step: LoadStep, steps: int) -> None:
         """Called now and then between two rows of an explicit run, after ``steps``; collective."""
 

@@ -8,7 +8,9 @@ import dolfinx
 import numpy as np
 
 from app.equilibrium.equilibrium import Equilibrium
+from app.equilibrium.snapshot import Nodal, Snapshot, scattered
 from app.explicit.stepper import ExplicitStepper
+from geometry.surfaces.exchange import NodalVector
 from geometry.surfaces.facets import Floats, Ints
 
 
@@ -65,6 +67,34 @@ class OutsideMean:
         self._pressures = [np.zeros(len(problem.u.x.array)) for _ in problem.pressures]
         self._time = 0.0
         self._speed, self._place = self._motion()
+
+    def snapshot(self) -> Snapshot:
+        """The sums so far; collective."""
+        owned = len(self._stepper.mass)
+        sums = {"residual": self._residual, "speed": self._speed, "place": self._place}
+        return {
+            **{name: scattered(self._held, values, owned) for name, values in sums.items()},
+            "pulls": self._pulls,
+            "pressures": [Nodal(self._collected(values)) for values in self._pressures],
+            "time": self._time,
+        }
+
+    def restore(self, kept: Snapshot) -> None:
+        """Go on from what :meth:`snapshot` has seen."""
+        self._residual, self._speed, self._place = (
+            kept[name][self._held] for name in ("residual", "speed", "place")
+        )
+        self._pulls, self._time = kept["pulls"], kept["time"]
+        for total, values in zip(self._pressures, kept["pressures"], strict=True):
+            total[:] = 0.0
+            total[: len(values)] = values
+
+    def _collected(self, local: Floats) -> Floats:
+        """Values (n,) of the owned unknowns, with what the ranks have for one another's."""
+        vector = NodalVector(self._stepper.problem.space)
+        vector.array[:] = local
+        vector.collect_ghosts()
+        return vector.owned.copy()
 
     def enter(self, dt: float) -> None:
         """Enter the step of ``dt`` (s) just made; local to the rank."""

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 from app.equilibrium.equilibrium import Equilibrium
+from app.equilibrium.snapshot import Snapshot
 from app.implicit.stepper import StepResult
 from app.simulation.history import Row
 from app.simulation.observer import Interval
@@ -77,6 +78,18 @@ class RoundOffWatch:
         if self._loaded and share > self._tolerance and worse:
             self.worst = AtRoundOff(share, label, *self._noisiest())
         self._begin()
+
+    def snapshot(self) -> Snapshot:
+        """What has been seen so far."""
+        return {
+            "worst": None if self.worst is None else asdict(self.worst),
+            "load_step": [self._residual, self._force, self._loaded],
+        }
+
+    def restore(self, kept: Snapshot) -> None:
+        """Go on from what :meth:`snapshot` has seen."""
+        self.worst = None if kept["worst"] is None else AtRoundOff(**kept["worst"])
+        self._residual, self._force, self._loaded = kept["load_step"]
 
     def _noisiest(self) -> tuple[str, bool]:
         """The body whose rounding leaves most, and whether by its motion; collective."""

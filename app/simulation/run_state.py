@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from app.build.load_steps import LoadStep
 from app.build.model import Model
 from app.case.boundary import COMPONENTS, DRIVEN
+from app.equilibrium.snapshot import Snapshot
 from app.explicit.stepper import ExplicitStepper
 from app.implicit.stepper import ImplicitStepper
 from app.simulation.contact_resultants import (
@@ -25,7 +26,8 @@ from app.simulation.history import Row
 from app.simulation.inertia import Inertia
 from app.simulation.motion_history import KEYS, MotionHistory
 from app.simulation.outside_forces import OutsideForces
-from app.simulation.steady import NOT_SLID, SlidWay, measure_settling
+from app.simulation.position import Position
+from app.simulation.steady import NOT_SLID, SlidWay, Steadiness, measure_settling
 from forms.contact.state import ContactTrial
 from geometry.surfaces.facets import Floats
 
@@ -68,6 +70,7 @@ class RunState:
         resultants: the contacts after the last step.
         inertia: kinetic against strain energy, of each explicit load step.
         way: tangential force over the way of driven boundaries; steadiness: as last judged.
+        position: where the loops over load steps and steps stand.
     """
 
     stepper: ImplicitStepper | ExplicitStepper
@@ -88,6 +91,7 @@ class RunState:
         self._last = (0.0, 0.0)
         self.way = SlidWay(term.law for term in model.problem.contacts)
         self.steadiness = NOT_SLID
+        self.position = Position()
         model.set_loads(0.0, 0.0)
         self.energy_balance = EnergyBalance(model.problem, model.problem.new_vector())
         self.motion = MotionHistory(model)
@@ -177,3 +181,37 @@ class RunState:
         """
         self.steadiness = self.way.judge(first, load_step.stage.steady_tolerance)
         return self.steadiness.steady
+
+    # -- restart ------------------------------------------------------------------------------
+
+    def snapshot(self) -> Snapshot:
+        """How far the run has come, without the rows, which are in its tables."""
+        return {
+            "time": self.time,
+            "driven": self.driven,
+            "step": self.step,
+            "last": list(self._last),
+            "position": asdict(self.position),
+            "resultants": [asdict(one) for one in self.resultants],
+            "inertia": [asdict(one) for one in self.inertia],
+            "steadiness": asdict(self.steadiness),
+            "way": self.way.snapshot(),
+            "energies": self.energy_balance.snapshot(),
+        }
+
+    def restore(self, kept: Snapshot) -> None:
+        """Go on from what :meth:`snapshot` has seen; the rows are put in by the caller."""
+        self.time, self.driven, self.step = kept["time"], kept["driven"], kept["step"]
+        self._last = (kept["last"][0], kept["last"][1])
+        self.position = Position(**kept["position"])
+        self.resultants = [_resultants(one) for one in kept["resultants"]]
+        self.inertia = [Inertia(**one) for one in kept["inertia"]]
+        self.steadiness = Steadiness(**kept["steadiness"])
+        self.way.restore(kept["way"])
+        self.energy_balance.restore(kept["energies"])
+
+
+def _resultants(kept: Snapshot) -> ContactResultants:
+    """The resultants of a pair; what was a tuple was read as a list."""
+    parts: dict[str, Any] = {n: tuple(v) if isinstance(v, list) else v for n, v in kept.items()}
+    return ContactResultants(**parts)

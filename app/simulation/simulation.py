@@ -6,9 +6,10 @@ from typing import Protocol
 
 import numpy as np
 
-from app.build.load_steps import LoadStep, load_steps_of
+from app.build.load_steps import LoadStep, all_load_steps
 from app.build.model import Model
 from app.case.stage import Stage, solver_of
+from app.equilibrium.snapshot import Snapshot
 from app.explicit.stepper import ExplicitStepper
 from app.implicit.stepper import ImplicitStepper
 from app.simulation.explicit_stage import ExplicitStage
@@ -21,12 +22,18 @@ from app.simulation.run_state import RunState
 class StageRunner(Protocol):
     """What runs load steps: from the state of the run as it is, to the state at their end."""
 
+    def begin(self, load_step: LoadStep) -> None:
+        """A load step begins that :meth:`run` will be asked for, perhaps more than once."""
+
     def run(self, load_step: LoadStep, observer: Observer) -> None:
-        """Run one load step to its end, or until steady; collective.
+        """Run one load step, or what is left of it, to its end, or until steady; collective.
 
         Raises:
             SolutionError: there is no way on; the state is the last valid one.
         """
+
+    def snapshot(self) -> Snapshot:
+        """All that the next step depends on, beside the loads; collective."""
 
 
 class Simulation:
@@ -69,19 +76,21 @@ class Simulation:
         return self.state.stepper
 
     def run(self, observer: Observer) -> None:
-        """Run all stages.
+        """Run all stages, from where the run stands.
 
         Raises:
             SolutionError: a step failed however short it was made; the state is the last
                 converged one.
         """
-        case, velocity = self.model.case, 0.0
-        for stage in case.stage:
-            self.model.begin_stage(stage.name)
-            runner = self._runner(stage)
-            for load_step in load_steps_of(stage, case.film_conductance, velocity):
-                runner.run(load_step, observer)
-                velocity = load_step.velocity
+        state, at = self.state, self.state.position
+        for load_step in all_load_steps(self.model.case)[at.load_step :]:
+            self.model.begin_stage(load_step.stage.name)
+            runner = self._runner(load_step.stage)
+            if at.begin(state.time, state.driven, len(state.rows)):
+                runner.begin(load_step)
+            runner.run(load_step, observer)
+            at.end()
+        observer.ready(state)
 
     def _runner(self, stage: Stage) -> StageRunner:
         """The runner of a stage; the first explicit one takes over from the implicit ones."""
@@ -94,3 +103,35 @@ class Simulation:
             self.explicit = ExplicitStage(self.state, self.stepper.x.array_r, rates)
         self.explicit.stepper.rate_dependent = rates
         return self.explicit
+
+    # -- restart ------------------------------------------------------------------------------
+
+    def snapshot(self) -> Snapshot:
+        """All that the rest of the run depends on, but for the rows; collective.
+
+        To be taken where an observer's ``ready`` is called. Arrays are views, not copies.
+        """
+        runner = self.explicit or self.implicit
+        assert runner is not None
+        return {
+            "solver": "implicit" if runner is self.implicit else "explicit",
+            "loaded": list(self.model.loaded),
+            "runner": runner.snapshot(),
+            "state": self.state.snapshot(),
+        }
+
+    def restore(self, kept: Snapshot) -> None:
+        """Go on from what :meth:`snapshot` has seen; collective.
+
+        The rows must have been put back.
+        """
+        load_steps = all_load_steps(self.model.case)
+        number = kept["state"]["position"]["load_step"]
+        self.model.begin_stage(load_steps[min(number, len(load_steps) - 1)].stage.name)
+        self.model.set_loads(*kept["loaded"])
+        if kept["solver"] == "implicit":
+            assert self.implicit is not None
+            self.implicit.stepper.restore(kept["runner"])
+        else:
+            self.explicit = ExplicitStage.resumed(self.state, kept["runner"])
+        self.state.restore(kept["state"])

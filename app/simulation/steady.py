@@ -34,6 +34,7 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
+from app.equilibrium.snapshot import Snapshot
 from forms.contact.penalty import ContactTerm
 from forms.contact.state import ContactTrial
 from forms.friction.law import FrictionLaw
@@ -146,6 +147,22 @@ class SlidWay:
         self._force.append(force)
         self._unsettled.append(unsettled)
         self._presliding = presliding
+
+    def snapshot(self) -> Snapshot:
+        """The samples so far."""
+        return {
+            "driven": np.array(self._driven),
+            "force": np.array(self._force),
+            "unsettled": np.array(self._unsettled),
+            "presliding": self._presliding,
+            "stiffness": self._stiffness,
+        }
+
+    def restore(self, kept: Snapshot) -> None:
+        """Go on from what :meth:`snapshot` has seen."""
+        self._driven, self._force = kept["driven"].tolist(), kept["force"].tolist()
+        self._unsettled = kept["unsettled"].tolist()
+        self._presliding, self._stiffness = kept["presliding"], kept["stiffness"]
 
     def judge(self, first: int, tolerance: float) -> Steadiness:
         """Whether the force is steady now.

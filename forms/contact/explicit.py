@@ -64,6 +64,23 @@ class ExplicitContact:
         """How often candidate facets were searched for."""
         return self.term.surface.target.search.searches
 
+    def film_arrays(self) -> dict[str, Floats]:
+        """What is carried from step to step beside the state of the pair: (q, …), in place."""
+        return {
+            "film_traction": self.film_traction,
+            "film": self.film,
+            "compliance": self.compliance,
+        }
+
+    @property
+    def searched_at(self) -> tuple[Floats, Floats] | None:
+        """Places of points and facets, m, at the last search; None before it."""
+        return self.term.surface.target.search.searched_at
+
+    def search_at(self, points: Floats, facets: Floats) -> None:
+        """Search for candidate facets where :attr:`searched_at` says."""
+        self.term.surface.target.search.search(points, facets)
+
     # -- evaluation ---------------------------------------------------------------------------
 
     def evaluate(self, u: NodalVector, dt: float, rate_dependent: bool = True) -> ContactTrial:

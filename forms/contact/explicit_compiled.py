@@ -23,7 +23,7 @@ from forms.contact.state import AS_IS, ContactState, ContactTrial, NormalContact
 from forms.native.libraries import library
 from geometry.surfaces.exchange import NodalVector
 from geometry.surfaces.facet_search import TIE
-from geometry.surfaces.facets import Ints
+from geometry.surfaces.facets import Floats, Ints
 from geometry.surfaces.projection import Projection
 
 SOURCE = "plane_contact.c"
@@ -222,7 +222,7 @@ class CompiledContact(ExplicitContact):
         now, term = self._sets[self._turn], self.term
         self._take_over(self._sets[1 - self._turn])
         if self._code.tribox_pair_project(now.at):
-            self._search(now)
+            self.search_at(now.arrays["position"], now.arrays["current"])
             self._code.tribox_pair_project(now.at)
         normal = self._press(now)
         arrays = now.arrays
@@ -258,10 +258,15 @@ class CompiledContact(ExplicitContact):
         pressure = arrays["pressure"]
         return NormalContact(arrays["closed"], pressure, pressure, gap, nodal, active)
 
-    def _search(self, now: _Buffers) -> None:
-        """Find candidate facets at the present positions, and keep these positions."""
-        points, nodes = now.arrays["position"], now.arrays["current"]
-        surface = self.term.surface
+    @property
+    def searched_at(self) -> tuple[Floats, Floats] | None:
+        """Places of points (q, i) and master nodes (n, i), m; see ``ExplicitContact``."""
+        points, nodes = self._inputs["searched_points"], self._inputs["searched_nodes"]
+        return (points, nodes) if np.isfinite(nodes).all() else None
+
+    def search_at(self, points: Floats, facets: Floats) -> None:
+        """Find candidate facets at these places of points and master nodes, and keep them."""
+        nodes, surface = facets, self.term.surface
         found, slack = surface.target.search.table(points, nodes[surface.master.facets])
         self._inputs["candidate"] = np.ascontiguousarray(found, dtype=np.int32)
         self._inputs["searched_points"][:] = points

@@ -62,9 +62,7 @@ class FacetSearch:
         """
         motion = self._motion(points, facets)
         if not motion < 0.5 * self.slack:
-            self._point, self._facet, self._excess = self._search(points, facets)
-            self._points, self._facets = points.copy(), facets.copy()
-            self.searches += 1
+            self.search(points, facets)
             motion = 0.0
         # A facet further than the closest by more than twice the motion since is not closest yet.
         near = self._excess <= 2.0 * motion + TIE * self.slack
@@ -75,6 +73,17 @@ class FacetSearch:
         point, facet = np.concatenate([point, self._far]), np.concatenate([facet, alone])
         order = np.argsort(point, kind="stable")
         return point[order], facet[order]
+
+    @property
+    def searched_at(self) -> tuple[Floats, Floats] | None:
+        """Points (q, i) and facets (f, a, i), m, of the last search; None before it."""
+        return None if self._points is None else (self._points, self._facets)
+
+    def search(self, points: Floats, facets: Floats) -> None:
+        """Find the candidates of :meth:`pairs` anew, at these places."""
+        self._point, self._facet, self._excess = self._search(points, facets)
+        self._points, self._facets = points.copy(), facets.copy()
+        self.searches += 1
 
     def table(self, points: Floats, facets: Floats) -> tuple[Ints, float]:
         """Candidates (q, k) of a new search, and how far, m, points and nodes together may move.

@@ -1,0 +1,148 @@
+"""Checkpoints as files: ``checkpoints/NNNNNN/`` in a results directory, whole or not there at all.
+
+Each is written under a temporary name, synced to the disk and renamed; its manifest holds the size
+and the SHA-256 sum of its files. They are numbered from 1; the last few are kept.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+import shutil
+import zipfile
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from app.equilibrium.snapshot import Array
+from app.errors import InputError
+
+FORMAT = 1
+DIRECTORY = "checkpoints"
+_STATE, _ARRAYS, _MANIFEST = "state.json", "arrays.npz", "manifest.json"
+
+
+@dataclass(frozen=True, slots=True)
+class Checkpoint:
+    """One checkpoint.
+
+    Attributes:
+        about: its manifest: step, time, status of the run, versions and so on.
+        tree: snapshot as plain data; arrays: of it, by name.
+    """
+
+    about: dict[str, Any]
+    tree: Any
+    arrays: dict[str, Array] = field(default_factory=dict)
+
+
+def write_checkpoint(directory: Path, checkpoint: Checkpoint, keep: int) -> Path:
+    """Write a checkpoint of a results directory, and drop all but the last ``keep``.
+
+    Returns:
+        Its directory.
+
+    Raises:
+        OSError: it cannot be written; those before it are untouched.
+    """
+    root = directory / DIRECTORY
+    root.mkdir(exist_ok=True)
+    numbers = _numbers(root)
+    final = root / f"{(numbers[-1] if numbers else 0) + 1:06d}"
+    part = final.with_name(f"{final.name}.part")
+    shutil.rmtree(part, ignore_errors=True)
+    try:
+        part.mkdir()
+        _fill(part, checkpoint)
+        os.replace(part, final)
+        _sync(root)
+    except OSError:
+        shutil.rmtree(part, ignore_errors=True)
+        raise
+    for number in _numbers(root)[:-keep]:
+        shutil.rmtree(root / f"{number:06d}", ignore_errors=True)
+    return final
+
+
+def _fill(part: Path, checkpoint: Checkpoint) -> None:
+    with (part / _STATE).open("w", encoding="utf-8") as stream:
+        json.dump(checkpoint.tree, stream, default=_plain)
+    np.savez(part / _ARRAYS, **{f"a{name}": a for name, a in checkpoint.arrays.items()})  # type: ignore[arg-type]
+    files = {name: _fingerprint(part / name) for name in (_STATE, _ARRAYS)}
+    about = {"format": FORMAT, **checkpoint.about, "files": files}
+    with (part / _MANIFEST).open("w", encoding="utf-8") as stream:
+        json.dump(about, stream, indent=2, default=_plain)
+    for name in (_STATE, _ARRAYS, _MANIFEST, "."):
+        _sync(part / name)
+
+
+def _plain(value: Any) -> Any:
+    """Numbers of numpy as Python's."""
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"{type(value).__name__} in a checkpoint")
+
+
+def _sync(path: Path) -> None:
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _fingerprint(path: Path) -> dict[str, Any]:
+    with path.open("rb") as stream:
+        digest = hashlib.file_digest(stream, "sha256").hexdigest()
+    return {"bytes": path.stat().st_size, "sha256": digest}
+
+
+def _numbers(root: Path) -> list[int]:
+    """Numbers of the checkpoints that are there, rising."""
+    names = [path.name for path in root.iterdir()] if root.is_dir() else []
+    return sorted(int(name) for name in names if re.fullmatch("[0-9]{6}", name))
+
+
+def latest(directory: Path) -> tuple[Checkpoint | None, list[str]]:
+    """The last checkpoint of a results directory that is whole.
+
+    Returns:
+        None if there is none; and a line for each later one that is damaged.
+
+    Raises:
+        InputError: the last one is of another format.
+    """
+    damaged: list[str] = []
+    for path in _newest_first(directory / DIRECTORY):
+        try:
+            return _read(path), damaged
+        except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
+            damaged.append(f"{path}: is damaged ({error}); the one before it is taken")
+    return None, damaged
+
+
+def _newest_first(root: Path) -> Iterator[Path]:
+    for number in reversed(_numbers(root)):
+        yield root / f"{number:06d}"
+
+
+def _read(path: Path) -> Checkpoint:
+    about = json.loads((path / _MANIFEST).read_text(encoding="utf-8"))
+    if about["format"] != FORMAT:
+        raise InputError(
+            f"{path}: a checkpoint of format {about['format']}, this version of tribox reads "
+            f"{FORMAT}; resume it with the version that wrote it "
+            f"({about.get('versions', {}).get('tribox', 'unknown')})"
+        )
+    for name, expected in about["files"].items():
+        if _fingerprint(path / name) != expected:
+            raise ValueError(f"{name} is not what was written")
+    tree = json.loads((path / _STATE).read_text(encoding="utf-8"))
+    with np.load(path / _ARRAYS, allow_pickle=False) as stored:
+        arrays = {name.removeprefix("a"): stored[name] for name in stored.files}
+    return Checkpoint(about, tree, arrays)

@@ -1,0 +1,240 @@
+"""Snapshots of all ranks as one tree of plain arrays, in an order that ranks do not change.
+
+Nodes are ordered as the cells of the mesh file or generator name them, the points of a contact
+pair by their undeformed places.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from app.build.model import Model
+from app.equilibrium.snapshot import Array, AtPoints, Local, Nodal, Partial
+from app.results.gathered_mesh import GatheredMesh
+from geometry.surfaces.facets import Floats, Longs
+from geometry.surfaces.ordering import order_by_place
+
+KINDS = {"array": np.ndarray, "nodal": Nodal, "points": AtPoints, "sum": Partial, "local": Local}
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """Rows of all ranks, one rank after the other, and their order that ranks do not change.
+
+    Attributes:
+        comm: of the ranks.
+        order: (n,) the gathered row of each ordered one; empty but on the first rank.
+        counts: rows of each rank, likewise.
+    """
+
+    comm: MPI.Comm
+    order: Longs
+    counts: list[int]
+
+    @classmethod
+    def of(cls, comm: MPI.Comm, mine: int, order: Longs) -> Order:
+        """The order of rows of which this rank has ``mine``; collective."""
+        return cls(comm, order, comm.gather(mine) or [])
+
+    def gather(self, values: Array) -> Array:
+        """Ordered rows (n, …) from those of each rank; on the first rank; collective."""
+        parts = self.comm.gather(np.ascontiguousarray(values))
+        return values[:0] if parts is None else np.concatenate(parts)[self.order]
+
+    def scatter(self, values: Array | None) -> Array:
+        """The rows of each rank from the ordered ones (n, …) on the first; collective."""
+        parts = None
+        if values is not None:
+            rows = np.empty_like(values)
+            rows[self.order] = values
+            parts = np.split(rows, np.cumsum(self.counts)[:-1])
+        mine: Array = self.comm.scatter(parts)
+        return np.ascontiguousarray(mine)
+
+
+class Layout:
+    """The nodes and contact points of a model, whichever rank has them.
+
+    Attributes:
+        identity: what a mesh must agree in, on the first rank: arrays by name.
+        ranks: what identifies this distribution over ranks.
+    """
+
+    def __init__(self, model: Model) -> None:
+        """Find the orders; collective."""
+        problem = model.problem
+        self.comm, self._dim = problem.comm, problem.dim
+        mesh = GatheredMesh(problem.space)
+        self._nodes = Order.of(self.comm, problem.owned // self._dim, mesh.node_order)
+        self._points, places = [], []
+        for term in problem.contacts:
+            mine = term.surface.slave.position
+            gathered = self.comm.gather(mine)
+            where = np.empty((0, self._dim)) if gathered is None else np.concatenate(gathered)
+            order = order_by_place(where) if len(where) else np.empty(0, dtype=np.int64)
+            self._points.append(Order.of(self.comm, len(mine), order))
+            places.append(where[order])
+        self.identity = self._identity(model, mesh, places)
+        self.ranks = self._distribution()
+
+    def _identity(
+        self, model: Model, mesh: GatheredMesh, places: Sequence[Floats]
+    ) -> dict[str, Array]:
+        numbers = np.zeros(model.named.mesh.topology.index_map(self._dim).size_local)
+        for number, solid in enumerate(model.problem.solids):
+            numbers[solid.cells] = number
+        bodies = mesh.cellwise(numbers[:, None])
+        return {
+            "cells": mesh.cells,
+            "bodies": bodies.reshape(-1).astype(np.int32),
+            "nodes": mesh.reference,
+            **{f"points_{pair}": place for pair, place in enumerate(places)},
+        }
+
+    def _distribution(self) -> str:
+        """A text that is the same where each rank has the same rows in the same order."""
+        if self.comm.rank > 0:
+            return ""
+        digest = hashlib.sha256()
+        for order in (self._nodes, *self._points):
+            digest.update(repr(order.counts).encode())
+            digest.update(np.ascontiguousarray(order.order, dtype=np.int64).tobytes())
+        return digest.hexdigest()
+
+    # -- to one tree --------------------------------------------------------------------------
+
+    def gather(self, snapshot: Any) -> tuple[Any, dict[str, Array]]:
+        """A snapshot as plain data and arrays, on the first rank; collective.
+
+        Returns:
+            Dictionaries, lists and values as JSON knows them, with ``{"$": [kind, name]}`` for an
+            array; the arrays by name.
+        """
+        arrays: dict[str, Array] = {}
+
+        def leaf(value: Any) -> Any:
+            for kind, what in KINDS.items():
+                if isinstance(value, what):
+                    name = f"{len(arrays)}"
+                    arrays[name] = np.empty(0)  # keeps the names in step on all ranks
+                    return {"$": [kind, *self._gather(kind, value, name, arrays)]}
+            return value
+
+        return _mapped(snapshot, leaf), arrays
+
+    def _gather(self, kind: str, value: Any, name: str, arrays: dict[str, Array]) -> list[Any]:
+        """Gather one leaf into ``arrays``; what names it; collective."""
+        if kind == "local":
+            parts = self.comm.gather(dict(value.arrays)) or []
+            for rank, part in enumerate(parts):
+                arrays |= {f"{name}/{rank}/{key}": array for key, array in part.items()}
+            return [name]
+        if kind == "array":
+            arrays[name] = value
+        elif kind == "sum":
+            total = np.empty_like(value.values)
+            self.comm.Allreduce(np.ascontiguousarray(value.values), total, op=MPI.SUM)
+            arrays[name] = total
+        elif kind == "nodal":
+            arrays[name] = self._nodes.gather(value.values.reshape(-1, self._dim))
+        else:
+            arrays[name] = self._points[value.pair].gather(value.values)
+            return [name, value.pair]
+        return [name]
+
+    # -- and back -----------------------------------------------------------------------------
+
+    def scatter(self, tree: Any, arrays: dict[str, Array], ranks: str) -> Any:
+        """The tree on every rank with this rank's arrays in it; collective.
+
+        Args:
+            tree: as :meth:`gather` made it, on the first rank.
+            arrays: likewise.
+            ranks: the distribution that it was made on.
+        """
+        tree = self.comm.bcast(tree)
+        alike = self.comm.bcast(ranks == self.ranks)
+
+        def leaf(value: Any) -> Any:
+            if not (isinstance(value, dict) and "$" in value):
+                return value
+            kind, name, *rest = value["$"]
+            if kind == "local":
+                return self._to_ranks(name, arrays) if alike else None
+            return self._scatter(kind, arrays.get(name), rest)
+
+        return _mapped(tree, leaf, lambda value: "$" in value)
+
+    def _scatter(self, kind: str, array: Array | None, rest: list[Any]) -> Any:
+        if kind == "nodal":
+            return self._nodes.scatter(array).reshape(-1)
+        if kind == "points":
+            return self._points[rest[0]].scatter(array)
+        whole: Array = self.comm.bcast(array)
+        return np.zeros_like(whole) if kind == "sum" and self.comm.rank > 0 else whole.copy()
+
+    def _to_ranks(self, name: str, arrays: dict[str, Array]) -> dict[str, Array]:
+        parts: list[dict[str, Array]] | None = None
+        if self.comm.rank == 0:
+            parts = [{} for _ in range(self.comm.size)]
+            for key, array in arrays.items():
+                number, _, rest = key.partition("/")
+                if number == name and rest:
+                    rank, _, what = rest.partition("/")
+                    parts[int(rank)][what] = array
+        mine: dict[str, Array] = self.comm.scatter(parts)
+        return mine
+
+
+def _mapped(
+    tree: Any, leaf: Callable[[Any], Any], is_leaf: Callable[[Any], bool] = lambda value: False
+) -> Any:
+    """A tree with every leaf replaced."""
+    if isinstance(tree, dict) and not is_leaf(tree):
+        return {key: _mapped(value, leaf, is_leaf) for key, value in tree.items()}
+    if isinstance(tree, list | tuple):
+        return [_mapped(value, leaf, is_leaf) for value in tree]
+    return leaf(tree)
+
+
+def copied(snapshot: Any) -> Any:
+    """A snapshot that shares no memory with the run."""
+
+    def leaf(value: Any) -> Any:
+        if isinstance(value, np.ndarray):
+            return value.copy()
+        if isinstance(value, Nodal | Partial):
+            return type(value)(value.values.copy())
+        if isinstance(value, AtPoints):
+            return AtPoints(value.pair, value.values.copy())
+        if isinstance(value, Local):
+            return Local({name: array.copy() for name, array in value.arrays.items()})
+        return value
+
+    return _mapped(snapshot, leaf)
+
+
+def differences(mine: dict[str, Array], kept: dict[str, Array]) -> Iterator[str]:
+    """In what two meshes differ, by their identities, in words."""
+    for name, what in (("cells", "cells"), ("bodies", "bodies of the cells")):
+        if mine[name].shape != kept[name].shape:
+            yield f"{len(mine[name])} cells instead of {len(kept[name])}"
+            return
+        if not np.array_equal(mine[name], kept[name]):
+            yield f"other {what}"
+            return
+    size = float(np.ptp(kept["nodes"], axis=0).max())
+    for name in kept.keys() - {"cells", "bodies"}:
+        if name not in mine or mine[name].shape != kept[name].shape:
+            yield "other contact surfaces or quadrature"
+            return
+        apart = np.abs(mine[name] - kept[name]).max(initial=0.0)
+        if not apart <= 1e-9 * size:
+            yield f"{name.split('_')[0]} moved by up to {apart:.3g} m"
+            return

@@ -1,0 +1,172 @@
+"""Goes on with a run from its last checkpoint, on as many ranks as there are now."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+from pydantic import ValidationError
+
+from app.build.load_steps import all_load_steps
+from app.case.case import Case
+from app.checkpoint.files import Checkpoint, latest
+from app.checkpoint.layout import Layout, differences
+from app.checkpoint.past_rows import restore_rows
+from app.checkpoint.same_case import changes
+from app.equilibrium.snapshot import Array, Snapshot
+from app.errors import InputError
+from app.results.versions import versions
+from app.simulation.simulation import Simulation
+from app.simulation.time_text import time_text
+
+SHOWN = 3  # differences that are named
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """The checkpoint that a run goes on from.
+
+    Attributes:
+        about: its manifest, on all ranks.
+        notes: what the user should know of it, one line each.
+        checkpoint: all of it, on the first rank.
+    """
+
+    about: dict[str, Any]
+    notes: list[str]
+    checkpoint: Checkpoint | None = field(default=None, repr=False)
+
+    @property
+    def is_done(self) -> bool:
+        """Whether the run has come to its end."""
+        return bool(self.about["status"] == "done")
+
+
+def find_checkpoint(directory: Path, comm: MPI.Comm) -> Found | None:
+    """The last whole checkpoint of a results directory, or None; collective.
+
+    Raises:
+        InputError: it is of another format.
+    """
+    found, notes = _on_first(comm, lambda: latest(directory)) or (None, [])
+    about = comm.bcast(None if found is None else found.about)
+    return None if about is None else Found(about, comm.bcast(notes), found)
+
+
+def go_on(simulation: Simulation, found: Found, directory: Path, extend: bool) -> Snapshot:
+    """Put a run that has not begun where the checkpoint was taken; collective.
+
+    Args:
+        simulation: of the case as it is now.
+        found: the checkpoint.
+        directory: of the results; its tables must hold the rows so far.
+        extend: whether to go on past the end of a run that is done.
+
+    Returns:
+        What the recorder of the results has seen.
+
+    Raises:
+        InputError: case, mesh or tables are not those that the run began with.
+    """
+    model, comm = simulation.model, simulation.model.problem.comm
+    checkpoint = found.checkpoint
+    layout = Layout(model)
+    _on_first(comm, lambda: _compare(simulation, checkpoint, layout, directory))
+    tree: Any = None if checkpoint is None else checkpoint.tree
+    arrays: dict[str, Array] = {} if checkpoint is None else checkpoint.arrays
+    kept = layout.scatter(tree, arrays, found.about["distribution"])
+    restore_rows(simulation.state, directory, found.about["step"], comm)
+    simulation.restore(kept["simulation"])
+    recorder: Snapshot = kept["recorder"]
+    if found.is_done:
+        _open_again(simulation, recorder, extend)
+    return recorder
+
+
+def started_line(found: Found, simulation: Simulation) -> str:
+    """From where a run goes on, in words."""
+    about, row = found.about, simulation.rows[-1]
+    return (
+        f"goes on after step {about['step']}, stage {about['stage']}, "
+        f"time {time_text(about['time'], row.dt)}"
+    )
+
+
+def _compare(
+    simulation: Simulation, checkpoint: Checkpoint | None, layout: Layout, directory: Path
+) -> None:
+    """Refuse another case or mesh; on the first rank."""
+    assert checkpoint is not None
+    case = simulation.model.case
+    began = _past_case(checkpoint.tree["case"], directory)
+    at = checkpoint.tree["simulation"]["state"]["position"]["load_step"]
+    load_steps = all_load_steps(began)
+    stage = began.stage.index(load_steps[min(at, len(load_steps) - 1)].stage)
+    found = list(changes(began, case, stage))
+    if found:
+        raise InputError(f"{directory}: the case is not the one of the run: {_listed(found)}")
+    mesh = {n.removeprefix("mesh/"): a for n, a in checkpoint.arrays.items() if n[:5] == "mesh/"}
+    found = list(differences(layout.identity, mesh))
+    if found:
+        raise InputError(f"{directory}: the mesh is not the one of the run: {_listed(found)}")
+
+
+def _past_case(text: str, directory: Path) -> Case:
+    """The resolved case that the run began with."""
+    try:
+        context = {"source": directory / "case.toml", "past": True}
+        return Case.model_validate(tomllib.loads(text), context=context)
+    except ValidationError:
+        raise InputError(
+            f"{directory}: the run was begun by a version of tribox whose cases had other keys"
+        ) from None
+
+
+def _listed(lines: list[str]) -> str:
+    more = f" (and {len(lines) - SHOWN} more)" if len(lines) > SHOWN else ""
+    return "; ".join(lines[:SHOWN]) + more
+
+
+def _open_again(simulation: Simulation, recorder: Snapshot, extend: bool) -> None:
+    """Let a run that is done go on with further stages, or with more of the last one.
+
+    Raises:
+        InputError: there is nothing further.
+    """
+    at = simulation.state.position
+    load_steps = all_load_steps(simulation.model.case)
+    last = load_steps[at.load_step - 1]
+    if last.steps is not None and last.steps > at.count:
+        at.load_step, at.begun = at.load_step - 1, True
+        recorder["load_steps"] = recorder["load_steps"][:-1]
+    elif at.load_step >= len(load_steps) and extend:
+        raise InputError(
+            "--extend: the run is done, and the case has no stage after its end: add one, or make "
+            "the last one longer (duration and steps)"
+        )
+
+
+def version_notes(about: dict[str, Any]) -> Iterator[str]:
+    """A line for each version that is another than when the checkpoint was written."""
+    now = versions()
+    for name, was in about["versions"].items():
+        if now.get(name) != was:
+            yield f"{name} is {now.get(name)}, the run was begun with {was}"
+
+
+def _on_first(comm: MPI.Comm, action: Callable[[], Any]) -> Any:
+    """Do something on the first rank; if it raises, raise on all; its result on the first."""
+    problem, result = None, None
+    if comm.rank == 0:
+        try:
+            result = action()
+        except InputError as error:
+            problem = str(error)
+    problem = comm.bcast(problem)
+    if problem is not None:
+        raise InputError(problem)
+    return result

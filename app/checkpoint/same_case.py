@@ -1,0 +1,81 @@
+"""Whether a run may go on with a case: in what it differs from the one that the run began with."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from app.case.case import Case
+from app.case.stage import Stage
+
+# What may change: it has no part in the results, or only in how well equations are solved. Meshes
+# are compared by what is in them.
+FREE = (
+    *("title", "output", "probe", "geometry.mesh"),
+    *("solver.tolerance", "solver.max_iterations", "solver.min_step_fraction"),
+    *("solver.petsc", "solver.partition"),
+)
+EQUAL = 1e-12  # relative difference of step lengths that are one
+
+
+def changes(began: Case, now: Case, stage: int) -> Iterator[str]:
+    """Differences that a run cannot go on with, one line each.
+
+    Args:
+        began: the resolved case that the run began with.
+        now: the resolved case that it is to go on with.
+        stage: number of the stage that the run is in, from 0.
+    """
+    before, after = dict(_flat(_table(began))), dict(_flat(_table(now)))
+    for key in sorted({**before, **after}):
+        free = any(key == name or key.startswith(f"{name}.") for name in FREE)
+        if not free and before.get(key) != after.get(key):
+            yield _line(key, before.get(key), after.get(key))
+    yield from _stage_changes(began.stage, now.stage, stage)
+
+
+def _table(case: Case) -> Any:
+    return case.model_dump(mode="json", exclude_none=True, exclude={"stage"})
+
+
+def _stage_changes(began: Sequence[Stage], now: Sequence[Stage], at: int) -> Iterator[str]:
+    """Stages may be added at the end, the last one be longer, and one not over have more steps."""
+    if len(now) < len(began):
+        yield f"{len(now)} stages instead of {len(began)}"
+        return
+    for number, (before, after) in enumerate(zip(began, now, strict=False)):
+        was, is_ = (one.model_dump(mode="json", exclude_none=True) for one in (before, after))
+        last = number == len(began) - 1
+        for key in sorted({**was, **is_}):
+            more = (key == "max_steps" and number >= at) or (last and _longer(key, before, after))
+            if was.get(key) != is_.get(key) and not more:
+                yield _line(f"stage.{number}.{key}", was.get(key), is_.get(key))
+
+
+def _longer(key: str, before: Stage, after: Stage) -> bool:
+    """Whether a stage differs in ``key`` only by going on for longer, with the same steps."""
+    if key == "velocities":
+        return after.velocities[: len(before.velocities)] == before.velocities
+    if key not in ("duration", "steps") or before.duration is None or after.duration is None:
+        return False
+    had, has = before.duration / before.steps, after.duration / after.steps
+    return after.steps >= before.steps and abs(had - has) <= EQUAL * had
+
+
+def _flat(table: Any, at: str = "") -> Iterator[tuple[str, Any]]:
+    """Dotted keys and plain values of nested tables and lists of tables."""
+    if isinstance(table, Mapping):
+        items = list(table.items())
+    elif isinstance(table, list) and table and all(isinstance(v, Mapping) for v in table):
+        items = list(enumerate(table))
+    else:
+        yield at, table
+        return
+    for key, value in items:
+        yield from _flat(value, f"{at}.{key}" if at else str(key))
+
+
+def _line(key: str, before: Any, after: Any) -> str:
+    texts = ["nothing" if v is None else json.dumps(v, ensure_ascii=False) for v in (after, before)]
+    return f"{key} = {texts[0]} instead of {texts[1]}"

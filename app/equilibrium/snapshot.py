@@ -1,0 +1,131 @@
+"""What a part of a run remembers, in a form that can be written and read back on other ranks.
+
+A snapshot is a tree of dictionaries and lists. Its leaves are numbers, texts and None, the same on
+all ranks; arrays, likewise; and the four kinds of values here that are spread over the ranks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.equilibrium.holding_springs import HoldingSprings
+from app.equilibrium.step_mode import StepMode
+from forms.contact.penalty import ContactTerm
+from forms.contact.state import ContactMode, ContactState
+from geometry.surfaces.facets import Floats
+
+Array = NDArray[Any]
+Snapshot = dict[str, Any]
+"""A tree as it is taken, with the kinds of leaves below; or as it is read, plain arrays instead."""
+
+
+@dataclass(frozen=True, slots=True)
+class Nodal:
+    """Values (n,) of this rank's owned unknowns."""
+
+    values: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class AtPoints:
+    """Values (q, …) at this rank's slave points of the pair with this number."""
+
+    pair: int
+    values: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Partial:
+    """This rank's part of sums over the ranks; read, the first rank has all of them."""
+
+    values: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Local:
+    """Arrays that mean something on this rank only; None is read where the ranks are others.
+
+    Results must not depend on them but for rounding.
+    """
+
+    arrays: Mapping[str, Array]
+
+
+def scattered(dofs: Array, values: Floats | float, owned: int) -> Nodal:
+    """Values (c,) of the owned unknowns ``dofs`` (c,), zero at the others of (n,)."""
+    out = np.zeros(owned)
+    out[dofs] = values
+    return Nodal(out)
+
+
+def of_contact(pair: int, state: ContactState) -> Snapshot:
+    """The history of one pair."""
+    names = [name for name in ContactState.__slots__ if name != "friction"]
+    points = {name: AtPoints(pair, getattr(state, name)) for name in names}
+    law = {name: AtPoints(pair, values) for name, values in state.friction.arrays().items()}
+    return {"points": points, "law": law}
+
+
+def to_contact(term: ContactTerm, kept: Snapshot) -> ContactState:
+    """The history of a pair that :func:`of_contact` kept."""
+    law = type(term.state.friction).from_arrays(kept["law"])
+    return ContactState(**kept["points"], friction=law)
+
+
+def of_contacts(states: Sequence[ContactState]) -> list[Snapshot]:
+    """The histories of all pairs."""
+    return [of_contact(pair, state) for pair, state in enumerate(states)]
+
+
+def to_contacts(terms: Sequence[ContactTerm], kept: Sequence[Snapshot]) -> list[ContactState]:
+    """The histories of all pairs."""
+    return [to_contact(term, one) for term, one in zip(terms, kept, strict=True)]
+
+
+def of_step(step: StepMode) -> Snapshot:
+    """How a step is evaluated."""
+    holding = step.holding
+    springs = None
+    if holding is not None:
+        springs = {"stiffness": Nodal(holding.stiffness), "place": Nodal(holding.place)}
+    modes = []
+    for pair, mode in enumerate(step.modes):
+        frozen = mode.frozen_facets
+        kept = asdict(mode) | {"frozen_facets": None if frozen is None else AtPoints(pair, frozen)}
+        modes.append(kept)
+    return {"dt": step.dt, "modes": modes, "holding": springs}
+
+
+def to_step(kept: Snapshot) -> StepMode:
+    """How a step is evaluated, as :func:`of_step` kept it."""
+    springs = kept["holding"]
+    return StepMode(
+        dt=kept["dt"],
+        modes=tuple(ContactMode(**mode) for mode in kept["modes"]),
+        holding=None if springs is None else HoldingSprings(**springs),
+    )
+
+
+def of_searches(terms: Sequence[ContactTerm]) -> Local:
+    """Where the points and facets of each pair were when candidates were searched for last.
+
+    Among other candidates a distance rounds otherwise.
+    """
+    arrays = {}
+    for pair, term in enumerate(terms):
+        places = term.surface.target.search.searched_at
+        if places is not None:
+            arrays[f"points_{pair}"], arrays[f"facets_{pair}"] = places
+    return Local(arrays)
+
+
+def repeat_searches(terms: Sequence[ContactTerm], kept: Mapping[str, Array] | None) -> None:
+    """Search again where it was done last."""
+    for pair, term in enumerate(terms):
+        if kept is not None and f"points_{pair}" in kept:
+            term.surface.target.search.search(kept[f"points_{pair}"], kept[f"facets_{pair}"])
