@@ -89,6 +89,18 @@ def component_dofs(space: dolfinx.fem.FunctionSpace, facets: Ints, component: in
     return np.asarray(dofs[dofs < owned], dtype=np.int32)
 
 
+def _fix_rounding() -> None:
+    """Have PETSc add up several products one by one, unless the user has said otherwise.
+
+    Together, by BLAS, they are rounded as vectors happen to lie in memory; a run that is resumed
+    would not give the same bits.
+    """
+    options = PETSc.Options()
+    for name in ("vec_mdot_use_gemv", "vec_maxpy_use_gemv"):
+        if not options.hasName(name):
+            options[name] = False
+
+
 class Unknowns:
     """The numbering of the unknowns: displacement components of nodes, rank by rank.
 
@@ -109,6 +121,7 @@ class Unknowns:
 
     def new_vector(self) -> PETSc.Vec:
         """A global vector of unknowns, m, holding zeros."""
+        _fix_rounding()
         vec = PETSc.Vec().createMPI((self.owned, None), bsize=self.dim, comm=self.comm)
         vec.set(0.0)
         return vec
