@@ -114,6 +114,7 @@ class Simulation:
         runner = self.explicit or self.implicit
         assert runner is not None
         return {
+            "factorisations": self._factorisations(),
             "solver": "implicit" if runner is self.implicit else "explicit",
             "loaded": list(self.model.loaded),
             "runner": runner.snapshot(),
@@ -134,4 +135,9 @@ class Simulation:
             self.implicit.stepper.restore(kept["runner"])
         else:
             self.explicit = ExplicitStage.resumed(self.state, kept["runner"])
+            if self.implicit is not None:  # its stages are over
+                self.implicit.stepper.solver.assembled = kept["factorisations"]
         self.state.restore(kept["state"])
+
+    def _factorisations(self) -> int:
+        return self.implicit.stepper.solver.assembled if self.implicit else 0
