@@ -35,6 +35,7 @@ OWN = (
     "figures",
     "sweep.csv",
     "mesh.msh",
+    "inputs",
     "friction_map.csv",
     "load_map.csv",
     "slip_weakening.csv",

@@ -18,10 +18,10 @@ from petsc4py import PETSc
 
 from app.build.load_steps import LoadStep
 from app.build.model import Model
-from app.case.case import resolved_toml
 from app.case.stage import solver_of
 from app.implicit.stepper import StepResult
-from app.results.directory import write_json, write_text
+from app.results.directory import write_json
+from app.results.inputs import NOTHING, KeptInputs, write_case
 from app.results.output_files import OutputFiles
 from app.results.run_tables import RunTables
 from app.simulation.contact_warnings import ContactWarnings
@@ -48,17 +48,25 @@ class Recorder(Observer):
         load_steps: what each load step ended with, for the summary.
     """
 
-    def __init__(self, model: Model, directory: Path, given: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        model: Model,
+        directory: Path,
+        given: Sequence[str] = (),
+        kept: KeptInputs = NOTHING,
+    ) -> None:
         """Open the outputs and write the resolved case; collective.
 
         Args:
             model: that is run.
             directory: of the results, ready to be written.
             given: dotted keys that the case file gave, for the summary.
+            kept: copies of the files that the case reads, which the resolved case names instead.
         """
         self.model = model
         self.directory = directory
         self.given = list(given)
+        self._kept = kept
         self.comm = model.problem.comm
         self.first = self.comm.rank == 0
         self.load_steps: list[dict[str, Any]] = []
@@ -73,7 +81,7 @@ class Recorder(Observer):
         self._penalty = [_extent(self.comm, t.penalty) for t in model.problem.contacts]
         self.warnings: list[str] = list(model.notes)
         if self.first:
-            write_text(directory / "case.toml", resolved_toml(model.case))
+            write_case(model.case, directory, kept)
         self._tables: RunTables | None = None
         self._files = OutputFiles(model, directory)
 
@@ -223,6 +231,7 @@ class Recorder(Observer):
             "dofs": int(problem.space.dofmap.index_map.size_global * problem.dim),
             "ranks": self.comm.size,
             "given": self.given,
+            "inputs": dict(self._kept.sums),
             "seconds": {"run": round(wall, 4), **timings},
             **{f"{part}_per_rank": [share[part] for share in shares] for part in shares[0]},
             "versions": {

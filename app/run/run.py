@@ -13,6 +13,7 @@ from app.case.given import given_keys
 from app.errors import InputError, SolutionError
 from app.results.directory import check_free, prepare
 from app.results.earlier_sweep import sweep_labels
+from app.results.inputs import NOTHING, keep_inputs
 from app.results.probes import ProbeRecorder
 from app.results.recorder import Recorder
 from app.run.interruption import Interruption
@@ -31,8 +32,11 @@ def run_case(
     force: bool = False,
     quiet: bool = False,
     comm: MPI.Comm = MPI.COMM_WORLD,
+    inputs_of: Path | None = None,
 ) -> Simulation:
     """Run one case (without its sweep) and write its results; collective.
+
+    A friction law written in Python is run: whoever calls this has code of his own.
 
     Args:
         case: what to run.
@@ -40,6 +44,8 @@ def run_case(
         force: replace results that are there.
         quiet: print warnings and errors only.
         comm: ranks that work together.
+        inputs_of: results directory of the sweep that the case belongs to: copies of mesh and laws
+            that are there are linked instead of made again.
 
     Returns:
         The finished simulation: ``rows`` is the history, ``model`` what was solved.
@@ -52,8 +58,15 @@ def run_case(
     model = build_model(case, comm)
     steps = notes_on_steps(model)
     simulation = Simulation(model)
-    on_first(comm, lambda: prepare(directory))
-    recorder = Recorder(model, directory, given_keys(case))
+    kept = NOTHING
+
+    def make_ready() -> None:
+        nonlocal kept
+        prepare(directory)
+        kept = keep_inputs(case, directory, inputs_of)
+
+    on_first(comm, make_ready)
+    recorder = Recorder(model, directory, given_keys(case), kept)
     reporter = Reporter(directory / "log.txt", case, quiet) if comm.rank == 0 else None
     told: list[Observer] = [reporter, recorder] if reporter else [recorder]
     try:
