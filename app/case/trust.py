@@ -125,9 +125,8 @@ def require_trust(case: Case, case_file: Path, given: bool) -> bool:
     files = code_files(case)
     if not files or given:
         return bool(files)
-    place, file = files[0]
     trusted = trusted_directories()
-    for path in (case_file, *(found for _, found in files)):
+    for path, (place, file) in ((case_file, files[0]), *((one[1], one) for one in files)):
         real = path.resolve()
         above = next((one for one in trusted if one in real.parents), None)
         why = "" if above is None else _open_to_others(real, above)
@@ -135,7 +134,7 @@ def require_trust(case: Case, case_file: Path, given: bool) -> bool:
             raise InputError(
                 f'{case_file}: {place}.law = "python" makes this case code: {file} would be run'
                 f"{why}; allow it for this time with --trust, or for all cases in a directory "
-                f"with: tribox trust {file.parent if path is not case_file else real.parent}"
+                f"with: tribox trust {real.parent}"
             )
     return True
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from app.build.model import build_model
+from app.build.model import Model, build_model
 from app.case.case import Case
 from app.case.given import given_keys
 from app.errors import InputError, SolutionError
@@ -36,16 +36,13 @@ def run_case(
 ) -> Simulation:
     """Run one case (without its sweep) and write its results; collective.
 
-    A friction law written in Python is run: whoever calls this has code of his own.
-
     Args:
-        case: what to run.
+        case: what to run; friction laws in Python are run, as the caller is code itself.
         directory: results directory; made if missing.
         force: replace results that are there.
         quiet: print warnings and errors only.
         comm: ranks that work together.
-        inputs_of: results directory of the sweep that the case belongs to: copies of mesh and laws
-            that are there are linked instead of made again.
+        inputs_of: results directory of the sweep, whose copies of mesh and laws are linked.
 
     Returns:
         The finished simulation: ``rows`` is the history, ``model`` what was solved.
@@ -58,20 +55,11 @@ def run_case(
     model = build_model(case, comm)
     steps = notes_on_steps(model)
     simulation = Simulation(model)
-    kept = NOTHING
-
-    def make_ready() -> None:
-        nonlocal kept
-        prepare(directory)
-        kept = keep_inputs(case, directory, inputs_of)
-
-    on_first(comm, make_ready)
-    recorder = Recorder(model, directory, given_keys(case), kept)
+    recorder = _recorder(case, model, directory, inputs_of)
     reporter = Reporter(directory / "log.txt", case, quiet) if comm.rank == 0 else None
     told: list[Observer] = [reporter, recorder] if reporter else [recorder]
     try:
-        if reporter:
-            _say_notes(reporter, model.notes, steps, quiet)
+        _say_notes(reporter, model.notes, steps, quiet)
         probes = ProbeRecorder(model, directory)
         with Interruption(comm) as interruption:
             _run(simulation, recorder, Together(*told, probes, interruption))
@@ -89,8 +77,25 @@ def run_case(
     return simulation
 
 
-def _say_notes(reporter: Reporter, notes: Sequence[str], steps: Sequence[str], quiet: bool) -> None:
+def _recorder(case: Case, model: Model, directory: Path, inputs_of: Path | None) -> Recorder:
+    """Clear the directory, copy what the case reads into it and begin the files; collective."""
+    kept = NOTHING  # but on the first rank, which writes
+
+    def make_ready() -> None:
+        nonlocal kept
+        prepare(directory)
+        kept = keep_inputs(case, directory, inputs_of)
+
+    on_first(model.problem.comm, make_ready)
+    return Recorder(model, directory, given_keys(case), kept)
+
+
+def _say_notes(
+    reporter: Reporter | None, notes: Sequence[str], steps: Sequence[str], quiet: bool
+) -> None:
     """The notes on a case, and those on the time steps of its explicit stages."""
+    if reporter is None:
+        return
     for note in notes:
         reporter.say(f"note: {note}")
     for note in steps:

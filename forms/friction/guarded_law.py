@@ -157,8 +157,8 @@ class GuardedLaw:
     ) -> str | None:
         """The first part of an answer that is not finite, and what was asked there."""
         for part in ARRAYS:
-            values = np.asarray(getattr(response, part)).reshape(len(pressure), -1)
-            bad = ~np.isfinite(values).all(axis=1)
+            values = np.asarray(getattr(response, part))
+            bad = ~np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
             if bad.any():
                 q = int(np.argmax(bad))
                 asked = ", ".join(f"{c:.3g}" for c in slip[q])
