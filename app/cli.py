@@ -255,9 +255,14 @@ def mesh(
     ] = None,
     overrides: Overrides = None,
     force: Annotated[bool, typer.Option("--force", help="replace files that are there")] = False,
+    trust: Annotated[
+        bool, typer.Option("--trust", help="let a drawing do more than draw (see tribox trust)")
+    ] = False,
 ) -> None:
     """Write a case's mesh (.msh) and a picture of it with its names, or the mesh of a drawing."""
     if case_file.suffix == ".geo":
+        if not trust:
+            _see_that_it_only_draws(case_file)
         _mesh_drawing(case_file, out or case_file.with_suffix(".msh"), overrides or [], force)
         return
     from mpi4py import MPI
@@ -283,6 +288,25 @@ def mesh(
         print(f"wrote {msh}")
     save_picture(named, picture, case.title)
     print(f"wrote {picture}")
+
+
+def _see_that_it_only_draws(drawing: Path) -> None:
+    """Refuse a drawing that could do more, as gmsh's scripts can, if it is not to be trusted."""
+    from geometry.meshes.drawing_words import beyond_drawing
+    from geometry.meshes.merging import companion
+
+    try:
+        found = beyond_drawing(drawing.read_bytes().decode("latin-1"))
+    except OSError:
+        return  # said where it is read
+    what = f"{drawing}:{found.line}: {found.what}" if found else ""
+    if companion(drawing).exists():
+        what = str(companion(drawing))
+    if what:
+        from app.case.trust import require_trusted_file
+
+        said = f"{what} may do more than draw: gmsh can start programs and write files"
+        require_trusted_file(drawing, said)
 
 
 def _mesh_drawing(drawing: Path, path: Path, overrides: list[str], force: bool) -> None:

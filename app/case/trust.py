@@ -125,18 +125,30 @@ def require_trust(case: Case, case_file: Path, given: bool) -> bool:
     files = code_files(case)
     if not files or given:
         return bool(files)
-    trusted = trusted_directories()
     for path, (place, file) in ((case_file, files[0]), *((one[1], one) for one in files)):
-        real = path.resolve()
-        above = next((one for one in trusted if one in real.parents), None)
-        why = "" if above is None else _open_to_others(real, above)
-        if above is None or why:
-            raise InputError(
-                f'{case_file}: {place}.law = "python" makes this case code: {file} would be run'
-                f"{why}; allow it for this time with --trust, or for all cases in a directory "
-                f"with: tribox trust {real.parent}"
-            )
+        said = f'{place}.law = "python" makes this case code: {file} would be run'
+        require_trusted_file(path, f"{case_file}: {said}")
     return True
+
+
+def require_trusted_file(path: Path, said: str) -> None:
+    """See that a file lies in a directory that the user trusts, and only he can have written it.
+
+    Args:
+        path: the file.
+        said: what it is and would do, for the message.
+
+    Raises:
+        InputError: it does not.
+    """
+    real = path.resolve()
+    above = next((one for one in trusted_directories() if one in real.parents), None)
+    why = "" if above is None else _open_to_others(real, above)
+    if above is None or why:
+        raise InputError(
+            f"{said}{why}; allow it for this time with --trust, or for all in a directory with: "
+            f"tribox trust {real.parent}"
+        )
 
 
 def _open_to_others(path: Path, above: Path) -> str:

@@ -106,6 +106,28 @@ def test_check_tries_laws(marked, tmp_path, tribox):
     )
 
 
+def test_a_drawing_that_does_more_than_draw_needs_trust(tmp_path, tribox, monkeypatch):
+    monkeypatch.setenv("TRIBOX_CONFIG", str(tmp_path / "config"))
+    drawing, ran = tmp_path / "pad.geo", tmp_path / "ran"
+    plain = 'SetFactory("OpenCASCADE");\nRectangle(1) = {0, 0, 0, 1, 1};\nMesh.MeshSizeMax = 1;\n'
+    plain += 'Physical Surface("pad") = {1};\n'
+    call = f'SystemCall "touch {ran}";\n'
+    drawing.write_text(plain)
+    assert tribox("mesh", drawing).returncode == 0
+    for beside, within in ((call, ""), ("", call)):
+        drawing.write_text(plain + within)
+        (tmp_path / "pad.geo.opt").write_text(beside) if beside else None
+        refused = tribox("mesh", drawing, "--force")
+        assert refused.returncode == 2 and refused.stderr.count("\n") == 1
+        where = f"{drawing}.opt may" if beside else f"{drawing}:5: SystemCall may"
+        assert f"{where} do more than draw" in refused.stderr and "--trust" in refused.stderr
+        assert not ran.exists()
+        (tmp_path / "pad.geo.opt").unlink(missing_ok=True)
+    assert tribox("mesh", drawing, "--force", "--trust").returncode == 0 and ran.exists()
+    assert tribox("trust", tmp_path).returncode == 0
+    assert tribox("mesh", drawing, "--force").returncode == 0
+
+
 # --- laws that fail ------------------------------------------------------------------------------
 
 FAILS = {
