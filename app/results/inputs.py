@@ -16,7 +16,7 @@ from app.case.case import Case, resolved_toml
 from app.case.friction import OwnLaw
 from app.case.geometry import MeshGeometry
 from app.errors import InputError
-from app.results.directory import write_text
+from app.results.directory import SUMS, write_text
 
 INPUTS = "inputs"
 
@@ -74,16 +74,19 @@ def keep_inputs(case: Case, directory: Path, like: Path | None = None) -> KeptIn
         InputError: a file cannot be read or copied.
     """
     names = _names(input_files(case))
-    sums = {}
-    for source, name in names.items():
-        target = directory / INPUTS / name
-        sums[name] = sha256_of(source)
-        try:
-            target.parent.mkdir(exist_ok=True)
-            if like is None or not _linked(like / INPUTS / name, target, sums[name]):
-                shutil.copyfile(source, target)
-        except OSError as error:
-            raise InputError(f"{target}: cannot be written ({error.strerror or error})") from None
+    if not names:
+        return NOTHING
+    sums = {name: sha256_of(source) for source, name in names.items()}
+    folder = directory / INPUTS
+    try:
+        folder.mkdir(exist_ok=True)
+        # First, so that what is copied is known to be a copy whatever happens.
+        write_text(folder / SUMS, "".join(f"{sums[name]}  {name}\n" for name in sums))
+        for source, name in names.items():
+            if like is None or not _linked(like / INPUTS / name, folder / name, sums[name]):
+                shutil.copyfile(source, folder / name)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written ({error.strerror or error})") from None
     return KeptInputs(names, sums)
 
 
@@ -98,7 +101,7 @@ def _names(files: list[Path]) -> dict[Path, str]:
     names: dict[Path, str] = {}
     for path in files:
         name, count = path.name, 1
-        while name in names.values():
+        while name in (SUMS, *names.values()):
             count += 1
             name = f"{path.stem}-{count}{path.suffix}"
         names[path] = name

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -45,7 +46,9 @@ def test_a_results_directory_alone_gives_the_same_history(made, tmp_path):
     assert 'mesh = "inputs/two.msh"' in text and 'class = "inputs/my_law.py:MyLaw"' in text
     assert str(tmp_path) not in text
     sums = json.loads((first / "summary.json").read_text())["inputs"]
-    assert sums == {p.name: sha256_of(p) for p in (first / "inputs").iterdir()}
+    kept = [path for path in (first / "inputs").iterdir() if path.name != "SHA256SUMS"]
+    assert sums == {path.name: sha256_of(path) for path in kept} and len(sums) == 2
+    subprocess.run(["sha256sum", "--check", "SHA256SUMS"], cwd=first / "inputs", check=True)
     assert sums["my_law.py"] == hashlib.sha256(documented_law().encode()).hexdigest()
     shutil.rmtree(made.parent)
     shutil.move(first, moved)
@@ -66,9 +69,28 @@ def test_results_are_never_written_over_what_they_are_made_from(made, tmp_path, 
     words = ["--set", "contact.0.friction.class=laws/other.py:MyLaw", "--out", laws, "--force"]
     refused = tribox("run", made, "--trust", *words)
     assert refused.returncode == 2 and "holds other.py, which the run reads" in refused.stderr
-    assert sorted(p.name for p in (first / "inputs").iterdir()) == ["my_law.py", "two.msh"]
+    assert sorted(p.name for p in (first / "inputs").iterdir()) == [
+        "SHA256SUMS",
+        "my_law.py",
+        "two.msh",
+    ]
     again = tribox("run", made, "--out", first, "--force", "--trust")  # inputs are results
     assert again.returncode == 0, again.stderr
+
+
+def test_inputs_of_somebody_else_are_never_cleared(made, tmp_path, tribox):
+    """A directory of this name with one's own meshes in it, and no case file beside it."""
+    out = tmp_path / "project"
+    (out / "inputs").mkdir(parents=True)
+    (out / "inputs" / "two.msh").write_text("the only one there is")
+    words = ["run", made, "--out", out, "--force", "--trust"]
+    for sums in (None, "", f"{'0' * 64}  my_law.py\n"):
+        if sums is not None:
+            (out / "inputs" / "SHA256SUMS").write_text(sums)
+        refused = tribox(*words)
+        assert refused.returncode == 2 and "which is no result of tribox" in refused.stderr
+        assert "holds inputs/" in refused.stderr
+    assert (out / "inputs" / "two.msh").read_text() == "the only one there is"
 
 
 def test_a_sweep_holds_one_copy_for_all_its_values(made, tmp_path, tribox):
