@@ -105,6 +105,11 @@ Overrides = Annotated[
 ]
 
 
+Trust = Annotated[
+    bool, typer.Option("--trust", help="run the Python that the case names (see tribox trust)")
+]
+
+
 @cli.command()
 def run(
     case_file: CaseFile,
@@ -120,45 +125,56 @@ def run(
     part: Annotated[
         int | None, typer.Option(min=0, help="run only this value of the sweep, counted from 0")
     ] = None,
+    trust: Trust = False,
+    inputs_of: Annotated[Path | None, typer.Option("--inputs-of", hidden=True)] = None,
 ) -> None:
     """Run a case, or every value of its sweep, and write results and figures."""
     from app.case.reading import load_case
+    from app.case.trust import require_trust
     from app.results.directory import check_free, default_directory
     from app.results.earlier_sweep import sweep_labels
 
     case = load_case(case_file, overrides or [])
+    passed_on = [*_set_options(overrides), *["--trust"] * require_trust(case, case_file, trust)]
     directory = out or default_directory(case_file)
     _keep_inputs(directory, case_file, case)
     ranks = _ranks_around()
     if case.sweep is not None and part is None:
         from app.run.sweep_runs import SweepOptions, run_sweep
 
-        options = SweepOptions(_set_options(overrides), np, force, jobs)
+        options = SweepOptions(passed_on, np, force, jobs)
         run_sweep(case, case_file, directory, options, ranks)
         return
     if part is not None:
         case = _one_part(case, part)
     if np > 1 and ranks == 1:
         check_free(directory, force, sweep_labels(directory))
-        arguments = ["run", str(case_file), "--out", str(directory), *_set_options(overrides)]
+        arguments = ["run", str(case_file), "--out", str(directory), *passed_on]
         arguments += ["--force"] * force + ([] if part is None else ["--part", str(part)])
-        if shutil.which("mpirun") is None:
-            raise InputError(f"--np {np}: there is no mpirun here")
-        # Open MPI refuses more ranks than cores otherwise, with a page of advice.
-        os.environ.setdefault("PRTE_MCA_rmaps_default_mapping_policy", ":oversubscribe")
-        os.execvp(
-            "mpirun",
-            ["mpirun", "-n", str(np), sys.executable, "-m", "mpi4py", "-m", "app", *arguments],
-        )
+        arguments += [] if inputs_of is None else ["--inputs-of", str(inputs_of)]
+        _start_ranks(np, arguments)
     from app.run.run import run_case
 
-    run_case(case, directory, force=force)
+    run_case(case, directory, force=force, inputs_of=inputs_of)
+
+
+def _start_ranks(np: int, arguments: list[str]) -> None:
+    """Become an mpirun of this program."""
+    if shutil.which("mpirun") is None:
+        raise InputError(f"--np {np}: there is no mpirun here")
+    # Open MPI refuses more ranks than cores otherwise, with a page of advice.
+    os.environ.setdefault("PRTE_MCA_rmaps_default_mapping_policy", ":oversubscribe")
+    os.execvp(
+        "mpirun",
+        ["mpirun", "-n", str(np), sys.executable, "-m", "mpi4py", "-m", "app", *arguments],
+    )
 
 
 def _keep_inputs(directory: Path, case_file: Path, case: Case) -> None:
     """Refuse a results directory that holds what the run is made from: it would be cleared."""
-    inputs = [case_file] + ([Path(case.geometry.mesh)] if case.geometry.kind == "file" else [])
-    for path in inputs:
+    from app.results.inputs import input_files
+
+    for path in (case_file, *input_files(case)):
         if directory.resolve() in path.resolve().parents:
             raise InputError(
                 f"{directory}: holds {path.name}, which the run reads; name another directory for "
@@ -186,8 +202,16 @@ def _ranks_around() -> int:
 
 
 @cli.command()
-def check(case_file: CaseFile, overrides: Overrides = None) -> None:
-    """Check a case file without running it; every problem is one line."""
+def check(
+    case_file: CaseFile,
+    overrides: Overrides = None,
+    law: Annotated[
+        bool,
+        typer.Option("--law", help="try the friction laws too: derivatives and dissipation"),
+    ] = False,
+    trust: Trust = False,
+) -> None:
+    """Check a case file without running it, nor code that it names; every problem is one line."""
     from app.case.reading import check_case, load_case
 
     problems = check_case(case_file, overrides or [])
@@ -198,11 +222,20 @@ def check(case_file: CaseFile, overrides: Overrides = None) -> None:
     from app.run.building import notes_on_building
 
     case = load_case(case_file, overrides or [])
+    if law:
+        from app.case.trust import require_trust
+
+        require_trust(case, case_file, trust)
+    singles = [part for _, part in case.sweep_cases()] or [case]
     notes: dict[str, None] = {}  # the values of a sweep share most of theirs
-    for single in [part for _, part in case.sweep_cases()] or [case]:
-        notes |= dict.fromkeys(notes_on_building(single))
+    for single in singles:
+        notes |= dict.fromkeys(notes_on_building(single, runs_code=law))
     for note in notes:
         print(f"note: {note}")
+    if law:
+        from app.run.law_check import check_laws
+
+        check_laws(singles)
     runs = len(case.sweep_cases()) or 1
     print(f"{case_file}: correct ({runs} run{'s' * (runs > 1)}, {len(case.stage)} stages)")
 
@@ -222,9 +255,14 @@ def mesh(
     ] = None,
     overrides: Overrides = None,
     force: Annotated[bool, typer.Option("--force", help="replace files that are there")] = False,
+    trust: Annotated[
+        bool, typer.Option("--trust", help="let a drawing do more than draw (see tribox trust)")
+    ] = False,
 ) -> None:
     """Write a case's mesh (.msh) and a picture of it with its names, or the mesh of a drawing."""
     if case_file.suffix == ".geo":
+        if not trust:
+            _see_that_it_only_draws(case_file)
         _mesh_drawing(case_file, out or case_file.with_suffix(".msh"), overrides or [], force)
         return
     from mpi4py import MPI
@@ -250,6 +288,25 @@ def mesh(
         print(f"wrote {msh}")
     save_picture(named, picture, case.title)
     print(f"wrote {picture}")
+
+
+def _see_that_it_only_draws(drawing: Path) -> None:
+    """Refuse a drawing that could do more, as gmsh's scripts can, if it is not to be trusted."""
+    from geometry.meshes.drawing_words import beyond_drawing
+    from geometry.meshes.merging import companion
+
+    try:
+        found = beyond_drawing(drawing.read_bytes().decode("latin-1"))
+    except OSError:
+        return  # said where it is read
+    what = f"{drawing}:{found.line}: {found.what}" if found else ""
+    if companion(drawing).exists():
+        what = str(companion(drawing))
+    if what:
+        from app.case.trust import require_trusted_file
+
+        said = f"{what} may do more than draw: gmsh can start programs and write files"
+        require_trusted_file(drawing, said)
 
 
 def _mesh_drawing(drawing: Path, path: Path, overrides: list[str], force: bool) -> None:
@@ -377,6 +434,28 @@ def fit(
     from app.fit.run import run_fit
 
     run_fit(data, parameters, fixed or [], start or [], out, force)
+
+
+@cli.command()
+def trust(
+    directory: Annotated[
+        Path | None, typer.Argument(metavar="[DIR]", help="directory with cases (default: list)")
+    ] = None,
+    show: Annotated[bool, typer.Option("--list", help="list the trusted directories")] = False,
+    remove: Annotated[bool, typer.Option("--remove", help="trust the directory no more")] = False,
+) -> None:
+    """Let the cases in a directory, and in those below it, run the Python that they name."""
+    from app.case.trust import forget_directory, list_file, trust_directory, trust_lines
+
+    if directory is None and remove:
+        raise InputError("trust --remove: name the directory")
+    if directory is not None and remove:
+        print(f"{forget_directory(directory)}: no longer trusted")
+    elif directory is not None:
+        print(f"{trust_directory(directory)}: cases from here on down may run their Python code")
+    if directory is None or show:
+        lines = list(trust_lines())
+        print("\n".join(lines) if lines else f"no directory is trusted ({list_file()})")
 
 
 @cli.command()

@@ -26,9 +26,11 @@ from app.build.contact_notes import (
 from app.case.case import Case
 from app.case.contact import Contact
 from app.case.friction import Coulomb, Friction, FrictionMap, OwnLaw, Stribeck
+from app.case.own_law import OwnLawError
 from app.errors import InputError
 from forms.bodies.kinematics import Section
 from forms.bodies.materials import Material, oedometric_modulus
+from forms.contact.law_faults import law_fault
 from forms.contact.penalty import ContactTerm
 from forms.contact.pressure import PressureKind
 from forms.friction import friction_map
@@ -80,6 +82,7 @@ class ContactBuilder:
         space: of the displacement.
         section: what the mesh stands for.
         materials: of the bodies, by name.
+        runs_code: whether laws written in Python are run; without, such a contact has no friction.
     """
 
     case: Case
@@ -87,6 +90,7 @@ class ContactBuilder:
     space: dolfinx.fem.FunctionSpace
     section: Section
     materials: Mapping[str, Material]
+    runs_code: bool = True
 
     def build(self, index: int) -> BuiltContact:
         """The contact of this number in the case; collective.
@@ -104,7 +108,7 @@ class ContactBuilder:
         at = surface.project(surface.slave.position, surface.master.position)
         distance = _checked_distance(f"contact.{index}", asked, surface, at)
         table = resolved_contact(asked, softer, length, highest_pressure(self.case))
-        law, film = friction_law(table.friction), table.film.film() if table.film else 0.0
+        law, film = self._law(index, table.friction), table.film.film() if table.film else 0.0
         lengths = (length, facet_length(self.named.mesh, self.named.facets(asked.master)))
         modulus = penalty_modulus(softer, table.pressure)
         penalty = _penalty(table, surface, modulus)
@@ -120,7 +124,29 @@ class ContactBuilder:
         )
         modulus = contact_modulus(slave, master)
         term = ContactTerm(surface, law, penalty, film, table.pressure, modulus)
+        if fault := law_fault([term]):
+            raise InputError(f"contact.{index}.friction: {fault}")
         return BuiltContact(table, term, notes)
+
+    def _law(self, index: int, friction: Friction) -> FrictionLaw:
+        """The law of a resolved `[contact.friction]` table; collective.
+
+        Raises:
+            InputError: a law written in Python cannot be used, on some rank.
+        """
+        if not isinstance(friction, OwnLaw):
+            return friction_law(friction)
+        law: FrictionLaw = FrictionlessLaw()
+        problem: str | None = None
+        if self.runs_code:
+            try:
+                law = friction.friction_law(self.named.mesh.geometry.dim)
+            except OwnLawError as error:
+                problem = f"contact.{index}.friction.{error.key}: {error}"
+        problem = next((p for p in self.named.mesh.comm.allgather(problem) if p), None)
+        if problem is not None:
+            raise InputError(problem)
+        return law
 
     def _surface(self, index: int, contact: Contact) -> ContactSurface:
         mesh = self.named.mesh
@@ -229,7 +255,7 @@ def _resolved_friction(
 
 
 def friction_law(friction: Friction) -> FrictionLaw:
-    """The law of a resolved `[contact.friction]` table."""
+    """The law of a resolved `[contact.friction]` table; one written in Python is run."""
     if isinstance(friction, FrictionMap):
         return friction_map.FrictionMap(friction.parameters())
     if isinstance(friction, Coulomb):

@@ -80,8 +80,14 @@ class Model:
             program(time, driven)
 
 
-def build_model(case: Case, comm: MPI.Comm) -> Model:
+def build_model(case: Case, comm: MPI.Comm, runs_code: bool = True) -> Model:
     """Mesh, forms and loads of a case; collective.
+
+    Args:
+        case: what to build.
+        comm: ranks that work together.
+        runs_code: whether friction laws written in Python are run; a model without them cannot be
+            solved, only looked at.
 
     Raises:
         InputError: the mesh, or a name in the case, does not fit.
@@ -93,7 +99,7 @@ def build_model(case: Case, comm: MPI.Comm) -> Model:
     probes = place_probes(case, named, u.function_space, section)
     solids = make_solids(bodies, named, u, section)
     materials = {solid.name: solid.material for solid in solids}
-    builder = ContactBuilder(case, named, u.function_space, section, materials)
+    builder = ContactBuilder(case, named, u.function_space, section, materials, runs_code)
     contacts = [builder.build(index) for index in range(len(case.contact))]
     loads = Loads(named, u, section, case.geometry.slab)
     for boundary in case.boundary:

@@ -180,6 +180,7 @@ class Case(Model):
         pairs: dict[frozenset[str], int] = {}
         labels: dict[str, int] = {}
         for index, contact in enumerate(self.contact):
+            # Of a run that is over the file of a law need not be there any more.
             if not (self._past and isinstance(contact.friction, OwnLaw)):
                 yield from contact.problems(("contact", index))
             first = pairs.setdefault(frozenset((contact.slave, contact.master)), index)
@@ -302,12 +303,39 @@ def _hint(name: str, known: Sequence[str]) -> str:
     return f'did you mean "{near[0]}"?' if near else f"there are {', '.join(known)}"
 
 
-def resolved_toml(case: Case) -> str:
+def _rename_files(data: dict[str, Any], case: Case, files: Mapping[Path, str]) -> None:
+    """Put other names for the files of a case into its data, those of a sweep's values too."""
+
+    def renamed(value: Path | str) -> str:
+        """A mesh, or a class in its file."""
+        if isinstance(value, Path):
+            return files.get(value, str(value))
+        file, _, name = value.rpartition(":")
+        return f"{files.get(Path(file), file)}:{name}"
+
+    if isinstance(case.geometry, MeshGeometry):
+        data["geometry"]["mesh"] = renamed(case.geometry.mesh)
+    for table, contact in zip(data["contact"], case.contact, strict=True):
+        if isinstance(contact.friction, OwnLaw):
+            table["friction"]["class"] = renamed(contact.friction.reference)
+    if case.sweep is not None and case.sweep.names_files:
+        parts = [part for _, part in case.sweep_cases()]
+        data["sweep"]["values"] = [renamed(value_at(part, case.sweep.key)) for part in parts]
+
+
+def resolved_toml(case: Case, files: Mapping[Path, str] | None = None) -> str:
     """The case as a file, with every default and unit written out; it reads back to an equal case.
 
     With a sweep, keys that were not given are written as comments: the swept key may decide them,
     so that fixing them would make another case.
+
+    Args:
+        case: what is written.
+        files: names to write instead of the paths of files that the case reads, such as those of
+            copies, relative to where the case will be.
     """
     data = case.model_dump(mode="json", exclude_none=True)
+    if files:
+        _rename_files(data, case, files)
     given = case.model_dump(mode="json", exclude_unset=True) if case.sweep is not None else None
     return toml_text(data, given)

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import Field, ValidationInfo, create_model, field_validator
 
 from app.case.film import Film
-from app.case.own_law import OwnLawError, load_own_law
+from app.case.own_law import OwnLawError, load_own_law, split_reference
 from app.case.quantities import Quantity
 from app.case.table import Flag, Model, Place, Problem, Text
 from app.case.time_tables import NumberOrTable, Row
 
 if TYPE_CHECKING:
-    from forms.friction.law import FrictionLaw
+    from forms.friction.guarded_law import GuardedLaw
     from forms.friction.parameters import FrictionMapParameters
     from forms.friction.stribeck import StribeckParameters
 
@@ -251,7 +251,10 @@ else:
 
 
 class OwnLaw(_NamesAClass):
-    """A friction law of the user's own, written in Python."""
+    """A friction law of the user's own, written in Python.
+
+    The case only names it: the file is run by :meth:`friction_law`, when a run is built.
+    """
 
     law: Literal["python"] = Field(description="the friction law")
     parameters: dict[str, Any] = Field(
@@ -266,20 +269,37 @@ class OwnLaw(_NamesAClass):
         file, colon, name = value.rpartition(":")
         return f"{(Path(source or '').parent / file).resolve()}:{name}" if colon else value
 
-    def friction_law(self) -> FrictionLaw:
-        """The law that the class makes.
+    @property
+    def reference(self) -> str:
+        """File and class, "/path/my_law.py:MyLaw"."""
+        found: str = getattr(self, "class")
+        return found
+
+    @property
+    def file(self) -> Path:
+        """The file with the class."""
+        return Path(self.reference.rpartition(":")[0])
+
+    def friction_law(self, dim: int = 2) -> GuardedLaw:
+        """The law that the class makes; this runs the user's code.
+
+        Args:
+            dim: space dimensions that it is tried in.
 
         Raises:
             OwnLawError: there is no such file or class, or it makes no friction law.
         """
-        return load_own_law(getattr(self, "class"), self.parameters)
+        return load_own_law(self.reference, self.parameters, dim)
 
     def problems(self, place: Place, film: Film | None) -> Iterator[Problem]:
-        """Whether the class makes a friction law, `place` being this table's place in the case."""
+        """Whether the file is there, `place` being this table's place in the case.
+
+        What is in it shows only when it is run.
+        """
         try:
-            self.friction_law()
+            split_reference(self.reference)
         except OwnLawError as error:
-            yield Problem((*place, error.key), str(error), getattr(self, error.key))
+            yield Problem((*place, error.key), str(error), self.reference)
 
 
 Friction = Annotated[

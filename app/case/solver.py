@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import (
@@ -172,9 +173,19 @@ class Sweep(Model):
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """One name for each value, such as "thickness=10nm", usable for a directory."""
-        last = self.key.rsplit(".", 1)[-1]
-        return tuple(_as_name(f"{last}={_as_text(value)}") for value in self.values)
+        """One name for each value, such as "thickness=10nm", usable for a directory.
+
+        Files are called by their names alone where these differ: wherever they are.
+        """
+        last, texts = self.key.rsplit(".", 1)[-1], [_as_text(value) for value in self.values]
+        if self.names_files and len({Path(text).name for text in texts}) == len(texts):
+            texts = [Path(text).name for text in texts]
+        return tuple(_as_name(f"{last}={text}") for text in texts)
+
+    @property
+    def names_files(self) -> bool:
+        """Whether the values are names of files: of meshes, or of laws in Python."""
+        return self.key.rsplit(".", 1)[-1] in ("mesh", "class")
 
 
 def _as_text(value: object) -> str:

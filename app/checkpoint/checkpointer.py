@@ -93,6 +93,7 @@ class Checkpointer(Observer):
             "stage": state.rows[-1].stage,
             "status": status,
             "ranks": self._comm.size,
+            "inputs": self._recorder.inputs,
             "versions": versions(),
         }
         return snapshot, about

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -57,7 +57,13 @@ def find_checkpoint(directory: Path, comm: MPI.Comm) -> Found | None:
     return None if about is None else Found(about, comm.bcast(notes), found)
 
 
-def go_on(simulation: Simulation, found: Found, directory: Path, extend: bool) -> Snapshot:
+def go_on(
+    simulation: Simulation,
+    found: Found,
+    directory: Path,
+    extend: bool,
+    inputs: Mapping[str, str],
+) -> Snapshot:
     """Put a run that has not begun where the checkpoint was taken; collective.
 
     Args:
@@ -65,6 +71,7 @@ def go_on(simulation: Simulation, found: Found, directory: Path, extend: bool) -
         found: the checkpoint.
         directory: of the results; its tables must hold the rows so far.
         extend: whether to go on past the end of a run that is done.
+        inputs: SHA-256 of the files that the case reads, by name, on the first rank.
 
     Returns:
         What the recorder of the results has seen.
@@ -76,6 +83,7 @@ def go_on(simulation: Simulation, found: Found, directory: Path, extend: bool) -
     checkpoint = found.checkpoint
     layout = Layout(model)
     _on_first(comm, lambda: _compare(simulation, checkpoint, layout, directory))
+    _on_first(comm, lambda: _same_laws(found.about["inputs"], inputs, directory))
     tree: Any = None if checkpoint is None else checkpoint.tree
     arrays: dict[str, Array] = {} if checkpoint is None else checkpoint.arrays
     kept = layout.scatter(tree, arrays, found.about["distribution"])
@@ -113,6 +121,16 @@ def _compare(
     found = list(differences(layout.identity, mesh))
     if found:
         raise InputError(f"{directory}: the mesh is not the one of the run: {_listed(found)}")
+
+
+def _same_laws(began: Mapping[str, str], now: Mapping[str, str], directory: Path) -> None:
+    """Refuse friction laws that have been changed; on the first rank."""
+    changed = [n for n, digest in began.items() if n.endswith(".py") and now.get(n) != digest]
+    if changed:
+        raise InputError(
+            f"{directory}: {changed[0]} is not the file that the run was begun with, a copy of "
+            f"which is in {directory / 'inputs'}"
+        )
 
 
 def _past_case(text: str, directory: Path) -> Case:

@@ -28,8 +28,10 @@ from app.explicit.stable_step import StableStep, StableSteps, StepEstimate, Stif
 from app.explicit.state import ExplicitState
 from forms.bodies.internal_force import InternalForce
 from forms.contact.explicit_compiled import explicit_contact
+from forms.contact.law_faults import has_fault, law_fault, law_not_finite
 from forms.contact.state import ContactTrial
 from forms.contact.stiffness import PairStiffness
+from forms.friction.guarded_law import LawError
 from geometry.surfaces.exchange import NodalVector
 from geometry.surfaces.facets import Floats
 
@@ -105,7 +107,7 @@ class ExplicitStepper:
         self._films = FilmCorrection(films, dynamics, problem.space, options.damping)
         trials, valid = self._forces(1.0)
         if not valid:
-            raise folded(problem, self.time)
+            raise self._invalid(0.0)
         problem.trials = trials
         self.loads = self._loads()
         self.energies = Energies(problem, self.state, self.mass, self.internal, self.loads)
@@ -166,6 +168,7 @@ class ExplicitStepper:
         Raises:
             ExplicitError: an element is turned inside out, and the displacements are again those
                 before this step; or the energy runs away.
+            LawError: a friction law of the user's fails; the displacements are those before too.
         """
         timer = self.problem.timer
         with timer("time integration"):
@@ -173,10 +176,17 @@ class ExplicitStepper:
         trials, valid = self._forces(dt)
         with timer("time integration"):
             if not valid:
-                error = folded(self.problem, self.time + dt)
+                error = self._invalid(dt)
                 self._motion.take_back(dt)
                 raise error
             self._commit(dt, damped, trials)
+
+    def _invalid(self, dt: float) -> Exception:
+        """Why the forces after a step of ``dt`` (s) are not valid; collective."""
+        contacts = self.problem.contacts
+        if fault := law_fault(contacts) or law_not_finite(contacts):
+            return LawError(fault)
+        return folded(self.problem, self.time + dt)
 
     def _commit(self, dt: float, damped: float, trials: list[ContactTrial]) -> None:
         """Make the state evaluated last the one that the next step starts from."""
@@ -198,7 +208,7 @@ class ExplicitStepper:
         """Forces and accelerations at the present displacements; collective.
 
         Returns:
-            The contacts; whether no element is turned inside out.
+            The contacts; whether no element is turned inside out, and no law has failed.
         """
         state, timer, residual = self.state, self.problem.timer, self._residual
         with_film = bool(self._films.contacts) and self.rate_dependent
@@ -208,6 +218,7 @@ class ExplicitStepper:
             residual.collect_ghosts()
         with timer("contact"):
             trials = self._evaluate_contacts(dt)
+            valid = valid and not has_fault(self.problem.contacts)
             if with_film:
                 self._films.hold()
             for contact in self.contacts:

@@ -35,6 +35,9 @@ SECONDS = 8.0  # that an animation of many frames takes
 SLOWEST, FASTEST = 3, 15  # frames per second
 DPI = 90
 MOST_PAIRS = 12
+# Matplotlib reads its settings from the working directory too, which may be somebody else's: the
+# program that makes films is not to be named there, nor more files for it to write.
+FFMPEG = {"animation.ffmpeg_path": "ffmpeg", "animation.ffmpeg_args": []}
 
 
 def animate(results: Results, path: Path, field: str) -> int:
@@ -67,7 +70,7 @@ def animate(results: Results, path: Path, field: str) -> int:
         PillowWriter(fps=rate) if kind == "gif" else FFMpegWriter(fps=rate)
     )
     part = path.with_name(f".{path.stem}.part{path.suffix}")
-    with rc_context(CASE_STYLE):
+    with rc_context(CASE_STYLE | FFMPEG):
         figure, draw = (_in_space if states[0].dim == 3 else _in_the_plane)(
             results, steps, states, scale
         )

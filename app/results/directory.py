@@ -36,6 +36,7 @@ OWN = (
     "figures",
     "sweep.csv",
     "mesh.msh",
+    "inputs",
     "friction_map.csv",
     "load_map.csv",
     "slip_weakening.csv",
@@ -48,6 +49,7 @@ OWN = (
 )
 # What earlier versions wrote and --force clears too.
 EARLIER = ("motion.csv", "contact_nodes.pvd", "contact_nodes")
+SUMS = "SHA256SUMS"  # in the directory of inputs
 TEXT_COLUMNS = ("stage", "label", "pair", "surface", "body", "probe")
 
 
@@ -85,6 +87,7 @@ def check_free(directory: Path, force: bool, labels: Sequence[str] = ()) -> None
             "them with --force"
         )
     foreign = [name for name in present if not _is_own(name, labels)]
+    foreign += [f"inputs/{name}" for name in foreign_inputs(directory)]
     if foreign:
         raise InputError(
             f"{directory}: holds {foreign[0]}, which is no result of tribox, so --force does not "
@@ -110,6 +113,21 @@ def prepare(directory: Path) -> None:
         probe.unlink()
     except OSError as error:
         raise InputError(f"{directory}: cannot be written ({error.strerror or error})") from None
+
+
+def foreign_inputs(directory: Path) -> list[str]:
+    """Names in ``inputs`` that a run has not put there, by the list of sums beside them.
+
+    Others may have a directory of this name too, with the only copy of their meshes in it.
+    """
+    folder = directory / "inputs"
+    try:
+        lines = (folder / SUMS).read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError):
+        lines = []
+    known = {line.partition("  ")[2] for line in lines} | ({SUMS} if lines else set())
+    present = folder.iterdir() if folder.is_dir() else ()
+    return sorted(path.name for path in present if path.name not in known)
 
 
 def _is_own(name: str, labels: Sequence[str]) -> bool:

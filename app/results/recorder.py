@@ -14,11 +14,11 @@ from mpi4py import MPI
 
 from app.build.load_steps import LoadStep
 from app.build.model import Model
-from app.case.case import resolved_toml
 from app.case.stage import solver_of
 from app.equilibrium.snapshot import Snapshot
 from app.implicit.stepper import StepResult
-from app.results.directory import write_json, write_text
+from app.results.directory import write_json
+from app.results.inputs import NOTHING, KeptInputs, write_case
 from app.results.output_files import OutputFiles
 from app.results.run_tables import RunTables
 from app.results.versions import versions
@@ -52,6 +52,7 @@ class Recorder(Observer):
         model: Model,
         directory: Path,
         given: Sequence[str] = (),
+        kept: KeptInputs = NOTHING,
         resumed: Snapshot | None = None,
     ) -> None:
         """Open the outputs and write the resolved case; collective.
@@ -60,12 +61,14 @@ class Recorder(Observer):
             model: that is run.
             directory: of the results, ready to be written.
             given: dotted keys that the case file gave, for the summary.
+            kept: copies of the files that the case reads, which the resolved case names instead.
             resumed: what :meth:`snapshot` has seen, of a run that goes on: what was written after
                 it is dropped.
         """
         self.model = model
         self.directory = directory
         self.given = list(given)
+        self._kept = kept
         self.comm = model.problem.comm
         self.first = self.comm.rank == 0
         self.load_steps: list[dict[str, Any]] = []
@@ -81,7 +84,7 @@ class Recorder(Observer):
         self._penalty = [_extent(self.comm, t.penalty) for t in model.problem.contacts]
         self.warnings: list[str] = list(model.notes)
         if self.first:
-            write_text(directory / "case.toml", resolved_toml(model.case))
+            write_case(model.case, directory, kept)
         self._tables: RunTables | None = None
         times = None if resumed is None else {int(step): time for step, time in resumed["times"]}
         self._files = OutputFiles(model, directory, times)
@@ -170,6 +173,11 @@ class Recorder(Observer):
         self._roundoff.restore(kept["roundoff"])
         self._contacts.restore(kept["contacts"])
         self.resumed = list(kept["resumed"])
+
+    @property
+    def inputs(self) -> dict[str, str]:
+        """SHA-256 of the copies of what the case reads, by name; on the first rank."""
+        return dict(self._kept.sums)
 
     def go_on(self, state: RunState) -> None:
         """Take up the tables after the last step of a run that goes on."""
@@ -269,6 +277,7 @@ class Recorder(Observer):
             "ranks": self.comm.size,
             "resumed": self.resumed,
             "given": self.given,
+            "inputs": self.inputs,
             "seconds": {"run": round(wall, 4), **timings},
             **{f"{part}_per_rank": [share[part] for share in shares] for part in shares[0]},
             "versions": versions(),

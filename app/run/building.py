@@ -6,14 +6,27 @@ from mpi4py import MPI
 
 from app.build.model import build_model
 from app.case.case import Case
+from app.case.friction import OwnLaw
 from app.simulation.explicit_stage import notes_on_steps
 
 
-def notes_on_building(case: Case) -> list[str]:
+def notes_on_building(case: Case, runs_code: bool = False) -> list[str]:
     """The notes on a case whose mesh, forms and contacts are made and dropped again.
 
+    Args:
+        case: without a sweep.
+        runs_code: whether friction laws written in Python are run; if not, a note says so.
+
     Raises:
-        InputError: mesh and case do not go together.
+        InputError: mesh and case do not go together, or a law that is run cannot be used.
     """
-    model = build_model(case, MPI.COMM_SELF)
-    return [*model.notes, *notes_on_steps(model)]
+    model = build_model(case, MPI.COMM_SELF, runs_code)
+    notes = [*model.notes, *notes_on_steps(model)]
+    if not runs_code:
+        notes += [
+            f"contact.{index}: the code of the friction law {contact.friction.reference} was not "
+            "run; tribox check --law tries it"
+            for index, contact in enumerate(case.contact)
+            if isinstance(contact.friction, OwnLaw)
+        ]
+    return notes

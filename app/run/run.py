@@ -7,7 +7,7 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from app.build.model import build_model
+from app.build.model import Model, build_model
 from app.case.case import Case
 from app.case.given import given_keys
 from app.checkpoint.checkpointer import Checkpointer
@@ -15,6 +15,7 @@ from app.checkpoint.resume import Found, find_checkpoint, go_on, started_line, v
 from app.errors import InputError, SolutionError
 from app.results.directory import check_free, prepare
 from app.results.earlier_sweep import sweep_labels
+from app.results.inputs import NOTHING, keep_inputs, kept_inputs
 from app.results.probes import ProbeRecorder
 from app.results.recorder import Recorder
 from app.run.interruption import Interruption
@@ -33,17 +34,19 @@ def run_case(
     force: bool = False,
     quiet: bool = False,
     comm: MPI.Comm = MPI.COMM_WORLD,
+    inputs_of: Path | None = None,
     resume: bool = False,
     extend: bool = False,
 ) -> Simulation:
     """Run one case (without its sweep) and write its results; collective.
 
     Args:
-        case: what to run.
+        case: what to run; friction laws in Python are run, as the caller is code itself.
         directory: results directory; made if missing.
         force: replace results that are there.
         quiet: print warnings and errors only.
         comm: ranks that work together.
+        inputs_of: results directory of the sweep, whose copies of mesh and laws are linked.
         resume: go on from the last checkpoint in the directory; from the start if there is none.
         extend: the same, and past the end if the case has further stages.
 
@@ -61,22 +64,17 @@ def run_case(
     model = build_model(case, comm)
     steps = notes_on_steps(model)
     simulation = Simulation(model)
-    kept = None
     if found is None:
-        on_first(comm, lambda: prepare(directory))
+        recorder = _recorder(case, model, directory, inputs_of)
     else:
-        kept = go_on(simulation, found, directory, extend)
-    recorder = Recorder(model, directory, given_keys(case), kept)
-    if found is not None:
-        recorder.go_on(simulation.state)
-    log, resumed = directory / "log.txt", found is not None
-    reporter = Reporter(log, case, quiet, resumed=resumed) if comm.rank == 0 else None
+        recorder = _resumed(case, simulation, found, directory, extend)
+    log, after = directory / "log.txt", None if found is None else simulation.state.step
+    reporter = Reporter(log, case, quiet, resumed=found is not None) if comm.rank == 0 else None
     told: list[Observer] = [reporter, recorder] if reporter else [recorder]
     try:
-        if reporter:
-            _say_notes(reporter, model.notes, steps, quiet)
-            _say_resumed(reporter, simulation, found, quiet)
-        probes = ProbeRecorder(model, directory, simulation.state.step if resumed else None)
+        _say_notes(reporter, model.notes, steps, quiet)
+        _say_resumed(reporter, simulation, found, quiet)
+        probes = ProbeRecorder(model, directory, after)
         checkpointer = Checkpointer(simulation, recorder, directory)
         with Interruption(comm) as interruption:
             everybody = Together(*told, probes, interruption, checkpointer)
@@ -95,8 +93,46 @@ def run_case(
     return simulation
 
 
-def _say_notes(reporter: Reporter, notes: Sequence[str], steps: Sequence[str], quiet: bool) -> None:
+def _recorder(case: Case, model: Model, directory: Path, inputs_of: Path | None) -> Recorder:
+    """Clear the directory, copy what the case reads into it and begin the files; collective."""
+    kept = NOTHING  # but on the first rank, which writes
+
+    def make_ready() -> None:
+        nonlocal kept
+        prepare(directory)
+        kept = keep_inputs(case, directory, inputs_of)
+
+    on_first(model.problem.comm, make_ready)
+    return Recorder(model, directory, given_keys(case), kept)
+
+
+def _resumed(
+    case: Case, simulation: Simulation, found: Found, directory: Path, extend: bool
+) -> Recorder:
+    """Put the run where its checkpoint was taken, and go on with its files; collective.
+
+    Raises:
+        InputError: case, mesh or tables are not those that the run began with.
+    """
+    comm, kept = simulation.model.problem.comm, NOTHING
+
+    def look() -> None:
+        nonlocal kept
+        kept = kept_inputs(case)
+
+    on_first(comm, look)
+    seen = go_on(simulation, found, directory, extend, kept.sums)
+    recorder = Recorder(simulation.model, directory, given_keys(case), kept, seen)
+    recorder.go_on(simulation.state)
+    return recorder
+
+
+def _say_notes(
+    reporter: Reporter | None, notes: Sequence[str], steps: Sequence[str], quiet: bool
+) -> None:
     """The notes on a case, and those on the time steps of its explicit stages."""
+    if reporter is None:
+        return
     for note in notes:
         reporter.say(f"note: {note}")
     for note in steps:
@@ -104,10 +140,10 @@ def _say_notes(reporter: Reporter, notes: Sequence[str], steps: Sequence[str], q
 
 
 def _say_resumed(
-    reporter: Reporter, simulation: Simulation, found: Found | None, quiet: bool
+    reporter: Reporter | None, simulation: Simulation, found: Found | None, quiet: bool
 ) -> None:
     """From where a run goes on."""
-    if found is not None:
+    if reporter is not None and found is not None:
         for note in (*found.notes, *version_notes(found.about)):
             reporter.say(f"note: {note}")
         reporter.say(started_line(found, simulation), always=not quiet)

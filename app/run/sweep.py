@@ -7,7 +7,7 @@ import os
 import subprocess
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -107,12 +107,13 @@ def part_command(case_file: Path, index: int, directory: Path, options: Sequence
     ]
 
 
-def collate(case: Case, directory: Path) -> None:
+def collate(case: Case, directory: Path, inputs: Mapping[str, str] | None = None) -> None:
     """Write ``sweep.csv``, one row for each load step of each part, and ``summary.json``.
 
     Columns are those of the history, with the part's ``label``, the swept ``value`` (in SI, where
     it is a number) and ``steady`` before them. Parts
-    that were not run, or not to their end, give what they have; ``summary.json`` tells.
+    that were not run, or not to their end, give what they have; ``summary.json`` tells, and holds
+    the SHA-256 of the ``inputs``, by their names.
     """
     rows = []
     parts: dict[str, Any] = {}
@@ -130,4 +131,5 @@ def collate(case: Case, directory: Path) -> None:
             first = [label, "" if value is None else value, number]
             rows.append([*first, *(load_step[name] for name in COLUMNS)])
     write_table(directory / "sweep.csv", ("label", "value", "steady", *COLUMNS), rows)
-    write_json(directory / "summary.json", {"title": case.title, "parts": parts})
+    kept = dict(inputs or {})
+    write_json(directory / "summary.json", {"title": case.title, "inputs": kept, "parts": parts})

@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.case.case import Case, resolved_toml
+from app.case.case import Case
 from app.errors import SolutionError
-from app.results.directory import check_free, prepare, write_text
+from app.results.directory import check_free, prepare
 from app.results.earlier_sweep import sweep_labels
+from app.results.inputs import NOTHING, KeptInputs, keep_inputs, write_case
 from app.run.sweep import Part, collate, cores, part_command, run_side_by_side
 from app.run.sweep_lines import sweep_lines
 
@@ -19,7 +20,7 @@ class SweepOptions:
     """How a sweep is run.
 
     Attributes:
-        changes: options of the command line that change the case.
+        changes: options of the command line that each run gets too.
         ranks: MPI ranks of each run.
         force: replace results that are there.
         jobs: runs at a time; None: as many as the cores allow.
@@ -54,9 +55,9 @@ def run_sweep(
     from app.run.building import notes_on_building
 
     check_free(directory, options.force, sweep_labels(directory))
-    notes_on_building(case.sweep_cases()[0][1])
-    _make_ready(case, directory)
-    words = [*options.changes, "--np", str(options.ranks)]
+    notes_on_building(case.sweep_cases()[0][1], runs_code=True)
+    kept = _make_ready(case, directory)
+    words = [*options.changes, "--np", str(options.ranks), "--inputs-of", str(directory)]
     parts = [
         Part(label, part_command(case_file, i, directory / label, words), directory / label)
         for i, (label, _) in enumerate(case.sweep_cases())
@@ -66,7 +67,7 @@ def run_sweep(
         with sweep_lines(len(parts)) as lines:
             run_side_by_side(parts, jobs, lines)
     finally:  # What has been computed is collated whatever became of the others.
-        _put_together(case, directory)
+        _put_together(case, directory, kept)
     print(f"results in {directory}")
 
 
@@ -76,32 +77,38 @@ def _run_in_turn(case: Case, directory: Path, force: bool) -> None:
 
     from app.run.run import on_first, run_case
 
+    kept = NOTHING
+
     def make_ready() -> None:
+        nonlocal kept
         check_free(directory, force, sweep_labels(directory))
-        _make_ready(case, directory)
+        kept = _make_ready(case, directory)
 
     comm = MPI.COMM_WORLD
     on_first(comm, make_ready)
     failed = []
     for label, single in case.sweep_cases():
         try:
-            run_case(single, directory / label, comm=comm)
+            run_case(single, directory / label, comm=comm, inputs_of=directory)
         except SolutionError as error:
             failed.append(f"{label} ({error})")
     if comm.rank == 0:
-        _put_together(case, directory)
+        _put_together(case, directory, kept)
     if failed:
         raise SolutionError(f"{len(failed)} runs of the sweep failed: {'; '.join(failed)}")
 
 
-def _make_ready(case: Case, directory: Path) -> None:
+def _make_ready(case: Case, directory: Path) -> KeptInputs:
+    """Clear the directory and write what is the same for all values."""
     prepare(directory)
-    write_text(directory / "case.toml", resolved_toml(case))
+    kept = keep_inputs(case, directory)
+    write_case(case, directory, kept)
+    return kept
 
 
-def _put_together(case: Case, directory: Path) -> None:
+def _put_together(case: Case, directory: Path, kept: KeptInputs) -> None:
     """Tables and figures over all values."""
-    collate(case, directory)
+    collate(case, directory, kept.sums)
     if case.output.figures:
         from app.figures.run_figures import draw_figures
         from app.results import read

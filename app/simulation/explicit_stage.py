@@ -16,7 +16,7 @@ from app.build.model import Model, initial_velocity
 from app.case.solver import Solver
 from app.case.stage import solver_of
 from app.equilibrium.snapshot import Snapshot, to_contacts
-from app.errors import SolutionError
+from app.errors import InputError, SolutionError
 from app.explicit.instability import ExplicitError
 from app.explicit.mass_scaling import ScaledMass
 from app.explicit.options import ExplicitOptions
@@ -26,6 +26,8 @@ from app.simulation.interval_averages import IntervalAverages
 from app.simulation.observer import Interval, Observer
 from app.simulation.run_state import Effort, Moved, RunState
 from app.simulation.time_text import time_text
+from forms.contact.law_faults import law_fault
+from forms.friction.guarded_law import LawError
 from geometry.surfaces.facets import Floats
 
 CHECK_EVERY = 100  # time steps between two looks at the stable step and for an interruption
@@ -50,12 +52,18 @@ def notes_on_steps(model: Model) -> list[str]:
     """How long the time steps of a case's explicit stages are, and how many; collective.
 
     The model must be as it was built; its loads are set to those of the start.
+
+    Raises:
+        InputError: a friction law of the user's fails.
     """
     case = model.case
     if not case.is_explicit:
         return []
     model.set_loads(0.0, 0.0)
-    stepper = ExplicitStepper(model.problem, explicit_options(case.solver))
+    try:
+        stepper = ExplicitStepper(model.problem, explicit_options(case.solver))
+    except LawError as error:
+        raise InputError(str(error)) from None
     dt = case.solver.step_safety * stepper.stable_step()
     notes = [f"explicit: time step {dt:.3g} s, limited by {stepper.limit}"]
     if stepper.added_mass > 0.0:
@@ -102,16 +110,23 @@ class ExplicitStage:
             displacement: (n,), m, of the owned unknowns.
             rate_dependent: whether rates count in the contacts' laws at the start.
             masses: of a run that is resumed; None: scaled for the state taken over.
+
+        Raises:
+            InputError: a friction law of the user's fails at once; of a run that has already come
+                some way a SolutionError.
         """
         self.state, self.model = state, state.model
-        self.stepper = ExplicitStepper(
-            self.model.problem,
-            explicit_options(self.model.case.solver),
-            displacement=displacement,
-            velocity=initial_velocity(self.model),
-            rate_dependent=rate_dependent,
-            masses=masses,
-        )
+        try:
+            self.stepper = ExplicitStepper(
+                self.model.problem,
+                explicit_options(self.model.case.solver),
+                displacement=displacement,
+                velocity=initial_velocity(self.model),
+                rate_dependent=rate_dependent,
+                masses=masses,
+            )
+        except LawError as error:
+            raise (SolutionError if state.step else InputError)(str(error)) from None
         state.stepper = self.stepper
         self.averages = IntervalAverages(self.stepper)
         self.steps = 0
@@ -225,6 +240,10 @@ class ExplicitStage:
                 f"stage {load_step.label}, time {time_text(time, dt)}: {error}; check the loads "
                 "and the mesh there, try a smaller step_safety or a higher penalty"
             ) from None
+        except LawError as error:
+            self.state.time = time - dt
+            when = time_text(time, dt)
+            raise SolutionError(f"stage {load_step.label}, time {when}: {error}") from None
         with self.model.problem.timer("averages"):
             self.averages.enter(dt)
         if load_step.stage.relax:
@@ -240,8 +259,15 @@ class ExplicitStage:
         self._peak = energy
 
     def _row(self, load_step: LoadStep, dt: float, steps: int, observer: Observer) -> None:
-        """Take the contacts' resultants, enter the energies and add a row; collective."""
+        """Take the contacts' resultants, enter the energies and add a row; collective.
+
+        Raises:
+            SolutionError: a friction law of the user's fails.
+        """
         state, problem = self.state, self.model.problem
+        if fault := law_fault(problem.contacts, problem.committed):
+            when = time_text(state.time, dt)
+            raise SolutionError(f"stage {load_step.label}, time {when}: {fault}")
         problem.spread(self.stepper.x)
         with problem.timer("resultants"):
             ends = state.resultants_of(problem.committed)

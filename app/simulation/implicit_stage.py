@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from app.build.load_steps import LoadStep
 from app.build.supports import Loose, loose_directions
 from app.equilibrium.snapshot import Snapshot
@@ -13,6 +15,8 @@ from app.simulation.observer import Observer
 from app.simulation.outside_forces import OutsideForces
 from app.simulation.run_state import Effort, Moved, RunState
 from app.simulation.time_text import time_text
+from forms.contact.law_faults import law_fault, law_not_finite
+from forms.contact.state import ContactTrial
 
 EASY_ITERATIONS = 6  # up to here a cut step may grow back
 
@@ -89,6 +93,7 @@ class ImplicitStage:
             self.model.set_loads(start + end * load_step.dt, moved)
             dt = (end - at.done) * load_step.dt
             result = self.stepper.attempt(dt)
+            self._heed_laws(load_step)
             if not result.converged:
                 failures += 1
                 wasted += result.iterations
@@ -110,9 +115,11 @@ class ImplicitStage:
         """Contact resultants of a solved step, before it is committed; collective.
 
         Raises:
-            SolutionError: a number is not finite, or a body has been moved that nothing holds.
+            SolutionError: a law fails, a number is not finite, or a body has been moved that
+                nothing holds.
         """
         state, problem = self.state, self.model.problem
+        self._heed_laws(load_step, problem.trials)
         resultants = state.resultants_of(problem.trials)
         wrong = not_finite(resultants)
         noise = problem.roundoff
@@ -124,6 +131,20 @@ class ImplicitStage:
             when = time_text(state.time, load_step.dt)
             raise SolutionError(f"stage {load_step.label}, time {when}: {wrong}")
         state.resultants = resultants
+
+    def _heed_laws(self, load_step: LoadStep, trials: Sequence[ContactTrial] = ()) -> None:
+        """End the run where a law of the user's has failed on any rank; collective.
+
+        Args:
+            load_step: the load step at hand.
+            trials: of the contacts, if the step is about to be accepted.
+
+        Raises:
+            SolutionError: one has.
+        """
+        if fault := law_fault(self.model.problem.contacts, trials):
+            when = time_text(self.state.time, load_step.dt)
+            raise SolutionError(f"stage {load_step.label}, time {when}: {fault}")
 
     def _commit(
         self, load_step: LoadStep, dt: float, result: StepResult, failures: int, observer: Observer
@@ -139,7 +160,9 @@ class ImplicitStage:
 
     def _give_up(self, load_step: LoadStep, dt: float, result: StepResult) -> None:
         model = self.model
-        why = explain(model.problem, result, self.stepper.x, self._loose, model.thickness)
+        why = law_not_finite(model.problem.contacts)
+        if why is None:
+            why = explain(model.problem, result, self.stepper.x, self._loose, model.thickness)
         when = time_text(self.state.time, dt)
         raise SolutionError(
             f"stage {load_step.label}, time {when}: no solution even with a step of "

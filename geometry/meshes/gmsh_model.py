@@ -16,6 +16,8 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from geometry.meshes.merging import merge_alone
+
 PLANE_TOLERANCE = 1e-9
 """Largest |z| of a plane mesh, relative to its size in the plane."""
 
@@ -141,7 +143,7 @@ def open_msh(gmsh: ModuleType, path: Path) -> None:
     if version.split(".")[0] not in ("2", "4"):
         raise MeshError(f"{path}: a .msh file of version {version}; {formats}")
     try:
-        gmsh.merge(str(path))
+        merge_alone(gmsh, path)
     # gmsh raises nothing more specific than Exception.
     except Exception as error:
         raise MeshError(f"{path}: gmsh cannot read it: {' '.join(str(error).split())}") from error

@@ -183,7 +183,7 @@ def test_mesh_is_found_beside_the_case(tmp_path, monkeypatch):
     assert case.bodies["elastomer"].formulation is None
     assert case.bodies["elastomer"].formulation_for("triangle") == "q1"
     [(label, swept)] = case.sweep_cases()
-    assert label == "mesh=meshes_own.msh" and swept.geometry.mesh == case.geometry.mesh
+    assert label == "mesh=own.msh" and swept.geometry.mesh == case.geometry.mesh
     assert reloaded(case, tmp_path) == case
     (tmp_path / "meshes" / "own.msh").unlink()
     [line] = check_case(path)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import py_compile
 import re
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -13,29 +16,17 @@ from app.case.friction import OwnLaw
 from app.case.own_law import OwnLawError, load_own_law
 from app.case.reading import check_case, load_case
 from forms.friction.law import FrictionLaw
+from tests.own_law import OWN, documented_law, with_law
 
-PAGE = Path(__file__).parents[3] / "docs" / "law.md"
 MU, P = 0.3, 2e6
 
 
 @pytest.fixture
 def example(tmp_path: Path) -> Path:
     """The law of the documentation, in a file."""
-    section = PAGE.read_text(encoding="utf-8").split("## A law of your own")[1]
-    [code] = re.findall(r"```python\n(.*?)```", section.split("\n## ")[0], re.DOTALL)
     path = tmp_path / "my_law.py"
-    path.write_text(code, encoding="utf-8")
+    path.write_text(documented_law(), encoding="utf-8")
     return path
-
-
-def with_law(block: str, law: str) -> str:
-    """The small block with another friction section."""
-    section = re.compile(r"^\[contact\.friction\]\n(?:(?!\[).*\n)*", re.M)
-    assert section.search(block)
-    return section.sub(f"[contact.friction]\n{law}\n", block)
-
-
-OWN = 'law = "python"\nclass = "my_law.py:MyLaw"\nparameters = { mu = 0.3, speed = 1e-6 }'
 
 
 def test_the_documented_law_is_exact_and_dissipates(example: Path):
@@ -67,7 +58,7 @@ def test_a_case_runs_with_it(example, block, case_file, tribox, tmp_path):
     assert isinstance(friction, OwnLaw) and friction.parameters == {"mu": 0.3, "speed": 1e-6}
     again = case_file(resolved_toml(case), "again.toml")
     assert load_case(again) == case
-    done = tribox("run", path, "--out", tmp_path / "out")
+    done = tribox("run", path, "--out", tmp_path / "out", "--trust")
     assert done.returncode == 0, done.stderr
     rows = (tmp_path / "out" / "history.csv").read_text().splitlines()
     row = dict(zip(rows[0].split(","), rows[-1].split(","), strict=True))
@@ -76,9 +67,7 @@ def test_a_case_runs_with_it(example, block, case_file, tribox, tmp_path):
 
 MISTAKES = {
     "no file": (OWN.replace("my_law", "your_law"), "no such file: "),
-    "no class": (OWN.replace(":MyLaw", ":Law"), "has no class Law; there is MyLaw"),
     "no colon": (OWN.replace(":MyLaw", ""), 'must be "file.py:Class"'),
-    "parameter": (OWN.replace("mu =", "nu ="), "parameters: MyLaw: TypeError: "),
     "key": (OWN + "\nmu = 0.1", 'key "mu" in contact.0.friction does not go with law = "python"'),
     "class missing": ('law = "python"', "contact.0.friction.class: missing; file and class"),
 }
@@ -95,28 +84,77 @@ def test_a_mistake_is_one_line(name, example, block, case_file):
     ("code", "said"),
     [
         ("class MyLaw:\n    def update(self): ...", "no method initial_state, stored_energy, coef"),
-        ("class MyLaw:\n  x = (", "cannot be loaded: SyntaxError"),
-        ("import no_such_module_at_all", "cannot be loaded: ModuleNotFoundError"),
+        ("class MyLaw:\n  x = (", "cannot be loaded: {file}:2: SyntaxError: '(' was never closed"),
+        ("a = 1\nimport no_such_module_at_all", "loaded: {file}:2: ModuleNotFoundError: No module"),
+        ("import sys\nsys.exit(0)", "cannot be loaded: {file}:2: SystemExit: 0"),
         ("MyLaw = 3", "has no class MyLaw; there is none"),
+        ("class Law: ...", "has no class MyLaw; there is Law"),
     ],
 )
 def test_a_file_that_is_no_law_is_one_line(code, said, tmp_path):
-    (tmp_path / "my_law.py").write_text(code, encoding="utf-8")
-    with pytest.raises(OwnLawError, match=re.escape(said)) as error:
-        load_own_law(f"{tmp_path}/my_law.py:MyLaw", {})
+    file = tmp_path / "my_law.py"
+    file.write_text(code, encoding="utf-8")
+    with pytest.raises(OwnLawError, match=re.escape(said.format(file=file))) as error:
+        load_own_law(f"{file}:MyLaw", {})
     assert "\n" not in str(error.value) and error.value.key == "class"
+
+
+def test_parameters_that_the_class_does_not_take_are_named(example):
+    said = "MyLaw: TypeError: MyLaw.__init__() got an unexpected keyword argument 'nu'"
+    with pytest.raises(OwnLawError, match=re.escape(said)) as error:
+        load_own_law(f"{example}:MyLaw", {"nu": MU, "speed": 1e-6})
+    assert error.value.key == "parameters"
+    with pytest.raises(OwnLawError, match=r"my_law\.py:\d+: ValueError: expected mu >= 0"):
+        load_own_law(f"{example}:MyLaw", {"mu": -1.0, "speed": 1e-6})
 
 
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
         ("traction=traction,", "traction=traction[:, 0],", "traction has shape (2,) for 2 points"),
-        ("closed = pressure > 0.0", "closed = presure > 0.0", "fails in a step: NameError: name"),
+        ("closed = pressure > 0.0", "closed = presure > 0.0", "my_law.py:24: NameError: name"),
+        ("zero = ", "length.max()\n        zero = ", "ValueError: zero-size array"),
+        ("return np.zeros(", "return np.zeros(1 + ", "stored_energy has shape (3,) for 2 points"),
+        ("self.mu * pressure", "np.nan * pressure", "traction at 2 of 2 points"),
     ],
 )
-def test_a_law_that_cannot_run_is_told_beforehand(old, new, said, example):
-    code = example.read_text(encoding="utf-8")
-    assert old in code
-    example.write_text(code.replace(old, new), encoding="utf-8")
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_law_that_cannot_run_is_told_beforehand(old, new, said, dim, example):
+    example.write_text(documented_law(old, new), encoding="utf-8")
     with pytest.raises(OwnLawError, match=re.escape(said)):
+        load_own_law(f"{example}:MyLaw", {"mu": MU, "speed": 1e-6}, dim)
+
+
+def test_the_source_is_run_as_it_stands_and_leaves_no_trace(example):
+    """Compiled code beside a law would be run instead of what can be read there."""
+    load_own_law(f"{example}:MyLaw", {"mu": MU, "speed": 1e-6})
+    assert [path.name for path in example.parent.iterdir()] == ["my_law.py"]
+    cache = example.parent / "__pycache__" / f"my_law.{sys.implementation.cache_tag}.pyc"
+    py_compile.compile(str(example), str(cache))
+    text, times = example.read_text(), example.stat()
+    example.write_text(text.replace("class MyLaw", "class ByLaw"))  # of the same size
+    os.utime(example, ns=(times.st_atime_ns, times.st_mtime_ns))
+    with pytest.raises(OwnLawError, match="has no class MyLaw; there is ByLaw"):
         load_own_law(f"{example}:MyLaw", {"mu": MU, "speed": 1e-6})
+
+
+def test_a_law_may_hold_dataclasses_and_move_about(example, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code = documented_law().replace("import numpy as np\n", MOVES, 1)
+    example.write_text("from __future__ import annotations\n" + code, encoding="utf-8")
+    load_own_law(f"{example}:MyLaw", {"mu": MU, "speed": 1e-6})
+    assert Path.cwd() == tmp_path
+
+
+MOVES = """import os
+from dataclasses import dataclass
+
+import numpy as np
+
+os.chdir("/")
+
+
+@dataclass
+class Wear:
+    depth: float
+"""

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import shutil
+from contextlib import suppress
 
 import numpy as np
 import pytest
+from matplotlib import rcParams
 from PIL import Image
 
 from app.errors import InputError
@@ -50,3 +52,19 @@ def test_an_mp4_needs_ffmpeg(strip, tmp_path, monkeypatch):
     monkeypatch.setattr(shutil, "which", lambda name: None)
     with pytest.raises(InputError, match="no ffmpeg here"):
         animate(strip, tmp_path / "a.mp4", "von_mises_stress")
+
+
+def test_the_directory_at_hand_does_not_choose_the_program_that_makes_films(
+    strip, tmp_path, monkeypatch
+):
+    """Matplotlib takes settings from ./matplotlibrc, as if they were read here."""
+    ran = tmp_path / "ran"
+    script = tmp_path / "evil"
+    script.write_text(f"#!/bin/sh\ntouch {ran}\nexit 1\n")
+    script.chmod(0o755)
+    monkeypatch.setitem(rcParams, "animation.ffmpeg_path", str(script))
+    monkeypatch.setitem(rcParams, "animation.ffmpeg_args", [str(tmp_path / "more.mp4")])
+    monkeypatch.setattr(shutil, "which", lambda name: "/usr/bin/ffmpeg")
+    with suppress(FileNotFoundError):  # there need not be any
+        animate(strip, tmp_path / "a.mp4", "von_mises_stress")
+    assert not ran.exists() and not (tmp_path / "more.mp4").exists()

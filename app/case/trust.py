@@ -1,0 +1,196 @@
+"""Which cases may run code of their own: those that the user says so of, now or once and for all.
+
+The list is the file ``trusted`` in ``$TRIBOX_CONFIG`` (or ``$XDG_CONFIG_HOME/tribox``, or
+``~/.config/tribox``): one directory a line, absolute and without symbolic links. What lies below
+one is trusted. As the list decides what is run, it counts only if it is the user's own and
+nobody else may write it.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+
+from app.case.case import Case
+from app.case.friction import OwnLaw
+from app.errors import InputError
+
+OTHERS = stat.S_IWGRP | stat.S_IWOTH
+
+
+def list_file() -> Path:
+    """Where the list of trusted directories is kept; it need not be there.
+
+    Raises:
+        InputError: there is no place for it.
+    """
+    own = os.environ.get("TRIBOX_CONFIG")
+    if own:
+        return Path(own) / "trusted"
+    above = os.environ.get("XDG_CONFIG_HOME")
+    try:
+        return (Path(above) if above else Path.home() / ".config") / "tribox" / "trusted"
+    except RuntimeError:
+        raise InputError("there is no home directory; name one in TRIBOX_CONFIG") from None
+
+
+def trusted_directories() -> list[Path]:
+    """The directories of the list, in its order.
+
+    Raises:
+        InputError: the list cannot be read, or is not the user's alone.
+    """
+    path = list_file()
+    try:
+        _see_that_it_is_ours(path.parent)
+        _see_that_it_is_ours(path)
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except FileNotFoundError:
+        return []
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "is no text in UTF-8"
+        raise InputError(f"{path}: cannot be read ({reason})") from None
+    return [Path(line) for line in lines if os.path.isabs(line)]
+
+
+def trust_directory(directory: Path) -> Path:
+    """Put a directory on the list; returns it as it stands there.
+
+    Raises:
+        InputError: it is none, anybody may write in it, or the list cannot be written.
+    """
+    try:
+        real = directory.resolve(strict=True)
+        mode = real.stat().st_mode
+    except (OSError, RuntimeError):
+        raise InputError(f"{directory}: no such directory") from None
+    if not stat.S_ISDIR(mode):
+        raise InputError(f"{directory}: is no directory; trust is given to directories")
+    if real == Path(real.anchor):
+        raise InputError(f"{directory}: is everything there is; trust a directory of your own")
+    if mode & stat.S_IWOTH:
+        raise InputError(f"{directory}: anybody may write in it, so it is not to be trusted")
+    if len(str(real).splitlines()) != 1:
+        raise InputError(f"{str(directory)!r}: has a line break in its name")
+    known = trusted_directories()
+    if real not in known:
+        _write([*known, real])
+    return real
+
+
+def forget_directory(directory: Path) -> Path:
+    """Take a directory, which need not be there any more, off the list.
+
+    Raises:
+        InputError: it is not on the list, or the list cannot be written.
+    """
+    real, known = directory.resolve(), trusted_directories()
+    if real not in known:
+        above = next((one for one in known if one in real.parents), None)
+        through = f"; it is trusted as a part of {above}" if above else ""
+        raise InputError(f"{real}: is not on the list of trusted directories{through}")
+    _write([one for one in known if one != real])
+    return real
+
+
+def code_files(case: Case) -> list[tuple[str, Path]]:
+    """(place in the case, file) of all Python that a case, or a value of its sweep, would run."""
+    parts = [case, *(part for _, part in case.sweep_cases())]
+    found = {
+        (f"contact.{index}.friction", contact.friction.file): None
+        for part in parts
+        for index, contact in enumerate(part.contact)
+        if isinstance(contact.friction, OwnLaw)
+    }
+    return list(found)
+
+
+def require_trust(case: Case, case_file: Path, given: bool) -> bool:
+    """See that the code of a case may be run.
+
+    Args:
+        case: as it was read.
+        case_file: where it was read from.
+        given: whether the user has said so for this time.
+
+    Returns:
+        Whether the case runs code.
+
+    Raises:
+        InputError: it does, and neither that was said nor are the case file and all files of code
+            in directories that the user trusts.
+    """
+    files = code_files(case)
+    if not files or given:
+        return bool(files)
+    for path, (place, file) in ((case_file, files[0]), *((one[1], one) for one in files)):
+        said = f'{place}.law = "python" makes this case code: {file} would be run'
+        require_trusted_file(path, f"{case_file}: {said}")
+    return True
+
+
+def require_trusted_file(path: Path, said: str) -> None:
+    """See that a file lies in a directory that the user trusts, and only he can have written it.
+
+    Args:
+        path: the file.
+        said: what it is and would do, for the message.
+
+    Raises:
+        InputError: it does not.
+    """
+    real = path.resolve()
+    above = next((one for one in trusted_directories() if one in real.parents), None)
+    why = "" if above is None else _open_to_others(real, above)
+    if above is None or why:
+        raise InputError(
+            f"{said}{why}; allow it for this time with --trust, or for all in a directory with: "
+            f"tribox trust {real.parent}"
+        )
+
+
+def _open_to_others(path: Path, above: Path) -> str:
+    """Why a file below a trusted directory is not to be trusted all the same; "" if it is."""
+    for one in (path, *path.parents):
+        if one.stat().st_mode & stat.S_IWOTH:
+            return f" (anybody may write {one})"
+        if one == above:
+            break
+    return ""
+
+
+def _see_that_it_is_ours(path: Path) -> None:
+    """Refuse a list, or its directory, that somebody else could write.
+
+    Raises:
+        InputError: it could.
+        OSError: it is not there.
+    """
+    found = path.stat()
+    if found.st_uid not in (os.geteuid(), 0):
+        raise InputError(f"{path}: belongs to somebody else, so nothing in it is trusted")
+    if found.st_mode & OTHERS:
+        raise InputError(f"{path}: others may write it, so nothing in it is trusted (chmod go-w)")
+
+
+def _write(directories: list[Path]) -> None:
+    path = list_file()
+    part = path.with_name("trusted.part")
+    try:
+        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        _see_that_it_is_ours(path.parent)
+        part.unlink(missing_ok=True)
+        with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as stream:
+            stream.writelines(f"{one}\n" for one in directories)
+        part.replace(path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror or error})") from None
+
+
+def trust_lines() -> Iterator[str]:
+    """What ``tribox trust --list`` prints."""
+    for directory in trusted_directories():
+        gone = "" if directory.is_dir() else " (is not there)"
+        yield f"{directory}{gone}"

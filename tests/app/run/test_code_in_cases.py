@@ -1,0 +1,232 @@
+"""Python that a case names: run where it may be, nowhere else, and told in one line if it fails."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mpi4py import MPI
+
+from app.case.case import Case
+from app.case.reading import load_case
+from app.errors import SolutionError
+from app.results import read
+from app.run.run import run_case
+from tests.app.conftest import BLOCK
+from tests.own_law import OWN, documented_law, mischief, with_law
+from tests.ranks import command
+
+FEW = 'steps = 3\n[[stage]]\nname = "slide"\nduration = "1 s"\nsteps = 6'
+
+
+def short(block: str) -> str:
+    """The small block in two pressing steps, of which the second slips."""
+    assert FEW in block
+    return block.replace(FEW, "steps = 2")
+
+
+@pytest.fixture
+def marked(block, case_file, tmp_path, monkeypatch) -> Path:
+    """A case whose law leaves a file ``ran`` when it is imported."""
+    monkeypatch.setenv("TRIBOX_CONFIG", str(tmp_path / "config"))
+    mark = f"open({str(tmp_path / 'ran')!r}, 'w').close()\n"
+    (tmp_path / "my_law.py").write_text(mark + documented_law())
+    return case_file(with_law(short(block)))
+
+
+def test_only_a_trusted_run_imports_a_law(marked, tmp_path, tribox):
+    ran, out, law = tmp_path / "ran", tmp_path / "out", tmp_path / "my_law.py"
+    checked = tribox("check", marked)
+    assert checked.returncode == 0, checked.stderr
+    said = f"note: contact.0: the code of the friction law {law}:MyLaw was not run; tribox check"
+    assert said in checked.stdout
+    for words in (["run", marked, "--out", out], ["check", "--law", marked]):
+        refused = tribox(*words)
+        assert refused.returncode == 2 and refused.stderr.count("\n") == 1
+        assert f"makes this case code: {law} would be run" in refused.stderr
+        assert "--trust" in refused.stderr and f"tribox trust {tmp_path}" in refused.stderr
+    assert tribox("mesh", marked, "--out", tmp_path / "mesh").returncode == 0
+    assert tribox("map", marked).returncode == 2
+    assert not ran.exists() and not out.exists()
+    assert tribox("run", marked, "--out", out, "--trust").returncode == 0
+    assert ran.exists()
+    ran.unlink()
+    # From here on there is an old case.toml, with a copy of the law beside it.
+    assert (out / "inputs" / "my_law.py").read_text() == law.read_text()
+    assert tribox("report", out).returncode == tribox("plot", out).returncode == 0
+    assert read(out).case.contact[0].friction.law == "python"
+    plain = tmp_path / "plain.toml"
+    plain.write_text(short(BLOCK))
+    again = tribox("run", plain, "--out", out, "--force")
+    assert again.returncode == 0, again.stderr
+    assert not ran.exists() and not (out / "inputs").exists()
+
+
+def test_a_trusted_directory_is_enough(marked, tmp_path, tribox):
+    listed = tribox("trust")
+    assert listed.returncode == 0 and "no directory is trusted" in listed.stdout
+    assert tribox("trust", tmp_path).stdout.startswith(f"{tmp_path}: ")
+    assert tribox("trust", "--list").stdout == f"{tmp_path}\n"
+    done = tribox("run", marked, "--out", tmp_path / "out")
+    assert done.returncode == 0 and (tmp_path / "ran").exists()
+    assert tribox("trust", "--remove", tmp_path).returncode == 0
+    assert tribox("run", marked, "--out", tmp_path / "out", "--force").returncode == 2
+    assert tribox("trust", "--remove").returncode == 2
+    assert tribox("trust", tmp_path / "none").stderr.endswith("none: no such directory\n")
+
+
+def test_ranks_and_the_values_of_a_sweep_are_told(marked, tmp_path, tribox):
+    values = '[sweep]\nkey = "contact.0.friction.parameters.mu"\nvalues = [0.2, 0.3]\n'
+    sweep = tmp_path / "sweep.toml"
+    sweep.write_text(marked.read_text() + values)
+    done = tribox("run", sweep, "--out", tmp_path / "sweep", "--trust", "--np", "2", process=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    summary = json.loads((tmp_path / "sweep" / "summary.json").read_text())
+    assert {part["status"] for part in summary["parts"].values()} == {"done"}
+    assert list(summary["inputs"]) == ["my_law.py"]
+
+
+def test_check_tries_laws(marked, tmp_path, tribox):
+    good = tribox("check", "--law", "--trust", marked)
+    assert good.returncode == 0, good.stderr
+    assert "contact.0: friction law my_law.py:MyLaw" in good.stdout
+    assert "was not run" not in good.stdout
+    row = re.search(r"d_traction_d_slip +(\d+) +(\S+) +1e-06", good.stdout)
+    assert row and int(row[1]) > 1000 and float(row[2]) < 1e-7
+    wrong = documented_law("(np.eye(dim) - outer)", "(np.eye(dim) - 0.99 * outer)")
+    (tmp_path / "my_law.py").write_text(wrong)
+    bad = tribox("check", "--law", "--trust", marked)
+    assert bad.returncode == 2
+    assert re.search(r"d_traction_d_slip .* WRONG 2D, dt|d_traction_d_slip .* WRONG 3D", bad.stdout)
+    assert bad.stderr == (
+        "tribox: friction laws that are not what they should be: contact.0: my_law.py:MyLaw\n"
+    )
+
+
+def test_a_drawing_that_does_more_than_draw_needs_trust(tmp_path, tribox, monkeypatch):
+    monkeypatch.setenv("TRIBOX_CONFIG", str(tmp_path / "config"))
+    drawing, ran = tmp_path / "pad.geo", tmp_path / "ran"
+    plain = 'SetFactory("OpenCASCADE");\nRectangle(1) = {0, 0, 0, 1, 1};\nMesh.MeshSizeMax = 1;\n'
+    plain += 'Physical Surface("pad") = {1};\n'
+    call = f'SystemCall "touch {ran}";\n'
+    drawing.write_text(plain)
+    assert tribox("mesh", drawing).returncode == 0
+    for beside, within in ((call, ""), ("", call)):
+        drawing.write_text(plain + within)
+        (tmp_path / "pad.geo.opt").write_text(beside) if beside else None
+        refused = tribox("mesh", drawing, "--force")
+        assert refused.returncode == 2 and refused.stderr.count("\n") == 1
+        where = f"{drawing}.opt may" if beside else f"{drawing}:5: SystemCall may"
+        assert f"{where} do more than draw" in refused.stderr and "--trust" in refused.stderr
+        assert not ran.exists()
+        (tmp_path / "pad.geo.opt").unlink(missing_ok=True)
+    assert tribox("mesh", drawing, "--force", "--trust").returncode == 0 and ran.exists()
+    assert tribox("trust", tmp_path).returncode == 0
+    assert tribox("mesh", drawing, "--force").returncode == 0
+
+
+# --- laws that fail ------------------------------------------------------------------------------
+
+FAILS = {
+    "raises": ("raise KeyError('gone')", r"my_law\.py:26: KeyError: 'gone'"),
+    "leaves": ("raise SystemExit(0)", r"my_law\.py:26: SystemExit: 0"),
+    "nan": ("pressure = pressure * np.nan", "not finite: traction at 50 of 50 points, the first"),
+    "shape": ("pressure = pressure[1:]", r"my_law\.py:\d\d: ValueError: operands could not"),
+}
+
+
+@pytest.mark.parametrize("name", FAILS)
+def test_a_law_that_fails_in_a_run_is_one_line_and_the_state_is_saved(
+    name, block, case_file, tmp_path, tribox
+):
+    statement, said = FAILS[name]
+    (tmp_path / "my_law.py").write_text(mischief(statement))
+    path, out = case_file(with_law(short(block))), tmp_path / "out"
+    done = tribox("run", path, "--out", out, "--trust")
+    assert done.returncode == 3
+    [line] = done.stderr.splitlines()
+    assert line.startswith("tribox: stage press, time 0.5 s: ") and re.search(said, line)
+    assert len(read(out).history) == 1 and (out / "fields" / "000001.vtu").is_file()
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["status"] == "failed" and re.search(said, summary["failure"])
+
+
+def test_a_law_that_cannot_be_made_ends_before_the_run(block, case_file, tmp_path, tribox):
+    (tmp_path / "my_law.py").write_text(documented_law())
+    path = case_file(with_law(short(block), OWN.replace("mu =", "nu =")))
+    done = tribox("run", path, "--out", tmp_path / "out", "--trust")
+    assert done.returncode == 2 and not (tmp_path / "out").exists()
+    [line] = done.stderr.splitlines()
+    assert "contact.0.friction.parameters: MyLaw: TypeError: " in line
+
+
+def explicit(directory: Path, law: str) -> Case:
+    """A block that flies onto another, with a law from a file."""
+    (directory / "my_law.py").write_text(law)
+    text = with_law(BLOCK).split("[[boundary]]")[0].replace("nu = 0.45", MOVING)
+    text = text.replace("nu = 0.33", 'nu = 0.33\ndensity = "2700 kg/m^3"') + EXPLICIT
+    path = directory / "explicit.toml"
+    path.write_text(text)
+    return load_case(path)
+
+
+MOVING = 'nu = 0.45\ndensity = "1100 kg/m^3"\nvelocity = { x = "2 m/s", y = "-2 m/s" }'
+EXPLICIT = """
+[[boundary]]
+surface = "bottom"
+displacement = { x = 0, y = 0 }
+[[stage]]
+name = "fly"
+duration = "4 us"
+steps = 4
+[solver]
+kind = "explicit"
+[output]
+figures = false
+"""
+
+
+@pytest.mark.parametrize("statement", ["raise KeyError('gone')", "pressure = pressure * np.nan"])
+def test_a_law_that_fails_in_an_explicit_run(statement, tmp_path):
+    case = explicit(tmp_path, mischief(statement))
+    said = "fly, time .*: the friction law my_law.py:MyLaw (fails: .*:26: KeyError|answers with n)"
+    with pytest.raises(SolutionError, match=said):
+        run_case(case, tmp_path / "out", quiet=True, comm=MPI.COMM_SELF)
+    history = read(tmp_path / "out").history
+    assert 1 <= len(history) < 4 and history.kinetic_energy.gt(0.0).all()
+    mesh = read(tmp_path / "out").fields()
+    assert abs(mesh.point_data["displacement"]).max() < 1e-4  # finite, and of a few steps
+
+
+def on_one_rank(comm: MPI.Comm, directory: Path) -> Any:
+    """A law that fails on the last rank alone, in implicit and in explicit steps, and one
+    that cannot be loaded there."""
+    here = "from mpi4py import MPI\nimport numpy as np\nLAST = MPI.COMM_WORLD.rank == 1\n"
+    code = mischief("if LAST: raise KeyError('gone')").replace("import numpy as np\n", here, 1)
+    if comm.rank == 0:
+        (directory / "my_law.py").write_text(code)
+        (directory / "case.toml").write_text(with_law(short(BLOCK)))
+        explicit(directory, code)
+        unloadable = f"{here}if LAST: raise ImportError('not here')\n{documented_law()}"
+        (directory / "load").mkdir()
+        (directory / "load" / "my_law.py").write_text(unloadable)
+        (directory / "load" / "case.toml").write_text(with_law(short(BLOCK)))
+    comm.barrier()
+    ended = []
+    for name in ("case.toml", "explicit.toml", "load/case.toml"):
+        out = directory / Path(name).with_suffix("").name / name.count("/").__str__()
+        ended.append(command(comm, "run", directory / name, "--trust", "--out", out))
+    return ended
+
+
+@pytest.mark.mpi(on_one_rank, 2)
+def test_a_law_that_fails_on_one_rank_ends_all(on_ranks):
+    implicit, explicit_run, load = on_ranks(on_one_rank, 2)
+    for codes, said in (implicit, explicit_run):
+        assert codes == [3, 3]
+        assert len(re.findall(r"tribox: stage .*my_law\.py:\d+: KeyError: 'gone'", said)) == 1
+    assert load[0] == [2, 2]
+    assert "friction.class: cannot be loaded: " in load[1] and "not here" in load[1]

@@ -1,0 +1,32 @@
+"""A friction law in Python for tests: the documented one, spoilt in places, and a case with it."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+PAGE = Path(__file__).parents[1] / "docs" / "law.md"
+OWN = 'law = "python"\nclass = "my_law.py:MyLaw"\nparameters = { mu = 0.3, speed = 1e-6 }'
+# A line of its update, behind which a test puts mischief.
+CLOSED = "        closed = pressure > 0.0\n"
+SLID = "state.slip_path.max(initial=0.0) > 1e-6"
+
+
+def documented_law(old: str = "", new: str = "") -> str:
+    """Source of the law of the documentation, with one text replaced by another."""
+    section = PAGE.read_text(encoding="utf-8").split("## A law of your own")[1]
+    [code] = re.findall(r"```python\n(.*?)```", section.split("\n## ")[0], re.DOTALL)
+    assert old in code
+    return code.replace(old, new, 1) if old else code
+
+
+def mischief(statement: str) -> str:
+    """The documented law, which does something in a step after some slip, beside its work."""
+    return documented_law(CLOSED, f"{CLOSED}        if {SLID}:\n            {statement}\n")
+
+
+def with_law(block: str, law: str = OWN) -> str:
+    """A case with another friction table."""
+    section = re.compile(r"^\[contact\.friction\]\n(?:(?!\[).*\n)*", re.M)
+    assert section.search(block)
+    return section.sub(f"[contact.friction]\n{law}\n", block)
