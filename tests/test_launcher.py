@@ -653,17 +653,21 @@ def test_directory_that_can_be_exchanged_is_not_used(machine: Machine) -> None:
     assert (shared / "tribox").stat().st_mode & 0o077 == 0
 
 
-def test_without_a_home_nothing_in_a_shared_directory_is_trusted(machine: Machine) -> None:
+def test_without_a_home_nothing_in_a_shared_directory_is_used(machine: Machine) -> None:
     machine.install("podman", ENGINE)
     machine.install("getent", ABSENT)
-    shared = machine.state / "tmp"
-    (shared / ".cache/tribox").mkdir(parents=True)
-    (shared / ".cache/tribox/podman-options").write_text("--privileged\n--privileged\n\n")
+    machine.environment |= {"TRIBOX_ENGINE": "podman", "PULL_WORKS": "yes"}
     del machine.environment["HOME"]
-    done = machine.launch("check", TRIBOX_ENGINE="podman", PULL_WORKS="yes", TMPDIR=str(shared))
+    shared, own = Path("/tmp/.cache/tribox"), machine.state / "tmp"
+    own.mkdir()
+    before = shared.exists()
+    done = machine.launch("check", TMPDIR=str(own))
+    # What was kept by an earlier call would be there to be read again.
+    machine.launch("check", TMPDIR=str(own))
     assert done.returncode == 0
-    assert "--privileged" not in machine.container()
-    assert os.listdir(shared) == [".cache"]
+    assert shared.exists() == before
+    assert os.listdir(own) == []
+    assert len(machine.calls_of("--entrypoint")) == 2
 
 
 def test_settings_are_read_and_written_only_by_trust(docker: Machine) -> None:
