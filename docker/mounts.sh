@@ -3,7 +3,7 @@
 # Lists are strings with one path a line. A list of inputs and one of outputs are made from the words of
 # the command line; list_mounts makes one list of mounts from them.
 # shellcheck shell=sh
-# shellcheck disable=SC2154  # variables of ./tribox
+# shellcheck disable=SC2154,SC2034  # variables of ./tribox
 
 # Directories that a container needs for itself.
 is_system() {
@@ -33,9 +33,13 @@ add_input() {
     is_system "$1" || covered "$inputs" "$1" || inputs=$inputs$1$newline
 }
 
-# Let directory $1, which is made if need be, be written: as it is called and as it is.
+# Let directory $1, which is made if need be (then it is in `made`), be written: as it is called and
+# as it is.
 add_output() {
-    [ -e "$1" ] || mkdir -p -- "$1" 2>/dev/null || die "$1: cannot be made"
+    if [ ! -e "$1" ]; then
+        mkdir -p -- "$1" 2>/dev/null || die "$1: cannot be made"
+        made=$1
+    fi
     [ -d "$1" ] || return 0 # the program says what is wrong with it
     for way in -L -P; do
         directory_path "$1" "$way" || die "$1: cannot be entered"

@@ -7,6 +7,7 @@ import os
 import pty
 import shutil
 import subprocess
+import time
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -282,7 +283,18 @@ def test_only_what_a_command_writes_is_writable(
     docker.launch(*words.split(), cwd=working)
     expected = {f"{working}/{path}".rstrip("/") for path in paths}
     assert mounted(docker.container(), "rw") == expected
-    assert all(Path(path).is_dir() for path in expected)
+
+
+@pytest.mark.parametrize("writes", [False, True])
+def test_results_directory_without_results_goes_away(docker: Machine, writes: bool) -> None:
+    if writes:
+        docker.install("docker", ENGINE.replace("exit", "touch results/sfa/log.txt; exit", 3))
+    docker.launch("run", "cases/sfa.toml")
+    results = docker.checkout / "results/sfa"
+    waited = time.monotonic() + 10.0
+    while not writes and results.exists() and time.monotonic() < waited:
+        time.sleep(0.01)
+    assert results.exists() == writes
 
 
 def test_the_program_cannot_be_written_from_its_checkout(docker: Machine) -> None:
@@ -513,7 +525,7 @@ def test_options_of_podman_are_known_words_only(machine: Machine, words: str) ->
     machine.install("podman", ENGINE)
     machine.environment |= {"TRIBOX_ENGINE": "podman", "PULL_WORKS": "yes"}
     machine.launch("check")
-    kept = machine.home / ".cache/tribox/podman-options"
+    kept = machine.home / ".cache/tribox/podman-words"
     key, good = kept.read_text().splitlines()
     kept.write_text(f"{key}\n{words}\n")
     machine.launch("check")
@@ -627,18 +639,18 @@ def test_kept_options_of_others_are_not_used(machine: Machine) -> None:
     machine.install("podman", ENGINE)
     machine.environment |= {"TRIBOX_ENGINE": "podman", "PULL_WORKS": "yes"}
     machine.launch("check")
-    good = (machine.home / ".cache/tribox/podman-options").read_text()
+    good = (machine.home / ".cache/tribox/podman-words").read_text()
     trials = len(machine.calls_of("--entrypoint"))
     # A directory that everybody can write, where one used to be looked for without HOME.
     shared = machine.state / "shared"
     (shared / "tribox").mkdir(parents=True)
     (shared / "tribox").chmod(0o777)
-    (shared / "tribox/podman-options").write_text(good)
+    (shared / "tribox/podman-words").write_text(good)
     done = machine.launch("check", XDG_CACHE_HOME=str(shared))
     assert done.returncode == 0
     assert f"{shared}/tribox is not yours, or others can write it" in done.stderr
     assert len(machine.calls_of("--entrypoint")) == trials + 1
-    assert os.listdir(shared / "tribox") == ["podman-options"]
+    assert os.listdir(shared / "tribox") == ["podman-words"]
 
 
 def test_directory_that_can_be_exchanged_is_not_used(machine: Machine) -> None:
