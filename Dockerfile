@@ -1,7 +1,8 @@
 # tribox on Debian 13: every dependency is a Debian package.
 #
 #   docker build -t tribox .
-#   docker run --rm -v "$PWD/results:/results" tribox run cases/sfa.toml
+#   mkdir -p results
+#   docker run --rm --user "$(id -u):$(id -g)" -v "$PWD/results:/results" tribox run cases/sfa.toml
 #
 # Any Debian 13 root serves as BASE; where none can be pulled, ./tribox makes one (docs/install.md).
 ARG BASE=debian:trixie-slim
@@ -44,12 +45,13 @@ ENV OMPI_ALLOW_RUN_AS_ROOT=1 \
     MPLBACKEND=Agg \
     LANG=C.UTF-8
 
-# Home and caches that any user id may write to, with or without an entry in /etc/passwd.
+# Home and caches that any user id may write to, with or without an entry in /etc/passwd (where the
+# root file system is read-only, docker/entry makes others). /root may hold a working directory.
 ENV HOME=/var/cache/tribox/home \
     XDG_CACHE_HOME=/var/cache/tribox \
     MPLCONFIGDIR=/var/cache/tribox/matplotlib \
     HYPOTHESIS_STORAGE_DIRECTORY=/tmp/hypothesis
-RUN mkdir -p -m 1777 /results /var/cache/tribox && cd /var/cache/tribox \
+RUN chmod 755 /root && mkdir -p -m 1777 /results /var/cache/tribox && cd /var/cache/tribox \
     && mkdir -m 1777 fenics home matplotlib \
     && python3 -c "import matplotlib.font_manager" && chmod -R a+rX .
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+import pty
 import shutil
 import subprocess
+import time
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -107,6 +110,12 @@ def values(call: list[str], option: str) -> list[str]:
     return [b for a, b in pairwise(call) if a == option]
 
 
+def mounted(call: list[str], mode: str) -> set[str]:
+    """The paths that a container sees at their own place, in mode ``ro`` or ``rw``."""
+    split = [value.split(":") for value in values(call, "--volume")]
+    return {source for source, target, how in split if source == target and how == mode}
+
+
 def image_of(call: list[str]) -> str:
     return next(word for word in call if word.startswith("localhost/tribox:"))
 
@@ -147,17 +156,30 @@ def test_arguments_reach_the_program_unchanged(docker: Machine) -> None:
     assert call[call.index(image_of(call)) + 1 :] == words
 
 
-def test_the_program_sees_checkout_and_working_directory(docker: Machine, tmp_path: Path) -> None:
+def test_the_program_reads_checkout_and_working_directory(docker: Machine, tmp_path: Path) -> None:
     working = tmp_path / "some where"
     working.mkdir()
-    docker.launch("run", "x.toml", cwd=working)
+    docker.launch("check", "x.toml", cwd=working)
     call = docker.container()
     assert values(call, "--workdir") == [str(working)]
-    assert set(values(call, "--volume")) == {
-        f"{docker.checkout}:/tribox:ro",
-        f"{working}:{working}",
-    }
+    assert values(call, "--volume") == [f"{docker.checkout}:/tribox:ro", f"{working}:{working}:ro"]
     assert f"TRIBOX_RESULTS={working}/results" in values(call, "--env")
+
+
+@pytest.mark.parametrize("engine", ["docker", "podman"])
+def test_every_container_is_tight(docker: Machine, engine: str) -> None:
+    docker.install("podman", ENGINE)
+    docker.launch("run", "cases/sfa.toml", TRIBOX_ENGINE=engine)
+    for call in [call for call in docker.calls_of("run") if call[0] == engine]:
+        assert values(call, "--network") == ["none"]
+        assert values(call, "--cap-drop") == ["all"]
+        assert "no-new-privileges" in values(call, "--security-opt")
+        assert "--read-only" in call
+        assert not {"--privileged", "--cap-add", "--device"} & set(call)
+    # Podman limits the number of processes for root, and elsewhere with cgroups of version 2.
+    version_2 = Path("/sys/fs/cgroup/cgroup.controllers").exists()
+    if engine == "docker" or os.getuid() == 0 or version_2:
+        assert values(docker.container(), "--pids-limit") == ["4096"]
 
 
 def test_files_are_made_as_the_caller(docker: Machine) -> None:
@@ -172,66 +194,192 @@ def test_exit_code_is_the_programs(docker: Machine, status: str) -> None:
     assert docker.launch("run", "cases/sfa.toml", RUN_STATUS=status).returncode == int(status)
 
 
-def test_case_elsewhere_is_mounted_with_its_neighbours(docker: Machine, tmp_path: Path) -> None:
+def test_case_elsewhere_is_read_with_its_neighbours(docker: Machine, tmp_path: Path) -> None:
     (tmp_path / "mine/cases").mkdir(parents=True)
     case = tmp_path / "mine/cases/my case.toml"
     case.write_text("[geometry]\nmesh = '../meshes/a.msh'\n")
     docker.launch("run", str(case))
-    assert f"{tmp_path}/mine:{tmp_path}/mine" in values(docker.container(), "--volume")
+    call = docker.container()
+    assert mounted(call, "ro") == {f"{tmp_path}/mine", str(docker.checkout)}
+    assert mounted(call, "rw") == {f"{docker.checkout}/results/my case"}
 
 
-def test_case_in_a_work_tree_is_mounted_with_the_tree(docker: Machine, tmp_path: Path) -> None:
+def test_case_in_a_work_tree_is_read_with_the_tree(docker: Machine, tmp_path: Path) -> None:
     (tmp_path / "tree/.git").mkdir(parents=True)
     (tmp_path / "tree/a/b").mkdir(parents=True)
     (tmp_path / "tree/a/b/c.toml").touch()
     docker.launch("check", "../tree/a/b/c.toml")
-    assert f"{tmp_path}/tree:{tmp_path}/tree" in values(docker.container(), "--volume")
+    assert f"{tmp_path}/tree" in mounted(docker.container(), "ro")
+    assert not mounted(docker.container(), "rw")
 
 
-def test_mesh_far_from_its_case_is_mounted(docker: Machine, tmp_path: Path) -> None:
-    mesh = tmp_path / "far/away/meshes/a.msh"
-    mesh.parent.mkdir(parents=True)
-    mesh.touch()
+def test_files_far_from_their_case_are_read(docker: Machine, tmp_path: Path) -> None:
+    for name in ("far/away/meshes/a.msh", "laws/mine/my_law.py"):
+        (tmp_path / name).parent.mkdir(parents=True)
+        (tmp_path / name).touch()
     (tmp_path / "mine/cases").mkdir(parents=True)
     case = tmp_path / "mine/cases/c.toml"
-    case.write_text(f'[geometry]\nmesh = "{mesh}"\n')
+    case.write_text(
+        f'[geometry]\nmesh = "{tmp_path}/far/away/meshes/a.msh"\n[[contact]]\n'
+        "friction = { class = '../../laws/mine/my_law.py:MyLaw' }\n"
+    )
     docker.launch("run", str(case))
-    assert f"{tmp_path}/far/away:{tmp_path}/far/away" in values(docker.container(), "--volume")
+    read = mounted(docker.container(), "ro")
+    assert {f"{tmp_path}/far/away/meshes/a.msh", f"{tmp_path}/laws"} <= read
 
 
-def test_a_starter_written_elsewhere_is_mounted(docker: Machine, tmp_path: Path) -> None:
-    (tmp_path / "mine").mkdir()
-    docker.launch("init", "forming", f"{tmp_path}/mine/new/case.toml")
-    assert f"{tmp_path}/mine:{tmp_path}/mine" in values(docker.container(), "--volume")
-
-
-def test_linked_case_is_mounted_where_it_is(docker: Machine, tmp_path: Path) -> None:
+def test_linked_case_is_read_where_it_is(docker: Machine, tmp_path: Path) -> None:
     (tmp_path / "real/cases").mkdir(parents=True)
     (tmp_path / "real/cases/c.toml").touch()
     (tmp_path / "links/here").mkdir(parents=True)
     (tmp_path / "links/here/c.toml").symlink_to(tmp_path / "real/cases/c.toml")
     docker.launch("run", str(tmp_path / "links/here/c.toml"))
-    mounts = values(docker.container(), "--volume")
-    assert f"{tmp_path}/real:{tmp_path}/real" in mounts
-    assert f"{tmp_path}/links:{tmp_path}/links" in mounts
+    assert {f"{tmp_path}/real", f"{tmp_path}/links"} <= mounted(docker.container(), "ro")
 
 
-@pytest.mark.parametrize("form", [["--out", "{}"], ["--out={}"], ["-o", "{}"]])
-def test_output_directory_is_made_where_asked(
-    docker: Machine, tmp_path: Path, form: list[str]
+# What each command may write; W is the working directory, with what WORK names in it.
+WORK = ("case.toml", "a.b.toml", "data.csv", "draw/pad.geo", "script.py", "run/case.toml", "new/")
+WRITTEN = [
+    ("check case.toml", []),
+    ("schema", []),
+    ("test", []),
+    ("run case.toml --help", []),
+    ("run nothing.toml", []),
+    ("run case.toml", ["results/case"]),
+    ("run --set a.b=1 a.b.toml --np 2", ["results/a.b"]),
+    ("run case.toml --out out/new", ["out/new"]),
+    ("run case.toml --out=out/new", ["out/new"]),
+    ("run case.toml --out run", ["run"]),
+    ("run case.toml --out draw", []),  # holds other things, which the program says
+    ("map", ["results/built-in-map"]),
+    ("map case.toml", ["results/case-map"]),
+    ("fit data.csv --fix mu=0.3", ["results/data-fit"]),
+    ("mesh case.toml", ["results/case-mesh"]),
+    ("mesh draw/pad.geo", ["draw"]),
+    ("mesh draw/pad.geo --out new/pad.msh", ["new"]),
+    ("verify", []),
+    ("verify --out proof", ["proof"]),
+    ("bench 1", []),
+    ("bench 1 --out new", ["new"]),
+    ("plot run", ["run"]),
+    ("report run", ["run"]),
+    ("report run --out new/page.html", ["new"]),
+    ("init", [""]),
+    ("init forming new", ["new"]),
+    ("init forming new/my.toml", ["new"]),
+    ("python script.py --out elsewhere --help", [""]),
+]
+
+
+@pytest.mark.parametrize(("words", "paths"), WRITTEN, ids=[words for words, _ in WRITTEN])
+def test_only_what_a_command_writes_is_writable(
+    docker: Machine, tmp_path: Path, words: str, paths: list[str]
 ) -> None:
-    (tmp_path / "disk").mkdir()
-    docker.launch(
-        "run", "cases/sfa.toml", *[word.format(tmp_path / "disk/new/run") for word in form]
-    )
-    assert f"{tmp_path}/disk:{tmp_path}/disk" in values(docker.container(), "--volume")
+    working = tmp_path / "W"
+    for name in WORK:
+        path = working / name
+        path.mkdir(parents=True) if name.endswith("/") else path.parent.mkdir(
+            parents=True, exist_ok=True
+        )
+        if not name.endswith("/"):
+            path.touch()
+    docker.launch(*words.split(), cwd=working)
+    expected = {f"{working}/{path}".rstrip("/") for path in paths}
+    assert mounted(docker.container(), "rw") == expected
+
+
+@pytest.mark.parametrize("writes", [False, True])
+def test_results_directory_without_results_goes_away(docker: Machine, writes: bool) -> None:
+    if writes:
+        docker.install("docker", ENGINE.replace("exit", "touch results/sfa/log.txt; exit", 3))
+    docker.launch("run", "cases/sfa.toml")
+    results = docker.checkout / "results/sfa"
+    waited = time.monotonic() + 10.0
+    while not writes and results.exists() and time.monotonic() < waited:
+        time.sleep(0.01)
+    assert results.exists() == writes
+
+
+def test_the_program_cannot_be_written_from_its_checkout(docker: Machine) -> None:
+    docker.launch("init")
+    call = docker.container()
+    assert mounted(call, "rw") == {str(docker.checkout)}
+    parts = ("Dockerfile", "app", "cases", "docker", "forms", "geometry", "tribox")
+    assert {f"{docker.checkout}/{part}" for part in parts} <= mounted(call, "ro")
+    docker.launch("init", cwd=docker.checkout.parent)
+    assert str(docker.checkout) in mounted(docker.container(), "ro")
+
+
+def test_the_program_cannot_be_written_by_another_name(docker: Machine, tmp_path: Path) -> None:
+    (tmp_path / "link").symlink_to(docker.checkout)
+    docker.launch("init", "forming", str(tmp_path / "link"), cwd=docker.home)
+    call = docker.container()
+    assert {f"{tmp_path}/link", str(docker.checkout)} == mounted(call, "rw")
+    assert {f"{tmp_path}/link/app", f"{docker.checkout}/app"} <= mounted(call, "ro")
+
+
+@pytest.mark.parametrize("out", ["app", "app/new", "geometry", "docker"])
+def test_output_into_the_program_is_refused(docker: Machine, out: str) -> None:
+    before = docker.calls_of("run")
+    done = docker.launch("mesh", "cases/sfa.toml", "--out", out)
+    assert done.returncode == 2
+    assert "is a part of the program" in done.stderr
+    assert docker.calls_of("run") == before
 
 
 def test_path_with_a_colon_is_mounted_in_the_long_form(docker: Machine, tmp_path: Path) -> None:
     working = tmp_path / "at 12:30"
     working.mkdir()
+    (working / "x.toml").touch()
     docker.launch("run", "x.toml", cwd=working)
-    assert values(docker.container(), "--mount") == [f"type=bind,source={working},target={working}"]
+    results = f"{working}/results/x"
+    assert set(values(docker.container(), "--mount")) == {
+        f"type=bind,source={working},target={working},readonly",
+        f"type=bind,source={results},target={results}",
+    }
+
+
+@pytest.mark.parametrize("words", [["run", "x.toml"], ["run", "a\nb/c.toml"], ["plot", "a\nb/d"]])
+def test_path_with_a_line_break_is_refused(
+    docker: Machine, tmp_path: Path, words: list[str]
+) -> None:
+    working = tmp_path / "w" if "\n" in words[1] else tmp_path / "w\n--privileged"
+    (working / "a\nb/d").mkdir(parents=True)
+    for name in ("x.toml", "a\nb/c.toml", "a\nb/d/case.toml"):
+        (working / name).touch()
+    before = docker.calls_of("run")
+    done = docker.launch(*words, cwd=working)
+    assert done.returncode == 2
+    assert "a path with a line break" in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert docker.calls_of("run") == before
+
+
+@pytest.mark.parametrize("name", ["-x.toml", "-", "* ?.toml", "$(touch made).toml", "--out.toml"])
+def test_names_of_cases_are_only_names(docker: Machine, tmp_path: Path, name: str) -> None:
+    (tmp_path / "w").mkdir()
+    (tmp_path / "w" / name).write_text("mesh = 'far.msh'")
+    (tmp_path / "w/other.toml").touch()
+    done = docker.launch("run", "--", name, cwd=tmp_path / "w", CDPATH="/usr")
+    assert done.stderr == ""
+    results = f"{tmp_path}/w/results/{name.removesuffix('.toml')}"
+    assert mounted(docker.container(), "rw") == {results}
+    assert sorted(os.listdir(tmp_path / "w")) == sorted([name, "other.toml", "results"])
+
+
+def test_what_is_mounted_below_an_input_is_read_only_too(docker: Machine, tmp_path: Path) -> None:
+    below = tmp_path / "w/be low"
+    below.mkdir(parents=True)
+    script = f"""
+        mount --bind '{docker.home}' '{below}' || exit 99
+        cd '{tmp_path}/w' && exec /bin/sh '{docker.checkout}/tribox' check x.toml
+    """
+    done = subprocess.run(
+        ["unshare", "--mount", "sh", "-c", script], env=docker.environment, check=False
+    )
+    if done.returncode != 0:
+        pytest.skip("mounts cannot be made here")
+    assert {f"{tmp_path}/w", str(below)} <= mounted(docker.container(), "ro")
 
 
 def test_directory_the_container_needs_is_refused(docker: Machine) -> None:
@@ -352,8 +500,12 @@ def test_podman_is_used_where_docker_does_not_answer(machine: Machine) -> None:
     machine.launch("run", "cases/sfa.toml", PULL_WORKS="yes")
     call = machine.container()
     assert call[0] == "podman"
-    # The root of a rootless container is the caller, and root is root.
-    assert "--user" not in call
+    # The caller is an ordinary user in there, by a map of user ids.
+    if os.getuid() == 0:
+        assert values(call, "--user") == ["1000:1000"]
+        assert "1000:0:1" in values(call, "--uidmap")
+    else:
+        assert values(call, "--userns") == ["keep-id"]
 
 
 def test_options_podman_needs_are_found_once(machine: Machine) -> None:
@@ -369,6 +521,22 @@ def test_options_podman_needs_are_found_once(machine: Machine) -> None:
     assert values(machine.container(), "--ulimit")[0].startswith("nofile=")
 
 
+@pytest.mark.parametrize(
+    "words", ["--privileged", "limits --volume=/:/host", "limits *", "", "$(touch made)"]
+)
+def test_options_of_podman_are_known_words_only(machine: Machine, words: str) -> None:
+    machine.install("podman", ENGINE)
+    machine.environment |= {"TRIBOX_ENGINE": "podman", "PULL_WORKS": "yes"}
+    machine.launch("check")
+    kept = machine.home / ".cache/tribox/podman-words"
+    key, good = kept.read_text().splitlines()
+    kept.write_text(f"{key}\n{words}\n")
+    machine.launch("check")
+    assert not {"--privileged", "--volume=/:/host"} & set(machine.container())
+    if words:
+        assert kept.read_text().splitlines() == [key, good]
+
+
 def test_podman_that_runs_nothing_is_reported(machine: Machine) -> None:
     machine.install("podman", ENGINE)
     done = machine.launch(
@@ -380,7 +548,10 @@ def test_podman_that_runs_nothing_is_reported(machine: Machine) -> None:
 
 def bare_path(machine: Machine) -> str:
     """A search path with what every Unix has, and no way to run the program."""
-    for name in ("cat", "cut", "date", "dirname", "grep", "id", "mkdir", "mktemp", "readlink"):
+    for name in (
+        *("cat", "chmod", "cut", "date", "dirname", "find", "grep", "id", "mkdir", "mktemp"),
+        *("readlink", "rm"),
+    ):
         found = shutil.which(name, path="/usr/bin:/bin")
         assert found
         (machine.bin / name).symlink_to(found)
@@ -395,8 +566,8 @@ def test_without_any_way_there_is_one_clear_line(machine: Machine) -> None:
     assert "neither a python3 with DOLFINx, nor a running Docker engine" in done.stderr
 
 
-@pytest.mark.skipif(os.getuid() != 0, reason="only root installs packages")
-def test_podman_is_installed_after_saying_so(machine: Machine) -> None:
+def installing(machine: Machine, answer: str | None, **environment: str) -> tuple[int, str]:
+    """Exit code and what is said where Podman has to be installed, on a terminal if answered."""
     path = bare_path(machine)
     machine.install("env", '#!/bin/sh\nshift\nexec "$@"\n')
     machine.install("tail", '#!/bin/sh\nexec /usr/bin/tail "$@"\n')
@@ -404,12 +575,56 @@ def test_podman_is_installed_after_saying_so(machine: Machine) -> None:
         "apt-get",
         '#!/bin/sh\n{ printf "%s\\n" apt-get "$@"; echo =====; } >>"$STATE/calls"\nexit 1\n',
     )
-    done = machine.launch("run", "cases/sfa.toml", PATH=path)
-    assert done.returncode == 2
-    said, *_, last = done.stderr.splitlines()
-    assert "installing podman runc mmdebstrap" in said
-    assert "apt-get could not install podman" in last
+    if answer is None:
+        done = machine.launch("run", "cases/sfa.toml", PATH=path, **environment)
+        return done.returncode, done.stderr
+    master, terminal = pty.openpty()
+    os.write(master, answer.encode())
+    done = subprocess.run(
+        ["/bin/sh", str(machine.checkout / "tribox"), "run", "cases/sfa.toml"],
+        env={**machine.environment, "PATH": path, **environment},
+        cwd=machine.checkout,
+        stdin=terminal,
+        stdout=subprocess.PIPE,
+        stderr=terminal,
+        timeout=60,
+    )
+    os.close(terminal)
+    said = b""
+    with contextlib.suppress(OSError):  # the end of a terminal
+        while part := os.read(master, 10000):
+            said += part
+    os.close(master)
+    return done.returncode, said.decode()
+
+
+as_root = pytest.mark.skipif(os.getuid() != 0, reason="only root installs packages")
+
+
+@as_root
+@pytest.mark.parametrize(
+    ("answer", "environment"),
+    [(None, {}), ("\n", {}), ("y\n", {}), ("", {"CI": "true"})],
+    ids=["no terminal", "Enter", "yes", "nobody there"],
+)
+def test_podman_is_installed_after_saying_so(
+    machine: Machine, answer: str | None, environment: dict[str, str]
+) -> None:
+    code, said = installing(machine, answer, **environment)
+    assert code == 2
+    assert "installing podman runc mmdebstrap debian-archive-keyring with apt-get, as root" in said
+    assert ("go on? [Y/n]" in said) == (answer not in (None, ""))
+    assert "apt-get could not install podman" in said.splitlines()[-1]
     assert machine.calls_of("apt-get", "install", "podman", "runc", "mmdebstrap")
+
+
+@as_root
+@pytest.mark.parametrize("answer", ["n\n", "what?\n", "\x04"])
+def test_nothing_is_installed_against_the_users_will(machine: Machine, answer: str) -> None:
+    code, said = installing(machine, answer)
+    assert code == 2
+    assert "nothing was installed" in said.splitlines()[-1]
+    assert not machine.calls_of("apt-get")
 
 
 @pytest.mark.parametrize("engine", ["kubernetes", "docker", "podman", "python"])
@@ -418,6 +633,107 @@ def test_engine_that_is_not_there_is_named(machine: Machine, engine: str) -> Non
     assert done.returncode == 2
     assert done.stderr.startswith(f"tribox: TRIBOX_ENGINE={engine}")
     assert done.stderr.count("\n") == 1
+
+
+# --- the caller's own directories -----------------------------------------------------------------
+
+
+def test_kept_options_of_others_are_not_used(machine: Machine) -> None:
+    machine.install("podman", ENGINE)
+    machine.environment |= {"TRIBOX_ENGINE": "podman", "PULL_WORKS": "yes"}
+    machine.launch("check")
+    good = (machine.home / ".cache/tribox/podman-words").read_text()
+    trials = len(machine.calls_of("--entrypoint"))
+    # A directory that everybody can write, where one used to be looked for without HOME.
+    shared = machine.state / "shared"
+    (shared / "tribox").mkdir(parents=True)
+    (shared / "tribox").chmod(0o777)
+    (shared / "tribox/podman-words").write_text(good)
+    done = machine.launch("check", XDG_CACHE_HOME=str(shared))
+    assert done.returncode == 0
+    assert f"{shared}/tribox is not yours, or others can write it" in done.stderr
+    assert len(machine.calls_of("--entrypoint")) == trials + 1
+    assert os.listdir(shared / "tribox") == ["podman-words"]
+
+
+def test_directory_that_can_be_exchanged_is_not_used(machine: Machine) -> None:
+    machine.install("docker", ENGINE)
+    shared = machine.state / "shared"
+    shared.mkdir()
+    shared.chmod(0o777)
+    machine.launch("check", PULL_WORKS="yes", XDG_CACHE_HOME=str(shared))
+    assert not (shared / "tribox/setup.log").exists()
+    shared.chmod(0o1777)
+    machine.launch("check", TRIBOX_BASE="b", XDG_CACHE_HOME=str(shared))
+    assert (shared / "tribox").stat().st_mode & 0o077 == 0
+
+
+def test_without_a_home_nothing_in_a_shared_directory_is_used(machine: Machine) -> None:
+    machine.install("podman", ENGINE)
+    machine.install("getent", ABSENT)
+    machine.environment |= {"TRIBOX_ENGINE": "podman", "PULL_WORKS": "yes"}
+    del machine.environment["HOME"]
+    shared, own = Path("/tmp/.cache/tribox"), machine.state / "tmp"
+    own.mkdir()
+    before = shared.exists()
+    done = machine.launch("check", TMPDIR=str(own))
+    # What was kept by an earlier call would be there to be read again.
+    machine.launch("check", TMPDIR=str(own))
+    assert done.returncode == 0
+    assert shared.exists() == before
+    assert os.listdir(own) == []
+    assert len(machine.calls_of("--entrypoint")) == 2
+
+
+def test_settings_are_read_and_written_only_by_trust(docker: Machine) -> None:
+    config = docker.home / ".config/tribox"
+    docker.launch("run", "cases/sfa.toml")
+    assert f"TRIBOX_CONFIG={config}" in values(docker.container(), "--env")
+    assert not config.exists()
+    docker.launch("trust", "cases")
+    assert mounted(docker.container(), "rw") == {str(config)}
+    assert config.stat().st_mode & 0o077 == 0
+    docker.launch("run", "cases/sfa.toml")
+    assert str(config) in mounted(docker.container(), "ro")
+    # Not by a script in the home directory either.
+    (docker.home / "s.py").touch()
+    docker.launch("python", "s.py", cwd=docker.home)
+    assert mounted(docker.container(), "rw") == {str(docker.home)}
+    assert str(config) in mounted(docker.container(), "ro")
+    done = docker.launch("mesh", "cases/sfa.toml", "--out", str(config / "x"))
+    assert done.returncode == 2
+    assert "settings of tribox" in done.stderr
+
+
+def test_settings_of_the_users_choice(docker: Machine, tmp_path: Path) -> None:
+    (tmp_path / "settings").mkdir()
+    docker.launch("check", TRIBOX_CONFIG="../settings")
+    assert f"TRIBOX_CONFIG={tmp_path}/settings" in values(docker.container(), "--env")
+    assert f"{tmp_path}/settings" in mounted(docker.container(), "ro")
+
+
+def test_a_reader_that_leaves_does_not_end_the_container(docker: Machine) -> None:
+    lines = "yes 'a line' | head -n 100000"
+    docker.install("docker", ENGINE.replace('exit "${RUN_STATUS:-0}"', lines + " || exit 126"))
+    command = f"'{docker.checkout}/tribox' schema; echo $? >&2"
+    done = subprocess.run(
+        ["/bin/sh", "-c", f"{{ {command}; }} | head -n 1"],
+        env=docker.environment,
+        cwd=docker.checkout,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert (done.stdout, done.stderr) == ("a line\n", "0\n")
+
+
+def test_output_comes_whole_and_apart(docker: Machine) -> None:
+    script = "seq 100000; echo problem >&2; exit 3"
+    docker.install("docker", ENGINE.replace('exit "${RUN_STATUS:-0}"', script))
+    done = docker.launch("schema")
+    assert done.returncode == 3
+    assert done.stdout.split() == [str(n) for n in range(1, 100001)]
+    assert done.stderr == "problem\n"
 
 
 # --- the image's entry ------------------------------------------------------------------------
@@ -430,7 +746,7 @@ def enter(
     directory.mkdir(exist_ok=True)
     entry = directory / name
     shutil.copy(ROOT / "docker/entry", entry)
-    report = '#!/bin/sh\nprintf "%s\\n" "${0##*/}" "$TRIBOX_RESULTS" "$@"\n'
+    report = '#!/bin/sh\nprintf "%s\\n" "${0##*/}" "$TRIBOX_RESULTS" "$@"\nenv >"$0.env"\n'
     stand_ins = {
         "id": f"#!/bin/sh\necho {uid}\n",
         "stat": f"#!/bin/sh\ncase $2 in %u) echo {owner} ;; %g) echo 77 ;; esac\n",
@@ -481,3 +797,19 @@ def test_entry_without_results_mount_writes_where_it_is(tmp_path: Path) -> None:
 
 def test_entry_leaves_tests_to_their_own_directories(tmp_path: Path) -> None:
     assert enter(tmp_path / "x", "tribox", "test")[1] == ""
+
+
+@pytest.mark.skipif(os.getuid() == 0, reason="root can write anywhere")
+def test_entry_makes_caches_where_the_image_cannot_be_written(tmp_path: Path) -> None:
+    image, temporary = tmp_path / "image", tmp_path / "tmp"
+    for directory in (image / "fenics", image / "matplotlib", temporary):
+        directory.mkdir(parents=True)
+    (image / "fenics/form.so").touch()
+    image.chmod(0o555)
+    enter(tmp_path / "x", "tribox", "run", uid=1, XDG_CACHE_HOME=str(image), TMPDIR=str(temporary))
+    seen = dict(
+        line.split("=", 1) for line in (tmp_path / "x/python3.env").read_text().splitlines()
+    )
+    caches = [Path(seen[name]) for name in ("XDG_CACHE_HOME", "MPLCONFIGDIR", "HOME")]
+    assert all(temporary in cache.parents and os.access(cache, os.W_OK) for cache in caches)
+    assert (caches[0] / "fenics/form.so").resolve() == image / "fenics/form.so"
