@@ -9,6 +9,7 @@ import numpy as np
 from app.build.load_steps import LoadStep, load_steps_of
 from app.build.model import Model
 from app.case.stage import Stage, solver_of
+from app.errors import InputError
 from app.explicit.stepper import ExplicitStepper
 from app.implicit.stepper import ImplicitStepper
 from app.simulation.explicit_stage import ExplicitStage
@@ -42,7 +43,7 @@ class Simulation:
         """Make ready to start; collective.
 
         Raises:
-            InputError: PETSc refuses an option of the case.
+            InputError: PETSc refuses an option of the case, or has no use for it.
         """
         self.state = RunState(model)
         self.implicit: ImplicitStage | None = None
@@ -50,6 +51,9 @@ class Simulation:
         kind = model.case.solver.kind
         if any(solver_of(stage, kind) == "implicit" for stage in model.case.stage):
             self.implicit = ImplicitStage(self.state)
+        elif model.case.solver.petsc:
+            names = ", ".join(model.case.solver.petsc)
+            raise InputError(f"solver.petsc: {names}: no stage is implicit, so nothing uses it")
         else:
             self.explicit = ExplicitStage(self.state, np.zeros(model.problem.owned))
 
