@@ -13,6 +13,7 @@ from app.build.case_notes import notes_on
 from app.build.contacts import BuiltContact, ContactBuilder
 from app.build.mesh import make_mesh
 from app.build.mesh_notes import large_mesh, locking_bodies, many_cells, notes_on_ranks
+from app.build.numbers import failures_as
 from app.build.probes import PointPlaces, place_probes
 from app.build.solids import displacement_on, make_solids, resolved_bodies
 from app.build.supports import notes_on_supports
@@ -20,6 +21,7 @@ from app.case.boundary import COMPONENTS
 from app.case.case import Case
 from app.case.stage import solver_of
 from app.equilibrium.equilibrium import Equilibrium
+from app.errors import InputError
 from app.implicit.linear_solver import chosen_solver
 from forms.bodies.kinematics import Section
 from geometry.meshes import metis
@@ -77,11 +79,12 @@ class Model:
             program(time, driven)
 
 
+@failures_as(InputError, "the case")
 def build_model(case: Case, comm: MPI.Comm) -> Model:
     """Mesh, forms and loads of a case; collective.
 
     Raises:
-        InputError: the mesh, or a name in the case, does not fit.
+        InputError: the mesh, or a name in the case, does not fit; or numbers are out of range.
     """
     named = make_mesh(case, comm)
     section = case.geometry.section_in(named.mesh.geometry.dim)

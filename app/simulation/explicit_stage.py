@@ -13,9 +13,10 @@ from typing import Any
 
 from app.build.load_steps import LoadStep, load_steps_of
 from app.build.model import Model, initial_velocity
+from app.build.numbers import failures_as
 from app.case.solver import Solver
 from app.case.stage import solver_of
-from app.errors import SolutionError
+from app.errors import InputError, SolutionError
 from app.explicit.instability import ExplicitError
 from app.explicit.options import ExplicitOptions
 from app.explicit.stepper import ExplicitStepper, MassScaling
@@ -44,10 +45,14 @@ def explicit_options(solver: Solver) -> ExplicitOptions:
     )
 
 
+@failures_as(InputError, "the start")
 def notes_on_steps(model: Model) -> list[str]:
     """How long the time steps of a case's explicit stages are, and how many; collective.
 
     The model must be as it was built; its loads are set to those of the start.
+
+    Raises:
+        InputError: an element is inside out at the start, or numbers are out of range.
     """
     case = model.case
     if not case.is_explicit:
