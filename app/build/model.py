@@ -12,7 +12,8 @@ from app.build.boundary_conditions import Loads
 from app.build.case_notes import notes_on
 from app.build.contacts import BuiltContact, ContactBuilder
 from app.build.mesh import make_mesh
-from app.build.mesh_notes import large_mesh, locking_bodies, notes_on_ranks
+from app.build.mesh_notes import large_mesh, locking_bodies, many_cells, notes_on_ranks
+from app.build.numbers import failures_as
 from app.build.probes import PointPlaces, place_probes
 from app.build.solids import displacement_on, make_solids, resolved_bodies
 from app.build.supports import notes_on_supports
@@ -20,6 +21,7 @@ from app.case.boundary import COMPONENTS
 from app.case.case import Case
 from app.case.stage import solver_of
 from app.equilibrium.equilibrium import Equilibrium
+from app.errors import InputError
 from app.implicit.linear_solver import chosen_solver
 from forms.bodies.kinematics import Section
 from geometry.meshes import metis
@@ -80,6 +82,7 @@ class Model:
             program(time, driven)
 
 
+@failures_as(InputError, "the case")
 def build_model(case: Case, comm: MPI.Comm, runs_code: bool = True) -> Model:
     """Mesh, forms and loads of a case; collective.
 
@@ -90,7 +93,7 @@ def build_model(case: Case, comm: MPI.Comm, runs_code: bool = True) -> Model:
             solved, only looked at.
 
     Raises:
-        InputError: the mesh, or a name in the case, does not fit.
+        InputError: the mesh, or a name in the case, does not fit; or numbers are out of range.
     """
     named = make_mesh(case, comm)
     section = case.geometry.section_in(named.mesh.geometry.dim)
@@ -150,6 +153,7 @@ def _notes(asked: Case, model: Model, contacts: Sequence[BuiltContact], loads: L
         *notes_on(case),
         *locking_bodies(named, problem.solids, problem.space.element.basix_element.degree),
         *large_mesh(case, named),
+        *many_cells(case, named),
         *notes_on_ranks(asked, named),
         *(note for contact in contacts for note in contact.notes),
         *loads.notes,

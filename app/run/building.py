@@ -8,6 +8,7 @@ from app.build.model import build_model
 from app.case.case import Case
 from app.case.friction import OwnLaw
 from app.simulation.explicit_stage import notes_on_steps
+from app.simulation.simulation import Simulation
 
 
 def notes_on_building(case: Case, runs_code: bool = False) -> list[str]:
@@ -18,9 +19,12 @@ def notes_on_building(case: Case, runs_code: bool = False) -> list[str]:
         runs_code: whether friction laws written in Python are run; if not, a note says so.
 
     Raises:
-        InputError: mesh and case do not go together, or a law that is run cannot be used.
+        InputError: mesh and case do not go together, a law that is run cannot be used, or PETSc has
+            no use for an option.
     """
     model = build_model(case, MPI.COMM_SELF, runs_code)
+    if case.solver.petsc:
+        Simulation(model)
     notes = [*model.notes, *notes_on_steps(model)]
     if not runs_code:
         notes += [

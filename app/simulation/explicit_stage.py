@@ -13,6 +13,7 @@ from typing import Any
 
 from app.build.load_steps import LoadStep, load_steps_of
 from app.build.model import Model, initial_velocity
+from app.build.numbers import failures_as
 from app.case.solver import Solver
 from app.case.stage import solver_of
 from app.equilibrium.snapshot import Snapshot, to_contacts
@@ -48,13 +49,15 @@ def explicit_options(solver: Solver) -> ExplicitOptions:
     )
 
 
+@failures_as(InputError, "the start")
 def notes_on_steps(model: Model) -> list[str]:
     """How long the time steps of a case's explicit stages are, and how many; collective.
 
     The model must be as it was built; its loads are set to those of the start.
 
     Raises:
-        InputError: a friction law of the user's fails.
+        InputError: a friction law of the user's fails, an element is inside out at the start, or
+            numbers are out of range.
     """
     case = model.case
     if not case.is_explicit:

@@ -8,8 +8,10 @@ import numpy as np
 
 from app.build.load_steps import LoadStep, all_load_steps
 from app.build.model import Model
+from app.build.numbers import failures_as
 from app.case.stage import Stage, solver_of
 from app.equilibrium.snapshot import Snapshot
+from app.errors import InputError, SolutionError
 from app.explicit.stepper import ExplicitStepper
 from app.implicit.stepper import ImplicitStepper
 from app.simulation.explicit_stage import ExplicitStage
@@ -45,11 +47,13 @@ class Simulation:
         explicit: what runs explicit stages; None before the first of them.
     """
 
+    @failures_as(InputError, "the start")
     def __init__(self, model: Model) -> None:
         """Make ready to start; collective.
 
         Raises:
-            InputError: PETSc refuses an option of the case.
+            InputError: PETSc refuses an option of the case, or has no use for it; an element is
+                inside out at the start of an explicit run, or numbers are out of range.
         """
         self.state = RunState(model)
         self.implicit: ImplicitStage | None = None
@@ -57,6 +61,9 @@ class Simulation:
         kind = model.case.solver.kind
         if any(solver_of(stage, kind) == "implicit" for stage in model.case.stage):
             self.implicit = ImplicitStage(self.state)
+        elif model.case.solver.petsc:
+            names = ", ".join(model.case.solver.petsc)
+            raise InputError(f"solver.petsc: {names}: no stage is implicit, so nothing uses it")
         else:
             self.explicit = ExplicitStage(self.state, np.zeros(model.problem.owned))
 
@@ -85,10 +92,11 @@ class Simulation:
         state, at = self.state, self.state.position
         for load_step in all_load_steps(self.model.case)[at.load_step :]:
             self.model.begin_stage(load_step.stage.name)
-            runner = self._runner(load_step.stage)
-            if at.begin(state.time, state.driven, len(state.rows)):
-                runner.begin(load_step)
-            runner.run(load_step, observer)
+            with failures_as(SolutionError, f"stage {load_step.stage.name}"):
+                runner = self._runner(load_step.stage)
+                if at.begin(state.time, state.driven, len(state.rows)):
+                    runner.begin(load_step)
+                runner.run(load_step, observer)
             at.end()
         observer.ready(state)
 
