@@ -5,38 +5,63 @@ from __future__ import annotations
 import json
 import os
 import platform
-import shutil
 import sys
-import traceback
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 # Typer loads rich, and with it a reader of Markdown, for help texts that this program does not
 # have. A tenth of a second is saved where it does not find it; the rest of the program does.
 _rich = sys.modules.get("rich")
 sys.modules["rich"] = None  # type: ignore[assignment]
 import typer  # noqa: E402
-from typer.core import TyperCommand  # noqa: E402
+from typer.core import TyperCommand, TyperGroup  # noqa: E402
 
 del sys.modules["rich"]
 if _rich is not None:
     sys.modules["rich"] = _rich
 
-from app.errors import InputError, TriboxError  # noqa: E402
+from app.errors import InputError, Interrupted  # noqa: E402
+from app.run.ending import end_interrupted, end_with, ranks_around  # noqa: E402
 
 if TYPE_CHECKING:
     from click import Context
 
     from app.case.case import Case
 
+
+class _Stopped(Exception):
+    """A ``KeyboardInterrupt`` out of a command; Typer would end the program with it.
+
+    Attributes:
+        together: whether it came on all ranks between two steps.
+    """
+
+    def __init__(self, together: bool) -> None:
+        super().__init__("interrupted")
+        self.together = together
+
+
+class _Commands(TyperGroup):
+    """All commands."""
+
+    def invoke(self, ctx: Context) -> Any:
+        """Run one of them."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt as error:
+            raise _Stopped(isinstance(error, Interrupted)) from None
+
+
 cli = typer.Typer(
+    cls=_Commands,
     add_completion=False,
     no_args_is_help=True,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     help="Finite-strain frictional contact of an elastomer on aluminium through a lubricating "
-    "film. Exit codes: 0 done, 2 wrong input, 3 no solution (the last good state is saved).",
+    "film. Exit codes: 0 done, 2 wrong input, 3 no solution (the last good state is saved), 4 "
+    "results cannot be written, 130 stopped by a signal (the state is saved).",
 )
 
 
@@ -123,13 +148,14 @@ def run(
 ) -> None:
     """Run a case, or every value of its sweep, and write results and figures."""
     from app.case.reading import load_case
+    from app.results.claim import check_not_in_use
     from app.results.directory import check_free, default_directory
     from app.results.earlier_sweep import sweep_labels
 
     case = load_case(case_file, overrides or [])
     directory = out or default_directory(case_file)
     _keep_inputs(directory, case_file, case)
-    ranks = _ranks_around()
+    ranks = ranks_around()
     if case.sweep is not None and part is None:
         from app.run.sweep_runs import SweepOptions, run_sweep
 
@@ -139,17 +165,13 @@ def run(
     if part is not None:
         case = _one_part(case, part)
     if np > 1 and ranks == 1:
+        check_not_in_use(directory)
         check_free(directory, force, sweep_labels(directory))
         arguments = ["run", str(case_file), "--out", str(directory), *_set_options(overrides)]
         arguments += ["--force"] * force + ([] if part is None else ["--part", str(part)])
-        if shutil.which("mpirun") is None:
-            raise InputError(f"--np {np}: there is no mpirun here")
-        # Open MPI refuses more ranks than cores otherwise, with a page of advice.
-        os.environ.setdefault("PRTE_MCA_rmaps_default_mapping_policy", ":oversubscribe")
-        os.execvp(
-            "mpirun",
-            ["mpirun", "-n", str(np), sys.executable, "-m", "mpi4py", "-m", "app", *arguments],
-        )
+        from app.run.ranks import run_on_ranks
+
+        raise typer.Exit(run_on_ranks(np, arguments))
     from app.run.run import run_case
 
     run_case(case, directory, force=force)
@@ -175,14 +197,6 @@ def _one_part(case: Case, part: int) -> Case:
 
 def _set_options(overrides: list[str] | None) -> list[str]:
     return [word for item in overrides or [] for word in ("--set", item)]
-
-
-def _ranks_around() -> int:
-    """Number of ranks this process was started with, without starting MPI."""
-    for name in ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "PMIX_SIZE"):
-        if name in os.environ:
-            return int(os.environ[name])
-    return 1
 
 
 @cli.command()
@@ -418,7 +432,7 @@ def verify(
     """Compute verification cases and compare them with closed forms; exit code 3 if one fails."""
     from app.verify.report import run_verify
 
-    if _ranks_around() > 1:
+    if ranks_around() > 1:
         raise InputError("verify runs on one rank")
     run_verify(names or [], out, force)
 
@@ -480,26 +494,12 @@ def main() -> None:
     """Run the command line; errors of ours become one line and an exit code."""
     try:
         cli(prog_name="tribox")
-    except TriboxError as error:
-        _say_once(f"tribox: {error}")
-        sys.exit(error.exit_code)
-    except Exception:
-        # One rank that dies alone would leave the others waiting for it for ever.
-        if _ranks_around() == 1:
-            raise
-        traceback.print_exc()
-        from mpi4py import MPI
-
-        MPI.COMM_WORLD.Abort(1)
+    except _Stopped as stopped:
+        end_interrupted(stopped.together)
     except KeyboardInterrupt:
-        _say_once("tribox: interrupted; the results so far are saved")
-        sys.exit(130)
-
-
-def _say_once(line: str) -> None:
-    """Print a line to standard error, on the first rank only."""
-    if os.environ.get("OMPI_COMM_WORLD_RANK", "0") == "0":
-        print(line, file=sys.stderr)
+        end_interrupted(False)
+    except Exception as error:
+        end_with(error)
 
 
 if __name__ == "__main__":

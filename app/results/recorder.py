@@ -24,6 +24,7 @@ from app.implicit.stepper import StepResult
 from app.results.directory import write_json, write_text
 from app.results.output_files import OutputFiles
 from app.results.run_tables import RunTables
+from app.results.saving import Reserve, Saving
 from app.simulation.contact_warnings import ContactWarnings
 from app.simulation.history import Row, energy_gap
 from app.simulation.inertia import notes_on_inertia
@@ -48,16 +49,24 @@ class Recorder(Observer):
         load_steps: what each load step ended with, for the summary.
     """
 
-    def __init__(self, model: Model, directory: Path, given: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        model: Model,
+        directory: Path,
+        given: Sequence[str] = (),
+        saving: Saving | None = None,
+    ) -> None:
         """Open the outputs and write the resolved case; collective.
 
         Args:
             model: that is run.
             directory: of the results, ready to be written.
             given: dotted keys that the case file gave, for the summary.
+            saving: keeps errors of writing, until somebody or the end asks for them.
         """
         self.model = model
         self.directory = directory
+        self.saving = saving or Saving(directory)
         self.given = list(given)
         self.comm = model.problem.comm
         self.first = self.comm.rank == 0
@@ -68,25 +77,47 @@ class Recorder(Observer):
         self._thin = False
         self._left = LeftMaster(model)
         self._roundoff = RoundOffWatch(model.problem, model.case.solver.tolerance)
-        self._label = ""
+        self._counted = (0, 0)  # steps and Newton iterations so far
         self._contacts = ContactWarnings(model.problem)
         self._penalty = [_extent(self.comm, t.penalty) for t in model.problem.contacts]
         self.warnings: list[str] = list(model.notes)
-        if self.first:
-            write_text(directory / "case.toml", resolved_toml(model.case))
         self._tables: RunTables | None = None
-        self._files = OutputFiles(model, directory)
+        self._reserve: Reserve | None = None
+        with self.saving:
+            self._begin()
+        self._files = OutputFiles(model, directory, self.saving)
+
+    def _begin(self) -> None:
+        """Write what there is from the start."""
+        if self.first:
+            write_text(self.directory / "case.toml", resolved_toml(self.model.case))
+            self.mark("running")
+            self._reserve = Reserve(self.directory)
+
+    def mark(self, status: str, failure: str | None = None) -> None:
+        """Write a summary of what is known without the other ranks, on the first; not collective.
+
+        Args:
+            status: running, interrupted or failed.
+            failure: why it failed.
+        """
+        path = self.directory / "summary.json"
+        self.saving.place.check()
+        # From the handler of a signal this may come while such a summary is being written.
+        if self.first and not path.with_name(path.name + ".part").exists():
+            write_json(path, self._known(status) | {"failure": failure})
 
     def step(self, state: RunState, row: Row, result: StepResult | Interval) -> None:
         """Write the outputs that are due and look for a negative dissipation."""
         if self.every and row.step % self.every == 0:
             self._output(state)
         self._watch(state, row)
-        self._label = row.stage
+        self._counted = (row.step, self._counted[1] + row.newton_iterations)
         self._roundoff.step(row, result)
         self._contacts.step(row, self.model.thickness)
         self._left.step(row)
-        self._write_tables(state)
+        with self.saving:
+            self._write_tables(state)
 
     def load_step(
         self, state: RunState, load_step: LoadStep, row: Row, steady: bool | None
@@ -111,6 +142,8 @@ class Recorder(Observer):
                 f"stage {load_step.label}: not steady after {load_step.stage.max_steps} steps: "
                 f"{state.steadiness.reason} (raise max_steps or slip_step)"
             )
+        with self.saving:
+            self.mark("running")
 
     def close(self, simulation: Simulation, status: str, failure: str | None = None) -> None:
         """Write history and summary; after a failure also the last state; collective.
@@ -119,29 +152,64 @@ class Recorder(Observer):
             simulation: at its last converged step.
             status: done, interrupted or failed.
             failure: why it failed.
+
+        Raises:
+            OutputError: something could not be written, and nothing else had failed.
         """
+        unwritten = self.saving.problem_of_all(self.comm)
+        if self._reserve is not None:
+            self._reserve.release()
         balance = force_balance(simulation)
         if simulation.state.step:
-            self._output(simulation.state)
+            if unwritten is None:
+                self._output(simulation.state)
             self.warnings.extend(self._left.warnings())
             self.warnings.extend(self._contacts.warnings())
             self.warnings.extend(_unbalanced(simulation, balance))
-            self._roundoff.end(self._label)
+            self._roundoff.end(simulation.rows[-1].stage)
             self.warnings.extend(self._roundoff.warnings())
-        self._files.close()
         explicit = {} if simulation.explicit is None else simulation.explicit.summary()
         shares = self.comm.gather(self._share())
-        self._write_tables(simulation.state)
+        with self.saving:
+            self._regain_directory()
+            self._write_tables(simulation.state)
+        self._files.close()
+        problem = self.saving.problem_of_all(self.comm)
+        if problem is not None and failure is None:
+            status, failure = "failed", problem
         if self.first:
             summary = self._summary(simulation, status, shares or [], balance)
             parts = {"explicit": explicit} if explicit else {}
-            write_json(self.directory / "summary.json", summary | parts | {"failure": failure})
+            with self.saving:
+                self.saving.place.check()
+                write_json(self.directory / "summary.json", summary | parts | {"failure": failure})
+        if failure is None or failure == problem:
+            self.saving.raise_together(self.comm)
 
-    def rescue(self, simulation: Simulation) -> None:
-        """Write the history after an error of this rank alone; not collective."""
-        self._write_tables(simulation.state)
-        if self.first:
-            self._files.write_indices()
+    def rescue(self, simulation: Simulation, status: str, failure: str | None = None) -> None:
+        """Write the history after an error of this rank alone; not collective.
+
+        Args:
+            simulation: in whatever state it is.
+            status: interrupted or failed.
+            failure: why it failed.
+        """
+        with self.saving:
+            if self._reserve is not None:
+                self._reserve.release()
+            self._write_tables(simulation.state)
+            if self.first:
+                self._files.write_indices()
+            self.mark(status, failure)
+
+    def _regain_directory(self) -> None:
+        """Begin again in a directory that somebody has deleted: the history is still here."""
+        if not self.first:
+            return
+        self.saving.place.regain()
+        if not (self.directory / "history.csv").exists():
+            write_text(self.directory / "case.toml", resolved_toml(self.model.case))
+            self._tables = None
 
     def _write_tables(self, state: RunState) -> None:
         if self.first:
@@ -188,6 +256,26 @@ class Recorder(Observer):
             "contact_points": sum(len(term.surface.slave.weight) for term in terms),
         }
 
+    def _known(self, status: str) -> dict[str, Any]:
+        """What a summary says that the first rank knows at any moment."""
+        return {
+            "title": self.model.case.title,
+            "status": status,
+            "warnings": self.warnings,
+            "steps": self._counted[0],
+            "newton_iterations": self._counted[1],
+            "load_steps": self.load_steps,
+            "ranks": self.comm.size,
+            "given": self.given,
+            "versions": {
+                "tribox": _version(),
+                "dolfinx": dolfinx.__version__,
+                "petsc": ".".join(map(str, PETSc.Sys.getVersion())),
+                "numpy": np.__version__,
+                "python": platform.python_version(),
+            },
+        }
+
     def _summary(
         self,
         simulation: Simulation,
@@ -199,12 +287,8 @@ class Recorder(Observer):
         assembled = implicit.stepper.solver.assembled if implicit else 0
         wall, worst = time.perf_counter() - self._started, self._roundoff.worst
         timings = {key: round(value, 4) for key, value in simulation.stepper.seconds().items()}
-        return {
-            "title": self.model.case.title,
-            "status": status,
-            "warnings": self.warnings,
+        return self._known(status) | {
             "steps": len(rows),
-            "newton_iterations": sum(row.newton_iterations for row in rows),
             "factorisations": assembled,
             "attempts": sum(row.attempts for row in rows),
             "energy_error_relative": energy_gap(rows),
@@ -218,20 +302,10 @@ class Recorder(Observer):
                 pair.penetration / pair.film if pair.film > 0.0 else None
                 for pair in simulation.state.resultants
             ],
-            "load_steps": self.load_steps,
             "bodies": [solid.name for solid in problem.solids],
             "dofs": int(problem.space.dofmap.index_map.size_global * problem.dim),
-            "ranks": self.comm.size,
-            "given": self.given,
             "seconds": {"run": round(wall, 4), **timings},
             **{f"{part}_per_rank": [share[part] for share in shares] for part in shares[0]},
-            "versions": {
-                "tribox": _version(),
-                "dolfinx": dolfinx.__version__,
-                "petsc": ".".join(map(str, PETSc.Sys.getVersion())),
-                "numpy": np.__version__,
-                "python": platform.python_version(),
-            },
         }
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
-from app.results.directory import write_text
+from app.results.directory import Place, write_text
 
 SHARE = 0.05  # of the time that may go into rewriting the index
 
@@ -18,14 +18,16 @@ class Series:
     """
 
     def __init__(self, directory: Path, name: str) -> None:
-        """Make the directory of the files; the index comes with the first of them."""
+        """Nothing is written yet; the index comes with the first of the files."""
         self._directory, self._name = directory, name
-        (directory / name).mkdir()
+        self._place = Place(directory)
         self._lines: list[str] = []
         self._next = 0.0
 
     def path(self, step: int) -> Path:
-        """The file of a step."""
+        """The file of a step, in a directory that is made with the first of them."""
+        self._place.check()
+        (self._directory / self._name).mkdir(exist_ok=True)
         return self._directory / self._name / f"{step:06d}.vtu"
 
     def add(self, step: int, when: float) -> None:
@@ -35,13 +37,16 @@ class Series:
             step: number of the step.
             when: s, its time.
         """
-        file = self.path(step).relative_to(self._directory).as_posix()
+        file = f"{self._name}/{step:06d}.vtu"
         self._lines.append(f'    <DataSet timestep="{when!r}" part="0" file="{file}"/>\n')
         if time.monotonic() >= self._next:
             self.write_index()
 
     def write_index(self) -> None:
-        """Write the index of all files so far."""
+        """Write the index of all files so far, if there are any."""
+        if not self._lines:
+            return
+        self._place.check()
         began = time.monotonic()
         write_text(
             self._directory / f"{self._name}.pvd",

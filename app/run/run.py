@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 from mpi4py import MPI
@@ -10,11 +11,11 @@ from mpi4py import MPI
 from app.build.model import build_model
 from app.case.case import Case
 from app.case.given import given_keys
-from app.errors import InputError, SolutionError
-from app.results.directory import check_free, prepare
-from app.results.earlier_sweep import sweep_labels
+from app.errors import InputError, Interrupted, OutputError, SolutionError
+from app.results.claim import Claim
 from app.results.probes import ProbeRecorder
 from app.results.recorder import Recorder
+from app.results.saving import Saving
 from app.run.interruption import Interruption
 from app.run.progress import Reporter, Together
 from app.simulation.explicit_stage import notes_on_steps
@@ -47,28 +48,43 @@ def run_case(
     Raises:
         InputError: the case, the mesh or the directory cannot be used; nothing has been changed.
         SolutionError: a step could not be solved; the state before it has been saved.
+        OutputError: results cannot be written; what has been written is valid.
+        Interrupted: a signal has stopped the run; its state has been saved.
     """
-    on_first(comm, lambda: check_free(directory, force, sweep_labels(directory)))
+    claim = Claim(directory, force)
+    on_first(comm, claim.take)
+    try:
+        return _run_claimed(case, claim, quiet, comm)
+    finally:
+        claim.release()
+
+
+def _run_claimed(case: Case, claim: Claim, quiet: bool, comm: MPI.Comm) -> Simulation:
+    """Run one case in a directory that is this run's."""
+    directory = claim.directory
     model = build_model(case, comm)
     steps = notes_on_steps(model)
     simulation = Simulation(model)
-    on_first(comm, lambda: prepare(directory))
-    recorder = Recorder(model, directory, given_keys(case))
-    reporter = Reporter(directory / "log.txt", case, quiet) if comm.rank == 0 else None
+    on_first(comm, claim.clear)
+    saving = Saving(directory)
+    recorder = Recorder(model, directory, given_keys(case), saving)
+    reporter = Reporter(directory / "log.txt", case, saving, quiet) if comm.rank == 0 else None
     told: list[Observer] = [reporter, recorder] if reporter else [recorder]
     try:
         if reporter:
             _say_notes(reporter, model.notes, steps, quiet)
-        probes = ProbeRecorder(model, directory)
-        with Interruption(comm) as interruption:
-            _run(simulation, recorder, Together(*told, probes, interruption))
+        probes = ProbeRecorder(model, directory, saving)
+        with Interruption(comm, saving, partial(recorder.mark, "interrupted")) as interruption:
+            _run(simulation, recorder, probes, Together(*told, probes, interruption))
         draw_run(simulation, directory, reporter)
         if reporter:
             _say_end(reporter, simulation, recorder, quiet)
-    except (SolutionError, KeyboardInterrupt) as error:
+        saving.raise_together(comm)
+    except (SolutionError, OutputError, Interrupted) as error:
         if reporter:
             _say_failure(reporter, simulation, recorder, error)
-        draw_run(simulation, directory, reporter)
+        if not isinstance(error, OutputError):
+            draw_run(simulation, directory, reporter)
         raise
     finally:
         if reporter:
@@ -101,13 +117,15 @@ def _say_failure(
     reporter: Reporter,
     simulation: Simulation,
     recorder: Recorder,
-    error: SolutionError | KeyboardInterrupt,
+    error: SolutionError | OutputError | Interrupted,
 ) -> None:
     """What ended the run, for the log, and what is saved."""
-    if isinstance(error, KeyboardInterrupt):
+    if isinstance(error, Interrupted):
         reporter.say(f"interrupted; the results so far are in {recorder.directory}")
         return
     reporter.note(f"failed: {error}")
+    if isinstance(error, OutputError):
+        return
     _say_warnings(reporter, recorder)
     reporter.say(_saved_line(simulation, recorder))
 
@@ -143,19 +161,25 @@ def _closing_line(simulation: Simulation) -> str:
     )
 
 
-def _run(simulation: Simulation, recorder: Recorder, observer: Observer) -> None:
+def _run(
+    simulation: Simulation, recorder: Recorder, probes: ProbeRecorder, observer: Observer
+) -> None:
     try:
+        recorder.saving.raise_together(recorder.comm)
         simulation.run(observer)
-    except SolutionError as error:
+    except (SolutionError, OutputError) as error:
         recorder.close(simulation, "failed", str(error))
         raise
-    except KeyboardInterrupt:
+    except Interrupted:
         recorder.close(simulation, "interrupted")
         raise
-    except BaseException:
+    except BaseException as error:
         # An error of one rank alone: the others are not here, so nothing collective may follow.
-        recorder.rescue(simulation)
+        stopped = isinstance(error, KeyboardInterrupt)
+        recorder.rescue(simulation, *(("interrupted",) if stopped else ("failed", repr(error))))
         raise
+    finally:
+        probes.close()
     recorder.close(simulation, "done")
 
 
@@ -167,7 +191,8 @@ def draw_run(simulation: Simulation, directory: Path, reporter: Reporter | None)
     warning: the results are there, and can be drawn again.
     """
     if reporter is not None and simulation.model.case.output.figures and simulation.state.step > 0:
-        _draw(simulation, directory, reporter)
+        with reporter.saving:
+            _draw(simulation, directory, reporter)
     simulation.model.problem.comm.barrier()
 
 
@@ -178,18 +203,20 @@ def _draw(simulation: Simulation, directory: Path, reporter: Reporter) -> None:
     with simulation.model.problem.timer("figures"):
         try:
             draw_figures(read(directory))
+        except OSError:
+            raise
         except Exception as error:
             reporter.say(f"warning: the figures could not be drawn: {error!r}")
 
 
 def on_first(comm: MPI.Comm, action: Callable[[], None]) -> None:
-    """Do something on the first rank; if it raises, raise on all."""
-    problem: str | None = None
+    """Do something on the first rank; if it raises an error of ours, raise it on all."""
+    problem: InputError | OutputError | None = None
     if comm.rank == 0:
         try:
             action()
-        except InputError as error:
-            problem = str(error)
+        except (InputError, OutputError) as error:
+            problem = error
     problem = comm.bcast(problem)
     if problem is not None:
-        raise InputError(problem)
+        raise problem

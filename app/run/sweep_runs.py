@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
 from app.case.case import Case, resolved_toml
 from app.errors import SolutionError
-from app.results.directory import check_free, prepare, write_text
-from app.results.earlier_sweep import sweep_labels
+from app.results.claim import Claim, claimed
+from app.results.directory import unwritable, write_text
 from app.run.sweep import Part, collate, cores, part_command, run_side_by_side
 from app.run.sweep_lines import sweep_lines
 
@@ -53,20 +54,17 @@ def run_sweep(
         return
     from app.run.building import notes_on_building
 
-    check_free(directory, options.force, sweep_labels(directory))
-    notes_on_building(case.sweep_cases()[0][1])
-    _make_ready(case, directory)
-    words = [*options.changes, "--np", str(options.ranks)]
-    parts = [
-        Part(label, part_command(case_file, i, directory / label, words), directory / label)
-        for i, (label, _) in enumerate(case.sweep_cases())
-    ]
-    jobs = options.jobs or max(1, cores() // options.ranks)
-    try:
-        with sweep_lines(len(parts)) as lines:
+    with claimed(directory, options.force) as claim:
+        notes_on_building(case.sweep_cases()[0][1])
+        _make_ready(case, claim)
+        words = [*options.changes, "--np", str(options.ranks)]
+        parts = [
+            Part(label, part_command(case_file, i, directory / label, words), directory / label)
+            for i, (label, _) in enumerate(case.sweep_cases())
+        ]
+        jobs = options.jobs or max(1, cores() // options.ranks)
+        with _put_together(case, directory), sweep_lines(len(parts)) as lines:
             run_side_by_side(parts, jobs, lines)
-    finally:  # What has been computed is collated whatever became of the others.
-        _put_together(case, directory)
     print(f"results in {directory}")
 
 
@@ -76,34 +74,55 @@ def _run_in_turn(case: Case, directory: Path, force: bool) -> None:
 
     from app.run.run import on_first, run_case
 
-    def make_ready() -> None:
-        check_free(directory, force, sweep_labels(directory))
-        _make_ready(case, directory)
-
     comm = MPI.COMM_WORLD
-    on_first(comm, make_ready)
-    failed = []
-    for label, single in case.sweep_cases():
-        try:
-            run_case(single, directory / label, comm=comm)
-        except SolutionError as error:
-            failed.append(f"{label} ({error})")
-    if comm.rank == 0:
-        _put_together(case, directory)
-    if failed:
-        raise SolutionError(f"{len(failed)} runs of the sweep failed: {'; '.join(failed)}")
+    claim = Claim(directory, force)
+    on_first(comm, claim.take)
+    try:
+        on_first(comm, lambda: _make_ready(case, claim))
+        failed = []
+        with _put_together(case, directory) if comm.rank == 0 else nullcontext():
+            for label, single in case.sweep_cases():
+                try:
+                    run_case(single, directory / label, comm=comm)
+                except SolutionError as error:
+                    failed.append(f"{label} ({error})")
+            if failed:
+                text = f"{len(failed)} runs of the sweep failed: {'; '.join(failed)}"
+                raise SolutionError(text)
+    finally:
+        claim.release()
 
 
-def _make_ready(case: Case, directory: Path) -> None:
-    prepare(directory)
-    write_text(directory / "case.toml", resolved_toml(case))
+def _make_ready(case: Case, claim: Claim) -> None:
+    claim.clear()
+    try:
+        write_text(claim.directory / "case.toml", resolved_toml(case))
+        collate(case, claim.directory, "running")
+    except OSError as error:
+        raise unwritable(claim.directory, error) from None
 
 
-def _put_together(case: Case, directory: Path) -> None:
-    """Tables and figures over all values."""
-    collate(case, directory)
-    if case.output.figures:
-        from app.figures.run_figures import draw_figures
-        from app.results import read
+@contextmanager
+def _put_together(case: Case, directory: Path) -> Iterator[None]:
+    """Context after which there are tables and figures over all values, whatever became of them."""
+    status = "failed"
+    try:
+        yield
+        status = "done"
+    except KeyboardInterrupt:
+        status = "interrupted"
+        raise
+    finally:
+        _collate_and_draw(case, directory, status)
 
-        draw_figures(read(directory))
+
+def _collate_and_draw(case: Case, directory: Path, status: str) -> None:
+    try:
+        collate(case, directory, status)
+        if case.output.figures:
+            from app.figures.run_figures import draw_figures
+            from app.results import read
+
+            draw_figures(read(directory))
+    except OSError as error:
+        raise unwritable(directory, error) from None
