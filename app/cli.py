@@ -324,6 +324,8 @@ def plot(
 
     results = read(directory)
     for one in [results, *results.parts.values()]:
+        if one.unfinished:
+            print(f"note: {one.directory}: the run {one.unfinished}")
         draw_figures(one, field)
         if animate is not None and one.case.sweep is None:
             from app.figures.animation import animate as write_animation
@@ -345,10 +347,14 @@ def report(
 ) -> None:
     """Write a results directory as one HTML page that needs nothing else."""
     from app.report.page import write_report
+    from app.results import read
 
     if out is not None and out.exists() and not force:
         raise InputError(f"{out}: exists already; replace it with --force")
-    print(f"wrote {write_report(directory, out)}")
+    page = write_report(directory, out)
+    if unfinished := read(directory).unfinished:
+        print(f"note: the run {unfinished}")
+    print(f"wrote {page}")
 
 
 @cli.command(name="map")

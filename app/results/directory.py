@@ -9,6 +9,7 @@ import io
 import json
 import os
 import re
+import weakref
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -209,15 +210,21 @@ def _digits(row: Sequence[Any]) -> list[Any]:
 
 
 class Place:
-    """A directory that somebody may delete, and put another one there, while a run goes on."""
+    """A file or directory that somebody may delete, and put another one there."""
 
-    def __init__(self, directory: Path) -> None:
-        """Remember which one it is.
+    def __init__(self, path: Path, flags: int = os.O_RDONLY) -> None:
+        """Open it: as long as it is open the system gives its number to no other.
+
+        Args:
+            path: of the file or directory.
+            flags: with which it is opened.
 
         Raises:
-            OSError: there is none.
+            OSError: it cannot be opened.
         """
-        self.directory, self._found = directory, directory.stat()
+        self.path = path
+        self.descriptor = os.open(path, flags | os.O_CLOEXEC, 0o666)
+        weakref.finalize(self, os.close, self.descriptor)
 
     def check(self) -> None:
         """See that it is still there.
@@ -225,20 +232,8 @@ class Place:
         Raises:
             FileNotFoundError: it is not.
         """
-        if not os.path.samestat(self._found, self.directory.stat()):
-            why = "another directory is there"
-            raise FileNotFoundError(errno.ENOENT, why, str(self.directory))
-
-    def regain(self) -> None:
-        """Make it again if it is gone.
-
-        Raises:
-            OSError: it cannot be made, or another one is there.
-        """
-        if not self.directory.exists():
-            self.directory.mkdir(parents=True)
-            self._found = self.directory.stat()
-        self.check()
+        if not os.path.samestat(os.fstat(self.descriptor), self.path.stat()):
+            raise FileNotFoundError(errno.ENOENT, "another one is there", str(self.path))
 
 
 class GrowingFile:
@@ -250,10 +245,9 @@ class GrowingFile:
         Raises:
             OSError: it cannot be written.
         """
-        self._path = path
-        with path.open("w", newline="", encoding="utf-8") as stream:
-            stream.write(text)
-            self._begun = os.fstat(stream.fileno())
+        self._place = Place(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+        self._size = 0
+        self.append(text)
 
     def append(self, text: str) -> None:
         """Append a text.
@@ -261,17 +255,16 @@ class GrowingFile:
         Raises:
             OSError: the disk is full, or the file is gone; nothing was appended.
         """
-        data = memoryview(text.encode())
-        with self._path.open("r+b", buffering=0) as stream:
-            if not os.path.samestat(self._begun, os.fstat(stream.fileno())):
-                raise FileNotFoundError(errno.ENOENT, "another file is there", str(self._path))
-            size = stream.seek(0, os.SEEK_END)
-            try:
-                while data:
-                    data = data[stream.write(data) :]
-            except OSError as error:
-                stream.truncate(size)
-                raise OSError(error.errno, error.strerror, str(self._path)) from None
+        self._place.check()
+        data, file = memoryview(text.encode()), self._place.descriptor
+        end = self._size + len(data)
+        try:
+            while data:
+                data = data[os.pwrite(file, data, end - len(data)) :]
+        except OSError as error:
+            os.ftruncate(file, self._size)
+            raise OSError(error.errno, error.strerror, str(self._place.path)) from None
+        self._size = end
 
 
 class GrowingTable:

@@ -206,7 +206,7 @@ class Recorder(Observer):
         """Begin again in a directory that somebody has deleted: the history is still here."""
         if not self.first:
             return
-        self.saving.place.regain()
+        self.saving.regain_directory()
         if not (self.directory / "history.csv").exists():
             write_text(self.directory / "case.toml", resolved_toml(self.model.case))
             self._tables = None

@@ -55,6 +55,17 @@ class Saving:
             self.problem = str(error)
         return True
 
+    def regain_directory(self) -> None:
+        """Make the directory again if it is gone.
+
+        Raises:
+            OSError: it cannot be made, or another one is there.
+        """
+        if not self._directory.exists():
+            self._directory.mkdir(parents=True)
+            self.place = Place(self._directory)
+        self.place.check()
+
     def problem_of_all(self, comm: MPI.Comm) -> str | None:
         """What the first rank that could not write says; collective."""
         if not comm.allreduce(self.problem is not None, op=MPI.LOR):
