@@ -13,9 +13,15 @@ def start() -> None:
     # of a second, and the program itself leaves few cycles.
     gc.set_threshold(100_000)
     atexit.register(_skip_last_collection)
+    from app.run.process import begin_process, end_process
+
+    begin_process()
     from app.cli import main
 
-    main()
+    try:
+        main()
+    finally:
+        end_process()
 
 
 def _skip_last_collection() -> None:

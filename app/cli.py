@@ -5,38 +5,63 @@ from __future__ import annotations
 import json
 import os
 import platform
-import shutil
 import sys
-import traceback
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 # Typer loads rich, and with it a reader of Markdown, for help texts that this program does not
 # have. A tenth of a second is saved where it does not find it; the rest of the program does.
 _rich = sys.modules.get("rich")
 sys.modules["rich"] = None  # type: ignore[assignment]
 import typer  # noqa: E402
-from typer.core import TyperCommand  # noqa: E402
+from typer.core import TyperCommand, TyperGroup  # noqa: E402
 
 del sys.modules["rich"]
 if _rich is not None:
     sys.modules["rich"] = _rich
 
-from app.errors import InputError, TriboxError  # noqa: E402
+from app.errors import InputError, Interrupted  # noqa: E402
+from app.run.ending import end_interrupted, end_with, ranks_around  # noqa: E402
 
 if TYPE_CHECKING:
     from click import Context
 
     from app.case.case import Case
 
+
+class _Stopped(Exception):
+    """A ``KeyboardInterrupt`` out of a command; Typer would end the program with it.
+
+    Attributes:
+        together: whether it came on all ranks between two steps.
+    """
+
+    def __init__(self, together: bool) -> None:
+        super().__init__("interrupted")
+        self.together = together
+
+
+class _Commands(TyperGroup):
+    """All commands."""
+
+    def invoke(self, ctx: Context) -> Any:
+        """Run one of them."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt as error:
+            raise _Stopped(isinstance(error, Interrupted)) from None
+
+
 cli = typer.Typer(
+    cls=_Commands,
     add_completion=False,
     no_args_is_help=True,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     help="Finite-strain frictional contact of an elastomer on aluminium through a lubricating "
-    "film. Exit codes: 0 done, 2 wrong input, 3 no solution (the last good state is saved).",
+    "film. Exit codes: 0 done, 2 wrong input, 3 no solution (the last good state is saved), 4 "
+    "results cannot be written, 130 stopped by a signal (the state is saved).",
 )
 
 
@@ -126,48 +151,60 @@ def run(
         int | None, typer.Option(min=0, help="run only this value of the sweep, counted from 0")
     ] = None,
     trust: Trust = False,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="go on from the last checkpoint of an unfinished run")
+    ] = False,
+    extend: Annotated[
+        bool, typer.Option("--extend", help="the same, and past the end of a run that is done")
+    ] = False,
     inputs_of: Annotated[Path | None, typer.Option("--inputs-of", hidden=True)] = None,
 ) -> None:
     """Run a case, or every value of its sweep, and write results and figures."""
     from app.case.reading import load_case
     from app.case.trust import require_trust
-    from app.results.directory import check_free, default_directory
-    from app.results.earlier_sweep import sweep_labels
+    from app.results.directory import default_directory
+    from app.results.status import is_done
 
+    if force and (resume or extend):
+        raise InputError("--force begins anew, --resume and --extend go on: give one of them")
     case = load_case(case_file, overrides or [])
     passed_on = [*_set_options(overrides), *["--trust"] * require_trust(case, case_file, trust)]
     directory = out or default_directory(case_file)
-    _keep_inputs(directory, case_file, case)
-    ranks = _ranks_around()
+    if not ((resume or extend) and (directory / "checkpoints").is_dir()):  # nothing is cleared then
+        _keep_inputs(directory, case_file, case)
+    ranks = ranks_around()
     if case.sweep is not None and part is None:
         from app.run.sweep_runs import SweepOptions, run_sweep
 
-        options = SweepOptions(passed_on, np, force, jobs)
+        options = SweepOptions(passed_on, np, force, jobs, resume, extend)
         run_sweep(case, case_file, directory, options, ranks)
+        return
+    if resume and not extend and is_done(directory):
+        print(f"{directory}: the run is done; --extend goes on past its end")
         return
     if part is not None:
         case = _one_part(case, part)
     if np > 1 and ranks == 1:
-        check_free(directory, force, sweep_labels(directory))
-        arguments = ["run", str(case_file), "--out", str(directory), *passed_on]
-        arguments += ["--force"] * force + ([] if part is None else ["--part", str(part)])
-        arguments += [] if inputs_of is None else ["--inputs-of", str(inputs_of)]
-        _start_ranks(np, arguments)
+        passed_on += ["--force"] * force + ["--resume"] * resume + ["--extend"] * extend
+        passed_on += [] if part is None else ["--part", str(part)]
+        passed_on += [] if inputs_of is None else ["--inputs-of", str(inputs_of)]
+        _run_on_ranks(np, case_file, directory, passed_on)
     from app.run.run import run_case
 
-    run_case(case, directory, force=force, inputs_of=inputs_of)
+    run_case(case, directory, force=force, inputs_of=inputs_of, resume=resume, extend=extend)
 
 
-def _start_ranks(np: int, arguments: list[str]) -> None:
-    """Become an mpirun of this program."""
-    if shutil.which("mpirun") is None:
-        raise InputError(f"--np {np}: there is no mpirun here")
-    # Open MPI refuses more ranks than cores otherwise, with a page of advice.
-    os.environ.setdefault("PRTE_MCA_rmaps_default_mapping_policy", ":oversubscribe")
-    os.execvp(
-        "mpirun",
-        ["mpirun", "-n", str(np), sys.executable, "-m", "mpi4py", "-m", "app", *arguments],
-    )
+def _run_on_ranks(np: int, case_file: Path, directory: Path, options: list[str]) -> NoReturn:
+    """Have several ranks run a case, and end with their exit code."""
+    from app.results.claim import check_not_in_use
+    from app.results.directory import check_free
+    from app.results.earlier_sweep import sweep_labels
+    from app.run.ranks import run_on_ranks
+
+    check_not_in_use(directory)
+    if not {"--resume", "--extend"} & set(options):
+        check_free(directory, "--force" in options, sweep_labels(directory))
+    raise typer.Exit(run_on_ranks(np, ["run", str(case_file), "--out", str(directory), *options]))
 
 
 def _keep_inputs(directory: Path, case_file: Path, case: Case) -> None:
@@ -191,14 +228,6 @@ def _one_part(case: Case, part: int) -> Case:
 
 def _set_options(overrides: list[str] | None) -> list[str]:
     return [word for item in overrides or [] for word in ("--set", item)]
-
-
-def _ranks_around() -> int:
-    """Number of ranks this process was started with, without starting MPI."""
-    for name in ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "PMIX_SIZE"):
-        if name in os.environ:
-            return int(os.environ[name])
-    return 1
 
 
 @cli.command()
@@ -367,6 +396,8 @@ def plot(
 
     results = read(directory)
     for one in [results, *results.parts.values()]:
+        if one.unfinished:
+            print(f"note: {one.directory}: the run {one.unfinished}")
         draw_figures(one, field)
         if animate is not None and one.case.sweep is None:
             from app.figures.animation import animate as write_animation
@@ -388,10 +419,14 @@ def report(
 ) -> None:
     """Write a results directory as one HTML page that needs nothing else."""
     from app.report.page import write_report
+    from app.results import read
 
     if out is not None and out.exists() and not force:
         raise InputError(f"{out}: exists already; replace it with --force")
-    print(f"wrote {write_report(directory, out)}")
+    page = write_report(directory, out)
+    if unfinished := read(directory).unfinished:
+        print(f"note: the run {unfinished}")
+    print(f"wrote {page}")
 
 
 @cli.command(name="map")
@@ -497,7 +532,7 @@ def verify(
     """Compute verification cases and compare them with closed forms; exit code 3 if one fails."""
     from app.verify.report import run_verify
 
-    if _ranks_around() > 1:
+    if ranks_around() > 1:
         raise InputError("verify runs on one rank")
     run_verify(names or [], out, force)
 
@@ -559,26 +594,12 @@ def main() -> None:
     """Run the command line; errors of ours become one line and an exit code."""
     try:
         cli(prog_name="tribox")
-    except TriboxError as error:
-        _say_once(f"tribox: {error}")
-        sys.exit(error.exit_code)
-    except Exception:
-        # One rank that dies alone would leave the others waiting for it for ever.
-        if _ranks_around() == 1:
-            raise
-        traceback.print_exc()
-        from mpi4py import MPI
-
-        MPI.COMM_WORLD.Abort(1)
+    except _Stopped as stopped:
+        end_interrupted(stopped.together)
     except KeyboardInterrupt:
-        _say_once("tribox: interrupted; the results so far are saved")
-        sys.exit(130)
-
-
-def _say_once(line: str) -> None:
-    """Print a line to standard error, on the first rank only."""
-    if os.environ.get("OMPI_COMM_WORLD_RANK", "0") == "0":
-        print(line, file=sys.stderr)
+        end_interrupted(False)
+    except Exception as error:
+        end_with(error)
 
 
 if __name__ == "__main__":

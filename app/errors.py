@@ -22,6 +22,14 @@ class SolutionError(TriboxError):
 
 
 class OutputError(TriboxError):
-    """Results cannot be written any more: a full disk, or a directory that is gone."""
+    """Results cannot be written: a full disk, a directory that is gone; what is there is valid."""
 
     exit_code = 4
+
+
+class Interrupted(KeyboardInterrupt):
+    """A signal has stopped a run between two steps, on all ranks, and its state has been saved.
+
+    Any other ``KeyboardInterrupt`` comes at once, on this rank alone: nothing collective may
+    follow.
+    """

@@ -20,6 +20,7 @@ HIGHEST = "highest load"
 ENDINGS = {
     "failed": "last state before the failure",
     "interrupted": "last state before the interruption",
+    "running": "last state so far",
 }
 
 

@@ -45,6 +45,15 @@ def save(figure: Figure, path: Path, *, tight: bool = True) -> None:
         tight: cut or widen the page to what is drawn, which takes a second pass over all of it.
     """
     part = path.with_suffix(".part.png")
+    try:
+        _write(figure, part, tight)
+        part.replace(path)
+    except OSError:
+        part.unlink(missing_ok=True)
+        raise
+
+
+def _write(figure: Figure, part: Path, tight: bool) -> None:
     if tight:
         packing = {"compress_level": COMPRESSION}
         figure.savefig(part, bbox_inches="tight", pil_kwargs=packing)
@@ -54,7 +63,6 @@ def save(figure: Figure, path: Path, *, tight: bool = True) -> None:
         canvas.draw()
         page = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
         page.save(part, compress_level=COMPRESSION, dpi=(figure.dpi, figure.dpi))
-    part.replace(path)
 
 
 def thin_log_ticks(axes: Axes) -> None:

@@ -22,8 +22,8 @@ from app.fit.model import RANGES, coordinates
 from app.fit.result import FitResult
 from app.friction_map.run import keep_input, suffixed_directory
 from app.friction_map.setup import validated_contact
-from app.results.directory import check_free, prepare, write_json, write_table, write_text
-from app.results.earlier_sweep import sweep_labels
+from app.results.claim import claimed
+from app.results.directory import write_json, write_table, write_text
 from forms.friction.parameters import FrictionMapParameters
 
 ASSUMED: dict[str, Any] = {
@@ -113,17 +113,17 @@ def run_fit(
     setup = fit_setup(data_file, parameters, fixed, start)
     directory = out or suffixed_directory(data_file, "fit")
     keep_input(directory, data_file)
-    check_free(directory, force, sweep_labels(directory))
-    chosen = coordinates(setup.names, setup.data, setup.base)
-    result = Calibration(setup.data, setup.base, chosen, setup.starts).run()
-    prepare(directory)
-    write_json(directory / "fit.json", numbers(setup, result, data_file))
-    write_table(directory / "fit.csv", FIT_COLUMNS, _rows(setup.data, result))
-    write_text(directory / "friction.toml", friction_section(setup, result, data_file))
-    from app.fit.figures import draw_fit
+    with claimed(directory, force) as claim:
+        chosen = coordinates(setup.names, setup.data, setup.base)
+        result = Calibration(setup.data, setup.base, chosen, setup.starts).run()
+        claim.clear()
+        write_json(directory / "fit.json", numbers(setup, result, data_file))
+        write_table(directory / "fit.csv", FIT_COLUMNS, _rows(setup.data, result))
+        write_text(directory / "friction.toml", friction_section(setup, result, data_file))
+        from app.fit.figures import draw_fit
 
-    (directory / "figures").mkdir()
-    draw_fit(setup.data, result, directory / "figures")
+        (directory / "figures").mkdir(exist_ok=True)
+        draw_fit(setup.data, result, directory / "figures")
     for line in report(setup, result):
         print(line)
     print(f"results in {directory}")

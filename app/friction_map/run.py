@@ -10,8 +10,8 @@ from typing import Any
 from app.errors import InputError
 from app.friction_map.material_tests import compute_map, summary, write_map
 from app.friction_map.setup import law_notes, map_setup
-from app.results.directory import check_free, default_directory, prepare
-from app.results.earlier_sweep import sweep_labels
+from app.results.claim import claimed
+from app.results.directory import default_directory
 
 BUILT_IN = Path("built-in.toml")
 """Names the results of a map without a case."""
@@ -37,17 +37,17 @@ def run_map(
     setup = map_setup(case_file, overrides)
     directory = out or suffixed_directory(case_file or BUILT_IN, "map")
     keep_input(directory, case_file)
-    check_free(directory, force, sweep_labels(directory))
-    started = time.perf_counter()
-    result = compute_map(setup)
-    seconds = time.perf_counter() - started
-    prepare(directory)
-    write_map(setup, result, directory, seconds)
-    # Drawing starts a library that takes longer than the map.
-    from app.friction_map.figures import draw_map
+    with claimed(directory, force) as claim:
+        started = time.perf_counter()
+        result = compute_map(setup)
+        seconds = time.perf_counter() - started
+        claim.clear()
+        write_map(setup, result, directory, seconds)
+        # Drawing starts a library that takes longer than the map.
+        from app.friction_map.figures import draw_map
 
-    (directory / "figures").mkdir()
-    draw_map(setup, result, directory / "figures")
+        (directory / "figures").mkdir(exist_ok=True)
+        draw_map(setup, result, directory / "figures")
     _tell(directory, law_notes(setup), summary(setup, result, seconds))
     return directory
 

@@ -126,7 +126,7 @@ def _run_part(results: Results, label: str, title: str) -> RunPart:
     details = detail_tables(results.load_steps, results.contacts, results.surfaces, results.bodies)
     return RunPart(
         label,
-        status_verdict(summary),
+        status_verdict(summary, results.unfinished),
         summary.get("warnings", []),
         [*(table for table in ends if table is not None), *details],
         energy_verdict(history, summary),

@@ -38,11 +38,12 @@ class Verdict:
     text: str
 
 
-def status_verdict(summary: Mapping[str, Any]) -> Verdict:
+def status_verdict(summary: Mapping[str, Any], unfinished: str | None = None) -> Verdict:
     """How a run ended.
 
     Args:
         summary: of the run; empty where it did not write any.
+        unfinished: why it does not say how it ended, as ``Results.unfinished``.
     """
     status = summary.get("status")
     if status == "done":
@@ -55,7 +56,7 @@ def status_verdict(summary: Mapping[str, Any]) -> Verdict:
         return Verdict("bad", "failed", str(summary.get("failure") or "No step was solved."))
     if status == "interrupted":
         return Verdict("fair", "interrupted", "The run was stopped; this is what it had solved.")
-    return Verdict("fair", "no summary", "The run goes on, or was ended before it could say how.")
+    return Verdict("fair", "unfinished", f"The run {unfinished or 'does not say how it ended'}.")
 
 
 def energy_verdict(history: DataFrame, summary: Mapping[str, Any]) -> Verdict | None:

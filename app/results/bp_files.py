@@ -5,15 +5,23 @@ Each rank writes its own part. ParaView reads the files by its reader "ADIOS2VTX
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import errno
+import os
+import re
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import dolfinx
+from mpi4py import MPI
 
 from app.results.fields import ContactPressureField, StressField
 from forms.bodies.solid import Solid
 from geometry.surfaces.facets import Floats
 from geometry.surfaces.surface import ContactSurface
+
+SHARE, MARGIN = 4, 1 << 20  # of what is written, with the mesh at first; bytes
 
 
 class BpWriter:
@@ -43,6 +51,8 @@ class BpWriter:
         nodes = [u, self._contact.pressure] if self._contact else [u]
         comm = u.function_space.mesh.comm
         cells = [self._stress.stress, self._stress.von_mises, self._stress.pressure]
+        self._directory, self._comm = directory, comm
+        self._arrays = [function.x.array for function in (*nodes, *cells)]
         # The default engine writes garbage from a rank without cells; BP4 does not.
         self._writers = [
             dolfinx.io.VTXWriter(comm, directory / name, functions, engine="BP4")
@@ -58,14 +68,57 @@ class BpWriter:
         Args:
             time: s.
             pressures: Pa, (v,) at the vertices of each slave surface.
+
+        Raises:
+            OSError: the files cannot be written.
         """
         self._stress.update()
         if self._contact is not None:
             self._contact.update(pressures)
+        self._see_room()
         for writer in self._writers:
-            writer.write(time)
+            with _errors_of_the_system(self._comm.size):
+                writer.write(time)
+
+    def _see_room(self) -> None:
+        """See that there is room, for a rank that fails in ADIOS2 leaves the others waiting there.
+
+        Raises:
+            OSError: there is not, on all ranks.
+        """
+        local = sum(array.nbytes for array in self._arrays)
+        needed = SHARE * self._comm.allreduce(local, op=MPI.SUM) + MARGIN
+        try:
+            free = shutil.disk_usage(self._directory).free
+        except OSError:
+            free = -1
+        free = self._comm.allreduce(free, op=MPI.MIN)
+        if free < needed:
+            number = errno.ENOENT if free < 0 else errno.ENOSPC
+            raise OSError(number, os.strerror(number))
 
     def close(self) -> None:
-        """Finish the files."""
+        """Finish the files.
+
+        Raises:
+            OSError: as of :meth:`write`.
+        """
         for writer in self._writers:
-            writer.close()
+            with _errors_of_the_system(self._comm.size):
+                writer.close()
+
+
+@contextmanager
+def _errors_of_the_system(ranks: int) -> Iterator[None]:
+    """Context that makes an error that ADIOS2 has had in writing what Python would make of it.
+
+    Of several ranks it is left as it is: the others still wait in ADIOS2, so the run must be ended.
+    """
+    try:
+        yield
+    except RuntimeError as error:
+        if ranks > 1:
+            raise
+        found = re.search(r"errno = (\d+)", str(error))
+        number = int(found[1]) if found else errno.EIO
+        raise OSError(number, f"{os.strerror(number)}, ADIOS2") from None

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
+import errno
+import io
 import json
 import os
-import shutil
-from collections.abc import Iterable, Mapping, Sequence
+import re
+import weakref
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from app.errors import InputError
+from app.errors import InputError, OutputError
 
+LOCK, RESERVE = "tribox.lock", "tribox.reserve"
 OWN = (
     "case.toml",
     "summary.json",
@@ -26,14 +31,8 @@ OWN = (
     "report.html",
     "checkpoints",
     "fields.pvd",
-    "fields",
     "contact.pvd",
-    "contact",
     "contact_points.pvd",
-    "contact_points",
-    "fields.bp",
-    "stress.bp",
-    "figures",
     "sweep.csv",
     "mesh.msh",
     "inputs",
@@ -46,9 +45,27 @@ OWN = (
     "fit.csv",
     "friction.toml",
     "verification.md",
+    RESERVE,
 )
+_SERIES = re.compile(r"\d+\.vtu(\.part)?")
+_ADIOS2 = re.compile(r"(data|md|mmd)\.\w+|profiling\.json|active")
+# Files below the directories that tribox makes; names of figures may end in those of fields.
+BELOW = {
+    "fields": _SERIES,
+    "contact": _SERIES,
+    "contact_points": _SERIES,
+    "fields.bp": _ADIOS2,
+    "stress.bp": _ADIOS2,
+    "checkpoints": re.compile(r"\d+(\.\w+)?(/.*)?"),
+    "figures": re.compile(
+        r"(history|energy|force_displacement|stribeck|phase|effective_viscosity|friction_map|sweep"
+        r"|deformed|animation|slip_weakening|start_stop|velocity_jump|fit|verify_).*"
+        r"\.(png|gif|mp4)(\.part)?"
+    ),
+}
 # What earlier versions wrote and --force clears too.
-EARLIER = ("motion.csv", "contact_nodes.pvd", "contact_nodes")
+EARLIER = ("motion.csv", "contact_nodes.pvd")
+EARLIER_BELOW = {"contact_nodes": _SERIES}
 SUMS = "SHA256SUMS"  # in the directory of inputs
 TEXT_COLUMNS = ("stage", "label", "pair", "surface", "body", "probe")
 
@@ -78,41 +95,45 @@ def check_free(directory: Path, force: bool, labels: Sequence[str] = ()) -> None
         raise InputError(f"{directory}: not a usable name ({error.strerror or error})") from None
     if taken:
         raise InputError(f"{directory}: is a file; the results need a directory")
-    present = sorted(p.name for p in directory.iterdir()) if directory.is_dir() else []
-    if not present:
+    present = [p.name for p in directory.iterdir()] if directory.is_dir() else []
+    if not set(present) - {LOCK}:
         return
     if not force:
         raise InputError(
             f"{directory}: holds results already; name another directory with --out, or replace "
             "them with --force"
         )
-    foreign = [name for name in present if not _is_own(name, labels)]
-    foreign += [f"inputs/{name}" for name in foreign_inputs(directory)]
+    foreign = _sort_out(directory, labels)[1]
+    foreign += [directory / "inputs" / name for name in foreign_inputs(directory)]
     if foreign:
         raise InputError(
-            f"{directory}: holds {foreign[0]}, which is no result of tribox, so --force does not "
-            "clear it; name another directory with --out"
+            f"{directory}: holds {foreign[0].relative_to(directory)}, which is no result of "
+            "tribox, so --force does not clear it; name another directory with --out"
         )
 
 
-def prepare(directory: Path) -> None:
+def prepare(directory: Path, labels: Sequence[str] = ()) -> None:
     """Make the directory and clear old results from it, after :func:`check_free`.
 
+    Whatever else is there by now stays.
+
+    Args:
+        directory: where results are to go.
+        labels: as of :func:`check_free`.
+
     Raises:
-        InputError: it cannot be made or written.
+        OutputError: it cannot be made or written.
     """
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        for path in list(directory.iterdir()):
-            if path.is_dir():
-                shutil.rmtree(path)
-            else:
+        for path in reversed(_sort_out(directory, labels)[0]):
+            if not path.is_dir():
                 path.unlink()
-        probe = directory / ".writable"
-        probe.touch()
-        probe.unlink()
+                continue
+            with contextlib.suppress(OSError):  # somebody has put something there
+                path.rmdir()
     except OSError as error:
-        raise InputError(f"{directory}: cannot be written ({error.strerror or error})") from None
+        raise unwritable(directory, error) from None
 
 
 def foreign_inputs(directory: Path) -> list[str]:
@@ -130,16 +151,63 @@ def foreign_inputs(directory: Path) -> list[str]:
     return sorted(path.name for path in present if path.name not in known)
 
 
-def _is_own(name: str, labels: Sequence[str]) -> bool:
-    """Whether a name in a results directory is one of a result, or of a value of its sweep."""
-    return name.removesuffix(".part") in OWN + EARLIER or name in labels
+def _sort_out(directory: Path, labels: Sequence[str]) -> tuple[list[Path], list[Path]]:
+    """What results consist of, directories before what is in them, and what is no result."""
+    own: list[Path] = []
+    foreign: list[Path] = []
+    for path in sorted(directory.iterdir()):
+        folder = path.is_dir() and not path.is_symlink()
+        inside = (BELOW | EARLIER_BELOW).get(path.name)
+        if folder and path.name in labels:
+            below = _sort_out(path, ())
+            own += [path, *below[0]]
+            foreign += below[1]
+        elif folder and inside is not None:
+            own.append(path)
+            for one in sorted(path.rglob("*")):
+                name = one.relative_to(path).as_posix()
+                (own if inside.fullmatch(name) else foreign).append(one)
+        elif folder or path.is_symlink() or path.name.removesuffix(".part") not in OWN + EARLIER:
+            foreign += [path] * (path.name != LOCK)
+        else:
+            own.append(path)
+    return own, foreign
+
+
+def unwritable(directory: Path, error: OSError) -> OutputError:
+    """What to raise where results cannot be written.
+
+    Args:
+        directory: of the results.
+        error: of the system.
+    """
+    why = error.strerror or str(error)
+    where = Path(error.filename) if isinstance(error.filename, str) else directory
+    if where.is_relative_to(directory) and where != directory:
+        why += f": {where.relative_to(directory)}"
+    return OutputError(f"{directory}: cannot be written ({why})")
+
+
+@contextlib.contextmanager
+def written_whole(path: Path) -> Iterator[Path]:
+    """Context that gives a temporary name to write to; at its end the file gets its own name.
+
+    After an error there is no file, or the old one.
+    """
+    part = path.with_name(path.name + ".part")
+    try:
+        yield part
+        part.replace(path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            part.unlink()
+        raise
 
 
 def write_text(path: Path, text: str) -> None:
     """Write a file under a temporary name and rename it."""
-    part = path.with_name(path.name + ".part")
-    part.write_text(text, encoding="utf-8")
-    part.replace(path)
+    with written_whole(path) as part:
+        part.write_text(text, encoding="utf-8")
 
 
 def write_json(path: Path, data: Mapping[str, Any]) -> None:
@@ -149,12 +217,83 @@ def write_json(path: Path, data: Mapping[str, Any]) -> None:
 
 def write_table(path: Path, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
     """Write a CSV file, as :func:`write_text`; numbers with all their digits."""
-    part = path.with_name(path.name + ".part")
-    with part.open("w", newline="", encoding="utf-8") as stream:
+    with written_whole(path) as part, part.open("w", newline="", encoding="utf-8") as stream:
         out = csv.writer(stream, lineterminator="\n")
         out.writerow(columns)
-        out.writerows([repr(v) if isinstance(v, float) else v for v in row] for row in rows)
-    part.replace(path)
+        out.writerows(map(_digits, rows))
+
+
+def _digits(row: Sequence[Any]) -> list[Any]:
+    """A row with all digits of its numbers."""
+    return [repr(v) if isinstance(v, float) else v for v in row]
+
+
+class Place:
+    """A file or directory that somebody may delete, and put another one there."""
+
+    def __init__(self, path: Path, flags: int = os.O_RDONLY) -> None:
+        """Open it: as long as it is open the system gives its number to no other.
+
+        Args:
+            path: of the file or directory.
+            flags: with which it is opened.
+
+        Raises:
+            OSError: it cannot be opened.
+        """
+        self.path = path
+        self.descriptor = os.open(path, flags | os.O_CLOEXEC, 0o666)
+        weakref.finalize(self, os.close, self.descriptor)
+
+    def check(self) -> None:
+        """See that it is still there.
+
+        Raises:
+            FileNotFoundError: it is not.
+        """
+        if not os.path.samestat(os.fstat(self.descriptor), self.path.stat()):
+            raise FileNotFoundError(errno.ENOENT, "another one is there", str(self.path))
+
+
+class GrowingFile:
+    """A file that text is appended to while a run goes on: all of a piece or nothing of it."""
+
+    def __init__(self, path: Path, text: str = "", keep: int = 0) -> None:
+        """Begin the file, with a text, or go on with one that is there.
+
+        Args:
+            path: of the file.
+            text: to begin or go on with.
+            keep: bytes of a file that is there which are kept.
+
+        Raises:
+            OSError: it cannot be written.
+        """
+        self._place = Place(path, os.O_WRONLY | os.O_CREAT)
+        os.ftruncate(self._place.descriptor, keep)
+        self._size = keep
+        self.append(text)
+
+    def sync(self) -> None:
+        """See that the text is on the disk."""
+        os.fsync(self._place.descriptor)
+
+    def append(self, text: str) -> None:
+        """Append a text.
+
+        Raises:
+            OSError: the disk is full, or the file is gone; nothing was appended.
+        """
+        self._place.check()
+        data, file = memoryview(text.encode()), self._place.descriptor
+        end = self._size + len(data)
+        try:
+            while data:
+                data = data[os.pwrite(file, data, end - len(data)) :]
+        except OSError as error:
+            os.ftruncate(file, self._size)
+            raise OSError(error.errno, error.strerror, str(self._place.path)) from None
+        self._size = end
 
 
 class GrowingTable:
@@ -172,35 +311,35 @@ class GrowingTable:
             columns: their names; the first is the number of the step.
             after: number of the step whose rows are the last to be kept; None: a new file.
         """
-        self._path = path
         self.written = 0
-        if after is not None and path.is_file():
-            self._cut(after)
+        if after is None or not path.is_file():
+            self._file = GrowingFile(path, _lines([columns]))
             return
-        with path.open("w", newline="", encoding="utf-8") as stream:
-            csv.writer(stream, lineterminator="\n").writerow(columns)
-
-    def _cut(self, after: int) -> None:
-        """Drop the rows of later steps."""
-        header, *rows = self._path.read_text(encoding="utf-8").splitlines(keepends=True)
-        kept = [row for row in rows if row.endswith("\n") and int(row.split(",", 1)[0]) <= after]
-        if len(kept) < len(rows):
-            write_text(self._path, header + "".join(kept))
+        header, *rows = path.read_bytes().splitlines(keepends=True)
+        kept = [row for row in rows if row.endswith(b"\n") and int(row.split(b",", 1)[0]) <= after]
         self.written = len(kept)
+        self._file = GrowingFile(path, keep=len(header) + sum(map(len, kept)))
 
     def sync(self) -> None:
         """See that the rows are on the disk."""
-        with self._path.open("rb") as stream:
-            os.fsync(stream.fileno())
+        self._file.sync()
 
     def extend(self, rows: Sequence[Sequence[Any]]) -> None:
-        """Append rows; numbers with all their digits."""
-        if not rows:
-            return
-        with self._path.open("a", newline="", encoding="utf-8") as stream:
-            out = csv.writer(stream, lineterminator="\n")
-            out.writerows([repr(v) if isinstance(v, float) else v for v in row] for row in rows)
-        self.written += len(rows)
+        """Append rows; numbers with all their digits.
+
+        Raises:
+            OSError: as of :meth:`GrowingFile.append`.
+        """
+        if rows:
+            self._file.append(_lines(map(_digits, rows)))
+            self.written += len(rows)
+
+
+def _lines(rows: Iterable[Sequence[Any]]) -> str:
+    """Rows as lines of CSV."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue()
 
 
 def _entry(column: str, text: str) -> float | str:

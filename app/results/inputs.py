@@ -16,7 +16,7 @@ from app.case.case import Case, resolved_toml
 from app.case.friction import OwnLaw
 from app.case.geometry import MeshGeometry
 from app.errors import InputError
-from app.results.directory import SUMS, write_text
+from app.results.directory import SUMS, unwritable, write_text
 
 INPUTS = "inputs"
 
@@ -71,7 +71,8 @@ def keep_inputs(case: Case, directory: Path, like: Path | None = None) -> KeptIn
             the same there is linked, so that it takes no room again.
 
     Raises:
-        InputError: a file cannot be read or copied.
+        InputError: a file cannot be read.
+        OutputError: it cannot be copied.
     """
     kept = kept_inputs(case)
     names, sums, folder = kept.names, kept.sums, directory / INPUTS
@@ -85,7 +86,7 @@ def keep_inputs(case: Case, directory: Path, like: Path | None = None) -> KeptIn
             if like is None or not _linked(like / INPUTS / name, folder / name, sums[name]):
                 shutil.copyfile(source, folder / name)
     except OSError as error:
-        raise InputError(f"{folder}: cannot be written ({error.strerror or error})") from None
+        raise unwritable(directory, error) from None
     return kept
 
 

@@ -10,6 +10,7 @@ from app.results.bp_files import BpWriter
 from app.results.contact_nodes import nodal_pressure
 from app.results.contact_series import ContactSeries
 from app.results.field_series import FieldSeries
+from app.results.saving import Saving
 from app.results.series import Series
 
 
@@ -21,19 +22,24 @@ class OutputFiles:
     """
 
     def __init__(
-        self, model: Model, directory: Path, times: Mapping[int, float] | None = None
+        self,
+        model: Model,
+        directory: Path,
+        saving: Saving,
+        times: Mapping[int, float] | None = None,
     ) -> None:
         """Open the files; collective.
 
         Args:
             model: what is solved.
             directory: of the results.
+            saving: keeps errors of writing.
             times: s, by the number of the step, of what a run that goes on has written and keeps.
         """
         problem, formats = model.problem, model.case.output.formats
         surfaces = [term.surface for term in problem.contacts]
         told = (problem.u, problem.solids, directory, surfaces, times)
-        self._model = model
+        self._model, self._saving = model, saving
         self._fields = FieldSeries(*told) if "vtu" in formats else None
         self._bp = BpWriter(*told) if "adios2" in formats else None
         self._contact = ContactSeries(model, directory, times)
@@ -50,10 +56,13 @@ class OutputFiles:
         pairs = zip(self._model.problem.contacts, self._model.problem.committed, strict=True)
         pressures = [nodal_pressure(*pair) for pair in pairs]
         if self._fields is not None:
-            self._fields.write(step, time, pressures)
+            with self._saving:
+                self._fields.write(step, time, pressures)
         if self._bp is not None:
-            self._bp.write(time, pressures)
-        self._contact.write(step, time)
+            with self._saving:
+                self._bp.write(time, pressures)
+        with self._saving:
+            self._contact.write(step, time)
 
     def described(self, step: int) -> str:
         """Where the output of a step is, in words."""
@@ -65,13 +74,15 @@ class OutputFiles:
     def write_indices(self) -> None:
         """Bring the indices by time up to date; not collective."""
         for series in self._series():
-            series.write_index()
+            with self._saving:
+                series.write_index()
 
     def close(self) -> None:
         """Finish the files; collective."""
         self.write_indices()
         if self._bp is not None:
-            self._bp.close()
+            with self._saving:
+                self._bp.close()
 
     def _series(self) -> list[Series]:
         fields = self._fields.series if self._fields is not None else None

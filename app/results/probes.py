@@ -11,6 +11,7 @@ from app.results.body_probes import BodyProbes
 from app.results.contact_probes import ContactProbes
 from app.results.directory import GrowingTable
 from app.results.point_probes import PointProbes
+from app.results.saving import Saving
 from app.simulation.history import Row
 from app.simulation.motion_history import KEYS
 from app.simulation.observer import Interval, Observer
@@ -33,18 +34,26 @@ class Table(Protocol):
 class ProbeRecorder(Observer):
     """Observer that follows the probes; all ranks take part, the first one writes."""
 
-    def __init__(self, model: Model, directory: Path, after: int | None = None) -> None:
+    def __init__(
+        self,
+        model: Model,
+        directory: Path,
+        saving: Saving | None = None,
+        after: int | None = None,
+    ) -> None:
         """Make the tables that the case has probes for; collective.
 
         Args:
             model: what is solved.
             directory: of the results.
+            saving: keeps errors of writing; None: nobody asks for them.
             after: step that a run goes on after; rows of later ones are dropped.
         """
-        self._after = after
+        self._saving, self._after = saving or Saving(directory), after
         self._problem = model.problem
         self._tables = {directory / name: table for name, table in _tables(model).items()}
         self._files: dict[Path, GrowingTable] = {}
+        self._waiting: dict[Path, list[tuple[object, ...]]] = {}
 
     def step(self, state: RunState, row: Row, result: StepResult | Interval) -> None:
         """Append the rows of a step."""
@@ -54,10 +63,27 @@ class ProbeRecorder(Observer):
             self._problem.spread(state.stepper.x)
             for path, table in self._tables.items():
                 rows = [(row.step, row.time, row.stage, *values) for values in table.rows()]
-                if self._problem.comm.rank == 0:
-                    if path not in self._files:
-                        self._files[path] = GrowingTable(path, (*KEYS, *table.columns), self._after)
-                    self._files[path].extend(rows)
+                self._waiting.setdefault(path, []).extend(rows)
+                with self._saving:
+                    self._write(path)
+
+    def close(self) -> None:
+        """Write rows that could not be written before; not collective."""
+        for path in self._waiting:
+            with self._saving:
+                self._write(path)
+
+    def _write(self, path: Path) -> None:
+        """Append the rows that wait; there are none but on the first rank."""
+        rows = self._waiting[path]
+        if not rows:
+            return
+        if path not in self._files:
+            self._files[path] = GrowingTable(
+                path, (*KEYS, *self._tables[path].columns), self._after
+            )
+        self._files[path].extend(rows)
+        rows.clear()
 
 
 def _tables(model: Model) -> dict[str, Table]:

@@ -26,6 +26,7 @@ from app.case.case import Case
 from app.case.reading import load_past_case
 from app.errors import InputError
 from app.results.directory import TEXT_COLUMNS
+from app.results.lock import owner_of
 
 if TYPE_CHECKING:
     import meshio
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 LAST = -1
+RUNNING = "running"
 CUT_OFF = "is cut off or not"
 # Directories of the contact in results of earlier versions, which had contact_nodes.
 EARLIER_NAMES = {"contact": "contact_nodes", "contact_points": "contact"}
@@ -102,7 +104,7 @@ class Results:
 
     @cached_property
     def summary(self) -> dict[str, Any]:
-        """What ``summary.json`` holds; empty while the run goes on.
+        """What ``summary.json`` holds: little while the run goes on, and if it was killed.
 
         Raises:
             InputError: it cannot be read, or is none.
@@ -121,6 +123,16 @@ class Results:
                 what = "list" if kind is list else "table"
                 raise InputError(f"{path}: is no summary of tribox ({key} is no {what})")
         return found
+
+    @cached_property
+    def unfinished(self) -> str | None:
+        """Why a run has not said how it ended: it goes on, or was killed; None: it has."""
+        if self.summary.get("status", "done" if self.summary else RUNNING) != RUNNING:
+            return None
+        owner = owner_of(self.directory)
+        if owner is None:
+            return "ended from outside; this is what it had written"
+        return f"goes on, as process {owner.get('pid', '?')} on {owner.get('host', '?')}"
 
     # -- tables -------------------------------------------------------------------------------
 
@@ -198,6 +210,8 @@ class Results:
         if not path.exists():
             return pd.DataFrame()
         text = _text(path, "a table")
+        if self.unfinished:  # its last row may be in the middle of being written
+            text = text[: text.rfind("\n") + 1]
         try:
             rows = pd.read_csv(StringIO(text), dtype=str, keep_default_na=False)
         except ValueError:  # also pandas' own errors

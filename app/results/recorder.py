@@ -21,6 +21,7 @@ from app.results.directory import write_json
 from app.results.inputs import NOTHING, KeptInputs, write_case
 from app.results.output_files import OutputFiles
 from app.results.run_tables import RunTables
+from app.results.saving import Reserve, Saving
 from app.results.versions import versions
 from app.simulation.contact_warnings import ContactWarnings
 from app.simulation.history import Row, energy_gap
@@ -53,6 +54,7 @@ class Recorder(Observer):
         directory: Path,
         given: Sequence[str] = (),
         kept: KeptInputs = NOTHING,
+        saving: Saving | None = None,
         resumed: Snapshot | None = None,
     ) -> None:
         """Open the outputs and write the resolved case; collective.
@@ -62,11 +64,13 @@ class Recorder(Observer):
             directory: of the results, ready to be written.
             given: dotted keys that the case file gave, for the summary.
             kept: copies of the files that the case reads, which the resolved case names instead.
+            saving: keeps errors of writing, until somebody or the end asks for them.
             resumed: what :meth:`snapshot` has seen, of a run that goes on: what was written after
                 it is dropped.
         """
         self.model = model
         self.directory = directory
+        self.saving = saving or Saving(directory)
         self.given = list(given)
         self._kept = kept
         self.comm = model.problem.comm
@@ -79,28 +83,50 @@ class Recorder(Observer):
         self._thin = False
         self._left = LeftMaster(model)
         self._roundoff = RoundOffWatch(model.problem, model.case.solver.tolerance)
-        self._label = ""
+        self._counted = (0, 0)  # steps and Newton iterations so far
         self._contacts = ContactWarnings(model.problem)
         self._penalty = [_extent(self.comm, t.penalty) for t in model.problem.contacts]
         self.warnings: list[str] = list(model.notes)
-        if self.first:
-            write_case(model.case, directory, kept)
         self._tables: RunTables | None = None
-        times = None if resumed is None else {int(step): time for step, time in resumed["times"]}
-        self._files = OutputFiles(model, directory, times)
+        self._reserve: Reserve | None = None
         if resumed is not None:
             self._restore(resumed)
+        with self.saving:
+            self._begin()
+        times = None if resumed is None else {int(step): time for step, time in resumed["times"]}
+        self._files = OutputFiles(model, directory, self.saving, times)
+
+    def _begin(self) -> None:
+        """Write what there is from the start."""
+        if self.first:
+            write_case(self.model.case, self.directory, self._kept)
+            self.mark("running")
+            self._reserve = Reserve(self.directory)
+
+    def mark(self, status: str, failure: str | None = None) -> None:
+        """Write a summary of what is known without the other ranks, on the first; not collective.
+
+        Args:
+            status: running, interrupted or failed.
+            failure: why it failed.
+        """
+        path = self.directory / "summary.json"
+        self.saving.place.check()
+        # From the handler of a signal this may come while such a summary is being written.
+        if self.first and not path.with_name(path.name + ".part").exists():
+            write_json(path, self._known(status) | {"failure": failure})
 
     def step(self, state: RunState, row: Row, result: StepResult | Interval) -> None:
         """Write the outputs that are due and look for a negative dissipation."""
         if self.every and row.step % self.every == 0:
             self._output(state)
         self._watch(state, row)
-        self._label = row.stage
+        self._counted = (row.step, self._counted[1] + row.newton_iterations)
         self._roundoff.step(row, result)
         self._contacts.step(row, self.model.thickness)
         self._left.step(row)
-        self._write_tables(state)
+        with self.saving:
+            self._write_tables(state)
 
     def load_step(
         self, state: RunState, load_step: LoadStep, row: Row, steady: bool | None
@@ -125,6 +151,8 @@ class Recorder(Observer):
                 f"stage {load_step.label}: not steady after {load_step.stage.max_steps} steps: "
                 f"{state.steadiness.reason} (raise max_steps or slip_step)"
             )
+        with self.saving:
+            self.mark("running")
 
     def close(self, simulation: Simulation, status: str, failure: str | None = None) -> None:
         """Write history and summary; after a failure also the last state; collective.
@@ -133,23 +161,39 @@ class Recorder(Observer):
             simulation: at its last converged step.
             status: done, interrupted or failed.
             failure: why it failed.
+
+        Raises:
+            OutputError: something could not be written, and nothing else had failed.
         """
+        unwritten = self.saving.problem_of_all(self.comm)
+        if self._reserve is not None:
+            self._reserve.release()
         balance = force_balance(simulation)
         if simulation.state.step:
-            self._output(simulation.state)
+            if unwritten is None:
+                self._output(simulation.state)
             self.warnings.extend(self._left.warnings())
             self.warnings.extend(self._contacts.warnings())
             self.warnings.extend(_unbalanced(simulation, balance))
-            self._roundoff.end(self._label)
+            self._roundoff.end(simulation.rows[-1].stage)
             self.warnings.extend(self._roundoff.warnings())
-        self._files.close()
         explicit = {} if simulation.explicit is None else simulation.explicit.summary()
         shares = self.comm.gather(self._share())
-        self._write_tables(simulation.state)
+        with self.saving:
+            self._regain_directory()
+            self._write_tables(simulation.state)
+        self._files.close()
+        problem = self.saving.problem_of_all(self.comm)
+        if problem is not None and failure is None:
+            status, failure = "failed", problem
         if self.first:
             summary = self._summary(simulation, status, shares or [], balance)
             parts = {"explicit": explicit} if explicit else {}
-            write_json(self.directory / "summary.json", summary | parts | {"failure": failure})
+            with self.saving:
+                self.saving.place.check()
+                write_json(self.directory / "summary.json", summary | parts | {"failure": failure})
+        if failure is None or failure == problem:
+            self.saving.raise_together(self.comm)
 
     def snapshot(self) -> Snapshot:
         """What the results so far hold, beside files; collective."""
@@ -157,7 +201,6 @@ class Recorder(Observer):
             "load_steps": self.load_steps,
             "warnings": self.warnings[len(self.model.notes) :],
             "told": [self._warned, self._thin],
-            "label": self._label,
             "left": self._left.snapshot(),
             "roundoff": self._roundoff.snapshot(),
             "contacts": self._contacts.snapshot(),
@@ -166,7 +209,7 @@ class Recorder(Observer):
         }
 
     def _restore(self, kept: Snapshot) -> None:
-        self.load_steps, self._label = list(kept["load_steps"]), kept["label"]
+        self.load_steps = list(kept["load_steps"])
         self.warnings += kept["warnings"]
         self._warned, self._thin = kept["told"]
         self._left.restore(kept["left"])
@@ -182,6 +225,7 @@ class Recorder(Observer):
     def go_on(self, state: RunState) -> None:
         """Take up the tables after the last step of a run that goes on."""
         self.resumed.append(state.step)
+        self._counted = (state.step, sum(row.newton_iterations for row in state.rows))
         if self.first:
             self._tables = RunTables(self.directory, state, state.step)
 
@@ -190,11 +234,30 @@ class Recorder(Observer):
         if self._tables is not None:
             self._tables.sync()
 
-    def rescue(self, simulation: Simulation) -> None:
-        """Write the history after an error of this rank alone; not collective."""
-        self._write_tables(simulation.state)
-        if self.first:
-            self._files.write_indices()
+    def rescue(self, simulation: Simulation, status: str, failure: str | None = None) -> None:
+        """Write the history after an error of this rank alone; not collective.
+
+        Args:
+            simulation: in whatever state it is.
+            status: interrupted or failed.
+            failure: why it failed.
+        """
+        with self.saving:
+            if self._reserve is not None:
+                self._reserve.release()
+            self._write_tables(simulation.state)
+            if self.first:
+                self._files.write_indices()
+            self.mark(status, failure)
+
+    def _regain_directory(self) -> None:
+        """Begin again in a directory that somebody has deleted: the history is still here."""
+        if not self.first:
+            return
+        self.saving.regain_directory()
+        if not (self.directory / "history.csv").exists():
+            write_case(self.model.case, self.directory, self._kept)
+            self._tables = None
 
     def _write_tables(self, state: RunState) -> None:
         if self.first:
@@ -241,6 +304,22 @@ class Recorder(Observer):
             "contact_points": sum(len(term.surface.slave.weight) for term in terms),
         }
 
+    def _known(self, status: str) -> dict[str, Any]:
+        """What a summary says that the first rank knows at any moment."""
+        return {
+            "title": self.model.case.title,
+            "status": status,
+            "warnings": self.warnings,
+            "steps": self._counted[0],
+            "newton_iterations": self._counted[1],
+            "load_steps": self.load_steps,
+            "ranks": self.comm.size,
+            "given": self.given,
+            "inputs": self.inputs,
+            "resumed": self.resumed,
+            "versions": versions(),
+        }
+
     def _summary(
         self,
         simulation: Simulation,
@@ -252,12 +331,8 @@ class Recorder(Observer):
         assembled = implicit.stepper.solver.assembled if implicit else 0
         wall, worst = time.perf_counter() - self._started, self._roundoff.worst
         timings = {key: round(value, 4) for key, value in simulation.stepper.seconds().items()}
-        return {
-            "title": self.model.case.title,
-            "status": status,
-            "warnings": self.warnings,
+        return self._known(status) | {
             "steps": len(rows),
-            "newton_iterations": sum(row.newton_iterations for row in rows),
             "factorisations": assembled,
             "attempts": sum(row.attempts for row in rows),
             "energy_error_relative": energy_gap(rows),
@@ -271,16 +346,10 @@ class Recorder(Observer):
                 pair.penetration / pair.film if pair.film > 0.0 else None
                 for pair in simulation.state.resultants
             ],
-            "load_steps": self.load_steps,
             "bodies": [solid.name for solid in problem.solids],
             "dofs": int(problem.space.dofmap.index_map.size_global * problem.dim),
-            "ranks": self.comm.size,
-            "resumed": self.resumed,
-            "given": self.given,
-            "inputs": self.inputs,
             "seconds": {"run": round(wall, 4), **timings},
             **{f"{part}_per_rank": [share[part] for share in shares] for part in shares[0]},
-            "versions": versions(),
         }
 
 

@@ -6,7 +6,7 @@ import time
 from collections.abc import Mapping
 from pathlib import Path
 
-from app.results.directory import write_text
+from app.results.directory import Place, write_text
 
 SHARE = 0.05  # of the time that may go into rewriting the index
 
@@ -21,7 +21,7 @@ class Series:
     def __init__(
         self, directory: Path, name: str, times: Mapping[int, float] | None = None
     ) -> None:
-        """Make the directory of the files; the index comes with the first of them.
+        """Nothing is written yet; the index comes with the first of the files.
 
         Args:
             directory: of the results.
@@ -30,7 +30,7 @@ class Series:
                 the others are removed. None: there are none.
         """
         self._directory, self._name = directory, name
-        (directory / name).mkdir(exist_ok=times is not None)
+        self._place = Place(directory)
         self._lines: list[str] = []
         self._next = 0.0
         if times is not None:
@@ -47,7 +47,9 @@ class Series:
             self.write_index()
 
     def path(self, step: int) -> Path:
-        """The file of a step."""
+        """The file of a step, in a directory that is made with the first of them."""
+        self._place.check()
+        (self._directory / self._name).mkdir(exist_ok=True)
         return self._directory / self._name / f"{step:06d}.vtu"
 
     def add(self, step: int, when: float) -> None:
@@ -62,11 +64,14 @@ class Series:
             self.write_index()
 
     def _line(self, step: int, when: float) -> str:
-        file = self.path(step).relative_to(self._directory).as_posix()
+        file = f"{self._name}/{step:06d}.vtu"
         return f'    <DataSet timestep="{when!r}" part="0" file="{file}"/>\n'
 
     def write_index(self) -> None:
-        """Write the index of all files so far."""
+        """Write the index of all files so far, if there are any."""
+        if not self._lines:
+            return
+        self._place.check()
         began = time.monotonic()
         write_text(
             self._directory / f"{self._name}.pvd",

@@ -19,6 +19,8 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from app.results.directory import written_whole
+
 Array = NDArray[Any]
 
 BLOCK = 1 << 15  # bytes compressed at a time; what VTK itself takes
@@ -104,8 +106,7 @@ def write_vtu(
         step: number of the step, as the field datum ``step``.
     """
     order = "LittleEndian" if sys.byteorder == "little" else "BigEndian"
-    part = path.with_name(path.name + ".part")
-    with part.open("wb") as stream:
+    with written_whole(path) as part, part.open("wb") as stream:
         stream.write(_HEAD.format(order=order, time=time, step=step).encode())
         stream.write(
             f'    <Piece NumberOfPoints="{len(points)}" NumberOfCells="{cells.count}">\n'.encode()
@@ -116,7 +117,6 @@ def write_vtu(
         names = ("connectivity", "offsets", "types")
         _write_group(stream, "Cells", {name: getattr(cells, name) for name in names})
         stream.write(b"    </Piece>\n  </UnstructuredGrid>\n</VTKFile>\n")
-    part.replace(path)
 
 
 _HEAD = """<?xml version="1.0"?>

@@ -1,37 +1,54 @@
-"""Ctrl-C during a run: the step at hand is finished, all ranks stop together, files are closed."""
+"""Signals to stop a run, and writes that fail: all ranks stop together, between two steps."""
 
 from __future__ import annotations
 
 import signal
 import threading
+from collections.abc import Callable
 from types import FrameType, TracebackType
 from typing import Self
 
 from mpi4py import MPI
 
+from app.build.load_steps import LoadStep
+from app.errors import Interrupted
 from app.implicit.stepper import StepResult
+from app.results.saving import Saving
+from app.run.forwarding import say_stopping, stopping_signals
+from app.run.ranks import INTERRUPTED, tell_exit_code
+from app.simulation.history import Row
 from app.simulation.observer import Observer
 from app.simulation.run_state import RunState
-
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 class Interruption(Observer):
     """Context in which a signal to stop is noted, and obeyed after the step it came in.
 
-    An exception thrown into one of PETSc's callbacks comes back as an error of PETSc, and ranks
-    that stop at different places wait for each other for ever. A second signal stops at once.
+    SIGINT, SIGTERM, SIGHUP unless it was ignored before, and SIGUSR1, by which ranks are told.
+    Ranks that stop at different places wait for each other for ever. A second signal does what it
+    would have done outside, at once. A write that has failed on a rank ends the run likewise.
     """
 
-    def __init__(self, comm: MPI.Comm) -> None:
-        self._comm = comm
+    def __init__(
+        self, comm: MPI.Comm, saving: Saving, noted: Callable[[], None] | None = None
+    ) -> None:
+        """No signal is taken before the context is entered.
+
+        Args:
+            comm: ranks that stop together.
+            saving: that the run writes its files in.
+            noted: called at once when a signal comes, on this rank alone.
+        """
+        self._comm, self._saving, self._noted = comm, saving, noted
         self._asked = False
         self._before: dict[signal.Signals, signal._HANDLER] = {}
 
     def __enter__(self) -> Self:
         # Only the main thread may set handlers; in another, its owner decides what stops it.
         if threading.current_thread() is threading.main_thread():
-            self._before = {number: signal.signal(number, self._note) for number in SIGNALS}
+            self._before = {n: signal.signal(n, self._note) for n in stopping_signals()}
+            # PETSc, unless told not to, takes this one too, and ends the process at a closed pipe.
+            signal.signal(signal.SIGPIPE, signal.SIG_IGN)
         return self
 
     def __exit__(
@@ -43,16 +60,27 @@ class Interruption(Observer):
         self._restore()
 
     def ready(self, state: RunState) -> None:
-        """Stop here if any rank has been asked to."""
+        """Stop here if any rank has been asked to, or could not write."""
         self._look()
 
     def cut(self, state: RunState, dt: float, result: StepResult) -> None:
-        """Stop here if any rank has been asked to."""
+        """Stop here if any rank has been asked to, or could not write."""
         self._look()
+
+    def load_step(
+        self, state: RunState, load_step: LoadStep, row: Row, steady: bool | None
+    ) -> None:
+        """Stop here if any rank could not write."""
+        self._saving.raise_together(self._comm)
 
     def _note(self, number: int, frame: FrameType | None) -> None:
         self._asked = True
         self._restore()
+        # mpirun, if it is the one that was asked, will not wait for long.
+        if self._comm.rank == 0 and not tell_exit_code(INTERRUPTED):
+            say_stopping()  # else the process that waits for the ranks has said it
+        if self._noted is not None:
+            self._noted()
 
     def _restore(self) -> None:
         for number, handler in self._before.items():
@@ -60,5 +88,6 @@ class Interruption(Observer):
         self._before = {}
 
     def _look(self) -> None:
+        self._saving.raise_together(self._comm)
         if self._comm.allreduce(self._asked, op=MPI.LOR):
-            raise KeyboardInterrupt
+            raise Interrupted

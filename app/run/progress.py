@@ -15,6 +15,9 @@ from rich.console import Console
 from app.build.load_steps import LoadStep
 from app.case.case import Case
 from app.implicit.stepper import StepResult
+from app.results.saving import Saving
+from app.run.log import Log
+from app.run.process import drop_output
 from app.run.stage_bars import StageBars
 from app.run.stage_progress import StageProgress, StagesProgress
 from app.simulation.failure_diagnosis import reason_of
@@ -32,12 +35,16 @@ class Reporter(Observer):
     An explicit run, with its many steps, has a line every two seconds.
 
     Only the first rank makes one; the others use a plain :class:`Observer`.
+
+    Attributes:
+        saving: keeps errors of writing files.
     """
 
     def __init__(
         self,
         log: Path,
         case: Case,
+        saving: Saving,
         quiet: bool = False,
         console: Console | None = None,
         resumed: bool = False,
@@ -47,11 +54,13 @@ class Reporter(Observer):
         Args:
             log: file that receives every line.
             case: that is run.
+            saving: keeps errors of writing the log.
             quiet: print warnings and results only.
             console: where lines are printed; default: standard output.
             resumed: whether the log goes on with one that is there.
         """
-        self._log = log.open("a" if resumed else "w", encoding="utf-8", buffering=1)
+        self.saving = saving
+        self._log = Log(log, saving, resumed)
         self._console = console or Console(highlight=False, soft_wrap=True)
         self._quiet = quiet
         self._pace = _Pace()
@@ -64,15 +73,21 @@ class Reporter(Observer):
 
     def say(self, line: str, *, always: bool = True) -> None:
         """Print a line and log it; lines not ``always`` printed stay in the log on a terminal."""
-        self._log.write(line + "\n")
+        self._log.write(line)
         if always or (self._bars is None and not self._quiet):
+            self._print(line)
+
+    def _print(self, line: str) -> None:
+        try:
             self._console.print(line, markup=False)
             if not self._console.is_terminal:
                 sys.stdout.flush()
+        except OSError:
+            drop_output()  # a full disk behind it costs what is printed, not the run
 
     def note(self, line: str) -> None:
         """Log a line that somebody else prints."""
-        self._log.write(line + "\n")
+        self._log.write(line)
 
     def step(self, state: RunState, row: Row, result: StepResult | Interval) -> None:
         """One line of the step's forces and Newton iterations; or, now and then, of a row."""
@@ -148,10 +163,9 @@ class Reporter(Observer):
         self._tell(f"step of {dt:.3g} s cut in two, {_cuts(here)}")
 
     def close(self) -> None:
-        """Take the bars away and close the log."""
+        """Take the bars away."""
         if self._bars is not None:
             self._bars.close()
-        self._log.close()
 
 
 def _forces(row: Row) -> str:

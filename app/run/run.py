@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from mpi4py import MPI
 
-from app.build.model import Model, build_model
+from app.build.model import build_model
 from app.case.case import Case
 from app.case.given import given_keys
 from app.checkpoint.checkpointer import Checkpointer
 from app.checkpoint.resume import Found, find_checkpoint, go_on, started_line, version_notes
-from app.errors import InputError, SolutionError
-from app.results.directory import check_free, prepare
-from app.results.earlier_sweep import sweep_labels
+from app.errors import InputError, Interrupted, OutputError, SolutionError
+from app.results.claim import Claim
 from app.results.inputs import NOTHING, keep_inputs, kept_inputs
 from app.results.probes import ProbeRecorder
 from app.results.recorder import Recorder
+from app.results.saving import Saving
+from app.results.status import check_may_begin_anew
 from app.run.interruption import Interruption
 from app.run.progress import Reporter, Together
 from app.simulation.explicit_stage import notes_on_steps
@@ -56,36 +59,78 @@ def run_case(
     Raises:
         InputError: the case, the mesh or the directory cannot be used; nothing has been changed.
         SolutionError: a step could not be solved; the state before it has been saved.
+        OutputError: results cannot be written; what has been written is valid.
+        Interrupted: a signal has stopped the run; its state has been saved.
     """
-    found = find_checkpoint(directory, comm) if resume or extend else None
-    force = force or resume or extend
+    claim = Claim(directory, force or resume or extend)
+    on_first(comm, lambda: claim.take(resume or extend))
+    try:
+        found = _to_go_on(directory, extend, comm) if resume or extend else None
+        return _run_claimed(case, Opening(claim, found, extend, inputs_of, quiet), comm)
+    finally:
+        claim.release()
+
+
+def _to_go_on(directory: Path, extend: bool, comm: MPI.Comm) -> Found | None:
+    """The checkpoint to go on from, or None if the run may begin anew; collective.
+
+    Raises:
+        InputError: there is no checkpoint, and results that are not to be lost.
+    """
+    found = find_checkpoint(directory, comm)
     if found is None:
-        on_first(comm, lambda: check_free(directory, force, sweep_labels(directory)))
+        if extend:
+            raise InputError(f"--extend: {directory} holds no checkpoint to go on from")
+        on_first(comm, lambda: check_may_begin_anew(directory))
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class Opening:
+    """How a run begins.
+
+    Attributes:
+        claim: on the results directory.
+        found: checkpoint that it goes on from, or None.
+        extend: whether to go on past the end.
+        inputs_of: results directory of the sweep, whose copies of mesh and laws are linked.
+        quiet: print warnings and errors only.
+    """
+
+    claim: Claim
+    found: Found | None
+    extend: bool
+    inputs_of: Path | None
+    quiet: bool
+
+
+def _run_claimed(case: Case, opening: Opening, comm: MPI.Comm) -> Simulation:
+    """Run one case in a directory that is this run's."""
+    directory, quiet, resumed = opening.claim.directory, opening.quiet, opening.found is not None
     model = build_model(case, comm)
     steps = notes_on_steps(model)
     simulation = Simulation(model)
-    if found is None:
-        recorder = _recorder(case, model, directory, inputs_of)
-    else:
-        recorder = _resumed(case, simulation, found, directory, extend)
-    log, after = directory / "log.txt", None if found is None else simulation.state.step
-    reporter = Reporter(log, case, quiet, resumed=found is not None) if comm.rank == 0 else None
+    recorder = _recorder(case, simulation, opening)
+    log, saving = directory / "log.txt", recorder.saving
+    reporter = Reporter(log, case, saving, quiet, resumed=resumed) if comm.rank == 0 else None
     told: list[Observer] = [reporter, recorder] if reporter else [recorder]
     try:
         _say_notes(reporter, model.notes, steps, quiet)
-        _say_resumed(reporter, simulation, found, quiet)
-        probes = ProbeRecorder(model, directory, after)
+        _say_resumed(reporter, simulation, opening)
+        probes = ProbeRecorder(model, directory, saving, simulation.state.step if resumed else None)
         checkpointer = Checkpointer(simulation, recorder, directory)
-        with Interruption(comm) as interruption:
+        with Interruption(comm, saving, partial(recorder.mark, "interrupted")) as interruption:
             everybody = Together(*told, probes, interruption, checkpointer)
-            _run(simulation, recorder, checkpointer, everybody)
+            _run(simulation, Keepers(recorder, probes, checkpointer), everybody)
         draw_run(simulation, directory, reporter)
         if reporter:
             _say_end(reporter, simulation, recorder, quiet)
-    except (SolutionError, KeyboardInterrupt) as error:
+        saving.raise_together(comm)
+    except (SolutionError, OutputError, Interrupted) as error:
         if reporter:
             _say_failure(reporter, simulation, recorder, error)
-        draw_run(simulation, directory, reporter)
+        if not isinstance(error, OutputError):
+            draw_run(simulation, directory, reporter)
         raise
     finally:
         if reporter:
@@ -93,37 +138,29 @@ def run_case(
     return simulation
 
 
-def _recorder(case: Case, model: Model, directory: Path, inputs_of: Path | None) -> Recorder:
-    """Clear the directory, copy what the case reads into it and begin the files; collective."""
-    kept = NOTHING  # but on the first rank, which writes
-
-    def make_ready() -> None:
-        nonlocal kept
-        prepare(directory)
-        kept = keep_inputs(case, directory, inputs_of)
-
-    on_first(model.problem.comm, make_ready)
-    return Recorder(model, directory, given_keys(case), kept)
-
-
-def _resumed(
-    case: Case, simulation: Simulation, found: Found, directory: Path, extend: bool
-) -> Recorder:
-    """Put the run where its checkpoint was taken, and go on with its files; collective.
+def _recorder(case: Case, simulation: Simulation, opening: Opening) -> Recorder:
+    """Make the directory ready and begin its files, or go on with them; collective.
 
     Raises:
         InputError: case, mesh or tables are not those that the run began with.
     """
-    comm, kept = simulation.model.problem.comm, NOTHING
+    model, directory, found = simulation.model, opening.claim.directory, opening.found
+    kept, seen = NOTHING, None  # but on the first rank, which writes
 
-    def look() -> None:
+    def make_ready() -> None:
         nonlocal kept
-        kept = kept_inputs(case)
+        if found is not None:
+            kept = kept_inputs(case)
+            return
+        opening.claim.clear()
+        kept = keep_inputs(case, directory, opening.inputs_of)
 
-    on_first(comm, look)
-    seen = go_on(simulation, found, directory, extend, kept.sums)
-    recorder = Recorder(simulation.model, directory, given_keys(case), kept, seen)
-    recorder.go_on(simulation.state)
+    on_first(model.problem.comm, make_ready)
+    if found is not None:
+        seen = go_on(simulation, found, directory, opening.extend, kept.sums)
+    recorder = Recorder(model, directory, given_keys(case), kept, Saving(directory), seen)
+    if found is not None:
+        recorder.go_on(simulation.state)
     return recorder
 
 
@@ -139,14 +176,13 @@ def _say_notes(
         reporter.say(f"note: {note}", always=not quiet)
 
 
-def _say_resumed(
-    reporter: Reporter | None, simulation: Simulation, found: Found | None, quiet: bool
-) -> None:
+def _say_resumed(reporter: Reporter | None, simulation: Simulation, opening: Opening) -> None:
     """From where a run goes on."""
+    found = opening.found
     if reporter is not None and found is not None:
         for note in (*found.notes, *version_notes(found.about)):
             reporter.say(f"note: {note}")
-        reporter.say(started_line(found, simulation), always=not quiet)
+        reporter.say(started_line(found, simulation), always=not opening.quiet)
 
 
 def _say_warnings(reporter: Reporter, recorder: Recorder) -> None:
@@ -166,13 +202,15 @@ def _say_failure(
     reporter: Reporter,
     simulation: Simulation,
     recorder: Recorder,
-    error: SolutionError | KeyboardInterrupt,
+    error: SolutionError | OutputError | Interrupted,
 ) -> None:
     """What ended the run, for the log, and what is saved."""
-    if isinstance(error, KeyboardInterrupt):
+    if isinstance(error, Interrupted):
         reporter.say(f"interrupted; the results so far are in {recorder.directory}")
         return
     reporter.note(f"failed: {error}")
+    if isinstance(error, OutputError):
+        return
     _say_warnings(reporter, recorder)
     reporter.say(_saved_line(simulation, recorder))
 
@@ -208,24 +246,46 @@ def _closing_line(simulation: Simulation) -> str:
     )
 
 
-def _run(
-    simulation: Simulation, recorder: Recorder, checkpointer: Checkpointer, observer: Observer
-) -> None:
+@dataclass(frozen=True, slots=True)
+class Keepers:
+    """What keeps a run on the disk: results, probes and checkpoints."""
+
+    recorder: Recorder
+    probes: ProbeRecorder
+    checkpointer: Checkpointer
+
+    def save(self, status: str) -> None:
+        """Write the last checkpoint of a run that ends early; collective."""
+        try:
+            self.checkpointer.close(status)
+        except OutputError as error:  # there are results to be saved yet
+            self.recorder.saving.note(str(error))
+
+
+def _run(simulation: Simulation, keepers: Keepers, observer: Observer) -> None:
+    recorder = keepers.recorder
     try:
+        recorder.saving.raise_together(recorder.comm)
         simulation.run(observer)
+        keepers.checkpointer.close("done")
     except SolutionError as error:
-        checkpointer.close("failed")
+        keepers.save("failed")
         recorder.close(simulation, "failed", str(error))
         raise
-    except KeyboardInterrupt:
-        checkpointer.close("interrupted")
+    except OutputError as error:
+        recorder.close(simulation, "failed", str(error))
+        raise
+    except Interrupted:
+        keepers.save("interrupted")
         recorder.close(simulation, "interrupted")
         raise
-    except BaseException:
+    except BaseException as error:
         # An error of one rank alone: the others are not here, so nothing collective may follow.
-        recorder.rescue(simulation)
+        stopped = isinstance(error, KeyboardInterrupt)
+        recorder.rescue(simulation, *(("interrupted",) if stopped else ("failed", repr(error))))
         raise
-    checkpointer.close("done")
+    finally:
+        keepers.probes.close()
     recorder.close(simulation, "done")
 
 
@@ -237,7 +297,8 @@ def draw_run(simulation: Simulation, directory: Path, reporter: Reporter | None)
     warning: the results are there, and can be drawn again.
     """
     if reporter is not None and simulation.model.case.output.figures and simulation.state.step > 0:
-        _draw(simulation, directory, reporter)
+        with reporter.saving:
+            _draw(simulation, directory, reporter)
     simulation.model.problem.comm.barrier()
 
 
@@ -248,18 +309,20 @@ def _draw(simulation: Simulation, directory: Path, reporter: Reporter) -> None:
     with simulation.model.problem.timer("figures"):
         try:
             draw_figures(read(directory))
+        except OSError:
+            raise
         except Exception as error:
             reporter.say(f"warning: the figures could not be drawn: {error!r}")
 
 
 def on_first(comm: MPI.Comm, action: Callable[[], None]) -> None:
-    """Do something on the first rank; if it raises, raise on all."""
-    problem: str | None = None
+    """Do something on the first rank; if it raises an error of ours, raise it on all."""
+    problem: InputError | OutputError | None = None
     if comm.rank == 0:
         try:
             action()
-        except InputError as error:
-            problem = str(error)
+        except (InputError, OutputError) as error:
+            problem = error
     problem = comm.bcast(problem)
     if problem is not None:
-        raise InputError(problem)
+        raise problem

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import threading
@@ -13,12 +14,13 @@ from pathlib import Path
 from typing import Any
 
 from app.case.case import Case
-from app.errors import InputError, SolutionError, TriboxError
+from app.errors import InputError, Interrupted, OutputError, SolutionError, TriboxError
 from app.results.directory import write_json, write_table
+from app.run.forwarding import Forwarding
+from app.run.process import PARENT
+from app.run.ranks import INTERRUPTED
 from app.run.sweep_lines import SweepLines
 from app.simulation.history import COLUMNS
-
-INTERRUPTED = 130  # exit code of a run that was stopped by Ctrl-C
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,59 +38,68 @@ def run_side_by_side(parts: Sequence[Part], jobs: int, lines: SweepLines) -> Non
     Raises:
         InputError: all parts that failed were refused.
         SolutionError: a part failed; the others have been run.
+        OutputError: a part could not write its results.
+        Interrupted: a signal came, which the running parts have obeyed too; none followed.
         TriboxError: a part could not be started or ended oddly.
     """
     lock = threading.Lock()
     waiting = list(parts)
     codes: dict[str, int] = {}
+    with Forwarding(signal.SIGTERM, signal.SIGTERM) as forwarding:
 
-    def work() -> None:
-        while True:
-            with lock:
-                if not waiting:
-                    return
-                part = waiting.pop(0)
-            codes[part.label] = _run_part(part, lines, lock)
-            if codes[part.label] == INTERRUPTED:
+        def work() -> None:
+            while True:
                 with lock:
-                    waiting.clear()
+                    if not waiting or forwarding.asked:
+                        return
+                    part = waiting.pop(0)
+                codes[part.label] = _run_part(part, lines, lock, forwarding)
+                if codes[part.label] == INTERRUPTED:
+                    with lock:
+                        waiting.clear()
 
-    threads = [threading.Thread(target=work) for _ in range(min(jobs, len(parts)))]
-    for thread in threads:
-        thread.start()
-    try:
+        threads = [threading.Thread(target=work) for _ in range(min(jobs, len(parts)))]
+        for thread in threads:
+            thread.start()
         for thread in threads:
             thread.join()
-    except KeyboardInterrupt:
-        # The terminal has told the running parts too: they save what they have; none follows.
-        with lock:
-            waiting.clear()
-        for thread in threads:
-            thread.join()
-        raise
-    if INTERRUPTED in codes.values():
-        raise KeyboardInterrupt
+    if forwarding.asked or INTERRUPTED in codes.values():
+        raise Interrupted
     failed = {label: code for label, code in codes.items() if code != 0}
     if failed:
         names = ", ".join(failed)
-        codes_found = set(failed.values())
-        kind: type[TriboxError] = SolutionError if 3 in codes_found else TriboxError
-        if codes_found == {2}:
-            kind = InputError
-        raise kind(f"{len(failed)} of {len(parts)} runs of the sweep failed: {names}")
+        text = f"{len(failed)} of {len(parts)} runs of the sweep failed: {names}"
+        raise _error_of(set(failed.values()))(text)
 
 
-def _run_part(part: Part, lines: SweepLines, lock: threading.Lock) -> int:
+def _error_of(codes: set[int]) -> type[TriboxError]:
+    """What to raise where parts have failed with these exit codes."""
+    for kind in (OutputError, SolutionError):
+        if kind.exit_code in codes:
+            return kind
+    return InputError if codes == {InputError.exit_code} else TriboxError
+
+
+def _run_part(part: Part, lines: SweepLines, lock: threading.Lock, forwarding: Forwarding) -> int:
     with lock:
         lines.begin(part.label)
     process = subprocess.Popen(
-        part.command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, bufsize=1
+        part.command,
+        env={**os.environ, PARENT: str(os.getpid())},
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        bufsize=1,
+        process_group=0,
     )
+    forwarding.add(process)
     assert process.stdout is not None
     for line in process.stdout:
         with lock:
             lines.say(part.label, line.rstrip())
     code = process.wait()
+    forwarding.remove(process)
     with lock:
         lines.end(part.label, code)
     return code
@@ -107,8 +118,16 @@ def part_command(case_file: Path, index: int, directory: Path, options: Sequence
     ]
 
 
-def collate(case: Case, directory: Path, inputs: Mapping[str, str] | None = None) -> None:
+def collate(
+    case: Case, directory: Path, status: str, inputs: Mapping[str, str] | None = None
+) -> None:
     """Write ``sweep.csv``, one row for each load step of each part, and ``summary.json``.
+
+    Args:
+        case: with the sweep.
+        directory: of the results.
+        status: of the sweep: running, done, interrupted or failed.
+        inputs: SHA-256 of the files that the case reads, by their names.
 
     Columns are those of the history, with the part's ``label``, the swept ``value`` (in SI, where
     it is a number) and ``steady`` before them. Parts
@@ -132,4 +151,5 @@ def collate(case: Case, directory: Path, inputs: Mapping[str, str] | None = None
             rows.append([*first, *(load_step[name] for name in COLUMNS)])
     write_table(directory / "sweep.csv", ("label", "value", "steady", *COLUMNS), rows)
     kept = dict(inputs or {})
-    write_json(directory / "summary.json", {"title": case.title, "inputs": kept, "parts": parts})
+    summary = {"title": case.title, "status": status, "inputs": kept, "parts": parts}
+    write_json(directory / "summary.json", summary)

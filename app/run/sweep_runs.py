@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
 from app.case.case import Case
 from app.errors import SolutionError
-from app.results.directory import check_free, prepare
-from app.results.earlier_sweep import sweep_labels
-from app.results.inputs import NOTHING, KeptInputs, keep_inputs, write_case
+from app.results.claim import Claim, claimed
+from app.results.directory import unwritable
+from app.results.inputs import NOTHING, KeptInputs, keep_inputs, kept_inputs, write_case
+from app.results.status import is_done
 from app.run.sweep import Part, collate, cores, part_command, run_side_by_side
 from app.run.sweep_lines import sweep_lines
 
@@ -24,12 +26,20 @@ class SweepOptions:
         ranks: MPI ranks of each run.
         force: replace results that are there.
         jobs: runs at a time; None: as many as the cores allow.
+        resume: go on with values that are not done; extend: with all, past their end.
     """
 
     changes: Sequence[str] = ()
     ranks: int = 1
     force: bool = False
     jobs: int | None = None
+    resume: bool = False
+    extend: bool = False
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether a sweep that is there goes on."""
+        return self.resume or self.extend
 
 
 def run_sweep(
@@ -50,67 +60,102 @@ def run_sweep(
         SolutionError: a run failed; the others have been made.
     """
     if around > 1:
-        _run_in_turn(case, directory, options.force)
+        _run_in_turn(case, directory, options)
         return
     from app.run.building import notes_on_building
 
-    check_free(directory, options.force, sweep_labels(directory))
-    notes_on_building(case.sweep_cases()[0][1], runs_code=True)
-    kept = _make_ready(case, directory)
-    words = [*options.changes, "--np", str(options.ranks), "--inputs-of", str(directory)]
-    parts = [
-        Part(label, part_command(case_file, i, directory / label, words), directory / label)
-        for i, (label, _) in enumerate(case.sweep_cases())
-    ]
-    jobs = options.jobs or max(1, cores() // options.ranks)
-    try:
-        with sweep_lines(len(parts)) as lines:
+    with claimed(directory, options.force, options.goes_on) as claim:
+        notes_on_building(case.sweep_cases()[0][1], runs_code=True)
+        kept = _make_ready(case, claim, options.goes_on)
+        words = ["--resume"] * options.resume + ["--extend"] * options.extend
+        words += [*options.changes, "--np", str(options.ranks), "--inputs-of", str(directory)]
+        parts = [
+            Part(label, part_command(case_file, i, directory / label, words), directory / label)
+            for i, label in _to_run(case, directory, options)
+        ]
+        jobs = options.jobs or max(1, cores() // options.ranks)
+        with _put_together(case, directory, kept), sweep_lines(len(parts)) as lines:
             run_side_by_side(parts, jobs, lines)
-    finally:  # What has been computed is collated whatever became of the others.
-        _put_together(case, directory, kept)
     print(f"results in {directory}")
 
 
-def _run_in_turn(case: Case, directory: Path, force: bool) -> None:
+def _run_in_turn(case: Case, directory: Path, options: SweepOptions) -> None:
     """All ranks of one mpirun take the values one after the other."""
     from mpi4py import MPI
 
     from app.run.run import on_first, run_case
 
-    kept = NOTHING
+    comm = MPI.COMM_WORLD
+    kept, goes_on = NOTHING, options.goes_on
+    claim = Claim(directory, options.force or goes_on)
+    on_first(comm, lambda: claim.take(goes_on))
 
     def make_ready() -> None:
         nonlocal kept
-        check_free(directory, force, sweep_labels(directory))
-        kept = _make_ready(case, directory)
+        kept = _make_ready(case, claim, goes_on)
 
-    comm = MPI.COMM_WORLD
-    on_first(comm, make_ready)
-    failed = []
-    for label, single in case.sweep_cases():
-        try:
-            run_case(single, directory / label, comm=comm, inputs_of=directory)
-        except SolutionError as error:
-            failed.append(f"{label} ({error})")
-    if comm.rank == 0:
-        _put_together(case, directory, kept)
-    if failed:
-        raise SolutionError(f"{len(failed)} runs of the sweep failed: {'; '.join(failed)}")
+    try:
+        on_first(comm, make_ready)
+        failed = []
+        waiting = comm.bcast(list(_to_run(case, directory, options)))
+        how = {"resume": options.resume, "extend": options.extend}
+        with _put_together(case, directory, kept) if comm.rank == 0 else nullcontext():
+            for index, label in waiting:
+                single = case.sweep_cases()[index][1]
+                try:
+                    run_case(single, directory / label, comm=comm, inputs_of=directory, **how)
+                except SolutionError as error:
+                    failed.append(f"{label} ({error})")
+            if failed:
+                text = f"{len(failed)} runs of the sweep failed: {'; '.join(failed)}"
+                raise SolutionError(text)
+    finally:
+        claim.release()
 
 
-def _make_ready(case: Case, directory: Path) -> KeptInputs:
-    """Clear the directory and write what is the same for all values."""
-    prepare(directory)
-    kept = keep_inputs(case, directory)
-    write_case(case, directory, kept)
+def _to_run(case: Case, directory: Path, options: SweepOptions) -> Iterator[tuple[int, str]]:
+    """Number and label of the values that are not done, or to be done again or for longer."""
+    for index, (label, _) in enumerate(case.sweep_cases()):
+        if options.extend or not (options.resume and is_done(directory / label)):
+            yield index, label
+
+
+def _make_ready(case: Case, claim: Claim, goes_on: bool) -> KeptInputs:
+    """Clear the directory, unless its sweep goes on, and write what is the same for all values."""
+    directory = claim.directory
+    begun = goes_on and (directory / "case.toml").is_file()
+    if not begun:
+        claim.clear()
+    try:
+        kept = kept_inputs(case) if begun else keep_inputs(case, directory)
+        write_case(case, directory, kept)
+        collate(case, directory, "running", kept.sums)
+    except OSError as error:
+        raise unwritable(directory, error) from None
     return kept
 
 
-def _put_together(case: Case, directory: Path, kept: KeptInputs) -> None:
-    """Tables and figures over all values."""
-    collate(case, directory, kept.sums)
-    if case.output.figures:
-        from app.figures.run_figures import draw_figures
-        from app.results import read
+@contextmanager
+def _put_together(case: Case, directory: Path, kept: KeptInputs) -> Iterator[None]:
+    """Context after which there are tables and figures over all values, whatever became of them."""
+    status = "failed"
+    try:
+        yield
+        status = "done"
+    except KeyboardInterrupt:
+        status = "interrupted"
+        raise
+    finally:
+        _collate_and_draw(case, directory, status, kept)
 
-        draw_figures(read(directory))
+
+def _collate_and_draw(case: Case, directory: Path, status: str, kept: KeptInputs) -> None:
+    try:
+        collate(case, directory, status, kept.sums)
+        if case.output.figures:
+            from app.figures.run_figures import draw_figures
+            from app.results import read
+
+            draw_figures(read(directory))
+    except OSError as error:
+        raise unwritable(directory, error) from None

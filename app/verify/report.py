@@ -6,14 +6,15 @@ code's result); the tests call the same functions.
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import math
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from app.errors import InputError, SolutionError
-from app.results.directory import check_free, prepare, write_text
-from app.results.earlier_sweep import sweep_labels
+from app.results.claim import claimed
+from app.results.directory import write_text
 from app.verify.bulk import block_compression
 from app.verify.contact import (
     cattaneo_mindlin,
@@ -66,17 +67,17 @@ def run_verify(names: Sequence[str], out: Path | None, force: bool) -> None:
         SolutionError: a check failed, or a case could not be computed.
     """
     chosen = chosen_names(names)
-    if out is not None:
-        check_free(out, force, sweep_labels(out))
-    print(_columns(HEAD), flush=True)
-    results = []
-    for result in map(verify, chosen):
-        results.append(result)
-        for line in table(result):
-            print(line, flush=True)
-    if out is not None:
-        write_report(results, out)
-        print(f"report in {out / REPORT}")
+    with contextlib.nullcontext() if out is None else claimed(out, force) as claim:
+        print(_columns(HEAD), flush=True)
+        results = []
+        for result in map(verify, chosen):
+            results.append(result)
+            for line in table(result):
+                print(line, flush=True)
+        if claim is not None:
+            claim.clear()
+            write_report(results, claim.directory)
+            print(f"report in {claim.directory / REPORT}")
     checks = [check for result in results for check in result.checks]
     failed = sum(not check.passed for check in checks)
     broken = [result.name for result in results if result.failure]
@@ -151,14 +152,13 @@ def write_report(results: Sequence[Verification], directory: Path) -> None:
 
     Args:
         results: what was found.
-        directory: made if missing; results that are there are cleared.
+        directory: free of other results; made if missing.
     """
     # Drawing starts a library that takes a while.
     from app.verify.figures import draw
 
-    prepare(directory)
     figures = directory / "figures"
-    figures.mkdir(exist_ok=True)
+    figures.mkdir(parents=True, exist_ok=True)
     lines = ["# Verification report", ""]
     for result in results:
         lines += report_lines(result)

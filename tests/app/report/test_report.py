@@ -206,7 +206,7 @@ def test_a_killed_run_without_steps_has_a_page_too(tmp_path, film):
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "case.toml").write_text(film)
     _, page = read_page(tmp_path / "run")
-    assert "no summary" in page.words("span") and "No step was solved." in page.words("p")
+    assert "unfinished" in page.words("span") and "No step was solved." in page.words("p")
 
 
 def test_a_sweep_has_a_table_and_a_section_for_each_value(tmp_path, block):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from app.errors import InputError
+from app.errors import InputError, OutputError
 from app.results.directory import (
     OWN,
     check_free,
@@ -92,7 +92,7 @@ def test_prepare_makes_and_clears(tmp_path):
 
 def test_a_directory_that_cannot_be_made(tmp_path):
     make(tmp_path, "file")
-    with pytest.raises(InputError, match="cannot be written"):
+    with pytest.raises(OutputError, match="cannot be written"):
         prepare(tmp_path / "file" / "below")
 
 

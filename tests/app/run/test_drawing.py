@@ -8,6 +8,7 @@ import pytest
 from mpi4py import MPI
 
 from app.case.case import Case
+from app.errors import Interrupted
 from app.figures import run_figures
 from app.results import Results
 from app.run.run import run_case
@@ -36,7 +37,7 @@ def test_an_interrupted_run_has_figures(block, tmp_path, monkeypatch):
     from app.run import progress
 
     def stop(self, state, row, result) -> None:
-        raise KeyboardInterrupt
+        raise Interrupted
 
     monkeypatch.setattr(progress.Together, "step", stop)
     with pytest.raises(KeyboardInterrupt):

@@ -5,13 +5,18 @@ from __future__ import annotations
 import os
 import signal
 import threading
+from functools import partial
 from typing import Any
 
 import pytest
 from mpi4py import MPI
 
-from app.run.interruption import SIGNALS, Interruption
+from app.errors import Interrupted, OutputError
+from app.results.saving import Saving
+from app.run.forwarding import stopping_signals
+from app.run.interruption import Interruption
 
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGUSR1)
 ANY: Any = None  # What an observer is told plays no part here.
 
 
@@ -26,32 +31,63 @@ def _handlers_stay():
     assert after == before
 
 
+@pytest.fixture
+def saving(tmp_path):
+    return Saving(tmp_path)
+
+
 @pytest.mark.parametrize("number", SIGNALS)
 @pytest.mark.parametrize("when", ["step", "cut"])
-def test_a_signal_stops_at_the_next_step_or_cut(number, when):
-    with pytest.raises(KeyboardInterrupt), Interruption(MPI.COMM_SELF) as interruption:
+def test_a_signal_stops_at_the_next_step_or_cut(number, when, saving):
+    told = []
+    noted = partial(told.append, True)
+    with pytest.raises(Interrupted), Interruption(MPI.COMM_SELF, saving, noted) as interruption:
         interruption.step(ANY, ANY, ANY)
         os.kill(os.getpid(), number)
+        assert told == [True]  # at once
         reached = True
         getattr(interruption, when)(ANY, ANY, ANY)
     assert reached
 
 
-def test_a_second_signal_stops_at_once():
+def test_a_second_signal_stops_at_once(saving):
     reached = False
-    with pytest.raises(KeyboardInterrupt), Interruption(MPI.COMM_SELF):
+    with pytest.raises(KeyboardInterrupt) as caught, Interruption(MPI.COMM_SELF, saving):
         signal.raise_signal(signal.SIGINT)
         reached = True
         signal.raise_signal(signal.SIGINT)
         pytest.fail("the second signal was not obeyed")
-    assert reached
+    assert reached and not isinstance(caught.value, Interrupted)
 
 
-def test_in_another_thread_signals_are_left_alone():
+def test_a_signal_that_was_ignored_stays_so(saving):
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with Interruption(MPI.COMM_SELF, saving) as interruption:
+            os.kill(os.getpid(), signal.SIGHUP)
+            interruption.step(ANY, ANY, ANY)
+        assert signal.SIGHUP not in stopping_signals()
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    assert signal.SIGHUP in stopping_signals()
+
+
+@pytest.mark.parametrize("when", ["step", "cut", "within", "load_step"])
+def test_what_could_not_be_written_stops_all_ranks(when, saving, tmp_path):
+    with Interruption(MPI.COMM_SELF, saving) as interruption:
+        arguments = (ANY,) * (4 if when == "load_step" else 3)
+        getattr(interruption, when)(*arguments)
+        with saving:
+            (tmp_path / "gone" / "a.txt").write_text("text")
+        with pytest.raises(OutputError, match=r"No such file or directory: gone/a.txt\)$"):
+            getattr(interruption, when)(*arguments)
+
+
+def test_in_another_thread_signals_are_left_alone(saving):
     seen = []
 
     def work() -> None:
-        with Interruption(MPI.COMM_SELF) as interruption:
+        with Interruption(MPI.COMM_SELF, saving) as interruption:
             seen.append([signal.getsignal(number) for number in SIGNALS])
             interruption.step(ANY, ANY, ANY)
 

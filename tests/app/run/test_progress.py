@@ -11,6 +11,7 @@ from rich.console import Console
 from app.build.load_steps import load_steps_of
 from app.case.reading import load_case
 from app.implicit.stepper import StepResult
+from app.results.saving import Saving
 from app.run.progress import Reporter
 from app.run.sweep_lines import is_passing
 from app.simulation.history import COLUMNS, Row
@@ -30,7 +31,7 @@ def row(step: int, time: float, dt: float) -> Row:
 def tell(case, log, stream) -> str:
     """Let a reporter tell of two steps, one cut, an interval and the end of the load step."""
     console = Console(file=stream, width=200, highlight=False, soft_wrap=True)
-    reporter = Reporter(log, case, console=console)
+    reporter = Reporter(log, case, Saving(log.parent), console=console)
     state = SimpleNamespace(time=0.1, step=1, last_of_pairs=lambda: [])
     [load_step] = load_steps_of(case.stage[0])
     solved = StepResult(True, 3, 2, 2, [1.0, 1e-9])

@@ -126,7 +126,7 @@ def test_commands_name_case_value_and_directory():
 
 def test_collating_tells_of_parts_that_were_not_run(case_file, block, tmp_path):
     text = block + '[sweep]\nkey = "contact.0.friction.mu"\nvalues = [0.1, 0.3]\n'
-    collate(load_case(case_file(text)), tmp_path)
+    collate(load_case(case_file(text)), tmp_path, "done")
     parts = json.loads((tmp_path / "summary.json").read_text())["parts"]
     assert parts == {"mu=0.1": {"status": "not run"}, "mu=0.3": {"status": "not run"}}
     assert len((tmp_path / "sweep.csv").read_text().splitlines()) == 1

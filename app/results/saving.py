@@ -1,0 +1,108 @@
+"""Writing that fails on one rank: kept until all ranks can end the run together."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from mpi4py import MPI
+
+from app.errors import OutputError
+from app.results.directory import RESERVE, Place, unwritable
+
+SIZE = 1 << 20  # bytes, more than rows and summary of a step take
+
+
+class Saving:
+    """Context that keeps an error of writing, so that its rank goes on to meet the others.
+
+    A block within it may meet other ranks before it writes, not after.
+
+    Attributes:
+        problem: what the first write that failed said; None: all went well.
+        place: of the results.
+    """
+
+    def __init__(self, directory: Path) -> None:
+        """Begin without an error.
+
+        Args:
+            directory: of the results, which must exist.
+        """
+        self._directory = directory
+        self.place = Place(directory)
+        self.problem: str | None = None
+
+    def __enter__(self) -> Self:
+        """Begin a block that writes."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> bool:
+        """Keep an error of the system, or of ours that says as much; the first one counts."""
+        if not isinstance(error, OSError | OutputError):
+            return False
+        if isinstance(error, OSError):
+            error = unwritable(self._directory, error)
+        self.note(str(error))
+        return True
+
+    def note(self, problem: str) -> None:
+        """Keep what could not be written; the first time counts."""
+        self.problem = self.problem or problem
+
+    def regain_directory(self) -> None:
+        """Make the directory again if it is gone.
+
+        Raises:
+            OSError: it cannot be made, or another one is there.
+        """
+        if not self._directory.exists():
+            self._directory.mkdir(parents=True)
+            self.place = Place(self._directory)
+        self.place.check()
+
+    def problem_of_all(self, comm: MPI.Comm) -> str | None:
+        """What the first rank that could not write says; collective."""
+        if not comm.allreduce(self.problem is not None, op=MPI.LOR):
+            return None
+        return next(problem for problem in comm.allgather(self.problem) if problem is not None)
+
+    def raise_together(self, comm: MPI.Comm) -> None:
+        """Raise on all ranks what a rank could not write; collective.
+
+        Raises:
+            OutputError: there was an error.
+        """
+        problem = self.problem_of_all(comm)
+        if problem is not None:
+            raise OutputError(problem)
+
+
+class Reserve:
+    """A file that keeps room on the disk for the last rows and the summary; for one rank."""
+
+    def __init__(self, directory: Path) -> None:
+        """Make it.
+
+        Raises:
+            OSError: there is no room.
+        """
+        self._path = directory / RESERVE
+        descriptor = os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        try:
+            os.posix_fallocate(descriptor, 0, SIZE)
+        finally:
+            os.close(descriptor)
+
+    def release(self) -> None:
+        """Give the room away."""
+        with contextlib.suppress(OSError):
+            self._path.unlink()

@@ -1,0 +1,42 @@
+"""How far the run in a results directory has come, from its summary alone."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from app.errors import InputError
+
+UNFINISHED = ("running", "interrupted", "failed")
+
+
+def status_of(directory: Path) -> str | None:
+    """What ``summary.json`` says: running, done, interrupted or failed; None without one."""
+    try:
+        summary = json.loads((directory / "summary.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return None
+    status = summary.get("status") if isinstance(summary, dict) else None
+    return status if isinstance(status, str) else None
+
+
+def is_done(directory: Path) -> bool:
+    """Whether the run has come to its end."""
+    return status_of(directory) == "done"
+
+
+def check_may_begin_anew(directory: Path) -> None:
+    """See that a run that cannot be gone on with may be begun again in its directory.
+
+    Raises:
+        InputError: the directory holds something else than a run that has not come to its end.
+    """
+    try:
+        empty = not directory.exists() or not any(directory.iterdir())
+    except OSError as error:
+        raise InputError(f"{directory}: cannot be read ({error.strerror or error})") from None
+    if not empty and status_of(directory) not in UNFINISHED:
+        raise InputError(
+            f"{directory}: holds no checkpoint and no unfinished run to go on with; begin anew "
+            "with --force, or name another directory with --out"
+        )

@@ -1,0 +1,71 @@
+"""How a process ends: one line, an exit code, and no rank that waits for another."""
+
+from __future__ import annotations
+
+import errno
+import os
+import sys
+import traceback
+from typing import NoReturn
+
+from app.errors import OutputError, SolutionError, TriboxError
+from app.run.ranks import INTERRUPTED, tell_exit_code
+
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
+
+
+def ranks_around() -> int:
+    """Number of ranks this process was started with, without starting MPI."""
+    for name in ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "PMIX_SIZE"):
+        if name in os.environ:
+            return int(os.environ[name])
+    return 1
+
+
+def end_with(error: Exception) -> NoReturn:
+    """End the program for an error: with a line if it is one of ours, else with its traceback."""
+    if isinstance(error, TriboxError):
+        together = isinstance(error, SolutionError | OutputError)
+        _leave(str(error), error.exit_code, together)
+    if isinstance(error, OSError) and error.errno in _FULL:
+        where = error.filename or "what is printed"
+        _say_once(f"{where}: cannot be written ({error.strerror})")
+        _abort(OutputError.exit_code)
+    if ranks_around() == 1:
+        raise error
+    traceback.print_exception(error)
+    _abort(1)
+
+
+def end_interrupted(together: bool) -> NoReturn:
+    """End the program after a signal.
+
+    Args:
+        together: whether all ranks are here, their state saved.
+    """
+    if together:
+        _leave("interrupted; the results so far are saved", INTERRUPTED, True)
+    _say_once("interrupted")
+    _abort(INTERRUPTED)
+
+
+def _leave(line: str, code: int, together: bool) -> NoReturn:
+    """End with a line and a code; ``together`` if all ranks do so here."""
+    _say_once(line)
+    sys.exit(0 if together and tell_exit_code(code) else code)
+
+
+def _abort(code: int) -> NoReturn:
+    """End this process, and with it ranks that would wait for it for ever."""
+    if ranks_around() > 1:
+        from mpi4py import MPI
+
+        sys.stderr.flush()
+        MPI.COMM_WORLD.Abort(code)
+    sys.exit(code)
+
+
+def _say_once(line: str) -> None:
+    """Print a line to standard error, on the first rank only."""
+    if os.environ.get("OMPI_COMM_WORLD_RANK", "0") == "0":
+        print(f"tribox: {line}", file=sys.stderr)

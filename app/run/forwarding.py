@@ -1,0 +1,105 @@
+"""Signals to a process that waits for others: passed on to them, and waited for."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import threading
+from types import FrameType, TracebackType
+from typing import Self
+
+STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+SAID = "finishing the step at hand; a second signal stops at once"
+
+
+def say_stopping() -> None:
+    """Say on standard error that the step at hand is being finished; for handlers of signals.
+
+    These come in the middle of anything, also of a write to a buffered stream.
+    """
+    with contextlib.suppress(OSError):
+        start = "\n" if os.isatty(2) else ""  # below what a terminal shows of Ctrl-C
+        os.write(2, f"{start}tribox: {SAID}\n".encode())
+
+
+def stopping_signals() -> tuple[signal.Signals, ...]:
+    """Signals that stop a run: not SIGHUP where it was ignored from the start, as by nohup.
+
+    SIGUSR1 does so too, by which mpirun tells its ranks.
+    """
+    ignored = signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
+    return tuple(n for n in (*STOPPING, signal.SIGUSR1) if n != signal.SIGHUP or not ignored)
+
+
+class Forwarding:
+    """Context in which signals to stop go to child processes, and none ends this one.
+
+    The children stand in process groups of their own, so that a terminal tells this process alone.
+
+    Attributes:
+        asked: how many signals to stop have come.
+    """
+
+    def __init__(self, first: signal.Signals, further: signal.Signals) -> None:
+        """Nothing is passed on before the context is entered.
+
+        Args:
+            first: what children are sent at the first signal to stop, to finish their step.
+            further: what they are sent at any further one, to stop at once.
+        """
+        self.asked = 0
+        self._sent = (first, further)
+        self._telling = threading.RLock()  # a handler may come in the middle of another
+        self._children: dict[subprocess.Popen[str], int] = {}
+        self._before: dict[signal.Signals, signal._HANDLER] = {}
+
+    def __enter__(self) -> Self:
+        """Take the signals."""
+        if threading.current_thread() is threading.main_thread():
+            taken = {n: self._stop for n in stopping_signals()}
+            taken[signal.SIGTSTP] = self._pause
+            self._before = {n: signal.signal(n, handler) for n, handler in taken.items()}
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Give the signals back."""
+        for number, handler in self._before.items():
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
+
+    def add(self, child: subprocess.Popen[str]) -> None:
+        """Pass signals on to this child from now on, and one that has come before."""
+        self._children[child] = 0
+        self._tell()
+
+    def remove(self, child: subprocess.Popen[str]) -> None:
+        """This child has ended."""
+        del self._children[child]
+
+    def _stop(self, number: int, frame: FrameType | None) -> None:
+        self.asked += 1
+        if self.asked == 1:
+            say_stopping()
+        self._tell()
+
+    def _tell(self) -> None:
+        """Send every child what it has not been sent yet."""
+        with self._telling:
+            for child, told in list(self._children.items()):
+                if told < self.asked:
+                    self._children[child] = self.asked
+                    child.send_signal(self._sent[self.asked > 1])
+
+    def _pause(self, number: int, frame: FrameType | None) -> None:
+        """Ctrl-Z: stop with the children, and go on with them."""
+        for child in list(self._children):
+            child.send_signal(signal.SIGTSTP)
+        os.kill(os.getpid(), signal.SIGSTOP)
+        for child in list(self._children):
+            child.send_signal(signal.SIGCONT)

@@ -1,0 +1,109 @@
+"""What a process of tribox does before anything else: with signals, its terminal, its parent."""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import io
+import os
+import signal
+import sys
+from types import FrameType
+from typing import Any, TextIO
+
+from app.errors import OutputError
+
+PARENT = "TRIBOX_PARENT"
+"""Variable of the environment: id of the process of tribox that waits for this one."""
+_PETSC = "PETSC_OPTIONS"
+_NO_HANDLER = "-no_signal_handler"
+_PR_SET_PDEATHSIG = 1
+_GONE = (errno.EPIPE, errno.EIO)
+
+
+def begin_process() -> None:
+    """Outlive the terminal, but not the process of tribox that has started this one."""
+    leave_signals_alone()
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(number) == signal.SIG_DFL:
+            signal.signal(number, _interrupt)
+    sys.stdout = _outliving(sys.stdout)
+    sys.stderr = _outliving(sys.stderr)
+    parent = os.environ.pop(PARENT, None)
+    if parent is not None:
+        end_with_parent(signal.SIGTERM)
+        if os.getppid() != int(parent):
+            os.kill(os.getpid(), signal.SIGTERM)
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    """What Ctrl-C does, for other signals too."""
+    raise KeyboardInterrupt
+
+
+def leave_signals_alone() -> None:
+    """Have PETSc and UCX, when they start, set no handlers of their own.
+
+    PETSc's end the process at SIGPIPE and SIGHUP through ``MPI_Abort``; UCX, below MPI, takes
+    SIGHUP for a wish to trace it.
+    """
+    os.environ.setdefault("UCX_DEBUG_SIGNO", "0")
+    before = os.environ.get(_PETSC, "")
+    if _NO_HANDLER not in before.split():
+        os.environ[_PETSC] = f"{before} {_NO_HANDLER}".strip()
+
+
+def end_with_parent(number: signal.Signals) -> None:
+    """Have the kernel send this process a signal when the thread that started it is gone."""
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(number), 0, 0, 0)
+
+
+class _Outliving(io.FileIO):
+    """A terminal or pipe; once nobody is at its other end, what is written is dropped."""
+
+    def write(self, data: Any, /) -> int:
+        """Write what the other end takes."""
+        try:
+            return super().write(data)
+        except OSError as error:
+            if error.errno not in _GONE:
+                raise
+        drop_output(self.fileno())
+        return len(data)
+
+
+def drop_output(descriptor: int = 1) -> None:
+    """Have all that is written to a descriptor from now on vanish, by libraries too."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, descriptor)
+    os.close(nowhere)
+
+
+def end_process() -> None:
+    """See that all that was printed has been written; from here on no signal matters.
+
+    Raises:
+        SystemExit: it has not.
+    """
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+    try:
+        sys.stdout.flush()
+    except OSError as error:
+        drop_output()
+        print(f"tribox: what is printed cannot be written ({error.strerror})", file=sys.stderr)
+        sys.exit(OutputError.exit_code)
+
+
+def _outliving(stream: TextIO) -> TextIO:
+    """A stream in the place of standard output or error that outlives its terminal."""
+    try:
+        raw = _Outliving(stream.fileno(), "w", closefd=False)
+    except (AttributeError, OSError, ValueError):
+        return stream  # closed from the start, or no file
+    return io.TextIOWrapper(
+        io.BufferedWriter(raw),
+        encoding=stream.encoding,
+        errors=stream.errors,
+        line_buffering=stream is sys.stderr or stream.isatty(),
+    )

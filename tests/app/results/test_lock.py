@@ -1,0 +1,157 @@
+"""The lock of a results directory, and what may be cleared in one."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import platform
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from app.errors import InputError, OutputError
+from app.results.claim import Claim, claimed
+from app.results.directory import LOCK
+from app.results.lock import DirectoryLock, owner_of
+from tests.ranks import ROOT
+
+HOLD = """
+import sys, time
+from pathlib import Path
+from app.results.lock import DirectoryLock
+DirectoryLock(Path(sys.argv[1])).take()
+print("taken", flush=True)
+time.sleep(60)
+"""
+
+
+@pytest.fixture
+def held(tmp_path):
+    """A directory that another process has locked, and that process."""
+    command = [sys.executable, "-c", HOLD, str(tmp_path)]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None and process.stdout.readline() == "taken\n"
+        yield tmp_path, process
+        process.kill()
+
+
+@pytest.mark.parametrize("force", [False, True])
+def test_a_directory_is_refused_while_its_owner_lives(held, force):
+    directory, process = held
+    with pytest.raises(InputError) as caught:
+        Claim(directory, force).take()
+    said = str(caught.value)
+    assert f"process {process.pid} on {platform.node()}" in said and str(directory) in said
+    assert owner_of(directory)["pid"] == process.pid
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    assert owner_of(directory) is None and (directory / LOCK).exists()
+    with claimed(directory, force):  # nothing but the lock of the dead is there
+        assert owner_of(directory)["pid"] == os.getpid()
+    assert not (directory / LOCK).exists()
+
+
+def test_a_directory_made_for_nothing_goes_again(tmp_path):
+    directory = tmp_path / "a" / "b"
+    with pytest.raises(ZeroDivisionError), claimed(directory, False):
+        assert directory.is_dir()
+        raise ZeroDivisionError
+    assert not (tmp_path / "a").exists()
+    with claimed(directory, False):
+        (directory / "history.csv").touch()
+    assert [path.name for path in directory.iterdir()] == ["history.csv"]
+
+
+def test_two_claims_of_one_process_exclude_each_other(tmp_path):
+    first, second = DirectoryLock(tmp_path), DirectoryLock(tmp_path)
+    first.take()
+    with pytest.raises(InputError, match="is writing there"):
+        second.take()
+    second.release()  # takes nothing from the first
+    assert owner_of(tmp_path) is not None
+    first.release()
+    second.take()
+    second.release()
+
+
+@pytest.mark.parametrize(
+    ("pid", "host", "free"),
+    [(None, None, True), ("here", "here", False), (2**22 + 1, "here", True), (1, "afar", False)],
+)
+def test_without_locks_of_files_the_owners_name_decides(monkeypatch, tmp_path, pid, host, free):
+    def refuse(descriptor: int, operation: int) -> None:
+        raise OSError(95, "Operation not supported")
+
+    monkeypatch.setattr(fcntl, "flock", refuse)
+    owner = {"pid": os.getppid() if pid == "here" else pid}
+    owner["host"] = platform.node() if host == "here" else host
+    (tmp_path / LOCK).write_text("" if pid is None else json.dumps(owner))
+    lock = DirectoryLock(tmp_path)
+    if free:
+        lock.take()
+        lock.release()
+    else:
+        with pytest.raises(InputError, match="is writing there"):
+            lock.take()
+
+
+def test_what_cannot_be_locked_is_one_line(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(OutputError, match="cannot be written"):
+        DirectoryLock(tmp_path / "file" / "below").take()
+
+
+def fill(directory: Path, *names: str) -> None:
+    for name in names:
+        path = directory / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("something")
+
+
+@pytest.mark.parametrize(
+    "foreign", ["figures/notes.txt", "fields/mine/000001.vtu", "fields/readme", "fields.bp/x/y"]
+)
+def test_foreign_files_below_are_never_cleared(tmp_path, foreign):
+    fill(tmp_path, "history.csv", "figures/history.png", "fields/000001.vtu", foreign)
+    with pytest.raises(InputError, match=re.escape(foreign.rsplit("/", 1)[0])):
+        Claim(tmp_path, True).take()
+    assert (tmp_path / foreign).exists() and (tmp_path / "history.csv").exists()
+
+
+def test_what_comes_between_is_not_cleared(tmp_path):
+    fill(tmp_path, "history.csv")
+    with claimed(tmp_path, True) as claim:
+        fill(tmp_path, "thesis.tex")
+        with pytest.raises(InputError, match=r"holds thesis\.tex"):
+            claim.clear()
+    assert {path.name for path in tmp_path.iterdir()} == {"history.csv", "thesis.tex"}
+    (tmp_path / "thesis.tex").unlink()
+    with claimed(tmp_path, True) as claim:
+        claim.clear()
+        assert [path.name for path in tmp_path.iterdir()] == [LOCK]
+
+
+def test_links_are_never_followed_nor_cleared(tmp_path):
+    fill(tmp_path / "elsewhere", "000001.vtu")
+    fill(tmp_path / "out", "history.csv")
+    (tmp_path / "out" / "fields").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(InputError, match="holds fields, which is no result"):
+        Claim(tmp_path / "out", True).take()
+    assert (tmp_path / "elsewhere" / "000001.vtu").exists()
+
+
+def test_the_part_of_a_sweep_that_runs_alone_is_not_cleared(tmp_path, block):
+    sweep = '[sweep]\nkey = "contact.0.friction.mu"\nvalues = [0.1, 0.3]\n'
+    fill(tmp_path, "mu=0.1/history.csv", "sweep.csv")
+    (tmp_path / "case.toml").write_text(block + sweep)
+    with claimed(tmp_path / "mu=0.1", True):
+        with pytest.raises(InputError, match=r"mu=0.1: tribox is writing there"):
+            Claim(tmp_path, True).take()
+    with claimed(tmp_path, True) as claim:
+        claim.clear()
+        assert [path.name for path in tmp_path.iterdir()] == [LOCK]
