@@ -1,0 +1,265 @@
+"""Runs that are stopped, killed or left by their terminal, as processes: codes, files, orphans."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from app.results import read
+from app.results.directory import LOCK, RESERVE
+from tests.app.simulation.test_explicit_run import THROWN
+
+STEP = re.compile(r"(\[.*\] )?(step|row|time step) +\d+ ")
+SWEEP = '[sweep]\nkey = "contact.0.friction.mu"\nvalues = [0.1, 0.2, 0.3]\n'
+SAID = "finishing the step at hand; a second signal stops at once"
+Start = Callable[..., subprocess.Popen[str]]
+
+
+@pytest.fixture
+def start(case_file, block, environment, tmp_path) -> Iterator[Start]:
+    """Starts a run into ``tmp_path / "out"``, of minutes unless told otherwise."""
+    began: list[subprocess.Popen[str]] = []
+    thrown = re.sub(r'duration = "[^"]*"', 'duration = "100 s"', THROWN, count=1)
+    texts = {"explicit": thrown, "sweep": block + SWEEP}
+
+    def begin(kind: str, *words: str, steps: int = 5000, nohup: bool = False):
+        path, out = case_file(texts.get(kind, block)), tmp_path / "out"
+        length = [] if kind == "explicit" else ["--set", f"stage.1.steps={steps}"]
+        command = [sys.executable, "-m", "app", "run", str(path), "--out", str(out), *length]
+        hangup = signal.SIG_IGN if nohup else signal.SIG_DFL
+        process = subprocess.Popen(
+            [*command, *words],
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            bufsize=1,
+            preexec_fn=lambda: signal.signal(signal.SIGHUP, hangup),
+        )
+        began.append(process)
+        return process
+
+    yield begin
+    for process in began:
+        process.kill()
+        process.wait()
+        process.stdout.close()
+    for number in of_run(tmp_path / "out"):
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(number, signal.SIGKILL)
+
+
+def of_run(out: Path) -> dict[int, list[str]]:
+    """Processes that write into a directory or below, with their command lines."""
+    found = {}
+    for path in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError, UnicodeDecodeError):
+            words = (path / "cmdline").read_bytes().decode().split("\0")
+            if "--out" in words and words[words.index("--out") + 1].startswith(str(out)):
+                found[int(path.name)] = words
+    return found
+
+
+def read_steps(process: subprocess.Popen[str], count: int = 3) -> None:
+    """Read what is printed until a number of steps have been made."""
+    for line in process.stdout:
+        count -= STEP.match(line) is not None
+        if count == 0:
+            return
+    pytest.fail("the run ended too early")
+
+
+def statuses(out: Path) -> dict[str, str]:
+    """How the runs say that they ended, by their directories' names."""
+    found = {path.parent.name: path.read_text() for path in out.rglob("summary.json")}
+    return {name: json.loads(text)["status"] for name, text in found.items()}
+
+
+def assert_tidy(out: Path) -> None:
+    """All processes are gone, and so are the files that only a run that goes on has."""
+    assert not of_run(out)
+    assert not [p for p in out.rglob("*") if p.name in (LOCK, RESERVE) or p.suffix == ".part"]
+
+
+def assert_stopped(process: subprocess.Popen[str], out: Path) -> None:
+    said, _ = process.communicate(timeout=60.0)
+    assert process.returncode == 130 and "Traceback" not in said
+    assert said.count("\ntribox: interrupted; the results so far are saved") == 1
+    assert "prterun" not in said and "MPI_ABORT" not in said
+    assert SAID in said
+    assert_tidy(out)
+
+
+def long(*values: object):
+    return pytest.param(*values, marks=pytest.mark.long)
+
+
+@pytest.mark.parametrize(
+    ("kind", "number"),
+    [
+        ("single", signal.SIGHUP),
+        long("single", signal.SIGINT),
+        long("single", signal.SIGTERM),
+        long("explicit", signal.SIGINT),
+        long("explicit", signal.SIGTERM),
+        long("explicit", signal.SIGHUP),
+    ],
+)
+def test_a_signal_stops_a_run_after_its_step(start, tmp_path, kind, number):
+    process, out = start(kind), tmp_path / "out"
+    read_steps(process, 1 if kind == "explicit" else 3)
+    process.send_signal(number)
+    assert_stopped(process, out)
+    results = read(out)
+    assert results.summary["status"] == "interrupted" and results.unfinished is None
+    assert results.summary["steps"] == len(results.history)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(
+    ("number", "whom"),
+    [
+        (signal.SIGTERM, "tribox"),
+        long(signal.SIGINT, "tribox"),
+        long(signal.SIGHUP, "tribox"),
+        long(signal.SIGUSR1, "prterun"),
+    ],
+)
+def test_a_signal_stops_all_ranks(start, tmp_path, number, whom):
+    process, out = start("single", "--np", "2"), tmp_path / "out"
+    read_steps(process)
+    starters = [pid for pid, words in of_run(out).items() if words[0].endswith("prterun")]
+    assert len(starters) == 1 and len(of_run(out)) == 4
+    if whom == "tribox":
+        process.send_signal(number)
+        assert_stopped(process, out)
+    else:
+        os.kill(starters[0], number)
+        assert process.wait(60.0) == 130
+        assert_tidy(out)
+    results = read(out)
+    assert results.summary["status"] == "interrupted" and results.summary["ranks"] == 2
+    assert results.summary["steps"] == len(results.history) >= 3
+
+
+@pytest.mark.mpi
+@pytest.mark.long
+def test_mpirun_itself_told_to_end_leaves_no_rank_and_a_history(start, tmp_path):
+    process, out = start("single", "--np", "2"), tmp_path / "out"
+    read_steps(process)
+    (starter,) = [pid for pid, words in of_run(out).items() if words[0].endswith("prterun")]
+    os.kill(starter, signal.SIGTERM)
+    assert process.wait(60.0) == 130 and not of_run(out)
+    assert statuses(out) == {"out": "interrupted"} and len(read(out).history) >= 3
+
+
+@pytest.mark.parametrize(
+    "number", [signal.SIGTERM, long(signal.SIGINT), long(signal.SIGHUP)], ids=lambda n: n.name
+)
+def test_a_signal_to_a_sweep_stops_its_runs(start, tmp_path, number):
+    process, out = start("sweep", "--jobs", "1"), tmp_path / "out"
+    read_steps(process)
+    process.send_signal(number)
+    assert_stopped(process, out)
+    assert statuses(out) == {"mu=0.1": "interrupted", "out": "interrupted"}
+    parts = json.loads((out / "summary.json").read_text())["parts"]
+    assert [parts[label]["status"] for label in ("mu=0.1", "mu=0.2", "mu=0.3")] == [
+        *("interrupted", "not run", "not run")
+    ]
+    assert parts["mu=0.1"]["steps"] == len(read(out / "mu=0.1").history) >= 3
+    assert (out / "sweep.csv").is_file()
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        long("sweep", ("--jobs", "1")),
+        pytest.param("single", ("--np", "2"), marks=(pytest.mark.mpi, pytest.mark.long)),
+    ],
+)
+def test_who_is_killed_leaves_no_orphans(start, tmp_path, kind, words):
+    process, out = start(kind, *words), tmp_path / "out"
+    read_steps(process)
+    process.kill()
+    process.wait()
+    ends = time.monotonic() + 30.0
+    while of_run(out) and time.monotonic() < ends:
+        time.sleep(0.1)
+    assert not of_run(out)
+    run = out / "mu=0.1" if kind == "sweep" else out
+    assert json.loads((run / "summary.json").read_text())["status"] == "interrupted"
+
+
+@pytest.mark.long
+def test_a_second_signal_stops_at_once(start, tmp_path):
+    process, out = start("single"), tmp_path / "out"
+    read_steps(process)
+    began = time.monotonic()
+    for _ in range(2):
+        process.send_signal(signal.SIGTERM)
+        time.sleep(0.005)
+    assert process.wait(10.0) == 130 and time.monotonic() - began < 5.0
+    assert statuses(out) == {"out": "interrupted"}
+
+
+def test_a_run_outlives_its_pipe_and_its_terminal(start, tmp_path):
+    process, out = start("single", steps=12, nohup=True), tmp_path / "out"
+    read_steps(process, 1)
+    process.stdout.close()
+    process.send_signal(signal.SIGHUP)
+    assert process.wait(60.0) == 0
+    assert statuses(out) == {"out": "done"} and len(read(out).history) == 15
+    assert (out / "log.txt").read_text().splitlines()[-1] == f"results in {out}"
+    assert_tidy(out)
+
+
+def test_a_killed_run_is_readable_and_in_nobodys_way(start, environment, tmp_path):
+    process, out = start("single"), tmp_path / "out"
+    read_steps(process)
+    # Meanwhile nobody else may have the directory, whatever they say.
+    second = start("single", "--force")
+    said, _ = second.communicate(timeout=60.0)
+    assert second.returncode == 2 and f"{out}: tribox is writing there (process " in said
+    assert read(out).unfinished == f"goes on, as process {process.pid} on {os.uname().nodename}"
+    process.kill()
+    process.wait()
+    with (out / "history.csv").open("a") as stream:
+        stream.write("7,0.5,sli")  # as if it had been killed in the middle of a row
+    results = read(out)
+    assert results.summary["status"] == "running" and len(results.history) >= 3
+    assert list(results.history.step) == list(range(1, len(results.history) + 1))
+    assert len(results.fields().points) and results.steps[0] == 1
+    command = [sys.executable, "-m", "app", "report", str(out)]
+    told = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    assert "note: the run ended from outside; this is what it had written" in told.stdout
+    again = start("single", "--force", steps=1)
+    assert again.wait(60.0) == 0 and statuses(out) == {"out": "done"}
+
+
+@pytest.mark.parametrize(("target", "code"), [("closed", 0), ("/dev/full", 4)])
+def test_what_is_printed_to_nobody_is_no_traceback(environment, target, code):
+    if target == "closed":
+        reader, writer = os.pipe()
+        os.close(reader)
+    else:
+        writer = os.open(target, os.O_WRONLY)
+    try:
+        command = [sys.executable, "-m", "app", "schema"]
+        told = subprocess.run(
+            command, env=environment, stdout=writer, stderr=subprocess.PIPE, text=True, check=False
+        )
+    finally:
+        os.close(writer)
+    assert told.returncode == code
+    assert told.stderr.count("\n") == (code > 0) and "Traceback" not in told.stderr
