@@ -8,6 +8,7 @@ import platform
 import shutil
 import sys
 import traceback
+from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -190,21 +191,24 @@ def check(case_file: CaseFile, overrides: Overrides = None) -> None:
     """Check a case file without running it; every problem is one line."""
     from app.case.reading import check_case, load_case
 
-    problems = check_case(case_file, overrides or [])
-    if problems:
-        for line in problems:
-            print(line, file=sys.stderr)
-        raise typer.Exit(2)
-    from app.run.building import notes_on_building
+    if problems := check_case(case_file, overrides or []):
+        _refuse(problems)
+    from app.run.building import notes_on_sweep
 
     case = load_case(case_file, overrides or [])
-    notes: dict[str, None] = {}  # the values of a sweep share most of theirs
-    for single in [part for _, part in case.sweep_cases()] or [case]:
-        notes |= dict.fromkeys(notes_on_building(single))
+    notes, problems = notes_on_sweep(case)
+    if problems:
+        _refuse([f"tribox: {line}" for line in problems])
     for note in notes:
         print(f"note: {note}")
-    runs = len(case.sweep_cases()) or 1
+    runs = len(case.sweep.values) if case.sweep is not None else 1
     print(f"{case_file}: correct ({runs} run{'s' * (runs > 1)}, {len(case.stage)} stages)")
+
+
+def _refuse(problems: Sequence[str]) -> None:
+    for line in problems:
+        print(line, file=sys.stderr)
+    raise typer.Exit(2)
 
 
 @cli.command()

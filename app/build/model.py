@@ -11,7 +11,7 @@ from mpi4py import MPI
 from app.build.boundary_conditions import Loads
 from app.build.case_notes import notes_on
 from app.build.contacts import BuiltContact, ContactBuilder
-from app.build.mesh import make_mesh
+from app.build.mesh import make_mesh, of_case
 from app.build.mesh_notes import large_mesh, locking_bodies, notes_on_ranks
 from app.build.probes import PointPlaces, place_probes
 from app.build.solids import displacement_on, make_solids, resolved_bodies
@@ -20,6 +20,7 @@ from app.case.boundary import COMPONENTS
 from app.case.case import Case
 from app.case.stage import solver_of
 from app.equilibrium.equilibrium import Equilibrium
+from app.errors import InputError
 from app.implicit.linear_solver import chosen_solver
 from forms.bodies.kinematics import Section
 from geometry.meshes import metis
@@ -81,8 +82,15 @@ def build_model(case: Case, comm: MPI.Comm) -> Model:
     """Mesh, forms and loads of a case; collective.
 
     Raises:
-        InputError: the mesh, or a name in the case, does not fit.
+        InputError: the mesh, or a name in the case, does not fit; the message names the case file.
     """
+    try:
+        return _built(case, comm)
+    except InputError as error:
+        raise of_case(case, error) from None
+
+
+def _built(case: Case, comm: MPI.Comm) -> Model:
     named = make_mesh(case, comm)
     section = case.geometry.section_in(named.mesh.geometry.dim)
     bodies = resolved_bodies(case.bodies, named)

@@ -16,7 +16,10 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from app.case.quantities import Quantity
-from app.case.table import Count, CountOrZero, Flag, Model, Place, Problem, Text
+from app.case.table import MOST_ENTRIES, Count, CountOrZero, Flag, Model, Place, Problem, Text
+
+LONGEST_LABEL = 200
+"""Bytes of the name of a directory that a value of a sweep gets; file systems take 255."""
 
 
 def _petsc_value(value: object) -> object:
@@ -156,7 +159,9 @@ class Sweep(Model):
         description="dotted key to change, list entries by number, such as contact.0.film.thickness"
     )
     values: tuple[Any, ...] = Field(
-        min_length=1, description="the values, each written as it would be at the key itself"
+        min_length=1,
+        max_length=MOST_ENTRIES,
+        description="the values, each written as it would be at the key itself",
     )
 
     @property

@@ -12,7 +12,10 @@ Neither DOLFINx nor PETSc nor MPI is needed: what is read are the files. ::
 
 from __future__ import annotations
 
+import errno
 import json
+import os
+import stat
 from collections.abc import Iterable
 from functools import cached_property
 from io import StringIO
@@ -257,6 +260,7 @@ class Results:
 
         path = self._file(name, step)
         try:
+            _see_file(path)
             return meshio.vtu.read(path)
         except Exception:  # whatever its XML parser, base64, zlib and numpy raise
             raise InputError(f"{path}: {CUT_OFF} a file of tribox") from None
@@ -301,11 +305,25 @@ def _text(path: Path, what: str) -> str:
         InputError: it cannot be read, or is no text in UTF-8.
     """
     try:
+        _see_file(path)
         return path.read_text(encoding="utf-8")
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
-    except UnicodeDecodeError:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
+    except (UnicodeDecodeError, MemoryError):
         raise InputError(f"{path}: {CUT_OFF} {what} of tribox") from None
+
+
+def _see_file(path: Path) -> None:
+    """See that something is a file: to read a pipe may take for ever, a device has no end.
+
+    Raises:
+        OSError: it is none, or not there.
+    """
+    mode = path.stat().st_mode
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    if not stat.S_ISREG(mode):
+        raise OSError("it is a device, pipe or socket")
 
 
 def _index(path: Path) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
