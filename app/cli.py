@@ -25,6 +25,7 @@ if _rich is not None:
     sys.modules["rich"] = _rich
 
 from app.errors import InputError, TriboxError  # noqa: E402
+from app.run.cache import ensure_cache  # noqa: E402
 
 if TYPE_CHECKING:
     from click import Context
@@ -483,6 +484,7 @@ def precompile() -> None:
 def main() -> None:
     """Run the command line; errors of ours become one line and an exit code."""
     try:
+        ensure_cache()
         cli(prog_name="tribox")
     except TriboxError as error:
         _say_once(f"tribox: {error}")

@@ -2,13 +2,25 @@
 
 from __future__ import annotations
 
+import csv
+import json
+import re
+from io import StringIO
 from pathlib import Path
 
 from hypothesis import strategies as st
 
 from tests.app.conftest import BLOCK, FILM, SLID
 from tests.fuzz import hostile
-from tests.fuzz.case_files import ODD_BYTES, damaged, good_cases, keys_of, near
+from tests.fuzz.case_files import (
+    ODD_BYTES,
+    changed_cases,
+    damaged,
+    good_cases,
+    keys_of,
+    near,
+    place,
+)
 from tests.fuzz.hostile import text_of
 
 # -- overrides --------------------------------------------------------------------------------
@@ -134,7 +146,7 @@ def damaged_results(draw: st.DrawFn, good: tuple[Path, ...]) -> tuple[Path, str,
     files = sorted(p for p in directory.rglob("*") if p.is_file() and p.suffix != ".png")
     path = draw(st.sampled_from(files))
     name = str(path.relative_to(directory))
-    kind = draw(st.sampled_from(["bytes", "bytes", "cell", "cell", "cell", "other"]))
+    kind = draw(st.sampled_from(["bytes", "cell", "cell", "shape", "shape", "shape", "other"]))
     if kind == "other":
         return (
             directory,
@@ -142,16 +154,69 @@ def damaged_results(draw: st.DrawFn, good: tuple[Path, ...]) -> tuple[Path, str,
             draw(st.sampled_from([None, "directory", "loop", "pipe", "endless", b""])),
         )
     content = path.read_bytes()
+    if kind == "shape":
+        return directory, name, draw(_of_another_shape(path, files))
     if kind == "cell" and path.suffix in (".csv", ".json", ".pvd", ".toml"):
         return directory, name, draw(_with_odd_cell(content))
     return directory, name, draw(damaged(content))
 
 
 @st.composite
+def _of_another_shape(draw: st.DrawFn, path: Path, files: list[Path]) -> bytes:
+    """A file that can be read and is another: other values, rows and columns, another's content."""
+    text = path.read_text(encoding="utf-8")
+    if path.suffix == ".json":
+        summary = json.loads(text)
+        for _ in range(draw(st.integers(1, 2))):
+            key = draw(st.sampled_from(sorted(keys_of(summary), key=str)))
+            place(summary, key, draw(_JSON_VALUES))
+        return json.dumps(summary).encode()
+    if path.suffix == ".csv":
+        rows = list(csv.reader(text.splitlines()))
+        return draw(_other_table(rows))
+    if path.name == "case.toml" and draw(st.booleans()):
+        return draw(changed_cases()).encode()
+    return draw(st.sampled_from([p for p in files if p.suffix == path.suffix])).read_bytes()
+
+
+_JSON_VALUES = st.one_of(
+    st.sampled_from([None, True, False, 0, -1, 1e308, 10**30, "", "x", [], {}, [[]], [{}], [None]]),
+    st.sampled_from([{"x": []}, {"": None}, ["x"], [1, 2], float("nan"), float("inf"), "\x1b[2J"]),
+    st.sampled_from(["a" * 10_000, {"seconds": "x"}, {"tribox": {}}, [{"label": 1}]]),
+)
+
+
+@st.composite
+def _other_table(draw: st.DrawFn, rows: list[list[str]]) -> bytes:
+    """A table with columns and rows taken away, doubled or exchanged, or all alike."""
+    width = len(rows[0])
+    for _ in range(draw(st.integers(1, 2))):
+        kind = draw(st.sampled_from(["column", "twice", "rows", "none", "order", "fill", "word"]))
+        column = draw(st.integers(0, width - 1))
+        if kind == "column" and width > 1:
+            rows, width = [row[:column] + row[column + 1 :] for row in rows], width - 1
+        elif kind == "twice":
+            rows, width = [[*row, row[column]] for row in rows], width + 1
+        elif kind == "rows":
+            rows = [rows[0], *draw(st.lists(st.sampled_from(rows[1:] or rows), max_size=8))]
+        elif kind == "none":
+            rows = rows[: draw(st.integers(0, 2))] or [[""]]
+        elif kind == "order":
+            rows = [rows[0], *rows[:0:-1]]
+        elif kind == "fill":
+            put = draw(st.sampled_from(["0", "1", "-1", "nan", "inf", "1e308", "1e-308", "x", ""]))
+            rows = [rows[0], *([*row[:column], put, *row[column + 1 :]] for row in rows[1:])]
+        else:
+            rows = [[c if c != rows[-1][column] else "other" for c in row] for row in rows]
+        width = len(rows[0])
+    stream = StringIO()
+    csv.writer(stream, lineterminator="\n").writerows(rows)
+    return stream.getvalue().encode()
+
+
+@st.composite
 def _with_odd_cell(draw: st.DrawFn, content: bytes) -> bytes:
     """Some word of a text file replaced by another."""
-    import re
-
     spans = [m.span() for m in re.finditer(rb"[^\s,:\[\]{}=<>]+", content)]
     for low, high in sorted(draw(st.lists(st.sampled_from(spans), max_size=3)), reverse=True):
         put = draw(st.sampled_from(_ODD_CELLS + ODD_BYTES))
