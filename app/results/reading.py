@@ -16,7 +16,8 @@ import errno
 import json
 import os
 import stat
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from functools import cached_property
 from io import StringIO
 from pathlib import Path
@@ -296,6 +297,22 @@ class Results:
         """The files of a series by their steps."""
         found = self.directory.glob(f"{name}/*.vtu")
         return {int(p.stem): p for p in found if p.stem.isdecimal()}
+
+
+@contextmanager
+def files_of_one_run(results: Results) -> Iterator[None]:
+    """Draw or tell inside what the files of a directory hold, each of them whole by itself.
+
+    Raises:
+        InputError: what one file names another has not, so that they are not of one run.
+    """
+    try:
+        yield
+    except (LookupError, ValueError, TypeError, AttributeError, ArithmeticError) as error:
+        reason = f"{type(error).__name__}: {error}"
+        raise InputError(
+            f"{results.directory}: its files are not of one run of this version ({reason})"
+        ) from error
 
 
 def _text(path: Path, what: str) -> str:
