@@ -12,10 +12,11 @@ import math
 from typing import Any
 
 from app.build.load_steps import LoadStep, load_steps_of
+from app.build.mesh import of_case
 from app.build.model import Model, initial_velocity
 from app.case.solver import Solver
 from app.case.stage import solver_of
-from app.errors import SolutionError
+from app.errors import InputError, SolutionError
 from app.explicit.instability import ExplicitError
 from app.explicit.options import ExplicitOptions
 from app.explicit.stepper import ExplicitStepper, MassScaling
@@ -48,12 +49,19 @@ def notes_on_steps(model: Model) -> list[str]:
     """How long the time steps of a case's explicit stages are, and how many; collective.
 
     The model must be as it was built; its loads are set to those of the start.
+
+    Raises:
+        InputError: these loads turn an element inside out at once.
     """
     case = model.case
     if not case.is_explicit:
         return []
     model.set_loads(0.0, 0.0)
-    stepper = ExplicitStepper(model.problem, explicit_options(case.solver))
+    try:
+        stepper = ExplicitStepper(model.problem, explicit_options(case.solver))
+    except ExplicitError as error:
+        reason = f"what the boundaries prescribe at the start cannot be: {error}"
+        raise of_case(case, InputError(reason)) from None
     dt = case.solver.step_safety * stepper.stable_step()
     notes = [f"explicit: time step {dt:.3g} s, limited by {stepper.limit}"]
     if stepper.added_mass > 0.0:

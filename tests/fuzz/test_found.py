@@ -13,7 +13,7 @@ from app.case.reading import check_case, load_case
 from app.errors import InputError, as_line
 from app.fit.data import read_data
 from app.results import read
-from tests.app.conftest import BLOCK, FILM
+from tests.app.conftest import BLOCK, FILM, SLID
 from tests.fuzz.case_files import SWEEP, place
 from tests.fuzz.guard import outcome, see_line
 from tests.fuzz.hostile import Raw, toml_of
@@ -217,3 +217,14 @@ def test_a_film_case_takes_ordinary_values_still(tmp_path):
     path = tmp_path / "case.toml"
     path.write_text(FILM, encoding="utf-8")
     assert check_case(path, ["contact.0.film.thickness=0", "contact.0.friction.alpha=0"]) == []
+
+
+def test_a_start_that_turns_elements_inside_out_is_a_line_with_the_file(tmp_path):
+    from app.run.building import notes_on_building
+
+    path = tmp_path / "case.toml"
+    path.write_text(SLID)
+    wrong = 'boundary.0.displacement.y="1 m"'  # the block below, from the first moment on
+    case = load_case(path, [wrong])
+    came_to = outcome(lambda: notes_on_building(case), tmp_path)
+    assert came_to.startswith(f"refused: {path}: what the boundaries prescribe at the start")
