@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import platform
@@ -24,7 +25,7 @@ del sys.modules["rich"]
 if _rich is not None:
     sys.modules["rich"] = _rich
 
-from app.errors import InputError, TriboxError  # noqa: E402
+from app.errors import InputError, TriboxError, as_line  # noqa: E402
 from app.run.cache import ensure_cache  # noqa: E402
 
 if TYPE_CHECKING:
@@ -489,7 +490,10 @@ def main() -> None:
     except TriboxError as error:
         _say_once(f"tribox: {error}")
         sys.exit(error.exit_code)
-    except Exception:
+    except Exception as error:
+        if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
+            _say_once(f"tribox: {as_line(str(error.filename))}: {error.strerror}")
+            sys.exit(InputError.exit_code)
         # One rank that dies alone would leave the others waiting for it for ever.
         if _ranks_around() == 1:
             raise

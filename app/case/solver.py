@@ -18,8 +18,11 @@ from pydantic_core import PydanticCustomError
 from app.case.quantities import Quantity
 from app.case.table import MOST_ENTRIES, Count, CountOrZero, Flag, Model, Place, Problem, Text
 
+_LETTERS = "A-Za-z0-9.+=_%µμ-"
+LABEL = re.compile(rf"[{_LETTERS}]*=[{_LETTERS}]*")
+"""What the name of a directory looks like that a value of a sweep gets."""
 LONGEST_LABEL = 200
-"""Bytes of the name of a directory that a value of a sweep gets; file systems take 255."""
+"""Bytes of such a name; file systems take 255."""
 
 
 def _petsc_value(value: object) -> object:
@@ -182,4 +185,4 @@ def _as_text(value: object) -> str:
 def _as_name(text: str) -> str:
     """Text without spaces and without what a directory name or a shell would stumble over."""
     spaceless = re.sub(r"(?<=\d)\s+(?=\D)", "", text.strip())
-    return re.sub(r"[^A-Za-z0-9.+=_%µμ-]+", "_", spaceless)
+    return re.sub(rf"[^{_LETTERS}]+", "_", spaceless)

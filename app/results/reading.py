@@ -28,6 +28,7 @@ import numpy as np
 
 from app.case.case import Case
 from app.case.reading import load_past_case
+from app.case.solver import LABEL, LONGEST_LABEL
 from app.errors import InputError
 from app.results.directory import TEXT_COLUMNS
 
@@ -188,8 +189,16 @@ class Results:
 
     @cached_property
     def parts(self) -> dict[str, Results]:
-        """The runs of a sweep by label, in its order; those without results are left out."""
+        """The runs of a sweep by label, in its order; those without results are left out.
+
+        Raises:
+            InputError: a label is no name of a directory in this one.
+        """
         labels = list(self.summary.get("parts", ()))
+        odd = next((label for label in labels if not _is_label(label)), None)
+        if odd is not None:
+            path = self.directory / "summary.json"
+            raise InputError(f'{path}: is no summary of tribox ("{odd[:40]}" is no part of it)')
         if not labels and self.case.sweep is not None:
             labels = list(self.case.sweep.labels)
         found = {label: self.directory / label for label in labels}
@@ -297,6 +306,11 @@ class Results:
         """The files of a series by their steps."""
         found = self.directory.glob(f"{name}/*.vtu")
         return {int(p.stem): p for p in found if p.stem.isdecimal()}
+
+
+def _is_label(text: str) -> bool:
+    """Whether this can be the name that a value of a sweep has, and leads nowhere else."""
+    return LABEL.fullmatch(text) is not None and len(text.encode()) <= LONGEST_LABEL
 
 
 @contextmanager

@@ -21,6 +21,9 @@ from app.simulation.history import COLUMNS
 INTERRUPTED = 130  # exit code of a run that was stopped by Ctrl-C
 
 
+KEPT = ("status", "warnings", "steps", "newton_iterations")  # of the summary of a part
+
+
 @dataclass(frozen=True, slots=True)
 class Part:
     """One value of a sweep: its label, the command that runs it, and where its results go."""
@@ -107,6 +110,18 @@ def part_command(case_file: Path, index: int, directory: Path, options: Sequence
     ]
 
 
+def _summary_of_part(path: Path) -> dict[str, Any] | None:
+    """What the summary of a part holds; None where it is cut off, or not one of this version."""
+    try:
+        summary: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        whole = {*KEPT, "load_steps"} <= summary.keys() and all(
+            {"steady", *COLUMNS} <= row.keys() for row in summary["load_steps"]
+        )
+    except (OSError, ValueError, TypeError, AttributeError, RecursionError):
+        return None
+    return summary if whole else None
+
+
 def collate(case: Case, directory: Path) -> None:
     """Write ``sweep.csv``, one row for each load step of each part, and ``summary.json``.
 
@@ -122,8 +137,11 @@ def collate(case: Case, directory: Path) -> None:
         if not path.is_file():
             parts[label] = {"status": "not run"}
             continue
-        summary = json.loads(path.read_text(encoding="utf-8"))
-        parts[label] = {k: summary[k] for k in ("status", "warnings", "steps", "newton_iterations")}
+        summary = _summary_of_part(path)
+        if summary is None:
+            parts[label] = {"status": "cannot be read"}
+            continue
+        parts[label] = {key: summary[key] for key in KEPT}
         for load_step in summary["load_steps"]:
             steady = load_step["steady"]
             number = -1 if steady is None else int(steady)

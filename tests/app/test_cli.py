@@ -244,6 +244,27 @@ def test_misspelt_surface_of_a_mesh_offers_the_nearest(tribox, case_file, block,
         assert_refused(tribox(command, path), "botom", "did you mean 'bottom'?")
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["run", "CASE", "--out", "LONG"],
+        ["map", "--out", "LONG"],
+        ["mesh", "CASE", "--out", "LONG"],
+        ["mesh", "LONG.geo"],
+        ["plot", "LONG"],
+        ["report", "LONG"],
+        ["init", "two-blocks", "LONG.toml"],
+    ],
+    ids=" ".join,
+)
+def test_a_name_of_400_letters_is_one_line(tribox, case_file, block, words):
+    path = case_file(block)
+    done = tribox(*(word.replace("LONG", "a" * 400).replace("CASE", str(path)) for word in words))
+    [line] = done.stderr.splitlines()
+    assert done.returncode == 2 and line.startswith("tribox: aaaa")
+    assert line.endswith("File name too long")
+
+
 def test_all_names_that_a_mesh_has_not_are_told_at_once_after_the_case_file(
     tribox, case_file, block, tmp_path
 ):

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from pathlib import Path
 
 from app.case.reading import load_case
-from app.results.directory import write_text
+from app.results.directory import write_json, write_table, write_text
+from app.simulation.history import COLUMNS
 from tests.app.conftest import BLOCK
 from tests.app.figures.made_results import write_strip
 
@@ -47,11 +49,16 @@ def _make_run(directory: Path) -> None:
 
 
 def _make_sweep(directory: Path, run: Path) -> None:
-    from app.run.sweep import collate
-
     directory.mkdir()
-    write_text(directory / "case.toml", (BLOCK + SWEEP))
-    case = load_case(directory / "case.toml")
-    for label in case.sweep.labels if case.sweep else ():
+    write_text(directory / "case.toml", BLOCK + SWEEP)
+    sweep = load_case(directory / "case.toml").sweep
+    assert sweep is not None
+    rows, parts = [], {}
+    for label, value in zip(sweep.labels, (0.1, 0.2), strict=True):
         shutil.copytree(run, directory / label)
-    collate(case, directory)
+        summary = json.loads((run / "summary.json").read_text())
+        parts[label] = {"status": "done", "warnings": [], "steps": 5, "newton_iterations": 9}
+        for row in summary["load_steps"]:
+            rows.append([label, value, -1, *(row[name] for name in COLUMNS)])
+    write_table(directory / "sweep.csv", ("label", "value", "steady", *COLUMNS), rows)
+    write_json(directory / "summary.json", {"title": "", "status": "done", "parts": parts})
