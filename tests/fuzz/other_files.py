@@ -5,6 +5,8 @@ from __future__ import annotations
 import csv
 import json
 import re
+import tempfile
+from functools import cache
 from io import StringIO
 from pathlib import Path
 
@@ -132,6 +134,30 @@ law_overrides = st.lists(
     min_size=1,
     max_size=2,
 )  # fmt: skip
+
+# -- meshes --------------------------------------------------------------------------------------
+
+
+@cache
+def good_mesh() -> bytes:
+    """A gmsh file of two small blocks."""
+    from geometry.generators.two_blocks import Block, TwoBlocks
+    from geometry.meshes.gmsh_model import write_msh
+
+    with tempfile.TemporaryDirectory() as directory:
+        path = Path(directory) / "good.msh"
+        write_msh(TwoBlocks(Block(1e-3, 5e-4, (3, 2)), Block(2e-3, 5e-4, (5, 2)), 5e-4), path)
+        return path.read_bytes()
+
+
+@st.composite
+def damaged_meshes(draw: st.DrawFn) -> bytes:
+    """A mesh file with a few numbers and bytes that are others."""
+    good = good_mesh()
+    if draw(st.booleans()):
+        return draw(damaged(good))
+    return draw(_with_odd_cell(good))
+
 
 # -- results ----------------------------------------------------------------------------------
 

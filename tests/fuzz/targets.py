@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 from collections.abc import Callable
 from functools import cache
@@ -22,6 +23,7 @@ from app.friction_map.run import run_map
 from app.results import Results, read
 from app.results.directory import check_free
 from app.results.earlier_sweep import sweep_labels
+from tests.app.conftest import BLOCK as ON_MESH
 from tests.fuzz.guard import OddLine, see_line
 
 SMALL = 300  # cells that are meshed for an input
@@ -96,6 +98,17 @@ def _cells(case: Case) -> float:
             count *= min(number, 10**6)
         total += count
     return total
+
+
+def mesh_case(data: object, directory: Path) -> None:
+    """Build a case on a mesh file."""
+    from app.run.building import notes_on_building
+
+    (directory / "own.msh").write_bytes(bytes(data))  # type: ignore[call-overload]
+    path = directory / "case.toml"
+    table = 'mesh = "own.msh"\nthickness = "1 mm"\n'
+    path.write_text(re.sub(r"(?<=\[geometry\]\n)kind[^\[]*", table, ON_MESH), encoding="utf-8")
+    notes_on_building(load_case(path))
 
 
 def override_case(data: object, directory: Path) -> None:
@@ -240,6 +253,7 @@ def acts() -> dict[str, Act]:
         "overrides": override_case,
         "data": fit_data,
         "map": map_case,
+        "meshes": mesh_case,
         "results": read_results,
         "figures": draw_results,
     }
