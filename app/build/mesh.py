@@ -27,7 +27,10 @@ def make_mesh(case: Case, comm: MPI.Comm) -> NamedMesh:
     try:
         if isinstance(geometry, GeneratedGeometry):
             return generate(geometry.shape(), comm, contacts)
-        named = read(Path(geometry.mesh), comm, contacts, geometry.max_cells)
+        try:
+            named = read(Path(geometry.mesh), comm, contacts, geometry.max_cells)
+        except MeshError as error:
+            raise MeshError(f"geometry.mesh: {error}") from None
         try:
             _check_names(case, named)
             _check_section(case, named)
