@@ -6,12 +6,14 @@ branches on the version; `tests/geometry/test_compat.py` reads the sources and c
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import dolfinx
 import dolfinx.fem.petsc
+import ffcx
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
@@ -19,6 +21,25 @@ from petsc4py import PETSc
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
+
+
+def _load_compile_options() -> None:
+    """Have DOLFINx and FFCx read their files of options, which they do once, somewhere else.
+
+    They would take those of the working directory, which may be that of anyone's case, and flags of
+    the compiler among them. Those of the user's own configuration count.
+    """
+    here = os.open(".", os.O_PATH)
+    try:
+        os.chdir("/")
+        dolfinx.jit.get_options()
+        ffcx.get_options()
+    finally:
+        os.fchdir(here)
+        os.close(here)
+
+
+_load_compile_options()
 
 # DOLFINx calls it on every process with the communicator, the number of parts, the kinds of cells
 # and, for each kind, the vertices of the cells in a row; it returns the part of each cell.

@@ -14,6 +14,7 @@ from geometry.meshes import metis
 from geometry.meshes.mesh import NamedMesh
 
 LOCKING = 50.0  # K/G (Poisson's ratio 0.49) from which linear triangles are said to lock
+MANY = 0.5  # share of the cells that are allowed from which they are told
 LARGE = 1.0  # extent of a body, m, from which the unit of a mesh that was read is asked for
 
 
@@ -37,6 +38,13 @@ def locking_bodies(named: NamedMesh, solids: Sequence[Solid], degree: int) -> It
                 f"body {solid.name}: linear {plural} lock with K/G = {ratio:.3g} and are far too "
                 f'stiff; use cell = "{other}" with formulation = "q1-sri", or formulation = "q2"'
             )
+
+
+def many_cells(case: Case, named: NamedMesh) -> Iterator[str]:
+    """A line on a mesh whose number of cells is near the most that are allowed."""
+    cells = named.mesh.topology.index_map(named.mesh.topology.dim).size_global
+    if cells > MANY * case.geometry.max_cells:
+        yield f"the mesh has {cells} cells; geometry.max_cells allows {case.geometry.max_cells}"
 
 
 def large_mesh(case: Case, named: NamedMesh) -> Iterator[str]:

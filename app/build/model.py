@@ -12,7 +12,8 @@ from app.build.boundary_conditions import Loads
 from app.build.case_notes import notes_on
 from app.build.contacts import BuiltContact, ContactBuilder
 from app.build.mesh import make_mesh, of_case
-from app.build.mesh_notes import large_mesh, locking_bodies, notes_on_ranks
+from app.build.mesh_notes import large_mesh, locking_bodies, many_cells, notes_on_ranks
+from app.build.numbers import failures_as
 from app.build.probes import PointPlaces, place_probes
 from app.build.solids import displacement_on, make_solids, resolved_bodies
 from app.build.supports import notes_on_supports
@@ -82,7 +83,8 @@ def build_model(case: Case, comm: MPI.Comm) -> Model:
     """Mesh, forms and loads of a case; collective.
 
     Raises:
-        InputError: the mesh, or a name in the case, does not fit; the message names the case file.
+        InputError: the mesh, or a name in the case, does not fit, or numbers are out of range; the
+            message names the case file.
     """
     try:
         return _built(case, comm)
@@ -90,6 +92,7 @@ def build_model(case: Case, comm: MPI.Comm) -> Model:
         raise of_case(case, error) from None
 
 
+@failures_as(InputError, "the case")
 def _built(case: Case, comm: MPI.Comm) -> Model:
     named = make_mesh(case, comm)
     section = case.geometry.section_in(named.mesh.geometry.dim)
@@ -149,6 +152,7 @@ def _notes(asked: Case, model: Model, contacts: Sequence[BuiltContact], loads: L
         *notes_on(case),
         *locking_bodies(named, problem.solids, problem.space.element.basix_element.degree),
         *large_mesh(case, named),
+        *many_cells(case, named),
         *notes_on_ranks(asked, named),
         *(note for contact in contacts for note in contact.notes),
         *loads.notes,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
 
@@ -38,6 +38,8 @@ class BlockSize(Model):
 
 class BlocksGeometry(PlaneGeometry):
     """Two rectangular blocks, one on the other, meshed by the built-in generator."""
+
+    sizes_by: ClassVar[str] = "elements or size of upper and lower"
 
     kind: Literal["two-blocks"] = Field(description="which generator makes the mesh")
     section: PlaneSection = Field(default="plane-strain", description=SECTION)
@@ -104,10 +106,7 @@ class BlocksGeometry(PlaneGeometry):
                 reason = "must be >= 0 m: x is the distance from the axis of symmetry"
                 yield Problem((*place, "offset"), reason, self.offset)
         if not found:
-            try:
-                self.shape()
-            except ValueError as error:
-                yield Problem(place, str(error))
+            yield from self.shape_problems(place)
 
 
 def _centred(data: dict[str, Any]) -> float:
@@ -204,10 +203,7 @@ class _LineGeometry(PlaneGeometry):
                 wrong = True
                 yield Problem((*place, name), str(error))
         if not wrong:
-            try:
-                self.shape()
-            except ValueError as error:
-                yield Problem(place, str(error))
+            yield from self.shape_problems(place)
 
 
 def _width(size: CylinderSize | FlatSize) -> float:

@@ -44,6 +44,7 @@ class BoxSize(Model):
 class BoxesGeometry(GeneratedGeometry):
     """Two boxes in space, one on the other."""
 
+    sizes_by: ClassVar[str] = "elements or size of upper and lower"
     surfaces: ClassVar[tuple[str, ...]] = (
         *GeneratedGeometry.surfaces,
         "elastomer_front",
@@ -98,10 +99,7 @@ class BoxesGeometry(GeneratedGeometry):
                 reason = "give either elements or size, not both and not neither"
                 yield Problem((*place, name), reason)
         if not found:
-            try:
-                self.shape()
-            except ValueError as error:
-                yield Problem(place, str(error))
+            yield from self.shape_problems(place)
 
 
 def _centred(data: dict[str, Any]) -> tuple[float, float]:
@@ -201,7 +199,4 @@ class SphereGeometry(GeneratedGeometry):
 
     def problems(self, place: Place) -> Iterator[Problem]:
         """Mistakes in the bodies; `place` is where this table stands in the case."""
-        try:
-            self.shape()
-        except ValueError as error:
-            yield Problem(place, str(error))
+        yield from self.shape_problems(place)

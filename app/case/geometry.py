@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Protocol, Self
 
 from pydantic import Field, ValidationInfo, field_serializer, field_validator
 from pydantic_core import PydanticCustomError
 
 from app.case.quantities import Quantity
-from app.case.table import Model, Place, Problem
+from app.case.table import Count, Model, Place, Problem
 
 if TYPE_CHECKING:
     from forms.bodies.kinematics import Section
-    from geometry.meshes.gmsh_model import Shape
 
 Cell = Literal["quadrilateral", "triangle"]
 PlaneSection = Literal["plane-strain", "axisymmetric"]
@@ -22,12 +21,33 @@ SECTION = (
     'what a mesh in the plane stands for: "plane-strain" (a slab) or "axisymmetric" (x is the '
     "radius, x = 0 the axis; forces and energies are those of the whole body of revolution)"
 )
+MaxCells = Annotated[
+    Count,
+    Field(
+        description="most cells of the mesh: more are refused before they are made or read, as a "
+        "mistake in a size"
+    ),
+]
+MOST_CELLS = 5_000_000
 NO_SLAB = "goes with plane strain only: forces are those of the whole body"
+
+
+class CountedShape(Protocol):
+    """A built-in geometry, which knows its number of cells beforehand."""
+
+    def build(self) -> None:
+        """Draw, name and mesh it in the current gmsh model."""
+        ...
+
+    def cells(self) -> int:
+        """Number of cells of all bodies."""
+        ...
 
 
 class GeneratedGeometry(Model):
     """What all built-in generators have: one body on another, names known beforehand."""
 
+    sizes_by: ClassVar[str] = "contact_size or growth"
     bodies: ClassVar[tuple[str, ...]] = ("elastomer", "aluminium")
     surfaces: ClassVar[tuple[str, ...]] = (
         "elastomer_contact",
@@ -39,6 +59,8 @@ class GeneratedGeometry(Model):
         "aluminium_left",
         "aluminium_right",
     )
+
+    max_cells: MaxCells = MOST_CELLS
 
     if TYPE_CHECKING:  # a field of each generator, after those its default depends on
         cell: str
@@ -53,7 +75,7 @@ class GeneratedGeometry(Model):
         """Largest extent of a body, m."""
         raise NotImplementedError
 
-    def shape(self) -> Shape:
+    def shape(self) -> CountedShape:
         """The shape that is meshed.
 
         Raises:
@@ -69,6 +91,20 @@ class GeneratedGeometry(Model):
     def section_in(self, dim: int) -> Section:
         """What the mesh stands for, ``dim`` being its dimension."""
         return self.built_section
+
+    def shape_problems(self, place: Place) -> Iterator[Problem]:
+        """What keeps the shape from being meshed; `place` is where this table stands."""
+        try:
+            cells = self.shape().cells()
+        except ValueError as error:
+            yield Problem(place, str(error))
+            return
+        if cells > self.max_cells:
+            reason = (
+                f"the mesh would have {cells:.4g} cells; make it coarser by {self.sizes_by}, or "
+                "raise this"
+            )
+            yield Problem((*place, "max_cells"), reason, self.max_cells)
 
     def resolved(self, dim: int) -> Self:
         """With the defaults filled in that follow from the mesh: there are none."""
@@ -107,6 +143,7 @@ class MeshGeometry(Model):
         description="gmsh file (.msh), relative to the case file; the names of its physical "
         "groups are those of bodies and surfaces"
     )
+    max_cells: MaxCells = MOST_CELLS
     section: PlaneSection | None = Field(
         default=None, description=f"{SECTION}; default: plane-strain"
     )

@@ -11,12 +11,24 @@ from pydantic import (
     Field,
     PlainValidator,
     SerializerFunctionWrapHandler,
+    field_validator,
     model_serializer,
 )
 from pydantic_core import PydanticCustomError
 
+from app.case.petsc import option_problems
 from app.case.quantities import Quantity
-from app.case.table import MOST_ENTRIES, Count, CountOrZero, Flag, Model, Place, Problem, Text
+from app.case.table import (
+    MOST_ENTRIES,
+    Count,
+    CountOrZero,
+    Flag,
+    Model,
+    Place,
+    Problem,
+    Text,
+    problems_error,
+)
 
 _LETTERS = "A-Za-z0-9.+=_%µμ-"
 LABEL = re.compile(rf"[{_LETTERS}]*=[{_LETTERS}]*")
@@ -98,7 +110,9 @@ class Solver(Model):
         description="what ranks share out evenly: cells and slave facets, or cells only",
     )
     petsc: dict[Text, PetscValue] = Field(
-        default={}, description='PETSc options, passed through: name without "-", and value'
+        default={},
+        description='PETSc options of the implicit solver: name without "-", and a number, true, '
+        "false or a word; those that print, name files or run code are refused",
     )
 
     step_safety: Annotated[float, Quantity(gt=0.0, le=1.0)] = Field(
@@ -121,6 +135,14 @@ class Solver(Model):
         description="kinetic over strain energy above which a run with scaled mass warns; "
         "explicit only",
     )
+
+    @field_validator("petsc")
+    @classmethod
+    def _only_allowed(cls, options: dict[str, Any]) -> dict[str, Any]:
+        """Options that say how a system is solved, and nothing else."""
+        if problems := list(option_problems(options)):
+            raise problems_error(problems)
+        return options
 
     @model_serializer(mode="wrap")
     def _without_idle_keys(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:

@@ -7,12 +7,14 @@ solvers see all of it.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Literal
 
 from petsc4py import PETSc
 
 from app.equilibrium.equilibrium import Equilibrium
 from app.equilibrium.step_mode import DEFAULT_STEP, StepMode
+from app.implicit.petsc_options import refusal, silence, unused
 
 Linear = Literal["auto", "direct", "krylov"]
 # Unknowns up to which "auto" factorises, by the dimension of space: a factorisation takes about
@@ -82,6 +84,31 @@ class LinearSolver:
         ksp.setOperators(self.matrix)
         if not self.direct:
             self._near = self._near_nullspace()
+
+    def try_options(self, x: PETSc.Vec, prefix: str, names: Iterable[str]) -> None:
+        """Set everything up at ``x``, as PETSc reads some options only then; collective.
+
+        Args:
+            x: state, m.
+            prefix: of the solver's options.
+            names: options without it that must be of use.
+
+        Raises:
+            ValueError: PETSc refuses one of the options, or has no use for it.
+        """
+        try:
+            self.assemble(x)
+            self.ksp.setUpOnBlocks()
+        except PETSc.Error as error:
+            raise refusal(error) from None
+        idle = unused(self.problem.comm, prefix, names)
+        if idle:
+            kinds = f'ksp_type "{self.ksp.getType()}" and pc_type "{self.ksp.getPC().getType()}"'
+            silence()
+            raise ValueError(f"{', '.join(idle)}: not used by PETSc with {kinds}")
+        self.ksp.reset()  # the first factorisation of the run is that of its first tangent
+        self.ksp.setOperators(self.matrix)
+        self.assembled = 0
 
     @property
     def direct(self) -> bool:

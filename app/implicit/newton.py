@@ -17,6 +17,7 @@ from app.equilibrium.equilibrium import Equilibrium
 from app.equilibrium.step_mode import DEFAULT_STEP, StepMode
 from app.implicit.linear_solver import LinearSolver, linear_options
 from app.implicit.options import ImplicitOptions
+from app.implicit.petsc_options import refusal
 
 PREFIX = "tribox_"
 _numbers = itertools.count()
@@ -90,7 +91,7 @@ class Newton:
         """Set SNES up on the problem's residual and tangent; collective.
 
         Raises:
-            ValueError: PETSc refuses one of the options.
+            ValueError: PETSc refuses one of the options, or has no use for it.
         """
         self.problem, self.solver, self.options = problem, solver, options
         self.trial = trial
@@ -104,6 +105,8 @@ class Newton:
         self._petsc_options = PETSc.Options(prefix)
         self.snes = self._new_snes(prefix)
         solver.use(self.snes.getKSP())
+        if options.petsc:
+            solver.try_options(trial, prefix, options.petsc)
 
     def _new_snes(self, prefix: str) -> PETSc.SNES:
         snes = PETSc.SNES().create(self.problem.comm)
@@ -127,9 +130,7 @@ class Newton:
             snes.setFromOptions()
             snes.getKSP().getPC().setFromOptions()
         except PETSc.Error as error:
-            PETSc.Options()["options_left"] = False  # all else is of no interest any more
-            reason = str(error).strip().splitlines()[-1].split("] ", 1)[-1]
-            raise ValueError(reason) from None
+            raise refusal(error) from None
         return snes
 
     # -- solution -----------------------------------------------------------------------------

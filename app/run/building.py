@@ -8,6 +8,7 @@ from app.build.model import build_model
 from app.case.case import Case
 from app.errors import InputError
 from app.simulation.explicit_stage import notes_on_steps
+from app.simulation.simulation import Simulation
 
 MOST_BUILT = 20
 """Values of a sweep that are put together to see what shows only then."""
@@ -38,7 +39,9 @@ def notes_on_building(case: Case) -> list[str]:
     """The notes on a case whose mesh, forms and contacts are made and dropped again.
 
     Raises:
-        InputError: mesh and case do not go together.
+        InputError: mesh and case do not go together, or PETSc has no use for an option.
     """
     model = build_model(case, MPI.COMM_SELF)
+    if case.solver.petsc:
+        Simulation(model)
     return [*model.notes, *notes_on_steps(model)]

@@ -12,8 +12,8 @@ import math
 from typing import Any
 
 from app.build.load_steps import LoadStep, load_steps_of
-from app.build.mesh import of_case
 from app.build.model import Model, initial_velocity
+from app.build.numbers import failures_as
 from app.case.solver import Solver
 from app.case.stage import solver_of
 from app.errors import InputError, SolutionError
@@ -45,23 +45,20 @@ def explicit_options(solver: Solver) -> ExplicitOptions:
     )
 
 
+@failures_as(InputError, "the start")
 def notes_on_steps(model: Model) -> list[str]:
     """How long the time steps of a case's explicit stages are, and how many; collective.
 
     The model must be as it was built; its loads are set to those of the start.
 
     Raises:
-        InputError: these loads turn an element inside out at once.
+        InputError: an element is inside out at the start, or numbers are out of range.
     """
     case = model.case
     if not case.is_explicit:
         return []
     model.set_loads(0.0, 0.0)
-    try:
-        stepper = ExplicitStepper(model.problem, explicit_options(case.solver))
-    except ExplicitError as error:
-        reason = f"what the boundaries prescribe at the start cannot be: {error}"
-        raise of_case(case, InputError(reason)) from None
+    stepper = ExplicitStepper(model.problem, explicit_options(case.solver))
     dt = case.solver.step_safety * stepper.stable_step()
     notes = [f"explicit: time step {dt:.3g} s, limited by {stepper.limit}"]
     if stepper.added_mass > 0.0:

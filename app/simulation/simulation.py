@@ -8,7 +8,9 @@ import numpy as np
 
 from app.build.load_steps import LoadStep, load_steps_of
 from app.build.model import Model
+from app.build.numbers import failures_as
 from app.case.stage import Stage, solver_of
+from app.errors import InputError, SolutionError
 from app.explicit.stepper import ExplicitStepper
 from app.implicit.stepper import ImplicitStepper
 from app.simulation.explicit_stage import ExplicitStage
@@ -38,11 +40,13 @@ class Simulation:
         explicit: what runs explicit stages; None before the first of them.
     """
 
+    @failures_as(InputError, "the start")
     def __init__(self, model: Model) -> None:
         """Make ready to start; collective.
 
         Raises:
-            InputError: PETSc refuses an option of the case.
+            InputError: PETSc refuses an option of the case, or has no use for it; an element is
+                inside out at the start of an explicit run, or numbers are out of range.
         """
         self.state = RunState(model)
         self.implicit: ImplicitStage | None = None
@@ -50,6 +54,9 @@ class Simulation:
         kind = model.case.solver.kind
         if any(solver_of(stage, kind) == "implicit" for stage in model.case.stage):
             self.implicit = ImplicitStage(self.state)
+        elif model.case.solver.petsc:
+            names = ", ".join(model.case.solver.petsc)
+            raise InputError(f"solver.petsc: {names}: no stage is implicit, so nothing uses it")
         else:
             self.explicit = ExplicitStage(self.state, np.zeros(model.problem.owned))
 
@@ -78,10 +85,11 @@ class Simulation:
         case, velocity = self.model.case, 0.0
         for stage in case.stage:
             self.model.begin_stage(stage.name)
-            runner = self._runner(stage)
-            for load_step in load_steps_of(stage, case.film_conductance, velocity):
-                runner.run(load_step, observer)
-                velocity = load_step.velocity
+            with failures_as(SolutionError, f"stage {stage.name}"):
+                runner = self._runner(stage)
+                for load_step in load_steps_of(stage, case.film_conductance, velocity):
+                    runner.run(load_step, observer)
+                    velocity = load_step.velocity
 
     def _runner(self, stage: Stage) -> StageRunner:
         """The runner of a stage; the first explicit one takes over from the implicit ones."""

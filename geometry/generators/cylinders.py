@@ -19,7 +19,7 @@ import math
 from dataclasses import dataclass
 from typing import Protocol
 
-from geometry.generators.two_blocks import CELLS, MAX_CELLS, ROUND_OFF
+from geometry.generators.two_blocks import CELLS, MAX_CELLS, ROUND_OFF, check_length, check_positive
 
 MAX_GROWTH = 2.0
 """Largest size of a cell over that of its neighbour on the contact side."""
@@ -93,7 +93,7 @@ class HalfCylinder:
     contact_size: float
 
     def __post_init__(self) -> None:
-        _check_positive("radius", self.radius)
+        check_length("radius", self.radius)
         _check_zone(self.contact_width, self.contact_size, "radius", self.radius)
 
     def outline(self) -> Outline:
@@ -133,8 +133,8 @@ class FlatBlock:
     contact_size: float
 
     def __post_init__(self) -> None:
-        _check_positive("width", self.width)
-        _check_positive("height", self.height)
+        check_length("width", self.width)
+        check_length("height", self.height)
         _check_zone(self.contact_width, self.contact_size, "width", self.width)
 
     def outline(self) -> Outline:
@@ -186,12 +186,21 @@ class LineContact:
                 "they need two different names"
             )
         for body in (self.upper, self.lower):
-            across, deep, out = counts(body, self.growth)
-            if (cells := across * deep + (across + 2 * deep) * out) > MAX_CELLS:
+            if (cells := self._cells(body)) > MAX_CELLS:
                 raise ValueError(
                     f"contact_size = {body.contact_size} m and growth = {self.growth} make a body "
                     f"of {cells} cells; at most {MAX_CELLS} are allowed"
                 )
+
+    def cells(self) -> int:
+        """Number of cells of both bodies."""
+        total = self._cells(self.upper) + self._cells(self.lower)
+        return total * (2 if self.cell == "triangle" else 1)
+
+    def _cells(self, body: Body) -> int:
+        """Number of quadrilaterals of one body."""
+        across, deep, out = counts(body, self.growth)
+        return across * deep + (across + 2 * deep) * out
 
     def build(self) -> None:
         """Draw and mesh both bodies in the current gmsh model.
@@ -295,15 +304,10 @@ def _left_right(curves: list[int]) -> dict[str, list[int]]:
     return {"left": [curves[0]], "right": [curves[1]]}
 
 
-def _check_positive(field: str, value: float) -> None:
-    if not (math.isfinite(value) and value > 0.0):
-        raise ValueError(f"{field} = {value} is not allowed; it must be finite and > 0")
-
-
 def _check_zone(width: float, size: float, field: str, limit: float) -> None:
     """The contact zone must be part of the surface, and its cells smaller than it."""
-    _check_positive("contact_width", width)
-    _check_positive("contact_size", size)
+    check_length("contact_width", width)
+    check_positive("contact_size", size)
     if width >= limit:
         raise ValueError(
             f"contact_width = {width} m is not allowed; it must be < {field} = {limit} m"

@@ -23,7 +23,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
-from geometry.generators.two_blocks import MAX_CELLS, ROUND_OFF
+from geometry.generators.two_blocks import MAX_CELLS, ROUND_OFF, check_length
 
 Part = Literal["axisymmetric", "quarter", "half", "full"]
 MAX_GROWTH = 2.0
@@ -115,9 +115,7 @@ class SphereOnBlock:
 
     def __post_init__(self) -> None:
         for name in ("radius", "block_radius", "block_height", "contact_width", "contact_size"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise ValueError(f"{name} = {value} is not allowed; it must be finite and > 0")
+            check_length(name, getattr(self, name))
         limit = min(self.radius, self.block_radius)
         if self.contact_width > limit * ROUND_OFF:
             raise ValueError(
@@ -146,7 +144,7 @@ class SphereOnBlock:
                 f"the bodies are named {self.upper_name!r} and {self.lower_name!r}; "
                 "they need two different names"
             )
-        if (cells := max(self.cells(body) for body in self.bodies())) > MAX_CELLS:
+        if (cells := max(self.cells_of(body) for body in self.bodies())) > MAX_CELLS:
             raise ValueError(
                 f"contact_size = {self.contact_size} m and growth = {self.growth} make a body of "
                 f"{cells:.3g} cells; at most {MAX_CELLS} are allowed"
@@ -161,7 +159,12 @@ class SphereOnBlock:
         """The hemisphere and the block."""
         return self._hemisphere(), self._block()
 
-    def cells(self, body: Body) -> float:
+    def cells(self) -> int:
+        """Number of cells of both bodies; of tetrahedra, which gmsh places, about."""
+        total = sum(self.cells_of(body) for body in self.bodies())
+        return int(total) * {"triangle": 2, "tetrahedron": 6}.get(self.cell, 1)
+
+    def cells_of(self, body: Body) -> float:
         """Number of quadrilaterals or hexahedra of one body."""
         total = 0.0
         for a, b, c, _ in body.parts:

@@ -12,6 +12,9 @@ from dataclasses import dataclass
 MAX_CELLS = 10_000_000
 """More cells than this in one block are taken for a mistake in the element size."""
 
+SHORTEST, LONGEST = 1e-15, 1e15
+"""Lengths in m: powers of them are still numbers."""
+
 MAX_GRADING = 1000.0
 """Largest ratio of element heights within a block, either way."""
 
@@ -48,7 +51,7 @@ class Block:
 
     def __post_init__(self) -> None:
         for field in ("width", "height"):
-            _check_positive(field, getattr(self, field))
+            check_length(field, getattr(self, field))
         if not 1.0 / MAX_GRADING <= self.grading <= MAX_GRADING:
             raise ValueError(
                 f"grading = {self.grading} is not allowed; from {1.0 / MAX_GRADING} to "
@@ -59,7 +62,7 @@ class Block:
         if self.elements is not None:
             _check_counts(self.elements, self.grading)
         if self.size is not None:
-            _check_positive("size", self.size)
+            check_positive("size", self.size)
             least = max(self.width, self.height) / MAX_CELLS
             if self.size < least:
                 raise ValueError(f"size = {self.size} m is not allowed; at least {least:g} m")
@@ -129,8 +132,7 @@ class TwoBlocks:
     lower_name: str = "aluminium"
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.gap) and self.gap >= 0.0):
-            raise ValueError(f"gap = {self.gap} m is not allowed; it must be finite and >= 0")
+        check_gap(self.gap)
         left, low, high = self.left(), -self.upper.width, self.lower.width
         if not low < left < high:
             raise ValueError(
@@ -143,6 +145,11 @@ class TwoBlocks:
                 f"the bodies are named {self.upper_name!r} and {self.lower_name!r}; "
                 "they need two different names"
             )
+
+    def cells(self) -> int:
+        """Number of cells of both blocks."""
+        total = sum(math.prod(block.counts()) for block in (self.upper, self.lower))
+        return total * (2 if self.cell == "triangle" else 1)
 
     def left(self) -> float:
         """Position x of the upper block's left side, m."""
@@ -205,14 +212,32 @@ def _ceil(value: float) -> int:
     return max(1, math.ceil(value / ROUND_OFF))
 
 
-def _check_positive(field: str, value: float) -> None:
+def check_positive(field: str, value: float) -> None:
+    """Raise a ValueError for a number that is not finite and above zero; names the field."""
     if not (math.isfinite(value) and value > 0.0):
         raise ValueError(f"{field} = {value} is not allowed; it must be finite and > 0")
+
+
+def check_length(field: str, value: float) -> None:
+    """Raise a ValueError for a length (m) that cannot be calculated with; names the field."""
+    check_positive(field, value)
+    if not SHORTEST <= value <= LONGEST:
+        raise ValueError(
+            f"{field} = {value} m is not allowed; it must be from {SHORTEST:g} to {LONGEST:g} m"
+        )
+
+
+def check_gap(value: float) -> None:
+    """Raise a ValueError for a distance (m) that two bodies cannot have."""
+    if not 0.0 <= value <= LONGEST:
+        raise ValueError(f"gap = {value} m is not allowed; it must be >= 0 and at most {LONGEST:g}")
 
 
 def _check_counts(elements: tuple[int, int], grading: float) -> None:
     if len(elements) != 2 or any(int(n) != n or n < 1 for n in elements):
         raise ValueError(f"elements = {list(elements)} is not allowed; give two integers >= 1")
+    if max(elements) > MAX_CELLS:
+        raise ValueError(f"elements: at most {MAX_CELLS} cells are allowed")
     if elements[1] == 1 and grading != 1.0:
         raise ValueError(
             f"grading = {grading} is not allowed with one element in y; it takes two or more"

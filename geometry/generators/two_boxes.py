@@ -10,7 +10,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from geometry.generators.two_blocks import MAX_CELLS, ROUND_OFF, Block
+from geometry.generators.two_blocks import (
+    MAX_CELLS,
+    ROUND_OFF,
+    Block,
+    check_gap,
+    check_length,
+)
 
 CELLS = ("hexahedron", "tetrahedron")
 
@@ -42,14 +48,15 @@ class Box:
     grading: float = 1.0
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.depth) and self.depth > 0.0):
-            raise ValueError(f"depth = {self.depth} is not allowed; it must be finite and > 0")
+        check_length("depth", self.depth)
         if self.elements is not None and (
             len(self.elements) != 3 or any(int(n) != n or n < 1 for n in self.elements)
         ):
             raise ValueError(
                 f"elements = {list(self.elements)} is not allowed; give three integers >= 1"
             )
+        if self.elements is not None and max(self.elements) > MAX_CELLS:
+            raise ValueError(f"elements: at most {MAX_CELLS} cells are allowed")
         self.face()
         count = math.prod(self.counts())
         if count > MAX_CELLS:
@@ -94,8 +101,7 @@ class TwoBoxes:
     lower_name: str = "aluminium"
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.gap) and self.gap >= 0.0):
-            raise ValueError(f"gap = {self.gap} m is not allowed; it must be finite and >= 0")
+        check_gap(self.gap)
         extents = ((self.upper.width, self.lower.width), (self.upper.depth, self.lower.depth))
         for axis, at, (above, below) in zip("xz", self.corner(), extents, strict=True):
             if not -above < at < below:
@@ -110,6 +116,11 @@ class TwoBoxes:
                 f"the bodies are named {self.upper_name!r} and {self.lower_name!r}; "
                 "they need two different names"
             )
+
+    def cells(self) -> int:
+        """Number of cells of both boxes."""
+        total = sum(math.prod(box.counts()) for box in (self.upper, self.lower))
+        return total * (6 if self.cell == "tetrahedron" else 1)
 
     def corner(self) -> tuple[float, float]:
         """Positions x and z of the upper box's left back corner, m."""

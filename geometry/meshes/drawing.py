@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import json
+import os
 from pathlib import Path
 from types import ModuleType
 
 from geometry.meshes.gmsh_model import MeshError, gmsh_session, named_groups
+from geometry.meshes.own_process import ask
+
+LONGEST = 3600.0
+"""Processor time of a drawing, s."""
 
 
 def mesh_drawing(drawing: Path, path: Path) -> dict[str, int]:
@@ -13,6 +19,7 @@ def mesh_drawing(drawing: Path, path: Path) -> dict[str, int]:
 
     The mesh is of the dimension of the highest physical group. The file appears under its name
     only when it is complete, and only with what `geometry.meshes.mesh.read` needs: named bodies.
+    gmsh runs in a process of its own, which may break down or be told to exit by the drawing.
 
     Args:
         drawing: The drawing, ending in ``.geo``: a script that gmsh runs.
@@ -29,16 +36,40 @@ def mesh_drawing(drawing: Path, path: Path) -> dict[str, int]:
         raise MeshError(f"{drawing}: no such file")
     partial = path.with_name(f".{path.stem}.partial.msh")
     try:
+        partial.touch()
+        counts = json.loads(ask("draw", drawing, str(partial), LONGEST, _all_memory()))
+        partial.replace(path)
+    except json.JSONDecodeError:
+        raise MeshError(f"{drawing}: gmsh ended without a mesh") from None
+    finally:
+        partial.unlink(missing_ok=True)
+    return {str(name): int(count) for name, count in counts.items()}
+
+
+def _all_memory() -> int:
+    """Bytes of this machine's memory."""
+    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+
+
+def write_mesh_of(drawing: Path, path: Path) -> dict[str, int]:
+    """What `mesh_drawing` does, in this process and under this name.
+
+    Raises:
+        MeshError: As there, or the file cannot be written.
+    """
+    try:
         with gmsh_session(drawing.stem) as gmsh:
             _mesh(gmsh, drawing)
             gmsh.option.setNumber("Mesh.MshFileVersion", 4.1)
             gmsh.option.setNumber("Mesh.SaveAll", 0)
             named = named_groups(gmsh, str(drawing))
             cells = {name: _count(gmsh, named.dim, tag) for name, tag in named.bodies.items()}
-            gmsh.write(str(partial))
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
+            gmsh.write(str(path))
+    except MeshError:
+        raise
+    except Exception as error:  # gmsh raises nothing more specific
+        words = " ".join(str(error).split())
+        raise MeshError(f"{drawing}: gmsh cannot write its mesh: {words}") from error
     return cells
 
 

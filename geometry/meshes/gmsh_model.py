@@ -6,7 +6,7 @@ commands that need no mesh do not load it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +18,12 @@ import numpy.typing as npt
 
 PLANE_TOLERANCE = 1e-9
 """Largest |z| of a plane mesh, relative to its size in the plane."""
+
+LONGEST_NAME = 100
+"""Letters of the name of a body or surface."""
+
+FARTHEST = 1e30
+"""Largest coordinate, m: the fourth power of a length is still a number."""
 
 _CELLS = {2: "triangle", 3: "quadrilateral", 4: "tetrahedron", 5: "hexahedron"}
 _ENTITY = {0: "point", 1: "curve", 2: "face", 3: "volume"}
@@ -33,14 +39,12 @@ class NamedGroups:
 
     Attributes:
         dim: Dimension of the cells, 2 or 3.
-        cell_vertices: Number of vertices of a cell.
         bodies: Physical tag of each named group of cells.
         surfaces: Physical tag of each named group of facets.
         facet_counts: Number of facets of each named group of facets.
     """
 
     dim: int
-    cell_vertices: int
     bodies: dict[str, int]
     surfaces: dict[str, int]
     facet_counts: dict[str, int]
@@ -144,7 +148,8 @@ def open_msh(gmsh: ModuleType, path: Path) -> None:
         gmsh.merge(str(path))
     # gmsh raises nothing more specific than Exception.
     except Exception as error:
-        raise MeshError(f"{path}: gmsh cannot read it: {' '.join(str(error).split())}") from error
+        said = " ".join(str(error).split()) or "it does not say why"
+        raise MeshError(f"{path}: gmsh cannot read it: {said}") from error
 
 
 def named_groups(gmsh: ModuleType, source: str) -> NamedGroups:
@@ -175,42 +180,32 @@ def named_groups(gmsh: ModuleType, source: str) -> NamedGroups:
     _check_one_group_each(gmsh, dim, source)
     bodies = _names(gmsh, dim, source)
     surfaces = _names(gmsh, dim - 1, source)
+    for name, tag in bodies.items():
+        _check_meshed(gmsh, dim, tag, f"{source}: body {name!r}")
     _check_all_cells_named(gmsh, dim, source)
     low = [(d, tag) for d, tag in groups if d < dim - 1]
     if low:  # an empty list would remove all groups
         gmsh.model.removePhysicalGroups(low)
     gmsh.model.mesh.renumberNodes()
+    _check_coordinates(gmsh, source)
     _check_cells(gmsh, dim, source)
     if dim == 2:
         _check_plane(gmsh, source)
     kind = gmsh.model.mesh.getElementTypes(dim)[0]
-    vertices = int(gmsh.model.mesh.getElementProperties(kind)[3])
     corners = np.unique(np.asarray(gmsh.model.mesh.getElementsByType(kind)[1], dtype=np.int64))
     counts = {
         name: _check_facets(gmsh, dim, tag, name, source, corners) for name, tag in surfaces.items()
     }
-    return NamedGroups(dim, vertices, bodies, surfaces, counts)
+    return NamedGroups(dim, bodies, surfaces, counts)
 
 
-def vertices_and_facets(
-    gmsh: ModuleType, dim: int, tags: Iterable[int]
-) -> tuple[npt.NDArray[np.float64], list[npt.NDArray[np.int64]]]:
-    """Positions of the vertices, and the facets of some surfaces.
-
-    Args:
-        gmsh: The module, from ``gmsh_session``, after ``named_groups``.
-        dim: Dimension of the cells.
-        tags: Physical tags of the surfaces.
-
-    Returns:
-        Positions (n, dim) in m, and for each surface the vertices (f, v) of its facets, as rows of
-        the positions: the numbers that DOLFINx gives the vertices on input.
-    """
-    numbers, x, _ = gmsh.model.mesh.getNodes()
-    position = np.empty((len(numbers), dim))
-    position[np.asarray(numbers, dtype=np.int64) - 1] = np.reshape(x, (-1, 3))[:, :dim]
-    facets = [np.concatenate(_facets(gmsh, dim, tag)) - 1 for tag in tags]
-    return position, facets
+def elements_of(gmsh: ModuleType, dim: int, tag: int) -> list[npt.NDArray[np.int64]]:
+    """Node tags (e, a) of a group's elements, for each of its entities; each has one kind only."""
+    rows = []
+    for entity in gmsh.model.getEntitiesForPhysicalGroup(dim, tag):
+        types, _, nodes = gmsh.model.mesh.getElements(dim, entity)
+        rows.append(_rows(gmsh, types[0], nodes[0]))
+    return rows
 
 
 def _msh_version(path: Path) -> str | None:
@@ -234,7 +229,7 @@ def _check_one_group_each(gmsh: ModuleType, dim: int, source: str) -> None:
     for d, entity in gmsh.model.getEntities(dim) + gmsh.model.getEntities(dim - 1):
         tags = gmsh.model.getPhysicalGroupsForEntity(d, entity)
         if len(tags) > 1:
-            names = " and ".join(repr(gmsh.model.getPhysicalName(d, tag) or tag) for tag in tags)
+            names = " and ".join(repr(_name_of(gmsh, d, tag, source) or int(tag)) for tag in tags)
             raise MeshError(
                 f"{source}: {_ENTITY[d]} {entity} is in the physical groups {names}; "
                 "it may be in one only"
@@ -245,7 +240,7 @@ def _names(gmsh: ModuleType, dim: int, source: str) -> dict[str, int]:
     """The physical groups of dimension ``dim`` by name."""
     found: dict[str, int] = {}
     for _, tag in gmsh.model.getPhysicalGroups(dim):
-        name = gmsh.model.getPhysicalName(dim, tag).strip()
+        name = _name_of(gmsh, dim, tag, source)
         if not name:
             raise MeshError(
                 f"{source}: physical group {tag} ({_ENTITY[dim]}s) has no name of its own; every "
@@ -260,6 +255,20 @@ def _names(gmsh: ModuleType, dim: int, source: str) -> dict[str, int]:
     return found
 
 
+def _name_of(gmsh: ModuleType, dim: int, tag: int, source: str) -> str:
+    """The name of a physical group, without blanks around it; empty if it has none."""
+    try:
+        name = str(gmsh.model.getPhysicalName(dim, tag)).strip()
+    except UnicodeDecodeError:
+        name = "\0"
+    if not name.isprintable() or len(name) > LONGEST_NAME:
+        raise MeshError(
+            f"{source}: the name of physical group {tag} ({_ENTITY[dim]}s) cannot be used; it must "
+            f"be printable text in UTF-8, of at most {LONGEST_NAME} letters"
+        )
+    return name
+
+
 def _check_all_cells_named(gmsh: ModuleType, dim: int, source: str) -> None:
     """Every cell must belong to a body, otherwise it would silently be left out."""
     missing = 0
@@ -270,6 +279,18 @@ def _check_all_cells_named(gmsh: ModuleType, dim: int, source: str) -> None:
         raise MeshError(
             f"{source}: {missing} cells are in no named body; put every {_ENTITY[dim]} that is "
             "meshed into a physical group"
+        )
+
+
+def _check_coordinates(gmsh: ModuleType, source: str) -> None:
+    """All coordinates must be numbers that can be calculated with."""
+    x = np.reshape(gmsh.model.mesh.getNodes()[1], (-1, 3))
+    wrong = np.flatnonzero(~(np.abs(x) <= FARTHEST).all(axis=1))
+    if len(wrong):
+        found = ", ".join(f"{value:g}" for value in x[wrong[0]])
+        raise MeshError(
+            f"{source}: {len(wrong)} of the {len(x)} nodes are nowhere, the first at "
+            f"({found}); coordinates must be finite, in m, and at most {FARTHEST:g}"
         )
 
 
@@ -300,6 +321,16 @@ def _check_cells(gmsh: ModuleType, dim: int, source: str) -> None:
         raise MeshError(f"{source}: {folded} cells are folded or without extent")
 
 
+def _check_meshed(gmsh: ModuleType, dim: int, tag: int, what: str) -> None:
+    """Every entity of a group must have elements, and there must be one."""
+    entities = gmsh.model.getEntitiesForPhysicalGroup(dim, tag)
+    for entity in entities:
+        if len(gmsh.model.mesh.getElementTypes(dim, entity)) == 0:
+            raise MeshError(f"{what} contains {_ENTITY[dim]} {entity}, which is not meshed")
+    if len(entities) == 0:
+        raise MeshError(f"{what} is empty")
+
+
 def _check_facets(
     gmsh: ModuleType,
     dim: int,
@@ -318,16 +349,14 @@ def _check_facets(
         source: Name of the model in messages.
         corners: (n,) tags of the nodes of all cells, sorted.
     """
-    for entity in gmsh.model.getEntitiesForPhysicalGroup(dim - 1, tag):
-        types = gmsh.model.mesh.getElementTypes(dim - 1, entity)
-        if len(types) == 0:
-            raise MeshError(
-                f"{source}: surface {name!r} contains {_ENTITY[dim - 1]} {entity}, "
-                "which is not meshed"
-            )
-        if len(types) > 1:
-            raise MeshError(f"{source}: surface {name!r} has facets of several kinds")
-    rows = _facets(gmsh, dim, tag)
+    what = f"surface {name!r}"
+    _check_meshed(gmsh, dim - 1, tag, f"{source}: {what}")
+    if any(
+        len(gmsh.model.mesh.getElementTypes(dim - 1, entity)) > 1
+        for entity in gmsh.model.getEntitiesForPhysicalGroup(dim - 1, tag)
+    ):
+        raise MeshError(f"{source}: {what} has facets of several kinds")
+    rows = elements_of(gmsh, dim - 1, tag)
     if len({r.shape[1] for r in rows}) > 1:
         raise MeshError(f"{source}: surface {name!r} has facets of several kinds")
     facets = np.concatenate(rows)
@@ -342,15 +371,6 @@ def _check_facets(
     if repeated:
         raise MeshError(f"{source}: {repeated} facets of surface {name!r} are listed twice")
     return len(facets)
-
-
-def _facets(gmsh: ModuleType, dim: int, tag: int) -> list[npt.NDArray[np.int64]]:
-    """Node tags (f, v) of a surface's facets, for each of its entities; each has one kind only."""
-    rows = []
-    for entity in gmsh.model.getEntitiesForPhysicalGroup(dim - 1, tag):
-        types, _, nodes = gmsh.model.mesh.getElements(dim - 1, entity)
-        rows.append(_rows(gmsh, types[0], nodes[0]))
-    return rows
 
 
 def _check_plane(gmsh: ModuleType, source: str) -> None:

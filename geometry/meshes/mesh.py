@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass
 from difflib import get_close_matches
 from itertools import combinations
 from pathlib import Path
-from types import ModuleType
 
 import dolfinx
 import numpy as np
@@ -23,18 +21,23 @@ from geometry.compat import (
     model_to_mesh,
 )
 from geometry.meshes import metis
-from geometry.meshes.gmsh_model import (
-    MeshError,
-    NamedGroups,
-    Shape,
-    gmsh_session,
-    named_groups,
-    open_msh,
-    vertices_and_facets,
-)
+from geometry.meshes.array_model import ArrayModel
+from geometry.meshes.extraction import arrays_of
+from geometry.meshes.gmsh_model import MeshError, Shape, gmsh_session
+from geometry.meshes.mesh_arrays import CORNERS, MeshArrays, unpacked
+from geometry.meshes.own_process import ask
 from geometry.meshes.partition import share_out
 
 __all__ = ["MeshError", "NamedMesh", "bodies_sharing_nodes", "generate", "read"]
+
+MOST_CELLS = 5_000_000
+"""Cells of a file that are read unless more are asked for."""
+
+MOST_BYTES = 4000  # of a file, for each cell: ten times what gmsh writes
+# For reading a file, ten times what gmsh takes and its start: processor time, and bytes of memory.
+# A damaged number may ask for far more.
+SECONDS, SECONDS_PER_BYTE = 60.0, 2e-6
+MEMORY, MEMORY_PER_BYTE = 2 << 30, 1000
 
 Contacts = Sequence[tuple[str, str]]  # names of the slave and the master surface of each pair
 
@@ -106,6 +109,26 @@ class NamedMesh:
         return names[0]
 
 
+@dataclass(frozen=True, slots=True)
+class _Names:
+    """What every process knows of a mesh: dimension, tags by name, facets of each surface."""
+
+    dim: int
+    bodies: dict[str, int]
+    surfaces: dict[str, int]
+    facet_counts: dict[str, int]
+
+    @classmethod
+    def of(cls, arrays: MeshArrays) -> _Names:
+        """Those of a mesh."""
+        return cls(
+            arrays.dim,
+            {name: part.tag for name, part in arrays.bodies.items()},
+            {name: part.tag for name, part in arrays.surfaces.items()},
+            {name: len(part.corners) for name, part in arrays.surfaces.items()},
+        )
+
+
 def generate(shape: Shape, comm: MPI.Comm, contacts: Contacts = ()) -> NamedMesh:
     """Mesh a built-in geometry on one process and distribute it; collective.
 
@@ -118,11 +141,15 @@ def generate(shape: Shape, comm: MPI.Comm, contacts: Contacts = ()) -> NamedMesh
     Returns:
         The mesh, with the names that the shape's ``build`` gives.
     """
-    return _load(lambda gmsh: shape.build(), type(shape).__name__, comm, contacts)
+    return _load(lambda: _generated(shape), type(shape).__name__, comm, contacts)
 
 
-def read(path: Path, comm: MPI.Comm, contacts: Contacts = ()) -> NamedMesh:
+def read(
+    path: Path, comm: MPI.Comm, contacts: Contacts = (), most_cells: int = MOST_CELLS
+) -> NamedMesh:
     """Read a gmsh file (``.msh``, version 2 or 4) on one process and distribute it; collective.
+
+    gmsh reads it in a process of its own, which the first process starts.
 
     Every cell must be in a named physical group (a body); named groups of facets become surfaces,
     and groups of lower dimension are ignored. Cells are triangles or quadrilaterals in the plane
@@ -132,6 +159,7 @@ def read(path: Path, comm: MPI.Comm, contacts: Contacts = ()) -> NamedMesh:
         path: The file.
         comm: Communicator of the mesh.
         contacts: As in ``generate``; names that the file does not have are ignored.
+        most_cells: More are refused.
 
     Returns:
         The mesh with the file's names.
@@ -139,7 +167,7 @@ def read(path: Path, comm: MPI.Comm, contacts: Contacts = ()) -> NamedMesh:
     Raises:
         MeshError: On all processes, if the file cannot be used; the message names it.
     """
-    return _load(lambda gmsh: open_msh(gmsh, Path(path)), str(path), comm, contacts)
+    return _load(lambda: _read(Path(path), most_cells), str(path), comm, contacts)
 
 
 def bodies_sharing_nodes(named: NamedMesh) -> list[tuple[str, str]]:
@@ -171,49 +199,81 @@ def bodies_sharing_nodes(named: NamedMesh) -> list[tuple[str, str]]:
 
 
 def _load(
-    fill: Callable[[ModuleType], None], source: str, comm: MPI.Comm, contacts: Contacts
+    make: Callable[[], MeshArrays], source: str, comm: MPI.Comm, contacts: Contacts
 ) -> NamedMesh:
-    """Fill a gmsh model on the first process, check it there, and distribute it."""
-    with ExitStack() as stack:
-        gmsh, groups, problem = None, None, None
-        if comm.rank == 0:
-            try:
-                gmsh = stack.enter_context(gmsh_session(source))
-                fill(gmsh)
-                groups = named_groups(gmsh, source)
-            except Exception as error:
-                problem = error
-        groups = _agreed(comm, groups, problem)
-        model = None if gmsh is None else gmsh.model
-        partitioner = _partitioner(gmsh, groups, comm, contacts)
-        mesh, cell_tags, facet_tags = model_to_mesh(model, comm, 0, groups.dim, partitioner)
-    mesh.topology.create_entities(groups.dim - 1)
-    named = NamedMesh(mesh, cell_tags, facet_tags, groups.bodies, groups.surfaces)
-    _check_facets_found(named, groups, source)
+    """Make the arrays on the first process, checked there, and distribute them."""
+    arrays, problem = None, None
+    if comm.rank == 0:
+        try:
+            arrays = make()
+        except Exception as error:
+            problem = error
+    names = _agreed(comm, None if arrays is None else _Names.of(arrays), problem)
+    model = None if arrays is None else ArrayModel(arrays)
+    partitioner = _partitioner(arrays, names, comm, contacts)
+    mesh, cell_tags, facet_tags = model_to_mesh(model, comm, 0, names.dim, partitioner)
+    mesh.topology.create_entities(names.dim - 1)
+    named = NamedMesh(mesh, cell_tags, facet_tags, names.bodies, names.surfaces)
+    _check_facets_found(named, names, source)
     return named
 
 
+def _generated(shape: Shape) -> MeshArrays:
+    """The mesh of a built-in geometry."""
+    source = type(shape).__name__
+    with gmsh_session(source) as gmsh:
+        try:
+            shape.build()
+        except Exception as error:  # gmsh raises nothing more specific
+            said = " ".join(str(error).split())
+            raise MeshError(f"gmsh cannot mesh this geometry: {said}") from error
+        return arrays_of(gmsh, source)
+
+
+def _read(path: Path, most_cells: int) -> MeshArrays:
+    """The mesh of a file, read in a process of its own."""
+    try:
+        size = path.stat().st_size
+    except FileNotFoundError:
+        raise MeshError(f"{path}: no such file") from None
+    except OSError as error:
+        raise MeshError(f"{path}: cannot be read ({error.strerror})") from None
+    if size > MOST_BYTES * most_cells:
+        raise MeshError(
+            f"{path}: a file of {size / 1e9:.3g} GB; geometry.max_cells = {most_cells} is too few "
+            "for it"
+        )
+    seconds, memory = SECONDS + size * SECONDS_PER_BYTE, MEMORY + size * MEMORY_PER_BYTE
+    answer = ask("read", path, str(most_cells), seconds, memory)
+    try:
+        return unpacked(answer)
+    except MeshError as error:
+        raise MeshError(f"{path}: gmsh broke down on it: {error}") from None
+
+
 def _partitioner(
-    gmsh: ModuleType | None, groups: NamedGroups, comm: MPI.Comm, contacts: Contacts
+    arrays: MeshArrays | None, names: _Names, comm: MPI.Comm, contacts: Contacts
 ) -> CellPartitioner | None:
     """Shares out cells and slave facets; None where DOLFINx's own is used; collective."""
-    known = [pair for pair in contacts if groups.surfaces.keys() >= set(pair)]
+    known = [pair for pair in contacts if names.surfaces.keys() >= set(pair)]
     if comm.size == 1 or not known or not comm.bcast(metis.is_available(), root=0):
         return None
 
     def parts_of(vertices: npt.NDArray[np.int64], parts: int) -> npt.NDArray[np.int32]:
-        assert gmsh is not None, "the cells are where the model is"
-        tags = [groups.surfaces[name] for pair in known for name in pair]
-        position, facets = vertices_and_facets(gmsh, groups.dim, tags)
-        pairs = list(zip(facets[::2], facets[1::2], strict=True))
-        return share_out(vertices.reshape(-1, groups.cell_vertices), position, pairs, parts)
+        assert arrays is not None, "the cells are where the arrays are"
+        pairs = [
+            (arrays.surfaces[slave].corners, arrays.surfaces[master].corners)
+            for slave, master in known
+        ]
+        cells = vertices.reshape(-1, CORNERS[arrays.cell])
+        return share_out(cells, arrays.position[:, : arrays.dim], pairs, parts)
 
     return cell_partitioner(parts_of)
 
 
-def _agreed(comm: MPI.Comm, groups: NamedGroups | None, problem: Exception | None) -> NamedGroups:
+def _agreed(comm: MPI.Comm, names: _Names | None, problem: Exception | None) -> _Names:
     """The first process's result on all; or an error on all, so that none waits for the others."""
-    own = (groups, None if problem is None else str(problem), isinstance(problem, MeshError))
+    own = (names, None if problem is None else str(problem), isinstance(problem, MeshError))
     agreed, message, expected = comm.bcast(own, root=0)
     if problem is not None:
         raise problem
@@ -222,10 +282,10 @@ def _agreed(comm: MPI.Comm, groups: NamedGroups | None, problem: Exception | Non
     return agreed
 
 
-def _check_facets_found(named: NamedMesh, groups: NamedGroups, source: str) -> None:
+def _check_facets_found(named: NamedMesh, names: _Names, source: str) -> None:
     """An error for facets that bound no cell, which DOLFINx leaves out silently; collective."""
     owned = named.mesh.topology.index_map(named.mesh.topology.dim - 1).size_local
-    for name, expected in groups.facet_counts.items():
+    for name, expected in names.facet_counts.items():
         local = int(np.count_nonzero(named.facets(name) < owned))
         found = named.mesh.comm.allreduce(local)
         if found != expected:

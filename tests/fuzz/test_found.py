@@ -227,4 +227,4 @@ def test_a_start_that_turns_elements_inside_out_is_a_line_with_the_file(tmp_path
     wrong = 'boundary.0.displacement.y="1 m"'  # the block below, from the first moment on
     case = load_case(path, [wrong])
     came_to = outcome(lambda: notes_on_building(case), tmp_path)
-    assert came_to.startswith(f"refused: {path}: what the boundaries prescribe at the start")
+    assert came_to.startswith(f"refused: {path}: the start: an element has been turned inside out")

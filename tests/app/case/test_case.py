@@ -287,8 +287,8 @@ def test_resolved_case_keeps_a_sweep_open(film, tmp_path):
 TITLES = st.text(st.characters(exclude_categories=("C", "Zl", "Zp")), max_size=20)
 POSITIVE = st.floats(min_value=1e-12, max_value=1e12)
 OPTIONS = st.dictionaries(
-    st.text(min_size=1, max_size=8),
-    st.text() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False),
+    st.sampled_from(["ksp_rtol", "ksp_max_it", "sub_ksp_atol", "mat_mumps_icntl_14"]),
+    st.integers(-(10**9), 10**9) | st.floats(-1e9, 1e9) | st.sampled_from(["1e-8", "+.5"]),
     max_size=3,
 )
 

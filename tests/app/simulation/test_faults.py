@@ -13,6 +13,7 @@ import pytest
 from app.build.model import build_model
 from app.case.reading import load_case
 from app.errors import InputError, SolutionError
+from app.run.building import notes_on_building
 from app.run.run import run_case
 from app.simulation.simulation import Simulation
 
@@ -143,12 +144,27 @@ def test_a_pair_given_twice_is_refused(case_file, block):
         load_case(case_file(block.replace("[[boundary]]", pair + "[[boundary]]", 1)))
 
 
-def test_options_that_petsc_refuses_are_wrong_input(case_file, block, tmp_path):
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ('pc_factor_mat_solver_type = "pastix"', r"solver\.petsc: .*pastix"),
+        (
+            "pc_gamg_threshold = 0.1",
+            r'pc_gamg_threshold: not used by PETSc with ksp_type "preonly"',
+        ),
+        ("sub_mat_mumps_icntl_14 = 40", r"sub_mat_mumps_icntl_14: not used by PETSc"),
+    ],
+)
+def test_options_that_petsc_has_no_use_for_are_wrong_input(
+    case_file, block, tmp_path, options, said
+):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "history.csv").write_text("old")
-    case = load_case(case_file(block + '[solver.petsc]\npc_type = "nonsense"\n'))
-    with pytest.raises(InputError, match=r"solver\.petsc: .*nonsense"):
+    case = load_case(case_file(f"{block}[solver.petsc]\n{options}\n"))
+    with pytest.raises(InputError, match=said):
         run_case(case, tmp_path / "out", force=True, quiet=True)
+    with pytest.raises(InputError, match=said):
+        notes_on_building(case)
     assert (tmp_path / "out" / "history.csv").read_text() == "old"
 
 

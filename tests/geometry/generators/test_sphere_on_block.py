@@ -99,7 +99,7 @@ def test_counts_are_told_beforehand(part, cell):
     shape = replace(SPHERE, part=part, cell=cell)
     named = generate(shape, MPI.COMM_SELF)
     counts = [len(named.cells(name)) for name in ("elastomer", "aluminium")]
-    assert counts == [shape.cells(body) for body in shape.bodies()]
+    assert counts == [shape.cells_of(body) for body in shape.bodies()]
 
 
 def test_cells_are_small_at_the_contact_and_well_shaped_everywhere():

@@ -12,8 +12,10 @@ import ufl
 from mpi4py import MPI
 
 from geometry.generators.two_blocks import Block, TwoBlocks
+from geometry.meshes.foreign import read_msh
 from geometry.meshes.gmsh_model import MeshError, gmsh_session, write_msh
 from geometry.meshes.mesh import bodies_sharing_nodes, generate, read
+from tests.geometry.meshes.test_damaged import CRASHING
 
 BLOCKS = TwoBlocks(
     Block(1.0e-3, 0.5e-3, (8, 4), grading=3.0), Block(2.0e-3, 0.4e-3, (13, 5)), offset=0.35e-3
@@ -252,6 +254,53 @@ def doubled_cell():
     group(2, [face], "body")
 
 
+def quadrilateral(x, cells=((1, 2, 3), (1, 3, 4)), name="body"):
+    """Triangles on four nodes, the third of which is at x, 1."""
+    face = gmsh.model.addDiscreteEntity(2)
+    gmsh.model.mesh.addNodes(2, face, [1, 2, 3, 4], [0, 0, 0, 1, 0, 0, x, 1, 0, 0, 1, 0])
+    tags = list(range(1, len(cells) + 1))
+    gmsh.model.mesh.addElementsByType(face, 2, tags, [n for cell in cells for n in cell])
+    group(2, [face], name, 7)
+
+
+def inverted():
+    quadrilateral(-0.5)
+
+
+def three_on_an_edge():
+    quadrilateral(1.0, ((1, 2, 3), (1, 2, 4), (1, 3, 4), (2, 3, 4)))
+    gmsh.model.mesh.setNode(4, [0.6, 0.3, 0.0], [])
+    gmsh.model.mesh.addNodes(2, 1, [5], [0.5, -1, 0])
+    gmsh.model.mesh.addElementsByType(1, 2, [5], [1, 2, 5])
+    gmsh.model.mesh.removeElements(2, 1, [3, 4])
+
+
+def flat():
+    quadrilateral(1e-16)
+
+
+def nowhere():
+    quadrilateral(float("nan"))
+
+
+def far_away():
+    quadrilateral(1e300)
+
+
+def unmeshed_body():
+    quadrilateral(1.0)
+    strip()
+    group(2, [3], "no cells")
+
+
+def odd_name():
+    quadrilateral(1.0, name="tab\tin it")
+
+
+def long_name():
+    quadrilateral(1.0, name=400 * "n")
+
+
 def with_curve(nodes):
     """A triangle 1 2 3, a point 4 outside, and a surface of two-node facets."""
     face, curve = gmsh.model.addDiscreteEntity(2), gmsh.model.addDiscreteEntity(1)
@@ -304,6 +353,14 @@ def body_without_a_group():
         (two_groups, {"version": 2.2}, "face 2 is in the physical groups 'all' and 'right'"),
         (mixed_cells, {}, "cells of several kinds .Triangle 3, Quadrilateral 4"),
         (second_order, {}, "cells of higher order"),
+        (inverted, {}, "at 1 facets both cells lie on the same side"),
+        (three_on_an_edge, {}, "1 facets are those of more than two cells"),
+        (flat, {}, "1 cells are folded or without extent"),
+        (nowhere, {}, r"1 of the 4 nodes are nowhere, the first at .nan, 1, 0."),
+        (far_away, {}, r"1 of the 4 nodes are nowhere, the first at .1e\+300, 1, 0."),
+        (unmeshed_body, {}, "body 'no cells' contains face [0-9]+, which is not meshed"),
+        (odd_name, {}, r"the name of physical group 7 .faces. cannot be used"),
+        (long_name, {}, r"the name of physical group 7 .faces. cannot be used"),
         (lifted, {}, "must lie in the plane z = 0; it has z = 0.25"),
         (tilted, {}, "must lie in the plane z = 0; it has z = 0 to 0.002"),
         (only_curves, {}, "no faces and no volumes"),
@@ -311,16 +368,22 @@ def body_without_a_group():
         (doubled_cell, {}, "1 cells are listed twice"),
         (doubled_facet, {}, "1 facets of surface 'side' are listed twice"),
         (facet_off_the_body, {}, "1 of the 2 facets of surface 'side' are not on the boundary"),
-        (facet_across_the_body, {}, "1 of the 2 facets of surface 'side' are not on the boundary"),
         (body_without_a_group, {}, "the [0-9]+ facets of surface 'forgotten' .* is their face in"),
     ],
 )
 def test_unusable_mesh_gets_one_line(msh, builder, options, said):
     path = msh(builder, **options)
     with pytest.raises(MeshError, match=f"^{path}: .*{said}") as caught:
-        read(path, MPI.COMM_SELF)
+        read_msh(path)
     assert "\n" not in str(caught.value)
     assert not gmsh.isInitialized()
+
+
+def test_facets_that_no_cell_has_are_found_in_the_mesh(msh):
+    path = msh(facet_across_the_body)
+    said = f"^{path}: 1 of the 2 facets of surface 'side' are not on the boundary"
+    with pytest.raises(MeshError, match=said):
+        read(path, MPI.COMM_SELF)
 
 
 @pytest.mark.parametrize(
@@ -335,7 +398,7 @@ def test_two_bodies_of_one_name_are_refused(msh, version, said):
     path = msh(lambda: BLOCKS.build(), version)
     path.write_text(path.read_text().replace('"aluminium"', '"elastomer"'))
     with pytest.raises(MeshError, match=said):
-        read(path, MPI.COMM_SELF)
+        read_msh(path)
 
 
 @pytest.mark.parametrize(
@@ -354,7 +417,7 @@ def test_unusable_file_gets_one_line(tmp_path, name, text, said):
     if text is not None:
         (tmp_path / name).write_text(text)
     with pytest.raises(MeshError, match=f"^{tmp_path / name}: .*{said}"):
-        read(tmp_path / name, MPI.COMM_SELF)
+        read_msh(tmp_path / name)
 
 
 @pytest.mark.parametrize("version", [2.2, 4.1])
@@ -364,7 +427,7 @@ def test_truncated_file_gets_one_line(msh, version, share):
     text = path.read_text()
     path.write_text(text[: int(share * len(text))])
     with pytest.raises(MeshError, match="gmsh cannot read it: ") as caught:
-        read(path, MPI.COMM_SELF)
+        read_msh(path)
     assert "\n" not in str(caught.value)
 
 
@@ -395,6 +458,12 @@ def facts(comm, directory):
         write_built(seamed, path)
     comm.barrier()
     named, strip = generate(BLOCKS, comm), read(path, comm)
+    crashing = directory / "crashing.msh"
+    if comm.rank == 0:
+        crashing.write_text(CRASHING)
+    comm.barrier()
+    with pytest.raises(MeshError, match=r"gmsh broke down on it \(SIG"):
+        read(crashing, comm)
     with pytest.raises(MeshError) as caught:
         read(Path("missing.msh"), comm)
     return {

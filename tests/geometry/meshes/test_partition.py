@@ -12,7 +12,8 @@ from geometry.compat import cell_nodes
 from geometry.generators.two_blocks import Block, TwoBlocks
 from geometry.generators.two_boxes import Box, TwoBoxes
 from geometry.meshes import metis
-from geometry.meshes.gmsh_model import gmsh_session, named_groups, vertices_and_facets
+from geometry.meshes.extraction import arrays_of
+from geometry.meshes.gmsh_model import gmsh_session
 from geometry.meshes.mesh import generate
 from geometry.meshes.partition import share_out
 
@@ -134,10 +135,9 @@ def test_vertices_are_numbered_as_dolfinx_does():
     shape = SHAPES["hexahedron"]
     with gmsh_session("vertices") as gmsh:
         shape.build()
-        groups = named_groups(gmsh, "vertices")
-        tags = [groups.surfaces[name] for name in ("elastomer_contact", "top")]
-        position, (slave, top) = vertices_and_facets(gmsh, groups.dim, tags)
-    assert groups.cell_vertices == 8
+        arrays = arrays_of(gmsh, "vertices")
+    slave, top = (arrays.surfaces[name].corners for name in ("elastomer_contact", "top"))
+    position = arrays.position
     assert slave.shape == top.shape == (64, 4)
     np.testing.assert_allclose(position[slave][:, :, 1], 0.0, atol=1e-12)
     np.testing.assert_allclose(position[top][:, :, 1], 0.5, atol=1e-12)

@@ -1,0 +1,44 @@
+"""What PETSc made of the options it was given."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Iterable
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+
+def unused(comm: MPI.Comm, prefix: str, names: Iterable[str]) -> list[str]:
+    """The options that no object of PETSc has asked for so far, on any rank; collective.
+
+    Args:
+        comm: ranks that must agree.
+        prefix: of the options.
+        names: without it.
+
+    Raises:
+        RuntimeError: PETSc does not tell.
+    """
+    library = ctypes.CDLL(PETSc.__file__)
+    found = []
+    for name in names:
+        used = ctypes.c_int(0)
+        code = library.PetscOptionsUsed(None, f"{prefix}{name}".encode(), ctypes.byref(used))
+        if code:
+            raise RuntimeError(f"PETSc does not tell whether it used {name} (error {code})")
+        if not comm.allreduce(bool(used.value), op=MPI.LOR):
+            found.append(name)
+    return found
+
+
+def refusal(error: PETSc.Error) -> ValueError:
+    """The error for options with which PETSc does not work: its reason, on one line."""
+    silence()
+    lines = str(error).strip().splitlines()
+    return ValueError(lines[-1].split("] ", 1)[-1])
+
+
+def silence() -> None:
+    """Have PETSc say nothing, at its end, of options that were not used: all is over."""
+    PETSc.Options()["options_left"] = False

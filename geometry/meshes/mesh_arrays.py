@@ -1,0 +1,139 @@
+"""A mesh with named bodies and surfaces as plain arrays, and how it goes from process to process.
+
+Axis letters: n nodes, c cells, f facets, a corners.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from geometry.meshes.gmsh_model import MeshError
+
+CORNERS = {"interval": 2, "triangle": 3, "quadrilateral": 4, "tetrahedron": 4, "hexahedron": 8}
+"""Number of corners of a cell or facet."""
+
+FACETS = {
+    "triangle": "interval",
+    "quadrilateral": "interval",
+    "tetrahedron": "triangle",
+    "hexahedron": "quadrilateral",
+}
+"""Shape of a cell's facets."""
+
+DIMENSION = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A body or a surface.
+
+    Attributes:
+        tag: its number.
+        corners: (c, a) or (f, a) nodes of its cells or facets, in gmsh's order.
+    """
+
+    tag: int
+    corners: npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class MeshArrays:
+    """A mesh on one process.
+
+    Attributes:
+        cell: shape of its cells, for instance "triangle".
+        position: (n, 3), m, of the nodes.
+        bodies: cells by name.
+        surfaces: facets by name.
+    """
+
+    cell: str
+    position: npt.NDArray[np.float64]
+    bodies: dict[str, Part]
+    surfaces: dict[str, Part]
+
+    @property
+    def dim(self) -> int:
+        """Dimension of the cells."""
+        return DIMENSION[self.cell]
+
+    @property
+    def cells(self) -> npt.NDArray[np.int64]:
+        """Corners (c, a) of the cells of all bodies, one body after the other."""
+        return np.concatenate([body.corners for body in self.bodies.values()])
+
+    def packed(self) -> bytes:
+        """All of it in numpy's format of several arrays, which holds numbers only."""
+        parts = [*self.bodies.values(), *self.surfaces.values()]
+        header = {
+            "cell": self.cell,
+            "bodies": [[name, part.tag] for name, part in self.bodies.items()],
+            "surfaces": [[name, part.tag] for name, part in self.surfaces.items()],
+        }
+        text = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
+        stream = io.BytesIO()
+        arrays = {f"part{number}": part.corners for number, part in enumerate(parts)}
+        np.savez(stream, header=text, position=self.position, **arrays)  # type: ignore[arg-type]
+        return stream.getvalue()
+
+
+def unpacked(data: bytes) -> MeshArrays:
+    """The mesh behind `MeshArrays.packed`, with every number checked: its sender may be broken.
+
+    Raises:
+        MeshError: These are not the arrays of a mesh.
+    """
+    try:
+        with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+            header = json.loads(arrays["header"].tobytes())
+            named = [*header["bodies"], *header["surfaces"]]
+            parts = [
+                (str(name), Part(int(tag), np.asarray(arrays[f"part{number}"])))
+                for number, (name, tag) in enumerate(named)
+            ]
+            count = len(header["bodies"])
+            mesh = MeshArrays(
+                str(header["cell"]),
+                np.asarray(arrays["position"]),
+                dict(parts[:count]),
+                dict(parts[count:]),
+            )
+    except (ValueError, KeyError, TypeError, OSError, EOFError, zipfile.BadZipFile) as error:
+        raise MeshError(f"the arrays of the mesh are damaged ({error})") from error
+    _check(mesh)
+    return mesh
+
+
+def _check(mesh: MeshArrays) -> None:
+    """See that shapes and numbers are possible."""
+    sound = mesh.cell in DIMENSION and bool(mesh.bodies)
+    sound = sound and mesh.position.dtype == np.float64 and mesh.position.shape[1:] == (3,)
+    sound = sound and bool(np.isfinite(mesh.position).all())
+    if sound:
+        facet = FACETS[mesh.cell]
+        nodes = len(mesh.position)
+        sound = all(
+            _is_sound(part, CORNERS[shape], nodes)
+            for shape, parts in ((mesh.cell, mesh.bodies), (facet, mesh.surfaces))
+            for part in parts.values()
+        )
+    if not sound:
+        raise MeshError("the arrays of the mesh are damaged")
+
+
+def _is_sound(part: Part, corners: int, nodes: int) -> bool:
+    """Whether elements exist and are made of so many of the nodes, each once."""
+    rows: Any = part.corners
+    if rows.dtype != np.int64 or rows.ndim != 2 or rows.shape[1] != corners or not len(rows):
+        return False
+    if abs(part.tag) > np.iinfo(np.int32).max or rows.min() < 0 or rows.max() >= nodes:
+        return False
+    ordered = np.sort(rows, axis=1)
+    return bool((ordered[:, 1:] > ordered[:, :-1]).all())

@@ -1,0 +1,127 @@
+"""Damaged files cost a line, and never the program: gmsh reads them in a process of its own."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+import pytest
+from mpi4py import MPI
+
+from geometry.meshes import drawing
+from geometry.meshes.drawing import mesh_drawing
+from geometry.meshes.gmsh_model import MeshError
+from geometry.meshes.mesh import read
+from geometry.meshes.mesh_arrays import MeshArrays, Part, unpacked
+from geometry.meshes.own_process import ask
+from tests.geometry.meshes.damaged import damaged, good_files, outcome
+
+HEAD = "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n"
+CRASHING = HEAD + '$PhysicalNames\n1\n77777 2 "a"\n$EndPhysicalNames\n'
+GREEDY = HEAD + "$Nodes\n1 9999999999 1 9999999999\n2 1 0 9999999999\n$EndNodes\n"
+
+
+def one_line(path: Path) -> str:
+    """The line that refuses a file."""
+    with pytest.raises(MeshError) as caught:
+        read(path, MPI.COMM_SELF)
+    line = str(caught.value)
+    assert line.startswith(f"{path}: ") and line.isprintable()
+    return line
+
+
+def test_a_file_that_gmsh_breaks_down_on_costs_a_line(tmp_path):
+    (tmp_path / "mesh.msh").write_text(CRASHING)
+    assert "gmsh broke down on it (SIG" in one_line(tmp_path / "mesh.msh")
+
+
+def test_a_file_that_names_more_than_memory_holds_costs_a_line(tmp_path):
+    (tmp_path / "mesh.msh").write_text(GREEDY)
+    one_line(tmp_path / "mesh.msh")
+
+
+@pytest.fixture(scope="module")
+def files():
+    return good_files()
+
+
+# The first four end gmsh itself.
+@pytest.mark.parametrize("seed", [199, 218, 253, 254, *range(6)])
+def test_files_damaged_at_random_cost_a_line(files, tmp_path, seed):
+    (tmp_path / "mesh.msh").write_bytes(damaged(files, seed))
+    outcome(tmp_path / "mesh.msh")
+
+
+def test_more_cells_than_allowed_are_refused(files, tmp_path):
+    path = tmp_path / "mesh.msh"
+    path.write_bytes(files[0])
+    with pytest.raises(MeshError, match=r"8 cells; geometry\.max_cells = 7 allows no more"):
+        read(path, MPI.COMM_SELF, most_cells=7)
+    with path.open("ab") as stream:
+        stream.truncate(10**9)
+    with pytest.raises(MeshError, match=r"a file of 1 GB; geometry\.max_cells = 1000 is too few"):
+        read(path, MPI.COMM_SELF, most_cells=1000)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("Exit;", "gmsh ended without a mesh"),
+        ("For i In {0:1e9}\nx = i;\nEndFor\n", "gmsh was stopped; it may use 2 s"),
+        ('Merge "crashing.msh";', r"gmsh broke down on it \(SIG"),
+    ],
+)
+def test_a_drawing_that_ends_gmsh_costs_a_line(tmp_path, monkeypatch, text, said):
+    monkeypatch.setattr(drawing, "LONGEST", 1.0)
+    (tmp_path / "crashing.msh").write_text(CRASHING)
+    (tmp_path / "part.geo").write_text(text)
+    with pytest.raises(MeshError, match=said):
+        mesh_drawing(tmp_path / "part.geo", tmp_path / "part.msh")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["crashing.msh", "part.geo"]
+
+
+def test_the_process_is_no_rank_and_finds_its_modules_here_only(tmp_path, monkeypatch):
+    """A directory with a mesh may hold anything, and mpirun counts who speaks to it."""
+    told = tmp_path / "told"
+    for name in ("json", "numpy"):
+        (tmp_path / f"{name}.py").write_text(f"open({str(told)!r}, 'w')\n")
+    child = tmp_path / "child"
+    child.write_text('#!/bin/sh\nenv\necho "$@"\n')
+    child.chmod(0o700)
+    monkeypatch.setenv("PMIX_RANK", "1")
+    monkeypatch.setenv("OMPI_COMM_WORLD_SIZE", "2")
+    monkeypatch.chdir(tmp_path)
+    with monkeypatch.context() as patch:
+        patch.setattr(sys, "executable", str(child))
+        said = ask("read", child, "1", 10.0, 1 << 30).decode()
+    assert "PMIX" not in said and "OMPI" not in said
+    monkeypatch.delenv("PYTHONSAFEPATH", raising=False)
+    assert "no such file" in one_line(Path("missing.msh"))
+    (tmp_path / "mesh.msh").write_text(HEAD)
+    assert "no faces" in one_line(Path("mesh.msh"))
+    assert not told.exists()
+
+
+def test_arrays_of_a_broken_process_are_refused(files, tmp_path):
+    import numpy as np
+
+    cells = np.array([[0, 1, 2]])
+    square = MeshArrays("triangle", np.eye(3), {"body": Part(3, cells)}, {})
+    back = unpacked(square.packed())
+    assert back.bodies["body"].tag == 3
+    np.testing.assert_array_equal(back.cells, cells)
+    np.testing.assert_array_equal(back.position, square.position)
+    for position, corners in (
+        (np.eye(3), [[0, 1, 3]]),
+        (np.eye(3), [[0, 1, 1]]),
+        (np.eye(3), [[0, 1]]),
+        (np.eye(3), [[0.0, 1.0, 2.0]]),
+        (np.full((3, 3), np.nan), [[0, 1, 2]]),
+    ):
+        wrong = MeshArrays("triangle", position, {"body": Part(3, np.array(corners))}, {})
+        with pytest.raises(MeshError, match="the arrays of the mesh are damaged"):
+            unpacked(wrong.packed())
+    for data in (b"", b"x", square.packed()[:-60], os.urandom(999)):
+        with pytest.raises(MeshError, match="the arrays of the mesh are damaged"):
+            unpacked(data)
