@@ -6,6 +6,7 @@ import json
 import os
 import platform
 import sys
+from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
@@ -22,6 +23,7 @@ if _rich is not None:
     sys.modules["rich"] = _rich
 
 from app.errors import InputError, Interrupted  # noqa: E402
+from app.run.cache import ensure_cache  # noqa: E402
 from app.run.ending import end_interrupted, end_with, ranks_around  # noqa: E402
 
 if TYPE_CHECKING:
@@ -243,30 +245,32 @@ def check(
     """Check a case file without running it, nor code that it names; every problem is one line."""
     from app.case.reading import check_case, load_case
 
-    problems = check_case(case_file, overrides or [])
-    if problems:
-        for line in problems:
-            print(line, file=sys.stderr)
-        raise typer.Exit(2)
-    from app.run.building import notes_on_building
+    if problems := check_case(case_file, overrides or []):
+        _refuse(problems)
+    from app.run.building import notes_on_sweep
 
     case = load_case(case_file, overrides or [])
     if law:
         from app.case.trust import require_trust
 
         require_trust(case, case_file, trust)
-    singles = [part for _, part in case.sweep_cases()] or [case]
-    notes: dict[str, None] = {}  # the values of a sweep share most of theirs
-    for single in singles:
-        notes |= dict.fromkeys(notes_on_building(single, runs_code=law))
+    notes, problems = notes_on_sweep(case, runs_code=law)
+    if problems:
+        _refuse([f"tribox: {line}" for line in problems])
     for note in notes:
         print(f"note: {note}")
     if law:
         from app.run.law_check import check_laws
 
-        check_laws(singles)
-    runs = len(case.sweep_cases()) or 1
+        check_laws([part for _, part in case.sweep_cases()] or [case])
+    runs = len(case.sweep.values) if case.sweep is not None else 1
     print(f"{case_file}: correct ({runs} run{'s' * (runs > 1)}, {len(case.stage)} stages)")
+
+
+def _refuse(problems: Sequence[str]) -> None:
+    for line in problems:
+        print(line, file=sys.stderr)
+    raise typer.Exit(2)
 
 
 @cli.command()
@@ -593,6 +597,7 @@ def precompile() -> None:
 def main() -> None:
     """Run the command line; errors of ours become one line and an exit code."""
     try:
+        ensure_cache()
         cli(prog_name="tribox")
     except _Stopped as stopped:
         end_interrupted(stopped.together)

@@ -2,17 +2,53 @@
 
 from __future__ import annotations
 
+import unicodedata
+from collections.abc import Sequence
+
+LONGEST = 1000
+"""Letters of a message; of a longer one the middle is left out."""
+# Control characters, those that turn the direction of writing, line ends and halves of pairs.
+_UNFIT = ("Cc", "Cf", "Zl", "Zp", "Cs")
+
+
+def as_line(text: str) -> str:
+    """Text as one line of bounded length that a terminal shows and does not obey.
+
+    What a message quotes comes from files and options of anyone.
+    """
+    if len(text) > LONGEST:
+        text = f"{text[: LONGEST // 2]} [...] {text[-LONGEST // 4 :]}"
+    shown = (
+        c if unicodedata.category(c) not in _UNFIT else c.encode("unicode_escape").decode()
+        for c in text
+    )
+    return "".join(shown)
+
 
 class TriboxError(Exception):
     """Base of all errors that are reported as one line instead of a traceback."""
 
     exit_code = 1
 
+    def __init__(self, message: str = "") -> None:
+        """Take a message, whatever it quotes."""
+        super().__init__(as_line(message))
+
 
 class InputError(TriboxError):
-    """The case file, an option or a file it names is wrong; nothing was run."""
+    """The case file, an option or a file it names is wrong; nothing was run.
+
+    Attributes:
+        lines: all that is wrong; the message is the first and says how many more there are.
+    """
 
     exit_code = 2
+
+    def __init__(self, message: str = "", more: Sequence[str] = ()) -> None:
+        """Take what is wrong, and what ``more`` is, a line each."""
+        note = f" (and {len(more)} more; tribox check lists them)" if more else ""
+        super().__init__(message + note)
+        self.lines = tuple(map(as_line, (message, *more)))
 
 
 class SolutionError(TriboxError):

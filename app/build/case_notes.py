@@ -17,6 +17,7 @@ from app.case.geometry import GeneratedGeometry
 from app.case.time_tables import TimeTable
 from forms.friction.checks import threshold_speed_warning, uniqueness_warning
 
+LOOSE = 1e-3  # of the residual over the contact force, from which on results show it
 THICK = 1e-5  # m, film thickness that is surely a slip of units
 
 
@@ -28,6 +29,11 @@ def notes_on(case: Case) -> list[str]:
         for key, table in _pressures(boundary)
         if min(table.values) < 0.0
     ]
+    if case.solver.tolerance > LOOSE:
+        notes.append(
+            f"solver.tolerance = {case.solver.tolerance:g}: forces may be wrong by about as much; "
+            f"the default is 1e-8, and above {LOOSE:g} results are not to be trusted"
+        )
     return notes + [
         f"contact.{index}: {note}"
         for index, contact in enumerate(case.contact)

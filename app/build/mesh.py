@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 from mpi4py import MPI
@@ -19,8 +20,23 @@ def make_mesh(case: Case, comm: MPI.Comm) -> NamedMesh:
     """The case's mesh, generated or read, with every name the case uses; collective.
 
     Raises:
-        InputError: no such file, body or surface, or bodies that are glued together.
+        InputError: no such file, body or surface, or bodies that are glued together; the message
+            names the case file.
     """
+    try:
+        return _made_mesh(case, comm)
+    except InputError as error:
+        raise of_case(case, error) from None
+
+
+def of_case(case: Case, error: InputError) -> InputError:
+    """The error with the case file before each of its lines, where it is not there yet."""
+    source = "" if case.source is None else f"{case.source}: "
+    first, *more = (line if line.startswith(source) else source + line for line in error.lines)
+    return InputError(first, more)
+
+
+def _made_mesh(case: Case, comm: MPI.Comm) -> NamedMesh:
     geometry = case.geometry
     shared = case.solver.partition == "contact"
     contacts = [(contact.slave, contact.master) for contact in case.contact] if shared else []
@@ -28,11 +44,10 @@ def make_mesh(case: Case, comm: MPI.Comm) -> NamedMesh:
         if isinstance(geometry, GeneratedGeometry):
             return generate(geometry.shape(), comm, contacts)
         named = read(Path(geometry.mesh), comm, contacts, geometry.max_cells)
-        try:
-            _check_names(case, named)
-            _check_section(case, named)
-        except MeshError as error:
-            raise MeshError(f"{error} (mesh {geometry.mesh})") from None
+        wrong = [*_name_problems(case, named), *_section_problems(case, named)]
+        if wrong:
+            first, *more = (f"{line} (mesh {geometry.mesh})" for line in wrong)
+            raise InputError(first, more)
         glued = bodies_sharing_nodes(named)
     except MeshError as error:
         raise InputError(str(error)) from None
@@ -46,24 +61,22 @@ def make_mesh(case: Case, comm: MPI.Comm) -> NamedMesh:
     return named
 
 
-def _check_names(case: Case, named: NamedMesh) -> None:
-    place = ""
-    try:
-        for name in case.bodies:
-            place = f"bodies.{name}: "
-            named.body_tag(name)
-        for index, contact in enumerate(case.contact):
-            for key in ("slave", "master"):
-                place = f"contact.{index}.{key}: "
-                named.surface_tag(getattr(contact, key))
-        for index, boundary in enumerate(case.boundary):
-            place = f"boundary.{index}.surface: "
-            named.surface_tag(boundary.surface)
-    except MeshError as error:
-        raise MeshError(f"{place}{error}") from None
+def _name_problems(case: Case, named: NamedMesh) -> Iterator[str]:
+    """Names of the case that the mesh has not, and bodies the other way round."""
+    wanted = [(f"bodies.{name}", named.body_tag, name) for name in case.bodies]
+    for index, contact in enumerate(case.contact):
+        wanted.append((f"contact.{index}.slave", named.surface_tag, contact.slave))
+        wanted.append((f"contact.{index}.master", named.surface_tag, contact.master))
+    for index, boundary in enumerate(case.boundary):
+        wanted.append((f"boundary.{index}.surface", named.surface_tag, boundary.surface))
+    for place, tag_of, name in wanted:
+        try:
+            tag_of(name)
+        except MeshError as error:
+            yield f"{place}: {error}"
     for name in named.bodies:
         if name not in case.bodies:
-            raise MeshError(f'the mesh has a body "{name}", the case has no [bodies.{name}]')
+            yield f'the mesh has a body "{name}", the case has no [bodies.{name}]'
 
 
 def _check_owners(case: Case, named: NamedMesh) -> None:
@@ -77,25 +90,25 @@ def _check_owners(case: Case, named: NamedMesh) -> None:
             raise InputError(str(error)) from None
 
 
-def _check_section(case: Case, named: NamedMesh) -> None:
-    """See that what the case says of a mesh in the plane, or in space, goes with this mesh."""
+def _section_problems(case: Case, named: NamedMesh) -> Iterator[str]:
+    """What does not go with this mesh being in the plane or in space; collective."""
     try:
         section = case.geometry.section_in(named.mesh.geometry.dim)
     except ValueError as error:
-        raise MeshError(f"geometry.{error}") from None
+        yield f"geometry.{error}"
+        return
     for index, boundary in enumerate(case.boundary):
-        for problem in boundary.section_problems(section, ("boundary", index)):
-            raise MeshError(format_problem(problem))
+        yield from map(format_problem, boundary.section_problems(section, ("boundary", index)))
     for name, body in case.bodies.items():
         if body.velocity is not None:
-            for problem in body.velocity.section_problems(section, ("bodies", name, "velocity")):
-                raise MeshError(format_problem(problem))
+            place = ("bodies", name, "velocity")
+            yield from map(format_problem, body.velocity.section_problems(section, place))
     if section == "axisymmetric":
         x = named.mesh.geometry.x[:, 0]
         low, high = float(x.min(initial=0.0)), float(x.max(initial=0.0))
         low = named.mesh.comm.allreduce(low, op=MPI.MIN)
         if low < -ON_AXIS * named.mesh.comm.allreduce(high, op=MPI.MAX):
-            raise MeshError(
+            yield (
                 f'geometry.section = "axisymmetric": the mesh reaches x = {low:g} m; x is the '
                 "distance from the axis of symmetry and must be >= 0 m"
             )

@@ -11,7 +11,7 @@ from mpi4py import MPI
 from app.build.boundary_conditions import Loads
 from app.build.case_notes import notes_on
 from app.build.contacts import BuiltContact, ContactBuilder
-from app.build.mesh import make_mesh
+from app.build.mesh import make_mesh, of_case
 from app.build.mesh_notes import large_mesh, locking_bodies, many_cells, notes_on_ranks
 from app.build.numbers import failures_as
 from app.build.probes import PointPlaces, place_probes
@@ -82,7 +82,6 @@ class Model:
             program(time, driven)
 
 
-@failures_as(InputError, "the case")
 def build_model(case: Case, comm: MPI.Comm, runs_code: bool = True) -> Model:
     """Mesh, forms and loads of a case; collective.
 
@@ -93,8 +92,17 @@ def build_model(case: Case, comm: MPI.Comm, runs_code: bool = True) -> Model:
             solved, only looked at.
 
     Raises:
-        InputError: the mesh, or a name in the case, does not fit; or numbers are out of range.
+        InputError: the mesh, or a name in the case, does not fit, or numbers are out of range; the
+            message names the case file.
     """
+    try:
+        return _built(case, comm, runs_code)
+    except InputError as error:
+        raise of_case(case, error) from None
+
+
+@failures_as(InputError, "the case")
+def _built(case: Case, comm: MPI.Comm, runs_code: bool) -> Model:
     named = make_mesh(case, comm)
     section = case.geometry.section_in(named.mesh.geometry.dim)
     bodies = resolved_bodies(case.bodies, named)

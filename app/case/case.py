@@ -11,7 +11,6 @@ from pydantic import (
     Field,
     PrivateAttr,
     SerializerFunctionWrapHandler,
-    Strict,
     ValidationError,
     ValidationInfo,
     field_validator,
@@ -28,9 +27,9 @@ from app.case.generators_3d import BoxesGeometry, SphereGeometry
 from app.case.geometry import GeneratedGeometry, MeshGeometry
 from app.case.overrides import KeyPathError, set_value, value_at
 from app.case.probe import Probe, probe_problems
-from app.case.solver import Output, Solver, Sweep
+from app.case.solver import LONGEST_LABEL, Output, Solver, Sweep
 from app.case.stage import Stage, order_problems, solver_of, stage_problems
-from app.case.table import Model, Place, Problem, problems_error
+from app.case.table import MOST_ENTRIES, Line, Model, Place, Problem, problems_error
 from app.case.time_tables import TimeTable
 from app.case.toml_writer import toml_text
 from app.case.validation import format_problem, problems_of
@@ -54,24 +53,30 @@ class Case(Model):
     were read from does not count.
     """
 
-    title: Annotated[str, Strict()] = Field(
-        default="", description="what the case is about, in one line"
-    )
+    title: Line = Field(default="", description="what the case is about, in one line")
     geometry: Geometry = Field(description="shapes and mesh")
     bodies: dict[str, Body] = Field(
         min_length=1, description="material and element formulation of each body, [bodies.NAME]"
     )
     contact: tuple[Contact, ...] = Field(
-        min_length=1, description="pairs of surfaces that may touch, [[contact]]"
+        min_length=1,
+        max_length=MOST_ENTRIES,
+        description="pairs of surfaces that may touch, [[contact]]",
     )
     boundary: tuple[Boundary, ...] = Field(
-        min_length=1, description="supports, motions and loads of surfaces, [[boundary]]"
+        min_length=1,
+        max_length=MOST_ENTRIES,
+        description="supports, motions and loads of surfaces, [[boundary]]",
     )
     stage: tuple[Stage, ...] = Field(
-        min_length=1, description="the parts of the run, one after the other, [[stage]]"
+        min_length=1,
+        max_length=MOST_ENTRIES,
+        description="the parts of the run, one after the other, [[stage]]",
     )
     probe: tuple[Probe, ...] = Field(
-        default=(), description="points, lines, bodies and contacts that are followed, [[probe]]"
+        default=(),
+        max_length=MOST_ENTRIES,
+        description="points, lines, bodies and contacts that are followed, [[probe]]",
     )
     solver: Solver = Field(default=Solver(), description="how the equations are solved")
     output: Output = Field(default=Output(), description="what is written beside the history")
@@ -261,18 +266,18 @@ class Case(Model):
         """Each value must make a valid case, and a directory of its own."""
         assert self.sweep is not None
         labels = self.sweep.labels
-        parts: dict[int, Case] = {}
+        seen: dict[str, int] = {}  # by the case in full: comparing each with each takes minutes
         for index, (label, value) in enumerate(zip(labels, self.sweep.values, strict=True)):
             place = ("sweep", "values", index)
+            if len(label.encode()) > LONGEST_LABEL:
+                yield Problem(place, f"is too long for the name of a directory ({label[:40]}...)")
             if label in labels[:index]:
                 yield Problem(place, "is in the list twice", value)
             try:
                 data = self._swept_data(value)
-                part = self._rebuilt(data)
-                same = [earlier for earlier, case in parts.items() if case == part]
-                if same and label not in labels[:index]:  # in other units, say
-                    yield Problem(place, f"is the same as sweep.values.{same[0]}", value)
-                parts[index] = part
+                first = seen.setdefault(self._rebuilt(data).model_dump_json(), index)
+                if first != index and label not in labels[:index]:  # in other units, say
+                    yield Problem(place, f"is the same as sweep.values.{first}", value)
             except KeyPathError as error:
                 yield Problem(("sweep", "key"), str(error), self.sweep.key)
                 return

@@ -11,7 +11,7 @@ from pydantic import Field, ValidatorFunctionWrapHandler, field_validator
 from app.case.film import Film
 from app.case.friction import PRESET_NAMES, Friction, FrictionMap
 from app.case.quantities import Quantity
-from app.case.table import Count, Model, Place, Problem, Text
+from app.case.table import Degree, Model, Name, Place, Problem, Text
 
 DEFAULT_PENALTY_FACTOR = 30.0
 _SMOOTHED = ("quadrilateral", "hexahedron")
@@ -21,12 +21,12 @@ _PLURAL = {"triangle": "triangles", "tetrahedron": "tetrahedra"}
 class Contact(Model):
     """One pair of surfaces."""
 
-    name: Text | None = Field(
+    name: Name | None = Field(
         default=None, description="what tables and figures call the pair; default SLAVE-MASTER"
     )
     slave: Text = Field(description="surface that carries the contact points (the softer body's)")
     master: Text = Field(description="surface the points are projected on")
-    quadrature_degree: Count | None = Field(
+    quadrature_degree: Degree | None = Field(
         default=None,
         description="degree of the quadrature on slave facets; default 9 in the plane (five points "
         "per segment), or 11 (six) unless the slave is ten times softer; 5 in space",

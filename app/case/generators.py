@@ -9,7 +9,7 @@ from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
 
 from app.case.geometry import NO_SLAB, SECTION, PlaneGeometry, PlaneSection
 from app.case.quantities import Quantity
-from app.case.table import Count, Model, Place, Problem
+from app.case.table import Elements, Model, Place, Problem
 
 if TYPE_CHECKING:
     from forms.bodies.kinematics import Section
@@ -22,7 +22,7 @@ class BlockSize(Model):
 
     width: Annotated[float, Quantity("m", gt=0.0)] = Field(description="extent in x")
     height: Annotated[float, Quantity("m", gt=0.0)] = Field(description="extent in y")
-    elements: tuple[Count, Count] | None = Field(
+    elements: tuple[Elements, Elements] | None = Field(
         default=None, description="number of elements along x and y (this or size)"
     )
     size: Annotated[float, Quantity("m", gt=0.0)] | None = Field(

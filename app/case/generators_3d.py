@@ -9,7 +9,7 @@ from pydantic import Field
 
 from app.case.geometry import GeneratedGeometry
 from app.case.quantities import Quantity
-from app.case.table import Count, Model, Place, Problem
+from app.case.table import Elements, Model, Place, Problem
 
 if TYPE_CHECKING:
     from forms.bodies.kinematics import Section
@@ -27,7 +27,7 @@ class BoxSize(Model):
     width: _Length = Field(description="extent in x")
     height: _Length = Field(description="extent in y, upwards")
     depth: _Length = Field(description="extent in z")
-    elements: tuple[Count, Count, Count] | None = Field(
+    elements: tuple[Elements, Elements, Elements] | None = Field(
         default=None, description="number of elements along x, y and z (this or size)"
     )
     size: _Length | None = Field(

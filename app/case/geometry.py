@@ -192,8 +192,12 @@ class MeshGeometry(Model):
         if not isinstance(value, str | Path) or not str(value):
             raise PydanticCustomError("path", "must be the name of a mesh file, in quotes")
         context = info.context or {}
-        path = (Path(context.get("source") or "").parent / value).resolve()
-        if not path.is_file() and not context.get("past"):
+        try:
+            path = (Path(context.get("source") or "").parent / value).resolve()
+            found = path.is_file()
+        except (OSError, ValueError):  # a name that no file can have
+            raise PydanticCustomError("path", "is no name that a file can have") from None
+        if not found and not context.get("past"):
             raise PydanticCustomError("path", "no such file ({path})", {"path": str(path)})
         return path
 

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-import tomllib
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from app.case.plain_data import TomlError, parse_toml
 from app.errors import InputError
+
+_NUMBER = re.compile(r"0|[1-9][0-9]{0,8}", re.ASCII)
+_PLAIN = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?", re.ASCII)
+_LONGEST = 100  # letters of an override that a message shows
 
 
 class KeyPathError(ValueError):
@@ -30,7 +35,7 @@ def set_value(data: dict[str, Any], key: str, value: object) -> None:
         above = ".".join(names[:depth])
         last = depth == len(names) - 1
         if isinstance(here, list):
-            if not name.isdigit() or int(name) >= len(here):
+            if _NUMBER.fullmatch(name) is None or int(name) >= len(here):
                 raise KeyPathError(f'{above} has no entry "{name}"; {_entries(len(here))}')
             step: Any = int(name)
         elif isinstance(here, dict):
@@ -69,8 +74,8 @@ def _entries(count: int) -> str:
 def _split(key: str) -> list[str]:
     """The names in a dotted key, by TOML's own rules."""
     try:
-        here: Any = tomllib.loads(f"{key.strip()} = 0")
-    except tomllib.TOMLDecodeError:
+        here: Any = parse_toml(f"{key.strip()} = 0")
+    except TomlError:
         raise KeyPathError("not a dotted key such as contact.0.film.thickness") from None
     names = []
     while isinstance(here, dict):
@@ -92,18 +97,26 @@ def apply_override(data: dict[str, Any], override: str) -> None:
         InputError: the text is no such thing, or its key leads nowhere.
     """
     key, equals, text = override.partition("=")
+    shown = override if len(override) <= _LONGEST else f"{override[:_LONGEST]}..."
     if not equals or not key.strip():
-        raise InputError(f'"{override}": an override is written key=value')
+        raise InputError(f'"{shown}": an override is written key=value')
     try:
         set_value(data, key, _override_value(text))
-    except KeyPathError as error:
-        raise InputError(f'"{override}": {error}') from None
+    except (KeyPathError, TomlError) as error:
+        raise InputError(f'"{shown}": {error}') from None
 
 
 def _override_value(text: str) -> object:
-    """The value as TOML if it is that, else the text itself."""
+    """The value as TOML if it is that, else the text itself; .5 and 5. are numbers too.
+
+    Raises:
+        TomlError: it is TOML that no case may hold.
+    """
     try:
-        parsed = tomllib.loads(f"value = {text}")
-    except tomllib.TOMLDecodeError:
-        return text.strip()
+        parsed = parse_toml(f"value = {text}")
+    except TomlError as error:
+        if error.is_toml:
+            raise
+        plain = text.strip()
+        return float(plain) if _PLAIN.fullmatch(plain) else plain
     return parsed["value"] if parsed.keys() == {"value"} else text.strip()

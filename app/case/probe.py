@@ -10,7 +10,7 @@ from pydantic import Field, create_model
 
 from app.case.contact import Contact
 from app.case.quantities import Quantity
-from app.case.table import Count, Model, Place, Problem, Text
+from app.case.table import Model, Name, Place, Points, Problem, Text
 
 if TYPE_CHECKING:
     from forms.bodies.kinematics import Section
@@ -35,7 +35,7 @@ class ProbeLine(_NamesFrom):
     """Points at equal distances on a straight line in the undeformed mesh."""
 
     to: Point = Field(description="last point, [x, y] or [x, y, z], undeformed")
-    points: Count = Field(description="number of points, the ends included; at least 2")
+    points: Points = Field(description="number of points, the ends included; at least 2")
 
     @property
     def start(self) -> Point:
@@ -54,7 +54,7 @@ class ProbeLine(_NamesFrom):
 class Probe(Model):
     """One thing that is followed: a point, a line, a body, or the contact of a pair."""
 
-    name: Text = Field(description="what the tables call it; each probe its own")
+    name: Name = Field(description="what the tables call it; each probe its own")
     point: Point | None = Field(
         default=None, description="one place, [x, y] or [x, y, z], undeformed"
     )
@@ -72,7 +72,7 @@ class Probe(Model):
     contact: Text | None = Field(
         default=None, description="name of a contact pair, along whose slave surface values are"
     )
-    points: Count | None = Field(
+    points: Points | None = Field(
         default=None,
         description="number of points at equal distances along the slave surface, in the plane; "
         "default: its vertices; with contact only",

@@ -15,7 +15,7 @@ import functools
 import math
 import re
 from dataclasses import dataclass
-from decimal import Decimal, Overflow
+from decimal import Decimal
 from typing import Any
 
 from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
@@ -23,8 +23,15 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 _NUMBER_AND_UNIT = re.compile(
-    r"\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)\s*(.*?)\s*"
+    r"([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)\s*(.*)", re.DOTALL
 )
+# What units are written with. The unit library passes over some other characters.
+_UNIT = re.compile(r"[\w°µμΩ%*/^.()·⋅⁻²³¹⁰⁴-⁹+\- \t\u00a0]*")
+LONGEST = 80
+"""Letters of a quantity; the unit library takes its time over thousands."""
+LARGEST = 1e50
+"""Size in SI up to which a key may be; one that may not be 0 is at least as much above it. What is
+computed from several of them then stays within the range of numbers."""
 
 # SI unit of a field: {spelling: factor}. Only spellings without ambiguity; everything else goes
 # through the unit library, with which a test compares this table.
@@ -71,6 +78,8 @@ def _factor(text: str, unit: str) -> Decimal:
         return Decimal(common)
     registry = _registry()
     try:
+        if _UNIT.fullmatch(text) is None:
+            raise ValueError("characters that no unit has")
         given = registry.Quantity(Decimal(1), registry.parse_units(text))
     except Exception as error:  # The library fails on odd text in many ways, all the writer's.
         hint = _expected(unit)
@@ -107,21 +116,37 @@ def parse_quantity(value: object, unit: str) -> float:
         raise QuantityError(_expected(unit))
     try:
         number = _parse_text(value, unit) if isinstance(value, str) else float(value)
-    except (Overflow, OverflowError):  # 1e9999999, or a whole number of 400 digits.
+    except ArithmeticError:  # 1e9999999, or a whole number of 400 digits.
         number = math.inf
     if not math.isfinite(number):
         raise QuantityError("must be finite")
     return number
 
 
+def parse_bounded(value: object, unit: str) -> float:
+    """As :func:`parse_quantity`, of a size up to `LARGEST`.
+
+    Raises:
+        QuantityError: as there, or 1e300 m, say.
+    """
+    number = parse_quantity(value, unit)
+    if abs(number) > LARGEST:
+        raise QuantityError(f"must be of a size up to {LARGEST:g} {unit}".rstrip())
+    return number
+
+
 def _parse_text(text: str, unit: str) -> float:
-    """Float in `unit` of the text "number unit"; text without a unit is SI."""
-    match = _NUMBER_AND_UNIT.fullmatch(text)
+    """Float in `unit` of the text "number unit"."""
+    if len(text) > LONGEST:
+        raise QuantityError(f"has {len(text)} letters; {_expected(unit)}")
+    match = _NUMBER_AND_UNIT.fullmatch(text.strip())
     if match is None:
         if text.strip().lstrip("+-").lower().split(" ")[0] in ("inf", "infinity", "nan"):
             raise QuantityError("must be finite")
         raise QuantityError(_expected(unit))
     number, written = Decimal(match[1]), match[2]
+    if unit and not written:
+        raise QuantityError(f"is text without a unit; {_expected(unit)}")
     return float(number * _factor(written, unit)) if written else float(number)
 
 
@@ -131,7 +156,7 @@ def split_quantity(value: object) -> tuple[float, str]:
     Raises:
         QuantityError: neither a finite number nor text that begins with one.
     """
-    if isinstance(value, str) and (match := _NUMBER_AND_UNIT.fullmatch(value)) is not None:
+    if isinstance(value, str) and (match := _NUMBER_AND_UNIT.fullmatch(value.strip())) is not None:
         number, unit = float(match[1]), match[2]
         return parse_quantity(number, ""), unit
     return parse_quantity(value, ""), ""
@@ -175,7 +200,7 @@ class Quantity:
         Raises:
             QuantityError: no such quantity, or out of bounds.
         """
-        number = parse_quantity(value, self.unit)
+        number = parse_bounded(value, self.unit)
         inside = (
             (self.ge is None or number >= self.ge)
             and (self.gt is None or number > self.gt)
@@ -184,6 +209,9 @@ class Quantity:
         )
         if self.nonzero and number == 0.0:
             raise QuantityError("must not be 0")
+        if 0.0 < abs(number) < 1.0 / LARGEST and (self.nonzero or self.gt == 0.0):
+            least = f"{1.0 / LARGEST:g} {self.unit}".rstrip()
+            raise QuantityError(f"must be of a size from {least} on")
         if not inside:
             raise QuantityError(f"must be {self.bounds()}")
         return number

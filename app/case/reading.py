@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -12,8 +10,10 @@ from pydantic import ValidationError
 
 from app.case.case import Case
 from app.case.overrides import apply_override
+from app.case.plain_data import TomlError, parse_toml
+from app.case.text_files import read_text
 from app.case.validation import format_problem, problems_of
-from app.errors import InputError
+from app.errors import InputError, as_line
 
 
 def load_case(path: Path, overrides: Sequence[str] = ()) -> Case:
@@ -46,8 +46,7 @@ def load_past_case(path: Path) -> Case:
 def _case_of(case: Case | list[str]) -> Case:
     if isinstance(case, Case):
         return case
-    more = f" (and {len(case) - 1} more; tribox check lists them)" if len(case) > 1 else ""
-    raise InputError(case[0] + more)
+    raise InputError(case[0], case[1:])
 
 
 def check_case(path: Path, overrides: Sequence[str] = ()) -> list[str]:
@@ -72,19 +71,13 @@ def _read(path: Path, overrides: Sequence[str], past: bool = False) -> Case | li
     try:
         return Case.model_validate(data, context={"source": path, "past": past})
     except ValidationError as error:
-        return [f"{path}: {format_problem(p)}" for p in problems_of(error, Case, data)]
+        return [as_line(f"{path}: {format_problem(p)}") for p in problems_of(error, Case, data)]
 
 
 def _read_toml(path: Path) -> dict[str, Any]:
+    text = read_text(path)
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: not a text file in UTF-8") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
-    except tomllib.TOMLDecodeError as error:
-        match = re.fullmatch(r"(.*) \(at line (\d+), column (\d+)\)", str(error))
-        line, reason = (f":{match[2]}", f"{match[1]} (column {match[3]})") if match else ("", error)
-        raise InputError(f"{path}{line}: not valid TOML: {reason}") from None
+        return parse_toml(text)
+    except TomlError as error:
+        line = "" if error.line is None else f":{error.line}"
+        raise InputError(f"{path}{line}: {error}") from None

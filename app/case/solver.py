@@ -19,7 +19,23 @@ from pydantic_core import PydanticCustomError
 
 from app.case.petsc import option_problems
 from app.case.quantities import Quantity
-from app.case.table import Count, CountOrZero, Flag, Model, Place, Problem, Text, problems_error
+from app.case.table import (
+    MOST_ENTRIES,
+    Count,
+    CountOrZero,
+    Flag,
+    Model,
+    Place,
+    Problem,
+    Text,
+    problems_error,
+)
+
+_LETTERS = "A-Za-z0-9.+=_%µμ-"
+LABEL = re.compile(rf"[{_LETTERS}]*=[{_LETTERS}]*")
+"""What the name of a directory looks like that a value of a sweep gets."""
+LONGEST_LABEL = 200
+"""Bytes of such a name; file systems take 255."""
 
 
 def _petsc_value(value: object) -> object:
@@ -180,7 +196,9 @@ class Sweep(Model):
         description="dotted key to change, list entries by number, such as contact.0.film.thickness"
     )
     values: tuple[Any, ...] = Field(
-        min_length=1, description="the values, each written as it would be at the key itself"
+        min_length=1,
+        max_length=MOST_ENTRIES,
+        description="the values, each written as it would be at the key itself",
     )
 
     @property
@@ -211,4 +229,4 @@ def _as_text(value: object) -> str:
 def _as_name(text: str) -> str:
     """Text without spaces and without what a directory name or a shell would stumble over."""
     spaceless = re.sub(r"(?<=\d)\s+(?=\D)", "", text.strip())
-    return re.sub(r"[^A-Za-z0-9.+=_%µμ-]+", "_", spaceless)
+    return re.sub(rf"[^{_LETTERS}]+", "_", spaceless)

@@ -9,7 +9,7 @@ from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
 
 from app.case.boundary import DRIVEN, Boundary
 from app.case.quantities import Quantity
-from app.case.table import Count, Flag, Model, Place, Problem, Text
+from app.case.table import MOST_ENTRIES, Count, Flag, Model, Name, Place, Problem
 
 _STEADY_KEYS = (
     "slip_step",
@@ -23,7 +23,7 @@ _STEADY_KEYS = (
 class Stage(Model):
     """One part of the run: a duration, or velocities, each kept until the force is steady."""
 
-    name: Text = Field(description="name of the stage in results and messages")
+    name: Name = Field(description="name of the stage in results and messages")
     duration: Annotated[float, Quantity("s", gt=0.0)] | None = Field(
         default=None, description="length of the stage (or velocities)"
     )
@@ -33,6 +33,7 @@ class Stage(Model):
     )
     velocities: tuple[Annotated[float, Quantity("m/s", nonzero=True)], ...] = Field(
         default=(),
+        max_length=MOST_ENTRIES,
         description="velocities of driven boundaries, one after the other, each until the "
         "tangential force is steady (or duration)",
     )
@@ -45,7 +46,7 @@ class Stage(Model):
     max_steps: Count = Field(
         default=200, description="most steps at each velocity; with velocities"
     )
-    steady_tolerance: Annotated[float, Quantity(gt=0.0)] = Field(
+    steady_tolerance: Annotated[float, Quantity(gt=0.0, lt=1.0)] = Field(
         default=1e-4,
         description="relative change of the tangential force, without known weakening, over the "
         "elastic lengths and the last eighth of the way slid, below which it is steady; with "

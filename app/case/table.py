@@ -6,16 +6,37 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, Strict
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict
 from pydantic_core import PydanticCustomError
+
+from app.errors import as_line
 
 Place = tuple[str | int, ...]
 """The keys that lead to a value, such as ("contact", 0, "film", "thickness")."""
 
+LONGEST_NAME = 100
+MOST_STEPS = 10_000_000
+MOST_ENTRIES = 1000
+
+
+def _on_one_line(text: str) -> str:
+    """See that a name holds nothing that breaks the lines of tables, logs and terminals."""
+    if as_line(text) != text:
+        raise PydanticCustomError("line", "must be one line without control characters")
+    return text
+
+
 Flag = Annotated[bool, Strict()]
 Text = Annotated[str, Strict(), Field(min_length=1)]
-Count = Annotated[int, Strict(), Field(ge=1)]
-CountOrZero = Annotated[int, Strict(), Field(ge=0)]
+Line = Annotated[str, Strict(), AfterValidator(_on_one_line)]
+Name = Annotated[
+    str, Strict(), Field(min_length=1, max_length=LONGEST_NAME), AfterValidator(_on_one_line)
+]
+Count = Annotated[int, Strict(), Field(ge=1, le=MOST_STEPS)]
+CountOrZero = Annotated[int, Strict(), Field(ge=0, le=MOST_STEPS)]
+Points = Annotated[int, Strict(), Field(ge=1, le=100_000)]
+Degree = Annotated[int, Strict(), Field(ge=1, le=30)]
+Elements = Annotated[int, Strict(), Field(ge=1, le=100_000)]
 
 
 class Model(BaseModel):

@@ -23,7 +23,7 @@ from app.case.quantities import (
     Quantity,
     QuantityError,
     format_quantity,
-    parse_quantity,
+    parse_bounded,
     text_schema,
 )
 from app.case.table import ABSENT
@@ -33,6 +33,7 @@ Row = tuple[float, float]
 
 
 RAMPS = ("linear", "smooth")
+MOST_ROWS = 100_000
 
 
 def smooth_step(share: float) -> float:
@@ -110,6 +111,8 @@ def _parse_rows(rows: Sequence[object], first: Quantity, second: Quantity) -> tu
     """
     if not rows:
         raise _at((), rows, "a table needs at least one row")
+    if len(rows) > MOST_ROWS:
+        raise _at((), ABSENT, f"has {len(rows)} rows; a table has at most {MOST_ROWS}")
     parsed: list[Row] = []
     for index, row in enumerate(rows):
         if not isinstance(row, list | tuple) or len(row) != 2:
@@ -180,7 +183,7 @@ class Program:
                 return TimeTable.constant(rows[0][1])
             return TimeTable(tuple(t for t, _ in rows), tuple(v for _, v in rows))
         try:
-            return TimeTable.constant(parse_quantity(value, self.unit))
+            return TimeTable.constant(parse_bounded(value, self.unit))
         except QuantityError as error:
             reason = f"{error}, or a table [[time, value], ...]"
             reason += f', or "{self.word}"' if self.word is not None else ""

@@ -43,7 +43,8 @@ def unit_pattern(unit: str) -> str:
     )
     words = "|".join(_words(unit))
     known = [rf"\s*(?:{words})"] if words else []
-    return rf"^\s*{_NUMBER}(?:[eE][+-]?[0-9]+)?(?:{'|'.join((*known, *free))})?\s*$"
+    optional = "" if unit else "?"  # Text without a unit is no quantity that has one.
+    return rf"^\s*{_NUMBER}(?:[eE][+-]?[0-9]+)?(?:{'|'.join((*known, *free))}){optional}\s*$"
 
 
 def _words(unit: str) -> list[str]:

@@ -25,6 +25,8 @@ _REASONS = {
     "int_type": "must be a whole number",
     "int_from_float": "must be a whole number",
     "greater_than_equal": "must be >= {ge}",
+    "less_than_equal": "must be <= {le}",
+    "string_too_long": "must have at most {max_length} letters",
     "dict_type": "must be a table of keys and values",
     "model_type": "must be a table of keys and values",
     "model_attributes_type": "must be a table of keys and values",
@@ -102,7 +104,8 @@ def _problems_of(detail: ErrorDetails, model: type[Model], data: object) -> Iter
         array = f"must be an array of tables: write [[{place[-1]}]]"
         yield Problem(place, array if isinstance(found, Mapping) else "must be an array", found)
     else:
-        reason = _REASONS.get(kind, detail["msg"]).format(**context)
+        # What the library or a validator of ours has put together may hold braces of the writer's.
+        reason = _REASONS[kind].format(**context) if kind in _REASONS else detail["msg"]
         yield Problem((*place, *context.get("at", ())), reason, context.get("found", found))
 
 

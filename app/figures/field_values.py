@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -51,7 +52,8 @@ def named_after(stem: str, field: str) -> str:
     if field == DEFAULT_FIELD:
         return stem
     first, dash, rest = stem.partition("-")
-    return f"{first}-{field}{dash}{rest}"
+    plain = re.sub(r"[^\w.+=%-]+", "_", field)[:100]  # no other directory, whatever the file says
+    return f"{first}-{plain}{dash}{rest}"
 
 
 def cell_field(mesh: meshio.Mesh, cells: Sequence[NDArray[np.int64]], name: str) -> CellField:

@@ -9,6 +9,7 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from app.case.friction import FrictionMap
+from app.errors import InputError
 from app.figures.deformed import draw_deformed
 from app.figures.field_values import DEFAULT_FIELD
 from app.figures.force_displacement import force_displacement_figure
@@ -18,6 +19,7 @@ from app.figures.steady_points import draw_steady, steady_series
 from app.figures.stribeck import series_of, stribeck_figure
 from app.figures.style import CASE_STYLE, save
 from app.figures.sweep import sweep_figure
+from app.results.reading import files_of_one_run
 
 if TYPE_CHECKING:
     from app.case.case import Case
@@ -35,11 +37,14 @@ def draw_figures(results: Results, field: str = DEFAULT_FIELD) -> list[Path]:
         The files.
 
     Raises:
-        InputError: a file is cut off, or there is no such array.
+        InputError: a file is cut off, there is no such array, or the files are not of one run.
     """
     figures = results.directory / "figures"
-    figures.mkdir(exist_ok=True)
-    with rc_context(CASE_STYLE):
+    try:
+        figures.mkdir(exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{figures}: cannot be written ({error.strerror or error})") from None
+    with rc_context(CASE_STYLE), files_of_one_run(results):
         if results.case.sweep is not None:
             return _draw_sweep(results, figures)
         return _draw_run(results, figures) + draw_deformed(results, figures, field)

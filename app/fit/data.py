@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.case.quantities import Quantity, QuantityError, parse_quantity
+from app.case.text_files import read_text
 from app.errors import InputError
 
 Floats = NDArray[np.float64]
@@ -35,6 +36,9 @@ COLUMNS: dict[str, Quantity] = {
 OBSERVED = ("traction", "force", "friction_coefficient", "effective_viscosity")
 CONSTANTS = ("thickness", "velocity", "pressure", "load", "area")
 """Columns that one value may stand for."""
+MOST_ROWS = 5000
+_LONGEST_HEADING = 200
+_SHOWN = 60  # letters of a cell in a message
 _HEADER = re.compile(r"\s*([^\[\]]+?)\s*(?:\[([^\[\]]*)\])?\s*")
 
 
@@ -93,6 +97,9 @@ def read_data(path: Path, constants: Mapping[str, float] | None = None) -> Tribo
             raise InputError(f"{path}:{number}: column {name} is there twice")
     if not rows:
         raise InputError(f"{path}: has no data below the header")
+    if len(rows) > MOST_ROWS:
+        reason = f"has {len(rows)} rows of data; at most {MOST_ROWS} can be fitted at a time"
+        raise InputError(f"{path}: {reason}: average those that repeat a measurement")
     for line, row in rows:
         if len(row) != len(columns):
             reason = f"has {len(row)} values for {len(columns)} columns of the header"
@@ -110,27 +117,23 @@ def read_data(path: Path, constants: Mapping[str, float] | None = None) -> Tribo
 
 def _records(path: Path) -> Iterator[tuple[int, list[str]]]:
     """Line number and cells of each line that is neither empty nor a comment."""
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: not a text file in UTF-8") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    text = read_text(path)
     for number, line in enumerate(text.splitlines(), start=1):
         if line.strip() and not line.lstrip().startswith("#"):
-            yield number, next(csv.reader([line]))
+            try:
+                yield number, next(csv.reader([line]))
+            except csv.Error as error:  # a cell of more than 131072 letters
+                raise InputError(f"{path}:{number}: no line of a table ({error})") from None
 
 
 def _column(path: Path, line: int, text: str) -> tuple[str, str]:
     """Name of a column and its unit as written."""
-    match = _HEADER.fullmatch(text)
+    match = _HEADER.fullmatch(text) if len(text) <= _LONGEST_HEADING else None
     name = match[1] if match else text.strip()
     if match is None or name not in COLUMNS:
-        near = difflib.get_close_matches(name, COLUMNS, n=1)
+        near = difflib.get_close_matches(name[:_SHOWN], COLUMNS, n=1)
         hint = f'did you mean "{near[0]}"?' if near else f"there are {', '.join(COLUMNS)}"
-        raise InputError(f'{path}:{line}: no such column "{text.strip()}"; {hint}')
+        raise InputError(f'{path}:{line}: no such column "{text.strip()[:_SHOWN]}"; {hint}')
     unit, written = COLUMNS[name].unit, match[2]
     if not unit:
         if written in (None, "", "-", "1"):
@@ -151,7 +154,8 @@ def _value(path: Path, line: int, cell: str, name: str, unit: str) -> float:
     try:
         float(text)
     except ValueError:
-        raise InputError(f'{path}:{line}: {name} = "{text}": must be a number') from None
+        shown = f"{text[:_SHOWN]}..." if len(text) > _SHOWN else text
+        raise InputError(f'{path}:{line}: {name} = "{shown}": must be a number') from None
     try:
         return COLUMNS[name].parse(f"{text} {unit}")
     except QuantityError as error:

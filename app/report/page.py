@@ -24,6 +24,7 @@ from app.report.verdicts import (
 )
 from app.results import Results, read
 from app.results.directory import write_text
+from app.results.reading import files_of_one_run
 
 NAME = "report.html"
 TEMPLATE = "template.html"
@@ -67,7 +68,8 @@ def write_report(directory: Path, out: Path | None = None) -> Path:
     """
     results = read(directory)
     path = out or directory / NAME
-    text = page(results)
+    with files_of_one_run(results):
+        text = page(results)
     try:
         write_text(path, text)
     except OSError as error:

@@ -12,8 +12,12 @@ Neither DOLFINx nor PETSc nor MPI is needed: what is read are the files. ::
 
 from __future__ import annotations
 
+import errno
 import json
-from collections.abc import Iterable
+import os
+import stat
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from functools import cached_property
 from io import StringIO
 from pathlib import Path
@@ -24,6 +28,7 @@ import numpy as np
 
 from app.case.case import Case
 from app.case.reading import load_past_case
+from app.case.solver import LABEL, LONGEST_LABEL
 from app.errors import InputError
 from app.results.directory import TEXT_COLUMNS
 from app.results.lock import owner_of
@@ -196,8 +201,16 @@ class Results:
 
     @cached_property
     def parts(self) -> dict[str, Results]:
-        """The runs of a sweep by label, in its order; those without results are left out."""
+        """The runs of a sweep by label, in its order; those without results are left out.
+
+        Raises:
+            InputError: a label is no name of a directory in this one.
+        """
         labels = list(self.summary.get("parts", ()))
+        odd = next((label for label in labels if not _is_label(label)), None)
+        if odd is not None:
+            path = self.directory / "summary.json"
+            raise InputError(f'{path}: is no summary of tribox ("{odd[:40]}" is no part of it)')
         if not labels and self.case.sweep is not None:
             labels = list(self.case.sweep.labels)
         found = {label: self.directory / label for label in labels}
@@ -271,6 +284,7 @@ class Results:
 
         path = self._file(name, step)
         try:
+            _see_file(path)
             return meshio.vtu.read(path)
         except Exception:  # whatever its XML parser, base64, zlib and numpy raise
             raise InputError(f"{path}: {CUT_OFF} a file of tribox") from None
@@ -308,6 +322,27 @@ class Results:
         return {int(p.stem): p for p in found if p.stem.isdecimal()}
 
 
+def _is_label(text: str) -> bool:
+    """Whether this can be the name that a value of a sweep has, and leads nowhere else."""
+    return LABEL.fullmatch(text) is not None and len(text.encode()) <= LONGEST_LABEL
+
+
+@contextmanager
+def files_of_one_run(results: Results) -> Iterator[None]:
+    """Draw or tell inside what the files of a directory hold, each of them whole by itself.
+
+    Raises:
+        InputError: what one file names another has not, so that they are not of one run.
+    """
+    try:
+        yield
+    except (LookupError, ValueError, TypeError, AttributeError, ArithmeticError) as error:
+        reason = f"{type(error).__name__}: {error}"
+        raise InputError(
+            f"{results.directory}: its files are not of one run of this version ({reason})"
+        ) from error
+
+
 def _text(path: Path, what: str) -> str:
     """Text of a file.
 
@@ -315,11 +350,25 @@ def _text(path: Path, what: str) -> str:
         InputError: it cannot be read, or is no text in UTF-8.
     """
     try:
+        _see_file(path)
         return path.read_text(encoding="utf-8")
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
-    except UnicodeDecodeError:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
+    except (UnicodeDecodeError, MemoryError):
         raise InputError(f"{path}: {CUT_OFF} {what} of tribox") from None
+
+
+def _see_file(path: Path) -> None:
+    """See that something is a file: to read a pipe may take for ever, a device has no end.
+
+    Raises:
+        OSError: it is none, or not there.
+    """
+    mode = path.stat().st_mode
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    if not stat.S_ISREG(mode):
+        raise OSError("it is a device, pipe or socket")
 
 
 def _index(path: Path) -> tuple[NDArray[np.int64], NDArray[np.float64]]:

@@ -7,8 +7,37 @@ from mpi4py import MPI
 from app.build.model import build_model
 from app.case.case import Case
 from app.case.friction import OwnLaw
+from app.errors import InputError
 from app.simulation.explicit_stage import notes_on_steps
 from app.simulation.simulation import Simulation
+
+MOST_BUILT = 20
+"""Values of a sweep that are put together to see what shows only then."""
+
+
+def notes_on_sweep(case: Case, runs_code: bool = False) -> tuple[list[str], list[str]]:
+    """Notes on a case, or on the values of its sweep, and what is wrong with them.
+
+    Args:
+        case: with or without a sweep.
+        runs_code: as of :func:`notes_on_building`.
+
+    Returns:
+        The notes and the problems, a line each, in their order and without repeats.
+    """
+    parts = [part for _, part in case.sweep_cases()] or [case]
+    every = -(-len(parts) // MOST_BUILT)
+    notes: dict[str, None] = {}
+    problems: dict[str, None] = {}
+    for part in parts[::every]:
+        try:
+            notes |= dict.fromkeys(notes_on_building(part, runs_code))
+        except InputError as error:
+            problems |= dict.fromkeys(error.lines)
+    if every > 1:
+        built = len(parts[::every])
+        notes[f"{built} of {len(parts)} values were put together, the others only read"] = None
+    return list(notes), list(problems)
 
 
 def notes_on_building(case: Case, runs_code: bool = False) -> list[str]:

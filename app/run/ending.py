@@ -8,7 +8,7 @@ import sys
 import traceback
 from typing import NoReturn
 
-from app.errors import OutputError, SolutionError, TriboxError
+from app.errors import InputError, OutputError, SolutionError, TriboxError, as_line
 from app.run.ranks import INTERRUPTED, tell_exit_code
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
@@ -31,6 +31,9 @@ def end_with(error: Exception) -> NoReturn:
         where = error.filename or "what is printed"
         _say_once(f"{where}: cannot be written ({error.strerror})")
         _abort(OutputError.exit_code)
+    if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
+        _say_once(f"{as_line(str(error.filename))}: {error.strerror}")
+        _abort(InputError.exit_code)
     if ranks_around() == 1:
         raise error
     traceback.print_exception(error)

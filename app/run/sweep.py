@@ -22,6 +22,8 @@ from app.run.ranks import INTERRUPTED
 from app.run.sweep_lines import SweepLines
 from app.simulation.history import COLUMNS
 
+KEPT = ("status", "warnings", "steps", "newton_iterations")  # of the summary of a part
+
 
 @dataclass(frozen=True, slots=True)
 class Part:
@@ -118,6 +120,18 @@ def part_command(case_file: Path, index: int, directory: Path, options: Sequence
     ]
 
 
+def _summary_of_part(path: Path) -> dict[str, Any] | None:
+    """What the summary of a part holds; None where it is cut off, or not one of this version."""
+    try:
+        summary: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        whole = {*KEPT, "load_steps"} <= summary.keys() and all(
+            {"steady", *COLUMNS} <= row.keys() for row in summary["load_steps"]
+        )
+    except (OSError, ValueError, TypeError, AttributeError, RecursionError):
+        return None
+    return summary if whole else None
+
+
 def collate(
     case: Case, directory: Path, status: str, inputs: Mapping[str, str] | None = None
 ) -> None:
@@ -142,8 +156,11 @@ def collate(
         if not path.is_file():
             parts[label] = {"status": "not run"}
             continue
-        summary = json.loads(path.read_text(encoding="utf-8"))
-        parts[label] = {k: summary[k] for k in ("status", "warnings", "steps", "newton_iterations")}
+        summary = _summary_of_part(path)
+        if summary is None:
+            parts[label] = {"status": "cannot be read"}
+            continue
+        parts[label] = {key: summary[key] for key in KEPT}
         for load_step in summary["load_steps"]:
             steady = load_step["steady"]
             number = -1 if steady is None else int(steady)

@@ -244,6 +244,52 @@ def test_misspelt_surface_of_a_mesh_offers_the_nearest(tribox, case_file, block,
         assert_refused(tribox(command, path), "botom", "did you mean 'bottom'?")
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["run", "CASE", "--out", "LONG"],
+        ["map", "--out", "LONG"],
+        ["mesh", "CASE", "--out", "LONG"],
+        ["mesh", "LONG.geo"],
+        ["plot", "LONG"],
+        ["report", "LONG"],
+        ["init", "two-blocks", "LONG.toml"],
+    ],
+    ids=" ".join,
+)
+def test_a_name_of_400_letters_is_one_line(tribox, case_file, block, words):
+    path = case_file(block)
+    done = tribox(*(word.replace("LONG", "a" * 400).replace("CASE", str(path)) for word in words))
+    [line] = done.stderr.splitlines()
+    assert done.returncode == 2 and line.startswith("tribox: aaaa")
+    assert line.endswith("File name too long")
+
+
+def test_all_names_that_a_mesh_has_not_are_told_at_once_after_the_case_file(
+    tribox, case_file, block, tmp_path
+):
+    write_mesh(tmp_path / "own.msh")
+    text = swap(with_mesh(block, "own.msh"), '"bottom"', '"botom"')
+    path = case_file(swap(text, 'slave = "elastomer_contact"', 'slave = "elastomer_contakt"'))
+    done = tribox("check", path)
+    lines = done.stderr.splitlines()
+    assert done.returncode == 2 and len(lines) == 2
+    for line, said in zip(lines, ("contact.0.slave", "boundary.0.surface"), strict=True):
+        assert line.startswith(f"tribox: {path}: {said}: no surface named")
+    done = tribox("run", path)
+    assert done.returncode == 2 and "(and 1 more; tribox check lists them)" in done.stderr
+
+
+def test_check_puts_a_part_of_a_long_sweep_together(tribox, case_file, block, monkeypatch):
+    monkeypatch.setattr("app.run.building.MOST_BUILT", 2)
+    values = [0.1 + 0.01 * n for n in range(5)]
+    path = case_file(f'{block}\n[sweep]\nkey = "contact.0.friction.mu"\nvalues = {values}\n')
+    done = tribox("check", path)
+    assert done.returncode == 0, done.stderr
+    assert "note: 2 of 5 values were put together, the others only read" in done.stdout
+    assert "correct (5 runs, 2 stages)" in done.stdout
+
+
 def test_a_platen_along_its_surface_is_found_by_check_too(tribox, case_file, film):
     text = swap(film, 'displacement = { x = "driven" }', 'displacement = { y = "driven" }')
     path = case_file(swap(text, 'direction = "y"', 'direction = "x"'))

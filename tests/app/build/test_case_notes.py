@@ -21,6 +21,12 @@ def test_nothing_is_said_of_harmless_cases(block, film):
     assert notes_on(case(film)) == []
 
 
+def test_a_loose_tolerance_is_told_and_a_usual_one_is_not(block):
+    assert notes_on(case(block, solver={"tolerance": 1e-3})) == []
+    [note] = notes_on(case(block, solver={"tolerance": 0.999}))
+    assert note.startswith("solver.tolerance = 0.999: forces may be wrong by about as much")
+
+
 def of_two_answers(notes: list[str]) -> list[str]:
     """The notes on steps that the law alone would answer in two ways."""
     return [note for note in notes if "stick and slip can coexist" in note]

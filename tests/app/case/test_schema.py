@@ -90,6 +90,7 @@ def mistakes(node, value, schema, place=()):
         value != node.get("const", value),
         isinstance(value, str) and not re.search(node.get("pattern", ""), value),
         isinstance(value, str | list) and len(value) < node.get("minLength", 0),
+        isinstance(value, str) and len(value) > node.get("maxLength", math.inf),
     ]
     if isinstance(value, int | float):
         wrong += [
@@ -121,7 +122,15 @@ def mistakes(node, value, schema, place=()):
 
 UNDERSTOOD = {
     *("$ref", "allOf", "anyOf", "not", "if", "then", "type", "enum", "const", "pattern"),
-    *("minLength", "minimum", "maximum", "exclusiveMinimum", "exclusiveMaximum", "minItems"),
+    *(
+        "minLength",
+        "maxLength",
+        "minimum",
+        "maximum",
+        "exclusiveMinimum",
+        "exclusiveMaximum",
+        "minItems",
+    ),
     *("maxItems", "items", "prefixItems", "properties", "additionalProperties", "required"),
 }
 IGNORED = {

@@ -66,7 +66,7 @@ def test_a_single_word_matches_only_where_it_is_of_the_right_kind(number, before
 def test_spellings_in_use_and_the_unit_itself_match(unit):
     for text in (unit, *COMMON_UNITS.get(unit, ())):
         assert matches(f"1 {text}", unit) and matches(f"2.5e-3{text} ", unit)
-    assert matches("7", unit) and matches(" -1e-9 ", unit)
+    assert matches("7", unit) == matches(" -1e-9 ", unit) == (not unit) == accepts("7", unit)
 
 
 @pytest.mark.parametrize(

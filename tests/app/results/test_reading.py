@@ -55,6 +55,13 @@ def test_tables_that_are_not_there_are_empty(directory):
     assert results.steps.tolist() == [] == results.times.tolist()
 
 
+@pytest.mark.parametrize("label", ["../mu=0.1", "..", "/tmp/mu=1", "mu=\0", "mu=" + "9" * 400, ""])
+def test_parts_lie_in_the_directory_of_their_sweep(directory, label):
+    write_json(directory / "summary.json", {"parts": {label: {"status": "done"}}})
+    with pytest.raises(InputError, match=r"summary\.json: is no summary of tribox"):
+        read(directory).parts
+
+
 def test_a_sweep_holds_its_parts(tmp_path, block):
     (tmp_path / "case.toml").write_text(block + SWEEP)
     write_table(tmp_path / "sweep.csv", ("label", "steady"), [("mu=0.3", 1.0)])

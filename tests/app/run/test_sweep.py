@@ -17,7 +17,7 @@ from rich.console import Console
 
 from app.case.reading import load_case
 from app.errors import InputError, SolutionError, TriboxError
-from app.run.sweep import Part, collate, part_command, run_side_by_side
+from app.run.sweep import Part, _summary_of_part, collate, part_command, run_side_by_side
 from app.run.sweep_lines import SweepLines, SweepScreen, sweep_lines
 
 
@@ -130,6 +130,22 @@ def test_collating_tells_of_parts_that_were_not_run(case_file, block, tmp_path):
     parts = json.loads((tmp_path / "summary.json").read_text())["parts"]
     assert parts == {"mu=0.1": {"status": "not run"}, "mu=0.3": {"status": "not run"}}
     assert len((tmp_path / "sweep.csv").read_text().splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        *("", "{", "[]", "1", "null", '{"status": "done"}', "[" * 10_000, "1" * 5000),
+        '{"status": 1, "warnings": 1, "steps": 1, "newton_iterations": 1, "load_steps": 1}',
+        '{"status": 1, "warnings": 1, "steps": 1, "newton_iterations": 1, "load_steps": [1]}',
+        '{"status": 1, "warnings": 1, "steps": 1, "newton_iterations": 1, "load_steps": [{}]}',
+    ],
+    ids=range(11),
+)
+def test_a_damaged_summary_of_a_part_is_none(tmp_path, content):
+    path = tmp_path / "summary.json"
+    path.write_text(content)
+    assert _summary_of_part(path) is None
 
 
 @pytest.mark.parametrize(
