@@ -164,7 +164,7 @@ def run(
     """Run a case, or every value of its sweep, and write results and figures."""
     from app.case.reading import load_case
     from app.case.trust import require_trust
-    from app.results.directory import default_directory
+    from app.results.directory import checkpoint_numbers, default_directory
     from app.results.status import is_done
 
     if force and (resume or extend):
@@ -172,7 +172,7 @@ def run(
     case = load_case(case_file, overrides or [])
     passed_on = [*_set_options(overrides), *["--trust"] * require_trust(case, case_file, trust)]
     directory = out or default_directory(case_file)
-    if not ((resume or extend) and (directory / "checkpoints").is_dir()):  # nothing is cleared then
+    if not ((resume or extend) and checkpoint_numbers(directory)):  # nothing is cleared then
         _keep_inputs(directory, case_file, case)
     ranks = ranks_around()
     if case.sweep is not None and part is None:

@@ -11,6 +11,7 @@ from app.checkpoint.files import Checkpoint, write_checkpoint
 from app.checkpoint.layout import Layout, copied
 from app.equilibrium.snapshot import Snapshot
 from app.errors import OutputError
+from app.results.probes import ProbeRecorder
 from app.results.recorder import Recorder
 from app.results.versions import versions
 from app.simulation.observer import Observer
@@ -26,15 +27,19 @@ class Checkpointer(Observer):
     Taking a snapshot changes nothing in the run, so that results do not depend on when it is done.
     """
 
-    def __init__(self, simulation: Simulation, recorder: Recorder, directory: Path) -> None:
+    def __init__(
+        self, simulation: Simulation, recorder: Recorder, probes: ProbeRecorder, directory: Path
+    ) -> None:
         """Write nothing yet.
 
         Args:
             simulation: the run.
             recorder: of its results, whose state belongs to a checkpoint too.
+            probes: whose tables are to be as long as the run.
             directory: of the results.
         """
         self._simulation, self._recorder, self._directory = simulation, recorder, directory
+        self._probes = probes
         self._comm = simulation.model.problem.comm
         self._output = simulation.model.case.output
         self._layout: Layout | None = None
@@ -115,6 +120,7 @@ class Checkpointer(Observer):
                 about = about | {"distribution": layout.ranks}
                 try:
                     self._recorder.sync()
+                    self._probes.sync()
                     keep = self._output.checkpoints_kept
                     write_checkpoint(self._directory, Checkpoint(about, tree, arrays), keep)
                 except OSError as error:

@@ -150,6 +150,33 @@ class Layout:
 
     # -- and back -----------------------------------------------------------------------------
 
+    def check(self, tree: Any, arrays: dict[str, Array]) -> None:
+        """See that all arrays of a tree are there and have the rows that they are to have.
+
+        On the first rank: what :meth:`scatter` fails at there, the others would wait for.
+
+        Raises:
+            ValueError: one has not.
+            LookupError: one is missing.
+        """
+
+        def leaf(value: Any) -> Any:
+            if not (isinstance(value, dict) and "$" in value):
+                return value
+            kind, name, *rest = value["$"]
+            rows = self._rows(kind, rest)
+            if KINDS[kind] is not Local and rows not in (None, len(arrays[name])):
+                raise ValueError(f"{len(arrays[name])} rows instead of {rows}")
+            return value
+
+        _mapped(tree, leaf, lambda value: "$" in value)
+
+    def _rows(self, kind: str, rest: list[Any]) -> int | None:
+        """Rows of an array of a kind; None: any number."""
+        if kind == "nodal":
+            return len(self._nodes.order)
+        return len(self._points[rest[0]].order) if kind == "points" else None
+
     def scatter(self, tree: Any, arrays: dict[str, Array], ranks: str) -> Any:
         """The tree on every rank with this rank's arrays in it; collective.
 

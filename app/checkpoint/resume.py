@@ -13,12 +13,13 @@ from pydantic import ValidationError
 
 from app.build.load_steps import all_load_steps
 from app.case.case import Case
-from app.checkpoint.files import Checkpoint, latest
+from app.checkpoint.files import DAMAGE, Checkpoint, latest, why
 from app.checkpoint.layout import Layout, differences
 from app.checkpoint.past_rows import restore_rows
 from app.checkpoint.same_case import changes
 from app.equilibrium.snapshot import Array, Snapshot
 from app.errors import InputError
+from app.results.directory import CHECKPOINTS
 from app.results.versions import versions
 from app.simulation.simulation import Simulation
 from app.simulation.time_text import time_text
@@ -50,7 +51,7 @@ def find_checkpoint(directory: Path, comm: MPI.Comm) -> Found | None:
     """The last whole checkpoint of a results directory, or None; collective.
 
     Raises:
-        InputError: it is of another format.
+        InputError: it is of another format, or there are some and all are damaged.
     """
     found, notes = _on_first(comm, lambda: latest(directory)) or (None, [])
     about = comm.bcast(None if found is None else found.about)
@@ -88,11 +89,22 @@ def go_on(
     arrays: dict[str, Array] = {} if checkpoint is None else checkpoint.arrays
     kept = layout.scatter(tree, arrays, found.about["distribution"])
     restore_rows(simulation.state, directory, found.about["step"], comm)
-    simulation.restore(kept["simulation"])
-    recorder: Snapshot = kept["recorder"]
-    if found.is_done:
-        _open_again(simulation, recorder, extend)
+    try:
+        simulation.restore(kept["simulation"])
+        recorder: Snapshot = kept["recorder"]
+        if found.is_done:
+            _open_again(simulation, recorder, extend)
+    except DAMAGE as error:  # the tree is the same on all ranks
+        raise InputError(_strange(directory, error)) from error
     return recorder
+
+
+def _strange(directory: Path, error: BaseException) -> str:
+    """That a checkpoint is whole, and yet not one that could be gone on from."""
+    return (
+        f"{directory / CHECKPOINTS}: the last checkpoint is not as this version of tribox writes "
+        f"it ({why(error)}); begin anew with --force, or name another directory with --out"
+    )
 
 
 def started_line(found: Found, simulation: Simulation) -> str:
@@ -110,15 +122,23 @@ def _compare(
     """Refuse another case or mesh; on the first rank."""
     assert checkpoint is not None
     case = simulation.model.case
-    began = _past_case(checkpoint.tree["case"], directory)
-    at = checkpoint.tree["simulation"]["state"]["position"]["load_step"]
-    load_steps = all_load_steps(began)
-    stage = began.stage.index(load_steps[min(at, len(load_steps) - 1)].stage)
+    try:
+        began = _past_case(checkpoint.tree["case"], directory)
+        at = checkpoint.tree["simulation"]["state"]["position"]["load_step"]
+        load_steps = all_load_steps(began)
+        stage = began.stage.index(load_steps[min(at, len(load_steps) - 1)].stage)
+    except DAMAGE as error:
+        raise InputError(_strange(directory, error)) from error
     found = list(changes(began, case, stage))
     if found:
         raise InputError(f"{directory}: the case is not the one of the run: {_listed(found)}")
     mesh = {n.removeprefix("mesh/"): a for n, a in checkpoint.arrays.items() if n[:5] == "mesh/"}
-    found = list(differences(layout.identity, mesh))
+    try:
+        found = list(differences(layout.identity, mesh))
+        if not found:
+            layout.check(checkpoint.tree, checkpoint.arrays)
+    except DAMAGE as error:
+        raise InputError(_strange(directory, error)) from error
     if found:
         raise InputError(f"{directory}: the mesh is not the one of the run: {_listed(found)}")
 

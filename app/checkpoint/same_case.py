@@ -17,7 +17,7 @@ FREE = (
     *("solver.tolerance", "solver.max_iterations", "solver.min_step_fraction"),
     *("solver.petsc", "solver.partition"),
 )
-LAWS = re.compile(r"contact\.\d+\.friction\.class")  # compared by what is in the file
+LAWS = re.compile(r"contact\.\d+\.friction\.class")  # the file is compared by what is in it
 EQUAL = 1e-12  # relative difference of step lengths that are one
 
 
@@ -31,14 +31,20 @@ def changes(began: Case, now: Case, stage: int) -> Iterator[str]:
     """
     before, after = dict(_flat(_table(began))), dict(_flat(_table(now)))
     for key in sorted({**before, **after}):
-        free = LAWS.fullmatch(key) or any(key == n or key.startswith(f"{n}.") for n in FREE)
-        if not free and before.get(key) != after.get(key):
-            yield _line(key, before.get(key), after.get(key))
+        was, is_ = (_class_alone(key, table.get(key)) for table in (before, after))
+        free = any(key == n or key.startswith(f"{n}.") for n in FREE)
+        if not free and was != is_:
+            yield _line(key, was, is_)
     yield from _stage_changes(began.stage, now.stage, stage)
 
 
 def _table(case: Case) -> Any:
     return case.model_dump(mode="json", exclude_none=True, exclude={"stage"})
+
+
+def _class_alone(key: str, value: Any) -> Any:
+    """A value; of the class of a law its name without the file."""
+    return value.rpartition(":")[2] if LAWS.fullmatch(key) and isinstance(value, str) else value
 
 
 def _stage_changes(began: Sequence[Stage], now: Sequence[Stage], at: int) -> Iterator[str]:

@@ -16,7 +16,8 @@ from typing import Any
 
 from app.errors import InputError, OutputError
 
-LOCK, RESERVE = "tribox.lock", "tribox.reserve"
+LOCK, RESERVE, CHECKPOINTS = "tribox.lock", "tribox.reserve", "checkpoints"
+PROBE_TABLES = ("probes.csv", "body_probes.csv", "contact_probes.csv")  # points, bodies, contact
 OWN = (
     "case.toml",
     "summary.json",
@@ -24,12 +25,10 @@ OWN = (
     "contacts.csv",
     "surfaces.csv",
     "bodies.csv",
-    "probes.csv",
-    "body_probes.csv",
-    "contact_probes.csv",
+    *PROBE_TABLES,
     "log.txt",
     "report.html",
-    "checkpoints",
+    CHECKPOINTS,
     "fields.pvd",
     "contact.pvd",
     "contact_points.pvd",
@@ -48,6 +47,7 @@ OWN = (
     RESERVE,
 )
 _SERIES = re.compile(r"\d+\.vtu(\.part)?")
+_LATER_ADIOS2 = re.compile(r"(fields|stress)_after_\d+\.bp")  # of a run that was gone on with
 _ADIOS2 = re.compile(r"(data|md|mmd)\.\w+|profiling\.json|active")
 # Files below the directories that tribox makes; names of figures may end in those of fields.
 BELOW = {
@@ -56,7 +56,7 @@ BELOW = {
     "contact_points": _SERIES,
     "fields.bp": _ADIOS2,
     "stress.bp": _ADIOS2,
-    "checkpoints": re.compile(r"\d+(\.\w+)?(/.*)?"),
+    CHECKPOINTS: re.compile(r"\d+(\.\w+)?(/.*)?"),
     "figures": re.compile(
         r"(history|energy|force_displacement|stribeck|phase|effective_viscosity|friction_map|sweep"
         r"|deformed|animation|slip_weakening|start_stop|velocity_jump|fit|verify_).*"
@@ -157,7 +157,7 @@ def _sort_out(directory: Path, labels: Sequence[str]) -> tuple[list[Path], list[
     foreign: list[Path] = []
     for path in sorted(directory.iterdir()):
         folder = path.is_dir() and not path.is_symlink()
-        inside = (BELOW | EARLIER_BELOW).get(path.name)
+        inside = _inside(path.name)
         if folder and path.name in labels:
             below = _sort_out(path, ())
             own += [path, *below[0]]
@@ -172,6 +172,20 @@ def _sort_out(directory: Path, labels: Sequence[str]) -> tuple[list[Path], list[
         else:
             own.append(path)
     return own, foreign
+
+
+def _inside(name: str) -> re.Pattern[str] | None:
+    """What files of ours in a directory are called, or None if it is none that tribox makes."""
+    if _LATER_ADIOS2.fullmatch(name):
+        return _ADIOS2
+    return (BELOW | EARLIER_BELOW).get(name)
+
+
+def checkpoint_numbers(directory: Path) -> list[int]:
+    """Numbers of the checkpoints of a results directory that have been written whole, rising."""
+    root = directory / CHECKPOINTS
+    names = [path.name for path in root.iterdir()] if root.is_dir() else []
+    return sorted(int(name) for name in names if re.fullmatch("[0-9]{6,}", name))
 
 
 def unwritable(directory: Path, error: OSError) -> OutputError:
@@ -312,7 +326,7 @@ class GrowingTable:
             after: number of the step whose rows are the last to be kept; None: a new file.
         """
         self.written = 0
-        if after is None or not path.is_file():
+        if after is None or not has_rows(path):
             self._file = GrowingFile(path, _lines([columns]))
             return
         header, *rows = path.read_bytes().splitlines(keepends=True)
@@ -333,6 +347,11 @@ class GrowingTable:
         if rows:
             self._file.append(_lines(map(_digits, rows)))
             self.written += len(rows)
+
+
+def has_rows(path: Path) -> bool:
+    """Whether a table is there and has begun."""
+    return path.is_file() and path.stat().st_size > 0
 
 
 def _lines(rows: Iterable[Sequence[Any]]) -> str:

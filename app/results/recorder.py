@@ -227,7 +227,9 @@ class Recorder(Observer):
         self.resumed.append(state.step)
         self._counted = (state.step, sum(row.newton_iterations for row in state.rows))
         if self.first:
-            self._tables = RunTables(self.directory, state, state.step)
+            with self.saving:
+                self._tables = RunTables(self.directory, state, state.step)
+                self.mark("running")
 
     def sync(self) -> None:
         """See that the rows written so far are on the disk; for the first rank."""

@@ -66,7 +66,7 @@ def run_case(
     on_first(comm, lambda: claim.take(resume or extend))
     try:
         found = _to_go_on(directory, extend, comm) if resume or extend else None
-        return _run_claimed(case, Opening(claim, found, extend, inputs_of, quiet), comm)
+        return _run_claimed(case, Opening(claim, found, resume, extend, inputs_of, quiet), comm)
     finally:
         claim.release()
 
@@ -92,13 +92,14 @@ class Opening:
     Attributes:
         claim: on the results directory.
         found: checkpoint that it goes on from, or None.
-        extend: whether to go on past the end.
+        resume: whether it was to go on; extend: past the end.
         inputs_of: results directory of the sweep, whose copies of mesh and laws are linked.
         quiet: print warnings and errors only.
     """
 
     claim: Claim
     found: Found | None
+    resume: bool
     extend: bool
     inputs_of: Path | None
     quiet: bool
@@ -116,9 +117,9 @@ def _run_claimed(case: Case, opening: Opening, comm: MPI.Comm) -> Simulation:
     told: list[Observer] = [reporter, recorder] if reporter else [recorder]
     try:
         _say_notes(reporter, model.notes, steps, quiet)
-        _say_resumed(reporter, simulation, opening)
+        _say_resumed(reporter, simulation, recorder, opening)
         probes = ProbeRecorder(model, directory, saving, simulation.state.step if resumed else None)
-        checkpointer = Checkpointer(simulation, recorder, directory)
+        checkpointer = Checkpointer(simulation, recorder, probes, directory)
         with Interruption(comm, saving, partial(recorder.mark, "interrupted")) as interruption:
             everybody = Together(*told, probes, interruption, checkpointer)
             _run(simulation, Keepers(recorder, probes, checkpointer), everybody)
@@ -176,13 +177,22 @@ def _say_notes(
         reporter.say(f"note: {note}", always=not quiet)
 
 
-def _say_resumed(reporter: Reporter | None, simulation: Simulation, opening: Opening) -> None:
-    """From where a run goes on."""
-    found = opening.found
-    if reporter is not None and found is not None:
-        for note in (*found.notes, *version_notes(found.about)):
-            reporter.say(f"note: {note}")
-        reporter.say(started_line(found, simulation), always=not opening.quiet)
+def _say_resumed(
+    reporter: Reporter | None, simulation: Simulation, recorder: Recorder, opening: Opening
+) -> None:
+    """From where a run goes on, or that it begins anew though it was to go on."""
+    found, explicit = opening.found, simulation.explicit
+    if reporter is None:
+        return
+    if found is None:
+        if opening.resume:
+            reporter.say("no checkpoint yet: begins anew", always=not opening.quiet)
+        return
+    for note in (*found.notes, *version_notes(found.about)):
+        reporter.say(f"note: {note}")
+    reporter.say(started_line(found, simulation), always=not opening.quiet)
+    ends = [(one["time"], one["dt"]) for one in recorder.load_steps]
+    reporter.go_on(simulation.state, ends, explicit.steps if explicit else 0)
 
 
 def _say_warnings(reporter: Reporter, recorder: Recorder) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import shutil
 import tomllib
@@ -12,15 +13,16 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app.build.model import build_model
 from app.case.case import Case
 from app.checkpoint.files import latest
 from app.errors import InputError, Interrupted
 from app.results.directory import check_free, checkpoint_numbers
 from app.run.interruption import Interruption
 from app.run.run import run_case
+from app.run.stage_progress import StagesProgress
 from app.simulation.simulation import Simulation
-from tests.app.conftest import BLOCK, SLID
+from tests.app.conftest import BLOCK
+from tests.own_law import documented_law
 
 COARSE = {
     "geometry": {
@@ -92,3 +94,219 @@ def test_a_run_stopped_while_a_step_is_cut_goes_on_to_the_same_rows(tmp_path, mo
         run(case, out, resume=True)
         for name in ("history.csv", "contacts.csv", "surfaces.csv", "bodies.csv"):
             assert (out / name).read_text() == (tmp_path / "whole" / name).read_text(), number
+
+
+# -- checkpoints that are not as they were written ----------------------------------------------
+
+
+def damage_manifest(path: Path, about: Any) -> None:
+    (path / "manifest.json").write_text(about if isinstance(about, str) else json.dumps(about))
+
+
+def rewritten(path: Path, state: Any = None, arrays: dict[str, Any] | None = None) -> None:
+    """Put something else into a checkpoint, with a manifest that agrees."""
+    about = json.loads((path / "manifest.json").read_text())
+    if state is not None:
+        (path / "state.json").write_text(state if isinstance(state, str) else json.dumps(state))
+    if arrays is not None:
+        np.savez_compressed(path / "arrays.npz", **arrays)
+    for name in about["files"]:
+        content = (path / name).read_bytes()
+        about["files"][name] = {
+            "bytes": len(content),
+            "sha256": hashlib.sha256(content).hexdigest(),
+        }
+    damage_manifest(path, about)
+
+
+@pytest.mark.parametrize(
+    "about",
+    ["[]", '{"format": 1}', "[" * 100_000, '{"format": 1, "files": []}', "\0"],
+    ids=["list", "nothing", "nested", "no files", "zero"],
+)
+def test_the_checkpoint_before_a_damaged_one_is_taken(done, tmp_path, about):
+    out = as_killed(done, tmp_path / "out", 3)
+    damage_manifest(out / "checkpoints" / "000003", about)
+    found, notes = latest(out)
+    assert found is not None and found.about["step"] == 2
+    assert len(notes) == 1 and "000003: is damaged" in notes[0] and "one before" in notes[0]
+
+
+def test_a_run_whose_checkpoints_are_all_damaged_is_not_begun_anew(done, tmp_path):
+    out = as_killed(done, tmp_path / "out", 2)
+    for number in (1, 2):
+        damage_manifest(out / "checkpoints" / f"{number:06d}", "{}")
+    rows = (out / "history.csv").read_text()
+    with pytest.raises(InputError, match=r"000002: is damaged .*begin anew with --force"):
+        run(case_of(), out, resume=True)
+    assert (out / "history.csv").read_text() == rows
+
+
+def test_compressed_arrays_are_not_unpacked(done, tmp_path):
+    out = as_killed(done, tmp_path / "out", 2)
+    rewritten(out / "checkpoints" / "000002", arrays={"a0": np.zeros(10_000_000)})
+    found, notes = latest(out)
+    assert found is not None and found.about["step"] == 1 and "arrays.npz" in notes[0]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda tree: tree["simulation"].pop("runner"), "'runner' is missing"),
+        (lambda tree: tree["simulation"].update(state=None), "NoneType"),
+        (lambda tree: tree.update(case="["), "Invalid"),
+        (lambda tree: tree["simulation"]["runner"].update(x={"$": ["nodal", "999"]}), "'999'"),
+        (lambda tree: tree["simulation"]["runner"].update(x={"$": ["array", "0"]}), "broadcast"),
+        (lambda tree: tree["recorder"].update(left={"$": ["points", "0", 7]}), "range"),
+    ],
+    ids=["no runner", "no state", "no case", "no array", "fewer rows", "no pair"],
+)
+def test_a_checkpoint_of_another_make_is_one_line(done, tmp_path, change, said):
+    out = as_killed(done, tmp_path / "out", 1)
+    path = out / "checkpoints" / "000001"
+    tree = json.loads((path / "state.json").read_text())
+    change(tree)
+    rewritten(path, state=tree)
+    with pytest.raises(InputError, match="not as this version of tribox writes it") as error:
+        run(case_of(), out, resume=True)
+    assert said in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("table", "change"),
+    [
+        ("history.csv", lambda text: text.replace("driven_displacement", "way", 1)),
+        ("contacts.csv", lambda text: text.splitlines(keepends=True)[0]),
+        ("bodies.csv", lambda text: "".join(text.splitlines(keepends=True)[:-1])),
+        ("surfaces.csv", lambda text: ""),
+    ],
+    ids=["columns", "no rows", "one row less", "empty"],
+)
+def test_a_table_with_other_columns_or_missing_rows_is_refused(done, tmp_path, table, change):
+    out = as_killed(done, tmp_path / "out", 5)
+    path = out / table
+    path.write_text(change(path.read_text()))
+    with pytest.raises(InputError, match=table):
+        run(case_of(), out, resume=True)
+
+
+def test_a_row_that_was_cut_off_in_the_middle_is_dropped(done, tmp_path):
+    out = as_killed(done, tmp_path / "out", 2)
+    path = out / "history.csv"
+    kept = path.read_text().splitlines(keepends=True)[:3]
+    path.write_text("".join(kept) + "2,1.")
+    run(case_of(), out, resume=True)
+    assert path.read_text() == (done / "history.csv").read_text()
+
+
+def test_probes_are_cut_back_before_the_run_goes_on(tmp_path, monkeypatch):
+    probe = [{"name": "upper", "body": "elastomer"}]
+    run(case_of(probe=probe), tmp_path / "whole")
+    out = as_killed(tmp_path / "whole", tmp_path / "out", 2)
+    (out / "probes.csv").touch()
+
+    def stop(*_):
+        raise Interrupted
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Interruption, "ready", stop)
+        with pytest.raises(Interrupted):
+            run(case_of(probe=probe), out, resume=True)
+    assert len((out / "body_probes.csv").read_text().splitlines()) == 3
+    run(case_of(probe=probe), out, resume=True)
+    table = (tmp_path / "whole" / "body_probes.csv").read_text()
+    assert (out / "body_probes.csv").read_text() == table
+
+
+# -- directories --------------------------------------------------------------------------------
+
+
+def test_what_a_run_reads_is_not_cleared_where_it_cannot_go_on(tribox, case_file, tmp_path):
+    """Of a directory that holds the case itself, and a checkpoint that was never whole."""
+    out = tmp_path / "out"
+    run(case_of(), out)
+    shutil.rmtree(out / "checkpoints")
+    (out / "checkpoints" / "000001.part").mkdir(parents=True)
+    (out / "summary.json").write_text('{"status": "running"}')
+    result = tribox("run", out / "case.toml", "--out", out, "--resume")
+    assert result.returncode == 2 and "case.toml, which the run reads" in result.stderr
+    assert (out / "case.toml").is_file() and (out / "history.csv").is_file()
+
+
+def test_adios2_files_of_a_run_that_went_on_may_be_cleared(tmp_path):
+    case = case_of(output={"formats": ["adios2"]})
+    run(case, tmp_path / "whole")
+    out = as_killed(tmp_path / "whole", tmp_path / "out", 2)
+    run(case, out, resume=True)
+    assert (out / "fields_after_000002.bp").is_dir()
+    check_free(out, force=True)
+    run(case, out, force=True)
+    assert not list(out.glob("*_after_*"))
+
+
+def test_a_summary_is_right_as_soon_as_the_run_goes_on(done, tmp_path, monkeypatch):
+    out = as_killed(done, tmp_path / "out", 3)
+    found = {}
+
+    def look(*_):
+        found.update(json.loads((out / "summary.json").read_text()))
+        raise Interrupted
+
+    monkeypatch.setattr(Interruption, "ready", look)
+    with pytest.raises(Interrupted):
+        run(case_of(), out, resume=True)
+    assert (found["status"], found["steps"], found["resumed"]) == ("running", 3, [3])
+
+
+# -- other cases ----------------------------------------------------------------------------------
+
+
+def test_another_class_of_the_same_file_is_another_law(tmp_path):
+    law = documented_law()
+    path = tmp_path / "laws.py"
+    path.write_text(law + law[law.index("class MyLaw") :].replace("class MyLaw", "class Other"))
+
+    def with_law(name: str) -> Case:
+        friction = {"law": "python", "class": f"{path}:{name}", "parameters": {"mu": 0.1}}
+        friction["parameters"]["speed"] = 1e-6
+        contact = tomllib.loads(BLOCK)["contact"][0] | {"friction": friction}
+        return case_of(contact=[contact])
+
+    run(with_law("MyLaw"), tmp_path / "whole")
+    out = as_killed(tmp_path / "whole", tmp_path / "out", 2)
+    with pytest.raises(InputError, match=r'contact.0.friction.class = "Other" instead of "MyLaw"'):
+        run(with_law("Other"), out, resume=True)
+
+
+# -- what a run remembers ----------------------------------------------------------------------
+
+
+def test_limits_of_rounding_are_those_of_the_run(tmp_path):
+    """They follow from forces of implicit steps that an explicit stage does not make again."""
+    stages = [
+        {"name": "press", "duration": "1 s", "steps": 2, "solver": "implicit"},
+        {"name": "slide", "duration": "1 us", "steps": 2},
+    ]
+    bodies = tomllib.loads(BLOCK)["bodies"]
+    bodies = {name: body | {"density": 2000} for name, body in bodies.items()}
+    case = case_of(stage=stages, bodies=bodies, solver={"kind": "explicit"})
+    whole = run(case, tmp_path / "whole")
+    out = as_killed(tmp_path / "whole", tmp_path / "out", 3)
+    gone_on = run(case, out, resume=True)
+    limits = [
+        (r.model.problem.reference_force, r.stepper._watch._roundoff) for r in (whole, gone_on)
+    ]
+    assert limits[0][0] > 0.0
+    assert limits[0] == limits[1]
+
+
+def test_bars_begin_in_the_stage_that_the_run_is_in():
+    case = case_of()
+    progress = StagesProgress(case, now=iter(range(100, 200)).__next__)
+    progress.go_on([(1.0, 0.5)], 1.5, 0.25)
+    assert progress.here.stage.name == "slide" and progress.here.share == 0.5
+    assert progress.begun[0].time_left(0.0) == "done before"
+    started = progress.here.started
+    assert progress.here.seconds_left(started + 1.0) is None
+    progress.at(1.75, 0.25)
+    assert progress.here.seconds_left(started + 1.0) == pytest.approx(1.0)
