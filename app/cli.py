@@ -164,7 +164,8 @@ def run(
     """Run a case, or every value of its sweep, and write results and figures."""
     from app.case.reading import load_case
     from app.case.trust import require_trust
-    from app.results.directory import checkpoint_numbers, default_directory
+    from app.checkpoint.same_case import is_whole
+    from app.results.directory import default_directory
     from app.results.status import is_done
 
     if force and (resume or extend):
@@ -172,8 +173,7 @@ def run(
     case = load_case(case_file, overrides or [])
     passed_on = [*_set_options(overrides), *["--trust"] * require_trust(case, case_file, trust)]
     directory = out or default_directory(case_file)
-    if not ((resume or extend) and checkpoint_numbers(directory)):  # nothing is cleared then
-        _keep_inputs(directory, case_file, case)
+    _keep_inputs(directory, case_file, case, resume or extend)
     ranks = ranks_around()
     if case.sweep is not None and part is None:
         from app.run.sweep_runs import SweepOptions, run_sweep
@@ -181,13 +181,15 @@ def run(
         options = SweepOptions(passed_on, np, force, jobs, resume, extend)
         run_sweep(case, case_file, directory, options, ranks)
         return
-    if resume and not extend and is_done(directory):
-        print(f"{directory}: the run is done; --extend goes on past its end")
-        return
     if part is not None:
         case = _one_part(case, part)
+    if resume and not extend and is_done(directory):
+        is_whole(directory, case)
+        print(f"{directory}: the run is done; --extend goes on past its end")
+        return
     if np > 1 and ranks == 1:
-        passed_on += ["--force"] * force + ["--resume"] * resume + ["--extend"] * extend
+        given = {"force": force, "resume": resume, "extend": extend}
+        passed_on += [f"--{name}" for name, is_given in given.items() if is_given]
         passed_on += [] if part is None else ["--part", str(part)]
         passed_on += [] if inputs_of is None else ["--inputs-of", str(inputs_of)]
         _run_on_ranks(np, case_file, directory, passed_on)
@@ -209,10 +211,14 @@ def _run_on_ranks(np: int, case_file: Path, directory: Path, options: list[str])
     raise typer.Exit(run_on_ranks(np, ["run", str(case_file), "--out", str(directory), *options]))
 
 
-def _keep_inputs(directory: Path, case_file: Path, case: Case) -> None:
-    """Refuse a results directory that holds what the run is made from: it would be cleared."""
+def _keep_inputs(directory: Path, case_file: Path, case: Case, goes_on: bool) -> None:
+    """Refuse a results directory that holds what the run is made from, if it would be cleared."""
+    from app.results.directory import checkpoint_numbers
     from app.results.inputs import input_files
 
+    begun = (directory / "case.toml").is_file() if case.sweep else checkpoint_numbers(directory)
+    if goes_on and begun:
+        return
     for path in (case_file, *input_files(case)):
         if directory.resolve() in path.resolve().parents:
             raise InputError(

@@ -16,15 +16,13 @@ from app.case.case import Case
 from app.checkpoint.files import DAMAGE, Checkpoint, latest, why
 from app.checkpoint.layout import Layout, differences
 from app.checkpoint.past_rows import restore_rows
-from app.checkpoint.same_case import changes
+from app.checkpoint.same_case import changes, listed, refuse
 from app.equilibrium.snapshot import Array, Snapshot
 from app.errors import InputError
 from app.results.directory import CHECKPOINTS
 from app.results.versions import versions
 from app.simulation.simulation import Simulation
 from app.simulation.time_text import time_text
-
-SHOWN = 3  # differences that are named
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,9 +127,7 @@ def _compare(
         stage = began.stage.index(load_steps[min(at, len(load_steps) - 1)].stage)
     except DAMAGE as error:
         raise InputError(_strange(directory, error)) from error
-    found = list(changes(began, case, stage))
-    if found:
-        raise InputError(f"{directory}: the case is not the one of the run: {_listed(found)}")
+    refuse(changes(began, case, stage), directory)
     mesh = {n.removeprefix("mesh/"): a for n, a in checkpoint.arrays.items() if n[:5] == "mesh/"}
     try:
         found = list(differences(layout.identity, mesh))
@@ -140,7 +136,7 @@ def _compare(
     except DAMAGE as error:
         raise InputError(_strange(directory, error)) from error
     if found:
-        raise InputError(f"{directory}: the mesh is not the one of the run: {_listed(found)}")
+        raise InputError(f"{directory}: the mesh is not the one of the run: {listed(found)}")
 
 
 def _same_laws(began: Mapping[str, str], now: Mapping[str, str], directory: Path) -> None:
@@ -162,11 +158,6 @@ def _past_case(text: str, directory: Path) -> Case:
         raise InputError(
             f"{directory}: the run was begun by a version of tribox whose cases had other keys"
         ) from None
-
-
-def _listed(lines: list[str]) -> str:
-    more = f" (and {len(lines) - SHOWN} more)" if len(lines) > SHOWN else ""
-    return "; ".join(lines[:SHOWN]) + more
 
 
 def _open_again(simulation: Simulation, recorder: Snapshot, extend: bool) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 from app.errors import InputError
 
@@ -12,12 +13,22 @@ UNFINISHED = ("running", "interrupted", "failed")
 
 def status_of(directory: Path) -> str | None:
     """What ``summary.json`` says: running, done, interrupted or failed; None without one."""
+    status = _summary(directory).get("status")
+    return status if isinstance(status, str) else None
+
+
+def given_keys_of(directory: Path) -> set[str]:
+    """Dotted keys that the case file of the run gave; all others were filled in."""
+    given = _summary(directory).get("given")
+    return set(map(str, given)) if isinstance(given, list) else set()
+
+
+def _summary(directory: Path) -> dict[str, Any]:
     try:
         summary = json.loads((directory / "summary.json").read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
-        return None
-    status = summary.get("status") if isinstance(summary, dict) else None
-    return status if isinstance(status, str) else None
+        return {}
+    return summary if isinstance(summary, dict) else {}
 
 
 def is_done(directory: Path) -> bool:

@@ -14,12 +14,16 @@ import pytest
 from mpi4py import MPI
 
 from app.case.case import Case
+from app.case.reading import load_case
 from app.checkpoint.files import latest
 from app.errors import InputError, Interrupted
 from app.results.directory import check_free, checkpoint_numbers
+from app.results.inputs import write_case
 from app.run.interruption import Interruption
 from app.run.run import run_case
 from app.run.stage_progress import StagesProgress
+from app.run.sweep import collate
+from app.run.sweep_runs import SweepOptions, _to_run
 from app.simulation.simulation import Simulation
 from tests.app.conftest import BLOCK
 from tests.own_law import documented_law
@@ -310,3 +314,71 @@ def test_bars_begin_in_the_stage_that_the_run_is_in():
     assert progress.here.seconds_left(started + 1.0) is None
     progress.at(1.75, 0.25)
     assert progress.here.seconds_left(started + 1.0) == pytest.approx(1.0)
+
+
+# -- sweeps, and runs that are done ---------------------------------------------------------------
+
+
+def test_a_run_that_is_done_is_not_taken_for_that_of_another_case(tribox, tmp_path, block):
+    out, path = tmp_path / "out", tmp_path / "case.toml"
+    path.write_text(block.replace("steps = 6", "steps = 1"))
+    run(load_case(path), out)
+    for same in (path, out / "case.toml"):
+        result = tribox("run", same, "--out", out, "--resume")
+        assert result.returncode == 0 and "is done; --extend" in result.stdout, result.stderr
+    for old, new, key in (
+        ("mu = 0.2", "mu = 0.3", "contact.0.friction.mu = 0.3 instead of 0.2"),
+        ("nu = 0.45", 'nu = 0.45\nformulation = "q1"', "bodies.elastomer.formulation"),
+        ("mu = 0.2", 'mu = 0.2\nK_T = "1e12 Pa/m"', "contact.0.friction.K_T"),
+    ):
+        text = path.read_text()
+        assert old in text
+        (tmp_path / "other.toml").write_text(text.replace(old, new))
+        result = tribox("run", tmp_path / "other.toml", "--out", out, "--resume")
+        assert result.returncode == 2 and key in result.stderr
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory) -> Path:
+    """A sweep over two values, done."""
+    directory = tmp_path_factory.mktemp("swept") / "out"
+    directory.mkdir()
+    case = sweep_of()
+    write_case(case, directory)
+    for label, single in case.sweep_cases():
+        run(single, directory / label)
+    collate(case, directory, "done")
+    return directory
+
+
+def sweep_of(**tables: Any) -> Case:
+    return case_of(sweep={"key": "contact.0.friction.mu", "values": [0.1, 0.3]}, **tables)
+
+
+BODIES = tomllib.loads(BLOCK)["bodies"]
+SOFTER = BODIES | {"elastomer": BODIES["elastomer"] | {"nu": 0.4}}
+LONGER = [*COARSE["stage"], {"name": "wait", "duration": "1 s", "steps": 1}]
+
+
+def test_values_of_another_sweep_are_not_mixed_with_new_ones(swept, tmp_path):
+    options = SweepOptions(resume=True)
+    assert _to_run(sweep_of(), swept, options) == []
+    with pytest.raises(InputError, match=r"elastomer\.nu = 0\.4 instead of 0\.45"):
+        _to_run(sweep_of(bodies=SOFTER), swept, options)
+    with pytest.raises(InputError, match="use --extend"):
+        _to_run(sweep_of(stage=LONGER), swept, options)
+
+
+def test_a_sweep_that_was_extended_in_part_is_extended_in_the_rest(swept, tmp_path):
+    longer, options = sweep_of(stage=LONGER), SweepOptions(extend=True)
+    out = tmp_path / "out"
+    shutil.copytree(swept, out)
+    (first, case), (second, _) = longer.sweep_cases()
+    assert [label for _, label in _to_run(longer, out, options)] == [first, second]
+    run(case, out / first, extend=True)
+    assert [label for _, label in _to_run(longer, out, options)] == [second]
+    assert options.how(out / second) == {"resume": False, "extend": True}
+    shutil.rmtree(out / second)
+    assert options.how(out / second) == {"resume": True, "extend": False}
+    with pytest.raises(InputError, match="--extend: the sweep is done"):
+        _to_run(sweep_of(), swept, options)
