@@ -101,7 +101,7 @@ class Layout:
         }
 
     def _facets(self, model: Model, surface: str) -> Floats:
-        """Middles (f, i), m, of the facets of a surface, in order; on the first rank; collective."""
+        """Middles (f, i), m, of a surface's facets, ordered; on the first rank; collective."""
         mesh = model.named.mesh
         mine = owned_facets(mesh, model.named.facets(surface))
         middles = dolfinx.mesh.compute_midpoints(mesh, self._dim - 1, mine)[:, : self._dim]
