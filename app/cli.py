@@ -164,16 +164,13 @@ def run(
     """Run a case, or every value of its sweep, and write results and figures."""
     from app.case.reading import load_case
     from app.case.trust import require_trust
-    from app.results.directory import default_directory
     from app.results.status import is_done
 
     if force and (resume or extend):
         raise InputError("--force begins anew, --resume and --extend go on: give one of them")
     case = load_case(case_file, overrides or [])
     passed_on = [*_set_options(overrides), *["--trust"] * require_trust(case, case_file, trust)]
-    directory = out or default_directory(case_file)
-    if not ((resume or extend) and (directory / "checkpoints").is_dir()):  # nothing is cleared then
-        _keep_inputs(directory, case_file, case)
+    directory = _results_directory(out, case_file, case, resume or extend)
     ranks = ranks_around()
     if case.sweep is not None and part is None:
         from app.run.sweep_runs import SweepOptions, run_sweep
@@ -188,12 +185,23 @@ def run(
         case = _one_part(case, part)
     if np > 1 and ranks == 1:
         passed_on += ["--force"] * force + ["--resume"] * resume + ["--extend"] * extend
-        passed_on += [] if part is None else ["--part", str(part)]
-        passed_on += [] if inputs_of is None else ["--inputs-of", str(inputs_of)]
+        named = {"--part": part, "--inputs-of": inputs_of}
+        passed_on += [str(w) for n, v in named.items() if v is not None for w in (n, v)]
         _run_on_ranks(np, case_file, directory, passed_on)
     from app.run.run import run_case
 
     run_case(case, directory, force=force, inputs_of=inputs_of, resume=resume, extend=extend)
+
+
+def _results_directory(out: Path | None, case_file: Path, case: Case, goes_on: bool) -> Path:
+    """Where the results go; not where they would be cleared with what the run is made from."""
+    from app.results.directory import default_directory
+
+    directory = out or default_directory(case_file)
+    begun = "case.toml" if case.sweep is not None else "checkpoints"
+    if not (goes_on and (directory / begun).exists()):  # nothing is cleared then
+        _keep_inputs(directory, case_file, case)
+    return directory
 
 
 def _run_on_ranks(np: int, case_file: Path, directory: Path, options: list[str]) -> NoReturn:
