@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from mpi4py import MPI
 
+from app.build.mesh import of_case
 from app.build.model import build_model
 from app.case.case import Case
 from app.errors import InputError
@@ -42,6 +43,9 @@ def notes_on_building(case: Case) -> list[str]:
         InputError: mesh and case do not go together, or PETSc has no use for an option.
     """
     model = build_model(case, MPI.COMM_SELF)
-    if case.solver.petsc:
-        Simulation(model)
-    return [*model.notes, *notes_on_steps(model)]
+    try:
+        if case.solver.petsc:
+            Simulation(model)
+        return [*model.notes, *notes_on_steps(model)]
+    except InputError as error:
+        raise of_case(case, error) from None
