@@ -103,16 +103,17 @@ def watched(*allowed: Path, seconds: float = SECONDS) -> Iterator[None]:
     _WATCH.outside = []
     before = signal.signal(signal.SIGALRM, _hang)
     _WATCH.active = True
-    signal.setitimer(signal.ITIMER_REAL, seconds)
+    timer = signal.setitimer(signal.ITIMER_REAL, seconds)  # of pytest's own time limit
     limits = resource.getrlimit(resource.RLIMIT_AS)
     resource.setrlimit(resource.RLIMIT_AS, (_size() + MEMORY, limits[1]))
     try:
         yield
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.setitimer(signal.ITIMER_REAL, 0.0)  # before the handler is another's again
         resource.setrlimit(resource.RLIMIT_AS, limits)
         _WATCH.active = False
         signal.signal(signal.SIGALRM, before)
+        signal.setitimer(signal.ITIMER_REAL, *timer)
     assert not _WATCH.outside, f"written outside: {_WATCH.outside}"
 
 
