@@ -6,6 +6,7 @@ import os
 import resource
 import signal
 import sys
+import tempfile
 import traceback
 import unicodedata
 from collections.abc import Callable, Iterator
@@ -30,6 +31,9 @@ _CHANGES = {
     **dict.fromkeys(("os.symlink",), (1,)),
     "shutil.rmtree": (0,),
 }
+
+
+_BELOW = ("os.remove", "os.rmdir")
 
 
 class OddLine(Exception):
@@ -64,6 +68,8 @@ class Watch:
             if writes:
                 self._note(event, path)
         for index in _CHANGES.get(event, ()):
+            if event in _BELOW and arguments[-1] != -1:
+                continue  # below a directory that is open: one of shutil.rmtree, which is noted
             self._note(event, arguments[index])
 
     def _note(self, event: str, path: Any) -> None:
@@ -72,6 +78,8 @@ class Watch:
         above, name = os.path.split(os.path.abspath(os.fsdecode(path)))
         full = f"{os.path.realpath(above)}/{name}"
         if full == "/dev/null" or "__pycache__" in full:
+            return
+        if full.startswith(f"{tempfile.gettempdir()}/tmp"):  # what tempfile makes is called so
             return
         if not any(f"{full}/".startswith(f"{top}/") for top in self.allowed):
             self.outside.append(f"{event} {full[:200]}")
