@@ -132,6 +132,12 @@ Overrides = Annotated[
 ]
 
 
+Resume = Annotated[
+    bool, typer.Option("--resume", help="go on from the last checkpoint of an unfinished run")
+]
+Extend = Annotated[
+    bool, typer.Option("--extend", help="the same, and past the end of a run that is done")
+]
 Trust = Annotated[
     bool, typer.Option("--trust", help="run the Python that the case names (see tribox trust)")
 ]
@@ -153,12 +159,8 @@ def run(
         int | None, typer.Option(min=0, help="run only this value of the sweep, counted from 0")
     ] = None,
     trust: Trust = False,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="go on from the last checkpoint of an unfinished run")
-    ] = False,
-    extend: Annotated[
-        bool, typer.Option("--extend", help="the same, and past the end of a run that is done")
-    ] = False,
+    resume: Resume = False,
+    extend: Extend = False,
     inputs_of: Annotated[Path | None, typer.Option("--inputs-of", hidden=True)] = None,
 ) -> None:
     """Run a case, or every value of its sweep, and write results and figures."""
@@ -176,11 +178,9 @@ def run(
         from app.run.sweep_runs import SweepOptions, run_sweep
 
         options = SweepOptions(passed_on, np, force, jobs, resume, extend)
-        run_sweep(case, case_file, directory, options, ranks)
-        return
+        return run_sweep(case, case_file, directory, options, ranks)
     if resume and not extend and is_done(directory):
-        print(f"{directory}: the run is done; --extend goes on past its end")
-        return
+        return print(f"{directory}: the run is done; --extend goes on past its end")
     if part is not None:
         case = _one_part(case, part)
     if np > 1 and ranks == 1:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from mpi4py import MPI
 
+from app.build.mesh import of_case
 from app.build.model import build_model
 from app.case.case import Case
 from app.case.given import given_keys
@@ -108,8 +109,10 @@ def _run_claimed(case: Case, opening: Opening, comm: MPI.Comm) -> Simulation:
     """Run one case in a directory that is this run's."""
     directory, quiet, resumed = opening.claim.directory, opening.quiet, opening.found is not None
     model = build_model(case, comm)
-    steps = notes_on_steps(model)
-    simulation = Simulation(model)
+    try:
+        steps, simulation = notes_on_steps(model), Simulation(model)
+    except InputError as error:
+        raise of_case(case, error) from None
     recorder = _recorder(case, simulation, opening)
     log, saving = directory / "log.txt", recorder.saving
     reporter = Reporter(log, case, saving, quiet, resumed=resumed) if comm.rank == 0 else None
