@@ -41,8 +41,8 @@ def saving(tmp_path):
 @pytest.mark.parametrize("when", ["ready", "cut"])
 def test_a_signal_stops_at_the_next_step_or_cut(number, when, saving):
     told = []
-    noted = partial(told.append, True)
-    with pytest.raises(Interrupted), Interruption(MPI.COMM_SELF, saving, noted) as interruption:
+    with pytest.raises(Interrupted), Interruption(MPI.COMM_SELF, saving) as interruption:
+        interruption.noted = partial(told.append, True)
         interruption.ready(ANY)
         os.kill(os.getpid(), number)
         assert told == [True]  # at once
@@ -59,6 +59,13 @@ def test_a_second_signal_stops_at_once(saving):
         signal.raise_signal(signal.SIGINT)
         pytest.fail("the second signal was not obeyed")
     assert reached and not isinstance(caught.value, Interrupted)
+
+
+def test_another_signal_is_no_second_one(saving):
+    with pytest.raises(Interrupted), Interruption(MPI.COMM_SELF, saving) as interruption:
+        os.kill(os.getpid(), signal.SIGHUP)
+        os.kill(os.getpid(), signal.SIGTERM)  # as engines of containers do
+        interruption.ready(ANY)
 
 
 def test_a_signal_that_was_ignored_stays_so(saving):
