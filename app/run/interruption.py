@@ -27,19 +27,20 @@ class Interruption(Observer):
     SIGINT, SIGTERM, SIGHUP unless it was ignored before, and SIGUSR1, by which ranks are told.
     Ranks that stop at different places wait for each other for ever. A second signal does what it
     would have done outside, at once. A write that has failed on a rank ends the run likewise.
+
+    Attributes:
+        noted: called at once when a signal comes, on this rank alone.
     """
 
-    def __init__(
-        self, comm: MPI.Comm, saving: Saving, noted: Callable[[], None] | None = None
-    ) -> None:
+    def __init__(self, comm: MPI.Comm, saving: Saving) -> None:
         """No signal is taken before the context is entered.
 
         Args:
             comm: ranks that stop together.
             saving: that the run writes its files in.
-            noted: called at once when a signal comes, on this rank alone.
         """
-        self._comm, self._saving, self._noted = comm, saving, noted
+        self._comm, self._saving = comm, saving
+        self.noted: Callable[[], None] | None = None
         self._asked = False
         self._before: dict[signal.Signals, signal._HANDLER] = {}
 
@@ -57,19 +58,19 @@ class Interruption(Observer):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._restore()
+        self.restore()
 
     def step(self, state: RunState, row: Row, result: StepResult | Interval) -> None:
         """Stop here if any rank has been asked to, or could not write."""
-        self._look()
+        self.look()
 
     def within(self, state: RunState, load_step: LoadStep, steps: int) -> None:
         """Stop here if any rank has been asked to, or could not write."""
-        self._look()
+        self.look()
 
     def cut(self, state: RunState, dt: float, result: StepResult) -> None:
         """Stop here if any rank has been asked to, or could not write."""
-        self._look()
+        self.look()
 
     def load_step(
         self, state: RunState, load_step: LoadStep, row: Row, steady: bool | None
@@ -79,19 +80,26 @@ class Interruption(Observer):
 
     def _note(self, number: int, frame: FrameType | None) -> None:
         self._asked = True
-        self._restore()
+        self.restore()
         # mpirun, if it is the one that was asked, will not wait for long.
         if self._comm.rank == 0 and not tell_exit_code(INTERRUPTED):
             say_stopping()  # else the process that waits for the ranks has said it
-        if self._noted is not None:
-            self._noted()
+        if self.noted is not None:
+            self.noted()
 
-    def _restore(self) -> None:
+    def restore(self) -> None:
+        """Take no more signals."""
         for number, handler in self._before.items():
             signal.signal(number, signal.SIG_DFL if handler is None else handler)
         self._before = {}
 
-    def _look(self) -> None:
+    def look(self) -> None:
+        """Stop here if any rank has been asked to, or could not write; collective.
+
+        Raises:
+            OutputError: a rank could not write.
+            Interrupted: a rank has been asked to stop.
+        """
         self._saving.raise_together(self._comm)
         if self._comm.allreduce(self._asked, op=MPI.LOR):
             raise Interrupted

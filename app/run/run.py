@@ -67,28 +67,30 @@ def _run_claimed(case: Case, claim: Claim, quiet: bool, comm: MPI.Comm) -> Simul
     simulation = Simulation(model)
     on_first(comm, claim.clear)
     saving = Saving(directory)
-    recorder = Recorder(model, directory, given_keys(case), saving)
-    reporter = Reporter(directory / "log.txt", case, saving, quiet) if comm.rank == 0 else None
-    told: list[Observer] = [reporter, recorder] if reporter else [recorder]
-    try:
-        if reporter:
-            _say_notes(reporter, model.notes, steps, quiet)
-        probes = ProbeRecorder(model, directory, saving)
-        with Interruption(comm, saving, partial(recorder.mark, "interrupted")) as interruption:
-            _run(simulation, recorder, probes, Together(*told, probes, interruption))
-        draw_run(simulation, directory, reporter)
-        if reporter:
-            _say_end(reporter, simulation, recorder, quiet)
-        saving.raise_together(comm)
-    except (SolutionError, OutputError, Interrupted) as error:
-        if reporter:
-            _say_failure(reporter, simulation, recorder, error)
-        if not isinstance(error, OutputError):
+    with Interruption(comm, saving) as interruption:
+        recorder = Recorder(model, directory, given_keys(case), saving)
+        interruption.noted = partial(recorder.mark, "interrupted")
+        reporter = Reporter(directory / "log.txt", case, saving, quiet) if comm.rank == 0 else None
+        told: list[Observer] = [reporter, recorder] if reporter else [recorder]
+        try:
+            if reporter:
+                _say_notes(reporter, model.notes, steps, quiet)
+            probes = ProbeRecorder(model, directory, saving)
+            _run(simulation, recorder, probes, interruption, Together(*told, probes, interruption))
+            interruption.restore()
             draw_run(simulation, directory, reporter)
-        raise
-    finally:
-        if reporter:
-            reporter.close()
+            if reporter:
+                _say_end(reporter, simulation, recorder, quiet)
+            saving.raise_together(comm)
+        except (SolutionError, OutputError, Interrupted) as error:
+            if reporter:
+                _say_failure(reporter, simulation, recorder, error)
+            if not isinstance(error, OutputError):
+                draw_run(simulation, directory, reporter)
+            raise
+        finally:
+            if reporter:
+                reporter.close()
     return simulation
 
 
@@ -162,10 +164,14 @@ def _closing_line(simulation: Simulation) -> str:
 
 
 def _run(
-    simulation: Simulation, recorder: Recorder, probes: ProbeRecorder, observer: Observer
+    simulation: Simulation,
+    recorder: Recorder,
+    probes: ProbeRecorder,
+    interruption: Interruption,
+    observer: Observer,
 ) -> None:
     try:
-        recorder.saving.raise_together(recorder.comm)
+        interruption.look()  # what has come while the files were begun
         simulation.run(observer)
     except (SolutionError, OutputError) as error:
         recorder.close(simulation, "failed", str(error))

@@ -40,8 +40,8 @@ def saving(tmp_path):
 @pytest.mark.parametrize("when", ["step", "cut"])
 def test_a_signal_stops_at_the_next_step_or_cut(number, when, saving):
     told = []
-    noted = partial(told.append, True)
-    with pytest.raises(Interrupted), Interruption(MPI.COMM_SELF, saving, noted) as interruption:
+    with pytest.raises(Interrupted), Interruption(MPI.COMM_SELF, saving) as interruption:
+        interruption.noted = partial(told.append, True)
         interruption.step(ANY, ANY, ANY)
         os.kill(os.getpid(), number)
         assert told == [True]  # at once
