@@ -333,8 +333,7 @@ def mesh(
 
 def _see_that_it_only_draws(drawing: Path) -> None:
     """Refuse a drawing that could do more, as gmsh's scripts can, if it is not to be trusted."""
-    from geometry.meshes.drawing_words import beyond_drawing
-    from geometry.meshes.merging import companion
+    from geometry.meshes.drawing_words import beyond_drawing, companion
 
     try:
         found = beyond_drawing(drawing.read_bytes().decode("latin-1"))
