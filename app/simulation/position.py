@@ -16,6 +16,7 @@ class Position:
         time: s, driven: m, row: number of its first row, from 0: at its start.
         done: share of the present implicit step that is made, above 0 if it has been cut;
             piece: share that is tried next; step_time: s, step_driven: m, at the step's start.
+        failures: attempts at the present piece that have failed; wasted: their iterations.
         elapsed: s, of the load step, at which the next explicit time steps begin; within: how many
             the present interval has had.
     """
@@ -30,6 +31,8 @@ class Position:
     piece: float = 1.0
     step_time: float = 0.0
     step_driven: float = 0.0
+    failures: int = 0
+    wasted: int = 0
     elapsed: float = 0.0
     within: int = 0
 
@@ -42,9 +45,13 @@ class Position:
         return True
 
     def begin_step(self, time: float, driven: float) -> None:
-        """Begin an implicit step here, unless a part of it is made."""
-        if self.done == 0.0:
+        """Begin an implicit step here, unless a part of it is made or has been tried."""
+        if self.done == 0.0 and not self.failures:
             self.piece, self.step_time, self.step_driven = 1.0, time, driven
+
+    def give_up(self) -> None:
+        """What is left of the present step has no solution: a run that goes on tries all of it."""
+        self.failures, self.wasted, self.piece = 0, 0, 1.0
 
     def end(self) -> None:
         """Go on to the next load step."""
