@@ -11,12 +11,14 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import dolfinx
 import numpy as np
 from mpi4py import MPI
 
 from app.build.model import Model
 from app.equilibrium.snapshot import Array, AtPoints, Local, Nodal, Partial
 from app.results.gathered_mesh import GatheredMesh
+from geometry.surfaces.body_facets import owned_facets
 from geometry.surfaces.facets import Floats, Longs
 from geometry.surfaces.ordering import order_by_place
 
@@ -95,7 +97,17 @@ class Layout:
             "bodies": bodies.reshape(-1).astype(np.int32),
             "nodes": mesh.reference,
             **{f"points_{pair}": place for pair, place in enumerate(places)},
+            **{f"surface_{name}": self._facets(model, name) for name in model.named.surfaces},
         }
+
+    def _facets(self, model: Model, surface: str) -> Floats:
+        """Middles (f, i), m, of a surface's facets, ordered; on the first rank; collective."""
+        mesh = model.named.mesh
+        mine = owned_facets(mesh, model.named.facets(surface))
+        middles = dolfinx.mesh.compute_midpoints(mesh, self._dim - 1, mine)[:, : self._dim]
+        parts = self.comm.gather(middles)
+        whole = middles[:0] if parts is None else np.concatenate(parts)
+        return whole[order_by_place(whole)] if len(whole) else whole
 
     def _distribution(self) -> str:
         """A text that is the same where each rank has the same rows in the same order."""
@@ -259,7 +271,8 @@ def differences(mine: dict[str, Array], kept: dict[str, Array]) -> Iterator[str]
     size = float(np.ptp(kept["nodes"], axis=0).max())
     for name in kept.keys() - {"cells", "bodies"}:
         if name not in mine or mine[name].shape != kept[name].shape:
-            yield "other contact surfaces or quadrature"
+            what = name.partition("_")[2] if name.startswith("surface") else "contact points"
+            yield f"other facets or points: {what}"
             return
         apart = np.abs(mine[name] - kept[name]).max(initial=0.0)
         if not apart <= 1e-9 * size:

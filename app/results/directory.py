@@ -28,13 +28,11 @@ OWN = (
     *PROBE_TABLES,
     "log.txt",
     "report.html",
-    CHECKPOINTS,
     "fields.pvd",
     "contact.pvd",
     "contact_points.pvd",
     "sweep.csv",
     "mesh.msh",
-    "inputs",
     "friction_map.csv",
     "load_map.csv",
     "slip_weakening.csv",
@@ -56,7 +54,7 @@ BELOW = {
     "contact_points": _SERIES,
     "fields.bp": _ADIOS2,
     "stress.bp": _ADIOS2,
-    CHECKPOINTS: re.compile(r"\d+(\.\w+)?(/.*)?"),
+    CHECKPOINTS: re.compile(r"\d{6,}(\.part)?(/(state\.json|arrays\.npz|manifest\.json))?"),
     "figures": re.compile(
         r"(history|energy|force_displacement|stribeck|phase|effective_viscosity|friction_map|sweep"
         r"|deformed|animation|slip_weakening|start_stop|velocity_jump|fit|verify_).*"
@@ -104,7 +102,6 @@ def check_free(directory: Path, force: bool, labels: Sequence[str] = ()) -> None
             "them with --force"
         )
     foreign = _sort_out(directory, labels)[1]
-    foreign += [directory / "inputs" / name for name in foreign_inputs(directory)]
     if foreign:
         raise InputError(
             f"{directory}: holds {foreign[0].relative_to(directory)}, which is no result of "
@@ -162,6 +159,11 @@ def _sort_out(directory: Path, labels: Sequence[str]) -> tuple[list[Path], list[
             below = _sort_out(path, ())
             own += [path, *below[0]]
             foreign += below[1]
+        elif folder and path.name == "inputs":
+            strange = set(foreign_inputs(directory))
+            own.append(path)
+            for one in sorted(path.iterdir()):
+                (foreign if one.name in strange else own).append(one)
         elif folder and inside is not None:
             own.append(path)
             for one in sorted(path.rglob("*")):

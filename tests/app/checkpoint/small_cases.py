@@ -1,0 +1,228 @@
+"""Small cases, each with something in it that a run has to remember when it goes on."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from app.case.overrides import set_value
+from geometry.meshes.gmsh_model import write_msh
+from tests.app.conftest import BLOCK, BOXES, FILM, SLID
+from tests.app.simulation.test_explicit_run import THROWN
+from tests.own_law import documented_law
+from tests.rectangles import Rectangle, Rectangles
+
+Data = dict[str, Any]
+Maker = Callable[[Path], Data]
+
+COARSE = {"geometry.upper.elements": [5, 3], "geometry.lower.elements": [7, 2]}
+BOTTOM = {"surface": "bottom", "displacement": {"x": 0, "y": 0}}
+TRAVEL = [["1 s", "0 mm"], ["2 s", "0.15 mm"]]
+STAGES = [
+    {"name": "press", "duration": "1 s", "steps": 2},
+    {"name": "slide", "duration": "1 s", "steps": 4},
+]
+MAP = {
+    **{"law": "friction-map", "mu_s": 0.12, "mu_d": 0.10, "A_d": "1 um", "B": "1e6 1/m"},
+    **{"K_T": "1e12 Pa/m", "alpha": 0.5, "V_star": "1 mm/s", "V_star_at": "10 nm"},
+    "preset": "friction-map",
+}
+PROBES = [
+    {"name": "corner", "point": ["1 mm", "0.4 mm"]},
+    {"name": "upper", "body": "elastomer"},
+    {"name": "along", "contact": "elastomer_contact-aluminium_contact"},
+]
+
+
+def changed(text: str, keys: Data) -> Data:
+    """A case of a text, as plain data, with the values of some keys changed."""
+    data = tomllib.loads(text)
+    for key, value in keys.items():
+        set_value(data, key, value)
+    return data
+
+
+def plain(text: str, keys: Data | None = None) -> Maker:
+    """A case that needs no files."""
+    return lambda directory: changed(text, keys or {})
+
+
+def block(*boundaries: Data, **keys: Any) -> Maker:
+    """The small block, pressed and slid, under other boundaries; two underscores for a dot."""
+    more = {name.replace("__", "."): value for name, value in keys.items()}
+    more |= {"boundary": [BOTTOM, *boundaries]} if boundaries else {}
+    return plain(BLOCK, COARSE | {"stage": STAGES} | more)
+
+
+# A law whose state has an array of its own, on which its answer depends.
+WORN = """
+@dataclass(slots=True)
+class Worn(FrictionState):
+    wear: np.ndarray
+
+
+class MyLaw:"""
+OF_WEAR = {
+    "import numpy as np\n": "from dataclasses import dataclass\n\nimport numpy as np\n",
+    "\nclass MyLaw:": WORN,
+    "return FrictionState.zeros(n, dim)": (
+        "return Worn(**FrictionState.zeros(n, dim).arrays(), wear=np.zeros(n))"
+    ),
+    "factor = self.mu * pressure": "mu = self.mu + 1e3 * state.wear\n        factor = mu * pressure",
+    "self.mu * along": "mu[:, None] * along",
+    "state=FrictionState(": "state=Worn(wear=state.wear + length,",
+}
+
+
+def own_law(directory: Path) -> Data:
+    """Friction that grows with wear, as a law in Python."""
+    source = documented_law()
+    for old, new in OF_WEAR.items():
+        assert source.count(old) == 1, old
+        source = source.replace(old, new)
+    path = directory / "my_law.py"
+    path.write_text(source, encoding="utf-8")
+    law = {"law": "python", "class": f"{path}:MyLaw", "parameters": {"mu": 0.1, "speed": 1e-6}}
+    return changed(BLOCK, COARSE | {"stage": STAGES, "contact.0.friction": law})
+
+
+def three_bodies(directory: Path) -> Data:
+    """A strip between two pads that hold it by friction and is drawn out."""
+    bodies = {
+        "upper": Rectangle(0.0, 1e-3, 2e-3, 2e-3, (3, 2)),
+        "strip": Rectangle(-1e-3, 0.0, 3e-3, 1e-3, (7, 1)),
+        "lower": Rectangle(0.0, -1e-3, 2e-3, 0.0, (4, 2)),
+    }
+    mesh = directory / "mesh.msh"
+    write_msh(Rectangles(bodies), mesh)
+    pad = {"material": "neo-hookean", "E": "5 MPa", "nu": 0.45}
+    coulomb = [{"law": "coulomb", "mu": mu} for mu in (0.1, 0.3)]
+    sides = (("upper_bottom", "strip_top"), ("lower_top", "strip_bottom"))
+    platen = {"direction": "y", "force": [["0 s", 0], ["1 s", "2 N"]]}
+    return {
+        "geometry": {"mesh": str(mesh), "thickness": "10 mm"},
+        "bodies": {"upper": pad, "strip": pad | {"E": "500 MPa"}, "lower": pad},
+        "contact": [
+            {"slave": slave, "master": master, "friction": law}
+            for (slave, master), law in zip(sides, coulomb, strict=True)
+        ],
+        "boundary": [
+            {"surface": "upper_top", "displacement": {"x": 0}, "platen": platen},
+            {"surface": "lower_bottom", "displacement": {"x": 0, "y": 0}},
+            {"surface": "strip_right", "displacement": {"x": TRAVEL}},
+        ],
+        "stage": STAGES,
+        "output": {},
+    }
+
+
+_TOP = {"surface": "top", "displacement": {"x": TRAVEL}}
+_SLOW = {"contact.0.film": {"thickness": "30 nm"}, "contact.0.friction": MAP}
+_ROUND = """
+[geometry]
+kind = "cylinder-on-block"
+thickness = "1 mm"
+contact_width = "1.6 mm"
+contact_size = "0.2 mm"
+growth = 2
+cylinder = { radius = "5 mm" }
+block = { width = "12 mm", height = "4 mm", contact_size = "0.2 mm" }
+[bodies]
+elastomer = { material = "hencky", E = "70 GPa", nu = 0.33 }
+aluminium = { material = "neo-hookean", E = "5 MPa", nu = 0.45 }
+[[contact]]
+slave = "aluminium_contact"
+master = "elastomer_contact"
+smoothing_angle = "30 deg"
+friction = { law = "coulomb", mu = 0.3 }
+[[boundary]]
+surface = "bottom"
+displacement = { x = 0, y = [["0 s", 0], ["1 s", "0.05 mm"]] }
+[[boundary]]
+surface = "top"
+rotation = { centre = ["0 mm", "5 mm"], angle = [["1 s", "0 deg"], ["2 s", "4 deg"]] }
+[[stage]]
+name = "press"
+duration = "1 s"
+steps = 2
+[[stage]]
+name = "turn"
+duration = "1 s"
+steps = 4
+[output]
+"""
+_BOXES = {
+    "geometry.upper.elements": [2, 2, 2],
+    "geometry.lower.elements": [3, 2, 3],
+    "stage": STAGES,
+    "output": {},
+}
+_KRYLOV = {"solver": {"linear": "krylov"}}
+_THIN = {"geometry.upper.elements": [5, 2], "geometry.lower.elements": [8, 2]}
+_FLUNG = {**COARSE, "stage.0.steps": 4, "stage.0.duration": "12 us"}
+_DENSE = {"bodies.elastomer.density": 1100, "bodies.aluminium.density": 2700}
+_SOFT = {
+    "bodies.aluminium.E": "50 MPa",
+    "solver": {"kind": "explicit"},
+    "contact.0.penalty_factor": 1,
+}
+
+IMPLICIT: dict[str, Maker] = {
+    "coulomb": block(probe=PROBES),
+    "cut": block(stage=[STAGES[0], STAGES[1] | {"steps": 1}], solver={"max_iterations": 4}),
+    "film until steady": plain(FILM, {**_THIN, "stage.1.max_steps": 8}),
+    "platen by both": block(
+        {
+            **_TOP,
+            "platen": {
+                "direction": "y",
+                "force": [["0 s", 0], ["1 s", "1 N"]],
+                "displacement": [["1 s", "0.02 mm"], ["2 s", "0.03 mm"]],
+                "displacement_stages": ["slide"],
+            },
+        }
+    ),
+    "pressure": block({**_TOP, "pressure": [["0 s", 0], ["1 s", "0.5 MPa"]]}),
+    "spring": block(
+        {"surface": "top", "displacement": {"y": [["0 s", 0], ["1 s", "-0.03 mm"]]}},
+        {
+            "surface": "top",
+            "spring": {"direction": "x", "stiffness": "5 N/mm", "end": TRAVEL},
+        },
+    ),
+    "round": plain(_ROUND),
+    "q2": block(bodies__elastomer__formulation="q2", bodies__aluminium__formulation="q2"),
+    "axisymmetric": block(
+        {"surface": "top", "displacement": {"x": 0, "y": [["0 s", 0], ["2 s", "-0.1 mm"]]}},
+        geometry={
+            **{"kind": "two-blocks", "section": "axisymmetric"},
+            "upper": {"width": "1 mm", "height": "0.5 mm", "elements": [5, 3]},
+            "lower": {"width": "2 mm", "height": "0.5 mm", "elements": [7, 2]},
+        },
+    ),
+    "own law": own_law,
+    "three bodies": three_bodies,
+    "pointwise": block(contact__0__pressure="pointwise"),
+    "film": block(contact__0__film={"thickness": "30 nm"}, contact__0__friction=MAP),
+    "space": plain(BOXES, _BOXES),
+    "space by Krylov": plain(BOXES, _BOXES | _KRYLOV),
+}
+EXPLICIT: dict[str, Maker] = {
+    "film": plain(SLID, {**_THIN, "stage.1.steps": 4, "stage.1.duration": "4 us"}),
+    "thrown": plain(THROWN, {**_FLUNG, "probe": PROBES}),
+    "scaled": plain(THROWN, {**_FLUNG, "solver.mass_scaling": {"step": "0.2 us"}}),
+    "relaxed": plain(THROWN, {**_FLUNG, "stage.0.relax": True}),
+    "space": plain(
+        BOXES,
+        {
+            **_BOXES,
+            **_DENSE,
+            **_SOFT,
+            "boundary.1.displacement.x": [["20 us", "0 mm"], ["60 us", "0.02 mm"]],
+            "boundary.1.platen.pressure": [["0 s", 0], ["20 us", "0.4 MPa"]],
+            "stage": [{"name": "all", "duration": "60 us", "steps": 4}],
+        },
+    ),
+}
