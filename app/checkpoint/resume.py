@@ -90,6 +90,8 @@ def go_on(
     restore_rows(simulation.state, directory, found.about["step"], comm)
     simulation.restore(kept["simulation"])
     recorder: Snapshot = kept["recorder"]
+    if found.about["status"] == "failed":
+        simulation.state.position.try_again()
     if found.is_done:
         _open_again(simulation, recorder, extend)
     return recorder

@@ -84,7 +84,8 @@ class Recorder(Observer):
         self._left = LeftMaster(model)
         self._roundoff = RoundOffWatch(model.problem, model.case.solver.tolerance)
         self._counted = (0, 0)  # steps and Newton iterations so far
-        self._contacts = ContactWarnings(model.problem)
+        past = None if resumed is None else resumed["contacts"]
+        self._contacts = ContactWarnings(model.problem, past)
         self._penalty = [_extent(self.comm, t.penalty) for t in model.problem.contacts]
         self.warnings: list[str] = list(model.notes)
         self._tables: RunTables | None = None
@@ -214,7 +215,6 @@ class Recorder(Observer):
         self._warned, self._thin = kept["told"]
         self._left.restore(kept["left"])
         self._roundoff.restore(kept["roundoff"])
-        self._contacts.restore(kept["contacts"])
         self.resumed = list(kept["resumed"])
 
     @property

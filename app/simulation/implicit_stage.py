@@ -84,9 +84,8 @@ class ImplicitStage:
         at.begin_step(state.time, state.driven)
         start, driven = at.step_time, at.step_driven
         since = start - at.time
-        failures, wasted = 0, 0
         while at.done < 1.0:
-            if not failures:
+            if not at.failures:
                 observer.ready(state)
             end = min(1.0, at.done + at.piece)
             moved = driven + load_step.travel(since + end * load_step.dt) - load_step.travel(since)
@@ -95,8 +94,8 @@ class ImplicitStage:
             result = self.stepper.attempt(dt)
             self._heed_laws(load_step)
             if not result.converged:
-                failures += 1
-                wasted += result.iterations
+                at.failures += 1
+                at.wasted += result.iterations
                 at.piece = 0.5 * (end - at.done)
                 if at.piece < self.model.case.solver.min_step_fraction:
                     self._give_up(load_step, dt, result)
@@ -105,9 +104,9 @@ class ImplicitStage:
             self._take_resultants(load_step)
             state.time, state.driven = start + end * load_step.dt, moved
             easy = result.iterations <= EASY_ITERATIONS
-            result.iterations += wasted
-            self._commit(load_step, dt, result, failures, observer)
-            at.done, failures, wasted = end, 0, 0
+            result.iterations += at.wasted
+            self._commit(load_step, dt, result, at.failures, observer)
+            at.done, at.failures, at.wasted = end, 0, 0
             if easy:
                 at.piece = 2.0 * at.piece
 

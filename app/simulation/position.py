@@ -15,7 +15,8 @@ class Position:
         count: steps, or rows of an explicit stage, that are made.
         time: s, driven: m, row: number of its first row, from 0: at its start.
         done: share of the present implicit step that is made, above 0 if it has been cut;
-            piece: share that is tried next; step_time: s, step_driven: m, at the step's start.
+            piece: share that is tried next; failures: attempts at it that did not converge;
+            wasted: their iterations; step_time: s, step_driven: m, at the step's start.
         elapsed: s, of the load step, at which the next explicit time steps begin; within: how many
             the present interval has had.
     """
@@ -28,6 +29,8 @@ class Position:
     row: int = 0
     done: float = 0.0
     piece: float = 1.0
+    failures: int = 0
+    wasted: int = 0
     step_time: float = 0.0
     step_driven: float = 0.0
     elapsed: float = 0.0
@@ -42,9 +45,13 @@ class Position:
         return True
 
     def begin_step(self, time: float, driven: float) -> None:
-        """Begin an implicit step here, unless a part of it is made."""
-        if self.done == 0.0:
+        """Begin an implicit step here, unless a part of it is made or has been tried."""
+        if self.done == 0.0 and not self.failures:
             self.piece, self.step_time, self.step_driven = 1.0, time, driven
+
+    def try_again(self) -> None:
+        """Forget the attempts at the rest of the present implicit step, which was given up."""
+        self.piece, self.failures, self.wasted = 1.0, 0, 0
 
     def end(self) -> None:
         """Go on to the next load step."""
