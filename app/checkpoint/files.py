@@ -1,7 +1,7 @@
 """Checkpoints as files: ``checkpoints/NNNNNN/`` in a results directory, whole or not there at all.
 
 Each is written under a temporary name, synced to the disk and renamed; its manifest holds the size
-and the SHA-256 sum of its files. They are numbered from 1; the last few are kept.
+and the SHA-256 sum of its files, and its own. They are numbered from 1; the last few are kept.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ import json
 import os
 import re
 import shutil
-import zipfile
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -76,7 +76,7 @@ def _fill(part: Path, checkpoint: Checkpoint) -> None:
     files = {name: _fingerprint(part / name) for name in (_STATE, _ARRAYS)}
     about = {"format": FORMAT, **checkpoint.about, "files": files}
     with (part / _MANIFEST).open("w", encoding="utf-8") as stream:
-        json.dump(about, stream, indent=2, default=_plain)
+        json.dump(about | {"sha256": _sum(about)}, stream, indent=2, default=_plain)
     for name in (_STATE, _ARRAYS, _MANIFEST, "."):
         _sync(part / name)
 
@@ -94,6 +94,12 @@ def _sync(path: Path) -> None:
         os.fsync(handle)
     finally:
         os.close(handle)
+
+
+def _sum(about: dict[str, Any]) -> str:
+    """SHA-256 of what a manifest holds, however it is laid out."""
+    text = json.dumps(about, sort_keys=True, default=_plain)
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _fingerprint(path: Path) -> dict[str, Any]:
@@ -121,7 +127,7 @@ def latest(directory: Path) -> tuple[Checkpoint | None, list[str]]:
     for path in _newest_first(directory / DIRECTORY):
         try:
             return _read(path), damaged
-        except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
+        except (OSError, ValueError, LookupError, TypeError, RecursionError, BadZipFile) as error:
             damaged.append(f"{path}: is damaged ({error}); the one before it is taken")
     return None, damaged
 
@@ -139,6 +145,8 @@ def _read(path: Path) -> Checkpoint:
             f"{FORMAT}; resume it with the version that wrote it "
             f"({about.get('versions', {}).get('tribox', 'unknown')})"
         )
+    if about.pop("sha256") != _sum(about):
+        raise ValueError(f"{_MANIFEST} is not what was written")
     for name, expected in about["files"].items():
         if _fingerprint(path / name) != expected:
             raise ValueError(f"{name} is not what was written")
