@@ -1,7 +1,7 @@
 """Checkpoints as files: ``checkpoints/NNNNNN/`` in a results directory, whole or not there at all.
 
 Each is written under a temporary name, synced to the disk and renamed; its manifest holds the size
-and the SHA-256 sum of its files. They are numbered from 1; the last few are kept.
+and the SHA-256 sum of its files, and its own. They are numbered from 1; the last few are kept.
 """
 
 from __future__ import annotations
@@ -22,16 +22,12 @@ from app.errors import InputError
 from app.results.directory import CHECKPOINTS, checkpoint_numbers
 
 FORMAT = 1
+INSTEAD = "; the one before it is taken"  # of one that is damaged
 # What reading something else than was written may end in.
 DAMAGE = (
     *(OSError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError, EOFError),
     *(MemoryError, RecursionError, zipfile.BadZipFile, NotImplementedError),
 )
-# What a manifest must hold beside the format.
-_KINDS: dict[str, type | tuple[type, ...]] = {
-    **{"step": int, "time": (int, float), "stage": str, "status": str, "distribution": str},
-    **{"inputs": dict, "versions": dict, "files": dict},
-}
 _STATE, _ARRAYS, _MANIFEST = "state.json", "arrays.npz", "manifest.json"
 
 
@@ -84,7 +80,7 @@ def _fill(part: Path, checkpoint: Checkpoint) -> None:
     files = {name: _fingerprint(part / name) for name in (_STATE, _ARRAYS)}
     about = {"format": FORMAT, **checkpoint.about, "files": files}
     with (part / _MANIFEST).open("w", encoding="utf-8") as stream:
-        json.dump(about, stream, indent=2, default=_plain)
+        json.dump(about | {"sha256": _sum(about)}, stream, indent=2, default=_plain)
     for name in (_STATE, _ARRAYS, _MANIFEST, "."):
         _sync(part / name)
 
@@ -104,6 +100,12 @@ def _sync(path: Path) -> None:
         os.close(handle)
 
 
+def _sum(about: dict[str, Any]) -> str:
+    """SHA-256 of what a manifest holds, however it is laid out."""
+    text = json.dumps(about, sort_keys=True, default=_plain)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
 def _fingerprint(path: Path) -> dict[str, Any]:
     with path.open("rb") as stream:
         digest = hashlib.file_digest(stream, "sha256").hexdigest()
@@ -117,22 +119,16 @@ def latest(directory: Path) -> tuple[Checkpoint | None, list[str]]:
         None if there is none; and a line for each later one that is damaged.
 
     Raises:
-        InputError: the last one is of another format, or there are some and all are damaged: the
-            run began, and its tables are not to be lost.
+        InputError: the last one is of another format.
     """
     damaged: list[str] = []
     for number in reversed(checkpoint_numbers(directory)):
         path = directory / CHECKPOINTS / f"{number:06d}"
         try:
-            return _read(path), [f"{one}; the one before it is taken" for one in damaged]
+            return _read(path), damaged
         except DAMAGE as error:
-            damaged.append(f"{path}: is damaged ({why(error)})")
-    if damaged:
-        raise InputError(
-            f"{damaged[0]}, and there is no other to go on from; begin anew with --force, or name "
-            "another directory with --out"
-        )
-    return None, []
+            damaged.append(f"{path}: is damaged ({why(error)}){INSTEAD}")
+    return None, damaged
 
 
 def why(error: BaseException) -> str:
@@ -154,9 +150,8 @@ def _read(path: Path) -> Checkpoint:
             f"{FORMAT}; resume it with the version that wrote it "
             f"({about.get('versions', {}).get('tribox', 'unknown')})"
         )
-    for name, kind in _KINDS.items():
-        if not isinstance(about[name], kind):
-            raise ValueError(f"{name} in {_MANIFEST} is not what was written")
+    if about.pop("sha256") != _sum(about):
+        raise ValueError(f"{_MANIFEST} is not what was written")
     for name in (_STATE, _ARRAYS):
         if _fingerprint(path / name) != about["files"][name]:
             raise ValueError(f"{name} is not what was written")

@@ -13,7 +13,7 @@ from pydantic import ValidationError
 
 from app.build.load_steps import all_load_steps
 from app.case.case import Case
-from app.checkpoint.files import DAMAGE, Checkpoint, latest, why
+from app.checkpoint.files import DAMAGE, INSTEAD, Checkpoint, latest, why
 from app.checkpoint.layout import Layout, differences
 from app.checkpoint.past_rows import restore_rows
 from app.checkpoint.same_case import changes, listed, refuse
@@ -23,6 +23,12 @@ from app.results.directory import CHECKPOINTS
 from app.results.versions import versions
 from app.simulation.simulation import Simulation
 from app.simulation.time_text import time_text
+
+# What a manifest must hold of a run.
+_KINDS: dict[str, type | tuple[type, ...]] = {
+    **{"step": int, "time": (int, float), "stage": str, "status": str, "distribution": str},
+    **{"inputs": dict, "versions": dict},
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,9 +57,28 @@ def find_checkpoint(directory: Path, comm: MPI.Comm) -> Found | None:
     Raises:
         InputError: it is of another format, or there are some and all are damaged.
     """
-    found, notes = _on_first(comm, lambda: latest(directory)) or (None, [])
+    found, notes = _on_first(comm, lambda: _latest(directory)) or (None, [])
     about = comm.bcast(None if found is None else found.about)
     return None if about is None else Found(about, comm.bcast(notes), found)
+
+
+def _latest(directory: Path) -> tuple[Checkpoint | None, list[str]]:
+    """The last whole checkpoint, and notes; on the first rank.
+
+    Raises:
+        InputError: as of :func:`find_checkpoint`, or its manifest is not that of a run.
+    """
+    found, notes = latest(directory)
+    if found is None and notes:  # the run began, and its tables are not to be lost
+        raise InputError(
+            f"{notes[0].removesuffix(INSTEAD)}, and there is no other to go on from; begin anew "
+            "with --force, or name another directory with --out"
+        )
+    about = {} if found is None else found.about
+    for name, kind in _KINDS.items():
+        if found is not None and not isinstance(about.get(name), kind):
+            raise InputError(_strange(directory, ValueError(f"{name} in its manifest")))
+    return found, notes
 
 
 def go_on(
@@ -90,6 +115,8 @@ def go_on(
     try:
         simulation.restore(kept["simulation"])
         recorder: Snapshot = kept["recorder"]
+        if found.about["status"] == "failed":
+            simulation.state.position.try_again()
         if found.is_done:
             _open_again(simulation, recorder, extend)
     except DAMAGE as error:  # the tree is the same on all ranks

@@ -77,7 +77,7 @@ class Recorder(Observer):
         self.resumed: list[int] = []
         self.every = model.case.output.fields_every
         self._started = time.perf_counter()
-        self._watches = Watches(model)
+        self._watches = Watches(model, None if resumed is None else resumed["watches"])
         self._counted = (0, 0)  # steps and Newton iterations so far
         self._penalty = [_extent(self.comm, t.penalty) for t in model.problem.contacts]
         self.warnings: list[str] = list(model.notes)
@@ -198,7 +198,6 @@ class Recorder(Observer):
     def _restore(self, kept: Snapshot) -> None:
         self.load_steps = list(kept["load_steps"])
         self.warnings += kept["warnings"]
-        self._watches.restore(kept["watches"])
         self.resumed = list(kept["resumed"])
 
     @property

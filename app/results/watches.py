@@ -23,13 +23,22 @@ class Watches:
         told: warnings that are given once only and have been, by a word for each.
     """
 
-    def __init__(self, model: Model) -> None:
-        """Begin before the first step; collective."""
+    def __init__(self, model: Model, kept: Snapshot | None = None) -> None:
+        """Begin before the first step, or go on; collective.
+
+        Args:
+            model: that is run.
+            kept: what :meth:`snapshot` has seen, of a run that goes on.
+        """
         self.roundoff = RoundOffWatch(model.problem, model.case.solver.tolerance)
-        self.contacts = ContactWarnings(model.problem)
+        self.contacts = ContactWarnings(model.problem, None if kept is None else kept["contacts"])
         self.left = LeftMaster(model)
         self.told: set[str] = set()
         self._thickness = model.thickness
+        if kept is not None:
+            self.told = set(kept["told"])
+            self.left.restore(kept["left"])
+            self.roundoff.restore(kept["roundoff"])
 
     def step(self, row: Row, result: StepResult | Interval) -> None:
         """Look at a converged step; collective."""
@@ -57,10 +66,3 @@ class Watches:
             "roundoff": self.roundoff.snapshot(),
             "contacts": self.contacts.snapshot(),
         }
-
-    def restore(self, kept: Snapshot) -> None:
-        """Go on from what :meth:`snapshot` has seen."""
-        self.told = set(kept["told"])
-        self.left.restore(kept["left"])
-        self.roundoff.restore(kept["roundoff"])
-        self.contacts.restore(kept["contacts"])

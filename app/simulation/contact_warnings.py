@@ -183,16 +183,27 @@ class ContactWarnings:
         over_approach: of each pair the mean penetration over the approach, at its largest force.
     """
 
-    def __init__(self, problem: Equilibrium) -> None:
-        """Make ready; nothing has pressed yet."""
+    def __init__(self, problem: Equilibrium, resumed: Snapshot | None = None) -> None:
+        """Make ready; collective.
+
+        Args:
+            problem: whose contacts are looked at.
+            resumed: what :meth:`snapshot` has seen, of a run that goes on; None: nothing has
+                pressed yet.
+        """
         self._problem = problem
         self._probes = [PairProbe(term) for term in problem.contacts]
-        self._by_force = [pressed_by_force(problem, term) for term in problem.contacts]
         count = len(self._probes)
         self.over_facet, self.over_approach = [0.0] * count, [0.0] * count
         self._deepest = [(0.0, 0.0, "", 0.0)] * count
         self._strongest: list[PairState | None] = [None] * count
         self._widest: list[PairState | None] = [None] * count
+        if resumed is not None:
+            self._restore(resumed)
+            return
+        # Not in the middle of a run: another stage may hold the bodies otherwise, and the search
+        # for facets, done at the start, would be done anew at the next step.
+        self._by_force = [pressed_by_force(problem, term) for term in problem.contacts]
 
     def step(self, row: Row, thickness: float) -> None:
         """Look at a converged step; collective.
@@ -219,14 +230,15 @@ class ContactWarnings:
     def snapshot(self) -> Snapshot:
         """What has been seen so far."""
         return {
+            "by_force": self._by_force,
             "over": [self.over_facet, self.over_approach],
             "deepest": [list(one) for one in self._deepest],
             "strongest": [None if one is None else asdict(one) for one in self._strongest],
             "widest": [None if one is None else asdict(one) for one in self._widest],
         }
 
-    def restore(self, kept: Snapshot) -> None:
-        """Go on from what :meth:`snapshot` has seen."""
+    def _restore(self, kept: Snapshot) -> None:
+        self._by_force = list(kept["by_force"])
         self.over_facet, self.over_approach = map(list, kept["over"])
         self._deepest = [(one[0], one[1], one[2], one[3]) for one in kept["deepest"]]
         self._strongest, self._widest = (

@@ -94,7 +94,8 @@ class ImplicitStage:
             result = self.stepper.attempt(dt)
             self._heed_laws(load_step)
             if not result.converged:
-                at.failures, at.wasted = at.failures + 1, at.wasted + result.iterations
+                at.failures += 1
+                at.wasted += result.iterations
                 at.piece = 0.5 * (end - at.done)
                 if at.piece < self.model.case.solver.min_step_fraction:
                     self._give_up(load_step, dt, result)
@@ -104,7 +105,7 @@ class ImplicitStage:
             state.time, state.driven = start + end * load_step.dt, moved
             easy = result.iterations <= EASY_ITERATIONS
             result.iterations += at.wasted
-            self._commit(load_step, dt, result, observer)
+            self._commit(load_step, dt, result, at.failures, observer)
             at.done, at.failures, at.wasted = end, 0, 0
             if easy:
                 at.piece = 2.0 * at.piece
@@ -145,7 +146,7 @@ class ImplicitStage:
             raise SolutionError(f"stage {load_step.label}, time {when}: {fault}")
 
     def _commit(
-        self, load_step: LoadStep, dt: float, result: StepResult, observer: Observer
+        self, load_step: LoadStep, dt: float, result: StepResult, failures: int, observer: Observer
     ) -> None:
         state = self.state
         before = self.stepper.x.array_r.copy()
@@ -153,14 +154,11 @@ class ImplicitStage:
         state.energy_balance.add(self.stepper.x, state.resultants)
         outside = OutsideForces.at(self.model.problem, state.motion.held)
         moved = Moved((self.stepper.x.array_r - before) / dt, outside)
-        row = state.add_row(
-            load_step, Effort(dt, result.iterations, state.position.failures + 1), moved
-        )
+        row = state.add_row(load_step, Effort(dt, result.iterations, failures + 1), moved)
         observer.step(state, row, result)
 
     def _give_up(self, load_step: LoadStep, dt: float, result: StepResult) -> None:
         model = self.model
-        self.state.position.give_up()
         why = law_not_finite(model.problem.contacts)
         if why is None:
             why = explain(model.problem, result, self.stepper.x, self._loose, model.thickness)

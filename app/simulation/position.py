@@ -15,8 +15,8 @@ class Position:
         count: steps, or rows of an explicit stage, that are made.
         time: s, driven: m, row: number of its first row, from 0: at its start.
         done: share of the present implicit step that is made, above 0 if it has been cut;
-            piece: share that is tried next; step_time: s, step_driven: m, at the step's start.
-        failures: attempts at the present piece that have failed; wasted: their iterations.
+            piece: share that is tried next; failures: attempts at it that did not converge;
+            wasted: their iterations; step_time: s, step_driven: m, at the step's start.
         elapsed: s, of the load step, at which the next explicit time steps begin; within: how many
             the present interval has had.
     """
@@ -29,10 +29,10 @@ class Position:
     row: int = 0
     done: float = 0.0
     piece: float = 1.0
-    step_time: float = 0.0
-    step_driven: float = 0.0
     failures: int = 0
     wasted: int = 0
+    step_time: float = 0.0
+    step_driven: float = 0.0
     elapsed: float = 0.0
     within: int = 0
 
@@ -49,9 +49,9 @@ class Position:
         if self.done == 0.0 and not self.failures:
             self.piece, self.step_time, self.step_driven = 1.0, time, driven
 
-    def give_up(self) -> None:
-        """What is left of the present step has no solution: a run that goes on tries all of it."""
-        self.failures, self.wasted, self.piece = 0, 0, 1.0
+    def try_again(self) -> None:
+        """Forget the attempts at the rest of the present implicit step, which was given up."""
+        self.piece, self.failures, self.wasted = 1.0, 0, 0
 
     def end(self) -> None:
         """Go on to the next load step."""

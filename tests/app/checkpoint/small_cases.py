@@ -70,7 +70,9 @@ OF_WEAR = {
     "return FrictionState.zeros(n, dim)": (
         "return Worn(**FrictionState.zeros(n, dim).arrays(), wear=np.zeros(n))"
     ),
-    "factor = self.mu * pressure": "mu = self.mu + 1e3 * state.wear\n        factor = mu * pressure",
+    "factor = self.mu * pressure": (
+        "mu = self.mu + 1e3 * state.wear\n        factor = mu * pressure"
+    ),
     "self.mu * along": "mu[:, None] * along",
     "state=FrictionState(": "state=Worn(wear=state.wear + length,",
 }
@@ -171,7 +173,8 @@ _SOFT = {
 
 IMPLICIT: dict[str, Maker] = {
     "coulomb": block(probe=PROBES),
-    "cut": block(stage=[STAGES[0], STAGES[1] | {"steps": 1}], solver={"max_iterations": 4}),
+    "cut": block(stage=[STAGES[0], STAGES[1] | {"steps": 2}], solver={"max_iterations": 2}),
+    "frozen": block(stage=[STAGES[0], STAGES[1] | {"steps": 1}], solver={"max_iterations": 4}),
     "film until steady": plain(FILM, {**_THIN, "stage.1.max_steps": 8}),
     "platen by both": block(
         {

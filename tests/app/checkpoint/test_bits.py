@@ -9,9 +9,22 @@ from typing import Any
 
 import pytest
 
+from app.errors import Interrupted
+from app.implicit.stepper import StepResult
 from app.results.directory import read_table
+from app.run.interruption import Interruption
 from app.simulation import explicit_stage
-from tests.app.checkpoint.going_on import as_killed, case_of, numbers, position_of, run, unlike
+from app.simulation.run_state import RunState
+from tests.app.checkpoint.going_on import (
+    TABLES,
+    as_killed,
+    case_of,
+    numbers,
+    position_of,
+    run,
+    state_of,
+    unlike,
+)
 from tests.app.checkpoint.small_cases import EXPLICIT, IMPLICIT
 
 CASES = {
@@ -19,7 +32,13 @@ CASES = {
     **{f"explicit {name}": maker for name, maker in EXPLICIT.items()},
 }
 # Each of these has something of its own; what the others have, they have among other things.
-FIRST = ("implicit coulomb", "implicit cut", "implicit space by Krylov", "explicit thrown")
+FIRST = (
+    "implicit coulomb",
+    "implicit cut",
+    "implicit frozen",
+    "implicit space by Krylov",
+    "explicit thrown",
+)
 Went = tuple[Any, Path]
 
 
@@ -46,8 +65,9 @@ def short_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def places(name: str) -> list[Any]:
-    """A case with two of its checkpoints, by how much of them lies before."""
-    return [pytest.param(name, share, id=f"{name} {share}") for share in (0.2, 0.65)]
+    """A case with some of its checkpoints, by how much of them lies before."""
+    shares = {"implicit cut": (0.4, 0.6), "implicit frozen": (0.7, 1.0)}.get(name, (0.2, 0.65))
+    return [pytest.param(name, share, id=f"{name} {share}") for share in shares]
 
 
 def tiers() -> list[Any]:
@@ -66,4 +86,54 @@ def test_a_run_goes_on_as_if_nothing_had_been(went, tmp_path, name, share):
     run(case, directory, resume=True)
     assert unlike(reference, directory) == []
     resumed = json.loads((directory / "summary.json").read_text())["resumed"]
-    assert len(resumed) == 1 and 0 < resumed[0] < len(read_table(reference / "history.csv"))
+    assert len(resumed) == 1 and 0 < resumed[0] <= len(read_table(reference / "history.csv"))
+
+
+def test_the_cases_are_in_the_middle_of_what_they_are_named_for(went):
+    _, cut = went("implicit cut")
+    done = [position_of(cut, number)["done"] for number in numbers(cut)]
+    assert done[int(0.4 * 6)] == 0.5 and done[int(0.6 * 6)] == 0.75
+    _, frozen = went("implicit frozen")
+    step = state_of(frozen, numbers(frozen)[int(0.7 * 3)])["simulation"]["runner"]["solver"]
+    assert '"frozen_facets": {' in json.dumps(step)
+    _, thrown = went("explicit thrown")
+    assert any(position_of(thrown, number)["within"] for number in numbers(thrown))
+    for name in FIRST:
+        assert {row["stage"] for row in read_table(went(name)[1] / "history.csv")} & {
+            "slide",
+            "fly",
+        }
+
+
+def test_checkpoints_change_nothing(went, tmp_path):
+    for name in ("implicit space by Krylov", "explicit thrown"):
+        case, reference = went(name)
+        none = case.output.model_copy(update={"checkpoints_kept": 0})
+        run(case.model_copy(update={"output": none}), tmp_path / name)
+        for table in TABLES:
+            assert (tmp_path / name / table).read_bytes() == (reference / table).read_bytes()
+        assert not (tmp_path / name / "checkpoints").exists()
+
+
+@pytest.mark.parametrize("cuts", [1, 2])
+def test_a_run_stopped_between_two_attempts_goes_on_with_the_next(
+    went, tmp_path, monkeypatch, cuts
+):
+    """What the attempts before have cost is in the row of the step, and in the solver's state."""
+    case, reference = went("implicit cut")
+    seen = 0
+
+    def cut(self: Interruption, state: RunState, dt: float, result: StepResult) -> None:
+        nonlocal seen
+        seen += 1
+        if seen == cuts:
+            raise Interrupted
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Interruption, "cut", cut)
+        with pytest.raises(Interrupted):
+            run(case, tmp_path / "out")
+    at = position_of(tmp_path / "out", numbers(tmp_path / "out")[-1])
+    assert at["failures"] == 1 and at["done"] == (0.0, 0.5)[cuts - 1] and at["piece"] < 1.0
+    run(case, tmp_path / "out", resume=True)
+    assert unlike(reference, tmp_path / "out") == []
