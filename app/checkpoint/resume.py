@@ -154,7 +154,7 @@ def _compare(
         stage = began.stage.index(load_steps[min(at, len(load_steps) - 1)].stage)
     except DAMAGE as error:
         raise InputError(_strange(directory, error)) from error
-    refuse(changes(began, case, stage), directory)
+    refuse(changes(began, case, stage, time=checkpoint.about["time"]), directory)
     mesh = {n.removeprefix("mesh/"): a for n, a in checkpoint.arrays.items() if n[:5] == "mesh/"}
     try:
         found = list(differences(layout.identity, mesh))

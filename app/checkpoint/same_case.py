@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Iterator, Mapping, Sequence, Set
 from pathlib import Path
@@ -13,7 +14,7 @@ from app.case.given import given_keys
 from app.case.reading import load_past_case
 from app.case.stage import Stage
 from app.errors import InputError
-from app.results.status import given_keys_of
+from app.results.status import end_of, given_keys_of
 
 # What may change: it has no part in the results, or only in how well equations are solved. Meshes
 # are compared by what is in them.
@@ -40,7 +41,7 @@ def is_whole(directory: Path, now: Case) -> bool:
     """
     began, given = load_past_case(directory / "case.toml"), given_keys_of(directory)
     given |= set(given_keys(now))
-    refuse(changes(began, now, len(began.stage) - 1, given), directory)
+    refuse(changes(began, now, len(began.stage) - 1, given, end_of(directory)), directory)
     pairs = zip(began.stage, now.stage, strict=False)
     same = all(getattr(a, key) == getattr(b, key) for a, b in pairs for key in LENGTHS)
     return same and len(began.stage) == len(now.stage)
@@ -67,7 +68,9 @@ def listed(lines: list[str]) -> str:
     return "; ".join(lines[:SHOWN]) + more
 
 
-def changes(began: Case, now: Case, stage: int, given: Set[str] | None = None) -> Iterator[str]:
+def changes(
+    began: Case, now: Case, stage: int, given: Set[str] | None = None, time: float = math.inf
+) -> Iterator[str]:
     """Differences that a run cannot go on with, one line each.
 
     Args:
@@ -75,9 +78,11 @@ def changes(began: Case, now: Case, stage: int, given: Set[str] | None = None) -
         now: the resolved case that it is to go on with.
         stage: number of the stage that the run is in, from 0.
         given: keys that are compared; None: all.
+        time: s, to which the run has come: what follows in a boundary's tables may be added to.
     """
     for key, was, is_ in _unequal(began, now, stage):
-        if given is None or key in given or key == "stage":
+        further = key.startswith("boundary.") and _goes_further(was, is_, time)
+        if not further and (given is None or key in given or key == "stage"):
             yield _line(key, was, is_)
 
 
@@ -115,6 +120,25 @@ def _stage_changes(
             more = (key == "max_steps" and number >= at) or (last and _longer(key, before, after))
             if was.get(key) != is_.get(key) and not more:
                 yield f"stage.{number}.{key}", was.get(key), is_.get(key)
+
+
+def _goes_further(was: Any, is_: Any, time: float) -> bool:
+    """Whether a table over time differs only by rows that change nothing up to ``time`` (s)."""
+    try:
+        after = [(float(t.split()[0]), v) for t, v in is_]
+        if isinstance(was, str):  # one value at all times
+            was = [[is_[0][0], was]]
+        before = [(float(t.split()[0]), v) for t, v in was]
+    except (AttributeError, IndexError, TypeError, ValueError):
+        return False
+    if after[: len(before)] != before or len(after) == len(before):
+        return False
+    last = before[-1]
+    for row in after[len(before) :]:  # as long as they hold the value
+        if row[1] != last[1]:
+            return last[0] >= (1.0 - EQUAL) * time
+        last = row
+    return True
 
 
 def _longer(key: str, before: Stage, after: Stage) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,14 @@ def given_keys_of(directory: Path) -> set[str]:
     """Dotted keys that the case file of the run gave; all others were filled in."""
     given = _summary(directory).get("given")
     return set(map(str, given)) if isinstance(given, list) else set()
+
+
+def end_of(directory: Path) -> float:
+    """Time, s, of the last row of the last load step that has ended; infinite if there is none."""
+    try:
+        return float(_summary(directory)["load_steps"][-1]["time"])
+    except (LookupError, TypeError, ValueError):
+        return math.inf
 
 
 def _summary(directory: Path) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from mpi4py import MPI
 from app.case.case import Case
 from app.case.reading import load_case
 from app.checkpoint.files import _sum, latest
+from app.checkpoint.same_case import changes
 from app.errors import InputError, Interrupted
 from app.results.directory import check_free, checkpoint_numbers
 from app.results.inputs import write_case
@@ -383,3 +384,42 @@ def test_a_sweep_that_was_extended_in_part_is_extended_in_the_rest(swept, tmp_pa
     assert options.how(out / second) == {"resume": True, "extend": False}
     with pytest.raises(InputError, match="--extend: the sweep is done"):
         _to_run(sweep_of(), swept, options)
+
+
+def moved(x: Any) -> list[dict[str, Any]]:
+    """The boundaries of the small block with another way of its top."""
+    bottom, top = tomllib.loads(BLOCK)["boundary"]
+    return [bottom, top | {"displacement": top["displacement"] | {"x": x}}]
+
+
+WAY = [["1 s", "0 mm"], ["2 s", "0.15 mm"]]
+
+
+def test_tables_over_time_may_go_on_past_the_end(done, tmp_path):
+    whole = case_of(stage=LONGER, boundary=moved([*WAY, ["3 s", "0.1 mm"]]))
+    run(whole, tmp_path / "whole")
+    out = as_killed(done, tmp_path / "out", 6)
+    run(whole, out, extend=True)
+    assert (out / "history.csv").read_text() == (tmp_path / "whole" / "history.csv").read_text()
+
+
+@pytest.mark.parametrize(
+    ("way", "time", "fits"),
+    [
+        ([*WAY, ["3 s", "0 mm"]], 2.0, True),
+        ([*WAY, ["3 s", "0 mm"]], 2.5, False),
+        ([*WAY, ["2.5 s", "0.15 mm"], ["3 s", "0 mm"]], 2.5, True),
+        ([*WAY, ["3 s", "0.15 mm"]], 2.5, True),
+        ([WAY[0], ["2 s", "0.1 mm"], ["3 s", "0 mm"]], 1.0, False),
+        (WAY[:1], 2.0, False),
+        ("0 mm", 2.0, False),
+    ],
+    ids=["at its end", "past its end", "held", "held on", "changed", "shorter", "constant"],
+)
+def test_rows_of_tables_must_not_change_what_was(way, time, fits):
+    found = list(changes(case_of(), case_of(boundary=moved(way)), 1, time=time))
+    assert (not found) == fits
+    still = case_of(boundary=moved("0 mm"))
+    later = case_of(boundary=moved([["2 s", "0 mm"], ["3 s", "1 mm"]]))
+    assert not list(changes(still, later, 1, time=2.0))
+    assert list(changes(still, later, 1, time=2.1))
