@@ -94,6 +94,8 @@ class Recorder(Observer):
         """Write what there is from the start."""
         if self.first:
             write_case(self.model.case, self.directory, self._kept)
+            # Of a run that was killed at that moment; it would keep the status from being written.
+            (self.directory / "summary.json.part").unlink(missing_ok=True)
             self.mark("running")
             self._reserve = Reserve(self.directory)
 

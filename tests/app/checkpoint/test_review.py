@@ -251,7 +251,10 @@ def test_adios2_files_of_a_run_that_went_on_may_be_cleared(tmp_path):
 
 
 def test_a_summary_is_right_as_soon_as_the_run_goes_on(done, tmp_path, monkeypatch):
+    """Also where the run was killed while it wrote one."""
     out = as_killed(done, tmp_path / "out", 3)
+    (out / "summary.json").write_text('{"status": "done"}')
+    (out / "summary.json.part").write_text("{")
     found = {}
 
     def look(*_):
