@@ -49,7 +49,7 @@ class Checkpointer(Observer):
 
     def ready(self, state: RunState) -> None:
         """Write a checkpoint if one is due."""
-        if not self._output.checkpoints_kept or state.step == 0:
+        if not self._output.checkpoints_kept or not self._has_begun:
             return
         write, remember = self._comm.bcast(self._due(state))
         if write:
@@ -68,13 +68,19 @@ class Checkpointer(Observer):
             status: done, interrupted or failed.
         """
         simulation = self._simulation
-        if not self._output.checkpoints_kept or simulation.state.step == 0:
+        if not self._output.checkpoints_kept or not self._has_begun:
             return
         if status == "failed" and simulation.explicit is not None:
             if self._memory is not None:
                 self._write(*self._memory)
             return
         self._write(*self._take(status))
+
+    @property
+    def _has_begun(self) -> bool:
+        """Whether there is anything to be lost: a row, or explicit time steps on the way to one."""
+        state = self._simulation.state
+        return state.step > 0 or state.position.within > 0
 
     def _due(self, state: RunState) -> tuple[bool, bool]:
         """Whether to write, and whether to keep a snapshot in memory; asked on the first rank."""
@@ -95,7 +101,7 @@ class Checkpointer(Observer):
         about = {
             "step": state.step,
             "time": state.time,
-            "stage": state.rows[-1].stage,
+            "stage": state.rows[-1].stage if state.rows else simulation.model.case.stage[0].name,
             "status": status,
             "ranks": self._comm.size,
             "inputs": self._recorder.inputs,

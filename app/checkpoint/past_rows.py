@@ -62,6 +62,8 @@ def _rows(path: Path, last: int, columns: Sequence[str], each: int) -> list[dict
     Raises:
         InputError: the table is not there, or is not as it was written.
     """
+    if last == 0:  # the tables may not have begun
+        return []
     try:
         with path.open(newline="", encoding="utf-8") as stream:
             lines = csv.reader(line for line in stream if line.endswith("\n"))  # whole ones

@@ -134,10 +134,11 @@ def _strange(directory: Path, error: BaseException) -> str:
 
 def started_line(found: Found, simulation: Simulation) -> str:
     """From where a run goes on, in words."""
-    about, row = found.about, simulation.rows[-1]
+    about, rows = found.about, simulation.rows
+    dt = rows[-1].dt if rows else about["time"]
     return (
         f"goes on after step {about['step']}, stage {about['stage']}, "
-        f"time {time_text(about['time'], row.dt)}"
+        f"time {time_text(about['time'], dt)}"
     )
 
 

@@ -79,7 +79,8 @@ class Reporter(Observer):
             ends: s, time and last step of each load step that had ended.
             steps: explicit time steps that it had made.
         """
-        self._progress.go_on(ends, state.time, state.rows[-1].dt)
+        dt = state.rows[-1].dt if state.rows else state.time
+        self._progress.go_on(ends, state.time, dt)
         self._pace.speed(steps)
 
     def say(self, line: str, *, always: bool = True) -> None:

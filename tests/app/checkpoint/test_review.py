@@ -27,6 +27,7 @@ from app.run.sweep import collate
 from app.run.sweep_runs import SweepOptions, _to_run
 from app.simulation.simulation import Simulation
 from tests.app.conftest import BLOCK
+from tests.app.simulation.test_explicit_run import THROWN
 from tests.own_law import documented_law
 
 COARSE = {
@@ -426,3 +427,31 @@ def test_rows_of_tables_must_not_change_what_was(way, time, fits):
     later = case_of(boundary=moved([["2 s", "0 mm"], ["3 s", "1 mm"]]))
     assert not list(changes(still, later, 1, time=2.0))
     assert list(changes(still, later, 1, time=2.1))
+
+
+def test_an_explicit_run_goes_on_before_its_first_row(tmp_path, monkeypatch):
+    data = tomllib.loads(THROWN)
+    geometry = COARSE["geometry"]
+    data |= {"geometry": data["geometry"] | {k: geometry[k] for k in ("upper", "lower")}}
+    data["stage"][0]["steps"] = 1
+    case = Case.model_validate(data | {"output": OUTPUT})
+    run(case, tmp_path / "whole")
+    asked = iter([False, False, True])
+
+    def ready(self, state):
+        if next(asked):
+            raise Interrupted
+
+    out = tmp_path / "out"
+    with monkeypatch.context() as patch:
+        patch.setattr(Interruption, "ready", ready)
+        with pytest.raises(Interrupted):
+            run(case, out)
+    found, _ = latest(out)
+    assert found is not None and found.about["step"] == 0 and found.about["time"] > 0.0
+    for table in out.glob("*.csv"):  # a run that was killed would not have begun them
+        table.unlink()
+    run(case, out, resume=True)
+    assert "goes on after step 0" in (out / "log.txt").read_text()
+    for name in ("history.csv", "contacts.csv", "surfaces.csv", "bodies.csv"):
+        assert (out / name).read_text() == (tmp_path / "whole" / name).read_text()
