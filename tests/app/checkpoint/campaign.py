@@ -18,7 +18,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.case.overrides import set_value
 from app.case.toml_writer import toml_text
 from app.results import read
 from tests.app.checkpoint.going_on import unlike
@@ -145,23 +144,28 @@ def went_on_after(kind: str, out: Path) -> str:
     return ", ".join(f"step {one[0]}" if one else "-" for one in steps)
 
 
+def left_alone(kind: str, directory: Path) -> tuple[Path, Path]:
+    """A case file and the results of its run, which nobody disturbs; it is run once."""
+    path, reference = directory / f"{kind}.toml", directory / f"{kind} reference"
+    if not reference.exists():
+        data = CASES[kind] | {"title": kind, "output": OUTPUT}
+        path.write_text(toml_text(data), encoding="utf-8")
+        finish(start(path, reference))
+    return path, reference
+
+
 def campaign(kinds: Sequence[str], seed: int, directory: Path) -> Iterator[Killed]:
     """Kill a run of each of these kinds of cases at a random moment, and let it go on.
 
     Args:
-        kinds: as many as there are to be moments; of equal ones the reference runs once.
+        kinds: as many as there are to be moments.
         seed: of the moments.
-        directory: for the results.
+        directory: for the results, ``KIND SEED NUMBER``.
     """
     chance = random.Random(seed)
     for number, kind in enumerate(kinds):
-        path, reference = directory / f"{kind}.toml", directory / f"{kind} reference"
-        if not reference.exists():
-            data = {**CASES[kind], "output": OUTPUT}
-            set_value(data, "title", kind)
-            path.write_text(toml_text(data), encoding="utf-8")
-            finish(start(path, reference))
-        rows, out = rows_in(reference), directory / f"{kind} {number}"
+        path, reference = left_alone(kind, directory)
+        rows, out = rows_in(reference), directory / f"{kind} {seed} {number}"
         row, delay = chance.randrange(1, rows - 1), chance.uniform(0.0, SLACK)
         process = start(path, out)
         try:
@@ -170,9 +174,8 @@ def campaign(kinds: Sequence[str], seed: int, directory: Path) -> Iterator[Kille
             process.kill()
         reached = rows_in(out)
         finish(start(path, out, "--resume"))
-        yield Killed(
-            kind, reached, rows, went_on_after(kind, out), differences(kind, reference, out)
-        )
+        after, found = went_on_after(kind, out), differences(kind, reference, out)
+        yield Killed(kind, reached, rows, after, found)
 
 
 def main() -> None:
