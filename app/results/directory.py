@@ -63,6 +63,8 @@ BELOW = {
         r"\.(png|gif|mp4)(\.part)?"
     ),
 }
+# Of a run that has been gone on with, ADIOS2's files of what comes after a step have its number.
+_GONE_ON = re.compile(r"_after_\d+(?=\.bp$)")
 # What earlier versions wrote and --force clears too.
 EARLIER = ("motion.csv", "contact_nodes.pvd")
 EARLIER_BELOW = {"contact_nodes": _SERIES}
@@ -157,7 +159,7 @@ def _sort_out(directory: Path, labels: Sequence[str]) -> tuple[list[Path], list[
     foreign: list[Path] = []
     for path in sorted(directory.iterdir()):
         folder = path.is_dir() and not path.is_symlink()
-        inside = (BELOW | EARLIER_BELOW).get(path.name)
+        inside = (BELOW | EARLIER_BELOW).get(_GONE_ON.sub("", path.name))
         if folder and path.name in labels:
             below = _sort_out(path, ())
             own += [path, *below[0]]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +27,13 @@ CASES = {
 }
 
 
-def switched(comm: MPI.Comm, directory: Path) -> dict[str, Any]:
-    """Each case, begun on one rank or on two, and gone on with on all of them, or from two on one.
+FEW = ("coulomb", "thrown")
+
+
+def switched(
+    comm: MPI.Comm, directory: Path, names: Sequence[str] = FEW
+) -> dict[str, dict[str, Any]]:
+    """Some cases, begun on one rank or on two, and gone on with on all of them, or from two on one.
 
     Returns:
         Of each way the history's differences from one rank that never stopped, where they are more
@@ -35,7 +41,8 @@ def switched(comm: MPI.Comm, directory: Path) -> dict[str, Any]:
     """
     before = comm.Split(int(comm.rank >= 2), comm.rank)  # the first two ranks
     found: dict[str, Any] = {}
-    for name, (maker, solver) in CASES.items():
+    for name in names:
+        maker, solver = CASES[name]
         root = directory / name
         root.mkdir(exist_ok=True)
         case = case_of(maker(root) | {"solver": solver}, fields_every=0)
@@ -50,6 +57,11 @@ def switched(comm: MPI.Comm, directory: Path) -> dict[str, Any]:
         comm.barrier()
     before.Free()
     return found
+
+
+def switched_long(comm: MPI.Comm, directory: Path) -> dict[str, dict[str, Any]]:
+    """The other cases."""
+    return switched(comm, directory, [name for name in CASES if name not in FEW])
 
 
 def _gone_on(case: Case, root: Path, way: str, comm: MPI.Comm) -> dict[str, Any]:
@@ -76,12 +88,22 @@ def _gone_on(case: Case, root: Path, way: str, comm: MPI.Comm) -> dict[str, Any]
     }
 
 
-@pytest.mark.mpi(switched, 2, 3)
-@pytest.mark.parametrize("name", CASES)
-@pytest.mark.parametrize(
-    ("began", "ranks", "way"), [(1, 2, "one"), (2, 1, "two to one"), (2, 3, "two")]
-)
-def test_a_run_goes_on_on_other_ranks(on_ranks, name, began, ranks, way):
-    found = on_ranks(switched, max(began, ranks))[f"{name}: {way}"]
+def switches() -> list[Any]:
+    """Cases, each with the ranks it began on and goes on on, as parameters of a test."""
+    found = []
+    for name in CASES:
+        scene, marks = (switched, []) if name in FEW else (switched_long, [pytest.mark.long])
+        for began, ranks, way in ((1, 2, "one"), (2, 1, "two to one"), (2, 3, "two")):
+            mpi = pytest.mark.mpi(scene, max(began, ranks))
+            values = (scene, f"{name}: {way}", max(began, ranks), ranks)
+            found.append(
+                pytest.param(*values, marks=[mpi, *marks], id=f"{name} {began} to {ranks}")
+            )
+    return found
+
+
+@pytest.mark.parametrize(("scene", "key", "started", "ranks"), switches())
+def test_a_run_goes_on_on_other_ranks(on_ranks, scene, key, started, ranks):
+    found = on_ranks(scene, started)[key]
     assert found["apart"] == {} and found["resumed"] and found["ranks"] == ranks
     assert found["iterations"][0] == found["iterations"][1]
