@@ -45,7 +45,6 @@ OWN = (
     RESERVE,
 )
 _SERIES = re.compile(r"\d+\.vtu(\.part)?")
-_LATER_ADIOS2 = re.compile(r"(fields|stress)_after_\d+\.bp")  # of a run that was gone on with
 _ADIOS2 = re.compile(r"(data|md|mmd)\.\w+|profiling\.json|active")
 # Files below the directories that tribox makes; names of figures may end in those of fields.
 BELOW = {
@@ -61,6 +60,8 @@ BELOW = {
         r"\.(png|gif|mp4)(\.part)?"
     ),
 }
+# Of a run that has been gone on with, ADIOS2's files of what comes after a step have its number.
+_GONE_ON = re.compile(r"_after_\d+(?=\.bp$)")
 # What earlier versions wrote and --force clears too.
 EARLIER = ("motion.csv", "contact_nodes.pvd")
 EARLIER_BELOW = {"contact_nodes": _SERIES}
@@ -154,7 +155,7 @@ def _sort_out(directory: Path, labels: Sequence[str]) -> tuple[list[Path], list[
     foreign: list[Path] = []
     for path in sorted(directory.iterdir()):
         folder = path.is_dir() and not path.is_symlink()
-        inside = _inside(path.name)
+        inside = (BELOW | EARLIER_BELOW).get(_GONE_ON.sub("", path.name))
         if folder and path.name in labels:
             below = _sort_out(path, ())
             own += [path, *below[0]]
@@ -174,13 +175,6 @@ def _sort_out(directory: Path, labels: Sequence[str]) -> tuple[list[Path], list[
         else:
             own.append(path)
     return own, foreign
-
-
-def _inside(name: str) -> re.Pattern[str] | None:
-    """What files of ours in a directory are called, or None if it is none that tribox makes."""
-    if _LATER_ADIOS2.fullmatch(name):
-        return _ADIOS2
-    return (BELOW | EARLIER_BELOW).get(name)
 
 
 def checkpoint_numbers(directory: Path) -> list[int]:

@@ -9,7 +9,10 @@ from typing import Any
 
 import pytest
 
-from app.errors import Interrupted
+from app.checkpoint import checkpointer
+from app.errors import Interrupted, SolutionError
+from app.explicit.instability import ExplicitError
+from app.explicit.stepper import ExplicitStepper
 from app.implicit.stepper import StepResult
 from app.results.directory import read_table
 from app.run.interruption import Interruption
@@ -66,7 +69,12 @@ def short_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def places(name: str) -> list[Any]:
     """A case with some of its checkpoints, by how much of them lies before."""
-    shares = {"implicit cut": (0.4, 0.6), "implicit frozen": (0.7, 1.0)}.get(name, (0.2, 0.65))
+    own = {
+        "implicit cut": (0.4, 0.6),
+        "implicit frozen": (0.7, 1.0),
+        "explicit film": (0.0, 0.65),
+    }
+    shares = own.get(name, (0.2, 0.65))
     return [pytest.param(name, share, id=f"{name} {share}") for share in shares]
 
 
@@ -86,7 +94,7 @@ def test_a_run_goes_on_as_if_nothing_had_been(went, tmp_path, name, share):
     run(case, directory, resume=True)
     assert unlike(reference, directory) == []
     resumed = json.loads((directory / "summary.json").read_text())["resumed"]
-    assert len(resumed) == 1 and 0 < resumed[0] <= len(read_table(reference / "history.csv"))
+    assert len(resumed) == 1 and 0 <= resumed[0] <= len(read_table(reference / "history.csv"))
 
 
 def test_the_cases_are_in_the_middle_of_what_they_are_named_for(went):
@@ -135,5 +143,33 @@ def test_a_run_stopped_between_two_attempts_goes_on_with_the_next(
             run(case, tmp_path / "out")
     at = position_of(tmp_path / "out", numbers(tmp_path / "out")[-1])
     assert at["failures"] == 1 and at["done"] == (0.0, 0.5)[cuts - 1] and at["piece"] < 1.0
+    run(case, tmp_path / "out", resume=True)
+    assert unlike(reference, tmp_path / "out") == []
+
+
+def test_an_explicit_run_that_failed_goes_on_from_what_it_had_in_memory(
+    went, tmp_path, monkeypatch
+):
+    """In the middle of a time step there is nothing to be written but what was kept before."""
+    case, reference = went("explicit thrown")
+    advance, seen = ExplicitStepper.advance, 0
+
+    def fold(self: ExplicitStepper, dt: float) -> None:
+        nonlocal seen
+        seen += 1
+        if seen == 105:
+            raise ExplicitError("an element folds", (0.0, 0.0), 0.0)
+        advance(self, dt)
+
+    seldom = {"checkpoint_interval": 1e9, "checkpoint_every": 0}
+    never = case.model_copy(update={"output": case.output.model_copy(update=seldom)})
+    with monkeypatch.context() as patch:
+        patch.setattr(ExplicitStepper, "advance", fold)
+        patch.setattr(checkpointer, "KEEP_EVERY", 0.0)
+        with pytest.raises(SolutionError, match="an element folds"):
+            run(never, tmp_path / "out")
+    assert numbers(tmp_path / "out") == [1]
+    at = position_of(tmp_path / "out", 1)
+    assert at["within"] > 0
     run(case, tmp_path / "out", resume=True)
     assert unlike(reference, tmp_path / "out") == []

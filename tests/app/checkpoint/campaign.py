@@ -1,0 +1,199 @@
+"""Kills runs at random moments, has them go on, and compares what they write with runs left alone.
+
+python3 -m tests.app.checkpoint.campaign 20 --seed 1
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from app.case.toml_writer import toml_text
+from app.results import read
+from tests.app.checkpoint.going_on import unlike
+from tests.app.checkpoint.small_cases import COARSE, changed
+from tests.app.conftest import BLOCK, BOXES, SLID
+from tests.app.run.test_signals import SWEEP, of_run
+from tests.app.simulation.test_explicit_run import THROWN
+from tests.ranks import ROOT, mpi_environment
+
+LIMIT = 200.0  # s for one run
+SLACK = 0.2  # s, the most that a kill comes after the row that was drawn
+OUTPUT = {"figures": False, "fields_every": 3, "checkpoint_every": 2, "checkpoint_interval": 0.3}
+DENSE = {"bodies.elastomer.density": 1100, "bodies.aluminium.density": 2700}
+SPACE = {
+    "geometry.upper.elements": [3, 2, 3],
+    "geometry.lower.elements": [4, 2, 4],
+    "output": {},
+}
+SOFT = {"bodies.aluminium.E": "50 MPa", "contact.0.penalty_factor": 1}
+THROUGH = [["0 s", 0], ["50 us", "0.4 MPa"]]
+CASES = {
+    "implicit 2D": changed(BLOCK, COARSE | {"stage.1.steps": 40}),
+    "implicit 3D": changed(BOXES, SPACE | {"stage.1.steps": 12}),
+    "explicit 2D": changed(SLID, {"stage.1.duration": "15 us", "stage.1.steps": 30}),
+    "thrown 2D": changed(THROWN, {"stage.0.steps": 40}),
+    "explicit 3D": changed(
+        BOXES,
+        SPACE
+        | DENSE
+        | SOFT
+        | {
+            "boundary.1.displacement.x": [["50 us", "0 mm"], ["300 us", "0.05 mm"]],
+            "boundary.1.platen.pressure": THROUGH,
+            "stage": [{"name": "all", "duration": "300 us", "steps": 30}],
+            "solver": {"kind": "explicit"},
+        },
+    ),
+    "sweep": changed(BLOCK + SWEEP, COARSE | {"stage.1.steps": 15}),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Killed:
+    """What became of a run that was killed.
+
+    Attributes:
+        kind: of the case; row: after which of its rows it was killed, of so many.
+        after: step that it went on after; None: it began anew. Of a sweep those of its values.
+        unlike: in what its files differ from those of a run that was left alone.
+    """
+
+    kind: str
+    row: int
+    rows: int
+    after: str
+    unlike: list[str]
+
+    def __str__(self) -> str:
+        result = "; ".join(self.unlike) or "same bytes"
+        return f"| {self.kind} | {self.row} of {self.rows} | {self.after} | {result} |"
+
+
+def start(path: Path, out: Path, *words: str) -> subprocess.Popen[str]:
+    """Start a run as a process."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "app", "run", str(path), "--out", str(out), *words],
+        cwd=ROOT,
+        env=mpi_environment(),
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+
+
+def finish(process: subprocess.Popen[str]) -> str:
+    """Wait for a run that is to come to its end; what it said."""
+    said, _ = process.communicate(timeout=LIMIT)
+    assert process.returncode == 0, said
+    return said
+
+
+def rows_in(out: Path) -> int:
+    """Rows that a run, or all runs of a sweep, have written so far."""
+    found = 0
+    for path in (*out.glob("history.csv"), *out.glob("*/history.csv")):
+        with contextlib.suppress(FileNotFoundError):
+            found += max(path.read_bytes().count(b"\n") - 1, 0)
+    return found
+
+
+def kill_after(process: subprocess.Popen[str], out: Path, rows: int, delay: float) -> None:
+    """Kill a run, with all its processes at once, a while after it has written so many rows."""
+    ends = time.monotonic() + LIMIT
+    while rows_in(out) < rows:
+        assert process.poll() is None and time.monotonic() < ends, "the run ended too early"
+        time.sleep(0.002)
+    time.sleep(delay)
+    for number in of_run(out):
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(number, signal.SIGKILL)
+    process.kill()
+    process.communicate()
+    while of_run(out):
+        time.sleep(0.01)
+
+
+def differences(kind: str, reference: Path, out: Path) -> list[str]:
+    """In what the results of two runs, or of two sweeps, differ."""
+    if kind != "sweep":
+        return unlike(reference, out)
+    found = []
+    if (reference / "sweep.csv").read_bytes() != (out / "sweep.csv").read_bytes():
+        found.append("sweep.csv differs")
+    for part in sorted(path.parent.name for path in reference.glob("*/history.csv")):
+        found += [f"{part}: {line}" for line in unlike(reference / part, out / part)]
+    return found
+
+
+def went_on_after(kind: str, out: Path) -> str:
+    """The steps after which runs were gone on with."""
+    runs = sorted(path.parent for path in out.glob("*/history.csv")) if kind == "sweep" else [out]
+    steps = [read(run).summary["resumed"] for run in runs]
+    return ", ".join(f"step {one[0]}" if one else "-" for one in steps)
+
+
+def left_alone(kind: str, directory: Path) -> tuple[Path, Path]:
+    """A case file and the results of its run, which nobody disturbs; it is run once."""
+    path, reference = directory / f"{kind}.toml", directory / f"{kind} reference"
+    if not reference.exists():
+        data = CASES[kind] | {"title": kind, "output": OUTPUT}
+        path.write_text(toml_text(data), encoding="utf-8")
+        finish(start(path, reference))
+    return path, reference
+
+
+def campaign(kinds: Sequence[str], seed: int, directory: Path) -> Iterator[Killed]:
+    """Kill a run of each of these kinds of cases at a random moment, and let it go on.
+
+    Args:
+        kinds: as many as there are to be moments.
+        seed: of the moments.
+        directory: for the results, ``KIND SEED NUMBER``.
+    """
+    chance = random.Random(seed)
+    for number, kind in enumerate(kinds):
+        path, reference = left_alone(kind, directory)
+        rows, out = rows_in(reference), directory / f"{kind} {seed} {number}"
+        row, delay = chance.randrange(1, rows - 1), chance.uniform(0.0, SLACK)
+        process = start(path, out)
+        try:
+            kill_after(process, out, row, delay)
+        finally:
+            process.kill()
+        reached = rows_in(out)
+        finish(start(path, out, "--resume"))
+        after, found = went_on_after(kind, out), differences(kind, reference, out)
+        yield Killed(kind, reached, rows, after, found)
+
+
+def main() -> None:
+    """Print what became of each run; exit code 1 if any went on otherwise."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("moments", type=int)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--kinds", nargs="*", choices=CASES, default=list(CASES))
+    options = parser.parse_args()
+    kinds = [options.kinds[n % len(options.kinds)] for n in range(options.moments)]
+    wrong = 0
+    print("| case | killed after row | went on after | files |\n|---|---|---|---|")
+    with tempfile.TemporaryDirectory() as directory:
+        for killed in campaign(kinds, options.seed, Path(directory)):
+            print(killed, flush=True)
+            wrong += bool(killed.unlike)
+    sys.exit(int(wrong > 0))
+
+
+if __name__ == "__main__":
+    main()

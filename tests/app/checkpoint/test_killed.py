@@ -1,0 +1,95 @@
+"""Runs as processes that are killed, and go on: the same bytes in the end, nothing twice."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+from pathlib import Path
+
+import pytest
+
+from app.results import read
+from tests.app.checkpoint.campaign import (
+    CASES,
+    campaign,
+    differences,
+    finish,
+    kill_after,
+    left_alone,
+    start,
+)
+from tests.app.checkpoint.going_on import numbers, unlike
+from tests.app.run.test_signals import of_run, statuses
+
+MOMENTS = int(os.environ.get("TRIBOX_KILLS", "0"))
+
+
+@pytest.fixture(scope="module")
+def work(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A directory in which each case is left alone once, for all tests."""
+    return tmp_path_factory.mktemp("work")
+
+
+@pytest.mark.parametrize(
+    "kind",
+    ["implicit 2D", *(pytest.param(k, marks=pytest.mark.long) for k in ("explicit 2D", "sweep"))],
+)
+def test_a_killed_run_goes_on_with_the_same_bytes(work, kind):
+    [killed] = campaign([kind], 0, work)
+    assert killed.unlike == [] and 0 < killed.row < killed.rows
+    assert "step" in killed.after
+    out = work / f"{kind} 0 0"
+    again = finish(start(work / f"{kind}.toml", out, "--resume"))
+    if kind != "sweep":
+        assert again == f"{out}: the run is done; --extend goes on past its end\n"
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not MOMENTS, reason="takes 10 s for each of TRIBOX_KILLS moments")
+def test_kills_at_random_moments(work):
+    kinds = (list(CASES) * MOMENTS)[:MOMENTS]
+    for killed in campaign(kinds, random.SystemRandom().randrange(1, 10**6), work):
+        print(killed)
+        assert killed.unlike == [], killed
+
+
+@pytest.mark.long
+def test_a_run_may_be_killed_again_and_again(work, tmp_path):
+    path, reference, out = *left_alone("explicit 2D", work), tmp_path / "out"
+    for row, words in ((10, ()), (18, ("--resume",)), (26, ("--resume",))):
+        kill_after(start(path, out, *words), out, row, 0.0)
+    finish(start(path, out, "--resume"))
+    assert unlike(reference, out) == []
+    resumed = read(out).summary["resumed"]
+    assert len(resumed) == 3 and resumed == sorted(set(resumed))
+
+
+@pytest.mark.mpi
+@pytest.mark.long
+def test_ranks_that_are_killed_go_on_as_many(work, tmp_path):
+    """Two ranks write the same bytes again as two ranks."""
+    path, _ = left_alone("implicit 2D", work)
+    out, reference = tmp_path / "out", tmp_path / "two"
+    finish(start(path, reference, "--np", "2"))
+    kill_after(start(path, out, "--np", "2"), out, 20, 0.0)
+    assert statuses(out) == {"out": "running"} and numbers(out)
+    finish(start(path, out, "--np", "2", "--resume"))
+    assert unlike(reference, out) == []
+
+
+@pytest.mark.long
+def test_a_sweep_that_is_told_to_stop_goes_on(work, tmp_path):
+    (path, reference), out = left_alone("sweep", work), tmp_path / "out"
+    process = start(path, out, "--jobs", "1")
+    while not list(out.glob("*/checkpoints/000002")):
+        assert process.poll() is None
+    process.send_signal(signal.SIGTERM)
+    process.communicate(timeout=60.0)
+    assert process.returncode == 130 and not of_run(out)
+    finish(start(path, out, "--resume"))
+    assert differences("sweep", reference, out) == []
+    assert set(statuses(out).values()) == {"done"}
+    done = {p: p.stat().st_mtime_ns for p in out.glob("*/history.csv")}
+    finish(start(path, out, "--resume"))  # nothing is left to be done
+    assert {p: p.stat().st_mtime_ns for p in out.glob("*/history.csv")} == done
