@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from app.errors import InputError
+from app.results.directory import LOCK
 
 UNFINISHED = ("running", "interrupted", "failed")
 
@@ -43,7 +44,8 @@ def check_may_begin_anew(directory: Path) -> None:
         InputError: the directory holds something else than a run that has not come to its end.
     """
     try:
-        empty = not directory.exists() or not any(directory.iterdir())
+        present = directory.iterdir() if directory.exists() else ()
+        empty = all(path.name == LOCK for path in present)
     except OSError as error:
         raise InputError(f"{directory}: cannot be read ({error.strerror or error})") from None
     if not empty and status_of(directory) not in UNFINISHED:

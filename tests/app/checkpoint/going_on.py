@@ -97,6 +97,7 @@ def _unlike_states(reference: Path, directory: Path) -> list[str]:
     trees = [json.loads((path / "state.json").read_text(encoding="utf-8")) for path in last]
     for tree in trees:
         tree["recorder"].pop("resumed")
+        tree.pop("case")  # compared above, as case.toml
     found = [] if trees[0] == trees[1] else ["the state of the last checkpoint differs"]
     with np.load(last[0] / "arrays.npz") as one, np.load(last[1] / "arrays.npz") as other:
         if set(one.files) != set(other.files):

@@ -1,0 +1,87 @@
+"""A run goes on on another number of ranks, with what it would have given on one."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mpi4py import MPI
+
+from app.case.case import Case
+from app.results.directory import read_table
+from app.simulation.history import PHYSICAL, RESULTANTS
+from tests.app.checkpoint.going_on import as_killed, case_of, numbers, run
+from tests.app.checkpoint.small_cases import EXPLICIT, IMPLICIT
+from tests.app.simulation.test_ranks import SAME, largest
+
+TIGHT = {"tolerance": 1e-11}
+KRYLOV = TIGHT | {"linear": "krylov", "petsc": {"ksp_rtol": 1e-12, "ksp_max_it": 2000}}
+CASES = {
+    "coulomb": (IMPLICIT["coulomb"], TIGHT),
+    "film": (IMPLICIT["film"], TIGHT),
+    "space by Krylov": (IMPLICIT["space by Krylov"], KRYLOV),
+    "thrown": (EXPLICIT["thrown"], {"kind": "explicit"}),
+}
+
+
+def switched(comm: MPI.Comm, directory: Path) -> dict[str, Any]:
+    """Each case, begun on one rank or on two, and gone on with on all of them, or from two on one.
+
+    Returns:
+        Of each way the history's differences from one rank that never stopped, where they are more
+        than allowed, and Newton iterations beside those of the run that was gone on with.
+    """
+    before = comm.Split(int(comm.rank >= 2), comm.rank)  # the first two ranks
+    found: dict[str, Any] = {}
+    for name, (maker, solver) in CASES.items():
+        root = directory / name
+        root.mkdir(exist_ok=True)
+        case = case_of(maker(root) | {"solver": solver}, fields_every=0)
+        if comm.rank == 0:
+            run(case, root / "one")
+        if comm.rank < 2:
+            run(case, root / "two", before)
+        ways = {"one": comm} if comm.size == 2 else {"two": comm}
+        found |= {f"{name}: {way}": _gone_on(case, root, way, c) for way, c in ways.items()}
+        if comm.size == 2 and comm.rank == 0:
+            found[f"{name}: two to one"] = _gone_on(case, root, "two", MPI.COMM_SELF)
+        comm.barrier()
+    before.Free()
+    return found
+
+
+def _gone_on(case: Case, root: Path, way: str, comm: MPI.Comm) -> dict[str, Any]:
+    directory = root / f"from {way} on {comm.size}"
+    if comm.rank == 0:
+        written = numbers(root / way)
+        as_killed(root / way, directory, written[int(0.65 * (len(written) - 1))])
+    comm.barrier()
+    run(case, directory, comm, resume=True)
+    if comm.rank > 0:
+        return {}
+    where = (root / "one", root / way, directory)
+    alone, begun, rows = (read_table(path / "history.csv") for path in where)
+    apart = {
+        name: max(abs(a[name] - b[name]) for a, b in zip(rows, alone, strict=True))
+        for name in (*PHYSICAL, *RESULTANTS)
+    }
+    summary = json.loads((directory / "summary.json").read_text())
+    return {
+        "apart": {n: v for n, v in apart.items() if v > SAME * largest(alone, n)},
+        "iterations": [[int(row["newton_iterations"]) for row in table] for table in (begun, rows)],
+        "resumed": 0 < summary["resumed"][0] < len(rows),
+        "ranks": summary["ranks"],
+    }
+
+
+@pytest.mark.mpi(switched, 2, 3)
+@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize(
+    ("began", "ranks", "way"), [(1, 2, "one"), (2, 1, "two to one"), (2, 3, "two")]
+)
+def test_a_run_goes_on_on_other_ranks(on_ranks, name, began, ranks, way):
+    found = on_ranks(switched, max(began, ranks))[f"{name}: {way}"]
+    assert found["apart"] == {} and found["resumed"] and found["ranks"] == ranks
+    assert found["iterations"][0] == found["iterations"][1]
