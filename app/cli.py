@@ -132,6 +132,12 @@ Overrides = Annotated[
 ]
 
 
+Resume = Annotated[
+    bool, typer.Option("--resume", help="go on from the last checkpoint of an unfinished run")
+]
+Extend = Annotated[
+    bool, typer.Option("--extend", help="the same, and past the end of a run that is done")
+]
 Trust = Annotated[
     bool, typer.Option("--trust", help="run the Python that the case names (see tribox trust)")
 ]
@@ -153,47 +159,52 @@ def run(
         int | None, typer.Option(min=0, help="run only this value of the sweep, counted from 0")
     ] = None,
     trust: Trust = False,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="go on from the last checkpoint of an unfinished run")
-    ] = False,
-    extend: Annotated[
-        bool, typer.Option("--extend", help="the same, and past the end of a run that is done")
-    ] = False,
+    resume: Resume = False,
+    extend: Extend = False,
     inputs_of: Annotated[Path | None, typer.Option("--inputs-of", hidden=True)] = None,
 ) -> None:
     """Run a case, or every value of its sweep, and write results and figures."""
     from app.case.reading import load_case
     from app.case.trust import require_trust
-    from app.results.directory import default_directory
+    from app.checkpoint.same_case import is_whole
     from app.results.status import is_done
 
     if force and (resume or extend):
         raise InputError("--force begins anew, --resume and --extend go on: give one of them")
     case = load_case(case_file, overrides or [])
     passed_on = [*_set_options(overrides), *["--trust"] * require_trust(case, case_file, trust)]
-    directory = out or default_directory(case_file)
-    if not ((resume or extend) and (directory / "checkpoints").is_dir()):  # nothing is cleared then
-        _keep_inputs(directory, case_file, case)
+    directory = _results_directory(out, case_file, case, resume or extend)
     ranks = ranks_around()
     if case.sweep is not None and part is None:
         from app.run.sweep_runs import SweepOptions, run_sweep
 
         options = SweepOptions(passed_on, np, force, jobs, resume, extend)
-        run_sweep(case, case_file, directory, options, ranks)
-        return
-    if resume and not extend and is_done(directory):
-        print(f"{directory}: the run is done; --extend goes on past its end")
-        return
+        return run_sweep(case, case_file, directory, options, ranks)
     if part is not None:
         case = _one_part(case, part)
+    if resume and not extend and is_done(directory):
+        is_whole(directory, case)
+        return print(f"{directory}: the run is done; --extend goes on past its end")
     if np > 1 and ranks == 1:
         passed_on += ["--force"] * force + ["--resume"] * resume + ["--extend"] * extend
-        passed_on += [] if part is None else ["--part", str(part)]
-        passed_on += [] if inputs_of is None else ["--inputs-of", str(inputs_of)]
+        named = {"--part": part, "--inputs-of": inputs_of}
+        passed_on += [str(w) for n, v in named.items() if v is not None for w in (n, v)]
         _run_on_ranks(np, case_file, directory, passed_on)
     from app.run.run import run_case
 
     run_case(case, directory, force=force, inputs_of=inputs_of, resume=resume, extend=extend)
+
+
+def _results_directory(out: Path | None, case_file: Path, case: Case, goes_on: bool) -> Path:
+    """Where the results go; not where they would be cleared with what the run is made from."""
+    from app.results.directory import checkpoint_numbers, default_directory
+
+    directory = out or default_directory(case_file)
+    swept = case.sweep is not None
+    begun = (directory / "case.toml").exists() if swept else checkpoint_numbers(directory)
+    if not (goes_on and begun):  # else nothing is cleared
+        _keep_inputs(directory, case_file, case)
+    return directory
 
 
 def _run_on_ranks(np: int, case_file: Path, directory: Path, options: list[str]) -> NoReturn:
@@ -325,8 +336,7 @@ def mesh(
 
 def _see_that_it_only_draws(drawing: Path) -> None:
     """Refuse a drawing that could do more, as gmsh's scripts can, if it is not to be trusted."""
-    from geometry.meshes.drawing_words import beyond_drawing
-    from geometry.meshes.merging import companion
+    from geometry.meshes.drawing_words import beyond_drawing, companion
 
     try:
         found = beyond_drawing(drawing.read_bytes().decode("latin-1"))

@@ -43,7 +43,10 @@ def _made_mesh(case: Case, comm: MPI.Comm) -> NamedMesh:
     try:
         if isinstance(geometry, GeneratedGeometry):
             return generate(geometry.shape(), comm, contacts)
-        named = read(Path(geometry.mesh), comm, contacts, geometry.max_cells)
+        try:
+            named = read(Path(geometry.mesh), comm, contacts, geometry.max_cells)
+        except MeshError as error:
+            raise MeshError(f"geometry.mesh: {error}") from None
         wrong = [*_name_problems(case, named), *_section_problems(case, named)]
         if wrong:
             first, *more = (f"{line} (mesh {geometry.mesh})" for line in wrong)

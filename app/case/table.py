@@ -28,7 +28,7 @@ def _on_one_line(text: str) -> str:
 
 Flag = Annotated[bool, Strict()]
 Text = Annotated[str, Strict(), Field(min_length=1)]
-Line = Annotated[str, Strict(), AfterValidator(_on_one_line)]
+Line = Annotated[str, Strict(), Field(max_length=500), AfterValidator(_on_one_line)]
 Name = Annotated[
     str, Strict(), Field(min_length=1, max_length=LONGEST_NAME), AfterValidator(_on_one_line)
 ]

@@ -11,6 +11,7 @@ from app.checkpoint.files import Checkpoint, write_checkpoint
 from app.checkpoint.layout import Layout, copied
 from app.equilibrium.snapshot import Snapshot
 from app.errors import OutputError
+from app.results.probes import ProbeRecorder
 from app.results.recorder import Recorder
 from app.results.versions import versions
 from app.simulation.observer import Observer
@@ -26,15 +27,19 @@ class Checkpointer(Observer):
     Taking a snapshot changes nothing in the run, so that results do not depend on when it is done.
     """
 
-    def __init__(self, simulation: Simulation, recorder: Recorder, directory: Path) -> None:
+    def __init__(
+        self, simulation: Simulation, recorder: Recorder, probes: ProbeRecorder, directory: Path
+    ) -> None:
         """Write nothing yet.
 
         Args:
             simulation: the run.
             recorder: of its results, whose state belongs to a checkpoint too.
+            probes: whose tables are to be as long as the run.
             directory: of the results.
         """
         self._simulation, self._recorder, self._directory = simulation, recorder, directory
+        self._probes = probes
         self._comm = simulation.model.problem.comm
         self._output = simulation.model.case.output
         self._layout: Layout | None = None
@@ -44,7 +49,7 @@ class Checkpointer(Observer):
 
     def ready(self, state: RunState) -> None:
         """Write a checkpoint if one is due."""
-        if not self._output.checkpoints_kept or state.step == 0:
+        if not self._output.checkpoints_kept or not self._has_begun:
             return
         write, remember = self._comm.bcast(self._due(state))
         if write:
@@ -63,13 +68,19 @@ class Checkpointer(Observer):
             status: done, interrupted or failed.
         """
         simulation = self._simulation
-        if not self._output.checkpoints_kept or simulation.state.step == 0:
+        if not self._output.checkpoints_kept or not self._has_begun:
             return
         if status == "failed" and simulation.explicit is not None:
             if self._memory is not None:
                 self._write(*self._memory)
             return
         self._write(*self._take(status))
+
+    @property
+    def _has_begun(self) -> bool:
+        """Whether there is anything to be lost: a row, or explicit time steps on the way to one."""
+        state = self._simulation.state
+        return state.step > 0 or state.position.within > 0
 
     def _due(self, state: RunState) -> tuple[bool, bool]:
         """Whether to write, and whether to keep a snapshot in memory; asked on the first rank."""
@@ -90,7 +101,7 @@ class Checkpointer(Observer):
         about = {
             "step": state.step,
             "time": state.time,
-            "stage": state.rows[-1].stage,
+            "stage": state.rows[-1].stage if state.rows else simulation.model.case.stage[0].name,
             "status": status,
             "ranks": self._comm.size,
             "inputs": self._recorder.inputs,
@@ -115,6 +126,7 @@ class Checkpointer(Observer):
                 about = about | {"distribution": layout.ranks}
                 try:
                     self._recorder.sync()
+                    self._probes.sync()
                     keep = self._output.checkpoints_kept
                     write_checkpoint(self._directory, Checkpoint(about, tree, arrays), keep)
                 except OSError as error:

@@ -9,21 +9,25 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import re
 import shutil
-from collections.abc import Iterator
+import zipfile
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 
 from app.equilibrium.snapshot import Array
 from app.errors import InputError
+from app.results.directory import CHECKPOINTS, checkpoint_numbers
 
 FORMAT = 1
-DIRECTORY = "checkpoints"
+INSTEAD = "; the one before it is taken"  # of one that is damaged
+# What reading something else than was written may end in.
+DAMAGE = (
+    *(OSError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError, EOFError),
+    *(MemoryError, RecursionError, zipfile.BadZipFile, NotImplementedError),
+)
 _STATE, _ARRAYS, _MANIFEST = "state.json", "arrays.npz", "manifest.json"
 
 
@@ -50,9 +54,9 @@ def write_checkpoint(directory: Path, checkpoint: Checkpoint, keep: int) -> Path
     Raises:
         OSError: it cannot be written; those before it are untouched.
     """
-    root = directory / DIRECTORY
+    root = directory / CHECKPOINTS
     root.mkdir(exist_ok=True)
-    numbers = _numbers(root)
+    numbers = checkpoint_numbers(directory)
     final = root / f"{(numbers[-1] if numbers else 0) + 1:06d}"
     part = final.with_name(f"{final.name}.part")
     shutil.rmtree(part, ignore_errors=True)
@@ -64,7 +68,7 @@ def write_checkpoint(directory: Path, checkpoint: Checkpoint, keep: int) -> Path
     except OSError:
         shutil.rmtree(part, ignore_errors=True)
         raise
-    for number in _numbers(root)[:-keep]:
+    for number in checkpoint_numbers(directory)[:-keep]:
         shutil.rmtree(root / f"{number:06d}", ignore_errors=True)
     return final
 
@@ -108,12 +112,6 @@ def _fingerprint(path: Path) -> dict[str, Any]:
     return {"bytes": path.stat().st_size, "sha256": digest}
 
 
-def _numbers(root: Path) -> list[int]:
-    """Numbers of the checkpoints that are there, rising."""
-    names = [path.name for path in root.iterdir()] if root.is_dir() else []
-    return sorted(int(name) for name in names if re.fullmatch("[0-9]{6}", name))
-
-
 def latest(directory: Path) -> tuple[Checkpoint | None, list[str]]:
     """The last checkpoint of a results directory that is whole.
 
@@ -124,21 +122,28 @@ def latest(directory: Path) -> tuple[Checkpoint | None, list[str]]:
         InputError: the last one is of another format.
     """
     damaged: list[str] = []
-    for path in _newest_first(directory / DIRECTORY):
+    for number in reversed(checkpoint_numbers(directory)):
+        path = directory / CHECKPOINTS / f"{number:06d}"
         try:
             return _read(path), damaged
-        except (OSError, ValueError, LookupError, TypeError, RecursionError, BadZipFile) as error:
-            damaged.append(f"{path}: is damaged ({error}); the one before it is taken")
+        except DAMAGE as error:
+            damaged.append(f"{path}: is damaged ({why(error)}){INSTEAD}")
     return None, damaged
 
 
-def _newest_first(root: Path) -> Iterator[Path]:
-    for number in reversed(_numbers(root)):
-        yield root / f"{number:06d}"
+def why(error: BaseException) -> str:
+    """One of ``DAMAGE`` in words."""
+    if isinstance(error, KeyError):
+        return f"{error} is missing"
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror
+    return str(error) or type(error).__name__
 
 
 def _read(path: Path) -> Checkpoint:
     about = json.loads((path / _MANIFEST).read_text(encoding="utf-8"))
+    if not isinstance(about, dict):
+        raise ValueError(f"{_MANIFEST} is not what was written")
     if about["format"] != FORMAT:
         raise InputError(
             f"{path}: a checkpoint of format {about['format']}, this version of tribox reads "
@@ -147,10 +152,17 @@ def _read(path: Path) -> Checkpoint:
         )
     if about.pop("sha256") != _sum(about):
         raise ValueError(f"{_MANIFEST} is not what was written")
-    for name, expected in about["files"].items():
-        if _fingerprint(path / name) != expected:
+    for name in (_STATE, _ARRAYS):
+        if _fingerprint(path / name) != about["files"][name]:
             raise ValueError(f"{name} is not what was written")
     tree = json.loads((path / _STATE).read_text(encoding="utf-8"))
-    with np.load(path / _ARRAYS, allow_pickle=False) as stored:
-        arrays = {name.removeprefix("a"): stored[name] for name in stored.files}
-    return Checkpoint(about, tree, arrays)
+    return Checkpoint(about, tree, _arrays(path / _ARRAYS))
+
+
+def _arrays(path: Path) -> dict[str, Array]:
+    """The arrays of a file, none of which may take more memory than it has bytes there."""
+    with zipfile.ZipFile(path) as archive:
+        if any(one.compress_type != zipfile.ZIP_STORED for one in archive.infolist()):
+            raise ValueError(f"{path.name} is not what was written")
+    with np.load(path, allow_pickle=False) as stored:
+        return {name.removeprefix("a"): stored[name] for name in stored.files}

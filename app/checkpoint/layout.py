@@ -11,12 +11,14 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import dolfinx
 import numpy as np
 from mpi4py import MPI
 
 from app.build.model import Model
 from app.equilibrium.snapshot import Array, AtPoints, Local, Nodal, Partial
 from app.results.gathered_mesh import GatheredMesh
+from geometry.surfaces.body_facets import owned_facets
 from geometry.surfaces.facets import Floats, Longs
 from geometry.surfaces.ordering import order_by_place
 
@@ -95,7 +97,17 @@ class Layout:
             "bodies": bodies.reshape(-1).astype(np.int32),
             "nodes": mesh.reference,
             **{f"points_{pair}": place for pair, place in enumerate(places)},
+            **{f"surface_{name}": self._facets(model, name) for name in model.named.surfaces},
         }
+
+    def _facets(self, model: Model, surface: str) -> Floats:
+        """Middles (f, i), m, of a surface's facets, ordered; on the first rank; collective."""
+        mesh = model.named.mesh
+        mine = owned_facets(mesh, model.named.facets(surface))
+        middles = dolfinx.mesh.compute_midpoints(mesh, self._dim - 1, mine)[:, : self._dim]
+        parts = self.comm.gather(middles)
+        whole = middles[:0] if parts is None else np.concatenate(parts)
+        return whole[order_by_place(whole)] if len(whole) else whole
 
     def _distribution(self) -> str:
         """A text that is the same where each rank has the same rows in the same order."""
@@ -149,6 +161,33 @@ class Layout:
         return [name]
 
     # -- and back -----------------------------------------------------------------------------
+
+    def check(self, tree: Any, arrays: dict[str, Array]) -> None:
+        """See that all arrays of a tree are there and have the rows that they are to have.
+
+        On the first rank: what :meth:`scatter` fails at there, the others would wait for.
+
+        Raises:
+            ValueError: one has not.
+            LookupError: one is missing.
+        """
+
+        def leaf(value: Any) -> Any:
+            if not (isinstance(value, dict) and "$" in value):
+                return value
+            kind, name, *rest = value["$"]
+            rows = self._rows(kind, rest)
+            if KINDS[kind] is not Local and rows not in (None, len(arrays[name])):
+                raise ValueError(f"{len(arrays[name])} rows instead of {rows}")
+            return value
+
+        _mapped(tree, leaf, lambda value: "$" in value)
+
+    def _rows(self, kind: str, rest: list[Any]) -> int | None:
+        """Rows of an array of a kind; None: any number."""
+        if kind == "nodal":
+            return len(self._nodes.order)
+        return len(self._points[rest[0]].order) if kind == "points" else None
 
     def scatter(self, tree: Any, arrays: dict[str, Array], ranks: str) -> Any:
         """The tree on every rank with this rank's arrays in it; collective.
@@ -232,7 +271,8 @@ def differences(mine: dict[str, Array], kept: dict[str, Array]) -> Iterator[str]
     size = float(np.ptp(kept["nodes"], axis=0).max())
     for name in kept.keys() - {"cells", "bodies"}:
         if name not in mine or mine[name].shape != kept[name].shape:
-            yield "other contact surfaces or quadrature"
+            what = name.partition("_")[2] if name.startswith("surface") else "contact points"
+            yield f"other facets or points: {what}"
             return
         apart = np.abs(mine[name] - kept[name]).max(initial=0.0)
         if not apart <= 1e-9 * size:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -10,8 +11,8 @@ from typing import Any
 from mpi4py import MPI
 
 from app.errors import InputError
-from app.results.directory import TEXT_COLUMNS
-from app.simulation.history import Row
+from app.results.directory import PROBE_TABLES, TEXT_COLUMNS
+from app.simulation.history import COLUMNS, Row
 from app.simulation.run_state import RunState
 
 _COUNTS = tuple(f.name for f in fields(Row) if f.type in ("int", int))
@@ -23,49 +24,84 @@ def restore_rows(state: RunState, directory: Path, step: int, comm: MPI.Comm) ->
     Raises:
         InputError: a table has been changed.
     """
-    names = ("history.csv", "contacts.csv", "surfaces.csv", "bodies.csv")
+    motion, case = state.motion, state.model.case
+    surfaces_of = {boundary.surface for boundary in case.boundary}
+    names = {
+        "history.csv": (COLUMNS, 1),
+        "contacts.csv": (state.pair_columns, len(case.contact)),
+        "surfaces.csv": (motion.surface_columns, len(surfaces_of)),
+        "bodies.csv": (motion.body_columns, len(state.model.problem.solids)),
+    }
     tables: list[list[dict[str, Any]]] | str | None = None
     if comm.rank == 0:
         try:
-            tables = [_rows(directory / name, step) for name in names]
+            tables = [_rows(directory / name, step, *kind) for name, kind in names.items()]
+            for name in PROBE_TABLES:
+                _check_steps(directory / name)
         except InputError as error:
             tables = str(error)
     tables = comm.bcast(tables)
     if tables is None or isinstance(tables, str):
         raise InputError(str(tables))
     history, pairs, surfaces, bodies = tables
-    motion = state.motion
     state.rows = [Row(**row) for row in history]
     state.pair_rows = [tuple(row.values()) for row in pairs]
     motion.surface_rows = [tuple(row.values()) for row in surfaces]
     motion.body_rows = [tuple(row.values()) for row in bodies]
 
 
-def _rows(path: Path, last: int) -> list[dict[str, Any]]:
+def _rows(path: Path, last: int, columns: Sequence[str], each: int) -> list[dict[str, Any]]:
     """Rows up to a step.
+
+    Args:
+        path: of the table.
+        last: number of the step.
+        columns: of the table.
+        each: number of rows of a step.
 
     Raises:
         InputError: the table is not there, or is not as it was written.
     """
+    if last == 0:  # the tables may not have begun
+        return []
     try:
         with path.open(newline="", encoding="utf-8") as stream:
+            lines = csv.reader(line for line in stream if line.endswith("\n"))  # whole ones
+            if tuple(next(lines, ())) != tuple(columns):
+                raise ValueError("other columns")
             rows = []
-            for row in csv.DictReader(stream):
-                if int(row["step"]) > last:
+            for line in lines:
+                if int(line[0]) > last:
                     break
-                rows.append({name: _value(name, text) for name, text in row.items()})
+                named = zip(columns, line, strict=True)
+                rows.append({name: _value(name, text) for name, text in named})
     except OSError as error:
         reason = error.strerror or error
         raise InputError(f"{path}: cannot be read ({reason}); the run cannot go on") from None
-    except (KeyError, TypeError, ValueError):
+    except (LookupError, ValueError, csv.Error):
         raise InputError(f"{path}: is not as the run wrote it; it cannot go on") from None
-    steps = sorted({row["step"] for row in rows})
-    if steps != list(range(1, last + 1)) and (rows or path.name == "history.csv"):
+    if [row["step"] for row in rows] != [n for n in range(1, last + 1) for _ in range(each)]:
         raise InputError(
             f"{path}: does not hold the {last} steps that the checkpoint was taken after; the run "
             "cannot go on"
         )
     return rows
+
+
+def _check_steps(path: Path) -> None:
+    """See that each row of a table, which need not be there, begins with the number of a step.
+
+    Raises:
+        InputError: one does not.
+    """
+    try:
+        for row in path.read_bytes().splitlines(keepends=True)[1:]:
+            if row.endswith(b"\n"):
+                int(row.split(b",", 1)[0])
+    except FileNotFoundError:
+        return
+    except (OSError, ValueError):
+        raise InputError(f"{path}: is not as the run wrote it; it cannot go on") from None
 
 
 def _value(name: str, text: str) -> int | float | str:

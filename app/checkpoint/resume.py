@@ -13,17 +13,22 @@ from pydantic import ValidationError
 
 from app.build.load_steps import all_load_steps
 from app.case.case import Case
-from app.checkpoint.files import Checkpoint, latest
+from app.checkpoint.files import DAMAGE, INSTEAD, Checkpoint, latest, why
 from app.checkpoint.layout import Layout, differences
 from app.checkpoint.past_rows import restore_rows
-from app.checkpoint.same_case import changes
+from app.checkpoint.same_case import changes, listed, refuse
 from app.equilibrium.snapshot import Array, Snapshot
 from app.errors import InputError
+from app.results.directory import CHECKPOINTS
 from app.results.versions import versions
 from app.simulation.simulation import Simulation
 from app.simulation.time_text import time_text
 
-SHOWN = 3  # differences that are named
+# What a manifest must hold of a run.
+_KINDS: dict[str, type | tuple[type, ...]] = {
+    **{"step": int, "time": (int, float), "stage": str, "status": str, "distribution": str},
+    **{"inputs": dict, "versions": dict},
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,11 +55,30 @@ def find_checkpoint(directory: Path, comm: MPI.Comm) -> Found | None:
     """The last whole checkpoint of a results directory, or None; collective.
 
     Raises:
-        InputError: it is of another format.
+        InputError: it is of another format, or there are some and all are damaged.
     """
-    found, notes = _on_first(comm, lambda: latest(directory)) or (None, [])
+    found, notes = _on_first(comm, lambda: _latest(directory)) or (None, [])
     about = comm.bcast(None if found is None else found.about)
     return None if about is None else Found(about, comm.bcast(notes), found)
+
+
+def _latest(directory: Path) -> tuple[Checkpoint | None, list[str]]:
+    """The last whole checkpoint, and notes; on the first rank.
+
+    Raises:
+        InputError: as of :func:`find_checkpoint`, or its manifest is not that of a run.
+    """
+    found, notes = latest(directory)
+    if found is None and notes:  # the run began, and its tables are not to be lost
+        raise InputError(
+            f"{notes[0].removesuffix(INSTEAD)}, and there is no other to go on from; begin anew "
+            "with --force, or name another directory with --out"
+        )
+    about = {} if found is None else found.about
+    for name, kind in _KINDS.items():
+        if found is not None and not isinstance(about.get(name), kind):
+            raise InputError(_strange(directory, ValueError(f"{name} in its manifest")))
+    return found, notes
 
 
 def go_on(
@@ -88,21 +112,33 @@ def go_on(
     arrays: dict[str, Array] = {} if checkpoint is None else checkpoint.arrays
     kept = layout.scatter(tree, arrays, found.about["distribution"])
     restore_rows(simulation.state, directory, found.about["step"], comm)
-    simulation.restore(kept["simulation"])
-    recorder: Snapshot = kept["recorder"]
-    if found.about["status"] == "failed":
-        simulation.state.position.try_again()
-    if found.is_done:
-        _open_again(simulation, recorder, extend)
+    try:
+        simulation.restore(kept["simulation"])
+        recorder: Snapshot = kept["recorder"]
+        if found.about["status"] == "failed":
+            simulation.state.position.try_again()
+        if found.is_done:
+            _open_again(simulation, recorder, extend)
+    except DAMAGE as error:  # the tree is the same on all ranks
+        raise InputError(_strange(directory, error)) from error
     return recorder
+
+
+def _strange(directory: Path, error: BaseException) -> str:
+    """That a checkpoint is whole, and yet not one that could be gone on from."""
+    return (
+        f"{directory / CHECKPOINTS}: the last checkpoint is not as this version of tribox writes "
+        f"it ({why(error)}); begin anew with --force, or name another directory with --out"
+    )
 
 
 def started_line(found: Found, simulation: Simulation) -> str:
     """From where a run goes on, in words."""
-    about, row = found.about, simulation.rows[-1]
+    about, rows = found.about, simulation.rows
+    dt = rows[-1].dt if rows else about["time"]
     return (
         f"goes on after step {about['step']}, stage {about['stage']}, "
-        f"time {time_text(about['time'], row.dt)}"
+        f"time {time_text(about['time'], dt)}"
     )
 
 
@@ -112,17 +148,23 @@ def _compare(
     """Refuse another case or mesh; on the first rank."""
     assert checkpoint is not None
     case = simulation.model.case
-    began = _past_case(checkpoint.tree["case"], directory)
-    at = checkpoint.tree["simulation"]["state"]["position"]["load_step"]
-    load_steps = all_load_steps(began)
-    stage = began.stage.index(load_steps[min(at, len(load_steps) - 1)].stage)
-    found = list(changes(began, case, stage))
-    if found:
-        raise InputError(f"{directory}: the case is not the one of the run: {_listed(found)}")
+    try:
+        began = _past_case(checkpoint.tree["case"], directory)
+        at = checkpoint.tree["simulation"]["state"]["position"]["load_step"]
+        load_steps = all_load_steps(began)
+        stage = began.stage.index(load_steps[min(at, len(load_steps) - 1)].stage)
+    except DAMAGE as error:
+        raise InputError(_strange(directory, error)) from error
+    refuse(changes(began, case, stage, time=checkpoint.about["time"]), directory)
     mesh = {n.removeprefix("mesh/"): a for n, a in checkpoint.arrays.items() if n[:5] == "mesh/"}
-    found = list(differences(layout.identity, mesh))
+    try:
+        found = list(differences(layout.identity, mesh))
+        if not found:
+            layout.check(checkpoint.tree, checkpoint.arrays)
+    except DAMAGE as error:
+        raise InputError(_strange(directory, error)) from error
     if found:
-        raise InputError(f"{directory}: the mesh is not the one of the run: {_listed(found)}")
+        raise InputError(f"{directory}: the mesh is not the one of the run: {listed(found)}")
 
 
 def _same_laws(began: Mapping[str, str], now: Mapping[str, str], directory: Path) -> None:
@@ -144,11 +186,6 @@ def _past_case(text: str, directory: Path) -> Case:
         raise InputError(
             f"{directory}: the run was begun by a version of tribox whose cases had other keys"
         ) from None
-
-
-def _listed(lines: list[str]) -> str:
-    more = f" (and {len(lines) - SHOWN} more)" if len(lines) > SHOWN else ""
-    return "; ".join(lines[:SHOWN]) + more
 
 
 def _open_again(simulation: Simulation, recorder: Snapshot, extend: bool) -> None:

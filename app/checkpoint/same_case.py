@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import json
+import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
+from pathlib import Path
 from typing import Any
 
 from app.case.case import Case
+from app.case.given import given_keys
+from app.case.reading import load_past_case
 from app.case.stage import Stage
+from app.errors import InputError
+from app.results.status import end_of, given_keys_of
 
 # What may change: it has no part in the results, or only in how well equations are solved. Meshes
 # are compared by what is in them.
@@ -17,23 +23,77 @@ FREE = (
     *("solver.tolerance", "solver.max_iterations", "solver.min_step_fraction"),
     *("solver.petsc", "solver.partition"),
 )
-LAWS = re.compile(r"contact\.\d+\.friction\.class")  # compared by what is in the file
+LAWS = re.compile(r"contact\.\d+\.friction\.class")  # the file is compared by what is in it
+LENGTHS = ("duration", "steps", "velocities")  # of a stage
+SHOWN = 3  # differences that are named
 EQUAL = 1e-12  # relative difference of step lengths that are one
 
 
-def changes(began: Case, now: Case, stage: int) -> Iterator[str]:
+def is_whole(directory: Path, now: Case) -> bool:
+    """Whether a run that is done has come to the end of a case as it is now.
+
+    Args:
+        directory: of its results.
+        now: the case as it was read; what is filled in when a run begins is not compared.
+
+    Raises:
+        InputError: the case is not the one of the run, or the run's cannot be read.
+    """
+    began, given = load_past_case(directory / "case.toml"), given_keys_of(directory)
+    given |= set(given_keys(now))
+    refuse(changes(began, now, len(began.stage) - 1, given, end_of(directory)), directory)
+    pairs = zip(began.stage, now.stage, strict=False)
+    same = all(getattr(a, key) == getattr(b, key) for a, b in pairs for key in LENGTHS)
+    return same and len(began.stage) == len(now.stage)
+
+
+def refuse(found: Iterator[str], directory: Path) -> None:
+    """Refuse a case that differs.
+
+    Args:
+        found: in what, as :func:`changes` says it.
+        directory: of the results.
+
+    Raises:
+        InputError: there are differences.
+    """
+    lines = list(found)
+    if lines:
+        raise InputError(f"{directory}: the case is not the one of the run: {listed(lines)}")
+
+
+def listed(lines: list[str]) -> str:
+    """The first few of differences, in one line."""
+    more = f" (and {len(lines) - SHOWN} more)" if len(lines) > SHOWN else ""
+    return "; ".join(lines[:SHOWN]) + more
+
+
+def changes(
+    began: Case, now: Case, stage: int, given: Set[str] | None = None, time: float = math.inf
+) -> Iterator[str]:
     """Differences that a run cannot go on with, one line each.
 
     Args:
         began: the resolved case that the run began with.
         now: the resolved case that it is to go on with.
         stage: number of the stage that the run is in, from 0.
+        given: keys that are compared; None: all.
+        time: s, to which the run has come: what follows in a boundary's tables may be added to.
     """
+    for key, was, is_ in _unequal(began, now, stage):
+        further = key.startswith("boundary.") and _goes_further(was, is_, time)
+        if not further and (given is None or key in given or key == "stage"):
+            yield _line(key, was, is_)
+
+
+def _unequal(began: Case, now: Case, stage: int) -> Iterator[tuple[str, Any, Any]]:
+    """Keys, and the values before and now."""
     before, after = dict(_flat(_table(began))), dict(_flat(_table(now)))
     for key in sorted({**before, **after}):
-        free = LAWS.fullmatch(key) or any(key == n or key.startswith(f"{n}.") for n in FREE)
-        if not free and before.get(key) != after.get(key):
-            yield _line(key, before.get(key), after.get(key))
+        was, is_ = (_class_alone(key, table.get(key)) for table in (before, after))
+        free = any(key == n or key.startswith(f"{n}.") for n in FREE)
+        if not free and was != is_:
+            yield key, was, is_
     yield from _stage_changes(began.stage, now.stage, stage)
 
 
@@ -41,10 +101,17 @@ def _table(case: Case) -> Any:
     return case.model_dump(mode="json", exclude_none=True, exclude={"stage"})
 
 
-def _stage_changes(began: Sequence[Stage], now: Sequence[Stage], at: int) -> Iterator[str]:
+def _class_alone(key: str, value: Any) -> Any:
+    """A value; of the class of a law its name without the file."""
+    return value.rpartition(":")[2] if LAWS.fullmatch(key) and isinstance(value, str) else value
+
+
+def _stage_changes(
+    began: Sequence[Stage], now: Sequence[Stage], at: int
+) -> Iterator[tuple[str, Any, Any]]:
     """Stages may be added at the end, the last one be longer, and one not over have more steps."""
     if len(now) < len(began):
-        yield f"{len(now)} stages instead of {len(began)}"
+        yield "stage", f"{len(began)} stages", f"{len(now)} stages"
         return
     for number, (before, after) in enumerate(zip(began, now, strict=False)):
         was, is_ = (one.model_dump(mode="json", exclude_none=True) for one in (before, after))
@@ -52,7 +119,26 @@ def _stage_changes(began: Sequence[Stage], now: Sequence[Stage], at: int) -> Ite
         for key in sorted({**was, **is_}):
             more = (key == "max_steps" and number >= at) or (last and _longer(key, before, after))
             if was.get(key) != is_.get(key) and not more:
-                yield _line(f"stage.{number}.{key}", was.get(key), is_.get(key))
+                yield f"stage.{number}.{key}", was.get(key), is_.get(key)
+
+
+def _goes_further(was: Any, is_: Any, time: float) -> bool:
+    """Whether a table over time differs only by rows that change nothing up to ``time`` (s)."""
+    try:
+        after = [(float(t.split()[0]), v) for t, v in is_]
+        if isinstance(was, str):  # one value at all times
+            was = [[is_[0][0], was]]
+        before = [(float(t.split()[0]), v) for t, v in was]
+    except (AttributeError, IndexError, TypeError, ValueError):
+        return False
+    if after[: len(before)] != before or len(after) == len(before):
+        return False
+    last = before[-1]
+    for row in after[len(before) :]:  # as long as they hold the value
+        if row[1] != last[1]:
+            return last[0] >= (1.0 - EQUAL) * time
+        last = row
+    return True
 
 
 def _longer(key: str, before: Stage, after: Stage) -> bool:

@@ -77,11 +77,12 @@ class EnergyWatch:
 
     def snapshot(self) -> Snapshot:
         """What was supplied so far."""
-        return {"supplied": self._supplied, "work": self._work}
+        return {"supplied": self._supplied, "work": self._work, "roundoff": self._roundoff}
 
     def restore(self, kept: Snapshot) -> None:
         """Go on from what :meth:`snapshot` has seen."""
         self._supplied, self._work = kept["supplied"], kept["work"]
+        self._roundoff = kept["roundoff"]
 
     def check(self, stored: float, work: float, time: float, moving: Floats) -> None:
         """Compare; collective.

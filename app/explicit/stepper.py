@@ -313,6 +313,7 @@ class ExplicitStepper:
                 contact.search_at(*places)
         self._motion.restore(kept["motion"])
         self.loads = self.energies.restore(kept["energies"])
+        self._evaluate_contacts(1.0)  # among the candidates of that search
         self._watch.restore(kept["watch"])
         self._estimate.restore(kept["estimate"])
 

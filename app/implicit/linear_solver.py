@@ -174,7 +174,7 @@ class LinearSolver:
             raise ValueError(f"{', '.join(idle)}: not used by PETSc with {kinds}")
         self.ksp.reset()  # the first factorisation of the run is that of its first tangent
         self.ksp.setOperators(self.matrix)
-        self.assembled = 0
+        self.assembled, self._first, self._last = 0, None, None
 
     @property
     def direct(self) -> bool:

@@ -16,7 +16,8 @@ from typing import Any
 
 from app.errors import InputError, OutputError
 
-LOCK, RESERVE = "tribox.lock", "tribox.reserve"
+LOCK, RESERVE, CHECKPOINTS = "tribox.lock", "tribox.reserve", "checkpoints"
+PROBE_TABLES = ("probes.csv", "body_probes.csv", "contact_probes.csv")  # points, bodies, contact
 OWN = (
     "case.toml",
     "summary.json",
@@ -24,18 +25,14 @@ OWN = (
     "contacts.csv",
     "surfaces.csv",
     "bodies.csv",
-    "probes.csv",
-    "body_probes.csv",
-    "contact_probes.csv",
+    *PROBE_TABLES,
     "log.txt",
     "report.html",
-    "checkpoints",
     "fields.pvd",
     "contact.pvd",
     "contact_points.pvd",
     "sweep.csv",
     "mesh.msh",
-    "inputs",
     "friction_map.csv",
     "load_map.csv",
     "slip_weakening.csv",
@@ -56,7 +53,7 @@ BELOW = {
     "contact_points": _SERIES,
     "fields.bp": _ADIOS2,
     "stress.bp": _ADIOS2,
-    "checkpoints": re.compile(r"\d+(\.\w+)?(/.*)?"),
+    CHECKPOINTS: re.compile(r"\d{6,}(\.part)?(/(state\.json|arrays\.npz|manifest\.json))?"),
     "figures": re.compile(
         r"(history|energy|force_displacement|stribeck|phase|effective_viscosity|friction_map|sweep"
         r"|deformed|animation|slip_weakening|start_stop|velocity_jump|fit|verify_).*"
@@ -106,7 +103,6 @@ def check_free(directory: Path, force: bool, labels: Sequence[str] = ()) -> None
             "them with --force"
         )
     foreign = _sort_out(directory, labels)[1]
-    foreign += [directory / "inputs" / name for name in foreign_inputs(directory)]
     if foreign:
         raise InputError(
             f"{directory}: holds {foreign[0].relative_to(directory)}, which is no result of "
@@ -164,6 +160,11 @@ def _sort_out(directory: Path, labels: Sequence[str]) -> tuple[list[Path], list[
             below = _sort_out(path, ())
             own += [path, *below[0]]
             foreign += below[1]
+        elif folder and path.name == "inputs":
+            strange = set(foreign_inputs(directory))
+            own.append(path)
+            for one in sorted(path.iterdir()):
+                (foreign if one.name in strange else own).append(one)
         elif folder and inside is not None:
             own.append(path)
             for one in sorted(path.rglob("*")):
@@ -174,6 +175,13 @@ def _sort_out(directory: Path, labels: Sequence[str]) -> tuple[list[Path], list[
         else:
             own.append(path)
     return own, foreign
+
+
+def checkpoint_numbers(directory: Path) -> list[int]:
+    """Numbers of the checkpoints of a results directory that have been written whole, rising."""
+    root = directory / CHECKPOINTS
+    names = [path.name for path in root.iterdir()] if root.is_dir() else []
+    return sorted(int(name) for name in names if re.fullmatch("[0-9]{6,}", name))
 
 
 def unwritable(directory: Path, error: OSError) -> OutputError:
@@ -314,7 +322,7 @@ class GrowingTable:
             after: number of the step whose rows are the last to be kept; None: a new file.
         """
         self.written = 0
-        if after is None or not path.is_file():
+        if after is None or not has_rows(path):
             self._file = GrowingFile(path, _lines([columns]))
             return
         header, *rows = path.read_bytes().splitlines(keepends=True)
@@ -335,6 +343,11 @@ class GrowingTable:
         if rows:
             self._file.append(_lines(map(_digits, rows)))
             self.written += len(rows)
+
+
+def has_rows(path: Path) -> bool:
+    """Whether a table is there and has begun."""
+    return path.is_file() and path.stat().st_size > 0
 
 
 def _lines(rows: Iterable[Sequence[Any]]) -> str:

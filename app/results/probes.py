@@ -9,7 +9,7 @@ from app.build.model import Model
 from app.implicit.stepper import StepResult
 from app.results.body_probes import BodyProbes
 from app.results.contact_probes import ContactProbes
-from app.results.directory import GrowingTable
+from app.results.directory import PROBE_TABLES, GrowingTable, has_rows
 from app.results.point_probes import PointProbes
 from app.results.saving import Saving
 from app.simulation.history import Row
@@ -54,6 +54,20 @@ class ProbeRecorder(Observer):
         self._tables = {directory / name: table for name, table in _tables(model).items()}
         self._files: dict[Path, GrowingTable] = {}
         self._waiting: dict[Path, list[tuple[object, ...]]] = {}
+        if after is not None and self._problem.comm.rank == 0:
+            with self._saving:
+                self._cut(after)
+
+    def _cut(self, after: int) -> None:
+        """Go on with the tables that are there, without the rows after a step."""
+        for path in self._tables:
+            if has_rows(path):
+                self._files[path] = GrowingTable(path, (), after)
+
+    def sync(self) -> None:
+        """See that the rows written so far are on the disk; for the first rank."""
+        for file in self._files.values():
+            file.sync()
 
     def step(self, state: RunState, row: Row, result: StepResult | Interval) -> None:
         """Append the rows of a step."""
@@ -92,10 +106,11 @@ def _tables(model: Model) -> dict[str, Table]:
     bodies = [(p.name, p.body) for p in probes if p.kind == "body" and p.body]
     contacts = [(p.name, p.contact, p.points) for p in probes if p.contact]
     tables: dict[str, Table] = {}
+    points_table, body_table, contact_table = PROBE_TABLES
     if model.probes:
-        tables["probes.csv"] = PointProbes(model, model.probes)
+        tables[points_table] = PointProbes(model, model.probes)
     if bodies:
-        tables["body_probes.csv"] = BodyProbes(model, bodies)
+        tables[body_table] = BodyProbes(model, bodies)
     if contacts:
-        tables["contact_probes.csv"] = ContactProbes(model, contacts)
+        tables[contact_table] = ContactProbes(model, contacts)
     return tables

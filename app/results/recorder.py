@@ -23,12 +23,10 @@ from app.results.output_files import OutputFiles
 from app.results.run_tables import RunTables
 from app.results.saving import Reserve, Saving
 from app.results.versions import versions
-from app.simulation.contact_warnings import ContactWarnings
+from app.results.watches import Watches
 from app.simulation.history import Row, energy_gap
 from app.simulation.inertia import notes_on_inertia
-from app.simulation.left_master import LeftMaster
 from app.simulation.observer import Interval, Observer
-from app.simulation.roundoff_watch import RoundOffWatch
 from app.simulation.run_state import RunState
 from app.simulation.simulation import Simulation
 from app.simulation.time_text import time_text
@@ -79,13 +77,8 @@ class Recorder(Observer):
         self.resumed: list[int] = []
         self.every = model.case.output.fields_every
         self._started = time.perf_counter()
-        self._warned = False
-        self._thin = False
-        self._left = LeftMaster(model)
-        self._roundoff = RoundOffWatch(model.problem, model.case.solver.tolerance)
+        self._watches = Watches(model, None if resumed is None else resumed["watches"])
         self._counted = (0, 0)  # steps and Newton iterations so far
-        past = None if resumed is None else resumed["contacts"]
-        self._contacts = ContactWarnings(model.problem, past)
         self._penalty = [_extent(self.comm, t.penalty) for t in model.problem.contacts]
         self.warnings: list[str] = list(model.notes)
         self._tables: RunTables | None = None
@@ -101,6 +94,8 @@ class Recorder(Observer):
         """Write what there is from the start."""
         if self.first:
             write_case(self.model.case, self.directory, self._kept)
+            # Of a run that was killed at that moment; it would keep the status from being written.
+            (self.directory / "summary.json.part").unlink(missing_ok=True)
             self.mark("running")
             self._reserve = Reserve(self.directory)
 
@@ -123,9 +118,7 @@ class Recorder(Observer):
             self._output(state)
         self._watch(state, row)
         self._counted = (row.step, self._counted[1] + row.newton_iterations)
-        self._roundoff.step(row, result)
-        self._contacts.step(row, self.model.thickness)
-        self._left.step(row)
+        self._watches.step(row, result)
         with self.saving:
             self._write_tables(state)
 
@@ -134,12 +127,12 @@ class Recorder(Observer):
     ) -> None:
         """Write the fields at the end of a load step and keep its last row."""
         self._output(state)
-        self._roundoff.end(load_step.label)
+        self._watches.roundoff.end(load_step.label)
         self.load_steps.append({"label": load_step.label, "steady": steady, **asdict(row)})
         onset = max(self.model.film_onset, default=0.0)
         pressure = row.normal_force / row.contact_area if row.contact_area > 0.0 else np.inf
-        if load_step.stage.rate_dependent and onset > 0.1 * pressure and not self._thin:
-            self._thin = True
+        thin = load_step.stage.rate_dependent and onset > 0.1 * pressure
+        if thin and self._watches.first_time("onset"):
             self.warnings.append(
                 f"stage {load_step.label}: the mean contact pressure {pressure:.3g} Pa is near or "
                 f"below film_onset_pressure = {onset:.3g} Pa, so the film carries less than "
@@ -173,11 +166,9 @@ class Recorder(Observer):
         if simulation.state.step:
             if unwritten is None:
                 self._output(simulation.state)
-            self.warnings.extend(self._left.warnings())
-            self.warnings.extend(self._contacts.warnings())
+            self.warnings.extend(self._watches.warnings(simulation.rows[-1].stage))
             self.warnings.extend(_unbalanced(simulation, balance))
-            self._roundoff.end(simulation.rows[-1].stage)
-            self.warnings.extend(self._roundoff.warnings())
+            self.warnings.extend(self._watches.roundoff.warnings())
         explicit = {} if simulation.explicit is None else simulation.explicit.summary()
         shares = self.comm.gather(self._share())
         with self.saving:
@@ -201,10 +192,7 @@ class Recorder(Observer):
         return {
             "load_steps": self.load_steps,
             "warnings": self.warnings[len(self.model.notes) :],
-            "told": [self._warned, self._thin],
-            "left": self._left.snapshot(),
-            "roundoff": self._roundoff.snapshot(),
-            "contacts": self._contacts.snapshot(),
+            "watches": self._watches.snapshot(),
             "times": list(self._files.times.items()),
             "resumed": self.resumed,
         }
@@ -212,9 +200,6 @@ class Recorder(Observer):
     def _restore(self, kept: Snapshot) -> None:
         self.load_steps = list(kept["load_steps"])
         self.warnings += kept["warnings"]
-        self._warned, self._thin = kept["told"]
-        self._left.restore(kept["left"])
-        self._roundoff.restore(kept["roundoff"])
         self.resumed = list(kept["resumed"])
 
     @property
@@ -227,7 +212,9 @@ class Recorder(Observer):
         self.resumed.append(state.step)
         self._counted = (state.step, sum(row.newton_iterations for row in state.rows))
         if self.first:
-            self._tables = RunTables(self.directory, state, state.step)
+            with self.saving:
+                self._tables = RunTables(self.directory, state, state.step)
+                self.mark("running")
 
     def sync(self) -> None:
         """See that the rows written so far are on the disk; for the first rank."""
@@ -282,12 +269,11 @@ class Recorder(Observer):
     def _watch(self, state: RunState, row: Row) -> None:
         """Warn once of a negative dissipation beyond round-off."""
         for pair in state.resultants:
-            if self._warned or pair.area <= 0.0 or not pair.worst:
+            if pair.area <= 0.0 or not pair.worst:
                 continue
             scale = abs(row.dissipation) + abs(row.external_work) + abs(row.interface_energy)
             allowed = max(1e-12 * scale / (pair.area * self.model.thickness), TINY)
-            if pair.least_dissipation < -allowed:
-                self._warned = True
+            if pair.least_dissipation < -allowed and self._watches.first_time("dissipation"):
                 where = ", ".join(f"{c:.4g}" for c in pair.worst)
                 self.warnings.append(
                     f"negative dissipation {pair.least_dissipation:.3g} J/m² at ({where}) m, "
@@ -329,7 +315,7 @@ class Recorder(Observer):
     ) -> dict[str, Any]:
         rows, problem, implicit = simulation.rows, self.model.problem, simulation.implicit
         assembled = implicit.stepper.solver.assembled if implicit else 0
-        wall, worst = time.perf_counter() - self._started, self._roundoff.worst
+        wall, worst = time.perf_counter() - self._started, self._watches.roundoff.worst
         timings = {key: round(value, 4) for key, value in simulation.stepper.seconds().items()}
         return self._known(status) | {
             "steps": len(rows),
@@ -340,8 +326,8 @@ class Recorder(Observer):
             "residual_at_roundoff": worst.share if worst else None,
             "penalty": self._penalty,
             "film_onset_pressure": self.model.film_onset,
-            "penetration_over_facet": self._contacts.over_facet,
-            "penetration_over_approach": self._contacts.over_approach,
+            "penetration_over_facet": self._watches.contacts.over_facet,
+            "penetration_over_approach": self._watches.contacts.over_approach,
             "penetration_over_film": [
                 pair.penetration / pair.film if pair.film > 0.0 else None
                 for pair in simulation.state.resultants

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
+from typing import Any
 
 from app.errors import InputError
 from app.results.directory import LOCK
@@ -13,12 +15,30 @@ UNFINISHED = ("running", "interrupted", "failed")
 
 def status_of(directory: Path) -> str | None:
     """What ``summary.json`` says: running, done, interrupted or failed; None without one."""
+    status = _summary(directory).get("status")
+    return status if isinstance(status, str) else None
+
+
+def given_keys_of(directory: Path) -> set[str]:
+    """Dotted keys that the case file of the run gave; all others were filled in."""
+    given = _summary(directory).get("given")
+    return set(map(str, given)) if isinstance(given, list) else set()
+
+
+def end_of(directory: Path) -> float:
+    """Time, s, of the last row of the last load step that has ended; infinite if there is none."""
+    try:
+        return float(_summary(directory)["load_steps"][-1]["time"])
+    except (LookupError, TypeError, ValueError):
+        return math.inf
+
+
+def _summary(directory: Path) -> dict[str, Any]:
     try:
         summary = json.loads((directory / "summary.json").read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
-        return None
-    status = summary.get("status") if isinstance(summary, dict) else None
-    return status if isinstance(status, str) else None
+        return {}
+    return summary if isinstance(summary, dict) else {}
 
 
 def is_done(directory: Path) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from mpi4py import MPI
 
+from app.build.mesh import of_case
 from app.build.model import build_model
 from app.case.case import Case
 from app.case.friction import OwnLaw
@@ -52,9 +53,13 @@ def notes_on_building(case: Case, runs_code: bool = False) -> list[str]:
             no use for an option.
     """
     model = build_model(case, MPI.COMM_SELF, runs_code)
-    if case.solver.petsc:
-        Simulation(model)
-    notes = [*model.notes, *notes_on_steps(model)]
+    own = any(isinstance(contact.friction, OwnLaw) for contact in case.contact)
+    try:
+        if case.solver.petsc and (runs_code or not own):
+            Simulation(model)
+        notes = [*model.notes, *notes_on_steps(model)]
+    except InputError as error:
+        raise of_case(case, error) from None
     if not runs_code:
         notes += [
             f"contact.{index}: the code of the friction law {contact.friction.reference} was not "

@@ -33,6 +33,14 @@ def stopping_signals() -> tuple[signal.Signals, ...]:
     return tuple(n for n in (*STOPPING, signal.SIGUSR1) if n != signal.SIGHUP or not ignored)
 
 
+def repeats(first: int) -> tuple[int, int]:
+    """Signals that, after a first one to stop, are a second one.
+
+    Not another: engines of containers whose terminal has gone send SIGHUP, and SIGTERM after it.
+    """
+    return first, signal.SIGINT
+
+
 class Forwarding:
     """Context in which signals to stop go to child processes, and none ends this one.
 
@@ -50,6 +58,7 @@ class Forwarding:
             further: what they are sent at any further one, to stop at once.
         """
         self.asked = 0
+        self._first: int | None = None
         self._sent = (first, further)
         self._telling = threading.RLock()  # a handler may come in the middle of another
         self._children: dict[subprocess.Popen[str], int] = {}
@@ -83,9 +92,11 @@ class Forwarding:
         del self._children[child]
 
     def _stop(self, number: int, frame: FrameType | None) -> None:
-        self.asked += 1
-        if self.asked == 1:
+        if self._first is None:
+            self._first, self.asked = number, 1
             say_stopping()
+        elif number in repeats(self._first):
+            self.asked += 1
         self._tell()
 
     def _tell(self) -> None:

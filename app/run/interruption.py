@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from types import FrameType, TracebackType
 from typing import Self
 
@@ -14,7 +14,7 @@ from app.build.load_steps import LoadStep
 from app.errors import Interrupted
 from app.implicit.stepper import StepResult
 from app.results.saving import Saving
-from app.run.forwarding import say_stopping, stopping_signals
+from app.run.forwarding import repeats, say_stopping, stopping_signals
 from app.run.ranks import INTERRUPTED, tell_exit_code
 from app.simulation.history import Row
 from app.simulation.observer import Observer
@@ -27,19 +27,20 @@ class Interruption(Observer):
     SIGINT, SIGTERM, SIGHUP unless it was ignored before, and SIGUSR1, by which ranks are told.
     Ranks that stop at different places wait for each other for ever. A second signal does what it
     would have done outside, at once. A write that has failed on a rank ends the run likewise.
+
+    Attributes:
+        noted: called at once when a signal comes, on this rank alone.
     """
 
-    def __init__(
-        self, comm: MPI.Comm, saving: Saving, noted: Callable[[], None] | None = None
-    ) -> None:
+    def __init__(self, comm: MPI.Comm, saving: Saving) -> None:
         """No signal is taken before the context is entered.
 
         Args:
             comm: ranks that stop together.
             saving: that the run writes its files in.
-            noted: called at once when a signal comes, on this rank alone.
         """
-        self._comm, self._saving, self._noted = comm, saving, noted
+        self._comm, self._saving = comm, saving
+        self.noted: Callable[[], None] | None = None
         self._asked = False
         self._before: dict[signal.Signals, signal._HANDLER] = {}
 
@@ -57,15 +58,15 @@ class Interruption(Observer):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._restore()
+        self.restore()
 
     def ready(self, state: RunState) -> None:
         """Stop here if any rank has been asked to, or could not write."""
-        self._look()
+        self.look()
 
     def cut(self, state: RunState, dt: float, result: StepResult) -> None:
         """Stop here if any rank has been asked to, or could not write."""
-        self._look()
+        self.look()
 
     def load_step(
         self, state: RunState, load_step: LoadStep, row: Row, steady: bool | None
@@ -74,20 +75,29 @@ class Interruption(Observer):
         self._saving.raise_together(self._comm)
 
     def _note(self, number: int, frame: FrameType | None) -> None:
-        self._asked = True
-        self._restore()
+        first, self._asked = not self._asked, True
+        self.restore(repeats(number))
+        if not first:
+            return
         # mpirun, if it is the one that was asked, will not wait for long.
         if self._comm.rank == 0 and not tell_exit_code(INTERRUPTED):
             say_stopping()  # else the process that waits for the ranks has said it
-        if self._noted is not None:
-            self._noted()
+        if self.noted is not None:
+            self.noted()
 
-    def _restore(self) -> None:
-        for number, handler in self._before.items():
+    def restore(self, numbers: Collection[int] | None = None) -> None:
+        """Take no more signals, or none of these numbers."""
+        for number in [n for n in self._before if numbers is None or n in numbers]:
+            handler = self._before.pop(number)
             signal.signal(number, signal.SIG_DFL if handler is None else handler)
-        self._before = {}
 
-    def _look(self) -> None:
+    def look(self) -> None:
+        """Stop here if any rank has been asked to, or could not write; collective.
+
+        Raises:
+            OutputError: a rank could not write.
+            Interrupted: a rank has been asked to stop.
+        """
         self._saving.raise_together(self._comm)
         if self._comm.allreduce(self._asked, op=MPI.LOR):
             raise Interrupted

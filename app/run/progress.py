@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -70,6 +70,18 @@ class Reporter(Observer):
         terminal = self._console.file.isatty() and not self._console.is_dumb_terminal
         if terminal and alone and not quiet:
             self._bars = StageBars(self._progress, self._console)
+
+    def go_on(self, state: RunState, ends: Iterable[tuple[float, float]], steps: int) -> None:
+        """A run goes on that had come somewhere.
+
+        Args:
+            state: to which it had come.
+            ends: s, time and last step of each load step that had ended.
+            steps: explicit time steps that it had made.
+        """
+        dt = state.rows[-1].dt if state.rows else state.time
+        self._progress.go_on(ends, state.time, dt)
+        self._pace.speed(steps)
 
     def say(self, line: str, *, always: bool = True) -> None:
         """Print a line and log it; lines not ``always`` printed stay in the log on a terminal."""

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from mpi4py import MPI
 
+from app.build.mesh import of_case
 from app.build.model import build_model
 from app.case.case import Case
 from app.case.given import given_keys
@@ -67,7 +68,7 @@ def run_case(
     on_first(comm, lambda: claim.take(resume or extend))
     try:
         found = _to_go_on(directory, extend, comm) if resume or extend else None
-        return _run_claimed(case, Opening(claim, found, extend, inputs_of, quiet), comm)
+        return _run_claimed(case, Opening(claim, found, resume, extend, inputs_of, quiet), comm)
     finally:
         claim.release()
 
@@ -93,13 +94,14 @@ class Opening:
     Attributes:
         claim: on the results directory.
         found: checkpoint that it goes on from, or None.
-        extend: whether to go on past the end.
+        resume: whether it was to go on; extend: past the end.
         inputs_of: results directory of the sweep, whose copies of mesh and laws are linked.
         quiet: print warnings and errors only.
     """
 
     claim: Claim
     found: Found | None
+    resume: bool
     extend: bool
     inputs_of: Path | None
     quiet: bool
@@ -109,37 +111,43 @@ def _run_claimed(case: Case, opening: Opening, comm: MPI.Comm) -> Simulation:
     """Run one case in a directory that is this run's."""
     directory, quiet, resumed = opening.claim.directory, opening.quiet, opening.found is not None
     model = build_model(case, comm)
-    steps = notes_on_steps(model)
-    simulation = Simulation(model)
-    recorder = _recorder(case, simulation, opening)
-    log, saving = directory / "log.txt", recorder.saving
-    reporter = Reporter(log, case, saving, quiet, resumed=resumed) if comm.rank == 0 else None
-    told: list[Observer] = [reporter, recorder] if reporter else [recorder]
     try:
-        _say_notes(reporter, model.notes, steps, quiet)
-        _say_resumed(reporter, simulation, opening)
-        probes = ProbeRecorder(model, directory, saving, simulation.state.step if resumed else None)
-        checkpointer = Checkpointer(simulation, recorder, directory)
-        with Interruption(comm, saving, partial(recorder.mark, "interrupted")) as interruption:
+        steps, simulation = notes_on_steps(model), Simulation(model)
+    except InputError as error:
+        raise of_case(case, error) from None
+    saving = Saving(directory)
+    with Interruption(comm, saving) as interruption:
+        recorder = _recorder(case, simulation, opening, saving)
+        interruption.noted = partial(recorder.mark, "interrupted")
+        log = directory / "log.txt"
+        reporter = Reporter(log, case, saving, quiet, resumed=resumed) if comm.rank == 0 else None
+        told: list[Observer] = [reporter, recorder] if reporter else [recorder]
+        try:
+            _say_notes(reporter, model.notes, steps, quiet)
+            _say_resumed(reporter, simulation, recorder, opening)
+            after = simulation.state.step if resumed else None
+            probes = ProbeRecorder(model, directory, saving, after)
+            checkpointer = Checkpointer(simulation, recorder, probes, directory)
             everybody = Together(*told, probes, interruption, checkpointer)
-            _run(simulation, Keepers(recorder, probes, checkpointer), everybody)
-        draw_run(simulation, directory, reporter)
-        if reporter:
-            _say_end(reporter, simulation, recorder, quiet)
-        saving.raise_together(comm)
-    except (SolutionError, OutputError, Interrupted) as error:
-        if reporter:
-            _say_failure(reporter, simulation, recorder, error)
-        if not isinstance(error, OutputError):
+            _run(simulation, Keepers(recorder, probes, checkpointer), interruption, everybody)
+            interruption.restore()
             draw_run(simulation, directory, reporter)
-        raise
-    finally:
-        if reporter:
-            reporter.close()
+            if reporter:
+                _say_end(reporter, simulation, recorder, quiet)
+            saving.raise_together(comm)
+        except (SolutionError, OutputError, Interrupted) as error:
+            if reporter:
+                _say_failure(reporter, simulation, recorder, error)
+            if not isinstance(error, OutputError):
+                draw_run(simulation, directory, reporter)
+            raise
+        finally:
+            if reporter:
+                reporter.close()
     return simulation
 
 
-def _recorder(case: Case, simulation: Simulation, opening: Opening) -> Recorder:
+def _recorder(case: Case, simulation: Simulation, opening: Opening, saving: Saving) -> Recorder:
     """Make the directory ready and begin its files, or go on with them; collective.
 
     Raises:
@@ -163,7 +171,7 @@ def _recorder(case: Case, simulation: Simulation, opening: Opening) -> Recorder:
         except InputError:
             silence()  # PETSc has had no use for the options of a solver that solves nothing
             raise
-    recorder = Recorder(model, directory, given_keys(case), kept, Saving(directory), seen)
+    recorder = Recorder(model, directory, given_keys(case), kept, saving, seen)
     if found is not None:
         recorder.go_on(simulation.state)
     return recorder
@@ -181,13 +189,22 @@ def _say_notes(
         reporter.say(f"note: {note}", always=not quiet)
 
 
-def _say_resumed(reporter: Reporter | None, simulation: Simulation, opening: Opening) -> None:
-    """From where a run goes on."""
-    found = opening.found
-    if reporter is not None and found is not None:
-        for note in (*found.notes, *version_notes(found.about)):
-            reporter.say(f"note: {note}")
-        reporter.say(started_line(found, simulation), always=not opening.quiet)
+def _say_resumed(
+    reporter: Reporter | None, simulation: Simulation, recorder: Recorder, opening: Opening
+) -> None:
+    """From where a run goes on, or that it begins anew though it was to go on."""
+    found, explicit = opening.found, simulation.explicit
+    if reporter is None:
+        return
+    if found is None:
+        if opening.resume:
+            reporter.say("no checkpoint yet: begins anew", always=not opening.quiet)
+        return
+    for note in (*found.notes, *version_notes(found.about)):
+        reporter.say(f"note: {note}")
+    reporter.say(started_line(found, simulation), always=not opening.quiet)
+    ends = [(one["time"], one["dt"]) for one in recorder.load_steps]
+    reporter.go_on(simulation.state, ends, explicit.steps if explicit else 0)
 
 
 def _say_warnings(reporter: Reporter, recorder: Recorder) -> None:
@@ -267,10 +284,12 @@ class Keepers:
             self.recorder.saving.note(str(error))
 
 
-def _run(simulation: Simulation, keepers: Keepers, observer: Observer) -> None:
+def _run(
+    simulation: Simulation, keepers: Keepers, interruption: Interruption, observer: Observer
+) -> None:
     recorder = keepers.recorder
     try:
-        recorder.saving.raise_together(recorder.comm)
+        interruption.look()  # what has come while the files were begun
         simulation.run(observer)
         keepers.checkpointer.close("done")
     except SolutionError as error:

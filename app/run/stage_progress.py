@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from app.case.case import Case
@@ -23,6 +23,7 @@ class StageProgress:
         done: load steps done; turned: s, time of the run at the start of the one at hand.
         cuts: steps cut so far.
         ended: s, of the clock; None before.
+        before: share that was done when a run was gone on with.
     """
 
     stage: Stage
@@ -36,6 +37,7 @@ class StageProgress:
     done: int = 0
     cuts: int = 0
     ended: float | None = None
+    before: float = 0.0
 
     @property
     def load_steps(self) -> int:
@@ -64,7 +66,8 @@ class StageProgress:
         Until steady it is the most it can be.
         """
         share = self.share
-        return (now - self.started) * (1.0 - share) / share if share > 0.0 else None
+        made = share - self.before
+        return (now - self.started) * (1.0 - share) / made if made > 0.0 else None
 
     def place(self) -> str:
         """Where the stage is: its own time, or its load step and the steps at this velocity."""
@@ -80,6 +83,8 @@ class StageProgress:
 
     def time_left(self, now: float) -> str:
         """The time left in words, or the time taken by a stage that is done."""
+        if self.before == 1.0:
+            return "done before"
         if self.ended is not None:
             return f"done in {clock(self.ended - self.started)}"
         left = self.seconds_left(now)
@@ -134,6 +139,21 @@ class StagesProgress:
             here.ended = self.now()
             if len(self.begun) < self.count:
                 self._begin(here.time)
+
+    def go_on(self, ends: Iterable[tuple[float, float]], time: float, dt: float) -> None:
+        """A run goes on that had come somewhere.
+
+        Args:
+            ends: s, time and last step of each load step that had ended.
+            time: s, to which it had come; dt: s, its last step.
+            dt: see time.
+        """
+        for end in ends:
+            self.at(*end)
+            self.end_load_step()
+        self.at(time, dt)
+        for one in self.begun:
+            one.before = one.share
 
     def _begin(self, time: float) -> None:
         stage = self._stages[len(self.begun)]

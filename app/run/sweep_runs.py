@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.case.case import Case
-from app.errors import SolutionError
+from app.checkpoint.same_case import is_whole
+from app.errors import InputError, SolutionError
 from app.results.claim import Claim, claimed
-from app.results.directory import unwritable
+from app.results.directory import checkpoint_numbers, unwritable
 from app.results.inputs import NOTHING, KeptInputs, keep_inputs, kept_inputs, write_case
 from app.results.status import is_done
 from app.run.sweep import Part, collate, cores, part_command, run_side_by_side
@@ -41,6 +42,11 @@ class SweepOptions:
         """Whether a sweep that is there goes on."""
         return self.resume or self.extend
 
+    def how(self, directory: Path) -> dict[str, bool]:
+        """How the value in a directory goes on: one that never got far, from its start."""
+        extend = self.extend and bool(checkpoint_numbers(directory))
+        return {"resume": self.goes_on and not extend, "extend": extend}
+
 
 def run_sweep(
     case: Case, case_file: Path, directory: Path, options: SweepOptions, around: int
@@ -66,13 +72,14 @@ def run_sweep(
 
     with claimed(directory, options.force, options.goes_on) as claim:
         notes_on_building(case.sweep_cases()[0][1], runs_code=True)
+        to_run = _to_run(case, directory, options)
         kept = _make_ready(case, claim, options.goes_on)
-        words = ["--resume"] * options.resume + ["--extend"] * options.extend
-        words += [*options.changes, "--np", str(options.ranks), "--inputs-of", str(directory)]
-        parts = [
-            Part(label, part_command(case_file, i, directory / label, words), directory / label)
-            for i, label in _to_run(case, directory, options)
-        ]
+        words = [*options.changes, "--np", str(options.ranks), "--inputs-of", str(directory)]
+        parts = []
+        for index, label in to_run:
+            where = directory / label
+            how = [f"--{name}" for name, given in options.how(where).items() if given]
+            parts.append(Part(label, part_command(case_file, index, where, [*how, *words]), where))
         jobs = options.jobs or max(1, cores() // options.ranks)
         with _put_together(case, directory, kept), sweep_lines(len(parts)) as lines:
             run_side_by_side(parts, jobs, lines)
@@ -90,17 +97,19 @@ def _run_in_turn(case: Case, directory: Path, options: SweepOptions) -> None:
     claim = Claim(directory, options.force or goes_on)
     on_first(comm, lambda: claim.take(goes_on))
 
+    to_run: list[tuple[int, str]] = []
+
     def make_ready() -> None:
-        nonlocal kept
+        nonlocal kept, to_run
+        to_run = _to_run(case, directory, options)
         kept = _make_ready(case, claim, goes_on)
 
     try:
         on_first(comm, make_ready)
         failed = []
-        waiting = comm.bcast(list(_to_run(case, directory, options)))
-        how = {"resume": options.resume, "extend": options.extend}
+        waiting = comm.bcast([(*one, options.how(directory / one[1])) for one in to_run])
         with _put_together(case, directory, kept) if comm.rank == 0 else nullcontext():
-            for index, label in waiting:
+            for index, label, how in waiting:
                 single = case.sweep_cases()[index][1]
                 try:
                     run_case(single, directory / label, comm=comm, inputs_of=directory, **how)
@@ -113,11 +122,30 @@ def _run_in_turn(case: Case, directory: Path, options: SweepOptions) -> None:
         claim.release()
 
 
-def _to_run(case: Case, directory: Path, options: SweepOptions) -> Iterator[tuple[int, str]]:
-    """Number and label of the values that are not done, or to be done again or for longer."""
-    for index, (label, _) in enumerate(case.sweep_cases()):
-        if options.extend or not (options.resume and is_done(directory / label)):
-            yield index, label
+def _to_run(case: Case, directory: Path, options: SweepOptions) -> list[tuple[int, str]]:
+    """Number and label of the values that are not done, or to be done again or for longer.
+
+    Raises:
+        InputError: a value that is done is that of another case, or is to be extended first; or
+            there is nothing to extend.
+    """
+    out = []
+    for index, (label, single) in enumerate(case.sweep_cases()):
+        where = directory / label
+        if options.goes_on and is_done(where):
+            if is_whole(where, single):
+                continue
+            if not options.extend:
+                raise InputError(
+                    f"{where}: is done, and the case goes on past its end: use --extend"
+                )
+        out.append((index, label))
+    if options.extend and not out:
+        raise InputError(
+            "--extend: the sweep is done, and the case has no stage after its end: add one, or "
+            "make the last one longer (duration and steps)"
+        )
+    return out
 
 
 def _make_ready(case: Case, claim: Claim, goes_on: bool) -> KeptInputs:

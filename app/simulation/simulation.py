@@ -123,6 +123,7 @@ class Simulation:
         assert runner is not None
         return {
             "factorisations": self._factorisations(),
+            "force": self.model.problem.reference_force,
             "solver": "implicit" if runner is self.implicit else "explicit",
             "loaded": list(self.model.loaded),
             "runner": runner.snapshot(),
@@ -145,6 +146,7 @@ class Simulation:
             self.explicit = ExplicitStage.resumed(self.state, kept["runner"])
             if self.implicit is not None:  # its stages are over
                 self.implicit.stepper.solver.assembled = kept["factorisations"]
+        self.model.problem.reference_force = kept["force"]  # of the last implicit evaluation
         self.state.restore(kept["state"])
 
     def _factorisations(self) -> int:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 LONGEST = 1000  # characters of a text; gmsh reads a longer one as a text and then as commands
 
@@ -84,6 +85,11 @@ class Beyond:
 
     what: str
     line: int
+
+
+def companion(path: Path) -> Path:
+    """The file that gmsh reads, and runs, together with another one, whatever that is."""
+    return path.with_name(path.name + ".opt")
 
 
 def beyond_drawing(script: str) -> Beyond | None:

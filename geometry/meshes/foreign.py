@@ -13,13 +13,15 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import resource
 import sys
 from pathlib import Path
+from types import ModuleType
 
 from geometry.meshes.drawing import write_mesh_of
 from geometry.meshes.extraction import arrays_of
-from geometry.meshes.gmsh_model import MeshError, gmsh_session, open_msh
+from geometry.meshes.gmsh_model import MeshError, gmsh_session
 from geometry.meshes.mesh_arrays import MeshArrays
 from geometry.meshes.neighbours import check_neighbours
 from geometry.meshes.own_process import REFUSED
@@ -37,7 +39,7 @@ def read_msh(path: Path, most_cells: int | None = None) -> MeshArrays:
     """
     try:
         with gmsh_session("mesh") as gmsh:
-            open_msh(gmsh, path)
+            _open_msh(gmsh, path)
             mesh = arrays_of(gmsh, str(path))
     except MeshError:
         raise
@@ -50,6 +52,53 @@ def read_msh(path: Path, most_cells: int | None = None) -> MeshArrays:
         raise MeshError(f"{path}: {count} cells; geometry.max_cells = {most_cells} allows no more")
     check_neighbours(mesh, str(path))
     return mesh
+
+
+def _open_msh(gmsh: ModuleType, path: Path) -> None:
+    """Read a ``.msh`` file into the current model.
+
+    The header is checked first: gmsh would run the commands of a script.
+
+    Args:
+        gmsh: The module, from ``gmsh_session``.
+        path: The file.
+
+    Raises:
+        MeshError: If the file is missing, is not a mesh file of version 2 or 4, or is damaged.
+    """
+    formats = "meshes are read from gmsh's .msh files, version 2 or 4"
+    if not path.is_file():
+        raise MeshError(f"{path}: no such file")
+    if path.suffix.lower() != ".msh":
+        raise MeshError(f"{path}: {formats}")
+    with path.open("rb") as file:
+        version = _msh_version(file.read(1 << 16))
+        if version is None:
+            raise MeshError(f"{path}: not a gmsh mesh ($MeshFormat is missing); {formats}")
+        if version.split(".")[0] not in ("2", "4"):
+            raise MeshError(f"{path}: a .msh file of version {version}; {formats}")
+        # Under its own name gmsh would run a file beside it too, of the name with ".opt" added.
+        nameless = f"/proc/self/fd/{file.fileno()}"
+        try:
+            gmsh.merge(nameless)
+        # gmsh raises nothing more specific than Exception.
+        except Exception as error:
+            said = " ".join(str(error).replace(nameless, path.name).split())
+            raise MeshError(
+                f"{path}: gmsh cannot read it: {said or 'it does not say why'}"
+            ) from error
+
+
+def _msh_version(start: bytes) -> str | None:
+    """The version in the ``$MeshFormat`` line; None for what does not begin as a mesh does.
+
+    Of anything else gmsh runs the commands, also where it holds a mesh further down.
+    """
+    if not start.startswith((b"$MeshFormat", b"$Comments")):
+        return None
+    words = start.partition(b"$MeshFormat")[2].split(maxsplit=1)
+    found = re.match(rb"[0-9.]{1,9}$", words[0]) if words else None
+    return found[0].decode() if found else None
 
 
 def _answer(task: str, source: str, last: str) -> bytes:

@@ -16,8 +16,6 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from geometry.meshes.merging import merge_alone
-
 PLANE_TOLERANCE = 1e-9
 """Largest |z| of a plane mesh, relative to its size in the plane."""
 
@@ -123,37 +121,6 @@ def write_msh(shape: Shape, path: Path) -> None:
         partial.unlink(missing_ok=True)
 
 
-def open_msh(gmsh: ModuleType, path: Path) -> None:
-    """Read a ``.msh`` file into the current model.
-
-    The header is checked first: gmsh treats a file according to its name and would run the
-    commands of a script.
-
-    Args:
-        gmsh: The module, from ``gmsh_session``.
-        path: The file.
-
-    Raises:
-        MeshError: If the file is missing, is not a mesh file of version 2 or 4, or is damaged.
-    """
-    formats = "meshes are read from gmsh's .msh files, version 2 or 4"
-    if not path.is_file():
-        raise MeshError(f"{path}: no such file")
-    if path.suffix.lower() != ".msh":
-        raise MeshError(f"{path}: {formats}")
-    version = _msh_version(path)
-    if version is None:
-        raise MeshError(f"{path}: not a gmsh mesh ($MeshFormat is missing); {formats}")
-    if version.split(".")[0] not in ("2", "4"):
-        raise MeshError(f"{path}: a .msh file of version {version}; {formats}")
-    try:
-        merge_alone(gmsh, path)
-    # gmsh raises nothing more specific than Exception.
-    except Exception as error:
-        said = " ".join(str(error).split()) or "it does not say why"
-        raise MeshError(f"{path}: gmsh cannot read it: {said}") from error
-
-
 def named_groups(gmsh: ModuleType, source: str) -> NamedGroups:
     """Check the current model and return its named parts.
 
@@ -208,14 +175,6 @@ def elements_of(gmsh: ModuleType, dim: int, tag: int) -> list[npt.NDArray[np.int
         types, _, nodes = gmsh.model.mesh.getElements(dim, entity)
         rows.append(_rows(gmsh, types[0], nodes[0]))
     return rows
-
-
-def _msh_version(path: Path) -> str | None:
-    """The version in the ``$MeshFormat`` line, None if there is none near the start."""
-    with path.open("rb") as file:
-        start = file.read(1 << 16)
-    words = start.partition(b"$MeshFormat")[2].split(maxsplit=1)
-    return words[0].decode("ascii", "replace") if words else None
 
 
 def _cell_dimension(gmsh: ModuleType, source: str) -> int:

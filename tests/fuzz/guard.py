@@ -6,6 +6,7 @@ import os
 import resource
 import signal
 import sys
+import tempfile
 import traceback
 import unicodedata
 from collections.abc import Callable, Iterator
@@ -30,6 +31,9 @@ _CHANGES = {
     **dict.fromkeys(("os.symlink",), (1,)),
     "shutil.rmtree": (0,),
 }
+
+
+_BELOW = ("os.remove", "os.rmdir")
 
 
 class OddLine(Exception):
@@ -64,6 +68,8 @@ class Watch:
             if writes:
                 self._note(event, path)
         for index in _CHANGES.get(event, ()):
+            if event in _BELOW and arguments[-1] != -1:
+                continue  # below a directory that is open: one of shutil.rmtree, which is noted
             self._note(event, arguments[index])
 
     def _note(self, event: str, path: Any) -> None:
@@ -72,6 +78,8 @@ class Watch:
         above, name = os.path.split(os.path.abspath(os.fsdecode(path)))
         full = f"{os.path.realpath(above)}/{name}"
         if full == "/dev/null" or "__pycache__" in full:
+            return
+        if full.startswith(f"{tempfile.gettempdir()}/tmp"):  # what tempfile makes is called so
             return
         if not any(f"{full}/".startswith(f"{top}/") for top in self.allowed):
             self.outside.append(f"{event} {full[:200]}")
@@ -103,16 +111,17 @@ def watched(*allowed: Path, seconds: float = SECONDS) -> Iterator[None]:
     _WATCH.outside = []
     before = signal.signal(signal.SIGALRM, _hang)
     _WATCH.active = True
-    signal.setitimer(signal.ITIMER_REAL, seconds)
+    timer = signal.setitimer(signal.ITIMER_REAL, seconds)  # of pytest's own time limit
     limits = resource.getrlimit(resource.RLIMIT_AS)
     resource.setrlimit(resource.RLIMIT_AS, (_size() + MEMORY, limits[1]))
     try:
         yield
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.setitimer(signal.ITIMER_REAL, 0.0)  # before the handler is another's again
         resource.setrlimit(resource.RLIMIT_AS, limits)
         _WATCH.active = False
         signal.signal(signal.SIGALRM, before)
+        signal.setitimer(signal.ITIMER_REAL, *timer)
     assert not _WATCH.outside, f"written outside: {_WATCH.outside}"
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import csv
 import json
 import re
@@ -195,7 +196,8 @@ def _of_another_shape(draw: st.DrawFn, path: Path, files: list[Path]) -> bytes:
         summary = json.loads(text)
         for _ in range(draw(st.integers(1, 2))):
             key = draw(st.sampled_from(sorted(keys_of(summary), key=str)))
-            place(summary, key, draw(_JSON_VALUES))
+            # A copy: the next value may go into this one.
+            place(summary, key, copy.deepcopy(draw(_JSON_VALUES)))
         return json.dumps(summary).encode()
     if path.suffix == ".csv":
         rows = list(csv.reader(text.splitlines()))

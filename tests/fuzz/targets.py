@@ -107,7 +107,8 @@ def mesh_case(data: object, directory: Path) -> None:
     (directory / "own.msh").write_bytes(bytes(data))  # type: ignore[call-overload]
     path = directory / "case.toml"
     table = 'mesh = "own.msh"\nthickness = "1 mm"\n'
-    path.write_text(re.sub(r"(?<=\[geometry\]\n)kind[^\[]*", table, ON_MESH), encoding="utf-8")
+    text = re.sub(r"(?<=\[geometry\]\n).*?(?=\[bodies)", table, ON_MESH, flags=re.DOTALL)
+    path.write_text(text, encoding="utf-8")
     notes_on_building(load_case(path))
 
 

@@ -12,11 +12,13 @@ import pytest
 from app.case.reading import check_case, load_case
 from app.errors import InputError, as_line
 from app.fit.data import read_data
+from app.fit.run import run_fit
 from app.results import read
 from tests.app.conftest import BLOCK, FILM, SLID
 from tests.fuzz.case_files import SWEEP, place
 from tests.fuzz.guard import outcome, see_line
 from tests.fuzz.hostile import Raw, toml_of
+from tests.fuzz.other_files import WET
 
 DEEP, LONG = 10_000, "9" * 5000
 ROUND = {
@@ -211,6 +213,15 @@ def test_data_that_cannot_be_fitted_are_a_line_with_file_and_row(text, said, tmp
     path.write_text(text, encoding="utf-8")
     came_to = outcome(lambda: read_data(path), tmp_path)
     assert came_to.startswith(f"refused: {path}") and said in came_to, came_to[:500]
+
+
+def test_a_law_that_overflows_on_the_data_is_a_line(tmp_path):
+    path = tmp_path / "data.csv"
+    path.write_bytes(WET)
+    act = lambda: run_fit(path, None, ["barus=1"], [], tmp_path / "fit", False)  # noqa: E731
+    came_to = outcome(act, tmp_path)
+    assert came_to.startswith("refused: the law has no finite friction for row 1"), came_to
+    assert not (tmp_path / "fit").exists()
 
 
 def test_a_film_case_takes_ordinary_values_still(tmp_path):

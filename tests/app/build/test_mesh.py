@@ -35,7 +35,7 @@ def test_a_mesh_that_gmsh_breaks_down_on_is_wrong_input(own_mesh, tribox, comman
     done = tribox(command, path)
     assert done.returncode == 2
     [line] = done.stderr.splitlines()
-    assert line.startswith(f"tribox: geometry.mesh: {msh}: gmsh broke down on it (SIG")
+    assert line.startswith(f"tribox: {path}: geometry.mesh: {msh}: gmsh broke down on it (SIG")
 
 
 def test_more_cells_than_the_case_allows_are_refused(own_mesh):

@@ -129,8 +129,11 @@ def _shift(mesh: dict[str, Any], name: str, by: float) -> None:
         (_swap, ["other cells"]),
         (lambda m: _shift(m, "bodies", 1), ["other bodies of the cells"]),
         (lambda m: m.update(cells=m["cells"][1:]), ["28 cells instead of 29"]),
-        (lambda m: m.update(points_0=m["points_0"][1:]), ["other contact surfaces or quadrature"]),
-        (lambda m: m.pop("points_0"), ["other contact surfaces or quadrature"]),
+        (
+            lambda m: m.update(points_0=m["points_0"][1:]),
+            ["other facets or points: contact points"],
+        ),
+        (lambda m: m.pop("points_0"), ["other facets or points: contact points"]),
     ],
     ids=range(9),
 )

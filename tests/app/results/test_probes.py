@@ -16,7 +16,7 @@ from app.build.model import build_model
 from app.case.case import Case
 from app.results.body_probes import BodyProbes
 from app.results.contact_probes import arc_length
-from app.results.directory import read_table
+from app.results.directory import check_free, read_table
 from app.results.point_probes import PointProbes
 from app.results.probes import ProbeRecorder
 from app.results.reading import read
@@ -409,7 +409,7 @@ def test_what_was_followed_before_an_interruption_is_written(tmp_path, monkeypat
     assert len(found.probes) == 2 * (2 + 6) and len(found.body_probes) == 2 * 2
     assert found.contact_probes["area"].isna().sum() == 2 * 13
     # They are results: another run may clear them.
-    running.check_free(tmp_path, True)
+    check_free(tmp_path, True)
 
 
 def test_without_probes_there_are_no_tables(tmp_path):

@@ -17,6 +17,7 @@ from app.run.forwarding import stopping_signals
 from app.run.interruption import Interruption
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGUSR1)
+ARGUMENTS = {"ready": 1, "cut": 3, "load_step": 4}  # how many an observer is told
 ANY: Any = None  # What an observer is told plays no part here.
 
 
@@ -37,16 +38,16 @@ def saving(tmp_path):
 
 
 @pytest.mark.parametrize("number", SIGNALS)
-@pytest.mark.parametrize("when", ["step", "cut"])
+@pytest.mark.parametrize("when", ["ready", "cut"])
 def test_a_signal_stops_at_the_next_step_or_cut(number, when, saving):
     told = []
-    noted = partial(told.append, True)
-    with pytest.raises(Interrupted), Interruption(MPI.COMM_SELF, saving, noted) as interruption:
-        interruption.step(ANY, ANY, ANY)
+    with pytest.raises(Interrupted), Interruption(MPI.COMM_SELF, saving) as interruption:
+        interruption.noted = partial(told.append, True)
+        interruption.ready(ANY)
         os.kill(os.getpid(), number)
         assert told == [True]  # at once
         reached = True
-        getattr(interruption, when)(ANY, ANY, ANY)
+        getattr(interruption, when)(*(ANY,) * ARGUMENTS[when])
     assert reached
 
 
@@ -60,22 +61,29 @@ def test_a_second_signal_stops_at_once(saving):
     assert reached and not isinstance(caught.value, Interrupted)
 
 
+def test_another_signal_is_no_second_one(saving):
+    with pytest.raises(Interrupted), Interruption(MPI.COMM_SELF, saving) as interruption:
+        os.kill(os.getpid(), signal.SIGHUP)
+        os.kill(os.getpid(), signal.SIGTERM)  # as engines of containers do
+        interruption.ready(ANY)
+
+
 def test_a_signal_that_was_ignored_stays_so(saving):
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
         with Interruption(MPI.COMM_SELF, saving) as interruption:
             os.kill(os.getpid(), signal.SIGHUP)
-            interruption.step(ANY, ANY, ANY)
+            interruption.ready(ANY)
         assert signal.SIGHUP not in stopping_signals()
     finally:
         signal.signal(signal.SIGHUP, before)
     assert signal.SIGHUP in stopping_signals()
 
 
-@pytest.mark.parametrize("when", ["step", "cut", "within", "load_step"])
+@pytest.mark.parametrize("when", ["ready", "cut", "load_step"])
 def test_what_could_not_be_written_stops_all_ranks(when, saving, tmp_path):
     with Interruption(MPI.COMM_SELF, saving) as interruption:
-        arguments = (ANY,) * (4 if when == "load_step" else 3)
+        arguments = (ANY,) * ARGUMENTS[when]
         getattr(interruption, when)(*arguments)
         with saving:
             (tmp_path / "gone" / "a.txt").write_text("text")
@@ -89,7 +97,7 @@ def test_in_another_thread_signals_are_left_alone(saving):
     def work() -> None:
         with Interruption(MPI.COMM_SELF, saving) as interruption:
             seen.append([signal.getsignal(number) for number in SIGNALS])
-            interruption.step(ANY, ANY, ANY)
+            interruption.ready(ANY)
 
     before = [signal.getsignal(number) for number in SIGNALS]
     thread = threading.Thread(target=work)

@@ -103,6 +103,19 @@ def test_the_process_is_no_rank_and_finds_its_modules_here_only(tmp_path, monkey
     assert not told.exists()
 
 
+def test_no_mesh_file_is_run(files, tmp_path):
+    """gmsh runs scripts, and takes for one what does not begin as a mesh."""
+    command = f'SystemCall "touch {tmp_path}/ran";\n'.encode()
+    path = tmp_path / "mesh.msh"
+    path.write_bytes(command + files[0])
+    assert "not a gmsh mesh" in one_line(path)
+    (tmp_path / "mesh.msh.opt").write_bytes(command)
+    for before in (b"", b"$Comments\nours\n$EndComments\n"):
+        path.write_bytes(before + files[0])
+        assert set(read(path, MPI.COMM_SELF).bodies) == {"elastomer", "aluminium"}
+    assert not (tmp_path / "ran").exists()
+
+
 def test_arrays_of_a_broken_process_are_refused(files, tmp_path):
     import numpy as np
 

@@ -409,6 +409,7 @@ def test_two_bodies_of_one_name_are_refused(msh, version, said):
         ("mesh.geo", "Point(1) = {0, 0, 0};", "meshes are read from"),
         ("mesh.msh", "", "not a gmsh mesh"),
         ("mesh.msh", "Point(1) = {0, 0, 0};", "not a gmsh mesh"),
+        ("mesh.msh", "$MeshFormat\n\x01 0 8\n", "not a gmsh mesh"),
         ("mesh.msh", "$MeshFormat\n3 0 8\n$EndMeshFormat\n", "of version 3; meshes are read"),
         ("mesh.msh", "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n", "no faces and no volumes"),
     ],

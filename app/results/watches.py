@@ -1,0 +1,68 @@
+"""What watches over a run and has its say at the end of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from app.build.model import Model
+from app.equilibrium.snapshot import Snapshot
+from app.implicit.stepper import StepResult
+from app.simulation.contact_warnings import ContactWarnings
+from app.simulation.history import Row
+from app.simulation.left_master import LeftMaster
+from app.simulation.observer import Interval
+from app.simulation.roundoff_watch import RoundOffWatch
+
+
+class Watches:
+    """The watches of a run, told of every step.
+
+    Attributes:
+        roundoff: steps that ended at round-off; contacts: penetration, evenness, resolution;
+            left: points that run past the end of their master.
+        told: warnings that are given once only and have been, by a word for each.
+    """
+
+    def __init__(self, model: Model, kept: Snapshot | None = None) -> None:
+        """Begin before the first step, or go on; collective.
+
+        Args:
+            model: that is run.
+            kept: what :meth:`snapshot` has seen, of a run that goes on.
+        """
+        self.roundoff = RoundOffWatch(model.problem, model.case.solver.tolerance)
+        self.contacts = ContactWarnings(model.problem, None if kept is None else kept["contacts"])
+        self.left = LeftMaster(model)
+        self.told: set[str] = set()
+        self._thickness = model.thickness
+        if kept is not None:
+            self.told = set(kept["told"])
+            self.left.restore(kept["left"])
+            self.roundoff.restore(kept["roundoff"])
+
+    def step(self, row: Row, result: StepResult | Interval) -> None:
+        """Look at a converged step; collective."""
+        self.roundoff.step(row, result)
+        self.contacts.step(row, self._thickness)
+        self.left.step(row)
+
+    def first_time(self, what: str) -> bool:
+        """Whether this has not been told yet; it counts as told from now on."""
+        new = what not in self.told
+        self.told.add(what)
+        return new
+
+    def warnings(self, stage: str) -> Iterator[str]:
+        """What there is to say at the end, in stage ``stage``; collective."""
+        yield from self.left.warnings()
+        yield from self.contacts.warnings()
+        self.roundoff.end(stage)
+
+    def snapshot(self) -> Snapshot:
+        """What has been seen so far."""
+        return {
+            "told": sorted(self.told),
+            "left": self.left.snapshot(),
+            "roundoff": self.roundoff.snapshot(),
+            "contacts": self.contacts.snapshot(),
+        }

@@ -1,0 +1,457 @@
+"""Runs that go on: what nobody thinks of at first."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from app.case.case import Case
+from app.case.reading import load_case
+from app.checkpoint.files import _sum, latest
+from app.checkpoint.same_case import changes
+from app.errors import InputError, Interrupted
+from app.results.directory import check_free, checkpoint_numbers
+from app.results.inputs import write_case
+from app.run.interruption import Interruption
+from app.run.run import run_case
+from app.run.stage_progress import StagesProgress
+from app.run.sweep import collate
+from app.run.sweep_runs import SweepOptions, _to_run
+from app.simulation.simulation import Simulation
+from tests.app.conftest import BLOCK
+from tests.app.simulation.test_explicit_run import THROWN
+from tests.own_law import documented_law
+
+COARSE = {
+    "geometry": {
+        "kind": "two-blocks",
+        "thickness": "1 mm",
+        "upper": {"width": "1.0 mm", "height": "0.5 mm", "elements": [5, 3]},
+        "lower": {"width": "2.0 mm", "height": "0.5 mm", "elements": [7, 2]},
+    },
+    "stage": [
+        {"name": "press", "duration": "1 s", "steps": 2},
+        {"name": "slide", "duration": "1 s", "steps": 3},
+    ],
+}
+OUTPUT = {"figures": False, "fields_every": 0, "checkpoint_every": 1, "checkpoints_kept": 50}
+
+
+def case_of(text: str = BLOCK, **tables: Any) -> Case:
+    output = OUTPUT | tables.pop("output", {})
+    return Case.model_validate(tomllib.loads(text) | COARSE | tables | {"output": output})
+
+
+def run(case: Case, directory: Path, **how: Any) -> Simulation:
+    return run_case(case, directory, quiet=True, comm=MPI.COMM_SELF, **how)
+
+
+def as_killed(done: Path, directory: Path, number: int) -> Path:
+    """A copy of a directory, as if the run had been killed after a checkpoint."""
+    shutil.copytree(done, directory)
+    for one in checkpoint_numbers(directory):
+        if one > number:
+            shutil.rmtree(directory / "checkpoints" / f"{one:06d}")
+    path = directory / "summary.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"status": "running"}))
+    return directory
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory) -> Path:
+    """A run that is done, with a checkpoint of each step."""
+    directory = tmp_path_factory.mktemp("done") / "out"
+    run(case_of(), directory)
+    return directory
+
+
+# -- stops ------------------------------------------------------------------------------------
+
+
+def test_a_run_stopped_while_a_step_is_cut_goes_on_to_the_same_rows(tmp_path, monkeypatch):
+    """Attempts that failed before the stop count, and are not made again."""
+    stages = [COARSE["stage"][0], COARSE["stage"][1] | {"steps": 2}]
+    case = case_of(stage=stages, solver={"max_iterations": 2})
+    whole = run(case, tmp_path / "whole")
+    cuts = sum(row.attempts - 1 for row in whole.rows)
+    assert cuts >= 2
+    for number in range(1, cuts + 1):
+        seen = 0
+
+        def cut(self, *_, number=number):
+            nonlocal seen
+            seen += 1
+            if seen == number:
+                raise Interrupted
+
+        out = tmp_path / f"cut-{number}"
+        with monkeypatch.context() as patch:
+            patch.setattr(Interruption, "cut", cut)
+            with pytest.raises(Interrupted):
+                run(case, out)
+        run(case, out, resume=True)
+        for name in ("history.csv", "contacts.csv", "surfaces.csv", "bodies.csv"):
+            assert (out / name).read_text() == (tmp_path / "whole" / name).read_text(), number
+
+
+# -- checkpoints that are not as they were written ----------------------------------------------
+
+
+def damage_manifest(path: Path, about: Any) -> None:
+    (path / "manifest.json").write_text(about if isinstance(about, str) else json.dumps(about))
+
+
+def rewritten(path: Path, state: Any = None, arrays: dict[str, Any] | None = None) -> None:
+    """Put something else into a checkpoint, with a manifest that agrees."""
+    about = json.loads((path / "manifest.json").read_text())
+    if state is not None:
+        (path / "state.json").write_text(state if isinstance(state, str) else json.dumps(state))
+    if arrays is not None:
+        np.savez_compressed(path / "arrays.npz", **arrays)
+    for name in about["files"]:
+        content = (path / name).read_bytes()
+        about["files"][name] = {
+            "bytes": len(content),
+            "sha256": hashlib.sha256(content).hexdigest(),
+        }
+    about.pop("sha256")
+    damage_manifest(path, about | {"sha256": _sum(about)})
+
+
+@pytest.mark.parametrize(
+    "about",
+    ["[]", '{"format": 1}', "[" * 100_000, '{"format": 1, "files": []}', "\0"],
+    ids=["list", "nothing", "nested", "no files", "zero"],
+)
+def test_the_checkpoint_before_a_damaged_one_is_taken(done, tmp_path, about):
+    out = as_killed(done, tmp_path / "out", 3)
+    damage_manifest(out / "checkpoints" / "000003", about)
+    found, notes = latest(out)
+    assert found is not None and found.about["step"] == 2
+    assert len(notes) == 1 and "000003: is damaged" in notes[0] and "one before" in notes[0]
+
+
+def test_a_run_whose_checkpoints_are_all_damaged_is_not_begun_anew(done, tmp_path):
+    out = as_killed(done, tmp_path / "out", 2)
+    for number in (1, 2):
+        damage_manifest(out / "checkpoints" / f"{number:06d}", "{}")
+    rows = (out / "history.csv").read_text()
+    with pytest.raises(InputError, match=r"000002: is damaged .*begin anew with --force"):
+        run(case_of(), out, resume=True)
+    assert (out / "history.csv").read_text() == rows
+
+
+def test_compressed_arrays_are_not_unpacked(done, tmp_path):
+    out = as_killed(done, tmp_path / "out", 2)
+    rewritten(out / "checkpoints" / "000002", arrays={"a0": np.zeros(10_000_000)})
+    found, notes = latest(out)
+    assert found is not None and found.about["step"] == 1 and "arrays.npz" in notes[0]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda tree: tree["simulation"].pop("runner"), "'runner' is missing"),
+        (lambda tree: tree["simulation"].update(state=None), "NoneType"),
+        (lambda tree: tree.update(case="["), "Invalid"),
+        (lambda tree: tree["simulation"]["runner"].update(x={"$": ["nodal", "999"]}), "'999'"),
+        (lambda tree: tree["simulation"]["runner"].update(x={"$": ["array", "0"]}), "broadcast"),
+        (lambda tree: tree["recorder"].update(left={"$": ["points", "0", 7]}), "range"),
+    ],
+    ids=["no runner", "no state", "no case", "no array", "fewer rows", "no pair"],
+)
+def test_a_checkpoint_of_another_make_is_one_line(done, tmp_path, change, said):
+    out = as_killed(done, tmp_path / "out", 1)
+    path = out / "checkpoints" / "000001"
+    tree = json.loads((path / "state.json").read_text())
+    change(tree)
+    rewritten(path, state=tree)
+    with pytest.raises(InputError, match="not as this version of tribox writes it") as error:
+        run(case_of(), out, resume=True)
+    assert said in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("table", "change"),
+    [
+        ("history.csv", lambda text: text.replace("driven_displacement", "way", 1)),
+        ("contacts.csv", lambda text: text.splitlines(keepends=True)[0]),
+        ("bodies.csv", lambda text: "".join(text.splitlines(keepends=True)[:-1])),
+        ("surfaces.csv", lambda text: ""),
+    ],
+    ids=["columns", "no rows", "one row less", "empty"],
+)
+def test_a_table_with_other_columns_or_missing_rows_is_refused(done, tmp_path, table, change):
+    out = as_killed(done, tmp_path / "out", 5)
+    path = out / table
+    path.write_text(change(path.read_text()))
+    with pytest.raises(InputError, match=table):
+        run(case_of(), out, resume=True)
+
+
+def test_a_row_that_was_cut_off_in_the_middle_is_dropped(done, tmp_path):
+    out = as_killed(done, tmp_path / "out", 2)
+    path = out / "history.csv"
+    kept = path.read_text().splitlines(keepends=True)[:3]
+    path.write_text("".join(kept) + "2,1.")
+    run(case_of(), out, resume=True)
+    assert path.read_text() == (done / "history.csv").read_text()
+
+
+def test_probes_are_cut_back_before_the_run_goes_on(tmp_path, monkeypatch):
+    probe = [{"name": "upper", "body": "elastomer"}]
+    run(case_of(probe=probe), tmp_path / "whole")
+    out = as_killed(tmp_path / "whole", tmp_path / "out", 2)
+    (out / "probes.csv").touch()
+
+    def stop(*_):
+        raise Interrupted
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Interruption, "ready", stop)
+        with pytest.raises(Interrupted):
+            run(case_of(probe=probe), out, resume=True)
+    assert len((out / "body_probes.csv").read_text().splitlines()) == 3
+    run(case_of(probe=probe), out, resume=True)
+    table = (tmp_path / "whole" / "body_probes.csv").read_text()
+    assert (out / "body_probes.csv").read_text() == table
+
+
+# -- directories --------------------------------------------------------------------------------
+
+
+def test_what_a_run_reads_is_not_cleared_where_it_cannot_go_on(tribox, case_file, tmp_path):
+    """Of a directory that holds the case itself, and a checkpoint that was never whole."""
+    out = tmp_path / "out"
+    run(case_of(), out)
+    shutil.rmtree(out / "checkpoints")
+    (out / "checkpoints" / "000001.part").mkdir(parents=True)
+    (out / "summary.json").write_text('{"status": "running"}')
+    result = tribox("run", out / "case.toml", "--out", out, "--resume")
+    assert result.returncode == 2 and "case.toml, which the run reads" in result.stderr
+    assert (out / "case.toml").is_file() and (out / "history.csv").is_file()
+
+
+def test_adios2_files_of_a_run_that_went_on_may_be_cleared(tmp_path):
+    case = case_of(output={"formats": ["adios2"]})
+    run(case, tmp_path / "whole")
+    out = as_killed(tmp_path / "whole", tmp_path / "out", 2)
+    run(case, out, resume=True)
+    assert (out / "fields_after_000002.bp").is_dir()
+    check_free(out, force=True)
+    run(case, out, force=True)
+    assert not list(out.glob("*_after_*"))
+
+
+def test_a_summary_is_right_as_soon_as_the_run_goes_on(done, tmp_path, monkeypatch):
+    """Also where the run was killed while it wrote one."""
+    out = as_killed(done, tmp_path / "out", 3)
+    (out / "summary.json").write_text('{"status": "done"}')
+    (out / "summary.json.part").write_text("{")
+    found = {}
+
+    def look(*_):
+        found.update(json.loads((out / "summary.json").read_text()))
+        raise Interrupted
+
+    monkeypatch.setattr(Interruption, "ready", look)
+    with pytest.raises(Interrupted):
+        run(case_of(), out, resume=True)
+    assert (found["status"], found["steps"], found["resumed"]) == ("running", 3, [3])
+
+
+# -- other cases ----------------------------------------------------------------------------------
+
+
+def test_another_class_of_the_same_file_is_another_law(tmp_path):
+    law = documented_law()
+    path = tmp_path / "laws.py"
+    path.write_text(law + law[law.index("class MyLaw") :].replace("class MyLaw", "class Other"))
+
+    def with_law(name: str) -> Case:
+        friction = {"law": "python", "class": f"{path}:{name}", "parameters": {"mu": 0.1}}
+        friction["parameters"]["speed"] = 1e-6
+        contact = tomllib.loads(BLOCK)["contact"][0] | {"friction": friction}
+        return case_of(contact=[contact])
+
+    run(with_law("MyLaw"), tmp_path / "whole")
+    out = as_killed(tmp_path / "whole", tmp_path / "out", 2)
+    with pytest.raises(InputError, match=r'contact.0.friction.class = "Other" instead of "MyLaw"'):
+        run(with_law("Other"), out, resume=True)
+
+
+# -- what a run remembers ----------------------------------------------------------------------
+
+
+def test_limits_of_rounding_are_those_of_the_run(tmp_path):
+    """They follow from forces of implicit steps that an explicit stage does not make again."""
+    stages = [
+        {"name": "press", "duration": "1 s", "steps": 2, "solver": "implicit"},
+        {"name": "slide", "duration": "1 us", "steps": 2},
+    ]
+    bodies = tomllib.loads(BLOCK)["bodies"]
+    bodies = {name: body | {"density": 2000} for name, body in bodies.items()}
+    case = case_of(stage=stages, bodies=bodies, solver={"kind": "explicit"})
+    whole = run(case, tmp_path / "whole")
+    out = as_killed(tmp_path / "whole", tmp_path / "out", 3)
+    gone_on = run(case, out, resume=True)
+    limits = [
+        (r.model.problem.reference_force, r.stepper._watch._roundoff) for r in (whole, gone_on)
+    ]
+    assert limits[0][0] > 0.0
+    assert limits[0] == limits[1]
+
+
+def test_bars_begin_in_the_stage_that_the_run_is_in():
+    case = case_of()
+    progress = StagesProgress(case, now=iter(range(100, 200)).__next__)
+    progress.go_on([(1.0, 0.5)], 1.5, 0.25)
+    assert progress.here.stage.name == "slide" and progress.here.share == 0.5
+    assert progress.begun[0].time_left(0.0) == "done before"
+    started = progress.here.started
+    assert progress.here.seconds_left(started + 1.0) is None
+    progress.at(1.75, 0.25)
+    assert progress.here.seconds_left(started + 1.0) == pytest.approx(1.0)
+
+
+# -- sweeps, and runs that are done ---------------------------------------------------------------
+
+
+def test_a_run_that_is_done_is_not_taken_for_that_of_another_case(tribox, tmp_path, block):
+    out, path = tmp_path / "out", tmp_path / "case.toml"
+    path.write_text(block.replace("steps = 6", "steps = 1"))
+    run(load_case(path), out)
+    for same in (path, out / "case.toml"):
+        result = tribox("run", same, "--out", out, "--resume")
+        assert result.returncode == 0 and "is done; --extend" in result.stdout, result.stderr
+    for old, new, key in (
+        ("mu = 0.2", "mu = 0.3", "contact.0.friction.mu = 0.3 instead of 0.2"),
+        ("nu = 0.45", 'nu = 0.45\nformulation = "q1"', "bodies.elastomer.formulation"),
+        ("mu = 0.2", 'mu = 0.2\nK_T = "1e12 Pa/m"', "contact.0.friction.K_T"),
+    ):
+        text = path.read_text()
+        assert old in text
+        (tmp_path / "other.toml").write_text(text.replace(old, new))
+        result = tribox("run", tmp_path / "other.toml", "--out", out, "--resume")
+        assert result.returncode == 2 and key in result.stderr
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory) -> Path:
+    """A sweep over two values, done."""
+    directory = tmp_path_factory.mktemp("swept") / "out"
+    directory.mkdir()
+    case = sweep_of()
+    write_case(case, directory)
+    for label, single in case.sweep_cases():
+        run(single, directory / label)
+    collate(case, directory, "done")
+    return directory
+
+
+def sweep_of(**tables: Any) -> Case:
+    return case_of(sweep={"key": "contact.0.friction.mu", "values": [0.1, 0.3]}, **tables)
+
+
+BODIES = tomllib.loads(BLOCK)["bodies"]
+SOFTER = BODIES | {"elastomer": BODIES["elastomer"] | {"nu": 0.4}}
+LONGER = [*COARSE["stage"], {"name": "wait", "duration": "1 s", "steps": 1}]
+
+
+def test_values_of_another_sweep_are_not_mixed_with_new_ones(swept, tmp_path):
+    options = SweepOptions(resume=True)
+    assert _to_run(sweep_of(), swept, options) == []
+    with pytest.raises(InputError, match=r"elastomer\.nu = 0\.4 instead of 0\.45"):
+        _to_run(sweep_of(bodies=SOFTER), swept, options)
+    with pytest.raises(InputError, match="use --extend"):
+        _to_run(sweep_of(stage=LONGER), swept, options)
+
+
+def test_a_sweep_that_was_extended_in_part_is_extended_in_the_rest(swept, tmp_path):
+    longer, options = sweep_of(stage=LONGER), SweepOptions(extend=True)
+    out = tmp_path / "out"
+    shutil.copytree(swept, out)
+    (first, case), (second, _) = longer.sweep_cases()
+    assert [label for _, label in _to_run(longer, out, options)] == [first, second]
+    run(case, out / first, extend=True)
+    assert [label for _, label in _to_run(longer, out, options)] == [second]
+    assert options.how(out / second) == {"resume": False, "extend": True}
+    shutil.rmtree(out / second)
+    assert options.how(out / second) == {"resume": True, "extend": False}
+    with pytest.raises(InputError, match="--extend: the sweep is done"):
+        _to_run(sweep_of(), swept, options)
+
+
+def moved(x: Any) -> list[dict[str, Any]]:
+    """The boundaries of the small block with another way of its top."""
+    bottom, top = tomllib.loads(BLOCK)["boundary"]
+    return [bottom, top | {"displacement": top["displacement"] | {"x": x}}]
+
+
+WAY = [["1 s", "0 mm"], ["2 s", "0.15 mm"]]
+
+
+def test_tables_over_time_may_go_on_past_the_end(done, tmp_path):
+    whole = case_of(stage=LONGER, boundary=moved([*WAY, ["3 s", "0.1 mm"]]))
+    run(whole, tmp_path / "whole")
+    out = as_killed(done, tmp_path / "out", 6)
+    run(whole, out, extend=True)
+    assert (out / "history.csv").read_text() == (tmp_path / "whole" / "history.csv").read_text()
+
+
+@pytest.mark.parametrize(
+    ("way", "time", "fits"),
+    [
+        ([*WAY, ["3 s", "0 mm"]], 2.0, True),
+        ([*WAY, ["3 s", "0 mm"]], 2.5, False),
+        ([*WAY, ["2.5 s", "0.15 mm"], ["3 s", "0 mm"]], 2.5, True),
+        ([*WAY, ["3 s", "0.15 mm"]], 2.5, True),
+        ([WAY[0], ["2 s", "0.1 mm"], ["3 s", "0 mm"]], 1.0, False),
+        (WAY[:1], 2.0, False),
+        ("0 mm", 2.0, False),
+    ],
+    ids=["at its end", "past its end", "held", "held on", "changed", "shorter", "constant"],
+)
+def test_rows_of_tables_must_not_change_what_was(way, time, fits):
+    found = list(changes(case_of(), case_of(boundary=moved(way)), 1, time=time))
+    assert (not found) == fits
+    still = case_of(boundary=moved("0 mm"))
+    later = case_of(boundary=moved([["2 s", "0 mm"], ["3 s", "1 mm"]]))
+    assert not list(changes(still, later, 1, time=2.0))
+    assert list(changes(still, later, 1, time=2.1))
+
+
+def test_an_explicit_run_goes_on_before_its_first_row(tmp_path, monkeypatch):
+    data = tomllib.loads(THROWN)
+    geometry = COARSE["geometry"]
+    data |= {"geometry": data["geometry"] | {k: geometry[k] for k in ("upper", "lower")}}
+    data["stage"][0]["steps"] = 1
+    case = Case.model_validate(data | {"output": OUTPUT})
+    run(case, tmp_path / "whole")
+    asked = iter([False, False, True])
+
+    def ready(self, state):
+        if next(asked):
+            raise Interrupted
+
+    out = tmp_path / "out"
+    with monkeypatch.context() as patch:
+        patch.setattr(Interruption, "ready", ready)
+        with pytest.raises(Interrupted):
+            run(case, out)
+    found, _ = latest(out)
+    assert found is not None and found.about["step"] == 0 and found.about["time"] > 0.0
+    for table in out.glob("*.csv"):  # a run that was killed would not have begun them
+        table.unlink()
+    run(case, out, resume=True)
+    assert "goes on after step 0" in (out / "log.txt").read_text()
+    for name in ("history.csv", "contacts.csv", "surfaces.csv", "bodies.csv"):
+        assert (out / name).read_text() == (tmp_path / "whole" / name).read_text()
