@@ -16,6 +16,7 @@ from app.case.given import given_keys
 from app.checkpoint.checkpointer import Checkpointer
 from app.checkpoint.resume import Found, find_checkpoint, go_on, started_line, version_notes
 from app.errors import InputError, Interrupted, OutputError, SolutionError
+from app.implicit.petsc_options import silence
 from app.results.claim import Claim
 from app.results.inputs import NOTHING, keep_inputs, kept_inputs
 from app.results.probes import ProbeRecorder
@@ -165,7 +166,11 @@ def _recorder(case: Case, simulation: Simulation, opening: Opening, saving: Savi
 
     on_first(model.problem.comm, make_ready)
     if found is not None:
-        seen = go_on(simulation, found, directory, opening.extend, kept.sums)
+        try:
+            seen = go_on(simulation, found, directory, opening.extend, kept.sums)
+        except InputError:
+            silence()  # PETSc has had no use for the options of a solver that solves nothing
+            raise
     recorder = Recorder(model, directory, given_keys(case), kept, saving, seen)
     if found is not None:
         recorder.go_on(simulation.state)

@@ -171,6 +171,15 @@ _SOFT = {
     "contact.0.penalty_factor": 1,
 }
 
+_RELAXED = {
+    "boundary.1.displacement": {"x": 0, "y": [["0 s", 0], ["20 us", "-0.02 mm"]]},
+    "stage": [{"name": "press", "duration": "40 us", "steps": 4, "relax": True}],
+}
+_RAMPED = {
+    **{"name": "slide", "velocities": ["0.2 m/s", "0.4 m/s"], "ramp": "3 us"},
+    **{"slip_step": "0.3 um", "min_steps": 2, "max_steps": 3},
+}
+
 IMPLICIT: dict[str, Maker] = {
     "coulomb": block(probe=PROBES),
     "cut": block(stage=[STAGES[0], STAGES[1] | {"steps": 2}], solver={"max_iterations": 2}),
@@ -216,7 +225,11 @@ EXPLICIT: dict[str, Maker] = {
     "film": plain(SLID, {**_THIN, "stage.1.steps": 4, "stage.1.duration": "4 us"}),
     "thrown": plain(THROWN, {**_FLUNG, "probe": PROBES}),
     "scaled": plain(THROWN, {**_FLUNG, "solver.mass_scaling": {"step": "0.2 us"}}),
-    "relaxed": plain(THROWN, {**_FLUNG, "stage.0.relax": True}),
+    "relaxed": plain(BLOCK, {**COARSE, **_DENSE, **_SOFT, **_RELAXED}),
+    "until steady": plain(SLID, {**_THIN, "stage.1": _RAMPED}),
+    "own law": lambda directory: (
+        changed(THROWN, _FLUNG) | {"contact": own_law(directory)["contact"]}
+    ),
     "space": plain(
         BOXES,
         {

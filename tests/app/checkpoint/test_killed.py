@@ -19,7 +19,7 @@ from tests.app.checkpoint.campaign import (
     left_alone,
     start,
 )
-from tests.app.checkpoint.going_on import numbers, unlike
+from tests.app.checkpoint.going_on import as_killed, numbers, unlike
 from tests.app.run.test_signals import of_run, statuses
 
 MOMENTS = int(os.environ.get("TRIBOX_KILLS", "0"))
@@ -52,6 +52,17 @@ def test_kills_at_random_moments(work):
     for killed in campaign(kinds, random.SystemRandom().randrange(1, 10**6), work):
         print(killed)
         assert killed.unlike == [], killed
+
+
+@pytest.mark.long
+def test_a_refusal_is_one_line_also_when_petsc_has_been_told_more(work, tmp_path):
+    path, reference = left_alone("implicit 2D", work)
+    out = as_killed(reference, tmp_path / "out", numbers(reference)[0])
+    (out / "summary.json").write_text('{"status": "running"}')
+    process = start(path, out, "--resume", "--set", "solver.linear=krylov")
+    said, _ = process.communicate(timeout=60.0)
+    assert process.returncode == 2 and said.count("\n") == 1
+    assert 'solver.linear = "krylov" instead of "direct"' in said
 
 
 @pytest.mark.long
