@@ -289,6 +289,26 @@ def _run(
 ) -> None:
     recorder = keepers.recorder
     try:
+        _run_to_an_end(simulation, keepers, interruption, observer)
+    except (SolutionError, OutputError, Interrupted):
+        raise
+    except BaseException as error:
+        # An error of one rank alone: the others are not here, so nothing collective may follow. A
+        # second signal may come while the state is being saved for the first.
+        stopped = isinstance(error, KeyboardInterrupt)
+        recorder.rescue(simulation, *(("interrupted",) if stopped else ("failed", repr(error))))
+        raise
+    finally:
+        keepers.probes.close()
+    recorder.close(simulation, "done")
+
+
+def _run_to_an_end(
+    simulation: Simulation, keepers: Keepers, interruption: Interruption, observer: Observer
+) -> None:
+    """Run, and save the state where all ranks end early together."""
+    recorder = keepers.recorder
+    try:
         interruption.look()  # what has come while the files were begun
         simulation.run(observer)
         keepers.checkpointer.close("done")
@@ -303,14 +323,6 @@ def _run(
         keepers.save("interrupted")
         recorder.close(simulation, "interrupted")
         raise
-    except BaseException as error:
-        # An error of one rank alone: the others are not here, so nothing collective may follow.
-        stopped = isinstance(error, KeyboardInterrupt)
-        recorder.rescue(simulation, *(("interrupted",) if stopped else ("failed", repr(error))))
-        raise
-    finally:
-        keepers.probes.close()
-    recorder.close(simulation, "done")
 
 
 def draw_run(simulation: Simulation, directory: Path, reporter: Reporter | None) -> None:
