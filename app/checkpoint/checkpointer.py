@@ -11,6 +11,7 @@ from app.checkpoint.files import Checkpoint, write_checkpoint
 from app.checkpoint.layout import Layout, copied
 from app.equilibrium.snapshot import Snapshot
 from app.errors import OutputError
+from app.results.first_rank import on_first
 from app.results.probes import ProbeRecorder
 from app.results.recorder import Recorder
 from app.results.versions import versions
@@ -120,19 +121,22 @@ class Checkpointer(Observer):
                 self._layout = Layout(self._simulation.model)
             layout = self._layout
             tree, arrays = layout.gather(snapshot)
-            problem = None
-            if self._comm.rank == 0:
-                arrays |= {f"mesh/{name}": array for name, array in layout.identity.items()}
-                about = about | {"distribution": layout.ranks}
-                try:
-                    self._recorder.sync()
-                    self._probes.sync()
-                    keep = self._output.checkpoints_kept
-                    write_checkpoint(self._directory, Checkpoint(about, tree, arrays), keep)
-                except OSError as error:
-                    problem = f"{self._directory}: no checkpoint could be written ({error})"
-            problem = self._comm.bcast(problem)
-        if problem is not None:
-            raise OutputError(problem)
+            arrays |= {f"mesh/{name}": array for name, array in layout.identity.items()}
+            whole = Checkpoint(about | {"distribution": layout.ranks}, tree, arrays)
+            on_first(self._comm, lambda: self._put(whole))
         self._step, self._written = about["step"], time.monotonic()
         self._remembered, self._memory = self._written, None
+
+    def _put(self, checkpoint: Checkpoint) -> None:
+        """Put a checkpoint on the disk, with the rows that belong to it; for the first rank.
+
+        Raises:
+            OutputError: it cannot be written.
+        """
+        try:
+            self._recorder.sync()
+            self._probes.sync()
+            write_checkpoint(self._directory, checkpoint, self._output.checkpoints_kept)
+        except OSError as error:
+            why = f"no checkpoint could be written ({error})"
+            raise OutputError(f"{self._directory}: {why}") from None

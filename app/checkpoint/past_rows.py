@@ -12,6 +12,7 @@ from mpi4py import MPI
 
 from app.errors import InputError
 from app.results.directory import PROBE_TABLES, TEXT_COLUMNS
+from app.results.first_rank import on_first
 from app.simulation.history import COLUMNS, Row
 from app.simulation.run_state import RunState
 
@@ -32,18 +33,13 @@ def restore_rows(state: RunState, directory: Path, step: int, comm: MPI.Comm) ->
         "surfaces.csv": (motion.surface_columns, len(surfaces_of)),
         "bodies.csv": (motion.body_columns, len(state.model.problem.solids)),
     }
-    tables: list[list[dict[str, Any]]] | str | None = None
-    if comm.rank == 0:
-        try:
-            tables = [_rows(directory / name, step, *kind) for name, kind in names.items()]
-            for name in PROBE_TABLES:
-                _check_steps(directory / name)
-        except InputError as error:
-            tables = str(error)
-    tables = comm.bcast(tables)
-    if tables is None or isinstance(tables, str):
-        raise InputError(str(tables))
-    history, pairs, surfaces, bodies = tables
+
+    def read() -> list[list[dict[str, Any]]]:
+        for name in PROBE_TABLES:
+            _check_steps(directory / name)
+        return [_rows(directory / name, step, *kind) for name, kind in names.items()]
+
+    history, pairs, surfaces, bodies = comm.bcast(on_first(comm, read))
     state.rows = [Row(**row) for row in history]
     state.pair_rows = [tuple(row.values()) for row in pairs]
     motion.surface_rows = [tuple(row.values()) for row in surfaces]

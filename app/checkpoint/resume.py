@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from app.checkpoint.same_case import changes, listed, refuse
 from app.equilibrium.snapshot import Array, Snapshot
 from app.errors import InputError
 from app.results.directory import CHECKPOINTS
+from app.results.first_rank import on_first
 from app.results.versions import versions
 from app.simulation.simulation import Simulation
 from app.simulation.time_text import time_text
@@ -57,7 +58,7 @@ def find_checkpoint(directory: Path, comm: MPI.Comm) -> Found | None:
     Raises:
         InputError: it is of another format, or there are some and all are damaged.
     """
-    found, notes = _on_first(comm, lambda: _latest(directory)) or (None, [])
+    found, notes = on_first(comm, lambda: _latest(directory)) or (None, [])
     about = comm.bcast(None if found is None else found.about)
     return None if about is None else Found(about, comm.bcast(notes), found)
 
@@ -106,8 +107,8 @@ def go_on(
     model, comm = simulation.model, simulation.model.problem.comm
     checkpoint = found.checkpoint
     layout = Layout(model)
-    _on_first(comm, lambda: _compare(simulation, checkpoint, layout, directory))
-    _on_first(comm, lambda: _same_laws(found.about["inputs"], inputs, directory))
+    on_first(comm, lambda: _compare(simulation, checkpoint, layout, directory))
+    on_first(comm, lambda: _same_laws(found.about["inputs"], inputs, directory))
     tree: Any = None if checkpoint is None else checkpoint.tree
     arrays: dict[str, Array] = {} if checkpoint is None else checkpoint.arrays
     kept = layout.scatter(tree, arrays, found.about["distribution"])
@@ -213,17 +214,3 @@ def version_notes(about: dict[str, Any]) -> Iterator[str]:
     for name, was in about["versions"].items():
         if now.get(name) != was:
             yield f"{name} is {now.get(name)}, the run was begun with {was}"
-
-
-def _on_first(comm: MPI.Comm, action: Callable[[], Any]) -> Any:
-    """Do something on the first rank; if it raises, raise on all; its result on the first."""
-    problem, result = None, None
-    if comm.rank == 0:
-        try:
-            result = action()
-        except InputError as error:
-            problem = str(error)
-    problem = comm.bcast(problem)
-    if problem is not None:
-        raise InputError(problem)
-    return result

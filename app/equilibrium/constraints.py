@@ -112,6 +112,7 @@ class Unknowns:
 
     def __init__(self, space: dolfinx.fem.FunctionSpace) -> None:
         """Read the numbering of a space."""
+        _fix_rounding()
         index_map = space.dofmap.index_map
         self.space, self.comm = space, space.mesh.comm
         self.dim = space.dofmap.index_map_bs
@@ -121,7 +122,6 @@ class Unknowns:
 
     def new_vector(self) -> PETSc.Vec:
         """A global vector of unknowns, m, holding zeros."""
-        _fix_rounding()
         vec = PETSc.Vec().createMPI((self.owned, None), bsize=self.dim, comm=self.comm)
         vec.set(0.0)
         return vec

@@ -7,28 +7,17 @@ solvers see all of it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable
 from typing import Literal
 
 from petsc4py import PETSc
 
 from app.equilibrium.equilibrium import Equilibrium
-from app.equilibrium.snapshot import (
-    Local,
-    Nodal,
-    Snapshot,
-    of_contacts,
-    of_searches,
-    of_step,
-    repeat_searches,
-    to_contacts,
-    to_step,
-)
+from app.equilibrium.snapshot import Local, Snapshot
 from app.equilibrium.step_mode import DEFAULT_STEP, StepMode
+from app.implicit.assembly import Assembly
 from app.implicit.petsc_options import refusal, silence, unused
-from forms.contact.state import ContactState
-from geometry.surfaces.facets import Floats, Ints
+from geometry.surfaces.facets import Ints
 
 Linear = Literal["auto", "direct", "krylov"]
 # Unknowns up to which "auto" factorises, by the dimension of space: a factorisation takes about
@@ -69,54 +58,6 @@ def chosen_solver(problem: Equilibrium, kind: Linear) -> Linear:
     if kind == "auto":
         return "direct" if problem.size <= DIRECT_LIMIT[problem.dim] else "krylov"
     return kind
-
-
-@dataclass(frozen=True, slots=True)
-class Assembly:
-    """What a tangent was assembled from, so that a run that is resumed can make it again.
-
-    Attributes:
-        x: (n,), m, displacements; before: those that pressures were carried from, or None.
-        step: duration and contact modes.
-        states: of the contacts at the start of the step; searches: where their candidate facets
-            were searched for.
-        pressures: Pa, of the follower pressures; platens: m, their displacements where prescribed.
-    """
-
-    x: Floats
-    before: Floats | None
-    step: StepMode
-    states: tuple[ContactState, ...]
-    searches: Local
-    pressures: tuple[float, ...]
-    platens: tuple[float | None, ...]
-
-    @classmethod
-    def of(
-        cls, problem: Equilibrium, x: PETSc.Vec, step: StepMode, before: PETSc.Vec | None
-    ) -> Assembly:
-        """What the tangent at ``x`` has just been assembled from."""
-        return cls(
-            x.array_r.copy(),
-            None if before is None else before.array_r.copy(),
-            step,
-            tuple(term.state for term in problem.contacts),
-            of_searches(problem.contacts),
-            tuple(float(load.value.value) for load in problem.pressures),
-            tuple(platen.displacement for platen in problem.platens),
-        )
-
-    def snapshot(self) -> Snapshot:
-        """All of it."""
-        return {
-            "x": Nodal(self.x),
-            "before": None if self.before is None else Nodal(self.before),
-            "step": of_step(self.step),
-            "states": of_contacts(self.states),
-            "searches": self.searches,
-            "pressures": list(self.pressures),
-            "platens": list(self.platens),
-        }
 
 
 class LinearSolver:
@@ -333,35 +274,10 @@ class LinearSolver:
         tangent.make_room(self.matrix)
 
     def _restore_matrix(self, kept: Snapshot) -> None:
-        problem = self.problem
-        states = [term.state for term in problem.contacts]
-        loads = [float(load.value.value) for load in problem.pressures]
-        platens = [platen.displacement for platen in problem.platens]
-        x, before = problem.new_vector(), problem.new_vector()
-        x.array[:] = kept["x"]
-        if kept["before"] is not None:
-            before.array[:] = kept["before"]
-        self._set(to_contacts(problem.contacts, kept["states"]), kept["pressures"], kept["platens"])
-        repeat_searches(problem.contacts, kept["searches"])
+        assembly = Assembly.restored(self.problem, kept)
         self._iterations = 0  # not worn
-        carried = None if kept["before"] is None else before
-        self.assemble(x, to_step(kept["step"]), carried)
-        self._set(states, loads, platens)
-
-    def _set(
-        self,
-        states: Sequence[ContactState],
-        pressures: Sequence[float],
-        platens: Sequence[float | None],
-    ) -> None:
-        """Put in the contacts' histories, and the loads that the tangent depends on."""
-        problem = self.problem
-        for term, state in zip(problem.contacts, states, strict=True):
-            term.adopt(state)
-        for load, value in zip(problem.pressures, pressures, strict=True):
-            load.value.value = value
-        for platen, displacement in zip(problem.platens, platens, strict=True):
-            platen.displacement = displacement
+        with assembly.in_place(self.problem) as (x, before):
+            self.assemble(x, assembly.step, before)
 
     def _last_iterations(self) -> int:
         """Iterations of the last solve, or of that before the run was resumed."""

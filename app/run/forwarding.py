@@ -7,11 +7,13 @@ import os
 import signal
 import subprocess
 import threading
+from collections.abc import Callable, Mapping
 from types import FrameType, TracebackType
 from typing import Self
 
 STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-SAID = "finishing the step at hand; a second signal stops at once"
+SAID = "finishing the step at hand; Ctrl-C, or the same signal again, stops at once"
+Handler = Callable[[int, FrameType | None], None]
 
 
 def say_stopping() -> None:
@@ -33,12 +35,30 @@ def stopping_signals() -> tuple[signal.Signals, ...]:
     return tuple(n for n in (*STOPPING, signal.SIGUSR1) if n != signal.SIGHUP or not ignored)
 
 
-def repeats(first: int) -> tuple[int, int]:
+def taken(handlers: Mapping[signal.Signals, Handler]) -> dict[signal.Signals, signal._HANDLER]:
+    """Set handlers of signals, and return those before; in the main thread only.
+
+    In another one nothing is set: its owner decides what stops it.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        return {}
+    return {number: signal.signal(number, handler) for number, handler in handlers.items()}
+
+
+def give_back(before: Mapping[signal.Signals, signal._HANDLER]) -> None:
+    """Set the handlers that :func:`taken` returned."""
+    for number, handler in before.items():
+        signal.signal(number, signal.SIG_DFL if handler is None else handler)
+
+
+def repeats(first: int) -> tuple[int, ...]:
     """Signals that, after a first one to stop, are a second one.
 
-    Not another: engines of containers whose terminal has gone send SIGHUP, and SIGTERM after it.
+    Not any other: engines of containers whose terminal has gone send SIGHUP, and SIGTERM after it.
+    But mpirun, which has passed on SIGUSR1, ends its ranks by SIGTERM.
     """
-    return first, signal.SIGINT
+    by_mpirun = (signal.SIGTERM,) if first == signal.SIGUSR1 else ()
+    return first, signal.SIGINT, *by_mpirun
 
 
 class Forwarding:
@@ -66,10 +86,8 @@ class Forwarding:
 
     def __enter__(self) -> Self:
         """Take the signals."""
-        if threading.current_thread() is threading.main_thread():
-            taken = {n: self._stop for n in stopping_signals()}
-            taken[signal.SIGTSTP] = self._pause
-            self._before = {n: signal.signal(n, handler) for n, handler in taken.items()}
+        self._before = taken(dict.fromkeys(stopping_signals(), self._stop))
+        self._before |= taken({signal.SIGTSTP: self._pause})
         return self
 
     def __exit__(
@@ -79,8 +97,7 @@ class Forwarding:
         trace: TracebackType | None,
     ) -> None:
         """Give the signals back."""
-        for number, handler in self._before.items():
-            signal.signal(number, signal.SIG_DFL if handler is None else handler)
+        give_back(self._before)
 
     def add(self, child: subprocess.Popen[str]) -> None:
         """Pass signals on to this child from now on, and one that has come before."""

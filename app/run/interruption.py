@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import signal
-import threading
 from collections.abc import Callable, Collection
 from types import FrameType, TracebackType
 from typing import Self
@@ -14,7 +13,7 @@ from app.build.load_steps import LoadStep
 from app.errors import Interrupted
 from app.implicit.stepper import StepResult
 from app.results.saving import Saving
-from app.run.forwarding import repeats, say_stopping, stopping_signals
+from app.run.forwarding import give_back, repeats, say_stopping, stopping_signals, taken
 from app.run.ranks import INTERRUPTED, tell_exit_code
 from app.simulation.history import Row
 from app.simulation.observer import Observer
@@ -25,8 +24,9 @@ class Interruption(Observer):
     """Context in which a signal to stop is noted, and obeyed after the step it came in.
 
     SIGINT, SIGTERM, SIGHUP unless it was ignored before, and SIGUSR1, by which ranks are told.
-    Ranks that stop at different places wait for each other for ever. A second signal does what it
-    would have done outside, at once. A write that has failed on a rank ends the run likewise.
+    Ranks that stop at different places wait for each other for ever. Ctrl-C, or the same signal
+    again, does what it would have done outside, at once. A write that has failed on a rank ends
+    the run likewise.
 
     Attributes:
         noted: called at once when a signal comes, on this rank alone.
@@ -45,9 +45,8 @@ class Interruption(Observer):
         self._before: dict[signal.Signals, signal._HANDLER] = {}
 
     def __enter__(self) -> Self:
-        # Only the main thread may set handlers; in another, its owner decides what stops it.
-        if threading.current_thread() is threading.main_thread():
-            self._before = {n: signal.signal(n, self._note) for n in stopping_signals()}
+        self._before = taken(dict.fromkeys(stopping_signals(), self._note))
+        if self._before:
             # PETSc, unless told not to, takes this one too, and ends the process at a closed pipe.
             signal.signal(signal.SIGPIPE, signal.SIG_IGN)
         return self
@@ -87,9 +86,8 @@ class Interruption(Observer):
 
     def restore(self, numbers: Collection[int] | None = None) -> None:
         """Take no more signals, or none of these numbers."""
-        for number in [n for n in self._before if numbers is None or n in numbers]:
-            handler = self._before.pop(number)
-            signal.signal(number, signal.SIG_DFL if handler is None else handler)
+        chosen = [n for n in self._before if numbers is None or n in numbers]
+        give_back({number: self._before.pop(number) for number in chosen})
 
     def look(self) -> None:
         """Stop here if any rank has been asked to, or could not write; collective.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -18,6 +18,7 @@ from app.checkpoint.resume import Found, find_checkpoint, go_on, started_line, v
 from app.errors import InputError, Interrupted, OutputError, SolutionError
 from app.implicit.petsc_options import silence
 from app.results.claim import Claim
+from app.results.first_rank import on_first
 from app.results.inputs import NOTHING, keep_inputs, kept_inputs
 from app.results.probes import ProbeRecorder
 from app.results.recorder import Recorder
@@ -349,16 +350,3 @@ def _draw(simulation: Simulation, directory: Path, reporter: Reporter) -> None:
             raise
         except Exception as error:
             reporter.say(f"warning: the figures could not be drawn: {error!r}")
-
-
-def on_first(comm: MPI.Comm, action: Callable[[], None]) -> None:
-    """Do something on the first rank; if it raises an error of ours, raise it on all."""
-    problem: InputError | OutputError | None = None
-    if comm.rank == 0:
-        try:
-            action()
-        except (InputError, OutputError) as error:
-            problem = error
-    problem = comm.bcast(problem)
-    if problem is not None:
-        raise problem

@@ -90,7 +90,8 @@ def _run_in_turn(case: Case, directory: Path, options: SweepOptions) -> None:
     """All ranks of one mpirun take the values one after the other."""
     from mpi4py import MPI
 
-    from app.run.run import on_first, run_case
+    from app.results.first_rank import on_first
+    from app.run.run import run_case
 
     comm = MPI.COMM_WORLD
     kept, goes_on = NOTHING, options.goes_on

@@ -21,7 +21,7 @@ from tests.app.simulation.test_explicit_run import THROWN
 
 STEP = re.compile(r"(\[.*\] )?(step|row|time step) +\d+ ")
 SWEEP = '[sweep]\nkey = "contact.0.friction.mu"\nvalues = [0.1, 0.2, 0.3]\n'
-SAID = "finishing the step at hand; a second signal stops at once"
+SAID = "finishing the step at hand; Ctrl-C, or the same signal again, stops at once"
 Start = Callable[..., subprocess.Popen[str]]
 
 

@@ -1,0 +1,120 @@
+"""What a tangent was assembled from, so that a run that goes on can make the same one again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from petsc4py import PETSc
+
+from app.equilibrium.equilibrium import Equilibrium
+from app.equilibrium.snapshot import (
+    Local,
+    Nodal,
+    Snapshot,
+    of_contacts,
+    of_searches,
+    of_step,
+    repeat_searches,
+    to_contacts,
+    to_step,
+)
+from app.equilibrium.step_mode import StepMode
+from forms.contact.state import ContactState
+from geometry.surfaces.facets import Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Assembly:
+    """All that a tangent depends on.
+
+    Attributes:
+        x: (n,), m, displacements; before: those that pressures were carried from, or None.
+        step: duration and contact modes.
+        states: of the contacts at the start of the step; searches: where their candidate facets
+            were searched for.
+        pressures: Pa, of the follower pressures; platens: m, their displacements where prescribed.
+    """
+
+    x: Floats
+    before: Floats | None
+    step: StepMode
+    states: tuple[ContactState, ...]
+    searches: Local
+    pressures: tuple[float, ...]
+    platens: tuple[float | None, ...]
+
+    @classmethod
+    def of(
+        cls, problem: Equilibrium, x: PETSc.Vec, step: StepMode, before: PETSc.Vec | None
+    ) -> Assembly:
+        """What the tangent at ``x`` has just been assembled from."""
+        return cls(
+            x.array_r.copy(),
+            None if before is None else before.array_r.copy(),
+            step,
+            tuple(term.state for term in problem.contacts),
+            of_searches(problem.contacts),
+            tuple(float(load.value.value) for load in problem.pressures),
+            tuple(platen.displacement for platen in problem.platens),
+        )
+
+    def snapshot(self) -> Snapshot:
+        """All of it."""
+        return {
+            "x": Nodal(self.x),
+            "before": None if self.before is None else Nodal(self.before),
+            "step": of_step(self.step),
+            "states": of_contacts(self.states),
+            "searches": self.searches,
+            "pressures": list(self.pressures),
+            "platens": list(self.platens),
+        }
+
+    @classmethod
+    def restored(cls, problem: Equilibrium, kept: Snapshot) -> Assembly:
+        """What :meth:`snapshot` has seen."""
+        return cls(
+            kept["x"],
+            kept["before"],
+            to_step(kept["step"]),
+            tuple(to_contacts(problem.contacts, kept["states"])),
+            Local(kept["searches"] or {}),
+            tuple(kept["pressures"]),
+            tuple(kept["platens"]),
+        )
+
+    @contextmanager
+    def in_place(self, problem: Equilibrium) -> Iterator[tuple[PETSc.Vec, PETSc.Vec | None]]:
+        """Context in which contacts and loads are those of the assembly; x and before, m."""
+        now = Assembly.of(problem, problem.new_vector(), self.step, None)
+        repeat_searches(problem.contacts, self.searches.arrays)
+        _put(problem, self.states, self.pressures, self.platens)
+        try:
+            yield _vector(problem, self.x), _vector(problem, self.before)
+        finally:
+            _put(problem, now.states, now.pressures, now.platens)
+
+
+def _put(
+    problem: Equilibrium,
+    states: Sequence[ContactState],
+    pressures: Sequence[float],
+    platens: Sequence[float | None],
+) -> None:
+    """Put in the contacts' histories, and the loads that the tangent depends on."""
+    for term, state in zip(problem.contacts, states, strict=True):
+        term.adopt(state)
+    for load, value in zip(problem.pressures, pressures, strict=True):
+        load.value.value = value
+    for platen, displacement in zip(problem.platens, platens, strict=True):
+        platen.displacement = displacement
+
+
+def _vector(problem: Equilibrium, values: Floats | None) -> PETSc.Vec | None:
+    if values is None:
+        return None
+    out = problem.new_vector()
+    out.array[:] = values
+    return out
