@@ -53,6 +53,9 @@ REASONS = {
 
 def reason_of(result: StepResult) -> str:
     """Why an attempt failed, in words."""
+    if result.floating:
+        bodies = " and ".join(result.floating)
+        return f"no support and no contact holds body {bodies} any more, and something moves it"
     if result.reason > 0:  # solved, but by a state without a strain energy
         return "an element is turned inside out"
     return REASONS.get(result.reason, f"reason {result.reason}")
