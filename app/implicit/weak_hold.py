@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from mpi4py import MPI
 
 from app.equilibrium.equilibrium import Equilibrium
 from app.equilibrium.free_bodies import FreeBody, free_bodies
@@ -50,9 +49,9 @@ class WeakHold:
         problem = self.problem
         index_map = problem.space.dofmap.index_map
         mine = index_map.local_to_global(body.nodes.astype(np.int32))
-        touching = [bool(np.isin(mine, term.surface.nodes).any()) for term in problem.contacts]
-        every = problem.comm.allreduce(np.array(touching, dtype=bool), op=MPI.LOR)
-        return [int(pair) for pair in np.nonzero(every)[0]]
+        here = [int(np.isin(mine, term.surface.nodes).any()) for term in problem.contacts]
+        ranks = problem.comm.allreduce(np.array(here, dtype=np.int64))
+        return [int(pair) for pair in np.nonzero(ranks)[0]]
 
     def floating(self, largest: float) -> list[str]:
         """The free bodies that no contact presses on, at the last evaluation; collective.
