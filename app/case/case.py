@@ -26,6 +26,7 @@ from app.case.generators import BlocksGeometry, CylinderOnBlockGeometry, TwoCyli
 from app.case.generators_3d import BoxesGeometry, SphereGeometry
 from app.case.geometry import GeneratedGeometry, MeshGeometry
 from app.case.overrides import KeyPathError, set_value, value_at
+from app.case.placed_blocks import PlacedBlocksGeometry
 from app.case.probe import Probe, probe_problems
 from app.case.solver import LONGEST_LABEL, Output, Solver, Sweep
 from app.case.stage import Stage, order_problems, solver_of, stage_problems
@@ -36,6 +37,7 @@ from app.case.validation import format_problem, problems_of
 
 Geometry = Annotated[
     BlocksGeometry
+    | PlacedBlocksGeometry
     | CylinderOnBlockGeometry
     | TwoCylindersGeometry
     | BoxesGeometry
@@ -159,7 +161,7 @@ class Case(Model):
         """The bodies are those of the generator; said before anything inside them is looked at."""
         geometry = info.data.get("geometry")
         if isinstance(geometry, GeneratedGeometry) and isinstance(bodies, Mapping):
-            if problems := list(_name_problems(bodies, geometry.bodies)):
+            if problems := list(_name_problems(bodies, geometry.named_bodies)):
                 raise problems_error(problems)
         return bodies
 
