@@ -117,7 +117,7 @@ def _built(case: Case, comm: MPI.Comm, runs_code: bool) -> Model:
         loads.add(boundary)
     loads.check_corners()
     terms = [contact.term for contact in contacts]
-    problem = Equilibrium(u, solids, terms, loads.prescribed, loads.platens, loads.pressures)
+    problem = Equilibrium(u, solids, terms, loads.prescribed, loads.platens, loads.loads)
     resolved = _resolved(case.model_copy(update={"bodies": bodies}), contacts, problem)
     model = Model(resolved, named, problem, loads.programs, section, case.geometry.slab)
     model.platen_names, model.loads, model.probes = loads.platen_names, loads, probes

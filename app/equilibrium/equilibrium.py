@@ -16,10 +16,11 @@ from petsc4py import PETSc
 
 from app.equilibrium.constraints import Constraints, Platen, Prescribed, Unknowns
 from app.equilibrium.measures import RoundOff, reference_force, worst_place
+from app.equilibrium.nodal_load import NodalLoad
 from app.equilibrium.step_mode import DEFAULT_STEP, StepMode
 from app.equilibrium.tangent import Tangent
 from app.equilibrium.timers import Stopwatch
-from forms.bodies.loads import FollowerPressure
+from forms.bodies.loads import Load
 from forms.bodies.solid import Solid
 from forms.contact.penalty import ContactTerm
 from forms.contact.state import ContactTrial
@@ -39,9 +40,9 @@ class Equilibrium:
         evaluated: how the contacts were evaluated last.
         unbalanced: (n,), N per unit thickness, forces of the owned unknowns at the last evaluation,
             reactions included.
-        reference_force: N per unit thickness, what residual norms are compared with: the larger of
-            contact and reaction forces at the last evaluation.
-        solids, contacts, pressures: the parts.
+        reference_force: N per unit thickness, what residual norms are compared with: the largest of
+            contact forces, reactions and loads at the last evaluation.
+        solids, contacts, loads, nodal_loads: the parts.
         unknowns: their numbering; constraints: what is prescribed; tangent: the matrix.
         timer: seconds by part.
         rounding: what rounding alone leaves of the residual.
@@ -54,15 +55,16 @@ class Equilibrium:
         contacts: Sequence[ContactTerm],
         prescribed: Sequence[Prescribed] = (),
         platens: Sequence[Platen] = (),
-        pressures: Sequence[FollowerPressure] = (),
+        loads: Sequence[Load] = (),
+        nodal_loads: Sequence[NodalLoad] = (),
     ) -> None:
         """Put the parts together; collective."""
         self.u = u
         self.solids, self.contacts = list(solids), list(contacts)
-        self.pressures = list(pressures)
+        self.loads, self.nodal_loads = list(loads), list(nodal_loads)
         self.unknowns = Unknowns(u.function_space)
         self.constraints = Constraints(self.unknowns, prescribed, platens)
-        self.tangent = Tangent(self.constraints, self.solids, self.contacts, self.pressures)
+        self.tangent = Tangent(self.constraints, self.solids, self.contacts, self.loads)
         self.timer = Stopwatch()
         self.trials: list[ContactTrial] = []
         self.committed: list[ContactTrial] = []
@@ -172,15 +174,17 @@ class Equilibrium:
         self.spread(x)
         with self.timer("assembly"):
             f.array[:] = self._assembled([p.residual for s in self.solids for p in s.forms])
-            if self.pressures:
-                f.array[:] += self._assembled([p.residual for p in self.pressures])
+            outside = self.load_forces()
+            f.array[:] -= outside
         with self.timer("contact"):
             self._evaluate_contacts(x, step)
             contact_squared = self._contact_forces(f)
         if step.holding is not None:
             f.array[:] += step.holding.force(x.array_r)
         self.unbalanced = f.array_r.copy()
-        self.reference_force = reference_force(self.unbalanced, contact_squared, self.constraints)
+        self.reference_force = reference_force(
+            self.unbalanced, outside, contact_squared, self.constraints
+        )
         self.constraints.constrain_residual(f.array, x.array_r)
 
     def _assembled(self, forms: Sequence[dolfinx.fem.Form]) -> Floats:
@@ -211,10 +215,12 @@ class Equilibrium:
         return squared
 
     def load_forces(self) -> Floats:
-        """Owned part of the pressures' forces on the bodies at the last state, N/m; collective."""
-        if not self.pressures:
-            return np.zeros(self.owned)
-        return -self._assembled([p.residual for p in self.pressures])
+        """Owned part of the loads' forces on the bodies at the last state, N/m; collective."""
+        acting = [load.residual for load in self.loads if load.acts]
+        forces = -self._assembled(acting) if acting else np.zeros(self.owned)
+        for load in self.nodal_loads:
+            load.add_to(forces)
+        return forces
 
     def reaction(self, part: Prescribed | Platen) -> float:
         """Force of a support or platen on the bodies at the last evaluation; collective.

@@ -74,7 +74,7 @@ class LumpedDynamics:
         """Accelerations −r/m (n,) into ``out``, m/s²; collective.
 
         Args:
-            residual: (n,), N, internal and contact forces less the pressures'.
+            residual: (n,), N, internal and contact forces less the loads'.
             pull: (p,), N, force on each platen.
             out: accelerations.
             valid: whether the forces of this rank are valid.

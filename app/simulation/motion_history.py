@@ -255,7 +255,7 @@ class _SurfaceForces:
         vectors[np.arange(len(self._held)), component] = outside.held
         mine = self._owner >= 0
         self._add(out, self._owner[mine], nodes[mine], vectors[mine])
-        for part, load in zip(self._pressed, outside.pressures, strict=True):
+        for part, load in zip(self._pressed, outside.loads, strict=True):
             vectors = np.zeros((len(part.nodes), 3))
             vectors[:, :dim] = load.reshape(-1, dim)[part.nodes]
             self._add(out, np.full(len(part.nodes), part.surface), part.nodes, vectors)
