@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from mpi4py import MPI
@@ -16,15 +16,20 @@ from geometry.meshes.gmsh_model import MeshError
 from geometry.meshes.mesh import NamedMesh, bodies_sharing_nodes, generate, read
 
 
-def make_mesh(case: Case, comm: MPI.Comm) -> NamedMesh:
+def make_mesh(case: Case, comm: MPI.Comm, carriers: Sequence[str] = ()) -> NamedMesh:
     """The case's mesh, generated or read, with every name the case uses; collective.
+
+    Args:
+        case: the case.
+        comm: ranks that work together.
+        carriers: names of cells that are added, which are no body's.
 
     Raises:
         InputError: no such file, body or surface, or bodies that are glued together; the message
             names the case file.
     """
     try:
-        return _made_mesh(case, comm)
+        return _made_mesh(case, comm, carriers)
     except InputError as error:
         raise of_case(case, error) from None
 
@@ -36,15 +41,15 @@ def of_case(case: Case, error: InputError) -> InputError:
     return InputError(first, more)
 
 
-def _made_mesh(case: Case, comm: MPI.Comm) -> NamedMesh:
+def _made_mesh(case: Case, comm: MPI.Comm, carriers: Sequence[str]) -> NamedMesh:
     geometry = case.geometry
     shared = case.solver.partition == "contact"
     contacts = [(contact.slave, contact.master) for contact in case.contact] if shared else []
     try:
         if isinstance(geometry, GeneratedGeometry):
-            return generate(geometry.shape(), comm, contacts)
+            return generate(geometry.shape(), comm, contacts, carriers)
         try:
-            named = read(Path(geometry.mesh), comm, contacts, geometry.max_cells)
+            named = read(Path(geometry.mesh), comm, contacts, geometry.max_cells, carriers)
         except MeshError as error:
             raise MeshError(f"geometry.mesh: {error}") from None
         wrong = [*_name_problems(case, named), *_section_problems(case, named)]
