@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from forms.contact.carried import Carried
 from forms.contact.kinematics import Anchor, ContactKinematics
 from forms.friction.law import FrictionResponse, FrictionState
 from geometry.surfaces.facets import Bools, Floats, Ints, Longs
@@ -109,6 +110,7 @@ class ContactTrial:
         penalty_scale: factor of the penalty that it was evaluated with.
         anchor: places of the last converged step, moved with the current master; None where nobody
             will ask for the tangent; of_point: (q, k) vertices of the points' facets, likewise.
+        carried: how the control points of a tool follow its unknowns; None: no tool.
     """
 
     position: Floats
@@ -123,6 +125,7 @@ class ContactTrial:
     penalty_scale: float = 1.0
     anchor: Anchor | None = None
     of_point: Longs | None = None
+    carried: Carried | None = None
 
     def coupled(self) -> Bools:
         """Points (q,) whose gaps the tractions of some point depend on."""
