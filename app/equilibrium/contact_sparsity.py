@@ -86,7 +86,7 @@ def widened(window: ContactWindow | None, term: ContactTerm, trial: ContactTrial
     near = trial.coupled() | (near & trial.projection.on_surface)
     slave = surface.slave.facet[near]
     current, before = trial.projection.facet[near], term.state.facet[near]
-    facets = len(surface.master.facets)
+    facets = len(surface.target.stencil)
     count = int(surface.slave.facet.max(initial=-1)) + 1
     if window is None:
         rings = _rings(surface.target.neighbours, MARGIN[surface.shape.directions])

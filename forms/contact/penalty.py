@@ -159,7 +159,7 @@ class ContactTerm:
         surface = self.surface
         slave = values[surface.slave_rows]
         points = surface.slave_positions(slave)
-        nodes = surface.master.position + values[surface.first_master :]
+        nodes = surface.master_positions(values)
         averaged = isinstance(self.rule, AveragedPressure)
         normals = surface.slave_normals(values) if averaged else None
         current = surface.project(points, nodes, mode.frozen_facets, normals, averaged)

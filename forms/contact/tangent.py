@@ -134,7 +134,7 @@ class PairTangent:
 
     def _point_facets(self, state: ContactState, trial: ContactTrial, take: Longs) -> Longs:
         """Number (p,) of the facets that a point couples: its own, the present and the last."""
-        masters = np.int64(len(self.surface.master.facets))
+        masters = np.int64(len(self.surface.target.stencil))
         slave, before = self.surface.slave.facet[take], state.facet[take]
         return (slave * masters + trial.projection.facet[take]) * masters + before
 
@@ -227,7 +227,7 @@ class PairTangent:
             if known.fits(take, facet, needs):
                 return known
         surface = self.surface
-        key = surface.slave.facet[take].astype(np.int64) * len(surface.master.facets) + facet
+        key = surface.slave.facet[take].astype(np.int64) * len(surface.target.stencil) + facet
         nodes = [surface.slave_rows[take], self._master_rows(facet)]
         nodes += [surface.chain_rows[take]] if chords else []
         numbers = key, surface.vertices.of_point[take], np.concatenate(nodes, axis=1)
