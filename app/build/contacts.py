@@ -42,7 +42,7 @@ from geometry.surfaces.body_facets import facet_length
 from geometry.surfaces.facets import Floats
 from geometry.surfaces.projection import Projection
 from geometry.surfaces.smoothing import shared_sides
-from geometry.surfaces.surface import QUADRATURE_DEGREE, ContactSurface
+from geometry.surfaces.surface import QUADRATURE_DEGREE, ContactSurface, RigidMaster
 
 # Angles, rad, between neighbouring facets of a master that are a round one's: from about 5 to 20
 # degrees a surface may be drawn with corners, and more surely is.
@@ -282,6 +282,8 @@ def corners_of(
         distance: m, of the surfaces.
     """
     comm, master = surface.space.mesh.comm, surface.master
+    if isinstance(master, RigidMaster):
+        return Corners(0.0, 0.0)
     angle, size = np.zeros(len(master.facets)), master.sizes()
     if contact.smoothing_angle is None:
         shared = shared_sides(surface.shape, master.facets, master.position)

@@ -73,13 +73,13 @@ class Carried:
         count, dim = len(places), self.dim
         rows = blocks[:, control].reshape(count, -1, blocks[0, 0, 0].size)
         rows = (matrix.T @ rows).reshape(count, 2, dim, *blocks.shape[3:])
-        blocks = np.concatenate([blocks[:, ~control], rows], axis=1)
-        kept = blocks.shape[1]
-        columns = blocks[:, :, :, control].reshape(count, kept, dim, -1) @ matrix
+        half: Floats = np.concatenate([blocks[:, ~control], rows], axis=1)
+        kept = half.shape[1]
+        columns = half[:, :, :, control].reshape(count, kept, dim, -1) @ matrix
         columns = columns.reshape(count, kept, dim, 2, dim)
         tool = np.broadcast_to(first + np.arange(2), (count, 2))
         nodes = np.concatenate([places[:, ~control], tool], axis=1)
-        return nodes, np.concatenate([blocks[:, :, :, ~control], columns], axis=3)
+        return nodes, np.concatenate([half[:, :, :, ~control], columns], axis=3)
 
     def _columns(self, points: Longs) -> Floats:
         """T (m i, k) of control points (m,)."""

@@ -94,10 +94,9 @@ class ExplicitContact:
         """
         self.exchange.gather(u, self._values)
         term, surface = self.term, self.term.surface
-        first = self.exchange.first_master
         slave = self._values[self.exchange.slave_rows]
         points = surface.slave_positions(slave)
-        nodes = surface.master.position + self._values[first:]
+        nodes = surface.master_positions(self._values)
         averaged = isinstance(term.rule, AveragedPressure)
         projection = surface.project(points, nodes, fading=averaged)
         normal = term.rule.evaluate(projection, AS_IS, ROUNDOFF_DEPTH)
