@@ -71,12 +71,12 @@ class Carried:
         control = places[0] >= first
         matrix = self._columns(places[0][control] - first)
         count, dim = len(places), self.dim
-        rows = blocks[:, control].reshape(count, -1, blocks[0, 0, 0].size)
-        rows = (matrix.T @ rows).reshape(count, 2, dim, *blocks.shape[3:])
+        flat = blocks[:, control].reshape(count, -1, blocks[0, 0, 0].size)
+        rows = (matrix.T @ flat).reshape(count, 2, dim, *blocks.shape[3:])
         half: Floats = np.concatenate([blocks[:, ~control], rows], axis=1)
         kept = half.shape[1]
-        columns = half[:, :, :, control].reshape(count, kept, dim, -1) @ matrix
-        columns = columns.reshape(count, kept, dim, 2, dim)
+        moved = half[:, :, :, control].reshape(count, kept, dim, -1) @ matrix
+        columns = moved.reshape(count, kept, dim, 2, dim)
         tool = np.broadcast_to(first + np.arange(2), (count, 2))
         nodes = np.concatenate([places[:, ~control], tool], axis=1)
         return nodes, np.concatenate([half[:, :, :, ~control], columns], axis=3)

@@ -298,7 +298,10 @@ class ContactTerm:
         force = -(slave.weight[:, None] * trial.traction)
         if trial.carried is not None:
             tool = np.broadcast_to(self.surface.master.nodes, (len(force), 2))
-            parts = slave.shape[:, :, None] * force[:, None, :], trial.carried.forces(master, -force)
+            parts = (
+                slave.shape[:, :, None] * force[:, None, :],
+                trial.carried.forces(master, -force),
+            )
             return np.concatenate([slave.nodes, tool], axis=1), np.concatenate(parts, axis=1)
         shape = np.concatenate([slave.shape, -master], axis=1)
         nodes = np.concatenate([slave.nodes, self.surface.master_nodes(at.facet)], axis=1)
