@@ -6,7 +6,7 @@ Every default of a `[[contact]]` table is resolved here and nowhere else.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import dolfinx
 import numpy as np
@@ -27,6 +27,7 @@ from app.case.case import Case
 from app.case.contact import Contact
 from app.case.friction import Coulomb, Friction, FrictionMap, OwnLaw, Stribeck
 from app.case.own_law import OwnLawError
+from app.equilibrium.rigid_tool import RigidTool
 from app.errors import InputError
 from forms.bodies.kinematics import Section
 from forms.bodies.materials import Material, oedometric_modulus
@@ -83,6 +84,7 @@ class ContactBuilder:
         section: what the mesh stands for.
         materials: of the bodies, by name.
         runs_code: whether laws written in Python are run; without, such a contact has no friction.
+        tools: that a contact may name as master, by name.
     """
 
     case: Case
@@ -91,6 +93,7 @@ class ContactBuilder:
     section: Section
     materials: Mapping[str, Material]
     runs_code: bool = True
+    tools: Mapping[str, RigidTool] = field(default_factory=dict)
 
     def build(self, index: int) -> BuiltContact:
         """The contact of this number in the case; collective.
@@ -99,30 +102,30 @@ class ContactBuilder:
             InputError: its surfaces, or its keys, do not fit.
         """
         asked = self.case.contact[index]
-        slave, master = self._materials(index, asked)
-        degree = quadrature_degree(self.named.mesh.geometry.dim, slave, master)
+        materials = self._materials(index, asked)
+        degree = quadrature_degree(self.named.mesh.geometry.dim, *materials)
         asked = asked.model_copy(update={"quadrature_degree": asked.quadrature_degree or degree})
         surface = self._surface(index, asked)
-        softer = min(slave, master, key=oedometric_modulus)
+        softer = min(materials, key=oedometric_modulus)
         length = surface.facet_length
         at = surface.project(surface.slave.position, surface.master.position)
         distance = _checked_distance(f"contact.{index}", asked, surface, at)
         table = resolved_contact(asked, softer, length, highest_pressure(self.case))
         law, film = self._law(index, table.friction), table.film.film() if table.film else 0.0
-        lengths = (length, facet_length(self.named.mesh, self.named.facets(asked.master)))
+        lengths = (length, self._master_length(asked))
         modulus = penalty_modulus(softer, table.pressure)
         penalty = _penalty(table, surface, modulus)
         factor = table.penalty_factor or (table.penalty or 0.0) * length / modulus
         ratio = modulus / oedometric_modulus(softer)
         notes = (
-            *stiffer_slave(index, asked, self.named.body_of(asked.slave), slave, master),
+            *stiffer_slave(index, asked, self.named.body_of(asked.slave), *materials),
             *notes_on_surfaces(f"contact.{index}", asked, lengths, distance),
             *note_on_idle_film(f"contact.{index}", asked),
             *note_on_corners(f"contact.{index}", asked, corners_of(asked, surface, at, distance)),
             *notes_on_penalty(index, factor, ratio, self.case.is_explicit, table.pressure),
             *note_on_stick(index, table.friction, softer.shear_modulus / length),
         )
-        modulus = contact_modulus(slave, master)
+        modulus = contact_modulus(*materials)
         term = ContactTerm(surface, law, penalty, film, table.pressure, modulus)
         if fault := law_fault([term]):
             raise InputError(f"contact.{index}.friction: {fault}")
@@ -154,20 +157,29 @@ class ContactBuilder:
         reason = contact.smoothing_problem(mesh.topology.cell_name(), degree)
         if reason is not None:
             raise InputError(f"contact.{index}.smoothing_angle: {reason}")
+        slave, tool = self.named.facets(contact.slave), self.tools.get(contact.master)
+        quadrature = contact.quadrature_degree or QUADRATURE_DEGREE[mesh.geometry.dim]
+        ring = self.section == "axisymmetric"
         try:
-            return ContactSurface(
-                self.space,
-                self.named.facets(contact.slave),
-                self.named.facets(contact.master),
-                contact.quadrature_degree or QUADRATURE_DEGREE[mesh.geometry.dim],
-                self.section == "axisymmetric",
-                contact.smoothing_angle,
-            )
+            if tool is not None:
+                rigid = tool.surface, tool.nodes, tool.motion
+                return ContactSurface.for_tool(self.space, slave, *rigid, quadrature, ring)
+            master, smoothing = self.named.facets(contact.master), contact.smoothing_angle
+            return ContactSurface(self.space, slave, master, quadrature, ring, smoothing)
         except ValueError as error:
             raise InputError(f"contact.{index}: {error}") from None
 
-    def _materials(self, index: int, contact: Contact) -> tuple[Material, Material]:
-        """Materials of the bodies of slave and master."""
+    def _master_length(self, contact: Contact) -> float:
+        """Length of the master's facets, m; of a tool that of its smallest features; collective."""
+        tool = self.tools.get(contact.master)
+        if tool is not None:
+            return tool.surface.size
+        return facet_length(self.named.mesh, self.named.facets(contact.master))
+
+    def _materials(self, index: int, contact: Contact) -> tuple[Material, ...]:
+        """Materials of the bodies of slave and master; of the slave alone against a tool."""
+        if contact.master in self.tools:
+            return (self.materials[self.named.body_of(contact.slave)],)
         owners = [self.named.body_of(name) for name in (contact.slave, contact.master)]
         if owners[0] == owners[1]:
             raise InputError(
@@ -194,14 +206,15 @@ def resolved_contact(contact: Contact, softer: Material, length: float, pressure
     )
 
 
-def quadrature_degree(dim: int, slave: Material, master: Material) -> int:
+def quadrature_degree(dim: int, slave: Material, master: Material | None = None) -> int:
     """Default degree of the quadrature on slave facets.
 
-    In the plane five points serve a slave that is much the softer. The nodes of a master that gives
-    as well feel where the points are: six then (docs/verification.md, patch test).
+    In the plane five points serve a slave that is much the softer, or meets a tool (no ``master``).
+    The nodes of a master that gives as well feel where the points are: six then
+    (docs/verification.md, patch test).
     """
     degree = QUADRATURE_DEGREE[dim]
-    rigid = oedometric_modulus(master) > STIFFER * oedometric_modulus(slave)
+    rigid = master is None or oedometric_modulus(master) > STIFFER * oedometric_modulus(slave)
     return degree if rigid or dim == 3 else degree + 2
 
 

@@ -74,7 +74,8 @@ def _name_problems(case: Case, named: NamedMesh) -> Iterator[str]:
     wanted = [(f"bodies.{name}", named.body_tag, name) for name in case.bodies]
     for index, contact in enumerate(case.contact):
         wanted.append((f"contact.{index}.slave", named.surface_tag, contact.slave))
-        wanted.append((f"contact.{index}.master", named.surface_tag, contact.master))
+        if contact.master not in case.tools:
+            wanted.append((f"contact.{index}.master", named.surface_tag, contact.master))
     for index, boundary in enumerate(case.boundary):
         wanted.append((f"boundary.{index}.surface", named.surface_tag, boundary.surface))
     for place, tag_of, name in wanted:
@@ -82,6 +83,9 @@ def _name_problems(case: Case, named: NamedMesh) -> Iterator[str]:
             tag_of(name)
         except MeshError as error:
             yield f"{place}: {error}"
+    for name in case.tools:
+        if name in named.surfaces:
+            yield f"tools.{name}: a surface of the mesh has this name already"
     for name in named.bodies:
         if name not in case.bodies:
             yield f'the mesh has a body "{name}", the case has no [bodies.{name}]'
@@ -91,7 +95,7 @@ def _check_owners(case: Case, named: NamedMesh) -> None:
     """See that every surface in use lies on one body; collective."""
     pairs = [(contact.slave, contact.master) for contact in case.contact]
     used = [name for pair in pairs for name in pair] + [part.surface for part in case.boundary]
-    for surface in dict.fromkeys(used):
+    for surface in dict.fromkeys(name for name in used if name not in case.tools):
         try:
             named.body_of(surface)
         except MeshError as error:
@@ -107,6 +111,8 @@ def _section_problems(case: Case, named: NamedMesh) -> Iterator[str]:
         return
     for index, boundary in enumerate(case.boundary):
         yield from map(format_problem, boundary.section_problems(section, ("boundary", index)))
+    for name, tool in case.tools.items():
+        yield from map(format_problem, tool.section_problems(section, ("tools", name)))
     for name, body in case.bodies.items():
         if body.velocity is not None:
             place = ("bodies", name, "velocity")

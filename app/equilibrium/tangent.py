@@ -70,7 +70,7 @@ class Tangent:
         A: PETSc.Mat,
         trials: Sequence[ContactTrial],
         timer: Stopwatch,
-        holding: HoldingSprings | None = None,
+        holding: Sequence[HoldingSprings] = (),
         carried: bool = False,
     ) -> None:
         """Fill ``A`` at the displacements spread last; collective.
@@ -81,7 +81,7 @@ class Tangent:
             A: the matrix.
             trials: contacts at these displacements.
             timer: seconds by part.
-            holding: springs that hold bodies; None: there are none.
+            holding: springs that hold bodies and tools.
             carried: whether the volumetric parts take the pressures carried to them last.
         """
         with timer("contact"):
@@ -99,8 +99,8 @@ class Tangent:
                 if coupling is not None:
                     self._add_coupling(A, coupling)
             self.constraints.add_following_rows(A)
-            if holding is not None:
-                self.constraints.add_diagonal(A, holding.stiffness)
+            for springs in holding:
+                self.constraints.add_diagonal(A, springs.stiffness)
             A.assemble()
 
     def _assemble_forms(self, A: PETSc.Mat, carried: bool) -> None:

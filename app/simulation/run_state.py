@@ -103,7 +103,7 @@ class RunState:
         return [measure_contact(term, trial, problem.comm, driven) for term, trial in pairs]
 
     def driven_direction(self) -> list[float] | None:
-        """Direction of the first driven boundary or spring, None without."""
+        """Direction of the first driven boundary, spring or tool, None without."""
         axes = COMPONENTS[: self.model.problem.dim]
         for boundary in self.model.case.boundary:
             components = boundary.driven_components()
@@ -112,6 +112,11 @@ class RunState:
                 return [share(axis) if axis in components else 0.0 for axis in axes]
             if boundary.spring is not None and boundary.spring.end == DRIVEN:
                 return [float(axis == boundary.spring.direction) for axis in axes]
+        for tool in self.model.case.tools.values():
+            components = tool.driven_components()
+            if components and tool.displacement is not None:
+                share = tool.displacement.driven_share
+                return [share(axis) if axis in components else 0.0 for axis in axes]
         return None
 
     def add_row(self, load_step: LoadStep, effort: Effort, moved: Moved) -> Row:

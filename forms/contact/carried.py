@@ -86,7 +86,7 @@ class Carried:
         return self.tangent[points].reshape(-1, 2 * self.dim)
 
     def bending(self, forces: Floats) -> Floats:
-        """Block (1, 2, i, 2, j), N/m, of the angle, from forces (a, i), N, on the control points."""
+        """Block (1, 2, i, 2, j), N/m, of the angle, from forces (a, i), N, at control points."""
         out = np.zeros((1, 2, self.dim, 2, self.dim))
         out[0, 1, 0, 1, 0] = np.sum(forces * self.bend)
         return out

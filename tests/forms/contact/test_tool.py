@@ -42,8 +42,8 @@ class Scene:
             self.surface = Circle(np.array([self.low[0] + 0.6, self.low[1] - 0.8]), 0.82)
             self.centre, axis = np.array([self.low[0] + 0.3, self.low[1] - 1.3]), None
         else:
-            self.surface = Plane(self.low + [0.1, 0.0, 0.3], [0.1, 1.0, -0.05], 1.0)
-            self.centre, axis = self.low + [0.2, -0.4, 0.1], np.array([0.3, 0.2, 1.0])
+            self.surface = Plane(self.low + np.array([0.1, 0.0, 0.3]), [0.1, 1.0, -0.05])
+            self.centre, axis = self.low + np.array([0.2, -0.4, 0.1]), np.array([0.3, 0.2, 1.0])
         points = self.surface.control_points
         self.motion = RigidMotion(self.centre, points, 0.7, axis)
         tool = self.surface, self.tool, self.motion
