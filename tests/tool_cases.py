@@ -45,7 +45,10 @@ def block_mesh(
     parts = {
         "MeshFormat": ["2.2 0 8"],
         "PhysicalNames": [str(len(names)), *names],
-        "Nodes": [str(len(nodes)), *(f"{k} {float(a)!r} {float(b)!r} 0" for k, (a, b) in enumerate(nodes, 1))],
+        "Nodes": [
+            str(len(nodes)),
+            *(f"{k} {float(a)!r} {float(b)!r} 0" for k, (a, b) in enumerate(nodes, 1)),
+        ],
         "Elements": [str(len(rows)), *rows],
     }
     text = "\n".join("\n".join([f"${k}", *v, f"$End{k}"]) for k, v in parts.items())

@@ -28,6 +28,7 @@ from app.simulation.motion_history import KEYS, MotionHistory
 from app.simulation.outside_forces import OutsideForces
 from app.simulation.position import Position
 from app.simulation.steady import NOT_SLID, SlidWay, Steadiness, measure_settling
+from app.simulation.tool_history import ToolHistory
 from forms.contact.state import ContactTrial
 from geometry.surfaces.facets import Floats
 
@@ -66,7 +67,7 @@ class RunState:
         stepper: what makes the steps at present; its ``x`` are the unknowns, m.
         time: s; driven: m, displacement of driven boundaries; step: converged steps so far.
         rows: the history; pair_rows: of each pair in turn, for each row of it, by pair_columns;
-            motion: surfaces and bodies, likewise.
+            motion: surfaces and bodies, tools: rigid tools, likewise.
         resultants: the contacts after the last step.
         inertia: kinetic against strain energy, of each explicit load step.
         way: tangential force over the way of driven boundaries; steadiness: as last judged.
@@ -95,6 +96,7 @@ class RunState:
         model.set_loads(0.0, 0.0)
         self.energy_balance = EnergyBalance(model.problem, model.problem.new_vector())
         self.motion = MotionHistory(model)
+        self.tools = ToolHistory(model, self.motion.held)
 
     def resultants_of(self, trials: Iterable[ContactTrial]) -> list[ContactResultants]:
         """The resultants of all contacts at converged trials; collective."""
@@ -150,6 +152,7 @@ class RunState:
             self.pair_rows.append((*at, contact.label, *(columns[name] for name in self._columns)))
         motion = (self.stepper.x.array_r, moved.velocity)
         self.motion.add(at, motion, moved.outside, self.resultants)
+        self.tools.add(at, motion, moved.outside, self.resultants)
         self._add_to_way(row)
         return row
 

@@ -29,16 +29,18 @@ class Carried:
 
     Attributes:
         tangent: (a, i, k), no unit: T; bend: (a, i), 1/m: ∂²y_a/∂(θL)².
+        centre: (i,), m, current: about which the tool turns.
     """
 
     tangent: Floats
     bend: Floats
+    centre: Floats
 
     @classmethod
     def at(cls, motion: RigidMotion, values: Floats) -> Carried:
         """At the reference nodes' values (2, i), m."""
-        theta = motion.read(values)[1]
-        return cls(motion.tangent(theta), motion.bend(theta))
+        displacement, theta = motion.read(values)
+        return cls(motion.tangent(theta), motion.bend(theta), motion.centre + displacement)
 
     @property
     def dim(self) -> int:
