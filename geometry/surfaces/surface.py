@@ -128,19 +128,7 @@ class ContactSurface:
         self.facet_length = facet_length(space.mesh, slave_facets)
         if axisymmetric:
             self.slave.weight = 2.0 * np.pi * self.slave.position[:, 0] * self.slave.weight
-        self.master: MasterFacets | RigidMaster
-        self.target: Target
-        if isinstance(master, RigidMaster):
-            if master.surface.dim != self.dim:
-                raise ValueError(
-                    f"a rigid surface in {master.surface.dim} dimensions, a slave in {self.dim}"
-                )
-            self.master, self.target = master, master.surface
-        else:
-            self.master = _master_facets(space, self.shape, master)
-            self.target = FacetSurface(
-                self.shape, self.master.facets, self.master.position, smoothing_angle
-            )
+        self.master, self.target = _master_and_target(space, self.shape, master, smoothing_angle)
         self.vertices = slave_vertices(
             space,
             self.shape,
@@ -289,6 +277,22 @@ def _measure(tangents: Floats) -> Floats:
         out: Floats = np.linalg.norm(tangents[:, 0], axis=1)
         return out
     return np.linalg.norm(np.cross(tangents[:, 0], tangents[:, 1]), axis=1)
+
+
+def _master_and_target(
+    space: dolfinx.fem.FunctionSpace,
+    shape: FacetShape,
+    master: NDArray[np.int32] | RigidMaster,
+    smoothing_angle: float | None,
+) -> tuple[MasterFacets | RigidMaster, Target]:
+    """The master, and the search for the closest point on it; collective."""
+    if not isinstance(master, RigidMaster):
+        facets = _master_facets(space, shape, master)
+        return facets, FacetSurface(shape, facets.facets, facets.position, smoothing_angle)
+    dim = space.mesh.geometry.dim
+    if master.surface.dim != dim:
+        raise ValueError(f"a rigid surface in {master.surface.dim} dimensions, a slave in {dim}")
+    return master, master.surface
 
 
 def _master_facets(
