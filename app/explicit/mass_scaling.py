@@ -10,6 +10,7 @@ import numpy as np
 from mpi4py import MPI
 
 from app.equilibrium.equilibrium import Equilibrium
+from app.equilibrium.rigid_tool import RigidTool
 from app.explicit.options import MassScaling
 from forms.bodies.element_frequency import element_frequencies
 from forms.bodies.lumped_mass import cell_field, lumped_mass
@@ -72,6 +73,18 @@ def scaled_mass(
         field.x.scatter_forward()
         mass = lumped_mass(problem.space, problem.solids, field)
     return _result(problem, plain, mass, field.x.array[: len(excess)])
+
+
+def with_tools(mass: Floats, tools: Sequence[RigidTool]) -> Floats:
+    """Masses (n,), kg per unit thickness, of the owned unknowns with those of tools, unscaled.
+
+    Where a tool's motion is prescribed its mass is of no account.
+    """
+    out = mass.copy()
+    for tool in tools:
+        moves = tool.here & tool.free
+        out[tool.dofs[moves]] = tool.mass[moves]
+    return out
 
 
 def _result(problem: Equilibrium, plain: Floats, mass: Floats, factors: Floats) -> ScaledMass:

@@ -22,7 +22,7 @@ from app.explicit.film_correction import FilmCorrection
 from app.explicit.instability import EnergyWatch, ExplicitError, folded
 from app.explicit.leap_frog import LeapFrog
 from app.explicit.lumped_dynamics import LumpedDynamics
-from app.explicit.mass_scaling import ScaledMass, scaled_mass
+from app.explicit.mass_scaling import ScaledMass, scaled_mass, with_tools
 from app.explicit.options import ExplicitOptions, MassScaling
 from app.explicit.stable_step import StableStep, StableSteps, StepEstimate, Stiffness
 from app.explicit.state import ExplicitState
@@ -89,7 +89,7 @@ class ExplicitStepper:
         pairs = [PairStiffness(contact) for contact in self.contacts]
         self.masses = masses or scaled_mass(problem, self.options.mass_scaling, pairs)
         self.dynamics = LumpedDynamics(
-            self.masses.mass,
+            with_tools(self.masses.mass, problem.tools),
             problem.constrained_dofs(),
             problem.platens,
             problem.first,
