@@ -66,9 +66,12 @@ class Model:
         return [contact.film_onset for contact in self.case.contact]
 
     def begin_stage(self, name: str) -> None:
-        """Let the loads be those of a stage from the next :meth:`set_loads` on."""
+        """Let the loads and contacts be those of a stage from the next :meth:`set_loads` on."""
         if self.loads is not None:
             self.loads.stage = name
+        for table, term in zip(self.case.contact, self.problem.contacts, strict=True):
+            if term.active != table.acts_in(name):
+                term.renew(active=table.acts_in(name))
 
     def set_loads(self, time: float, driven: float) -> None:
         """Set every prescribed displacement and load to its value at ``time`` (s).
@@ -119,7 +122,8 @@ def _built(case: Case, comm: MPI.Comm, runs_code: bool) -> Model:
     terms = [contact.term for contact in contacts]
     problem = Equilibrium(u, solids, terms, loads.prescribed, loads.platens, loads.pressures)
     resolved = _resolved(case.model_copy(update={"bodies": bodies}), contacts, problem)
-    model = Model(resolved, named, problem, loads.programs, section, case.geometry.slab)
+    programs = loads.programs + [c.program for c in contacts if c.program is not None]
+    model = Model(resolved, named, problem, programs, section, case.geometry.slab)
     model.platen_names, model.loads, model.probes = loads.platen_names, loads, probes
     model.begin_stage(case.stage[0].name)
     model.notes = _notes(case, model, contacts, loads)

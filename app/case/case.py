@@ -200,6 +200,9 @@ class Case(Model):
         section = self.geometry.built_section
         yield from probe_problems(self.probe, self.bodies, self.contact, ("probe",), section)
         yield from stage_problems(self.stage, self.boundary, ("stage",))
+        names = [stage.name for stage in self.stage]
+        for index, contact in enumerate(self.contact):
+            yield from contact.stage_problems(("contact", index), names)
         yield from self.solver.problems(("solver",))
         yield from order_problems(self.stage, self.solver.kind, ("stage",))
         solvers = {stage.name: solver_of(stage, self.solver.kind) for stage in self.stage}
