@@ -256,9 +256,7 @@ class NumberOrProgram(Program):
         table = Program.parse(self, value)
         assert isinstance(table, TimeTable)
         if self.least is not None and min(table.values) < self.least:
-            raise _at(
-                (), value, f"must be >= {format_quantity(self.least, self.unit)} at all times"
-            )
+            raise _at((), value, f"must be >= {self.least:g} at all times")
         return table.values[0] if len(table.values) == 1 else table
 
     def _serialise(self, value: float | TimeTable) -> object:  # type: ignore[override]
