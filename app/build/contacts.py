@@ -5,7 +5,7 @@ Every default of a `[[contact]]` table is resolved here and nowhere else.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import dolfinx
@@ -27,6 +27,7 @@ from app.case.case import Case
 from app.case.contact import Contact
 from app.case.friction import Coulomb, Friction, FrictionMap, OwnLaw, Stribeck
 from app.case.own_law import OwnLawError
+from app.case.time_tables import TimeTable, value_at
 from app.equilibrium.rigid_tool import RigidTool
 from app.errors import InputError
 from forms.bodies.kinematics import Section
@@ -36,6 +37,7 @@ from forms.contact.penalty import ContactTerm
 from forms.contact.pressure import PressureKind
 from forms.friction import friction_map
 from forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
+from forms.friction.factored_law import FactoredLaw
 from forms.friction.law import FrictionLaw
 from forms.friction.stribeck import StribeckLaw
 from geometry.meshes.mesh import NamedMesh
@@ -66,11 +68,14 @@ class BuiltContact:
         table: of the case, with every default resolved.
         term: its residual, tangent and history.
         notes: what the user should know, one line each.
+        program: gives the term its friction at (time, driven displacement), s and m; None where it
+            does not change.
     """
 
     table: Contact
     term: ContactTerm
     notes: tuple[str, ...]
+    program: Callable[[float, float], None] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,9 +114,10 @@ class ContactBuilder:
         softer = min(materials, key=oedometric_modulus)
         length = surface.facet_length
         at = surface.project(surface.slave.position, surface.master.position)
-        distance = _checked_distance(f"contact.{index}", asked, surface, at)
+        at_once = self.case.acts_in(asked, self.case.stage[0].name)
+        distance = _checked_distance(f"contact.{index}", asked, surface, at, at_once)
         table = resolved_contact(asked, softer, length, highest_pressure(self.case))
-        law, film = self._law(index, table.friction), table.film.film() if table.film else 0.0
+        law, film = self._law(index, table), table.film.film() if table.film else 0.0
         lengths = (length, self._master_length(asked))
         modulus = penalty_modulus(softer, table.pressure)
         penalty = _penalty(table, surface, modulus)
@@ -129,14 +135,21 @@ class ContactBuilder:
         term = ContactTerm(surface, law, penalty, film, table.pressure, modulus)
         if fault := law_fault([term]):
             raise InputError(f"contact.{index}.friction: {fault}")
-        return BuiltContact(table, term, notes)
+        return BuiltContact(table, term, notes, friction_program(table, term))
 
-    def _law(self, index: int, friction: Friction) -> FrictionLaw:
-        """The law of a resolved `[contact.friction]` table; collective.
+    def _law(self, index: int, table: Contact) -> FrictionLaw:
+        """The law of a resolved `[[contact]]` table at the start; collective.
 
         Raises:
             InputError: a law written in Python cannot be used, on some rank.
         """
+        law = self._plain_law(index, table.friction)
+        if table.friction_factor == 1.0:
+            return law
+        return _factored(law, table.friction_factor, 0.0)
+
+    def _plain_law(self, index: int, friction: Friction) -> FrictionLaw:
+        """The law without a factor; collective; raises as :meth:`_law` does."""
         if not isinstance(friction, OwnLaw):
             return friction_law(friction)
         law: FrictionLaw = FrictionlessLaw()
@@ -272,13 +285,47 @@ def friction_law(friction: Friction) -> FrictionLaw:
     if isinstance(friction, FrictionMap):
         return friction_map.FrictionMap(friction.parameters())
     if isinstance(friction, Coulomb):
-        assert friction.K_T is not None
-        return CoulombLaw(CoulombParameters(mu=friction.mu, K_T=friction.K_T))
+        return _coulomb_law(friction, 0.0)
     if isinstance(friction, Stribeck):
         return StribeckLaw(friction.parameters())
     if isinstance(friction, OwnLaw):
         return friction.friction_law()
     return FrictionlessLaw()
+
+
+def _coulomb_law(friction: Coulomb, time: float) -> CoulombLaw:
+    """Coulomb's law with the coefficient of a time, s."""
+    assert friction.K_T is not None, "resolved before"
+    return CoulombLaw(CoulombParameters(mu=value_at(friction.mu, time), K_T=friction.K_T))
+
+
+def _factored(law: FrictionLaw, factor: float | TimeTable, time: float) -> FactoredLaw:
+    """A law with the factor of a time, s."""
+    largest = max(factor.values) if isinstance(factor, TimeTable) else factor
+    return FactoredLaw(law, value_at(factor, time), largest)
+
+
+def friction_program(table: Contact, term: ContactTerm) -> Callable[[float, float], None] | None:
+    """What gives a term its friction at (time, driven displacement); None where it stays the same.
+
+    Args:
+        table: of the case, resolved.
+        term: the contact.
+    """
+    friction, factor = table.friction, table.friction_factor
+    changes = isinstance(friction, Coulomb) and isinstance(friction.mu, TimeTable)
+    if not changes and not isinstance(factor, TimeTable):
+        return None
+
+    def program(time: float, driven: float) -> None:
+        law = term.law
+        plain = law.law if isinstance(law, FactoredLaw) else law
+        if changes and isinstance(friction, Coulomb):
+            plain = _coulomb_law(friction, time)
+        factored = isinstance(law, FactoredLaw)
+        term.renew(law=_factored(plain, factor, time) if factored else plain)
+
+    return program
 
 
 def corners_of(
@@ -312,8 +359,19 @@ def corners_of(
     return Corners(largest, float(np.degrees(turned)))
 
 
+def overlap(surface: ContactSurface, at: Projection) -> float:
+    """Depth, m, of the deepest of the slave's points inside the master; 0 if none is; collective.
+
+    Args:
+        surface: the pair.
+        at: the slave's points on the master.
+    """
+    local = float(np.max(-at.gap, where=at.on_surface, initial=0.0))
+    return float(surface.space.mesh.comm.allreduce(local, op=MPI.MAX))
+
+
 def _checked_distance(
-    place: str, contact: Contact, surface: ContactSurface, at: Projection
+    place: str, contact: Contact, surface: ContactSurface, at: Projection, at_once: bool
 ) -> float:
     """Refuse surfaces that overlap, or face away from each other, before anything has moved.
 
@@ -322,13 +380,14 @@ def _checked_distance(
         contact: what the case says.
         surface: its surfaces.
         at: the slave's points on the master.
+        at_once: whether they feel each other from the first stage on; otherwise they may overlap
+            until they do.
 
     Returns:
         Their distance, m; infinite if no slave point is above the master.
     """
-    local = float(np.max(-at.gap, where=at.on_surface, initial=0.0))
-    depth = surface.space.mesh.comm.allreduce(local, op=MPI.MAX)
-    if depth > OVERLAP * surface.facet_length:
+    depth = overlap(surface, at)
+    if at_once and depth > OVERLAP * surface.facet_length:
         smooth = (
             "; a smooth master bulges beyond its facets where flats and arcs meet: leave a gap, or "
             "lower smoothing_angle"

@@ -67,9 +67,13 @@ class Model:
         return [contact.film_onset for contact in self.case.contact]
 
     def begin_stage(self, name: str) -> None:
-        """Let the loads be those of a stage from the next :meth:`set_loads` on."""
+        """Let the loads and contacts be those of a stage from the next :meth:`set_loads` on."""
         if self.loads is not None:
             self.loads.stage = name
+        for table, term in zip(self.case.contact, self.problem.contacts, strict=True):
+            acts = self.case.acts_in(table, name)
+            if term.active != acts:
+                term.renew(active=acts)
 
     def set_loads(self, time: float, driven: float) -> None:
         """Set every prescribed displacement and load to its value at ``time`` (s).
@@ -132,7 +136,8 @@ def _built(case: Case, comm: MPI.Comm, runs_code: bool) -> Model:
         tools.members,
     )
     resolved = _resolved(case.model_copy(update={"bodies": bodies}), contacts, problem)
-    programs = [*loads.programs, *tools.programs]
+    changing = [c.program for c in contacts if c.program is not None]
+    programs = [*loads.programs, *tools.programs, *changing]
     model = Model(resolved, named, problem, programs, section, case.geometry.slab)
     model.platen_names, model.loads, model.probes = loads.platen_names, loads, probes
     model.begin_stage(case.stage[0].name)

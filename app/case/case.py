@@ -207,6 +207,9 @@ class Case(Model):
         yield from probe_problems(self.probe, self.bodies, self.contact, ("probe",), section)
         yield from stage_problems(self.stage, self.boundary, ("stage",), self.tools)
         yield from self._tool_problems()
+        names = [stage.name for stage in self.stage]
+        for index, contact in enumerate(self.contact):
+            yield from contact.stage_problems(("contact", index), names)
         yield from self.solver.problems(("solver",))
         yield from order_problems(self.stage, self.solver.kind, ("stage",))
         solvers = {stage.name: solver_of(stage, self.solver.kind) for stage in self.stage}
@@ -231,6 +234,11 @@ class Case(Model):
                 place = ("contact", index, "smoothing_angle")
                 reason = "goes with a master of facets on a body; tools are smooth as they are"
                 yield Problem(place, reason, contact.smoothing_angle)
+
+    def acts_in(self, contact: Contact, stage: str) -> bool:
+        """Whether a contact's surfaces, or its tool, feel each other in a stage."""
+        tool = self.tools.get(contact.master)
+        return contact.acts_in(stage) and (tool is None or tool.acts_in(stage))
 
     @property
     def is_explicit(self) -> bool:

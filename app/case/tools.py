@@ -145,6 +145,7 @@ class Tool(Model):
     )
     stages: tuple[Text, ...] | None = Field(
         default=None,
+        min_length=1,
         max_length=MOST_ENTRIES,
         description="names of the stages in which the tool touches; default: all",
     )
@@ -164,6 +165,10 @@ class Tool(Model):
             for component in COMPONENTS:
                 if table is not None and getattr(table, component) is not None:
                     yield component, key
+
+    def acts_in(self, stage: str) -> bool:
+        """Whether the tool touches in a stage."""
+        return self.stages is None or stage in self.stages
 
     def driven_components(self) -> tuple[str, ...]:
         """Components that move with the velocity of the stage."""

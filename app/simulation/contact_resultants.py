@@ -94,7 +94,10 @@ def measure_contact(
     k, parts = trial.kinematics, trial.response.dissipation
     normal = trial.normal_contact
     # Point by point the own gaps; averaged pressure answers to the mean ones.
-    gap = np.where(k.closed, k.gap, 0.0) if normal.gap is None else normal.gap
+    if normal.gap is None:
+        gap = np.where(k.closed, k.gap, 0.0)
+    else:
+        gap = np.where(normal.needs(), normal.gap, 0.0)
     local = float(np.max(-gap, initial=0.0))
     penetration = comm.allreduce(local, op=MPI.MAX)
     least, worst = _least(parts.total - parts.numerical, trial.position, comm)

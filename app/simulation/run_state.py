@@ -28,6 +28,7 @@ from app.simulation.motion_history import KEYS, MotionHistory
 from app.simulation.outside_forces import OutsideForces
 from app.simulation.position import Position
 from app.simulation.steady import NOT_SLID, SlidWay, Steadiness, measure_settling
+from app.simulation.switched_contacts import with_released_energy
 from app.simulation.tool_history import ToolHistory
 from forms.contact.state import ContactTrial
 from geometry.surfaces.facets import Floats
@@ -102,7 +103,8 @@ class RunState:
         """The resultants of all contacts at converged trials; collective."""
         problem, driven = self.model.problem, self.driven_direction()
         pairs = zip(problem.contacts, trials, strict=True)
-        return [measure_contact(term, trial, problem.comm, driven) for term, trial in pairs]
+        found = [measure_contact(term, trial, problem.comm, driven) for term, trial in pairs]
+        return with_released_energy(found, self.resultants, problem.contacts)
 
     def driven_direction(self) -> list[float] | None:
         """Direction of the first driven boundary, spring or tool, None without."""

@@ -101,6 +101,8 @@ class ExplicitContact:
         averaged = isinstance(term.rule, AveragedPressure)
         projection = surface.project(points, nodes, fading=averaged)
         normal = term.rule.evaluate(projection, AS_IS, ROUNDOFF_DEPTH)
+        if not term.active:
+            normal = normal.opened()
         kinematics = relate(points, projection, term.anchor(nodes), normal.closed)
         film = term.film.at(normal.pressure)[0]
         term.cover_rim(normal, projection)

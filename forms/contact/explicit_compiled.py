@@ -258,7 +258,11 @@ class CompiledContact(ExplicitContact):
             inputs["nodal_pressure"][:], inputs["active"][:] = nodal, active
         self._code.tribox_pair_relate(now.at)
         pressure = arrays["pressure"]
-        return NormalContact(arrays["closed"], pressure, pressure, gap, nodal, active)
+        normal = NormalContact(arrays["closed"], pressure, pressure, gap, nodal, active)
+        if self.term.active:
+            return normal
+        pressure[:], arrays["closed"][:] = 0.0, False
+        return normal.opened()
 
     @property
     def searched_at(self) -> tuple[Floats, Floats] | None:

@@ -58,6 +58,7 @@ class ContactTerm:
     Attributes:
         state: the committed :class:`ContactState`; changed by :meth:`commit` only.
         surface, law, film: of the pair; modulus: Pa, E*, or None.
+        active: whether the surfaces feel each other; changed, as ``law`` may be, by :meth:`renew`.
         rule: from gaps to pressure, with the penalty; linearised: the tangent.
     """
 
@@ -87,7 +88,7 @@ class ContactTerm:
                 pressure.
         """
         self.surface = surface
-        self.law = law
+        self.law, self.active = law, True
         self.modulus = modulus
         self.rule = normal_rule(pressure, surface, penalty)
         self.linearised = PairTangent(surface, self.rule)
@@ -166,6 +167,8 @@ class ContactTerm:
         current = surface.project(points, nodes, mode.frozen_facets, normals, averaged)
         anchor = self.anchor(nodes)
         normal = self.rule.evaluate(current, mode)
+        if not self.active:
+            normal = normal.opened()
         kinematics = relate(points, current, anchor, normal.closed)
         self.cover_rim(normal, current, mode.penalty_scale, linearise=not mode.friction_as_load)
         film, response = self._friction(kinematics, dt, normal, mode)
@@ -283,6 +286,17 @@ class ContactTerm:
             friction=trial.response.state,
             friction_traction=trial.response.traction,
         )
+        self._last = None
+
+    def renew(self, active: bool | None = None, law: FrictionLaw | None = None) -> None:
+        """Take what a stage or a program of time has changed, from the next evaluation on.
+
+        Args:
+            active: whether the surfaces feel each other; None: as before.
+            law: friction law with the same kind of state; None: as before.
+        """
+        self.active = self.active if active is None else active
+        self.law = self.law if law is None else law
         self._last = None
 
     def adopt(self, state: ContactState) -> None:

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from forms.contact.carried import Carried
 from forms.contact.kinematics import Anchor, ContactKinematics
 from forms.friction.law import FrictionResponse, FrictionState
@@ -68,6 +70,15 @@ class NormalContact:
     cover: Floats | float = 1.0
     cover_slope: Floats | None = None
     rim: Bools | None = None
+
+    def opened(self) -> NormalContact:
+        """The same gaps of surfaces that do not feel each other."""
+        none = np.zeros_like(self.pressure)
+        nothing = np.zeros_like(self.closed)
+        if self.gap is None:
+            return NormalContact(nothing, none, none.copy())
+        nodal, active = np.zeros(len(self.gap)), np.zeros(len(self.gap), dtype=bool)
+        return NormalContact(nothing, none, none.copy(), self.gap, nodal, active)
 
     def needs(self) -> Bools:
         """Vertices (v,) whose gaps the tractions depend on."""
