@@ -40,7 +40,7 @@ class Corners:
 
 
 def stiffer_slave(
-    index: int, contact: Contact, body: str, slave: Material, master: Material
+    index: int, contact: Contact, body: str, slave: Material, master: Material | None = None
 ) -> Iterator[str]:
     """A line on a slave that is on the stiffer body.
 
@@ -49,9 +49,9 @@ def stiffer_slave(
         contact: what the case says.
         body: name of the slave's body.
         slave: material of that body.
-        master: material of the other body.
+        master: material of the other body; None: a tool.
     """
-    if oedometric_modulus(slave) > STIFFER * oedometric_modulus(master):
+    if master is not None and oedometric_modulus(slave) > STIFFER * oedometric_modulus(master):
         yield (
             f"contact.{index}: the slave {contact.slave} is on the stiffer body {body}; the "
             "softer body's surface should be the slave"

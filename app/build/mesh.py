@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from mpi4py import MPI
@@ -16,15 +16,20 @@ from geometry.meshes.gmsh_model import MeshError
 from geometry.meshes.mesh import NamedMesh, bodies_sharing_nodes, generate, read
 
 
-def make_mesh(case: Case, comm: MPI.Comm) -> NamedMesh:
+def make_mesh(case: Case, comm: MPI.Comm, carriers: Sequence[str] = ()) -> NamedMesh:
     """The case's mesh, generated or read, with every name the case uses; collective.
+
+    Args:
+        case: the case.
+        comm: ranks that work together.
+        carriers: names of cells that are added, which are no body's.
 
     Raises:
         InputError: no such file, body or surface, or bodies that are glued together; the message
             names the case file.
     """
     try:
-        return _made_mesh(case, comm)
+        return _made_mesh(case, comm, carriers)
     except InputError as error:
         raise of_case(case, error) from None
 
@@ -36,15 +41,15 @@ def of_case(case: Case, error: InputError) -> InputError:
     return InputError(first, more)
 
 
-def _made_mesh(case: Case, comm: MPI.Comm) -> NamedMesh:
+def _made_mesh(case: Case, comm: MPI.Comm, carriers: Sequence[str]) -> NamedMesh:
     geometry = case.geometry
     shared = case.solver.partition == "contact"
     contacts = [(contact.slave, contact.master) for contact in case.contact] if shared else []
     try:
         if isinstance(geometry, GeneratedGeometry):
-            return generate(geometry.shape(), comm, contacts)
+            return generate(geometry.shape(), comm, contacts, carriers)
         try:
-            named = read(Path(geometry.mesh), comm, contacts, geometry.max_cells)
+            named = read(Path(geometry.mesh), comm, contacts, geometry.max_cells, carriers)
         except MeshError as error:
             raise MeshError(f"geometry.mesh: {error}") from None
         wrong = [*_name_problems(case, named), *_section_problems(case, named)]
@@ -69,7 +74,8 @@ def _name_problems(case: Case, named: NamedMesh) -> Iterator[str]:
     wanted = [(f"bodies.{name}", named.body_tag, name) for name in case.bodies]
     for index, contact in enumerate(case.contact):
         wanted.append((f"contact.{index}.slave", named.surface_tag, contact.slave))
-        wanted.append((f"contact.{index}.master", named.surface_tag, contact.master))
+        if contact.master not in case.tools:
+            wanted.append((f"contact.{index}.master", named.surface_tag, contact.master))
     for index, boundary in enumerate(case.boundary):
         wanted.append((f"boundary.{index}.surface", named.surface_tag, boundary.surface))
     for place, tag_of, name in wanted:
@@ -77,6 +83,9 @@ def _name_problems(case: Case, named: NamedMesh) -> Iterator[str]:
             tag_of(name)
         except MeshError as error:
             yield f"{place}: {error}"
+    for name in case.tools:
+        if name in named.surfaces:
+            yield f"tools.{name}: a surface of the mesh has this name already"
     for name in named.bodies:
         if name not in case.bodies:
             yield f'the mesh has a body "{name}", the case has no [bodies.{name}]'
@@ -86,7 +95,7 @@ def _check_owners(case: Case, named: NamedMesh) -> None:
     """See that every surface in use lies on one body; collective."""
     pairs = [(contact.slave, contact.master) for contact in case.contact]
     used = [name for pair in pairs for name in pair] + [part.surface for part in case.boundary]
-    for surface in dict.fromkeys(used):
+    for surface in dict.fromkeys(name for name in used if name not in case.tools):
         try:
             named.body_of(surface)
         except MeshError as error:
@@ -102,6 +111,8 @@ def _section_problems(case: Case, named: NamedMesh) -> Iterator[str]:
         return
     for index, boundary in enumerate(case.boundary):
         yield from map(format_problem, boundary.section_problems(section, ("boundary", index)))
+    for name, tool in case.tools.items():
+        yield from map(format_problem, tool.section_problems(section, ("tools", name)))
     for name, body in case.bodies.items():
         if body.velocity is not None:
             place = ("bodies", name, "velocity")

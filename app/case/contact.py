@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidatorFunctionWrapHandler, field_validator
@@ -11,7 +11,8 @@ from pydantic import Field, ValidatorFunctionWrapHandler, field_validator
 from app.case.film import Film
 from app.case.friction import PRESET_NAMES, Friction, FrictionMap
 from app.case.quantities import Quantity
-from app.case.table import Degree, Model, Name, Place, Problem, Text
+from app.case.table import MOST_ENTRIES, Degree, Model, Name, Place, Problem, Text
+from app.case.time_tables import NumberOrProgram, TimeTable
 
 DEFAULT_PENALTY_FACTOR = 30.0
 _SMOOTHED = ("quadrilateral", "hexahedron")
@@ -53,6 +54,17 @@ class Contact(Model):
         "whose normals differ by less than this angle; default: the facets as they are. First "
         "order quadrilaterals or hexahedra only",
     )
+    stages: tuple[Text, ...] | None = Field(
+        default=None,
+        min_length=1,
+        max_length=MOST_ENTRIES,
+        description="names of the stages in which the surfaces feel each other; default: all",
+    )
+    friction_factor: Annotated[float | TimeTable, NumberOrProgram("", least=0.0)] = Field(
+        default=1.0,
+        description="factor of the friction law's traction and stiffness, a number or a program "
+        "of time",
+    )
     film: Film | None = Field(default=None, description="the film; needed by the friction-map law")
     friction: Friction = Field(description="the friction law and its parameters")
 
@@ -90,6 +102,19 @@ class Contact(Model):
         friction = self.friction
         return friction.film_onset_pressure or 0.0 if isinstance(friction, FrictionMap) else 0.0
 
+    def acts_in(self, stage: str) -> bool:
+        """Whether the surfaces feel each other in a stage."""
+        return self.stages is None or stage in self.stages
+
+    def stage_problems(self, place: Place, names: Sequence[str]) -> Iterator[Problem]:
+        """Stages that are not those of the case, ``names``."""
+        for number, stage in enumerate(self.stages or ()):
+            where = (*place, "stages", number)
+            if stage not in names:
+                yield Problem(where, f"no such stage; there are {', '.join(names)}", stage)
+            elif stage in (self.stages or ())[:number]:
+                yield Problem(where, "is in the list twice", stage)
+
     def smoothing_problem(self, cell: str, degree: int) -> str | None:
         """Why the master cannot be smoothed, if it is to be and cannot.
 
@@ -111,4 +136,6 @@ class Contact(Model):
             yield Problem((*place, "master"), "must differ from slave", self.master)
         if self.penalty is not None and self.penalty_factor is not None:
             yield Problem(place, "give either penalty or penalty_factor, not both")
+        if "friction_factor" in self.model_fields_set and self.friction.law == "frictionless":
+            yield Problem((*place, "friction_factor"), 'has no effect with law = "frictionless"')
         yield from self.friction.problems((*place, "friction"), self.film)

@@ -1,8 +1,8 @@
-"""The directions in which no boundary supports a body, found from the constrained unknowns."""
+"""The directions in which nothing supports a body or a tool, from the constrained unknowns."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,25 +14,40 @@ from geometry.surfaces.facets import Ints
 
 @dataclass(frozen=True, slots=True)
 class Loose:
-    """A direction in which no boundary supports a body.
+    """A direction in which no boundary supports a body or a tool.
 
     Attributes:
         body: the body's name; component: 0 for x, 1 for y.
         nodes: local nodes of the body, owned by this rank.
+        kind: "body" or "tool".
+        turns: whether the direction is the angle of a tool, which the first component of a node of
+            its own holds.
     """
 
     body: str
     component: int
     nodes: Ints
+    kind: str = "body"
+    turns: bool = False
+
+    @property
+    def name(self) -> str:
+        """The body or the tool, in words."""
+        return f"{self.kind} {self.body}"
+
+    @property
+    def direction(self) -> str:
+        """The direction, in words."""
+        return "rotation" if self.turns else "xyz"[self.component]
 
     @property
     def text(self) -> str:
         """The body and the direction, in words."""
-        return f"body {self.body} has no support in {'xyz'[self.component]}"
+        return f"{self.name} has no support in {self.direction}"
 
 
 def loose_directions(problem: Equilibrium, supports: Ints | None = None) -> list[Loose]:
-    """The directions in which a body has no support; collective.
+    """The directions in which a body or a tool has no support; collective.
 
     A body of revolution cannot move away from its axis: it has to widen for that.
 
@@ -49,7 +64,17 @@ def loose_directions(problem: Equilibrium, supports: Ints | None = None) -> list
             here = bool(np.isin(nodes * problem.dim + component, supports).any())
             if not problem.comm.allreduce(here, op=MPI.LOR):
                 found.append(Loose(solid.name, component, nodes))
-    return found
+    return [*found, *_loose_tools(problem)]
+
+
+def _loose_tools(problem: Equilibrium) -> Iterator[Loose]:
+    """Slots of tools that a force or a moment drives; an idle angle has a spring of its own."""
+    for tool in problem.tools:
+        for slot in np.nonzero(tool.free)[0]:
+            turns = bool(slot == tool.slots - 1)
+            if not (turns and tool.idle):
+                component = 0 if turns else int(slot)
+                yield Loose(tool.name, component, tool.node(int(slot)), "tool", turns)
 
 
 def body_nodes(problem: Equilibrium, cells: Ints) -> Ints:

@@ -78,4 +78,6 @@ def nodal_shares(problem: Equilibrium) -> Floats:
     shares: Floats = scalar.array[: problem.owned // problem.dim].copy()
     for solid, total in zip(problem.solids, totals, strict=True):
         shares[body_nodes(problem, solid.cells)] /= total
+    for tool in problem.tools:
+        shares[tool.node(0)] = shares[tool.node(tool.slots - 1)] = 1.0
     return shares

@@ -54,7 +54,7 @@ class FieldSeries:
         self._stress = StressField(u, solids)
         self._strain = CellStrain(u, solids[0].section)
         self._contact = ContactPressureField(u, surfaces) if surfaces else None
-        self._mesh = GatheredMesh(space)
+        self._mesh = GatheredMesh(space, np.concatenate([solid.cells for solid in solids]))
         body = self._mesh.cellwise(_numbers(solids, space.mesh)[:, None])
         self.series: Series | None = None
         if self._comm.rank == 0:

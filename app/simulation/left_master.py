@@ -33,6 +33,8 @@ class LeftMaster:
         """Look at a converged step; collective."""
         local = np.zeros((2, len(self._above)))
         for index, trial in enumerate(self._problem.committed):
+            if not self._problem.contacts[index].active:
+                continue
             here = trial.projection.on_surface
             left = self._above[index] & ~here & (trial.kinematics.gap < 0.0)
             weight = self._problem.contacts[index].surface.slave.weight

@@ -45,7 +45,7 @@ class MotionHistory:
         self._bodies = [solid.name for solid in model.problem.solids]
         self._on = [model.named.body_of(surface) for surface in self._means.surfaces]
         self._pairs = [
-            (model.named.body_of(pair.slave), model.named.body_of(pair.master))
+            [model.named.body_of(s) for s in (pair.slave, pair.master) if s not in model.case.tools]
             for pair in model.case.contact
         ]
         motion = [f"{name}_{a}" for name in ("displacement", "velocity", "force") for a in axes]
@@ -145,9 +145,9 @@ class MotionHistory:
         pressed = {name: np.zeros(dim) for name in self._bodies}
         for number, name in enumerate(self._on):
             pushed[name] += forces[number, :dim]
-        for (slave, master), pair in zip(self._pairs, pairs, strict=True):
-            pressed[slave] += np.array(pair.force) * thickness
-            pressed[master] -= np.array(pair.force) * thickness
+        for bodies, pair in zip(self._pairs, pairs, strict=True):
+            for name, sign in zip(bodies, (1.0, -1.0), strict=False):  # a tool is no body
+                pressed[name] += sign * np.array(pair.force) * thickness
         for name, mean in zip(self._bodies, means, strict=True):
             if self._model.section == "axisymmetric":
                 pushed[name][0] = 0.0
@@ -255,7 +255,7 @@ class _SurfaceForces:
         vectors[np.arange(len(self._held)), component] = outside.held
         mine = self._owner >= 0
         self._add(out, self._owner[mine], nodes[mine], vectors[mine])
-        for part, load in zip(self._pressed, outside.pressures, strict=True):
+        for part, load in zip(self._pressed, outside.loads, strict=False):
             vectors = np.zeros((len(part.nodes), 3))
             vectors[:, :dim] = load.reshape(-1, dim)[part.nodes]
             self._add(out, np.full(len(part.nodes), part.surface), part.nodes, vectors)

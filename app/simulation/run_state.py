@@ -28,6 +28,8 @@ from app.simulation.motion_history import KEYS, MotionHistory
 from app.simulation.outside_forces import OutsideForces
 from app.simulation.position import Position
 from app.simulation.steady import NOT_SLID, SlidWay, Steadiness, measure_settling
+from app.simulation.switched_contacts import with_released_energy
+from app.simulation.tool_history import ToolHistory
 from forms.contact.state import ContactTrial
 from geometry.surfaces.facets import Floats
 
@@ -66,7 +68,7 @@ class RunState:
         stepper: what makes the steps at present; its ``x`` are the unknowns, m.
         time: s; driven: m, displacement of driven boundaries; step: converged steps so far.
         rows: the history; pair_rows: of each pair in turn, for each row of it, by pair_columns;
-            motion: surfaces and bodies, likewise.
+            motion: surfaces and bodies, tools: rigid tools, likewise.
         resultants: the contacts after the last step.
         inertia: kinetic against strain energy, of each explicit load step.
         way: tangential force over the way of driven boundaries; steadiness: as last judged.
@@ -95,15 +97,17 @@ class RunState:
         model.set_loads(0.0, 0.0)
         self.energy_balance = EnergyBalance(model.problem, model.problem.new_vector())
         self.motion = MotionHistory(model)
+        self.tools = ToolHistory(model, self.motion.held)
 
     def resultants_of(self, trials: Iterable[ContactTrial]) -> list[ContactResultants]:
         """The resultants of all contacts at converged trials; collective."""
         problem, driven = self.model.problem, self.driven_direction()
         pairs = zip(problem.contacts, trials, strict=True)
-        return [measure_contact(term, trial, problem.comm, driven) for term, trial in pairs]
+        found = [measure_contact(term, trial, problem.comm, driven) for term, trial in pairs]
+        return with_released_energy(found, self.resultants, problem.contacts)
 
     def driven_direction(self) -> list[float] | None:
-        """Direction of the first driven boundary or spring, None without."""
+        """Direction of the first driven boundary, spring or tool, None without."""
         axes = COMPONENTS[: self.model.problem.dim]
         for boundary in self.model.case.boundary:
             components = boundary.driven_components()
@@ -112,6 +116,11 @@ class RunState:
                 return [share(axis) if axis in components else 0.0 for axis in axes]
             if boundary.spring is not None and boundary.spring.end == DRIVEN:
                 return [float(axis == boundary.spring.direction) for axis in axes]
+        for tool in self.model.case.tools.values():
+            components = tool.driven_components()
+            if components and tool.displacement is not None:
+                share = tool.displacement.driven_share
+                return [share(axis) if axis in components else 0.0 for axis in axes]
         return None
 
     def add_row(self, load_step: LoadStep, effort: Effort, moved: Moved) -> Row:
@@ -145,6 +154,7 @@ class RunState:
             self.pair_rows.append((*at, contact.label, *(columns[name] for name in self._columns)))
         motion = (self.stepper.x.array_r, moved.velocity)
         self.motion.add(at, motion, moved.outside, self.resultants)
+        self.tools.add(at, motion, moved.outside, self.resultants)
         self._add_to_way(row)
         return row
 

@@ -9,6 +9,7 @@ from mpi4py import MPI
 
 from forms.contact.explicit import ExplicitContact
 from forms.contact.penalty import ContactTerm
+from forms.friction.factored_law import strongest
 from geometry.surfaces.exchange import NodalVector
 from geometry.surfaces.facets import Floats
 
@@ -56,13 +57,13 @@ def elastic_stiffness(term: ContactTerm) -> float:
     q, dim = len(term.surface.slave.weight), term.surface.dim
     if q == 0:
         return 0.0
-    pressure = _pressures(term)[-1]
-    response = term.law.update(
+    pressure, law = _pressures(term)[-1], strongest(term.law)
+    response = law.update(
         np.zeros((q, dim)),
         1.0,
         pressure,
         term.film.at(pressure)[0],
-        term.law.initial_state(q, dim),
+        law.initial_state(q, dim),
         rate_dependent=False,
     )
     return float(np.abs(response.d_traction_d_slip).max(initial=0.0))
@@ -71,14 +72,14 @@ def elastic_stiffness(term: ContactTerm) -> float:
 def largest_viscosity(term: ContactTerm) -> float:
     """Largest viscous traction per slip speed of any point here, Pa s/m, over ``PROBES``."""
     q, dim = len(term.surface.slave.weight), term.surface.dim
-    largest, area_ratio = 0.0, term.state.area_ratio
+    largest, area_ratio, law = 0.0, term.state.area_ratio, strongest(term.law)
     for speed, pressure in itertools.product(PROBES, _pressures(term)) if q else ():
         slip = np.zeros((q, dim))
         slip[:, 0] = speed
         film = term.film.at(pressure)[0]
-        state = term.law.initial_state(q, dim)
+        state = law.initial_state(q, dim)
         state.speed[:] = speed
-        response = term.law.update(slip, 1.0, pressure, film, state, area_ratio=area_ratio)
+        response = law.update(slip, 1.0, pressure, film, state, area_ratio=area_ratio)
         largest = max(largest, float(response.dissipation.viscous.max()) / speed**2)
     return largest
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from difflib import get_close_matches
 from itertools import combinations
 from pathlib import Path
@@ -52,6 +52,8 @@ class NamedMesh:
         facet_tags: The surface's tag of every facet on a named surface.
         bodies: Tag of each body.
         surfaces: Tag of each surface.
+        carriers: Tag of each cell that is no body's, see `MeshArrays.with_carriers`. None of them
+            is in an output or a sum over the bodies.
     """
 
     mesh: dolfinx.mesh.Mesh
@@ -59,6 +61,7 @@ class NamedMesh:
     facet_tags: dolfinx.mesh.MeshTags
     bodies: dict[str, int]
     surfaces: dict[str, int]
+    carriers: dict[str, int] = field(default_factory=dict)
 
     def body_tag(self, name: str) -> int:
         """The tag of a body in ``cell_tags``.
@@ -83,6 +86,22 @@ class NamedMesh:
             MeshError: If there is no such body.
         """
         return np.asarray(self.cell_tags.find(self.body_tag(name)), dtype=np.int32)
+
+    def carrier(self, name: str) -> npt.NDArray[np.int32]:
+        """Local index of a carrier's cell, ghosts included; none (0,) on a rank without it.
+
+        Raises:
+            MeshError: If there is no such carrier.
+        """
+        tag = _look_up("carrier", name, self.carriers)
+        return np.asarray(self.cell_tags.find(tag), dtype=np.int32)
+
+    @property
+    def cell_count(self) -> int:
+        """Number of the cells of all bodies, on all processes."""
+        return int(self.mesh.topology.index_map(self.mesh.topology.dim).size_global) - len(
+            self.carriers
+        )
 
     def facets(self, name: str) -> npt.NDArray[np.int32]:
         """Local indices (f,) of a surface's facets on this process, ghosts included.
@@ -116,6 +135,7 @@ class _Names:
     dim: int
     bodies: dict[str, int]
     surfaces: dict[str, int]
+    carriers: dict[str, int]
     facet_counts: dict[str, int]
 
     @classmethod
@@ -125,11 +145,14 @@ class _Names:
             arrays.dim,
             {name: part.tag for name, part in arrays.bodies.items()},
             {name: part.tag for name, part in arrays.surfaces.items()},
+            {name: part.tag for name, part in arrays.carriers.items()},
             {name: len(part.corners) for name, part in arrays.surfaces.items()},
         )
 
 
-def generate(shape: Shape, comm: MPI.Comm, contacts: Contacts = ()) -> NamedMesh:
+def generate(
+    shape: Shape, comm: MPI.Comm, contacts: Contacts = (), carriers: Sequence[str] = ()
+) -> NamedMesh:
     """Mesh a built-in geometry on one process and distribute it; collective.
 
     Args:
@@ -137,15 +160,21 @@ def generate(shape: Shape, comm: MPI.Comm, contacts: Contacts = ()) -> NamedMesh
         comm: Communicator of the mesh.
         contacts: Pairs whose slave facets are shared out evenly, like the cells; without any (or
             without METIS) only the cells are.
+        carriers: Names of cells that are added, see `MeshArrays.with_carriers`.
 
     Returns:
         The mesh, with the names that the shape's ``build`` gives.
     """
-    return _load(lambda: _generated(shape), type(shape).__name__, comm, contacts)
+    source = type(shape).__name__
+    return _load(lambda: _generated(shape).with_carriers(carriers), source, comm, contacts)
 
 
 def read(
-    path: Path, comm: MPI.Comm, contacts: Contacts = (), most_cells: int = MOST_CELLS
+    path: Path,
+    comm: MPI.Comm,
+    contacts: Contacts = (),
+    most_cells: int = MOST_CELLS,
+    carriers: Sequence[str] = (),
 ) -> NamedMesh:
     """Read a gmsh file (``.msh``, version 2 or 4) on one process and distribute it; collective.
 
@@ -160,6 +189,7 @@ def read(
         comm: Communicator of the mesh.
         contacts: As in ``generate``; names that the file does not have are ignored.
         most_cells: More are refused.
+        carriers: As in ``generate``.
 
     Returns:
         The mesh with the file's names.
@@ -167,7 +197,11 @@ def read(
     Raises:
         MeshError: On all processes, if the file cannot be used; the message names it.
     """
-    return _load(lambda: _read(Path(path), most_cells), str(path), comm, contacts)
+
+    def make() -> MeshArrays:
+        return _read(Path(path), most_cells).with_carriers(carriers)
+
+    return _load(make, str(path), comm, contacts)
 
 
 def bodies_sharing_nodes(named: NamedMesh) -> list[tuple[str, str]]:
@@ -213,7 +247,7 @@ def _load(
     partitioner = _partitioner(arrays, names, comm, contacts)
     mesh, cell_tags, facet_tags = model_to_mesh(model, comm, 0, names.dim, partitioner)
     mesh.topology.create_entities(names.dim - 1)
-    named = NamedMesh(mesh, cell_tags, facet_tags, names.bodies, names.surfaces)
+    named = NamedMesh(mesh, cell_tags, facet_tags, names.bodies, names.surfaces, names.carriers)
     _check_facets_found(named, names, source)
     return named
 
