@@ -16,6 +16,7 @@ from forms.contact.penalty import ContactTerm
 from forms.friction.coulomb import CoulombLaw, CoulombParameters
 from forms.friction.law import Regime
 from geometry.surfaces.rigid import normals
+from geometry.surfaces.rigid_extruded import Extruded
 from geometry.surfaces.rigid_mesh import MeshSurface
 from geometry.surfaces.rigid_motion import RigidMotion
 from geometry.surfaces.rigid_plane import directions_across
@@ -35,14 +36,21 @@ SHAPES = {
     "segments": lambda: MeshSurface(STEP, LINE),
     "groove": lambda: Polyline(np.array([[-1.0, 0.1], [0.0, 0.0], [1.0, 0.07]])),
     "ridge": lambda: Polyline(np.array([[-1.0, -0.08], [0.0, 0.0], [1.0, -0.07]])),
+    "end": lambda: Polyline(np.array([[-1.0, 0.0], [0.0, 0.0]])),
     "smooth segments": lambda: MeshSurface(parabolas()[0], EIGHT, 1.0),
     "parabolas": lambda: MeshSurface(*parabolas()),
     "triangles": lambda: MeshSurface(*triangles()),
     "quadrilaterals": lambda: MeshSurface(*hill()),
     "smooth quadrilaterals": lambda: MeshSurface(*hill(), 1.0),
 }
+DEEP = np.array([[-1.0, 0.5], [0.0, 0.0], [1.0, 0.4]])
+GROOVES = {
+    "deep groove": lambda: Polyline(DEEP),
+    "long groove": lambda: Extruded(Polyline(DEEP), np.zeros(3), np.eye(3)[0], np.eye(3)[1]),
+}
 # Facet and ξ above which the block is put: near the ends of pieces, so that it lies on two.
 ABOVE = {
+    "end": (0, 0.926),
     "smooth segments": (3, 0.6),
     "parabolas": (1, 0.9),
     "triangles": (12, 0.3),
@@ -159,7 +167,7 @@ class Scene:
 
 
 def prepared(name, friction, pressure="averaged"):
-    shape = SHAPES[name]()
+    shape = (SHAPES | GROOVES)[name]()
     shape.name = name
     scene = Scene(shape, friction, pressure)
     shift = np.array([0.01, -0.02, 0.015])[: scene.dim]
@@ -178,10 +186,27 @@ def test_tangent_against_differences(name, friction, pressure):
     assert np.count_nonzero(trial.response.regime == regime) >= 2
     assert np.count_nonzero(trial.pressure) >= 4
     pieces = len(np.unique(trial.projection.facet[trial.pressure > 0.0]))
-    assert pieces >= 2 or name in ("line", "plane", "sharp", "segments")
+    assert pieces >= 2 or name in ("line", "plane", "sharp", "segments", "end")
     along_rays = scene.shape.has_kinks and pressure == "averaged"
     assert (trial.projection.rays is not None) == along_rays
     assert scene.error(*state) < 1e-8
+
+
+@pytest.mark.parametrize("friction", [50.0, 0.1], ids=["stick", "slip"])
+@pytest.mark.parametrize("name", ["deep groove", "long groove"])
+def test_tangent_of_points_at_a_corner_or_on_an_edge(name, friction):
+    scene, state = prepared(name, friction, "pointwise")
+    state = (0.1, *state[1:])
+    trial = scene.evaluate(scene.unknowns(*state))
+    assert np.count_nonzero(trial.projection.clamped & trial.kinematics.closed) >= 2
+    assert scene.error(*state) < 1e-8
+
+
+def test_points_fade_at_the_end_of_a_polyline():
+    scene, state = prepared("end", 0.1)
+    at = scene.evaluate(scene.unknowns(*state)).projection
+    assert np.any((at.share > 0.05) & (at.share < 0.95))
+    assert not at.on_surface.all()
 
 
 @pytest.mark.parametrize("name", SHAPES)
