@@ -120,6 +120,8 @@ class ContactTrial:
         penalty_scale: factor of the penalty that it was evaluated with.
         anchor: places of the last converged step, moved with the current master; None where nobody
             will ask for the tangent; of_point: (q, k) vertices of the points' facets, likewise.
+        pull: (v, i), Pa, s_A of a tie, and moved: (n, i), m, the displacements it is of; None of
+            others.
     """
 
     position: Floats
@@ -134,6 +136,8 @@ class ContactTrial:
     penalty_scale: float = 1.0
     anchor: Anchor | None = None
     of_point: Longs | None = None
+    pull: Floats | None = None
+    moved: Floats | None = None
 
     def coupled(self) -> Bools:
         """Points (q,) whose gaps the tractions of some point depend on."""
