@@ -28,6 +28,7 @@ from forms.bodies.loads import Load
 from forms.bodies.solid import Solid
 from forms.contact.penalty import ContactTerm
 from forms.contact.state import ContactTrial
+from forms.contact.tie import TieTerm
 from geometry.surfaces.facets import Floats, Ints
 
 
@@ -133,7 +134,13 @@ class Equilibrium:
     @property
     def roundoff(self) -> float:
         """Residual norm below which only round-off is left, at ``u``; N/m; collective."""
-        return self.rounding.norm(self.u.x.array[: self.owned], self.reference_force)
+        bodies = self.rounding.norm(self.u.x.array[: self.owned], self.reference_force)
+        ties = [term for term in self.contacts if isinstance(term, TieTerm)]
+        if not ties:
+            return bodies
+        x = self.u.x.petsc_vec
+        local = sum(term.roundoff_squared(x) for term in ties)
+        return float(np.hypot(bodies, np.sqrt(self.comm.allreduce(local, op=MPI.SUM))))
 
     def constrained_dofs(self) -> Ints:
         """Owned local unknowns with a prescribed displacement."""

@@ -9,7 +9,7 @@ import numpy as np
 from mpi4py import MPI
 
 from app.equilibrium.equilibrium import Equilibrium
-from geometry.surfaces.facets import Ints
+from geometry.surfaces.facets import Bools, Ints
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,13 +57,18 @@ def loose_directions(problem: Equilibrium, supports: Ints | None = None) -> list
             displacement.
     """
     supports = problem.constrained_dofs() if supports is None else supports
+    nodes = [body_nodes(problem, solid.cells) for solid in problem.solids]
+    axes = np.arange(problem.dim)
+    here = [[np.isin(n * problem.dim + axis, supports).any() for axis in axes] for n in nodes]
+    held: Bools = np.zeros((len(nodes), problem.dim), dtype=bool)
+    problem.comm.Allreduce(np.array(here, dtype=bool), held, op=MPI.LOR)
+    for some in _bonded(problem):  # as often as it takes to go from each body to each
+        held[some] |= held[some].any(axis=0)
     found = []
-    for solid in problem.solids:
-        nodes = body_nodes(problem, solid.cells)
-        for component in range(1 if solid.section == "axisymmetric" else 0, problem.dim):
-            here = bool(np.isin(nodes * problem.dim + component, supports).any())
-            if not problem.comm.allreduce(here, op=MPI.LOR):
-                found.append(Loose(solid.name, component, nodes))
+    for number, solid in enumerate(problem.solids):
+        for axis in range(1 if solid.section == "axisymmetric" else 0, problem.dim):
+            if not held[number, axis]:
+                found.append(Loose(solid.name, axis, nodes[number]))
     return [*found, *_loose_tools(problem)]
 
 
@@ -75,6 +80,27 @@ def _loose_tools(problem: Equilibrium) -> Iterator[Loose]:
             if not (turns and tool.idle):
                 component = 0 if turns else int(slot)
                 yield Loose(tool.name, component, tool.node(int(slot)), "tool", turns)
+
+
+def _bonded(problem: Equilibrium) -> list[Ints]:
+    """Numbers of the bodies that hold together by ties, pair by pair, repeated; collective."""
+    ties = [term for term in problem.contacts if term.tied and term.active]
+    if not ties:
+        return []
+    index = problem.space.dofmap.index_map
+    mine = [
+        index.local_to_global(np.unique(problem.space.dofmap.list[s.cells]).astype(np.int32))
+        for s in problem.solids
+    ]
+    here = [
+        [np.isin(n, term.surface.nodes[: term.surface.first_master]).any() for n in mine]
+        + [np.isin(n, term.surface.master.nodes).any() for n in mine]
+        for term in ties
+    ]
+    touched = problem.comm.allreduce(np.array(here, dtype=bool), op=MPI.LOR)
+    count = len(mine)
+    pairs = [np.nonzero(t[:count] | t[count:])[0].astype(np.int32) for t in touched]
+    return pairs * count
 
 
 def body_nodes(problem: Equilibrium, cells: Ints) -> Ints:

@@ -288,6 +288,8 @@ def _of_edges(problem: Equilibrium) -> Findings:
     """Pressed points on edges of the master, where its normal jumps, and the residual with it."""
     for index, (term, trial) in enumerate(zip(problem.contacts, problem.trials, strict=True)):
         target = term.surface.target
+        if term.tied:
+            continue
         edge = target.excess(trial.projection.facet, trial.projection.xi) > -ON_EDGE
         here = bool(np.any(edge & (trial.pressure > 0.0)))
         if problem.comm.allreduce(here, op=MPI.LOR):
