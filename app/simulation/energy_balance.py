@@ -126,6 +126,7 @@ class EnergyBalance:
         return {
             "sums": {name: getattr(self, name) for name in _SUMS},
             "start": list(self._start),
+            "flow": list(self._flow),
             "force": Nodal(self._last.force),
             "position": Nodal(self._last.position),
         }
@@ -134,7 +135,7 @@ class EnergyBalance:
         """Go on from what :meth:`snapshot` has seen."""
         for name in _SUMS:
             setattr(self, name, kept["sums"][name])
-        self._flow = self.problem.plastic_dissipation()
+        self._flow = (kept["flow"][0], kept["flow"][1])
         self._start = (kept["start"][0], kept["start"][1])
         self._last = Work(kept["force"], kept["position"])
 

@@ -62,6 +62,7 @@ class PlasticSolid(Solid):
     """
 
     material: ElastoPlastic
+    flows = True
 
     # -- forms --------------------------------------------------------------------------------
 

@@ -133,3 +133,10 @@ def von_mises(stress: Floats) -> Floats:
     """√(3/2 s:s) (p,), Pa, of stresses (p, 3, 3) with the deviator s."""
     s = stress + mean_pressure(stress)[:, None, None] * np.eye(3)
     return np.asarray(np.sqrt(1.5 * _square(s)))
+
+
+def triaxiality(stress: Floats) -> Floats:
+    """Mean stress over von Mises stress (p,) of stresses (p, 3, 3); 0 where there is none."""
+    mises, mean = von_mises(stress), -mean_pressure(stress)
+    some = mises > 1e-12 * np.abs(stress).max(axis=(1, 2), initial=0.0)
+    return np.asarray(np.where(some, mean / np.where(some, mises, 1.0), 0.0))

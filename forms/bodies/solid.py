@@ -114,10 +114,13 @@ class Solid:
     """A body: its cells, its material, and the compiled forms of its strain energy.
 
     Attributes:
+        flows: whether its material flows plastically.
         cell: shape of the cells.
         forms: of each integral; carried: of the volumetric part of ``q1-sri``, what another
             pressure changes of its tangent; None in the other formulations.
     """
+
+    flows = False
 
     def __init__(
         self,
