@@ -24,6 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from forms.bodies.compiled_points import compiled_points
 from forms.bodies.elastoplastic import ElastoPlastic
 from forms.bodies.principal_axes import PrincipalAxes, axes_in_plane, axes_in_space, log_ratio
 from forms.bodies.return_mapping import Flow, flow
@@ -62,16 +63,23 @@ class PlasticUpdate:
 class PlasticPoints:
     """The update of a material's points. It keeps no state: what comes in is not changed."""
 
-    def __init__(self, material: ElastoPlastic, space: bool) -> None:
+    def __init__(self, material: ElastoPlastic, space: bool, compiled: bool = True) -> None:
         """Take the material.
 
         Args:
             material: moduli, hardening and rate factor.
             space: 9 components of F instead of the plane's 5.
+            compiled: whether to use the compiled loop where there is one.
         """
         self.material = material
         self.space = space
         self.components, self.variables = (9, 7) if space else (5, 5)
+        self._compiled = compiled_points(material, space) if compiled else None
+
+    @property
+    def compiled(self) -> bool:
+        """Whether the loop is compiled: there is a C compiler, and it knows the laws."""
+        return self._compiled is not None
 
     def start(self, points: int) -> Floats:
         """State (points, s) of a body that has not flowed: C_p⁻¹ = I, α = 0."""
@@ -95,8 +103,12 @@ class PlasticPoints:
             ValueError: arrays of other shapes, or dt ≤ 0 for a material with a rate factor.
         """
         self._check(F, state, dt)
+        bulk = self.material.bulk_modulus if volumetric else 0.0
+        if self._compiled is not None:
+            P, new, A, energies, valid = self._compiled(F, state, dt, bulk, tangent)
+            return PlasticUpdate(P, new, A, *energies, valid=valid)
         with np.errstate(all="ignore"):
-            return self._update(np.asarray(F), np.asarray(state), dt, tangent, volumetric)
+            return self._update(F, state, dt, tangent, bulk)
 
     def _check(self, F: Floats, state: Floats, dt: float) -> None:
         wanted = (len(F), self.components), (len(F), self.variables)
@@ -106,12 +118,11 @@ class PlasticPoints:
             raise ValueError(f"dt is {dt}: a material with a rate factor needs dt > 0")
 
     def _update(
-        self, F: Floats, state: Floats, dt: float, tangent: bool, volumetric: bool
+        self, F: Floats, state: Floats, dt: float, tangent: bool, bulk: float
     ) -> PlasticUpdate:
         """The update in numpy."""
         axes = (axes_in_space if self.space else axes_in_plane)(F, state)
         flowed = flow(self.material, axes.logs, state[:, -1], dt)
-        bulk = self.material.bulk_modulus if volumetric else 0.0
         volume = axes.logs.sum(axis=1)
         tau = flowed.deviator + (bulk * volume)[:, None]
         bases = axes.bases()
