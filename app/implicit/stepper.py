@@ -16,10 +16,12 @@ from app.equilibrium.equilibrium import Equilibrium
 from app.equilibrium.snapshot import (
     Nodal,
     Snapshot,
+    of_bodies,
     of_contacts,
     of_searches,
     of_step,
     repeat_searches,
+    to_bodies,
     to_contacts,
     to_step,
 )
@@ -185,6 +187,7 @@ class ImplicitStepper:
             "x": Nodal(self.x.array_r.copy()),
             "mode": of_step(self._mode),
             "from": of_contacts(self._from),
+            "bodies": of_bodies(self.problem.solids),
             "searches": of_searches(contacts),
             "pressed": self._pressed,
             "floating": list(self._floating),
@@ -196,10 +199,12 @@ class ImplicitStepper:
     def restore(self, kept: Snapshot) -> None:
         """Go on from what :meth:`snapshot` has seen, under the loads of that time; collective.
 
-        The contacts are evaluated and committed again, so that all that follows from them is there.
+        Bodies and contacts are evaluated and committed again, so that all that follows from them is
+        there.
         """
         problem = self.problem
         self.solver.restore(kept["solver"])
+        to_bodies(problem.solids, kept["bodies"])
         repeat_searches(problem.contacts, kept["searches"])
         for term, state in zip(
             problem.contacts, to_contacts(problem.contacts, kept["from"]), strict=True
