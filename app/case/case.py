@@ -43,6 +43,7 @@ Geometry = Annotated[
     | MeshGeometry,
     Field(discriminator="kind"),
 ]
+_MAY_LACK = ("contact", "probe")
 _NEEDS_EXPLICIT = 'goes with solver.kind = "explicit" only'
 
 
@@ -59,9 +60,9 @@ class Case(Model):
         min_length=1, description="material and element formulation of each body, [bodies.NAME]"
     )
     contact: tuple[Contact, ...] = Field(
-        min_length=1,
+        default=(),
         max_length=MOST_ENTRIES,
-        description="pairs of surfaces that may touch, [[contact]]",
+        description="pairs of surfaces that may touch, [[contact]]; default: none",
     )
     boundary: tuple[Boundary, ...] = Field(
         min_length=1,
@@ -88,7 +89,7 @@ class Case(Model):
     @model_serializer(mode="wrap")
     def _without_empty_arrays(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Leave `probe = []` out, to which no [[probe]] could be added in a resolved case."""
-        return {key: value for key, value in handler(self).items() if key != "probe" or value}
+        return {key: value for key, value in handler(self).items() if key not in _MAY_LACK or value}
 
     @property
     def source(self) -> Path | None:
@@ -238,7 +239,7 @@ class Case(Model):
     @property
     def film_conductance(self) -> float:
         """Largest eta_b/D of all contacts, Pa s/m; 0 without a film."""
-        return max(contact.film_conductance for contact in self.contact)
+        return max((contact.film_conductance for contact in self.contact), default=0.0)
 
     def _formulation_problems(self, geometry: GeneratedGeometry) -> Iterator[Problem]:
         for name, reason in formulation_problems(self.bodies, geometry.cell):
@@ -320,7 +321,7 @@ def _rename_files(data: dict[str, Any], case: Case, files: Mapping[Path, str]) -
 
     if isinstance(case.geometry, MeshGeometry):
         data["geometry"]["mesh"] = renamed(case.geometry.mesh)
-    for table, contact in zip(data["contact"], case.contact, strict=True):
+    for table, contact in zip(data.get("contact", ()), case.contact, strict=True):
         if isinstance(contact.friction, OwnLaw):
             table["friction"]["class"] = renamed(contact.friction.reference)
     if case.sweep is not None and case.sweep.names_files:

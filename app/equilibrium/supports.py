@@ -8,22 +8,28 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
+from app.equilibrium.bonded import bonded_groups
 from app.equilibrium.equilibrium import Equilibrium
 from geometry.surfaces.facets import Ints
 
 
 @dataclass(frozen=True, slots=True)
 class Loose:
-    """A direction in which no boundary supports a body.
+    """A direction in which no boundary supports a body, or bodies that are bonded.
 
     Attributes:
-        body: the body's name; component: 0 for x, 1 for y.
-        nodes: local nodes of the body, owned by this rank.
+        bodies: their names; component: 0 for x, 1 for y.
+        nodes: their local nodes, owned by this rank.
     """
 
-    body: str
+    bodies: tuple[str, ...]
     component: int
     nodes: Ints
+
+    @property
+    def body(self) -> str:
+        """The name, or the names of bonded bodies."""
+        return " and ".join(self.bodies)
 
     @property
     def text(self) -> str:
@@ -32,7 +38,7 @@ class Loose:
 
 
 def loose_directions(problem: Equilibrium, supports: Ints | None = None) -> list[Loose]:
-    """The directions in which a body has no support; collective.
+    """The directions in which a body, or several that are bonded, has no support; collective.
 
     A body of revolution cannot move away from its axis: it has to widen for that.
 
@@ -43,12 +49,13 @@ def loose_directions(problem: Equilibrium, supports: Ints | None = None) -> list
     """
     supports = problem.constrained_dofs() if supports is None else supports
     found = []
-    for solid in problem.solids:
-        nodes = body_nodes(problem, solid.cells)
-        for component in range(1 if solid.section == "axisymmetric" else 0, problem.dim):
+    for group in bonded_groups(problem):
+        names = tuple(solid.name for solid in group)
+        nodes = body_nodes(problem, np.concatenate([solid.cells for solid in group]))
+        for component in range(1 if group[0].section == "axisymmetric" else 0, problem.dim):
             here = bool(np.isin(nodes * problem.dim + component, supports).any())
             if not problem.comm.allreduce(here, op=MPI.LOR):
-                found.append(Loose(solid.name, component, nodes))
+                found.append(Loose(names, component, nodes))
     return found
 
 
