@@ -46,6 +46,7 @@ Geometry = Annotated[
     | MeshGeometry,
     Field(discriminator="kind"),
 ]
+_MAY_LACK = ("contact", "probe", "tools")
 _NEEDS_EXPLICIT = 'goes with solver.kind = "explicit" only'
 
 
@@ -62,9 +63,9 @@ class Case(Model):
         min_length=1, description="material and element formulation of each body, [bodies.NAME]"
     )
     contact: tuple[Contact, ...] = Field(
-        min_length=1,
+        default=(),
         max_length=MOST_ENTRIES,
-        description="pairs of surfaces that may touch, [[contact]]",
+        description="pairs of surfaces that may touch, [[contact]]; default: none",
     )
     tools: dict[Name, AnyTool] = Field(
         default_factory=dict,
@@ -95,8 +96,7 @@ class Case(Model):
     @model_serializer(mode="wrap")
     def _without_empty_arrays(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Leave `probe = []` out, to which no [[probe]] could be added, and an empty [tools]."""
-        emptied = ("probe", "tools")
-        return {key: value for key, value in handler(self).items() if key not in emptied or value}
+        return {key: value for key, value in handler(self).items() if key not in _MAY_LACK or value}
 
     @property
     def source(self) -> Path | None:
@@ -236,6 +236,9 @@ class Case(Model):
                 place = ("contact", index, "smoothing_angle")
                 reason = "goes with a master of facets on a body; tools are smooth as they are"
                 yield Problem(place, reason, contact.smoothing_angle)
+            if tool is not None and contact.tied:
+                reason = "does not go with a tool as master; move the surface by a [[boundary]]"
+                yield Problem(("contact", index, "tied"), reason)
 
     def acts_in(self, contact: Contact, stage: str) -> bool:
         """Whether a contact's surfaces, or its tool, feel each other in a stage."""
@@ -269,7 +272,7 @@ class Case(Model):
     @property
     def film_conductance(self) -> float:
         """Largest eta_b/D of all contacts, Pa s/m; 0 without a film."""
-        return max(contact.film_conductance for contact in self.contact)
+        return max((contact.film_conductance for contact in self.contact), default=0.0)
 
     def _formulation_problems(self, geometry: GeneratedGeometry) -> Iterator[Problem]:
         for name, reason in formulation_problems(self.bodies, geometry.cell):
@@ -362,7 +365,7 @@ def _rename_files(data: dict[str, Any], case: Case, files: Mapping[Path, str]) -
     for name, tool in case.tools.items():
         if isinstance(tool, MeshTool):
             data["tools"][name]["file"] = renamed(tool.file)
-    for table, contact in zip(data["contact"], case.contact, strict=True):
+    for table, contact in zip(data.get("contact", ()), case.contact, strict=True):
         if isinstance(contact.friction, OwnLaw):
             table["friction"]["class"] = renamed(contact.friction.reference)
     if case.sweep is not None and case.sweep.names_files:

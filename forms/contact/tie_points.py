@@ -19,7 +19,7 @@ import numpy as np
 from geometry.surfaces.body_facets import facet_nodes
 from geometry.surfaces.closest_point import solve_small
 from geometry.surfaces.facets import Floats, Ints, Longs, facet_shape, unit_normals
-from geometry.surfaces.surface import ContactSurface
+from geometry.surfaces.surface import ContactSurface, MasterFacets
 
 REACH = 0.1  # distance over the length of the longer facets up to which points are tied
 _GAUSS = 4  # points of each part of a segment
@@ -57,20 +57,25 @@ def tie_points(surface: ContactSurface) -> TiePoints:
 
     Args:
         surface: the pair, undeformed.
+
+    Raises:
+        ValueError: the master is a rigid tool.
     """
-    shape, slave = surface.shape, surface.slave
+    shape, slave, master = surface.shape, surface.slave, surface.master
+    if not isinstance(master, MasterFacets):
+        raise ValueError("a rigid tool cannot be tied")
     _, first = np.unique(slave.facet, return_index=True)
     local = facet_nodes(surface.space, slave.mesh_facet[first])
     where = surface.space.tabulate_dof_coordinates()[:, : surface.dim][local]
     where = where.reshape(len(first), shape.count, surface.dim)
-    facet, xi, weight = _divided(surface, where)
+    facet, xi, weight = _divided(surface, master, where)
     values, tangents = shape.values(xi), np.einsum("pba,pai->pbi", shape.first(xi), where[facet])
     position = np.einsum("pa,pai->pi", values, where[facet])
     weight = weight * _measure(tangents)
     if surface.axisymmetric:
         weight = weight * 2.0 * np.pi * position[:, 0]
-    at = surface.project(position, surface.master.position)
-    reach = REACH * np.maximum(slave.facet_length[first][facet], surface.master.sizes()[at.facet])
+    at = surface.project(position, master.position)
+    reach = REACH * np.maximum(slave.facet_length[first][facet], master.sizes()[at.facet])
     keep = np.nonzero(at.on_surface & (np.abs(at.gap) <= reach))[0]
     along, across = _offset(position[keep] - at.foot[keep], at.tangents[keep])
     return TiePoints(
@@ -86,28 +91,28 @@ def tie_points(surface: ContactSurface) -> TiePoints:
     )
 
 
-def _divided(surface: ContactSurface, where: Floats) -> tuple[Longs, Floats, Floats]:
+def _divided(
+    surface: ContactSurface, master: MasterFacets, where: Floats
+) -> tuple[Longs, Floats, Floats]:
     """Facets (p,), reference coordinates (p, α) and reference weights (p,) of all points."""
     count, shape = len(where), surface.shape
     if shape.directions == 1:
-        return _segments(surface, where)
+        return _segments(master, where)
     xi, weight = _parts(shape.cell)
     facet = np.repeat(np.arange(count), len(xi))
     return facet, np.tile(xi, (count, 1)), np.tile(weight, count)
 
 
-def _segments(surface: ContactSurface, where: Floats) -> tuple[Longs, Floats, Floats]:
+def _segments(master: MasterFacets, where: Floats) -> tuple[Longs, Floats, Floats]:
     """The points of segments, divided where master nodes are opposite."""
-    ends = surface.master.position[np.unique(surface.master.facets[:, :2])]
+    ends = master.position[np.unique(master.facets[:, :2])]
     start = where[:, 0]
     chord = where[:, 1] - start
     squared = np.einsum("fi,fi->f", chord, chord)
     share = np.einsum("fi,ni->fn", chord, ends) - np.einsum("fi,fi->f", chord, start)[:, None]
     share = share / squared[:, None]
     apart = ends[None] - start[:, None] - share[..., None] * chord[:, None]
-    reach = REACH * max(
-        float(np.sqrt(squared.max(initial=0.0))), float(surface.master.sizes().max())
-    )
+    reach = REACH * max(float(np.sqrt(squared.max(initial=0.0))), float(master.sizes().max()))
     near = np.linalg.norm(apart, axis=2) <= reach
     facet, node = np.nonzero(near & (share > _SHORT) & (share < 1.0 - _SHORT))
     every = np.arange(len(where))
