@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from mpi4py import MPI
 
 from app.equilibrium.equilibrium import Equilibrium
+from forms.bodies.loads import Foundation
 from geometry.surfaces.facets import Ints
 
 
@@ -44,10 +43,18 @@ def loose_directions(problem: Equilibrium, supports: Ints | None = None) -> list
     supports = problem.constrained_dofs() if supports is None else supports
     found = []
     for solid in problem.solids:
-        nodes = body_nodes(problem, solid.cells)
-        for component in range(1 if solid.section == "axisymmetric" else 0, problem.dim):
-            here = bool(np.isin(nodes * problem.dim + component, supports).any())
-            if not problem.comm.allreduce(here, op=MPI.LOR):
+        nodes, dim = body_nodes(problem, solid.cells), problem.dim
+        held = np.zeros((dim, dim))
+        for component in range(dim):
+            held[component, component] = np.isin(nodes * dim + component, supports).any()
+        for platen in problem.constraints.slanted:
+            if platen.acts and (platen.displacement is not None or platen.stiffness > 0.0):
+                here = np.isin(nodes * dim, platen.dofs).any()
+                held += here * np.outer(platen.normal, platen.normal)
+        held = problem.comm.allreduce(held)
+        free = np.eye(dim) - np.linalg.pinv(held) @ held  # onto the directions nothing holds
+        for component in range(1 if solid.section == "axisymmetric" else 0, dim):
+            if free[component, component] > 1e-9:
                 found.append(Loose(solid.name, component, nodes))
     return found
 
@@ -60,6 +67,8 @@ def body_nodes(problem: Equilibrium, cells: Ints) -> Ints:
 
 
 def sprung_dofs(problem: Equilibrium) -> Ints:
-    """Owned local unknowns that a support or a spring holds."""
-    sprung: Iterable[Ints] = (p.dofs for p in problem.platens if p.stiffness > 0.0)
+    """Owned local unknowns that a support, a spring or a foundation holds."""
+    aligned, loads = problem.constraints.acting, problem.loads
+    sprung = [platen.dofs for platen in aligned if platen.stiffness > 0.0]
+    sprung += [load.held for load in loads if isinstance(load, Foundation) and load.acts]
     return np.concatenate([problem.constrained_dofs(), *sprung]).astype(np.int32)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from difflib import get_close_matches
 from itertools import combinations
 from pathlib import Path
@@ -24,6 +24,7 @@ from geometry.meshes import metis
 from geometry.meshes.array_model import ArrayModel
 from geometry.meshes.extraction import arrays_of
 from geometry.meshes.gmsh_model import MeshError, Shape, gmsh_session
+from geometry.meshes.groups import Group, found_group
 from geometry.meshes.mesh_arrays import CORNERS, MeshArrays, unpacked
 from geometry.meshes.own_process import ask
 from geometry.meshes.partition import share_out
@@ -52,6 +53,7 @@ class NamedMesh:
         facet_tags: The surface's tag of every facet on a named surface.
         bodies: Tag of each body.
         surfaces: Tag of each surface.
+        groups: Named points and, in space, edges.
     """
 
     mesh: dolfinx.mesh.Mesh
@@ -59,6 +61,7 @@ class NamedMesh:
     facet_tags: dolfinx.mesh.MeshTags
     bodies: dict[str, int]
     surfaces: dict[str, int]
+    groups: dict[str, Group] = field(default_factory=dict)
 
     def body_tag(self, name: str) -> int:
         """The tag of a body in ``cell_tags``.
@@ -92,13 +95,37 @@ class NamedMesh:
         """
         return np.asarray(self.facet_tags.find(self.surface_tag(name)), dtype=np.int32)
 
+    def nodes(self, name: str) -> npt.NDArray[np.int32]:
+        """Local points (n,) of the topology of a group of points or edges, ghosts included.
+
+        Raises:
+            MeshError: If there is no such group.
+        """
+        if name not in self.groups:
+            _look_up("group", name, {group: 0 for group in self.groups})
+        return self.groups[name].vertices
+
+    def heed_place(self, name: str) -> None:
+        """See that there is a surface, or a group of points or edges, of this name.
+
+        Raises:
+            MeshError: If there is none; the nearest name is offered.
+        """
+        _look_up("surface", name, {**self.surfaces, **dict.fromkeys(self.groups, 0)})
+
     def body_of(self, surface: str) -> str:
-        """The body that a surface lies on; collective.
+        """The body that a surface, or a group of points or edges, lies on; collective.
 
         Raises:
             MeshError: On all processes, if there is no such surface, or it is not on one body.
         """
-        cells = integration_facets(self.mesh, self.facets(surface))[::2]
+        if surface in self.groups:
+            corners = self.mesh.topology.connectivity(self.mesh.topology.dim, 0)
+            table = corners.array.reshape(corners.num_nodes, -1)
+            near = np.isin(table, self.nodes(surface)).any(axis=1)
+            cells = np.nonzero(near)[0].astype(np.int32)
+        else:
+            cells = integration_facets(self.mesh, self.facets(surface))[::2]
         mine = set(self.cell_tags.values[np.isin(self.cell_tags.indices, cells)].tolist())
         found = set().union(*self.mesh.comm.allgather(mine))
         names = [name for name, tag in self.bodies.items() if tag in found]
@@ -111,12 +138,13 @@ class NamedMesh:
 
 @dataclass(frozen=True, slots=True)
 class _Names:
-    """What every process knows of a mesh: dimension, tags by name, facets of each surface."""
+    """What every process knows of a mesh: dimension, tags by name, facets of surfaces, groups."""
 
     dim: int
     bodies: dict[str, int]
     surfaces: dict[str, int]
     facet_counts: dict[str, int]
+    groups: dict[str, npt.NDArray[np.int64]]
 
     @classmethod
     def of(cls, arrays: MeshArrays) -> _Names:
@@ -126,6 +154,7 @@ class _Names:
             {name: part.tag for name, part in arrays.bodies.items()},
             {name: part.tag for name, part in arrays.surfaces.items()},
             {name: len(part.corners) for name, part in arrays.surfaces.items()},
+            arrays.groups,
         )
 
 
@@ -152,8 +181,9 @@ def read(
     gmsh reads it in a process of its own, which the first process starts.
 
     Every cell must be in a named physical group (a body); named groups of facets become surfaces,
-    and groups of lower dimension are ignored. Cells are triangles or quadrilaterals in the plane
-    z = 0, or tetrahedra or hexahedra, of first order and of one kind. Coordinates are taken as m.
+    and named points, or in space edges, become groups. Cells are triangles or quadrilaterals in the
+    plane z = 0, or tetrahedra or hexahedra, of first order and of one kind. Coordinates are taken
+    as m.
 
     Args:
         path: The file.
@@ -214,6 +244,8 @@ def _load(
     mesh, cell_tags, facet_tags = model_to_mesh(model, comm, 0, names.dim, partitioner)
     mesh.topology.create_entities(names.dim - 1)
     named = NamedMesh(mesh, cell_tags, facet_tags, names.bodies, names.surfaces)
+    for name, corners in names.groups.items():
+        named.groups[name] = found_group(mesh, corners)
     _check_facets_found(named, names, source)
     return named
 
