@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import combinations
 
 import numpy as np
 from mpi4py import MPI
@@ -11,6 +10,7 @@ from mpi4py import MPI
 from app.build.boundary_conditions import Constraint, Loads
 from app.case.case import Case
 from app.case.stage import solver_of
+from app.equilibrium.bonded import bonded_groups
 from app.equilibrium.equilibrium import Equilibrium
 from app.equilibrium.prescribed import Prescribed
 from app.equilibrium.slanted import SlantedPlaten
@@ -23,15 +23,14 @@ NOTHING = 1e-9  # stiffness of a rigid motion, over the largest, up to which not
 
 
 def drifting(case: Case, named: NamedMesh, problem: Equilibrium, loads: Loads) -> Iterator[str]:
-    """A line on each implicit stage in which bodies could drift; collective.
+    """A line on each implicit stage from which on bodies can drift; collective.
 
-    Only cases whose supports change are looked at: of the others the notes say what contact alone
-    holds. Bodies that touch, or share nodes, are taken for held to each other.
+    Only cases whose supports change are looked at: of the others other notes say what contact
+    alone holds.
     """
     if not any(b.stages for b in case.boundary) and not any(s.release for s in case.stage):
         return
-    rigid = RigidMotions(problem)
-    groups = list(_groups(case, named, problem))
+    rigid, said = RigidMotions(problem), set()
     for stage in case.stage:
         if solver_of(stage, case.solver.kind) != "implicit":
             continue
@@ -40,33 +39,49 @@ def drifting(case: Case, named: NamedMesh, problem: Equilibrium, loads: Loads) -
             tables = [b for b in case.boundary if b.surface == surface and b.foundation]
             if isinstance(load, Foundation) and any(b.acts_in(stage.name) for b in tables):
                 rows.append(rigid.rows(load.held))
-        for bodies in groups:
-            free = rigid.free(bodies, rows)
-            if free:
-                names = " and ".join(bodies)
-                yield (
-                    f"stage {stage.name}: nothing holds {names} against {', '.join(free)}; add a "
-                    "[[boundary]] that does in this stage, such as displacement = { x = 0 } of a "
-                    "point or surface that carries next to nothing there"
-                )
+        for bodies in _bonded(case, named, problem, stage.name):
+            free = tuple(rigid.free(bodies, rows))
+            if free and (bodies, free) not in said:
+                said.add((bodies, free))
+                touching = any(_touch(case, named, stage.name, name) for name in bodies)
+                yield _line(stage.name, " and ".join(bodies), ", ".join(free), touching)
 
 
-def _groups(case: Case, named: NamedMesh, problem: Equilibrium) -> Iterator[tuple[str, ...]]:
-    """Bodies that contacts or common nodes join; without those that a tool can hold."""
+def _line(stage: str, bodies: str, free: str, touching: bool) -> str:
+    """What is said of bodies that can drift."""
+    what = f"stage {stage}: no boundary holds {bodies} against {free}"
+    if touching:
+        return f"{what}; only contact does, and weak springs where it opens"
+    return (
+        f"{what}; springs too weak for any load do; if a load acts, give a [[boundary]] for this "
+        "stage, such as displacement = { x = 0 } of a point or surface that carries next to nothing"
+    )
+
+
+def _touch(case: Case, named: NamedMesh, stage: str, body: str) -> bool:
+    """Whether a body is in a contact of a stage; collective."""
+    surfaces = {
+        surface
+        for one in case.contact
+        if case.acts_in(one, stage)
+        for surface in (one.slave, *([] if one.master in case.tools else [one.master]))
+    }
+    return any([body in named.bodies_of(surface) for surface in sorted(surfaces)])
+
+
+def _bonded(
+    case: Case, named: NamedMesh, problem: Equilibrium, stage: str
+) -> Iterator[tuple[str, ...]]:
+    """Bodies that common nodes, or ties of a stage, join, but for those on tools; collective."""
     names = [solid.name for solid in problem.solids]
     of = {name: {name} for name in names}
-    nodes = {solid.name: body_nodes(problem, solid.cells) for solid in problem.solids}
-    pairs = [
-        (a, b)
-        for a, b in combinations(names, 2)
-        if problem.comm.allreduce(bool(np.intersect1d(nodes[a], nodes[b]).size), op=MPI.LOR)
-    ]
+    pairs = [(group[0].name, solid.name) for group in bonded_groups(problem) for solid in group]
     anchored = set()
-    for contact in case.contact:
-        ends = [s for s in (contact.slave, contact.master) if s in named.surfaces]
-        bodies = [named.body_of(surface) for surface in ends]
-        anchored |= set(bodies) if len(bodies) == 1 else set()
-        pairs += [(bodies[0], bodies[-1])] if bodies else []
+    for contact in (one for one in case.contact if one.tied and case.acts_in(one, stage)):
+        ends = [contact.slave, *([] if contact.master in case.tools else [contact.master])]
+        bodies = [name for surface in ends for name in named.bodies_of(surface)]
+        anchored |= set(bodies) if len(ends) == 1 else set()
+        pairs += [(bodies[0], other) for other in bodies[1:]]
     for a, b in pairs:
         joined = of[a] | of[b]
         of |= dict.fromkeys(joined, joined)

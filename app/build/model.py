@@ -14,11 +14,18 @@ from app.build.case_notes import notes_on
 from app.build.contacts import BuiltContact, ContactBuilder
 from app.build.drifting import drifting
 from app.build.mesh import make_mesh, of_case
-from app.build.mesh_notes import large_mesh, locking_bodies, many_cells, notes_on_ranks
+from app.build.mesh_notes import (
+    bonded_bodies,
+    large_mesh,
+    locking_bodies,
+    many_cells,
+    notes_on_ranks,
+)
 from app.build.numbers import failures_as
 from app.build.probes import PointPlaces, place_probes
 from app.build.solids import displacement_on, make_solids, resolved_bodies
 from app.build.supports import notes_on_supports
+from app.build.tools import make_tools, notes_on_tools
 from app.case.boundary import COMPONENTS
 from app.case.case import Case
 from app.case.stage import solver_of
@@ -71,12 +78,20 @@ class Model:
         return [contact.film_onset for contact in self.case.contact]
 
     def begin_stage(self, name: str) -> None:
-        """Let the loads be those of a stage from the next :meth:`set_loads` on; collective.
+        """Let loads and contacts be those of a stage from the next :meth:`set_loads` on.
 
-        The problem must be as the last step left it.
+        The problem must be as the last step left it; collective.
         """
         if self.loads is not None:
             self.loads.begin_stage(name, self.loaded[0], self.problem)
+        self._choose_contacts(name)
+
+    def _choose_contacts(self, stage: str) -> None:
+        """Let the contacts of a stage act."""
+        for table, term in zip(self.case.contact, self.problem.contacts, strict=True):
+            acts = self.case.acts_in(table, stage)
+            if term.active != acts:
+                term.renew(active=acts)
 
     def snapshot(self) -> Snapshot:
         """Which loads are set, and what they remember of earlier stages."""
@@ -93,6 +108,7 @@ class Model:
             stage, self.loads.stage = self.loads.stage, kept["loaded_in"]
             self.set_loads(*kept["loaded"])
             self.loads.stage = stage
+            self._choose_contacts(stage)
 
     def set_loads(self, time: float, driven: float) -> None:
         """Set every prescribed displacement and load to its value at ``time`` (s).
@@ -128,14 +144,17 @@ def build_model(case: Case, comm: MPI.Comm, runs_code: bool = True) -> Model:
 
 @failures_as(InputError, "the case")
 def _built(case: Case, comm: MPI.Comm, runs_code: bool) -> Model:
-    named = make_mesh(case, comm)
+    named = make_mesh(case, comm, tuple(case.tools))
     section = case.geometry.section_in(named.mesh.geometry.dim)
     bodies = resolved_bodies(case.bodies, named)
     u = displacement_on(named, bodies)
     probes = place_probes(case, named, u.function_space, section)
     solids = make_solids(bodies, named, u, section)
     materials = {solid.name: solid.material for solid in solids}
-    builder = ContactBuilder(case, named, u.function_space, section, materials, runs_code)
+    tools = make_tools(case, named, u.function_space, section)
+    builder = ContactBuilder(
+        case, named, u.function_space, section, materials, runs_code, tools.by_name()
+    )
     contacts = [builder.build(index) for index in range(len(case.contact))]
     loads = _loads(case, named, u, section)
     terms = [contact.term for contact in contacts]
@@ -143,17 +162,18 @@ def _built(case: Case, comm: MPI.Comm, runs_code: bool) -> Model:
         u,
         solids,
         terms,
-        loads.prescribed,
+        [*loads.prescribed, *tools.prescribed],
         loads.platens,
         loads.forms.loads,
-        loads.nodal_loads,
+        [*loads.nodal_loads, *tools.nodal_loads],
+        tools.members,
     )
     resolved = _resolved(case.model_copy(update={"bodies": bodies}), contacts, problem)
-    model = Model(resolved, named, problem, loads.programs, section, case.geometry.slab)
+    changing = [c.program for c in contacts if c.program is not None]
+    programs = [*loads.programs, *tools.programs, *changing]
+    model = Model(resolved, named, problem, programs, section, case.geometry.slab)
     model.platen_names, model.loads, model.probes = loads.platen_names, loads, probes
     model.begin_stage(case.stage[0].name)
-    for line in drifting(case, named, problem, loads):
-        raise InputError(line)
     model.notes = _notes(case, model, contacts, loads)
     return model
 
@@ -212,13 +232,16 @@ def _notes(asked: Case, model: Model, contacts: Sequence[BuiltContact], loads: L
     named, problem, case = model.named, model.problem, model.case
     notes = [
         *notes_on(case),
+        *notes_on_tools(case),
         *locking_bodies(named, problem.solids, problem.space.element.basix_element.degree),
         *large_mesh(case, named),
         *many_cells(case, named),
+        *bonded_bodies(named),
         *notes_on_ranks(asked, named),
         *(note for contact in contacts for note in contact.notes),
         *loads.notes,
     ]
+    notes += drifting(case, named, problem, loads)
     if any(solver_of(stage, case.solver.kind) == "implicit" for stage in case.stage):
         notes += notes_on_supports(problem, getattr(case.geometry, "gap", 0.0) == 0.0)
     return notes

@@ -8,6 +8,7 @@ What is prescribed is in :mod:`app.equilibrium.constraints`, the matrix in
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import dolfinx
 import numpy as np
@@ -15,8 +16,11 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from app.equilibrium.constraints import Constraints, Platen, Prescribed, Unknowns
+from app.equilibrium.holding_springs import HoldingSprings
+from app.equilibrium.idle_tools import holding_of_idle_tools
 from app.equilibrium.measures import RoundOff, reference_force, worst_place
 from app.equilibrium.nodal_load import NodalLoad
+from app.equilibrium.rigid_tool import RigidTool
 from app.equilibrium.step_mode import DEFAULT_STEP, StepMode
 from app.equilibrium.tangent import Tangent
 from app.equilibrium.timers import Stopwatch
@@ -24,6 +28,7 @@ from forms.bodies.loads import Load
 from forms.bodies.solid import Solid
 from forms.contact.penalty import ContactTerm
 from forms.contact.state import ContactTrial
+from forms.contact.tie import TieTerm
 from geometry.surfaces.facets import Floats, Ints
 
 
@@ -42,7 +47,8 @@ class Equilibrium:
             reactions included.
         reference_force: N per unit thickness, what residual norms are compared with: the largest of
             contact forces, reactions and loads at the last evaluation.
-        solids, contacts, loads, nodal_loads: the parts.
+        solids, contacts, loads, nodal_loads, tools: the parts.
+        turning: holds the angles of tools that no moment drives; None: there are none.
         unknowns: their numbering; constraints: what is prescribed; tangent: the matrix.
         timer: seconds by part.
         rounding: what rounding alone leaves of the residual.
@@ -57,11 +63,13 @@ class Equilibrium:
         platens: Sequence[Platen] = (),
         loads: Sequence[Load] = (),
         nodal_loads: Sequence[NodalLoad] = (),
+        tools: Sequence[RigidTool] = (),
     ) -> None:
         """Put the parts together; collective."""
         self.u = u
         self.solids, self.contacts = list(solids), list(contacts)
         self.loads, self.nodal_loads = list(loads), list(nodal_loads)
+        self.tools = list(tools)
         self.unknowns = Unknowns(u.function_space)
         self.constraints = Constraints(self.unknowns, prescribed, platens)
         self.tangent = Tangent(self.constraints, self.solids, self.contacts, self.loads)
@@ -72,6 +80,7 @@ class Equilibrium:
         self.reference_force = 0.0
         self.rounding = RoundOff(self.space, self.solids)
         self.evaluated = DEFAULT_STEP
+        self.turning = holding_of_idle_tools(self.tools, self.solids, self.owned)
         self._strain_energy: float | None = None
         self._work = dolfinx.la.vector(self.space.dofmap.index_map, self.dim)
 
@@ -125,7 +134,13 @@ class Equilibrium:
     @property
     def roundoff(self) -> float:
         """Residual norm below which only round-off is left, at ``u``; N/m; collective."""
-        return self.rounding.norm(self.u.x.array[: self.owned], self.reference_force)
+        bodies = self.rounding.norm(self.u.x.array[: self.owned], self.reference_force)
+        ties = [term for term in self.contacts if isinstance(term, TieTerm)]
+        if not ties:
+            return bodies
+        x = self.u.x.petsc_vec
+        local = sum(term.roundoff_squared(x) for term in ties)
+        return float(np.hypot(bodies, np.sqrt(self.comm.allreduce(local, op=MPI.SUM))))
 
     def constrained_dofs(self) -> Ints:
         """Owned local unknowns with a prescribed displacement."""
@@ -154,14 +169,28 @@ class Equilibrium:
             self._strain_energy = float(self.comm.allreduce(local, op=MPI.SUM))
         return self._strain_energy
 
+    def plastic_dissipation(self) -> tuple[float, float]:
+        """What the bodies dissipated in all committed steps, and its numerical part; collective.
+
+        Returns:
+            J (J/m in plane strain), since the start.
+        """
+        local = np.sum([solid.dissipated for solid in self.solids], axis=0)
+        total = self.comm.allreduce(local, op=MPI.SUM)
+        return float(total[0]), float(total[1])
+
     def is_evaluated(self, x: PETSc.Vec) -> bool:
         """Whether ``x`` is what was evaluated last, on all ranks; collective."""
         same = np.array_equal(self.u.x.array[: self.owned], x.array_r)
         return bool(self.comm.allreduce(same, op=MPI.LAND))
 
     def commit(self) -> None:
-        """Make the contacts evaluated last the state that the next step starts from."""
+        """Make what was evaluated last the state that the next step starts from."""
+        for solid in self.solids:
+            solid.commit()
         self.committed = list(self.trials)
+        if self.turning is not None:
+            self.turning = replace(self.turning, place=self.u.x.array[: self.owned].copy())
         for term, trial in zip(self.contacts, self.trials, strict=True):
             term.commit(trial)
 
@@ -173,14 +202,15 @@ class Equilibrium:
         """Out-of-balance forces at ``x`` (N per unit thickness); the SNES function; collective."""
         self.spread(x)
         with self.timer("assembly"):
+            self._evaluate_solids(step)
             f.array[:] = self._assembled([p.residual for s in self.solids for p in s.forms])
             outside = self.load_forces()
             f.array[:] -= outside
         with self.timer("contact"):
             self._evaluate_contacts(x, step)
             contact_squared = self._contact_forces(f)
-        if step.holding is not None:
-            f.array[:] += step.holding.force(x.array_r)
+        for springs in self._springs(step):
+            f.array[:] += springs.force(x.array_r)
         self.unbalanced = f.array_r.copy()
         self.reference_force = reference_force(
             self.unbalanced, outside, contact_squared, self.constraints
@@ -195,6 +225,11 @@ class Equilibrium:
         self._work.scatter_reverse(dolfinx.la.InsertMode.add)
         mine: Floats = self._work.array[: self.owned].copy()
         return mine
+
+    def _evaluate_solids(self, step: StepMode, tangent: bool = False) -> None:
+        """Where a body's material cannot be evaluated its forms give NaN, and so the residual."""
+        for solid in self.solids:
+            solid.evaluate(step.felt, tangent)
 
     def _evaluate_contacts(self, x: PETSc.Vec, step: StepMode) -> None:
         self.evaluated, pairs = step, step.pairs(self.contacts)
@@ -258,11 +293,18 @@ class Equilibrium:
                 from (:mod:`forms.bodies.carried_pressure`); None: the exact tangent.
         """
         self.spread(x)
+        with self.timer("assembly"):
+            self._evaluate_solids(step, tangent=True)
         with self.timer("contact"):
             self._evaluate_contacts(x, step)
         if before is not None:
             self._carry_pressures(before)
-        self.tangent.assemble(A, self.trials, self.timer, step.holding, before is not None)
+        springs = self._springs(step)
+        self.tangent.assemble(A, self.trials, self.timer, springs, before is not None)
+
+    def _springs(self, step: StepMode) -> list[HoldingSprings]:
+        """Springs that hold bodies and tools in a step."""
+        return [springs for springs in (self.turning, step.holding) if springs is not None]
 
     def _carry_pressures(self, before: PETSc.Vec) -> None:
         with self.timer("assembly"):

@@ -85,7 +85,7 @@ class Tangent:
         A: PETSc.Mat,
         trials: Sequence[ContactTrial],
         timer: Stopwatch,
-        holding: HoldingSprings | None = None,
+        holding: Sequence[HoldingSprings] = (),
         carried: bool = False,
     ) -> None:
         """Fill ``A`` at the displacements spread last; collective.
@@ -96,7 +96,7 @@ class Tangent:
             A: the matrix.
             trials: contacts at these displacements.
             timer: seconds by part.
-            holding: springs that hold bodies; None: there are none.
+            holding: springs that hold bodies and tools.
             carried: whether the volumetric parts take the pressures carried to them last.
         """
         raw = A if self._raw is None else self._raw
@@ -116,8 +116,8 @@ class Tangent:
                 if coupling is not None:
                     self._add_coupling(raw, coupling)
             self.constraints.add_following_rows(raw)
-            if holding is not None:
-                self.constraints.add_diagonal(raw, holding.stiffness)
+            for springs in holding:
+                self.constraints.add_diagonal(raw, springs.stiffness)
             raw.assemble()
         if self._raw is not None:
             with timer("assembly"):

@@ -58,7 +58,8 @@ class LumpedDynamics:
 
     def constrain(self, constrained: Ints) -> None:
         """From now on these owned unknowns follow a program."""
-        self.inverse: Floats = np.asarray(1.0 / self.mass, dtype=np.float64)
+        self.inverse: Floats = np.zeros_like(self.mass)  # what carries no body has no mass
+        np.divide(1.0, self.mass, out=self.inverse, where=self.mass > 0.0)
         self.inverse[constrained] = 0.0
         self._negative = -self.inverse
 

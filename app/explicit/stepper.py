@@ -10,19 +10,21 @@ at its end. Prescribed unknowns follow their programs; a platen's unknowns share
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from petsc4py import PETSc
 
 from app.equilibrium.equilibrium import Equilibrium
 from app.equilibrium.load_residuals import foundation_springs, load_residuals
 from app.equilibrium.places import place_text
-from app.equilibrium.snapshot import AtPoints, Local, Nodal, Snapshot, of_contacts
+from app.equilibrium.snapshot import AtPoints, Local, Nodal, Snapshot, of_bodies, of_contacts
 from app.explicit.energies import Energies, LoadForces
 from app.explicit.film_correction import FilmCorrection
 from app.explicit.instability import EnergyWatch, ExplicitError, folded
 from app.explicit.leap_frog import LeapFrog
 from app.explicit.lumped_dynamics import LumpedDynamics
-from app.explicit.mass_scaling import ScaledMass, scaled_mass
+from app.explicit.mass_scaling import ScaledMass, scaled_mass, with_tools
 from app.explicit.options import ExplicitOptions, MassScaling
 from app.explicit.stable_step import StableStep, StableSteps, StepEstimate, Stiffness
 from app.explicit.state import ExplicitState
@@ -90,7 +92,7 @@ class ExplicitStepper:
         pairs = [PairStiffness(contact) for contact in self.contacts]
         self.masses = masses or scaled_mass(problem, self.options.mass_scaling, pairs)
         self.dynamics = LumpedDynamics(
-            self.masses.mass,
+            with_tools(self.masses.mass, problem.tools),
             problem.constrained_dofs(),
             problem.platens,
             problem.first,
@@ -215,6 +217,8 @@ class ExplicitStepper:
         state.last_dt = dt
         state.time += dt
         state.steps += 1
+        for solid in problem.solids:
+            solid.commit()
         for contact in self.contacts:
             contact.commit()
         problem.trials = problem.committed = trials
@@ -234,7 +238,8 @@ class ExplicitStepper:
         state, timer, residual = self.state, self.problem.timer, self._residual
         with_film = bool(self._films.contacts) and self.rate_dependent
         with timer("assembly"):
-            valid = self.internal.evaluate(state.u.array, residual.array)
+            felt = dt if self.rate_dependent else math.inf
+            valid = self.internal.evaluate(state.u.array, residual.array, felt)
             self._press()
             residual.collect_ghosts()
         with timer("contact"):
@@ -290,6 +295,7 @@ class ExplicitStepper:
             "mass": Nodal(masses.mass),
             "masses": [masses.added, masses.original, masses.scaled],
             "pairs": [[pair.tangential, pair.viscosity] for pair in self._pairs],
+            "bodies": of_bodies(self.problem.solids),
             "contacts": of_contacts([term.state for term in self.problem.contacts]),
             "films": [
                 {name: AtPoints(pair, a) for name, a in film.items()}

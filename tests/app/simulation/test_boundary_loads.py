@@ -235,3 +235,22 @@ def test_a_stretched_bar_that_is_released_is_free_of_stress():
     # The work is given back: the trapezoidal rule's error is all that is left.
     errors = [abs(released(n).rows[-1].external_work) for n in (4, 8)]
     assert errors[1] < 0.3 * errors[0]
+
+
+def test_a_bar_that_is_let_go_at_both_ends_is_free_of_stress_and_stays_about_where_it_was():
+    stages = [
+        {"name": "pull", "duration": 1.0, "steps": 2},
+        {"name": "let go", "duration": 1.0, "steps": 3, "release": ["top", BOTTOM]},
+    ]
+    pull = {"surface": BOTTOM, "displacement": {"x": 0, "y": [[0, 0], [1, -0.1 * HEIGHT]]}}
+    glued = {"surface": "top", "displacement": {"x": 0, "y": 0}}
+    simulation = run([glued, pull], stages)
+    (note,) = [note for note in simulation.model.notes if note.startswith("stage")]
+    assert note == (
+        "stage let go: no boundary holds elastomer against moving in x, moving in y, turning about "
+        "z; only contact does, and weak springs where it opens"
+    )
+    rows = simulation.rows
+    assert rows[-1].strain_energy < 1e-12 * rows[1].strain_energy
+    moved = of_surface(simulation, "top", "displacement_y")
+    assert -0.1 * HEIGHT < moved[-1] < -0.01 * HEIGHT
