@@ -102,6 +102,8 @@ class ImplicitStepper:
         )
         if reason > 0:
             newton.evaluate(step)
+            if not problem.is_held_slightly():
+                reason = PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH
         return StepResult(
             # An element may be turned inside out and its residual finite all the same; the strain
             # energy, with its logarithm of J, is not.

@@ -83,30 +83,33 @@ class MotionHistory:
         self._add_surfaces(key, means[: len(self._on)], forces)
         self._add_bodies(key, means[len(self._on) :], forces, pairs)
 
-    def force_balance(self, stages: Collection[str], noise: float = 0.0) -> float | None:
+    def force_balance(
+        self, stages: Collection[str], noise: float = 0.0, largest: float = 0.0
+    ) -> float | None:
         """Largest resultant force on a body over the largest force of the same stages.
 
         Args:
             stages: names of those at whose rows the bodies are in equilibrium.
             noise: N, what rounding leaves; no force beyond it is none.
+            largest: N, of forces in other tables: those on both sides of a body cancel in its row.
 
         Returns:
             None without a force.
         """
         dim, stage = self._dim, KEYS.index("stage")
         forces = np.array([row[-2 * dim :] for row in self.body_rows if row[stage] in stages])
-        radial = np.abs(self._radial(stages)).max(initial=0.0)
-        largest = np.abs(forces).max(initial=radial)
+        largest = np.abs(forces).max(initial=max(largest, self._largest_on_surfaces(stages)))
         if largest == 0.0 or largest <= noise:
             return None
         return float(np.abs(forces[:, :dim] + forces[:, dim:]).max() / largest)
 
-    def _radial(self, stages: Collection[str]) -> Floats:
-        """Radial forces (r,), N, on surfaces of bodies of revolution."""
-        if "radial_force" not in self.surface_columns:
-            return np.empty(0)
-        stage, at = KEYS.index("stage"), self.surface_columns.index("radial_force")
-        return np.array([row[at] for row in self.surface_rows if row[stage] in stages])
+    def _largest_on_surfaces(self, stages: Collection[str]) -> float:
+        """Largest component of a force on a surface, N; radial ones of bodies of revolution too."""
+        names = ("radial_force", *(f"force_{axis}" for axis in COMPONENTS))
+        columns = [self.surface_columns.index(n) for n in names if n in self.surface_columns]
+        stage = KEYS.index("stage")
+        rows = [row for row in self.surface_rows if row[stage] in stages]
+        return max((abs(float(row[at])) for row in rows for at in columns), default=0.0)
 
     def of_surface(self, name: str, column: str) -> Floats:
         """Values (r,) of a column for one surface, row by row."""
