@@ -12,8 +12,9 @@ from app.case.case import Case
 from app.case.geometry import GeneratedGeometry
 from app.case.validation import format_problem
 from app.errors import InputError
+from geometry.meshes.bonds import bonded_groups, surfaces_sharing_nodes
 from geometry.meshes.gmsh_model import MeshError
-from geometry.meshes.mesh import NamedMesh, bodies_sharing_nodes, generate, read
+from geometry.meshes.mesh import NamedMesh, generate, read
 
 
 def make_mesh(case: Case, comm: MPI.Comm, carriers: Sequence[str] = ()) -> NamedMesh:
@@ -48,24 +49,18 @@ def _made_mesh(case: Case, comm: MPI.Comm, carriers: Sequence[str]) -> NamedMesh
     try:
         if isinstance(geometry, GeneratedGeometry):
             return generate(geometry.shape(), comm, contacts, carriers)
+        scale = 1.0 if geometry.scale is None else geometry.scale
         try:
-            named = read(Path(geometry.mesh), comm, contacts, geometry.max_cells, carriers)
+            named = read(Path(geometry.mesh), comm, contacts, geometry.max_cells, carriers, scale)
         except MeshError as error:
             raise MeshError(f"geometry.mesh: {error}") from None
         wrong = [*_name_problems(case, named), *_section_problems(case, named)]
         if wrong:
             first, *more = (f"{line} (mesh {geometry.mesh})" for line in wrong)
             raise InputError(first, more)
-        glued = bodies_sharing_nodes(named)
     except MeshError as error:
         raise InputError(str(error)) from None
-    if glued:
-        first, second = glued[0]
-        raise InputError(
-            f'{geometry.mesh}: bodies "{first}" and "{second}" share nodes, so they cannot slide; '
-            "mesh them apart (no common points between the bodies)"
-        )
-    _check_owners(case, named)
+    _check_surfaces(case, named)
     return named
 
 
@@ -91,15 +86,30 @@ def _name_problems(case: Case, named: NamedMesh) -> Iterator[str]:
             yield f'the mesh has a body "{name}", the case has no [bodies.{name}]'
 
 
-def _check_owners(case: Case, named: NamedMesh) -> None:
-    """See that every surface in use lies on one body; collective."""
-    pairs = [(contact.slave, contact.master) for contact in case.contact]
-    used = [name for pair in pairs for name in pair] + [part.surface for part in case.boundary]
-    for surface in dict.fromkeys(name for name in used if name not in case.tools):
-        try:
-            named.body_of(surface)
-        except MeshError as error:
-            raise InputError(str(error)) from None
+def _check_surfaces(case: Case, named: NamedMesh) -> None:
+    """See that a contact is between two bodies that are not bonded there; collective.
+
+    A boundary may spread over bodies that are bonded.
+    """
+    try:
+        for index, contact in enumerate(case.contact):
+            pair = (contact.slave, contact.master)
+            if contact.master in case.tools:
+                named.body_of(contact.slave)
+                continue
+            first, second = map(named.body_of, pair)
+            if first != second and (shared := surfaces_sharing_nodes(named, pair)):
+                raise InputError(
+                    f'contact.{index}: slave "{pair[0]}" and master "{pair[1]}" share {shared} '
+                    f'nodes, so bodies "{first}" and "{second}" cannot slide there; mesh them apart'
+                )
+        groups = bonded_groups(named)
+        for boundary in case.boundary:
+            on = set(named.bodies_of(boundary.surface))
+            if not any(on <= set(group) for group in groups):
+                named.body_of(boundary.surface)
+    except MeshError as error:
+        raise InputError(str(error)) from None
 
 
 def _section_problems(case: Case, named: NamedMesh) -> Iterator[str]:

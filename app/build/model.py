@@ -12,7 +12,13 @@ from app.build.boundary_conditions import Loads
 from app.build.case_notes import notes_on
 from app.build.contacts import BuiltContact, ContactBuilder
 from app.build.mesh import make_mesh, of_case
-from app.build.mesh_notes import large_mesh, locking_bodies, many_cells, notes_on_ranks
+from app.build.mesh_notes import (
+    bonded_bodies,
+    large_mesh,
+    locking_bodies,
+    many_cells,
+    notes_on_ranks,
+)
 from app.build.numbers import failures_as
 from app.build.probes import PointPlaces, place_probes
 from app.build.solids import displacement_on, make_solids, resolved_bodies
@@ -182,6 +188,7 @@ def _notes(asked: Case, model: Model, contacts: Sequence[BuiltContact], loads: L
         *locking_bodies(named, problem.solids, problem.space.element.basix_element.degree),
         *large_mesh(case, named),
         *many_cells(case, named),
+        *bonded_bodies(named),
         *notes_on_ranks(asked, named),
         *(note for contact in contacts for note in contact.notes),
         *loads.notes,

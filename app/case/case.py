@@ -44,6 +44,7 @@ Geometry = Annotated[
     | MeshGeometry,
     Field(discriminator="kind"),
 ]
+_MAY_LACK = ("contact", "tools", "probe")
 _NEEDS_EXPLICIT = 'goes with solver.kind = "explicit" only'
 
 
@@ -60,9 +61,9 @@ class Case(Model):
         min_length=1, description="material and element formulation of each body, [bodies.NAME]"
     )
     contact: tuple[Contact, ...] = Field(
-        min_length=1,
+        default=(),
         max_length=MOST_ENTRIES,
-        description="pairs of surfaces that may touch, [[contact]]",
+        description="pairs of surfaces that may touch, [[contact]]; default: none",
     )
     tools: dict[Name, AnyTool] = Field(
         default_factory=dict,
@@ -92,9 +93,8 @@ class Case(Model):
 
     @model_serializer(mode="wrap")
     def _without_empty_arrays(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave `probe = []` out, to which no [[probe]] could be added, and an empty [tools]."""
-        emptied = ("probe", "tools")
-        return {key: value for key, value in handler(self).items() if key not in emptied or value}
+        """Leave `probe = []` out, to which no [[probe]] could be added in a resolved case."""
+        return {key: value for key, value in handler(self).items() if key not in _MAY_LACK or value}
 
     @property
     def source(self) -> Path | None:
@@ -267,7 +267,7 @@ class Case(Model):
     @property
     def film_conductance(self) -> float:
         """Largest eta_b/D of all contacts, Pa s/m; 0 without a film."""
-        return max(contact.film_conductance for contact in self.contact)
+        return max((contact.film_conductance for contact in self.contact), default=0.0)
 
     def _formulation_problems(self, geometry: GeneratedGeometry) -> Iterator[Problem]:
         for name, reason in formulation_problems(self.bodies, geometry.cell):
@@ -360,7 +360,7 @@ def _rename_files(data: dict[str, Any], case: Case, files: Mapping[Path, str]) -
     for name, tool in case.tools.items():
         if isinstance(tool, MeshTool):
             data["tools"][name]["file"] = renamed(tool.file)
-    for table, contact in zip(data["contact"], case.contact, strict=True):
+    for table, contact in zip(data.get("contact", ()), case.contact, strict=True):
         if isinstance(contact.friction, OwnLaw):
             table["friction"]["class"] = renamed(contact.friction.reference)
     if case.sweep is not None and case.sweep.names_files:

@@ -63,7 +63,7 @@ def _rows(path: Path, last: int, columns: Sequence[str], each: int) -> list[dict
     Raises:
         InputError: the table is not there, or is not as it was written.
     """
-    if last == 0:  # the tables may not have begun
+    if last == 0 or each == 0:  # the tables may not have begun, or are not written
         return []
     try:
         with path.open(newline="", encoding="utf-8") as stream:

@@ -8,23 +8,24 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
+from app.equilibrium.bonded import bonded_groups
 from app.equilibrium.equilibrium import Equilibrium
 from geometry.surfaces.facets import Ints
 
 
 @dataclass(frozen=True, slots=True)
 class Loose:
-    """A direction in which no boundary supports a body or a tool.
+    """A direction in which no boundary supports a body, bodies that are bonded, or a tool.
 
     Attributes:
-        body: the body's name; component: 0 for x, 1 for y.
-        nodes: local nodes of the body, owned by this rank.
+        bodies: their names; component: 0 for x, 1 for y.
+        nodes: their local nodes, owned by this rank.
         kind: "body" or "tool".
         turns: whether the direction is the angle of a tool, which the first component of a node of
             its own holds.
     """
 
-    body: str
+    bodies: tuple[str, ...]
     component: int
     nodes: Ints
     kind: str = "body"
@@ -41,13 +42,18 @@ class Loose:
         return "rotation" if self.turns else "xyz"[self.component]
 
     @property
+    def body(self) -> str:
+        """The name, or the names of bonded bodies."""
+        return " and ".join(self.bodies)
+
+    @property
     def text(self) -> str:
         """The body and the direction, in words."""
         return f"{self.name} has no support in {self.direction}"
 
 
 def loose_directions(problem: Equilibrium, supports: Ints | None = None) -> list[Loose]:
-    """The directions in which a body or a tool has no support; collective.
+    """The directions in which a body, bonded bodies, or a tool have no support; collective.
 
     A body of revolution cannot move away from its axis: it has to widen for that.
 
@@ -58,12 +64,13 @@ def loose_directions(problem: Equilibrium, supports: Ints | None = None) -> list
     """
     supports = problem.constrained_dofs() if supports is None else supports
     found = []
-    for solid in problem.solids:
-        nodes = body_nodes(problem, solid.cells)
-        for component in range(1 if solid.section == "axisymmetric" else 0, problem.dim):
+    for group in bonded_groups(problem):
+        names = tuple(solid.name for solid in group)
+        nodes = body_nodes(problem, np.concatenate([solid.cells for solid in group]))
+        for component in range(1 if group[0].section == "axisymmetric" else 0, problem.dim):
             here = bool(np.isin(nodes * problem.dim + component, supports).any())
             if not problem.comm.allreduce(here, op=MPI.LOR):
-                found.append(Loose(solid.name, component, nodes))
+                found.append(Loose(names, component, nodes))
     return [*found, *_loose_tools(problem)]
 
 
@@ -74,7 +81,7 @@ def _loose_tools(problem: Equilibrium) -> Iterator[Loose]:
             turns = bool(slot == tool.slots - 1)
             if not (turns and tool.idle):
                 component = 0 if turns else int(slot)
-                yield Loose(tool.name, component, tool.node(int(slot)), "tool", turns)
+                yield Loose((tool.name,), component, tool.node(int(slot)), "tool", turns)
 
 
 def body_nodes(problem: Equilibrium, cells: Ints) -> Ints:

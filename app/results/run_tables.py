@@ -11,15 +11,17 @@ from app.simulation.run_state import RunState
 
 
 class RunTables:
-    """``history.csv``, ``contacts.csv``, ``surfaces.csv``, ``bodies.csv``; ``tools.csv`` if any."""
+    """``history.csv``, ``surfaces.csv``, ``bodies.csv``; with them ``contacts``, ``tools.csv``."""
 
     def __init__(self, directory: Path, state: RunState, after: int | None = None) -> None:
         """Begin the files, or go on with those of a run ``after`` a step of it."""
         motion = state.motion
         self._history = GrowingTable(directory / "history.csv", COLUMNS, after)
-        self._contacts = GrowingTable(directory / "contacts.csv", state.pair_columns, after)
         self._surfaces = GrowingTable(directory / "surfaces.csv", motion.surface_columns, after)
         self._bodies = GrowingTable(directory / "bodies.csv", motion.body_columns, after)
+        self._contacts: GrowingTable | None = None
+        if state.model.case.contact:
+            self._contacts = GrowingTable(directory / "contacts.csv", state.pair_columns, after)
         self._tools: GrowingTable | None = None
         if state.model.problem.tools:
             self._tools = GrowingTable(directory / "tools.csv", state.tools.columns, after)
@@ -28,7 +30,8 @@ class RunTables:
         """Append the rows that are new."""
         motion = state.motion
         self._history.extend([astuple(row) for row in state.rows[self._history.written :]])
-        self._contacts.extend(state.pair_rows[self._contacts.written :])
+        if self._contacts is not None:
+            self._contacts.extend(state.pair_rows[self._contacts.written :])
         self._surfaces.extend(motion.surface_rows[self._surfaces.written :])
         self._bodies.extend(motion.body_rows[self._bodies.written :])
         if self._tools is not None:
@@ -36,7 +39,7 @@ class RunTables:
 
     def sync(self) -> None:
         """See that the rows are on the disk."""
-        tables = (self._history, self._contacts, self._surfaces, self._bodies, self._tools)
+        tables = (self._history, self._surfaces, self._bodies, self._contacts, self._tools)
         for table in tables:
             if table is not None:
                 table.sync()

@@ -200,7 +200,7 @@ def _of_state(
 def _of_gross_slip(problem: Equilibrium, loose: Iterable[Loose], thickness: float) -> Findings:
     """Friction at its limit under a force along the surface: nothing balances a larger one."""
     for one in (one for one in loose if not one.turns):
-        hold, load = hold_of(problem, one.body, problem.committed), load_on(problem, one)
+        hold, load = hold_of(problem, one.bodies, problem.committed), load_on(problem, one)
         if not _slides_away(one, hold, load) or has_spring(problem, one):
             continue
         axis, force = COMPONENTS[one.component], float(np.linalg.norm(hold.friction))

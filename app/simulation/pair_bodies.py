@@ -118,7 +118,7 @@ def presses(problem: Equilibrium, one: Loose, index: int) -> bool:
     """
     term = problem.contacts[index]
     surface, bodies, load = term.surface, bodies_of(problem, term), load_on(problem, one)
-    if one.turns or one.body not in (bodies.slave.name, bodies.master.name):
+    if one.turns or (bodies.slave.name in one.bodies) == (bodies.master.name in one.bodies):
         return False
     at = surface.project(surface.slave.position, surface.master.position)
     if problem.committed:
@@ -126,7 +126,7 @@ def presses(problem: Equilibrium, one: Loose, index: int) -> bool:
     near = at.on_surface & (at.gap < surface.facet_length)
     normal = problem.comm.allreduce((surface.slave.weight * near) @ at.normal)
     # The normal points out of the master: against it the slave is pressed.
-    into = -normal if one.body == bodies.slave.name else normal
+    into = -normal if bodies.slave.name in one.bodies else normal
     return bool(load * into[one.component] > 0.5 * float(np.linalg.norm(into)) * abs(load))
 
 
@@ -138,9 +138,9 @@ def pressed_by_force(problem: Equilibrium, term: ContactTerm) -> bool:
     surface, bodies = term.surface, bodies_of(problem, term)
     at = surface.project(surface.slave.position, surface.master.position)
     normal = np.abs(problem.comm.allreduce((surface.slave.weight * at.on_surface) @ at.normal))
-    names = (bodies.slave.name, bodies.master.name)
-    every = loose_directions(problem)
-    loose = [one.component for one in every if one.body in names and not one.turns]
+    names = {bodies.slave.name, bodies.master.name}
+    every = [one for one in loose_directions(problem) if not one.turns]
+    loose = [one.component for one in every if names & set(one.bodies)]
     return any(normal[axis] > 0.5 * np.linalg.norm(normal) for axis in loose)
 
 
@@ -163,17 +163,23 @@ class Hold:
     limit: float
 
 
-def hold_of(problem: Equilibrium, body: str, trials: Sequence[ContactTrial]) -> Hold:
-    """What all contacts together hold a body with, at the states ``trials``; collective."""
+def hold_of(problem: Equilibrium, held: Sequence[str], trials: Sequence[ContactTrial]) -> Hold:
+    """What all contacts together hold a body with, at the states ``trials``; collective.
+
+    Args:
+        problem: the equilibrium.
+        held: name of the body, or of all that are bonded.
+        trials: of the contacts.
+    """
     contacts = []
     parts = np.zeros(2 * problem.dim + 1)
     for index, (term, trial) in enumerate(zip(problem.contacts, trials, strict=False)):
         bodies = bodies_of(problem, term)
-        if body not in (bodies.slave.name, bodies.master.name):
+        if (bodies.slave.name in held) == (bodies.master.name in held):
             continue
         contacts.append(index)
         weight, response = term.surface.slave.weight, trial.response
-        sign = 1.0 if body == bodies.slave.name else -1.0
+        sign = 1.0 if bodies.slave.name in held else -1.0
         load = weight * trial.pressure
         friction = -sign * (weight @ response.traction)
         limit = load @ term.law.coefficient(response.state)

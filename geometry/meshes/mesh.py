@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
-from itertools import combinations
 from pathlib import Path
 
 import dolfinx
@@ -15,7 +14,6 @@ from mpi4py import MPI
 
 from geometry.compat import (
     CellPartitioner,
-    cell_nodes,
     cell_partitioner,
     integration_facets,
     model_to_mesh,
@@ -28,7 +26,7 @@ from geometry.meshes.mesh_arrays import CORNERS, MeshArrays, unpacked
 from geometry.meshes.own_process import ask
 from geometry.meshes.partition import share_out
 
-__all__ = ["MeshError", "NamedMesh", "bodies_sharing_nodes", "generate", "read"]
+__all__ = ["MeshError", "NamedMesh", "generate", "read"]
 
 MOST_CELLS = 5_000_000
 """Cells of a file that are read unless more are asked for."""
@@ -111,19 +109,39 @@ class NamedMesh:
         """
         return np.asarray(self.facet_tags.find(self.surface_tag(name)), dtype=np.int32)
 
+    def bodies_of(self, surface: str) -> list[str]:
+        """The bodies whose boundary a surface is part of; collective.
+
+        Raises:
+            MeshError: On all processes, if there is no such surface, or facets of it are inside the
+                mesh.
+        """
+        facets = self.facets(surface)
+        owned = self.mesh.topology.index_map(self.mesh.topology.dim - 1).size_local
+        cells = integration_facets(self.mesh, facets)[::2]
+        local = np.array([np.count_nonzero(facets < owned), len(cells)])
+        count, outside = self.mesh.comm.allreduce(local, op=MPI.SUM)
+        mine = set(self.cell_tags.values[np.isin(self.cell_tags.indices, cells)].tolist())
+        found = set().union(*self.mesh.comm.allgather(mine))
+        names = [name for name, tag in self.bodies.items() if tag in found]
+        if outside < count:
+            raise MeshError(
+                f'surface "{surface}": {count - outside} of its {count} facets lie inside '
+                "the mesh, with cells on both sides; bodies that share nodes are bonded and have "
+                "no surface there"
+            )
+        return names
+
     def body_of(self, surface: str) -> str:
-        """The body that a surface lies on; collective.
+        """The one body that a surface lies on; collective.
 
         Raises:
             MeshError: On all processes, if there is no such surface, or it is not on one body.
         """
-        cells = integration_facets(self.mesh, self.facets(surface))[::2]
-        mine = set(self.cell_tags.values[np.isin(self.cell_tags.indices, cells)].tolist())
-        found = set().union(*self.mesh.comm.allgather(mine))
-        names = [name for name, tag in self.bodies.items() if tag in found]
+        names = self.bodies_of(surface)
         if len(names) != 1:
             raise MeshError(
-                f'surface "{surface}" must lie on one body; it lies on {", ".join(names) or "none"}'
+                f'surface "{surface}" must lie on one body; it lies on {", ".join(names)}'
             )
         return names[0]
 
@@ -175,6 +193,7 @@ def read(
     contacts: Contacts = (),
     most_cells: int = MOST_CELLS,
     carriers: Sequence[str] = (),
+    scale: float = 1.0,
 ) -> NamedMesh:
     """Read a gmsh file (``.msh``, version 2 or 4) on one process and distribute it; collective.
 
@@ -182,7 +201,7 @@ def read(
 
     Every cell must be in a named physical group (a body); named groups of facets become surfaces,
     and groups of lower dimension are ignored. Cells are triangles or quadrilaterals in the plane
-    z = 0, or tetrahedra or hexahedra, of first order and of one kind. Coordinates are taken as m.
+    z = 0, or tetrahedra or hexahedra, of first order and of one kind.
 
     Args:
         path: The file.
@@ -190,6 +209,7 @@ def read(
         contacts: As in ``generate``; names that the file does not have are ignored.
         most_cells: More are refused.
         carriers: As in ``generate``.
+        scale: m, of a unit of the file's coordinates.
 
     Returns:
         The mesh with the file's names.
@@ -199,37 +219,9 @@ def read(
     """
 
     def make() -> MeshArrays:
-        return _read(Path(path), most_cells).with_carriers(carriers)
+        return _read(Path(path), most_cells).scaled(scale).with_carriers(carriers)
 
     return _load(make, str(path), comm, contacts)
-
-
-def bodies_sharing_nodes(named: NamedMesh) -> list[tuple[str, str]]:
-    """Pairs of bodies with common nodes; collective.
-
-    Bodies in contact must not have any: they could neither slide nor separate there.
-
-    Args:
-        named: The mesh.
-
-    Returns:
-        Names of the bodies of each such pair, in the order of ``named.bodies``; the same on all
-        processes.
-    """
-    geometry = named.mesh.geometry
-    comm = named.mesh.comm
-    used = {}
-    for name in named.bodies:
-        marks = dolfinx.la.vector(geometry.index_map(), 1, dtype=np.float64)
-        marks.array[np.unique(cell_nodes(named.mesh)[named.cells(name)])] = 1.0
-        # A body may use a node only on a process that does not own it.
-        marks.scatter_reverse(dolfinx.la.InsertMode.add)
-        used[name] = marks.array[: geometry.index_map().size_local] > 0.0
-    return [
-        (a, b)
-        for a, b in combinations(named.bodies, 2)
-        if comm.allreduce(bool(np.any(used[a] & used[b])), op=MPI.LOR)
-    ]
 
 
 def _load(

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from geometry.meshes.gmsh_model import MeshError
+from geometry.meshes.gmsh_model import FARTHEST, MeshError
 
 CORNERS = {"interval": 2, "triangle": 3, "quadrilateral": 4, "tetrahedron": 4, "hexahedron": 8}
 """Number of corners of a cell or facet."""
@@ -82,6 +82,20 @@ class MeshArrays:
     def cells(self) -> npt.NDArray[np.int64]:
         """Corners (c, a) of the cells of all bodies, one body after the other."""
         return np.concatenate([body.corners for body in self.bodies.values()])
+
+    def scaled(self, factor: float) -> MeshArrays:
+        """With all coordinates multiplied by a factor.
+
+        Raises:
+            MeshError: they get out of the range of numbers.
+        """
+        if factor == 1.0:
+            return self
+        position = factor * self.position
+        least = float(np.ptp(position, axis=0).max())
+        if not np.abs(position).max() <= FARTHEST or not least > 1.0 / FARTHEST:
+            raise MeshError(f"geometry.scale = {factor:g} m makes the mesh {least:g} m long")
+        return replace(self, position=position)
 
     def with_carriers(self, names: Sequence[str]) -> MeshArrays:
         """With one more cell for each name: its nodes carry unknowns of something without a mesh.
