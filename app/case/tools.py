@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
@@ -18,6 +19,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from app.case.boundary import COMPONENTS, Displacement, Velocity
+from app.case.geometry import Scale
 from app.case.named_file import found_file
 from app.case.quantities import Quantity, QuantityError, parse_bounded
 from app.case.table import MOST_ENTRIES, Flag, Model, Place, Problem, Text
@@ -157,6 +159,11 @@ class Tool(Model):
     def files(self) -> tuple[Path, ...]:
         """Files that the tool is read from."""
         return ()
+
+    @property
+    def smallest_radius(self) -> float | None:
+        """Smallest radius of the surface, m; None for one without, and for facets."""
+        return getattr(self, "radius", None)
 
     def components(self) -> Iterator[tuple[str, str]]:
         """Components (x, y, z) that are given, each with the table that does it."""
@@ -334,6 +341,11 @@ class PolylineTool(Tool):
         description="radius of the fillets: one for all corners, or a list of one for each",
     )
     closed: Flag = Field(default=False, description="whether the last point is joined to the first")
+    continued: tuple[Flag, Flag] = Field(
+        default=(False, False),
+        description="whether the line goes on straight without end before its first point, and "
+        "behind its last; otherwise contact ends there",
+    )
 
     @field_validator("fillet_radius", mode="before")
     @classmethod
@@ -353,12 +365,12 @@ class PolylineTool(Tool):
         return len(self.points) - (0 if self.closed else 2)
 
     @property
-    def fillets(self) -> tuple[float, ...]:
-        """Radius, m, at each point of the line; 0 at its ends."""
-        inner = self.fillet_radius
-        if isinstance(inner, float):
-            inner = (inner,) * self.corners
-        return tuple(inner) if self.closed else (0.0, *inner, 0.0)
+    def smallest_radius(self) -> float | None:
+        """See :class:`Tool`."""
+        radii = (
+            self.fillet_radius if isinstance(self.fillet_radius, tuple) else (self.fillet_radius,)
+        )
+        return min((radius for radius in radii if radius > 0.0), default=None)
 
     def positions(self) -> Iterator[tuple[str, Sequence[float]]]:
         """See :class:`Tool`."""
@@ -372,6 +384,9 @@ class PolylineTool(Tool):
         if isinstance(radii, tuple) and len(radii) != self.corners:
             reason = f"must be one radius, or {self.corners}, one for each corner between two lines"
             yield Problem((*place, "fillet_radius"), reason, list(radii))
+        if self.closed and any(self.continued):
+            reason = "does not go with a closed line"
+            yield Problem((*place, "continued"), reason, list(self.continued))
         if self.closed and len(self.points) < 3:
             yield Problem((*place, "points"), "a closed line needs three points or more")
 
@@ -380,11 +395,22 @@ class MeshTool(Tool):
     """A surface out of a mesh file."""
 
     shape: Literal["mesh"] = Field(description="a surface of facets out of a mesh file")
-    file: Path = Field(description="gmsh file (.msh), relative to the case file; coordinates in m")
+    file: Path = Field(description="gmsh file (.msh), relative to the case file")
+    scale: Scale = Field(
+        default=1.0, description='unit of the coordinates in the file, such as "mm", or its size'
+    )
     surface: Text = Field(
         description="name of the physical group of facets; it need not bound a body. Seen along "
         "their order of nodes the body is on the left, in space facets run against the clock seen "
         "from the body"
+    )
+    turned_over: Flag = Field(
+        default=False, description="whether all facets run the other way round in the file"
+    )
+    smoothing_angle: Annotated[float, Quantity("rad", gt=0.0, le=math.pi)] | None = Field(
+        default=None,
+        description="make normals continuous across sides of facets whose normals differ by less "
+        "than this angle; default: the facets as they are. First-order lines and quadrilaterals",
     )
 
     @property
