@@ -136,6 +136,6 @@ class Contact(Model):
             yield Problem((*place, "master"), "must differ from slave", self.master)
         if self.penalty is not None and self.penalty_factor is not None:
             yield Problem(place, "give either penalty or penalty_factor, not both")
-        if "friction_factor" in self.model_fields_set and self.friction.law == "frictionless":
+        if self.friction_factor != 1.0 and self.friction.law == "frictionless":
             yield Problem((*place, "friction_factor"), 'has no effect with law = "frictionless"')
         yield from self.friction.problems((*place, "friction"), self.film)
