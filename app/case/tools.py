@@ -21,7 +21,13 @@ from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 from app.case.boundary import COMPONENTS, Displacement, Velocity
 from app.case.geometry import Scale
 from app.case.named_file import found_file
-from app.case.quantities import Quantity, QuantityError, parse_bounded
+from app.case.quantities import (
+    Quantity,
+    QuantityError,
+    format_quantity,
+    parse_bounded,
+    text_schema,
+)
 from app.case.table import MOST_ENTRIES, Flag, Model, Place, Problem, Text
 from app.case.time_tables import Program, TimeTable
 
@@ -31,7 +37,6 @@ if TYPE_CHECKING:
 _Force = Annotated[TimeTable, Program("N")]
 _Length = Annotated[float, Quantity("m")]
 _Radius = Annotated[float, Quantity("m", gt=0.0)]
-_Fillet = Annotated[float, Quantity("m", ge=0.0)]
 _Weight = Annotated[float, Quantity()]
 _Point = tuple[_Length, ...]
 _SLAB = "in plane strain of the slab of the given thickness"
@@ -70,6 +75,43 @@ def _direction(value: object) -> tuple[float, ...]:
     raise PydanticCustomError(
         "direction", 'must be "x", "y" or "z", or two or three numbers that are not all 0'
     )
+
+
+class _OneOrMany:
+    """Pydantic annotation of a length >= 0 or a list of them; a mistake is told once."""
+
+    quantity = Quantity("m", ge=0.0)
+
+    def parse(self, value: object) -> float | tuple[float, ...]:
+        """The length or lengths in m."""
+        try:
+            if isinstance(value, list | tuple):
+                return tuple(self.quantity.parse(one) for one in value)
+            return self.quantity.parse(value)
+        except QuantityError as error:
+            raise PydanticCustomError("quantity", "{reason}", {"reason": str(error)}) from None
+
+    @staticmethod
+    def _serialise(value: float | tuple[float, ...]) -> object:
+        if isinstance(value, tuple):
+            return [format_quantity(one, "m") for one in value]
+        return format_quantity(value, "m")
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        return core_schema.no_info_plain_validator_function(
+            self.parse,
+            serialization=core_schema.plain_serializer_function_ser_schema(
+                self._serialise, when_used="json"
+            ),
+        )
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        one = [{"type": "number", "minimum": 0.0}, text_schema("m")]
+        return {"anyOf": [*one, {"type": "array", "items": {"anyOf": one}}], "x-unit": "m"}
 
 
 _Direction = Annotated[tuple[float, ...], _DirectionType()]
@@ -336,7 +378,7 @@ class PolylineTool(Tool):
         max_length=MOST_ENTRIES,
         description="its corners [[x, y], ...] before they are rounded; the body is on the left",
     )
-    fillet_radius: _Fillet | tuple[_Fillet, ...] = Field(
+    fillet_radius: Annotated[float | tuple[float, ...], _OneOrMany()] = Field(
         default=0.0,
         description="radius of the fillets: one for all corners, or a list of one for each",
     )
@@ -346,18 +388,6 @@ class PolylineTool(Tool):
         description="whether the line goes on straight without end before its first point, and "
         "behind its last; otherwise contact ends there",
     )
-
-    @field_validator("fillet_radius", mode="before")
-    @classmethod
-    def _one_or_many(cls, value: Any) -> Any:
-        """A list is one of radii; anything else is one radius, so that mistakes are told once."""
-        quantity = Quantity("m", ge=0.0)
-        try:
-            if isinstance(value, list | tuple):
-                return tuple(quantity.parse(one) for one in value)
-            return quantity.parse(value)
-        except QuantityError as error:
-            raise PydanticCustomError("quantity", "{reason}", {"reason": str(error)}) from None
 
     @property
     def corners(self) -> int:
@@ -469,5 +499,5 @@ def _inertia_problems(tool: Tool, explicit: bool, place: Place) -> Iterator[Prob
         if explicit and needed and value is None:
             reason = f'missing; explicit dynamics needs it for what a load moves, in "{unit}"'
             yield Problem((*place, *keys), reason)
-        if not explicit and value is not None:
+        if not explicit and needed and value is not None:
             yield Problem((*place, *keys), 'goes with solver.kind = "explicit" only', value)
