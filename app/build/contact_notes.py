@@ -26,6 +26,8 @@ STIFF_PENALTY = 3e4
 SOFT_PENALTY = 0.1
 SOFT_STICK = 0.1  # K_T h/G below which the elastic slip is longer than the shear of the elements
 
+WHOLE = 0.999  # tied share of a slave's area that counts as all of it
+
 
 @dataclass(frozen=True, slots=True)
 class Corners:
@@ -104,6 +106,21 @@ def note_on_idle_film(place: str, contact: Contact) -> Iterator[str]:
     """A line on a film that the friction law has no use for."""
     if contact.film is not None and isinstance(contact.friction, Coulomb | Frictionless):
         yield f'{place}: film has no effect with law = "{contact.friction.law}"'
+
+
+def note_on_tie(place: str, contact: Contact, share: float) -> Iterator[str]:
+    """A line on a slave that is tied in part only.
+
+    Args:
+        place: of the contact in the case.
+        contact: what the case says.
+        share: of the slave's area that is tied.
+    """
+    if share < WHOLE:
+        yield (
+            f"{place}: {contact.slave} is tied to {contact.master} over {100.0 * share:.3g} % of "
+            "its area: the rest has nothing beside it"
+        )
 
 
 def note_on_corners(place: str, contact: Contact, corners: Corners) -> Iterator[str]:

@@ -20,6 +20,7 @@ from app.build.contact_notes import (
     note_on_idle_film,
     note_on_radius,
     note_on_stick,
+    note_on_tie,
     notes_on_penalty,
     notes_on_surfaces,
     stiffer_slave,
@@ -36,6 +37,7 @@ from forms.bodies.materials import Material, oedometric_modulus
 from forms.contact.law_faults import law_fault
 from forms.contact.penalty import ContactTerm
 from forms.contact.pressure import PressureKind
+from forms.contact.tie import TieTerm
 from forms.friction import friction_map
 from forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
 from forms.friction.factored_law import FactoredLaw
@@ -113,6 +115,8 @@ class ContactBuilder:
         asked = asked.model_copy(update={"quadrature_degree": asked.quadrature_degree or degree})
         surface = self._surface(index, asked)
         softer = min(materials, key=oedometric_modulus)
+        if asked.tied:
+            return self._tie(index, asked, surface, softer)
         length = surface.facet_length
         at = surface.project(surface.slave.position, surface.master.position)
         at_once = self.case.acts_in(asked, self.case.stage[0].name)
@@ -138,6 +142,29 @@ class ContactBuilder:
         if fault := law_fault([term]):
             raise InputError(f"contact.{index}.friction: {fault}")
         return BuiltContact(table, term, notes, friction_program(table, term))
+
+    def _tie(
+        self, index: int, asked: Contact, surface: ContactSurface, softer: Material
+    ) -> BuiltContact:
+        """A contact whose surfaces are bonded; collective.
+
+        Raises:
+            InputError: nothing of the slave lies beside the master.
+        """
+        modulus = penalty_modulus(softer, "averaged")
+        length = surface.facet_length
+        table = resolved_contact(asked, softer, length, highest_pressure(self.case))
+        try:
+            term = TieTerm(surface, _penalty(table, surface, modulus))
+        except ValueError as error:
+            raise InputError(f"contact.{index}: {error} ({asked.slave}, {asked.master})") from None
+        factor = table.penalty_factor or (table.penalty or 0.0) * length / modulus
+        ratio = modulus / oedometric_modulus(softer)
+        notes = (
+            *note_on_tie(f"contact.{index}", asked, term.share),
+            *notes_on_penalty(index, factor, ratio, self.case.is_explicit),
+        )
+        return BuiltContact(table, term, notes)
 
     def _law(self, index: int, table: Contact) -> FrictionLaw:
         """The law of a resolved `[[contact]]` table at the start; collective.

@@ -10,6 +10,7 @@ from app.case.bodies import Body, HenckyBody, MooneyRivlinBody, formulation_prob
 from app.errors import InputError
 from forms.bodies.kinematics import Section
 from forms.bodies.materials import Hencky, Material, MooneyRivlin, NeoHookean
+from forms.bodies.plastic_solid import make_solid
 from forms.bodies.solid import DEGREE, Solid
 from geometry.meshes.mesh import NamedMesh
 
@@ -61,5 +62,5 @@ def make_solids(
     for name, body in bodies.items():
         assert body.formulation is not None
         material, cells, density = material_of(body), named.cells(name), body.density or 0.0
-        made.append(Solid(name, u, cells, material, body.formulation, density, section))
+        made.append(make_solid(name, u, cells, material, body.formulation, density, section))
     return made

@@ -26,6 +26,7 @@ from app.case.generators import BlocksGeometry, CylinderOnBlockGeometry, TwoCyli
 from app.case.generators_3d import BoxesGeometry, SphereGeometry
 from app.case.geometry import GeneratedGeometry, MeshGeometry
 from app.case.overrides import KeyPathError, set_value, value_at
+from app.case.placed_blocks import PlacedBlocksGeometry
 from app.case.probe import Probe, probe_problems
 from app.case.solver import LONGEST_LABEL, Output, Solver, Sweep
 from app.case.stage import Stage, order_problems, solver_of, stage_problems
@@ -37,6 +38,7 @@ from app.case.validation import format_problem, problems_of
 
 Geometry = Annotated[
     BlocksGeometry
+    | PlacedBlocksGeometry
     | CylinderOnBlockGeometry
     | TwoCylindersGeometry
     | BoxesGeometry
@@ -44,7 +46,7 @@ Geometry = Annotated[
     | MeshGeometry,
     Field(discriminator="kind"),
 ]
-_MAY_LACK = ("contact", "tools", "probe")
+_MAY_LACK = ("contact", "probe", "tools")
 _NEEDS_EXPLICIT = 'goes with solver.kind = "explicit" only'
 
 
@@ -93,7 +95,7 @@ class Case(Model):
 
     @model_serializer(mode="wrap")
     def _without_empty_arrays(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave `probe = []` out, to which no [[probe]] could be added in a resolved case."""
+        """Leave `probe = []` out, to which no [[probe]] could be added, and an empty [tools]."""
         return {key: value for key, value in handler(self).items() if key not in _MAY_LACK or value}
 
     @property
@@ -165,7 +167,7 @@ class Case(Model):
         """The bodies are those of the generator; said before anything inside them is looked at."""
         geometry = info.data.get("geometry")
         if isinstance(geometry, GeneratedGeometry) and isinstance(bodies, Mapping):
-            if problems := list(_name_problems(bodies, geometry.bodies)):
+            if problems := list(_name_problems(bodies, geometry.named_bodies)):
                 raise problems_error(problems)
         return bodies
 
@@ -234,6 +236,9 @@ class Case(Model):
                 place = ("contact", index, "smoothing_angle")
                 reason = "goes with a master of facets on a body; tools are smooth as they are"
                 yield Problem(place, reason, contact.smoothing_angle)
+            if tool is not None and contact.tied:
+                reason = "does not go with a tool as master; move the surface by a [[boundary]]"
+                yield Problem(("contact", index, "tied"), reason)
 
     def acts_in(self, contact: Contact, stage: str) -> bool:
         """Whether a contact's surfaces, or its tool, feel each other in a stage."""

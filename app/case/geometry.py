@@ -89,6 +89,11 @@ class GeneratedGeometry(Model):
         cell: str
 
     @property
+    def named_bodies(self) -> tuple[str, ...]:
+        """The bodies of this mesh."""
+        return self.bodies
+
+    @property
     def named_surfaces(self) -> tuple[str, ...]:
         """The surfaces of this mesh."""
         return self.surfaces

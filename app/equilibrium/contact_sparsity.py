@@ -17,6 +17,7 @@ import scipy.sparse
 from forms.contact.penalty import ContactTerm
 from forms.contact.pressure import AveragedPressure
 from forms.contact.state import ContactTrial
+from forms.contact.tie import TieTerm
 from geometry.surfaces.facets import Bools, Floats, Ints, Longs
 from geometry.surfaces.surface import ContactSurface, RigidMaster
 from geometry.surfaces.vertices import SlaveVertices
@@ -201,6 +202,8 @@ def coupled_nodes(term: ContactTerm, window: ContactWindow) -> Longs:
     An averaged pressure couples all nodes of the facets around a vertex, and of those that they
     touch; of a vertex at the seam of two ranks those of both.
     """
+    if isinstance(term, TieTerm):
+        return term.coupled_pairs()
     surface = term.surface
     _, first = np.unique(surface.slave.facet, return_index=True)
     mine = surface.slave.nodes[first]

@@ -33,6 +33,7 @@ from forms.bodies.loads import Load
 from forms.bodies.solid import Solid
 from forms.contact.penalty import ContactTerm
 from forms.contact.state import ContactTrial
+from forms.contact.tie import TieTerm
 from geometry.surfaces.facets import Floats, Ints
 
 
@@ -138,7 +139,13 @@ class Equilibrium:
     @property
     def roundoff(self) -> float:
         """Residual norm below which only round-off is left, at ``u``; N/m; collective."""
-        return self.rounding.norm(self.u.x.array[: self.owned], self.reference_force)
+        bodies = self.rounding.norm(self.u.x.array[: self.owned], self.reference_force)
+        ties = [term for term in self.contacts if isinstance(term, TieTerm)]
+        if not ties:
+            return bodies
+        x = self.u.x.petsc_vec
+        local = sum(term.roundoff_squared(x) for term in ties)
+        return float(np.hypot(bodies, np.sqrt(self.comm.allreduce(local, op=MPI.SUM))))
 
     def constrained_dofs(self) -> Ints:
         """Owned local unknowns with a prescribed displacement."""
@@ -167,13 +174,25 @@ class Equilibrium:
             self._strain_energy = float(self.comm.allreduce(local, op=MPI.SUM))
         return self._strain_energy
 
+    def plastic_dissipation(self) -> tuple[float, float]:
+        """What the bodies dissipated in all committed steps, and its numerical part; collective.
+
+        Returns:
+            J (J/m in plane strain), since the start.
+        """
+        local = np.sum([solid.dissipated for solid in self.solids], axis=0)
+        total = self.comm.allreduce(local, op=MPI.SUM)
+        return float(total[0]), float(total[1])
+
     def is_evaluated(self, x: PETSc.Vec) -> bool:
         """Whether ``x`` is what was evaluated last, on all ranks; collective."""
         same = np.array_equal(self.u.x.array[: self.owned], x.array_r)
         return bool(self.comm.allreduce(same, op=MPI.LAND))
 
     def commit(self) -> None:
-        """Make the contacts evaluated last the state that the next step starts from."""
+        """Make what was evaluated last the state that the next step starts from."""
+        for solid in self.solids:
+            solid.commit()
         self.committed = list(self.trials)
         if self.turning is not None:
             self.turning = replace(self.turning, place=self.u.x.array[: self.owned].copy())
@@ -188,6 +207,7 @@ class Equilibrium:
         """Out-of-balance forces at ``x`` (N per unit thickness); the SNES function; collective."""
         self.spread(x)
         with self.timer("assembly"):
+            self._evaluate_solids(step)
             f.array[:] = self._assembled([p.residual for s in self.solids for p in s.forms])
             outside = self.load_forces()
             f.array[:] -= outside
@@ -210,6 +230,11 @@ class Equilibrium:
         self._work.scatter_reverse(dolfinx.la.InsertMode.add)
         mine: Floats = self._work.array[: self.owned].copy()
         return mine
+
+    def _evaluate_solids(self, step: StepMode, tangent: bool = False) -> None:
+        """Where a body's material cannot be evaluated its forms give NaN, and so the residual."""
+        for solid in self.solids:
+            solid.evaluate(step.felt, tangent)
 
     def _evaluate_contacts(self, x: PETSc.Vec, step: StepMode) -> None:
         self.evaluated, pairs = step, step.pairs(self.contacts)
@@ -274,6 +299,8 @@ class Equilibrium:
                 from (:mod:`forms.bodies.carried_pressure`); None: the exact tangent.
         """
         self.spread(x)
+        with self.timer("assembly"):
+            self._evaluate_solids(step, tangent=True)
         with self.timer("contact"):
             self._evaluate_contacts(x, step)
         if before is not None:

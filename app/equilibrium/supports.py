@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +10,8 @@ from mpi4py import MPI
 
 from app.equilibrium.bonded import bonded_groups
 from app.equilibrium.equilibrium import Equilibrium
-from geometry.surfaces.facets import Ints
+from forms.bodies.solid import Solid
+from geometry.surfaces.facets import Bools, Ints
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,7 +19,7 @@ class Loose:
     """A direction in which no boundary supports a body, bodies that are bonded, or a tool.
 
     Attributes:
-        bodies: their names; component: 0 for x, 1 for y.
+        bodies: their names, or the tool's; component: 0 for x, 1 for y.
         nodes: their local nodes, owned by this rank.
         kind: "body" or "tool".
         turns: whether the direction is the angle of a tool, which the first component of a node of
@@ -53,7 +54,9 @@ class Loose:
 
 
 def loose_directions(problem: Equilibrium, supports: Ints | None = None) -> list[Loose]:
-    """The directions in which a body, bonded bodies, or a tool have no support; collective.
+    """The directions in which a body, several that are bonded, or a tool has no support.
+
+    Collective.
 
     A body of revolution cannot move away from its axis: it has to widen for that.
 
@@ -63,14 +66,21 @@ def loose_directions(problem: Equilibrium, supports: Ints | None = None) -> list
             displacement.
     """
     supports = problem.constrained_dofs() if supports is None else supports
+    groups = bonded_groups(problem)
+    cells = [np.concatenate([solid.cells for solid in group]) for group in groups]
+    nodes_of = [body_nodes(problem, some) for some in cells]
+    axes = np.arange(problem.dim)
+    here = [[np.isin(n * problem.dim + axis, supports).any() for axis in axes] for n in nodes_of]
+    held: Bools = np.zeros((len(groups), problem.dim), dtype=bool)
+    problem.comm.Allreduce(np.array(here, dtype=bool), held, op=MPI.LOR)
+    for some in _tied(problem, groups):  # as often as it takes to go from each group to each
+        held[some] |= held[some].any(axis=0)
     found = []
-    for group in bonded_groups(problem):
+    for number, (group, nodes) in enumerate(zip(groups, nodes_of, strict=True)):
         names = tuple(solid.name for solid in group)
-        nodes = body_nodes(problem, np.concatenate([solid.cells for solid in group]))
-        for component in range(1 if group[0].section == "axisymmetric" else 0, problem.dim):
-            here = bool(np.isin(nodes * problem.dim + component, supports).any())
-            if not problem.comm.allreduce(here, op=MPI.LOR):
-                found.append(Loose(names, component, nodes))
+        for axis in range(1 if group[0].section == "axisymmetric" else 0, problem.dim):
+            if not held[number, axis]:
+                found.append(Loose(names, axis, nodes))
     return [*found, *_loose_tools(problem)]
 
 
@@ -82,6 +92,20 @@ def _loose_tools(problem: Equilibrium) -> Iterator[Loose]:
             if not (turns and tool.idle):
                 component = 0 if turns else int(slot)
                 yield Loose((tool.name,), component, tool.node(int(slot)), "tool", turns)
+
+
+def _tied(problem: Equilibrium, groups: Sequence[Sequence[Solid]]) -> list[Ints]:
+    """Numbers of the groups of bodies that ties hold together, tie by tie, repeated; collective."""
+    ties = [term for term in problem.contacts if term.tied and term.active]
+    if not ties:
+        return []
+    dofmap = problem.space.dofmap
+    cells = [np.concatenate([solid.cells for solid in group]) for group in groups]
+    local = [np.unique(dofmap.list[some]).astype(np.int32) for some in cells]
+    mine = [dofmap.index_map.local_to_global(nodes) for nodes in local]
+    here = [[int(np.isin(nodes, t.surface.nodes).any()) for nodes in mine] for t in ties]
+    ranks = problem.comm.allreduce(np.array(here, dtype=np.int64))
+    return [np.nonzero(row)[0].astype(np.int32) for row in ranks] * len(groups)
 
 
 def body_nodes(problem: Equilibrium, cells: Ints) -> Ints:

@@ -105,7 +105,7 @@ class Stiffness:
         for sign in (1.0, -1.0):
             self._moved.owned[:] = self._u.owned + sign * h * w
             self._moved.update_ghosts()
-            self._internal.evaluate(self._moved.array, self._force.array)
+            self._internal.evaluate(self._moved.array, self._force.array, None)
             self._force.collect_ghosts()
             out += sign * self._force.owned
         return out / (2.0 * h)

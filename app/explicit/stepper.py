@@ -10,13 +10,15 @@ at its end. Prescribed unknowns follow their programs; a platen's unknowns share
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from petsc4py import PETSc
 
 from app.equilibrium.equilibrium import Equilibrium
 from app.equilibrium.load_residuals import load_residuals
 from app.equilibrium.places import place_text
-from app.equilibrium.snapshot import AtPoints, Local, Nodal, Snapshot, of_contacts
+from app.equilibrium.snapshot import AtPoints, Local, Nodal, Snapshot, of_bodies, of_contacts
 from app.explicit.energies import Energies, LoadForces
 from app.explicit.film_correction import FilmCorrection
 from app.explicit.instability import EnergyWatch, ExplicitError, folded
@@ -195,6 +197,8 @@ class ExplicitStepper:
         state.last_dt = dt
         state.time += dt
         state.steps += 1
+        for solid in problem.solids:
+            solid.commit()
         for contact in self.contacts:
             contact.commit()
         problem.trials = problem.committed = trials
@@ -214,7 +218,8 @@ class ExplicitStepper:
         state, timer, residual = self.state, self.problem.timer, self._residual
         with_film = bool(self._films.contacts) and self.rate_dependent
         with timer("assembly"):
-            valid = self.internal.evaluate(state.u.array, residual.array)
+            felt = dt if self.rate_dependent else math.inf
+            valid = self.internal.evaluate(state.u.array, residual.array, felt)
             self._press()
             residual.collect_ghosts()
         with timer("contact"):
@@ -270,6 +275,7 @@ class ExplicitStepper:
             "mass": Nodal(masses.mass),
             "masses": [masses.added, masses.original, masses.scaled],
             "pairs": [[pair.tangential, pair.viscosity] for pair in self._pairs],
+            "bodies": of_bodies(self.problem.solids),
             "contacts": of_contacts([term.state for term in self.problem.contacts]),
             "films": [
                 {name: AtPoints(pair, a) for name, a in film.items()}

@@ -14,13 +14,16 @@ from app.equilibrium.snapshot import (
     Nodal,
     Snapshot,
     of_contacts,
+    of_origin,
     of_searches,
     of_step,
     repeat_searches,
     to_contacts,
+    to_origin,
     to_step,
 )
 from app.equilibrium.step_mode import StepMode
+from forms.bodies.point_state import Origin
 from forms.contact.state import ContactState
 from geometry.surfaces.facets import Floats
 
@@ -32,6 +35,7 @@ class Assembly:
     Attributes:
         x: (n,), m, displacements; before: those that pressures were carried from, or None.
         step: duration and contact modes.
+        origins: of each body, from where its material points were evaluated.
         states: of the contacts at the start of the step; searches: where their candidate facets
             were searched for.
         loads: what loads with forms were set to; platens: m, their displacements where prescribed.
@@ -40,6 +44,7 @@ class Assembly:
     x: Floats
     before: Floats | None
     step: StepMode
+    origins: tuple[Origin | None, ...]
     states: tuple[ContactState, ...]
     searches: Local
     loads: tuple[Floats, ...]
@@ -54,15 +59,18 @@ class Assembly:
             x.array_r.copy(),
             None if before is None else before.array_r.copy(),
             step,
+            tuple(solid.tangent_origin for solid in problem.solids),
             tuple(term.state for term in problem.contacts),
             of_searches(problem.contacts),
             tuple(load.amount for load in problem.loads),
             tuple(platen.displacement for platen in problem.platens),
         )
 
-    def snapshot(self) -> Snapshot:
+    def snapshot(self, problem: Equilibrium) -> Snapshot:
         """All of it."""
+        bodies = enumerate(zip(problem.solids, self.origins, strict=True))
         return {
+            "origins": [of_origin(body, solid, origin) for body, (solid, origin) in bodies],
             "x": Nodal(self.x),
             "before": None if self.before is None else Nodal(self.before),
             "step": of_step(self.step),
@@ -79,6 +87,7 @@ class Assembly:
             kept["x"],
             kept["before"],
             to_step(kept["step"]),
+            tuple(map(to_origin, problem.solids, kept["origins"])),
             tuple(to_contacts(problem.contacts, kept["states"])),
             Local(kept["searches"] or {}),
             tuple(kept["loads"]),
@@ -87,14 +96,18 @@ class Assembly:
 
     @contextmanager
     def in_place(self, problem: Equilibrium) -> Iterator[tuple[PETSc.Vec, PETSc.Vec | None]]:
-        """Context in which contacts and loads are those of the assembly; x and before, m."""
+        """Context in which all but the displacements is as in the assembly; x and before, m."""
         now = Assembly.of(problem, problem.new_vector(), self.step, None)
         repeat_searches(problem.contacts, self.searches.arrays)
         _put(problem, self.states, self.loads, self.platens)
+        for solid, origin in zip(problem.solids, self.origins, strict=True):
+            solid.remake_tangent(origin)
         try:
             yield _vector(problem, self.x), _vector(problem, self.before)
         finally:
             _put(problem, now.states, now.loads, now.platens)
+            for solid in problem.solids:
+                solid.remake_tangent(None)
 
 
 def _put(

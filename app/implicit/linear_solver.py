@@ -237,8 +237,8 @@ class LinearSolver:
             arrays = {} if window is None else window.arrays()
             windows |= {f"{name}_{pair}": values for name, values in arrays.items()}
         return {
-            "first": None if first is None else first.snapshot(),
-            "last": None if self._last is None else self._last.snapshot(),
+            "first": None if first is None else first.snapshot(self.problem),
+            "last": None if self._last is None else self._last.snapshot(self.problem),
             "windows": Local(windows),
             "assembled": self.assembled,
             "patterns": self.problem.pattern_changes,

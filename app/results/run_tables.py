@@ -11,7 +11,7 @@ from app.simulation.run_state import RunState
 
 
 class RunTables:
-    """``history.csv``, ``surfaces.csv``, ``bodies.csv``; with them ``contacts``, ``tools.csv``."""
+    """``history.csv``, ``surfaces.csv``, ``bodies.csv``; ``contacts.csv``, ``tools.csv`` if any."""
 
     def __init__(self, directory: Path, state: RunState, after: int | None = None) -> None:
         """Begin the files, or go on with those of a run ``after`` a step of it."""
@@ -19,12 +19,12 @@ class RunTables:
         self._history = GrowingTable(directory / "history.csv", COLUMNS, after)
         self._surfaces = GrowingTable(directory / "surfaces.csv", motion.surface_columns, after)
         self._bodies = GrowingTable(directory / "bodies.csv", motion.body_columns, after)
-        self._contacts: GrowingTable | None = None
-        if state.model.case.contact:
-            self._contacts = GrowingTable(directory / "contacts.csv", state.pair_columns, after)
         self._tools: GrowingTable | None = None
         if state.model.problem.tools:
             self._tools = GrowingTable(directory / "tools.csv", state.tools.columns, after)
+        self._contacts: GrowingTable | None = None
+        if state.model.case.contact:
+            self._contacts = GrowingTable(directory / "contacts.csv", state.pair_columns, after)
 
     def write(self, state: RunState) -> None:
         """Append the rows that are new."""
@@ -39,7 +39,7 @@ class RunTables:
 
     def sync(self) -> None:
         """See that the rows are on the disk."""
-        tables = (self._history, self._surfaces, self._bodies, self._contacts, self._tools)
+        tables = (self._history, self._contacts, self._surfaces, self._bodies, self._tools)
         for table in tables:
             if table is not None:
                 table.sync()

@@ -123,7 +123,8 @@ def _scalars(term: ContactTerm, trial: ContactTrial) -> dict[str, float]:
     """This rank's integrals over the reference area."""
     k, response = trial.kinematics, trial.response
     weight = term.surface.slave.weight
-    pressed = np.where(trial.pressure > 0.0, weight, 0.0)
+    # What is tied counts where it is tied, also in tension.
+    pressed = np.where(k.closed if term.tied else trial.pressure > 0.0, weight, 0.0)
     closed = pressed * trial.normal_contact.cover
     regime, parts = response.regime, response.dissipation
     load = pressed * trial.pressure

@@ -53,6 +53,9 @@ REASONS = {
 
 def reason_of(result: StepResult) -> str:
     """Why an attempt failed, in words."""
+    if result.floating:
+        bodies = " and ".join(result.floating)
+        return f"no support and no contact holds body {bodies} any more, and something moves it"
     if result.reason > 0:  # solved, but by a state without a strain energy
         return "an element is turned inside out"
     return REASONS.get(result.reason, f"reason {result.reason}")
@@ -285,6 +288,8 @@ def _of_edges(problem: Equilibrium) -> Findings:
     """Pressed points on edges of the master, where its normal jumps, and the residual with it."""
     for index, (term, trial) in enumerate(zip(problem.contacts, problem.trials, strict=True)):
         target = term.surface.target
+        if term.tied:
+            continue
         edge = target.excess(trial.projection.facet, trial.projection.xi) > -ON_EDGE
         here = bool(np.any(edge & (trial.pressure > 0.0)))
         if problem.comm.allreduce(here, op=MPI.LOR):

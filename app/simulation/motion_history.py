@@ -161,8 +161,8 @@ class MotionHistory:
         pressed = {name: np.zeros(dim) for name in self._bodies}
         for number, bodies in enumerate(self._on):
             pushed[bodies[0]] += forces[number, :dim]
-        for pair_bodies, pair in zip(self._pairs, pairs, strict=True):
-            for name, sign in zip(pair_bodies, (1.0, -1.0), strict=False):  # a tool is no body
+        for bodies, pair in zip(self._pairs, pairs, strict=True):
+            for name, sign in zip(bodies, (1.0, -1.0), strict=False):  # a tool is no body
                 pressed[name] += sign * np.array(pair.force) * thickness
         for name, mean in zip(self._bodies, means, strict=True):
             if self._model.section == "axisymmetric":

@@ -139,8 +139,8 @@ def pressed_by_force(problem: Equilibrium, term: ContactTerm) -> bool:
     at = surface.project(surface.slave.position, surface.master.position)
     normal = np.abs(problem.comm.allreduce((surface.slave.weight * at.on_surface) @ at.normal))
     names = {bodies.slave.name, bodies.master.name}
-    every = [one for one in loose_directions(problem) if not one.turns]
-    loose = [one.component for one in every if names & set(one.bodies)]
+    every = loose_directions(problem)
+    loose = [one.component for one in every if names & set(one.bodies) and not one.turns]
     return any(normal[axis] > 0.5 * np.linalg.norm(normal) for axis in loose)
 
 

@@ -144,7 +144,7 @@ class RunState:
             driven_displacement=self.driven,
             newton_iterations=effort.iterations,
             attempts=effort.attempts,
-            **contact_columns(self.resultants, speed, rates, t, noise),
+            **contact_columns(self._loose_resultants(), speed, rates, t, noise),
             **self.energy_balance.columns(t),
         )
         self.rows.append(row)
@@ -157,6 +157,11 @@ class RunState:
         self.tools.add(at, motion, moved.outside, self.resultants)
         self._add_to_way(row)
         return row
+
+    def _loose_resultants(self) -> list[ContactResultants]:
+        """The resultants of the contacts that are not tied, whose sums are those of friction."""
+        terms = self.model.problem.contacts
+        return [m for m, term in zip(self.resultants, terms, strict=True) if not term.tied]
 
     def last_of_pairs(self) -> list[dict[str, Any]]:
         """The last row of each pair, by column."""
@@ -179,7 +184,7 @@ class RunState:
         problem = self.model.problem
         unsettled, presliding = measure_settling(problem.contacts, problem.committed, problem.comm)
         unsettled *= self.model.thickness
-        along = along_force(self.resultants) * self.model.thickness
+        along = along_force(self._loose_resultants()) * self.model.thickness
         self.way.add(row.driven_displacement, along, unsettled, presliding)
 
     def is_steady(self, load_step: LoadStep, first: int) -> bool:

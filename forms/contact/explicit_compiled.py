@@ -16,10 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forms.contact.explicit import ROUNDOFF_DEPTH, ExplicitContact
+from forms.contact.explicit_tie import ExplicitTie
 from forms.contact.kinematics import ContactKinematics
 from forms.contact.penalty import ContactTerm
 from forms.contact.pressure import TOUCHING, AveragedPressure
 from forms.contact.state import AS_IS, ContactState, ContactTrial, NormalContact
+from forms.contact.tie import TieTerm
 from forms.native.libraries import library
 from geometry.surfaces.exchange import NodalVector
 from geometry.surfaces.facet_search import TIE
@@ -352,6 +354,8 @@ def explicit_contact(term: ContactTerm, compiled: bool = True) -> ExplicitContac
         term: the pair.
         compiled: False for numpy throughout.
     """
+    if isinstance(term, TieTerm):
+        return ExplicitTie(term)
     surface, target = term.surface, term.surface.target
     # The compiled loop takes the section's stretch as area ratio, which is wrong for rings.
     straight = isinstance(target, FacetSurface) and target.shape.count == 2

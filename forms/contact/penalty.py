@@ -60,7 +60,10 @@ class ContactTerm:
         surface, law, film: of the pair; modulus: Pa, E*, or None.
         active: whether the surfaces feel each other; changed, as ``law`` may be, by :meth:`renew`.
         rule: from gaps to pressure, with the penalty; linearised: the tangent.
+        tied: whether the surfaces are bonded (:mod:`forms.contact.tie`).
     """
+
+    tied = False
 
     def __init__(
         self,

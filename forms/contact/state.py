@@ -122,6 +122,8 @@ class ContactTrial:
         anchor: places of the last converged step, moved with the current master; None where nobody
             will ask for the tangent; of_point: (q, k) vertices of the points' facets, likewise.
         carried: how the control points of a tool follow its unknowns; None: no tool.
+        pull: (v, i), Pa, s_A of a tie, and moved: (n, i), m, the displacements it is of; None of
+            others.
     """
 
     position: Floats
@@ -137,6 +139,8 @@ class ContactTrial:
     anchor: Anchor | None = None
     of_point: Longs | None = None
     carried: Carried | None = None
+    pull: Floats | None = None
+    moved: Floats | None = None
 
     def coupled(self) -> Bools:
         """Points (q,) whose gaps the tractions of some point depend on."""

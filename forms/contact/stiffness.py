@@ -8,6 +8,7 @@ import numpy as np
 from mpi4py import MPI
 
 from forms.contact.explicit import ExplicitContact
+from forms.contact.explicit_tie import ExplicitTie
 from forms.contact.penalty import ContactTerm
 from forms.friction.factored_law import strongest
 from geometry.surfaces.exchange import NodalVector
@@ -31,6 +32,9 @@ class PairStiffness:
         comm = term.surface.space.mesh.comm
         self.tangential = comm.allreduce(elastic_stiffness(term), op=MPI.MAX)
         self.viscosity = comm.allreduce(largest_viscosity(term), op=MPI.MAX)
+        if term.tied:
+            largest = float(np.max(term.penalty, initial=0.0))
+            self.tangential, self.viscosity = comm.allreduce(largest, op=MPI.MAX), 0.0
         self._values = np.zeros((len(contact.exchange.nodes), term.surface.dim))
 
     def add(self, w: NodalVector, out: NodalVector, viscous: bool) -> None:
@@ -39,6 +43,10 @@ class PairStiffness:
         assert contact.trial is not None
         n = contact.trial.kinematics.normal
         contact.exchange.gather(w, self._values)
+        if isinstance(contact, ExplicitTie):
+            if not viscous:
+                contact.add_stiffness(self._values, out)
+            return
         jump = contact.jump(self._values)
         across = np.einsum("qi,qi->q", n, jump)[:, None] * n
         along = jump - across

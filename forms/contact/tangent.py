@@ -26,7 +26,7 @@ import scipy.sparse
 from forms.contact.kinematics import Variations, vary
 from forms.contact.pressure import AveragedPressure, NormalRule
 from forms.contact.state import ContactState, ContactTrial
-from forms.contact.vertex_rows import VertexRows, adding_up
+from forms.contact.vertex_rows import VertexRows, adding_up, completed
 from geometry.surfaces.facets import Bools, Floats, Ints, Longs
 from geometry.surfaces.slave_normals import CHORDS
 from geometry.surfaces.surface import ContactSurface
@@ -304,24 +304,10 @@ class PairTangent:
 
     def _completed(self, right: scipy.sparse.csr_matrix) -> tuple[scipy.sparse.csr_matrix, Longs]:
         """R with the other ranks' parts of shared vertices, and its columns' nodes; collective."""
-        surface, dim = self.surface, self.surface.dim
-        vertices = surface.vertices
-        part = right[vertices.shared].tocoo()
-        at = np.nonzero(vertices.shared)[0][part.row], surface.nodes[part.col // dim]
-        gathered = vertices.comm.allgather((*at, part.col % dim, part.data))
-        others = [g for rank, g in enumerate(gathered) if rank != vertices.comm.rank]
-        vertex, node, axis, value = (np.concatenate(p) for p in zip(*others, strict=True))
-        new = np.unique(node)
-        columns = np.concatenate([surface.nodes, new])
-        first = dim * len(surface.nodes)
-        column = first + dim * np.searchsorted(new, node) + axis
-        mine = right.tocoo()
-        here = np.isin(vertex, np.unique(surface.vertices.of_point))
-        rows = np.concatenate([mine.row, vertex[here]])
-        cols = np.concatenate([mine.col, column[here]])
-        data = np.concatenate([mine.data, value[here]])
-        size = (vertices.count, dim * len(columns))
-        return scipy.sparse.csr_matrix((data, (rows, cols)), shape=size), columns
+        vertices, nodes = self.surface.vertices, self.surface.nodes
+        here = np.zeros(vertices.count, dtype=bool)
+        here[vertices.of_point] = True
+        return completed(right, vertices.shared, here, nodes, self.surface.dim, vertices.comm)
 
 
 def _fading(trial: ContactTrial, take: Longs) -> Floats:
