@@ -108,6 +108,12 @@ def test_extent_holds_what_is_drawn(shape):
     assert np.all(points >= low - 1e-12) and np.all(points <= high + 1e-12)
 
 
+def test_a_rank_without_points_has_none_to_project(shape):
+    at = shape.project(np.empty((0, shape.dim)), shape.control_points, fading=np.empty(0))
+    assert at.facet.shape == (0,) and at.gap.shape == (0,)
+    assert at.xi.shape == (0, shape.dim - 1) and at.tangents.shape == (0, shape.dim - 1, shape.dim)
+
+
 def from_point(points):
     return points - np.array([0.2, 0.1, -0.3])[: points.shape[1]]
 
