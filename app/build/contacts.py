@@ -202,6 +202,7 @@ class ContactBuilder:
                 contact.quadrature_degree or QUADRATURE_DEGREE[mesh.geometry.dim],
                 self.section == "axisymmetric",
                 contact.smoothing_angle,
+                contact.fade_length,
             )
         except ValueError as error:
             raise InputError(f"contact.{index}: {error}") from None

@@ -76,6 +76,7 @@ class ContactSurface:
         quadrature_degree: int,
         axisymmetric: bool = False,
         smoothing_angle: float | None = None,
+        fade_length: float | None = None,
     ) -> None:
         """Collect both surfaces; collective.
 
@@ -88,6 +89,8 @@ class ContactSurface:
                 of whole rings, and forces totals.
             smoothing_angle: rad; a smooth master, but for sides where its facets' normals differ by
                 more. None: the facets as they are.
+            fade_length: m, way before an open end of the master over which the averaged pressure
+                fades. None: in the plane over a share of a facet, in space not at all.
 
         Raises:
             ValueError: on every rank, if a surface has no facet or folds onto itself, the
@@ -103,7 +106,7 @@ class ContactSurface:
             self.slave.weight = 2.0 * np.pi * self.slave.position[:, 0] * self.slave.weight
         self.master = _master_facets(space, self.shape, master_facets)
         self.target = FacetSurface(
-            self.shape, self.master.facets, self.master.position, smoothing_angle
+            self.shape, self.master.facets, self.master.position, smoothing_angle, fade_length
         )
         self.vertices = slave_vertices(
             space,
@@ -173,7 +176,7 @@ class ContactSurface:
             nodes: see above.
             frozen_facets: (q,) facets that the points do not leave for a neighbour at once.
             rays: normals of the slave at the points, to project along; None: closest points.
-            fading: whether points leave the end of a master in the plane bit by bit.
+            fading: whether points leave the end of a master bit by bit.
         """
         return self.target.project(
             points, nodes, frozen_facets, rays, self.slave.reach if fading else None
