@@ -241,8 +241,8 @@ class PairTangent:
         """R: Σ_q w N_A ∂(σ g)/∂u (v, m·i) of all points, with σ their share over the master."""
         at, every = trial.projection, np.nonzero(trial.coupled())[0]
         fades: Bools = np.zeros(len(every), dtype=bool)
-        if at.share_slope is not None:
-            fades[:] = at.share_slope[every].any(axis=1)
+        if at.share is not None:
+            fades[:] = at.share[every] < 1.0
         if at.rays is not None:
             fades[:] = True
         plain, other = every[~fades], every[fades]
