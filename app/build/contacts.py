@@ -206,8 +206,9 @@ class ContactBuilder:
             if tool is not None:
                 rigid = tool.surface, tool.nodes, tool.motion
                 return ContactSurface.for_tool(self.space, slave, *rigid, quadrature, ring)
-            master, smoothing = self.named.facets(contact.master), contact.smoothing_angle
-            return ContactSurface(self.space, slave, master, quadrature, ring, smoothing)
+            master = self.named.facets(contact.master)
+            ends = contact.smoothing_angle, contact.fade_length
+            return ContactSurface(self.space, slave, master, quadrature, ring, *ends)
         except ValueError as error:
             raise InputError(f"contact.{index}: {error}") from None
 
