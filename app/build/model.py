@@ -15,7 +15,12 @@ from app.build.mesh import make_mesh, of_case
 from app.build.mesh_notes import large_mesh, locking_bodies, many_cells, notes_on_ranks
 from app.build.numbers import failures_as
 from app.build.probes import PointPlaces, place_probes
-from app.build.solids import displacement_on, make_solids, resolved_bodies
+from app.build.solids import (
+    displacement_on,
+    make_solids,
+    notes_on_materials,
+    resolved_bodies,
+)
 from app.build.supports import notes_on_supports
 from app.case.boundary import COMPONENTS
 from app.case.case import Case
@@ -159,6 +164,7 @@ def _notes(asked: Case, model: Model, contacts: Sequence[BuiltContact], loads: L
     named, problem, case = model.named, model.problem, model.case
     notes = [
         *notes_on(case),
+        *notes_on_materials(case.bodies),
         *locking_bodies(named, problem.solids, problem.space.element.basix_element.degree),
         *large_mesh(case, named),
         *many_cells(case, named),
