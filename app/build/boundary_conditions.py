@@ -15,7 +15,7 @@ from app.case.time_tables import TimeTable
 from app.equilibrium.constraints import Platen, Prescribed, component_dofs
 from app.errors import InputError
 from forms.bodies.kinematics import Section
-from forms.bodies.loads import FollowerPressure, mean_normal, reference_area
+from forms.bodies.loads import FollowerPressure, Load, mean_normal, reference_area
 from geometry.meshes.mesh import NamedMesh
 from geometry.surfaces.facets import Floats, Ints
 
@@ -46,9 +46,9 @@ class Loads:
     """Collects what the boundaries prescribe, and the programs that move it.
 
     Attributes:
-        prescribed, platens, pressures: for the equilibrium.
+        prescribed, platens, loads: for the equilibrium.
         constraints: what is prescribed or moves as one, by surface; pressed: surface of each
-            pressure.
+            load.
         platen_names: of the platens, such as "top_x": surface and direction.
         notes: what the user should know of them, one line each.
         programs: each sets one load from (time, driven displacement), s and m.
@@ -72,7 +72,7 @@ class Loads:
         self.platens: list[Platen] = []
         self.platen_names: list[str] = []
         self.notes: list[str] = []
-        self.pressures: list[FollowerPressure] = []
+        self.loads: list[Load] = []
         self.programs: list[Callable[[float, float], None]] = []
         self.stage = ""
         self.pressed: list[str] = []
@@ -94,7 +94,7 @@ class Loads:
             self._spring(boundary.surface, boundary.spring, facets)
         if boundary.pressure is not None:
             load = FollowerPressure(self.u, facets, self.section)
-            self.pressures.append(load)
+            self.loads.append(load)
             self.pressed.append(boundary.surface)
             table = boundary.pressure
             self.programs.append(lambda time, driven: load.set(table(time)))

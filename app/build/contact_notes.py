@@ -25,6 +25,8 @@ STIFF_PENALTY = 3e4
 SOFT_PENALTY = 0.1
 SOFT_STICK = 0.1  # K_T h/G below which the elastic slip is longer than the shear of the elements
 
+WHOLE = 0.999  # tied share of a slave's area that counts as all of it
+
 
 @dataclass(frozen=True, slots=True)
 class Corners:
@@ -40,7 +42,7 @@ class Corners:
 
 
 def stiffer_slave(
-    index: int, contact: Contact, body: str, slave: Material, master: Material
+    index: int, contact: Contact, body: str, slave: Material, master: Material | None = None
 ) -> Iterator[str]:
     """A line on a slave that is on the stiffer body.
 
@@ -49,9 +51,9 @@ def stiffer_slave(
         contact: what the case says.
         body: name of the slave's body.
         slave: material of that body.
-        master: material of the other body.
+        master: material of the other body; None: a tool.
     """
-    if oedometric_modulus(slave) > STIFFER * oedometric_modulus(master):
+    if master is not None and oedometric_modulus(slave) > STIFFER * oedometric_modulus(master):
         yield (
             f"contact.{index}: the slave {contact.slave} is on the stiffer body {body}; the "
             "softer body's surface should be the slave"
@@ -84,6 +86,21 @@ def note_on_idle_film(place: str, contact: Contact) -> Iterator[str]:
     """A line on a film that the friction law has no use for."""
     if contact.film is not None and isinstance(contact.friction, Coulomb | Frictionless):
         yield f'{place}: film has no effect with law = "{contact.friction.law}"'
+
+
+def note_on_tie(place: str, contact: Contact, share: float) -> Iterator[str]:
+    """A line on a slave that is tied in part only.
+
+    Args:
+        place: of the contact in the case.
+        contact: what the case says.
+        share: of the slave's area that is tied.
+    """
+    if share < WHOLE:
+        yield (
+            f"{place}: {contact.slave} is tied to {contact.master} over {100.0 * share:.3g} % of "
+            "its area: the rest has nothing beside it"
+        )
 
 
 def note_on_corners(place: str, contact: Contact, corners: Corners) -> Iterator[str]:

@@ -12,11 +12,18 @@ from app.build.boundary_conditions import Loads
 from app.build.case_notes import notes_on
 from app.build.contacts import BuiltContact, ContactBuilder
 from app.build.mesh import make_mesh, of_case
-from app.build.mesh_notes import large_mesh, locking_bodies, many_cells, notes_on_ranks
+from app.build.mesh_notes import (
+    bonded_bodies,
+    large_mesh,
+    locking_bodies,
+    many_cells,
+    notes_on_ranks,
+)
 from app.build.numbers import failures_as
 from app.build.probes import PointPlaces, place_probes
 from app.build.solids import displacement_on, make_solids, resolved_bodies
 from app.build.supports import notes_on_supports
+from app.build.tools import make_tools, notes_on_tools
 from app.case.boundary import COMPONENTS
 from app.case.case import Case
 from app.case.stage import solver_of
@@ -66,9 +73,13 @@ class Model:
         return [contact.film_onset for contact in self.case.contact]
 
     def begin_stage(self, name: str) -> None:
-        """Let the loads be those of a stage from the next :meth:`set_loads` on."""
+        """Let the loads and contacts be those of a stage from the next :meth:`set_loads` on."""
         if self.loads is not None:
             self.loads.stage = name
+        for table, term in zip(self.case.contact, self.problem.contacts, strict=True):
+            acts = self.case.acts_in(table, name)
+            if term.active != acts:
+                term.renew(active=acts)
 
     def set_loads(self, time: float, driven: float) -> None:
         """Set every prescribed displacement and load to its value at ``time`` (s).
@@ -103,23 +114,37 @@ def build_model(case: Case, comm: MPI.Comm, runs_code: bool = True) -> Model:
 
 @failures_as(InputError, "the case")
 def _built(case: Case, comm: MPI.Comm, runs_code: bool) -> Model:
-    named = make_mesh(case, comm)
+    named = make_mesh(case, comm, tuple(case.tools))
     section = case.geometry.section_in(named.mesh.geometry.dim)
     bodies = resolved_bodies(case.bodies, named)
     u = displacement_on(named, bodies)
     probes = place_probes(case, named, u.function_space, section)
     solids = make_solids(bodies, named, u, section)
     materials = {solid.name: solid.material for solid in solids}
-    builder = ContactBuilder(case, named, u.function_space, section, materials, runs_code)
+    tools = make_tools(case, named, u.function_space, section)
+    builder = ContactBuilder(
+        case, named, u.function_space, section, materials, runs_code, tools.by_name()
+    )
     contacts = [builder.build(index) for index in range(len(case.contact))]
     loads = Loads(named, u, section, case.geometry.slab)
     for boundary in case.boundary:
         loads.add(boundary)
     loads.check_corners()
     terms = [contact.term for contact in contacts]
-    problem = Equilibrium(u, solids, terms, loads.prescribed, loads.platens, loads.pressures)
+    problem = Equilibrium(
+        u,
+        solids,
+        terms,
+        [*loads.prescribed, *tools.prescribed],
+        loads.platens,
+        loads.loads,
+        tools.nodal_loads,
+        tools.members,
+    )
     resolved = _resolved(case.model_copy(update={"bodies": bodies}), contacts, problem)
-    model = Model(resolved, named, problem, loads.programs, section, case.geometry.slab)
+    changing = [c.program for c in contacts if c.program is not None]
+    programs = [*loads.programs, *tools.programs, *changing]
+    model = Model(resolved, named, problem, programs, section, case.geometry.slab)
     model.platen_names, model.loads, model.probes = loads.platen_names, loads, probes
     model.begin_stage(case.stage[0].name)
     model.notes = _notes(case, model, contacts, loads)
@@ -159,9 +184,11 @@ def _notes(asked: Case, model: Model, contacts: Sequence[BuiltContact], loads: L
     named, problem, case = model.named, model.problem, model.case
     notes = [
         *notes_on(case),
+        *notes_on_tools(case),
         *locking_bodies(named, problem.solids, problem.space.element.basix_element.degree),
         *large_mesh(case, named),
         *many_cells(case, named),
+        *bonded_bodies(named),
         *notes_on_ranks(asked, named),
         *(note for contact in contacts for note in contact.notes),
         *loads.notes,

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from app.case.boundary import COMPONENTS
 from app.equilibrium.equilibrium import Equilibrium
 from app.equilibrium.supports import Loose, loose_directions
 
@@ -25,7 +24,7 @@ def notes_on_supports(problem: Equilibrium, touching: bool) -> Iterator[str]:
     """
     moved = [p.dofs for p in problem.platens if touching or p.stiffness > 0.0]
     for one in loose_directions(problem, np.concatenate([problem.constrained_dofs(), *moved])):
-        yield (
-            f"body {one.body}: no boundary prescribes a displacement in "
-            f"{COMPONENTS[one.component]}; only contact holds it there"
-        )
+        why = f"no boundary prescribes a displacement in {one.direction}"
+        if one.kind == "tool":
+            why = f"a {'moment' if one.turns else 'force'} drives it in {one.direction}"
+        yield f"{one.name}: {why}; only contact holds it there"

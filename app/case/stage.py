@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
@@ -10,6 +10,7 @@ from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
 from app.case.boundary import DRIVEN, Boundary
 from app.case.quantities import Quantity
 from app.case.table import MOST_ENTRIES, Count, Flag, Model, Name, Place, Problem
+from app.case.tools import Tool
 
 _STEADY_KEYS = (
     "slip_step",
@@ -132,7 +133,10 @@ class Stage(Model):
 
 
 def stage_problems(
-    stages: Sequence[Stage], boundaries: Sequence[Boundary], place: Place
+    stages: Sequence[Stage],
+    boundaries: Sequence[Boundary],
+    place: Place,
+    tools: Mapping[str, Tool] | None = None,
 ) -> Iterator[Problem]:
     """Mistakes in the stages, each by itself and together; without any, in what they drive."""
     found: list[Problem] = []
@@ -143,7 +147,7 @@ def stage_problems(
             reason = "two stages have this name"
             found.append(Problem((*place, index, "name"), reason, stage.name))
         names.add(stage.name)
-    yield from found or _driving_problems(stages, boundaries, place)
+    yield from found or _driving_problems(stages, boundaries, place, tools or {})
 
 
 def solver_of(stage: Stage, default: str) -> str:
@@ -170,7 +174,10 @@ def order_problems(stages: Sequence[Stage], default: str, place: Place) -> Itera
 
 
 def _driving_problems(
-    stages: Sequence[Stage], boundaries: Sequence[Boundary], place: Place
+    stages: Sequence[Stage],
+    boundaries: Sequence[Boundary],
+    place: Place,
+    tools: Mapping[str, Tool],
 ) -> Iterator[Problem]:
     """Velocities without a driven boundary, or the other way round."""
     movers: list[Place] = [
@@ -178,11 +185,17 @@ def _driving_problems(
         for index, boundary in enumerate(boundaries)
         for keys in boundary.driven_keys()
     ]
+    movers += [
+        ("tools", name, "displacement", component)
+        for name, tool in tools.items()
+        for component in tool.driven_components()
+    ]
     moving = [index for index, stage in enumerate(stages) if stage.is_driven]
     if moving and not movers:
         key = "velocities" if stages[moving[0]].velocities else "velocity"
         reason = (
-            'moves nothing: no boundary has displacement = { x = "driven" } (or y, z), or a spring'
+            'moves nothing: no boundary has displacement = { x = "driven" } (or y, z), or a '
+            "spring, and no tool"
         )
         yield Problem((*place, moving[0], key), reason)
     if movers and not moving:

@@ -80,18 +80,21 @@ class RoundOff:
         return float(np.sqrt(at_rest + min(carried, (CARRIED * force) ** 2)))
 
 
-def reference_force(unbalanced: Floats, contact_squared: float, constraints: Constraints) -> float:
-    """Force that the convergence test compares with: the larger of contact and reactions.
+def reference_force(
+    unbalanced: Floats, loads: Floats, contact_squared: float, constraints: Constraints
+) -> float:
+    """Force that the convergence test compares with: the largest of contact, reactions and loads.
 
     Collective.
 
     Args:
         unbalanced: (n,), N, out-of-balance forces of the owned unknowns, reactions included.
+        loads: (n,), N, forces of the loads on the owned unknowns.
         contact_squared: norm of this rank's contact forces, squared.
         constraints: where the reactions are.
     """
     reactions = unbalanced[constraints.dofs]
-    local = np.array([contact_squared, float(np.sum(reactions**2))])
+    local = np.array([contact_squared, float(np.sum(reactions**2)), float(loads @ loads)])
     total = np.empty_like(local)
     constraints.unknowns.comm.Allreduce(local, total, op=MPI.SUM)
     return max(float(np.sqrt(total.max())), *(abs(p.force) for p in constraints.platens), 0.0)

@@ -19,7 +19,7 @@ from app.equilibrium.constraints import Constraints
 from app.equilibrium.contact_sparsity import BlockPlaces, ContactWindow, coupled_nodes, widened
 from app.equilibrium.holding_springs import HoldingSprings
 from app.equilibrium.timers import Stopwatch
-from forms.bodies.loads import FollowerPressure
+from forms.bodies.loads import Load
 from forms.bodies.solid import Solid
 from forms.contact.penalty import ContactTerm
 from forms.contact.state import ContactTrial
@@ -38,7 +38,7 @@ class Tangent:
     """Makes the matrix and fills it.
 
     Attributes:
-        constraints: with the numbering of the unknowns; solids, contacts, pressures: the parts.
+        constraints: with the numbering of the unknowns; solids, contacts, loads: the parts.
         pattern_changes: how often the pattern was widened, when it was made included.
         windows: of each contact, what the pattern has room for; None before it is made.
     """
@@ -48,11 +48,11 @@ class Tangent:
         constraints: Constraints,
         solids: Sequence[Solid],
         contacts: Sequence[ContactTerm],
-        pressures: Sequence[FollowerPressure],
+        loads: Sequence[Load],
     ) -> None:
         """Begin without a matrix."""
         self.constraints = constraints
-        self.solids, self.contacts, self.pressures = solids, contacts, pressures
+        self.solids, self.contacts, self.loads = solids, contacts, loads
         self.pattern_changes = 0
         self._known_places: list[BlockPlaces] = []  # of blocks added lately
         self.windows: list[ContactWindow | None] = [None] * len(contacts)
@@ -70,7 +70,7 @@ class Tangent:
         A: PETSc.Mat,
         trials: Sequence[ContactTrial],
         timer: Stopwatch,
-        holding: HoldingSprings | None = None,
+        holding: Sequence[HoldingSprings] = (),
         carried: bool = False,
     ) -> None:
         """Fill ``A`` at the displacements spread last; collective.
@@ -81,7 +81,7 @@ class Tangent:
             A: the matrix.
             trials: contacts at these displacements.
             timer: seconds by part.
-            holding: springs that hold bodies; None: there are none.
+            holding: springs that hold bodies and tools.
             carried: whether the volumetric parts take the pressures carried to them last.
         """
         with timer("contact"):
@@ -99,15 +99,15 @@ class Tangent:
                 if coupling is not None:
                     self._add_coupling(A, coupling)
             self.constraints.add_following_rows(A)
-            if holding is not None:
-                self.constraints.add_diagonal(A, holding.stiffness)
+            for springs in holding:
+                self.constraints.add_diagonal(A, springs.stiffness)
             A.assemble()
 
     def _assemble_forms(self, A: PETSc.Mat, carried: bool) -> None:
         forms = [part.tangent for solid in self.solids for part in solid.forms]
         if carried:
             forms += [s.carried.tangent for s in self.solids if s.carried is not None]
-        forms += [p.tangent for p in self.pressures if p.value.value != 0.0]
+        forms += [load.tangent for load in self.loads if load.tangent is not None and load.acts]
         for form in forms:
             add_matrix(A, form, unrolled=bool(self.constraints.platens))
 

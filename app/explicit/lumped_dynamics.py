@@ -50,7 +50,8 @@ class LumpedDynamics:
             leader = int(platen.all_dofs[0]) - first if len(platen.all_dofs) else -1
             if 0 <= leader < len(mass):
                 self.mass[leader] += platen.mass
-        self.inverse: Floats = np.asarray(1.0 / self.mass, dtype=np.float64)
+        self.inverse: Floats = np.zeros_like(self.mass)  # what carries no body has no mass
+        np.divide(1.0, self.mass, out=self.inverse, where=self.mass > 0.0)
         self.inverse[constrained] = 0.0
         self.platen_mass = self.sums(self.mass)
         self._negative = -self.inverse
@@ -74,7 +75,7 @@ class LumpedDynamics:
         """Accelerations −r/m (n,) into ``out``, m/s²; collective.
 
         Args:
-            residual: (n,), N, internal and contact forces less the pressures'.
+            residual: (n,), N, internal and contact forces less the loads'.
             pull: (p,), N, force on each platen.
             out: accelerations.
             valid: whether the forces of this rank are valid.

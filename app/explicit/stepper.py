@@ -12,11 +12,11 @@ from __future__ import annotations
 
 import math
 
-import dolfinx
 import numpy as np
 from petsc4py import PETSc
 
 from app.equilibrium.equilibrium import Equilibrium
+from app.equilibrium.load_residuals import load_residuals
 from app.equilibrium.places import place_text
 from app.equilibrium.snapshot import AtPoints, Local, Nodal, Snapshot, of_bodies, of_contacts
 from app.explicit.energies import Energies, LoadForces
@@ -24,7 +24,7 @@ from app.explicit.film_correction import FilmCorrection
 from app.explicit.instability import EnergyWatch, ExplicitError, folded
 from app.explicit.leap_frog import LeapFrog
 from app.explicit.lumped_dynamics import LumpedDynamics
-from app.explicit.mass_scaling import ScaledMass, scaled_mass
+from app.explicit.mass_scaling import ScaledMass, scaled_mass, with_tools
 from app.explicit.options import ExplicitOptions, MassScaling
 from app.explicit.stable_step import StableStep, StableSteps, StepEstimate, Stiffness
 from app.explicit.state import ExplicitState
@@ -50,7 +50,8 @@ class ExplicitStepper:
         internal: the bodies' forces; contacts: the pairs; dynamics: lumped masses and platens.
         masses: what mass scaling made of them, without the platens' own.
         energies: work and damping; loads: forces from outside at the last whole step.
-        pressure_residuals: of each follower pressure (n,), N per unit thickness, local unknowns.
+        load_residuals: of each load (n,), those at nodes last, N per unit thickness, at local
+            unknowns.
     """
 
     def __init__(
@@ -79,7 +80,7 @@ class ExplicitStepper:
         self.rate_dependent = rate_dependent
         self.state = ExplicitState(problem.u, displacement, velocity)
         self._residual = NodalVector(problem.space)
-        self.pressure_residuals = [np.zeros(len(self._residual.array)) for _ in problem.pressures]
+        self.load_residuals = load_residuals(problem)
         compiled = self.options.compiled
         self.internal = InternalForce(problem.u, problem.solids, compiled)
         self.contacts = [explicit_contact(term, compiled) for term in problem.contacts]
@@ -90,7 +91,7 @@ class ExplicitStepper:
         pairs = [PairStiffness(contact) for contact in self.contacts]
         self.masses = masses or scaled_mass(problem, self.options.mass_scaling, pairs)
         self.dynamics = LumpedDynamics(
-            self.masses.mass,
+            with_tools(self.masses.mass, problem.tools),
             problem.constrained_dofs(),
             problem.platens,
             problem.first,
@@ -154,7 +155,7 @@ class ExplicitStepper:
 
     @property
     def residual(self) -> Floats:
-        """Forces (n,) of bodies, contacts and pressures on the owned unknowns, the last, N/m."""
+        """Forces (n,) of bodies, contacts and loads on the owned unknowns, the last, N/m."""
         return self._residual.owned
 
     @property
@@ -242,10 +243,9 @@ class ExplicitStepper:
         return [contact.evaluate(u, dt, rated) for contact in self.contacts]
 
     def _press(self) -> None:
-        """Add the pressures' forces."""
-        for values, load in zip(self.pressure_residuals, self.problem.pressures, strict=True):
-            values[:] = 0.0
-            dolfinx.fem.assemble_vector(values, load.residual)
+        """Add the loads' forces."""
+        self.load_residuals = load_residuals(self.problem, self.load_residuals)
+        for values in self.load_residuals:
             self._residual.array += values
 
     def _pulls(self) -> Floats:
@@ -257,7 +257,7 @@ class ExplicitStepper:
         """Forces from outside at the state evaluated last."""
         return LoadForces(
             supports=self._residual.owned[self.problem.constrained_dofs()],
-            pressures=np.sum(self.pressure_residuals, axis=0) if self.problem.pressures else None,
+            loads=np.sum(self.load_residuals, axis=0) if self.load_residuals else None,
             platens=self._pulls(),
         )
 
@@ -327,7 +327,7 @@ class ExplicitStepper:
 
     @property
     def work(self) -> float:
-        """Work of supports, platens and pressures so far, J/m, this rank's part."""
+        """Work of supports, platens and loads so far, J/m, this rank's part."""
         return self.energies.work
 
     @property

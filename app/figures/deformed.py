@@ -62,7 +62,8 @@ def draw_deformed(results: Results, figures: Path, field: str) -> list[Path]:
     files = []
     with rc_context(CASE_STYLE):
         for state, bodies in zip(states, drawn, strict=True):
-            figure = _figure(results, state, bodies)
+            draw = _figure if results.case.contact else _bodies_alone
+            figure = draw(results, state, bodies)
             files.append(figures / f"{state.name}.png")
             save(figure, files[-1])
     return files
@@ -90,6 +91,21 @@ def _figure(results: Results, state: State, bodies: Bodies) -> Figure:
                     shrink=0.9, pad=0.02, fraction=0.05, aspect=25)  # fmt: skip
     figure.suptitle(heading(results, state.title + _stretched_words(frame)), fontsize=9)
     _fill_panels(panels, nodes, points, pairs, len(names))
+    return figure
+
+
+def _bodies_alone(results: Results, state: State, bodies: Bodies) -> Figure:
+    """The bodies of a case without contact."""
+    frame = frame_round([bodies], axis_names(results))
+    width, height = frame.high - frame.low
+    tall = 4.0 if frame.stretched else float(np.clip(6.4 * height / width, 2.0, 7.0))
+    figure = Figure(figsize=(8.0, tall + 1.0), layout="constrained")
+    axes = figure.subplots()
+    scale = colour_scale(bodies.field.values, bodies.field.unit)
+    cells = draw_bodies(axes, bodies, scale, frame)
+    unit = f" ({scale.unit.name})" if scale.unit.name else ""
+    figure.colorbar(cells, ax=axes, label=bodies.field.label + unit, extend=scale.extend)
+    figure.suptitle(heading(results, state.title + _stretched_words(frame)), fontsize=9)
     return figure
 
 

@@ -38,7 +38,7 @@ class Assembly:
         origins: of each body, from where its material points were evaluated.
         states: of the contacts at the start of the step; searches: where their candidate facets
             were searched for.
-        pressures: Pa, of the follower pressures; platens: m, their displacements where prescribed.
+        loads: what loads with forms were set to; platens: m, their displacements where prescribed.
     """
 
     x: Floats
@@ -47,7 +47,7 @@ class Assembly:
     origins: tuple[Origin | None, ...]
     states: tuple[ContactState, ...]
     searches: Local
-    pressures: tuple[float, ...]
+    loads: tuple[Floats, ...]
     platens: tuple[float | None, ...]
 
     @classmethod
@@ -62,7 +62,7 @@ class Assembly:
             tuple(solid.tangent_origin for solid in problem.solids),
             tuple(term.state for term in problem.contacts),
             of_searches(problem.contacts),
-            tuple(float(load.value.value) for load in problem.pressures),
+            tuple(load.amount for load in problem.loads),
             tuple(platen.displacement for platen in problem.platens),
         )
 
@@ -76,7 +76,7 @@ class Assembly:
             "step": of_step(self.step),
             "states": of_contacts(self.states),
             "searches": self.searches,
-            "pressures": list(self.pressures),
+            "loads": list(self.loads),
             "platens": list(self.platens),
         }
 
@@ -90,7 +90,7 @@ class Assembly:
             tuple(map(to_origin, problem.solids, kept["origins"])),
             tuple(to_contacts(problem.contacts, kept["states"])),
             Local(kept["searches"] or {}),
-            tuple(kept["pressures"]),
+            tuple(kept["loads"]),
             tuple(kept["platens"]),
         )
 
@@ -99,13 +99,13 @@ class Assembly:
         """Context in which all but the displacements is as in the assembly; x and before, m."""
         now = Assembly.of(problem, problem.new_vector(), self.step, None)
         repeat_searches(problem.contacts, self.searches.arrays)
-        _put(problem, self.states, self.pressures, self.platens)
+        _put(problem, self.states, self.loads, self.platens)
         for solid, origin in zip(problem.solids, self.origins, strict=True):
             solid.remake_tangent(origin)
         try:
             yield _vector(problem, self.x), _vector(problem, self.before)
         finally:
-            _put(problem, now.states, now.pressures, now.platens)
+            _put(problem, now.states, now.loads, now.platens)
             for solid in problem.solids:
                 solid.remake_tangent(None)
 
@@ -113,14 +113,14 @@ class Assembly:
 def _put(
     problem: Equilibrium,
     states: Sequence[ContactState],
-    pressures: Sequence[float],
+    loads: Sequence[Floats],
     platens: Sequence[float | None],
 ) -> None:
     """Put in the contacts' histories, and the loads that the tangent depends on."""
     for term, state in zip(problem.contacts, states, strict=True):
         term.adopt(state)
-    for load, value in zip(problem.pressures, pressures, strict=True):
-        load.value.value = value
+    for load, amount in zip(problem.loads, loads, strict=True):
+        load.amount = amount
     for platen, displacement in zip(problem.platens, platens, strict=True):
         platen.displacement = displacement
 

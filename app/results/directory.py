@@ -25,6 +25,7 @@ OWN = (
     "contacts.csv",
     "surfaces.csv",
     "bodies.csv",
+    "tools.csv",
     *PROBE_TABLES,
     "log.txt",
     "report.html",
@@ -66,7 +67,7 @@ _GONE_ON = re.compile(r"_after_\d+(?=\.bp$)")
 EARLIER = ("motion.csv", "contact_nodes.pvd")
 EARLIER_BELOW = {"contact_nodes": _SERIES}
 SUMS = "SHA256SUMS"  # in the directory of inputs
-TEXT_COLUMNS = ("stage", "label", "pair", "surface", "body", "probe")
+TEXT_COLUMNS = ("stage", "label", "pair", "surface", "body", "tool", "probe")
 
 
 def default_directory(case_file: Path) -> Path:

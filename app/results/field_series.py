@@ -58,7 +58,7 @@ class FieldSeries:
         self._strain = CellStrain(u, solids[0].section)
         self._arrays = {**_CELL_ARRAYS, **(_OF_FLOW if self._stress.flows else {})}
         self._contact = ContactPressureField(u, surfaces) if surfaces else None
-        self._mesh = GatheredMesh(space)
+        self._mesh = GatheredMesh(space, np.concatenate([solid.cells for solid in solids]))
         body = self._mesh.cellwise(_numbers(solids, space.mesh)[:, None])
         self.series: Series | None = None
         if self._comm.rank == 0:

@@ -282,12 +282,11 @@ class Recorder(Observer):
 
     def _share(self) -> dict[str, Any]:
         """What this rank has of the work."""
-        topology = self.model.named.mesh.topology
-        terms = self.model.problem.contacts
+        problem = self.model.problem
         return {
             "memory_MiB": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0, 1),
-            "cells": topology.index_map(topology.dim).size_local,
-            "contact_points": sum(len(term.surface.slave.weight) for term in terms),
+            "cells": sum(len(solid.cells) for solid in problem.solids),
+            "contact_points": sum(len(term.surface.slave.weight) for term in problem.contacts),
         }
 
     def _known(self, status: str) -> dict[str, Any]:

@@ -26,7 +26,7 @@ class Work:
     """External forces on the bodies at a converged state, for the work they do.
 
     Attributes:
-        force: owned part of the forces of supports, platens and pressures, N/m.
+        force: owned part of the forces of supports, platens and loads, N/m.
         position: owned unknowns, m.
     """
 
@@ -53,7 +53,7 @@ class EnergyFlow:
     """What happened to the energy over a stretch of explicit steps, J/m, all ranks together.
 
     Attributes:
-        work: of supports, platens and pressures on the bodies.
+        work: of supports, platens and loads on the bodies.
         damping: taken by mass-proportional damping, and by relaxation.
         kinetic: kinetic energy at the end.
     """

@@ -17,6 +17,7 @@ from mpi4py import MPI
 from app.build.boundary_conditions import Loads
 from app.build.model import Model
 from app.case.boundary import COMPONENTS
+from app.equilibrium.bonded import bonded_groups
 from app.simulation.contact_resultants import ContactResultants
 from app.simulation.outside_forces import OutsideForces, held_dofs
 from forms.bodies.nodal_weights import body_weights, surface_weights
@@ -43,9 +44,13 @@ class MotionHistory:
         self._means = _Means(model)
         self._forces = _SurfaceForces(model, self._means, self.held)
         self._bodies = [solid.name for solid in model.problem.solids]
-        self._on = [model.named.body_of(surface) for surface in self._means.surfaces]
+        self._groups = [
+            [self._bodies.index(solid.name) for solid in group]
+            for group in bonded_groups(model.problem)
+        ]
+        self._on = [model.named.bodies_of(surface) for surface in self._means.surfaces]
         self._pairs = [
-            (model.named.body_of(pair.slave), model.named.body_of(pair.master))
+            [model.named.body_of(s) for s in (pair.slave, pair.master) if s not in model.case.tools]
             for pair in model.case.contact
         ]
         motion = [f"{name}_{a}" for name in ("displacement", "velocity", "force") for a in axes]
@@ -86,6 +91,8 @@ class MotionHistory:
     def force_balance(self, stages: Collection[str], noise: float = 0.0) -> float | None:
         """Largest resultant force on a body over the largest force of the same stages.
 
+        Bodies that are bonded count as one: the forces between them are in no table.
+
         Args:
             stages: names of those at whose rows the bodies are in equilibrium.
             noise: N, what rounding leaves; no force beyond it is none.
@@ -99,7 +106,9 @@ class MotionHistory:
         largest = np.abs(forces).max(initial=radial)
         if largest == 0.0 or largest <= noise:
             return None
-        return float(np.abs(forces[:, :dim] + forces[:, dim:]).max() / largest)
+        resultant = (forces[:, :dim] + forces[:, dim:]).reshape(-1, len(self._bodies), dim)
+        of_groups = np.stack([resultant[:, group].sum(axis=1) for group in self._groups])
+        return float(np.abs(of_groups).max() / largest)
 
     def _radial(self, stages: Collection[str]) -> Floats:
         """Radial forces (r,), N, on surfaces of bodies of revolution."""
@@ -120,7 +129,7 @@ class MotionHistory:
         """Rows of the surfaces: ``forces`` (s, 3 + 3) are those, and moments about the origin."""
         dim, round_axis = self._dim, self._model.section == "axisymmetric"
         names = zip(self._means.surfaces, self._on, strict=True)
-        for number, (name, body) in enumerate(names):
+        for number, (name, bodies) in enumerate(names):
             centre = self._forces.centre(number, means[number, :dim])
             force: Floats = forces[number, :3].copy()
             arm = np.append(centre, [0.0] * (3 - dim))
@@ -130,7 +139,8 @@ class MotionHistory:
                 force[0], moment = 0.0, np.zeros(3)
             turned = moment if dim == 3 else moment[2:]
             values = (*means[number].reshape(-1), *force[:dim], *radial, *turned, *centre)
-            self.surface_rows.append((*key, name, body, *map(float, values)))
+            on = " and ".join(bodies)
+            self.surface_rows.append((*key, name, on, *map(float, values)))
 
     def _add_bodies(
         self,
@@ -139,15 +149,18 @@ class MotionHistory:
         forces: Floats,
         pairs: Sequence[ContactResultants],
     ) -> None:
-        """Rows of the bodies: forces of all boundaries and of all contacts on each."""
+        """Rows of the bodies: forces of all boundaries and of all contacts on each.
+
+        The force of a surface that spreads over bonded bodies is counted to the first of them.
+        """
         dim, thickness = self._dim, self._model.thickness
         pushed = {name: np.zeros(dim) for name in self._bodies}
         pressed = {name: np.zeros(dim) for name in self._bodies}
-        for number, name in enumerate(self._on):
-            pushed[name] += forces[number, :dim]
-        for (slave, master), pair in zip(self._pairs, pairs, strict=True):
-            pressed[slave] += np.array(pair.force) * thickness
-            pressed[master] -= np.array(pair.force) * thickness
+        for number, bodies in enumerate(self._on):
+            pushed[bodies[0]] += forces[number, :dim]
+        for bodies, pair in zip(self._pairs, pairs, strict=True):
+            for name, sign in zip(bodies, (1.0, -1.0), strict=False):  # a tool is no body
+                pressed[name] += sign * np.array(pair.force) * thickness
         for name, mean in zip(self._bodies, means, strict=True):
             if self._model.section == "axisymmetric":
                 pushed[name][0] = 0.0
@@ -255,7 +268,7 @@ class _SurfaceForces:
         vectors[np.arange(len(self._held)), component] = outside.held
         mine = self._owner >= 0
         self._add(out, self._owner[mine], nodes[mine], vectors[mine])
-        for part, load in zip(self._pressed, outside.pressures, strict=True):
+        for part, load in zip(self._pressed, outside.loads, strict=False):
             vectors = np.zeros((len(part.nodes), 3))
             vectors[:, :dim] = load.reshape(-1, dim)[part.nodes]
             self._add(out, np.full(len(part.nodes), part.surface), part.nodes, vectors)

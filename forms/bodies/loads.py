@@ -1,4 +1,4 @@
-"""Surface loads on named surfaces."""
+"""Loads on surfaces: forms that are compiled once, and the values they are set to."""
 
 from __future__ import annotations
 
@@ -12,14 +12,47 @@ from petsc4py import PETSc
 
 from forms.bodies.kinematics import Section, circumference, section_of
 from geometry.compat import integration_facets
+from geometry.surfaces.facets import Floats
 
 
-class FollowerPressure:
+class Load:
+    """What an equilibrium needs of a load: forms, and a value that they are proportional to.
+
+    Attributes:
+        value: the present value, a number or a vector; set it before assembling.
+        residual, tangent: compiled forms, to be added to those of the solids. A dead load, which
+            the displacement does not change, has no tangent.
+    """
+
+    def __init__(
+        self,
+        value: dolfinx.fem.Constant,
+        residual: dolfinx.fem.Form,
+        tangent: dolfinx.fem.Form | None = None,
+    ) -> None:
+        """Keep the parts."""
+        self.value, self.residual, self.tangent = value, residual, tangent
+
+    @property
+    def amount(self) -> Floats:
+        """The present value (k,), a copy."""
+        return np.array(self.value.value, dtype=np.float64).reshape(-1)
+
+    @amount.setter
+    def amount(self, amount: Floats) -> None:
+        self.value.value = np.reshape(amount, self.value.value.shape)
+
+    @property
+    def acts(self) -> bool:
+        """Whether the value is anything but zero."""
+        return bool(np.any(self.value.value))
+
+
+class FollowerPressure(Load):
     """A pressure normal to the deformed surface: δW = −∫ p cof(F) N · δu dΓ₀.
 
     Attributes:
-        value: the present pressure, Pa; set it before assembling.
-        residual, tangent: compiled forms, to be added to those of the solids.
+        value: the present pressure, Pa.
     """
 
     def __init__(
@@ -35,7 +68,7 @@ class FollowerPressure:
         space = u.function_space
         mesh, dim = space.mesh, space.mesh.geometry.dim
         section = section_of(dim, section)
-        self.value = dolfinx.fem.Constant(mesh, PETSc.ScalarType(0.0))
+        value = dolfinx.fem.Constant(mesh, PETSc.ScalarType(0.0))
         # Tangents of the deformed surface, their product and δu: exact on straight facets.
         degree = 2 if space.ufl_element().degree == 1 else 5
         ds = surface_measure(mesh, facets, degree)
@@ -47,9 +80,9 @@ class FollowerPressure:
             # Deformed, without a division that fails on the axis.
             across = circumference(mesh, section, u)
             area = across * ufl.det(gradient) * ufl.inv(gradient).T * ufl.FacetNormal(mesh)
-        power = self.value * ufl.inner(area, test) * ds
-        self.residual = dolfinx.fem.form(power)
-        self.tangent = dolfinx.fem.form(ufl.derivative(power, u, trial))
+        power = value * ufl.inner(area, test) * ds
+        tangent = dolfinx.fem.form(ufl.derivative(power, u, trial))
+        super().__init__(value, dolfinx.fem.form(power), tangent)
 
     def set(self, pressure: float) -> None:
         """Set the pressure, Pa, positive when it pushes on the body."""

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from difflib import get_close_matches
-from itertools import combinations
 from pathlib import Path
 
 import dolfinx
@@ -15,7 +14,6 @@ from mpi4py import MPI
 
 from geometry.compat import (
     CellPartitioner,
-    cell_nodes,
     cell_partitioner,
     integration_facets,
     model_to_mesh,
@@ -28,7 +26,7 @@ from geometry.meshes.mesh_arrays import CORNERS, MeshArrays, unpacked
 from geometry.meshes.own_process import ask
 from geometry.meshes.partition import share_out
 
-__all__ = ["MeshError", "NamedMesh", "bodies_sharing_nodes", "generate", "read"]
+__all__ = ["MeshError", "NamedMesh", "generate", "read"]
 
 MOST_CELLS = 5_000_000
 """Cells of a file that are read unless more are asked for."""
@@ -52,6 +50,8 @@ class NamedMesh:
         facet_tags: The surface's tag of every facet on a named surface.
         bodies: Tag of each body.
         surfaces: Tag of each surface.
+        carriers: Tag of each cell that is no body's, see `MeshArrays.with_carriers`. None of them
+            is in an output or a sum over the bodies.
     """
 
     mesh: dolfinx.mesh.Mesh
@@ -59,6 +59,7 @@ class NamedMesh:
     facet_tags: dolfinx.mesh.MeshTags
     bodies: dict[str, int]
     surfaces: dict[str, int]
+    carriers: dict[str, int] = field(default_factory=dict)
 
     def body_tag(self, name: str) -> int:
         """The tag of a body in ``cell_tags``.
@@ -84,6 +85,22 @@ class NamedMesh:
         """
         return np.asarray(self.cell_tags.find(self.body_tag(name)), dtype=np.int32)
 
+    def carrier(self, name: str) -> npt.NDArray[np.int32]:
+        """Local index of a carrier's cell, ghosts included; none (0,) on a rank without it.
+
+        Raises:
+            MeshError: If there is no such carrier.
+        """
+        tag = _look_up("carrier", name, self.carriers)
+        return np.asarray(self.cell_tags.find(tag), dtype=np.int32)
+
+    @property
+    def cell_count(self) -> int:
+        """Number of the cells of all bodies, on all processes."""
+        return int(self.mesh.topology.index_map(self.mesh.topology.dim).size_global) - len(
+            self.carriers
+        )
+
     def facets(self, name: str) -> npt.NDArray[np.int32]:
         """Local indices (f,) of a surface's facets on this process, ghosts included.
 
@@ -92,19 +109,39 @@ class NamedMesh:
         """
         return np.asarray(self.facet_tags.find(self.surface_tag(name)), dtype=np.int32)
 
+    def bodies_of(self, surface: str) -> list[str]:
+        """The bodies whose boundary a surface is part of; collective.
+
+        Raises:
+            MeshError: On all processes, if there is no such surface, or facets of it are inside the
+                mesh.
+        """
+        facets = self.facets(surface)
+        owned = self.mesh.topology.index_map(self.mesh.topology.dim - 1).size_local
+        cells = integration_facets(self.mesh, facets)[::2]
+        local = np.array([np.count_nonzero(facets < owned), len(cells)])
+        count, outside = self.mesh.comm.allreduce(local, op=MPI.SUM)
+        mine = set(self.cell_tags.values[np.isin(self.cell_tags.indices, cells)].tolist())
+        found = set().union(*self.mesh.comm.allgather(mine))
+        names = [name for name, tag in self.bodies.items() if tag in found]
+        if outside < count:
+            raise MeshError(
+                f'surface "{surface}": {count - outside} of its {count} facets lie inside '
+                "the mesh, with cells on both sides; bodies that share nodes are bonded and have "
+                "no surface there"
+            )
+        return names
+
     def body_of(self, surface: str) -> str:
-        """The body that a surface lies on; collective.
+        """The one body that a surface lies on; collective.
 
         Raises:
             MeshError: On all processes, if there is no such surface, or it is not on one body.
         """
-        cells = integration_facets(self.mesh, self.facets(surface))[::2]
-        mine = set(self.cell_tags.values[np.isin(self.cell_tags.indices, cells)].tolist())
-        found = set().union(*self.mesh.comm.allgather(mine))
-        names = [name for name, tag in self.bodies.items() if tag in found]
+        names = self.bodies_of(surface)
         if len(names) != 1:
             raise MeshError(
-                f'surface "{surface}" must lie on one body; it lies on {", ".join(names) or "none"}'
+                f'surface "{surface}" must lie on one body; it lies on {", ".join(names)}'
             )
         return names[0]
 
@@ -116,6 +153,7 @@ class _Names:
     dim: int
     bodies: dict[str, int]
     surfaces: dict[str, int]
+    carriers: dict[str, int]
     facet_counts: dict[str, int]
 
     @classmethod
@@ -125,11 +163,14 @@ class _Names:
             arrays.dim,
             {name: part.tag for name, part in arrays.bodies.items()},
             {name: part.tag for name, part in arrays.surfaces.items()},
+            {name: part.tag for name, part in arrays.carriers.items()},
             {name: len(part.corners) for name, part in arrays.surfaces.items()},
         )
 
 
-def generate(shape: Shape, comm: MPI.Comm, contacts: Contacts = ()) -> NamedMesh:
+def generate(
+    shape: Shape, comm: MPI.Comm, contacts: Contacts = (), carriers: Sequence[str] = ()
+) -> NamedMesh:
     """Mesh a built-in geometry on one process and distribute it; collective.
 
     Args:
@@ -137,15 +178,22 @@ def generate(shape: Shape, comm: MPI.Comm, contacts: Contacts = ()) -> NamedMesh
         comm: Communicator of the mesh.
         contacts: Pairs whose slave facets are shared out evenly, like the cells; without any (or
             without METIS) only the cells are.
+        carriers: Names of cells that are added, see `MeshArrays.with_carriers`.
 
     Returns:
         The mesh, with the names that the shape's ``build`` gives.
     """
-    return _load(lambda: _generated(shape), type(shape).__name__, comm, contacts)
+    source = type(shape).__name__
+    return _load(lambda: _generated(shape).with_carriers(carriers), source, comm, contacts)
 
 
 def read(
-    path: Path, comm: MPI.Comm, contacts: Contacts = (), most_cells: int = MOST_CELLS
+    path: Path,
+    comm: MPI.Comm,
+    contacts: Contacts = (),
+    most_cells: int = MOST_CELLS,
+    carriers: Sequence[str] = (),
+    scale: float = 1.0,
 ) -> NamedMesh:
     """Read a gmsh file (``.msh``, version 2 or 4) on one process and distribute it; collective.
 
@@ -153,13 +201,15 @@ def read(
 
     Every cell must be in a named physical group (a body); named groups of facets become surfaces,
     and groups of lower dimension are ignored. Cells are triangles or quadrilaterals in the plane
-    z = 0, or tetrahedra or hexahedra, of first order and of one kind. Coordinates are taken as m.
+    z = 0, or tetrahedra or hexahedra, of first order and of one kind.
 
     Args:
         path: The file.
         comm: Communicator of the mesh.
         contacts: As in ``generate``; names that the file does not have are ignored.
         most_cells: More are refused.
+        carriers: As in ``generate``.
+        scale: m, of a unit of the file's coordinates.
 
     Returns:
         The mesh with the file's names.
@@ -167,35 +217,11 @@ def read(
     Raises:
         MeshError: On all processes, if the file cannot be used; the message names it.
     """
-    return _load(lambda: _read(Path(path), most_cells), str(path), comm, contacts)
 
+    def make() -> MeshArrays:
+        return _read(Path(path), most_cells).scaled(scale).with_carriers(carriers)
 
-def bodies_sharing_nodes(named: NamedMesh) -> list[tuple[str, str]]:
-    """Pairs of bodies with common nodes; collective.
-
-    Bodies in contact must not have any: they could neither slide nor separate there.
-
-    Args:
-        named: The mesh.
-
-    Returns:
-        Names of the bodies of each such pair, in the order of ``named.bodies``; the same on all
-        processes.
-    """
-    geometry = named.mesh.geometry
-    comm = named.mesh.comm
-    used = {}
-    for name in named.bodies:
-        marks = dolfinx.la.vector(geometry.index_map(), 1, dtype=np.float64)
-        marks.array[np.unique(cell_nodes(named.mesh)[named.cells(name)])] = 1.0
-        # A body may use a node only on a process that does not own it.
-        marks.scatter_reverse(dolfinx.la.InsertMode.add)
-        used[name] = marks.array[: geometry.index_map().size_local] > 0.0
-    return [
-        (a, b)
-        for a, b in combinations(named.bodies, 2)
-        if comm.allreduce(bool(np.any(used[a] & used[b])), op=MPI.LOR)
-    ]
+    return _load(make, str(path), comm, contacts)
 
 
 def _load(
@@ -213,7 +239,7 @@ def _load(
     partitioner = _partitioner(arrays, names, comm, contacts)
     mesh, cell_tags, facet_tags = model_to_mesh(model, comm, 0, names.dim, partitioner)
     mesh.topology.create_entities(names.dim - 1)
-    named = NamedMesh(mesh, cell_tags, facet_tags, names.bodies, names.surfaces)
+    named = NamedMesh(mesh, cell_tags, facet_tags, names.bodies, names.surfaces, names.carriers)
     _check_facets_found(named, names, source)
     return named
 

@@ -8,13 +8,14 @@ from __future__ import annotations
 import io
 import json
 import zipfile
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from geometry.meshes.gmsh_model import MeshError
+from geometry.meshes.gmsh_model import FARTHEST, MeshError
 
 CORNERS = {"interval": 2, "triangle": 3, "quadrilateral": 4, "tetrahedron": 4, "hexahedron": 8}
 """Number of corners of a cell or facet."""
@@ -28,6 +29,17 @@ FACETS = {
 """Shape of a cell's facets."""
 
 DIMENSION = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
+
+# The corners of a cell of extent 1 around the origin, in gmsh's order.
+_CYCLE = ((-0.5, -0.5, 0.0), (0.5, -0.5, 0.0), (0.5, 0.5, 0.0), (-0.5, 0.5, 0.0))
+_SHAPES = {
+    "triangle": _CYCLE[:3],
+    "quadrilateral": _CYCLE,
+    "tetrahedron": ((-0.5,) * 3, (0.5, -0.5, -0.5), (-0.5, 0.5, -0.5), (-0.5, -0.5, 0.5)),
+    "hexahedron": tuple((x, y, z) for z in (-0.5, 0.5) for x, y, _ in _CYCLE),
+}
+CARRIER_SIZE = 0.1
+"""Extent of a carrier cell over that of the mesh, in each direction."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,12 +64,14 @@ class MeshArrays:
         position: (n, 3), m, of the nodes.
         bodies: cells by name.
         surfaces: facets by name.
+        carriers: one cell each by name, which is no body's: see `with_carriers`.
     """
 
     cell: str
     position: npt.NDArray[np.float64]
     bodies: dict[str, Part]
     surfaces: dict[str, Part]
+    carriers: dict[str, Part] = field(default_factory=dict)
 
     @property
     def dim(self) -> int:
@@ -68,6 +82,40 @@ class MeshArrays:
     def cells(self) -> npt.NDArray[np.int64]:
         """Corners (c, a) of the cells of all bodies, one body after the other."""
         return np.concatenate([body.corners for body in self.bodies.values()])
+
+    def scaled(self, factor: float) -> MeshArrays:
+        """With all coordinates multiplied by a factor.
+
+        Raises:
+            MeshError: they get out of the range of numbers.
+        """
+        if factor == 1.0:
+            return self
+        position = factor * self.position
+        least = float(np.ptp(position, axis=0).max())
+        if not np.abs(position).max() <= FARTHEST or not least > 1.0 / FARTHEST:
+            raise MeshError(f"geometry.scale = {factor:g} m makes the mesh {least:g} m long")
+        return replace(self, position=position)
+
+    def with_carriers(self, names: Sequence[str]) -> MeshArrays:
+        """With one more cell for each name: its nodes carry unknowns of something without a mesh.
+
+        Such a cell has neither stiffness nor mass and is in no output. It shares no node, and lies
+        inside the box around the mesh and off its sides, so that the mesh's extent stays the same.
+
+        Args:
+            names: of the cells.
+        """
+        low, high = self.position.min(axis=0), self.position.max(axis=0)
+        shape = 0.5 * (low + high) + CARRIER_SIZE * (high - low) * np.array(_SHAPES[self.cell])
+        count, corners = len(self.position), len(shape)
+        first = 1 + max(part.tag for part in (*self.bodies.values(), *self.carriers.values()))
+        added = {
+            name: Part(first + k, count + corners * k + np.arange(corners)[None])
+            for k, name in enumerate(names)
+        }
+        position = np.concatenate([self.position, *[shape] * len(names)])
+        return replace(self, position=position, carriers={**self.carriers, **added})
 
     def packed(self) -> bytes:
         """All of it in numpy's format of several arrays, which holds numbers only."""

@@ -8,76 +8,22 @@ facet's nodes.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import scipy.sparse
-from numpy.typing import NDArray
 
 from geometry.surfaces.closest_point import CORNER, INTERIOR, closest_points, stationary_points
 from geometry.surfaces.facet_search import TIE, FacetSearch
-from geometry.surfaces.facets import Bools, FacetShape, Floats, Ints, unit_normals
+from geometry.surfaces.facets import FacetShape, Floats, Ints, unit_normals
 from geometry.surfaces.rays import RaySearch
 from geometry.surfaces.slave_normals import PointNormals
 from geometry.surfaces.smoothing import smooth_patches
+from geometry.surfaces.target import Projection
+
+__all__ = ["FacetSurface", "Projection"]
 
 # Reference distance past the edge of a facet up to which a point may stay on it.
 OVERRUN = 1e-4
 _TOUCHING = 1e-12  # distance over facet size below which x − ȳ has no direction
-
-
-@dataclass(slots=True)
-class Projection:
-    """The closest master point of every slave point.
-
-    Attributes:
-        facet: (q,) master facet that carries the closest point.
-        xi: (q, α) its reference coordinates.
-        foot: (q, i), m, current: the closest point ȳ.
-        normal: (q, i) unit outward normal of the master at ȳ; along x − ȳ where clamped.
-        tangents: (q, α, i), m, current: τ_α = ∂ȳ/∂ξ^α.
-        gap: (q,), m: g = (x − ȳ)·n, negative in penetration.
-        clamped: (q,) the closest point is on an edge or a corner and cannot leave it.
-        on_surface: (q,) False past the end of the master, where there is no contact.
-        curvature: (q, α, β, i), m, current: ∂²ȳ/∂ξ^α∂ξ^β; None where all facets are flat.
-        along: (q, α) reference direction of the edge that a clamped point can move along, zero at a
-            corner; None in the plane, where there are corners only.
-        share: (q,) how much of each point counts: less than 1 only right beside the open end of a
-            master in the plane; share_slope: (q,) its derivative for ξ. None: 1 everywhere.
-        rays: the slave's normals, where ȳ lies along them; None where it is the closest point.
-    """
-
-    facet: Ints
-    xi: Floats
-    foot: Floats
-    normal: Floats
-    tangents: Floats
-    gap: Floats
-    clamped: Bools
-    on_surface: Bools
-    curvature: Floats | None = None
-    along: Floats | None = None
-    share: Floats | None = None
-    share_slope: Floats | None = None
-    rays: PointNormals | None = None
-
-    def of(self, take: NDArray[np.int64]) -> Projection:
-        """The same of the points ``take`` (p,)."""
-        return Projection(
-            self.facet[take],
-            self.xi[take],
-            self.foot[take],
-            self.normal[take],
-            self.tangents[take],
-            self.gap[take],
-            self.clamped[take],
-            self.on_surface[take],
-            None if self.curvature is None else self.curvature[take],
-            None if self.along is None else self.along[take],
-            None if self.share is None else self.share[take],
-            None if self.share_slope is None else self.share_slope[take],
-            None if self.rays is None else self.rays.of(take),
-        )
 
 
 class FacetSurface:
@@ -228,6 +174,10 @@ class FacetSurface:
     def has_kinks(self) -> bool:
         """Whether facets of a master in the plane meet at an angle."""
         return self._rays is not None and self._rays.has_kinks
+
+    def excess(self, facet: Ints, xi: Floats) -> Floats:
+        """How far (q,) places ξ (q, α) are past an edge of their facets (q,); ≤ 0 inside."""
+        return self.shape.excess(xi)
 
     def places(self, facet: Ints, xi: Floats, nodes: Floats) -> tuple[Floats, Floats]:
         """Points ȳ (q, i) and tangents (q, α, i) of material places, on current nodes (n, i)."""

@@ -17,6 +17,7 @@ DOCUMENTED = {
     "Top level": ("",),
     "`[geometry]`": (
         "BlocksGeometry",
+        "PlacedBlocksGeometry",
         "CylinderOnBlockGeometry",
         "TwoCylindersGeometry",
         "BoxesGeometry",
@@ -24,6 +25,7 @@ DOCUMENTED = {
         "MeshGeometry",
     ),
     "`upper` and `lower`": ("BlockSize", "BoxSize"),
+    "`[geometry.blocks.NAME]`": ("PlacedBlockSize",),
     "`sphere`": ("SphereSize",),
     "`block` under a sphere": ("RoundBlockSize",),
     "`cylinder` and the `upper` and `lower` of two cylinders": ("CylinderSize",),
