@@ -8,8 +8,8 @@ from app.build.model import Model
 from app.equilibrium.snapshot import Snapshot
 from app.implicit.stepper import StepResult
 from app.simulation.contact_warnings import ContactWarnings
-from app.simulation.flow_watch import FlowWatch
 from app.simulation.floating_watch import FloatingWatch
+from app.simulation.flow_watch import FlowWatch
 from app.simulation.history import Row
 from app.simulation.left_master import LeftMaster
 from app.simulation.observer import Interval
