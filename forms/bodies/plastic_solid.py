@@ -135,7 +135,7 @@ class PlasticSolid(Solid):
             origin = self._remade or points.tangent_origin(u, dt)
             update = self._updated(F, origin, tangent=True)
             assert update.A is not None
-            self._put(self._moduli, update.A.reshape(len(F), -1))
+            self._put(self._moduli, update.A.reshape(len(F), self._width**2))
             self._tangent_origin = origin
             if found is None and origin.values is points.committed and origin.dt == dt:
                 found = self._keep(F, update, origin)
@@ -160,6 +160,8 @@ class PlasticSolid(Solid):
     def _deformation_gradients(self) -> Floats:
         """F (k, p) at the present displacement."""
         mesh = self._u.function_space.mesh
+        if not len(self.cells):
+            return np.empty((0, self._width))
         return cell_values(self._deformation, mesh, self.cells).reshape(-1, self._width)
 
     def _updated(
@@ -210,7 +212,7 @@ class PlasticSolid(Solid):
     def commit(self) -> None:
         """See :meth:`forms.bodies.solid.Solid.commit`."""
         before = self.points.last
-        done = self.points.commit()
+        done = self.points.commit(self._u.x.array)
         if done is not None and self._adopted is None:
             parts = (done.dissipation, done.numerical(before))
             self._dissipated = self._dissipated + [self._integral(part) for part in parts]

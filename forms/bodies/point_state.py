@@ -135,11 +135,16 @@ class PointState:
             return self.last.origin
         return Origin(self.committed, dt)
 
-    def commit(self) -> Evaluation | None:
-        """Start from the trial's values from now on; what was committed, None if nothing was."""
+    def commit(self, u: Floats) -> Evaluation | None:
+        """Start from the trial's values, at ``u`` (n,), m, from now on.
+
+        Returns:
+            What was committed; None where nothing was tried since the last time.
+        """
         done = self.trial
         if done is None:
             return None
+        assert np.array_equal(done.u, u, equal_nan=True), "what is committed is evaluated last"
         self.committed, self.last, self.trial = done.values, done, None
         self.number += 1
         return done

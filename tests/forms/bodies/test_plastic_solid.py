@@ -305,3 +305,17 @@ def test_another_material_compiles_nothing():
     assert codes[0] == codes[1]
     assert not isinstance(body(*KINDS[1], Hencky(G, K))[1], PlasticSolid)
     assert Solid.flows is False and PlasticSolid.flows is True
+
+
+def test_a_rank_without_cells_of_the_body_takes_part():
+    u = body(*KINDS[1], SOON)[0]
+    none = PlasticSolid("none", u, np.empty(0, np.int32), SOON, "q1-sri")
+    bend(u)
+    assert none.evaluate(1.0, tangent=True) and none.evaluate_elastic()
+    assert (forces(none) == 0.0).all() and (stiffness(none) == 0.0).all()
+    none.commit()
+    assert none.strain_energy() == 0.0 and (none.dissipated == 0.0).all()
+    assert none.largest_flow() == (0.0, 0.0)
+    assert none.point_rows(none.cell_rows(none.history().origin.values)).shape == (0, 5)
+    F = np.empty((0, 3, 3))
+    assert none.stress_at(none.cells, None).cauchy(F, F).shape == (0, 3, 3)
