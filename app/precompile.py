@@ -58,7 +58,14 @@ def _compile(group: _Group) -> Iterator[str]:
     from app.results.fields import StressField
     from forms.bodies.elastoplastic import ElastoPlastic
     from forms.bodies.hardening import Linear
-    from forms.bodies.loads import FollowerPressure, mean_normal, reference_area
+    from forms.bodies.loads import (
+        BodyForce,
+        DeadTraction,
+        FollowerPressure,
+        Foundation,
+        mean_normal,
+        reference_area,
+    )
     from forms.bodies.lumped_mass import mass_form
     from forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean
     from forms.bodies.nodal_weights import body_form, surface_form
@@ -87,7 +94,10 @@ def _compile(group: _Group) -> Iterator[str]:
     FollowerPressure(u, facets, group.section)
     reference_area(mesh, facets, group.section)
     surface_form(space, facets, group.section)
-    mean_normal(mesh, facets, 0)
+    mean_normal(mesh, facets)
+    DeadTraction(u, facets, group.section)
+    BodyForce(u, cells, 1.0, group.section)
+    Foundation(u, facets, group.section)
     for degree in group.degrees:
         point_operator(space, facets, degree)
     yield f"{group.cell} {group.section} loads and contact points"

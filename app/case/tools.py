@@ -17,7 +17,7 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
-from app.case.boundary import COMPONENTS, Displacement, Velocity
+from app.case.motions import COMPONENTS, Displacement, Velocity
 from app.case.named_file import found_file
 from app.case.quantities import Quantity, QuantityError, parse_bounded
 from app.case.table import MOST_ENTRIES, Flag, Model, Place, Problem, Text

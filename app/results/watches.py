@@ -21,8 +21,8 @@ class Watches:
 
     Attributes:
         roundoff: steps that ended at round-off; contacts: penetration, evenness, resolution;
-            left: points that run past the end of their master; flow: how far bodies flow;
-            floating: bodies that nothing holds.
+            left: points that run past the end of their master; floating: bodies that nothing holds;
+            flow: how far bodies flow.
         told: warnings that are given once only and have been, by a word for each.
     """
 
@@ -35,15 +35,15 @@ class Watches:
         """
         self.roundoff = RoundOffWatch(model.problem, model.case.solver.tolerance)
         self.contacts = ContactWarnings(model.problem, None if kept is None else kept["contacts"])
-        self.flow = FlowWatch(model.problem)
         self.left, self.floating = LeftMaster(model), FloatingWatch()
+        self.flow = FlowWatch(model.problem)
         self.told: set[str] = set()
         self._thickness = model.thickness
         if kept is not None:
             self.told = set(kept["told"])
             self.left.restore(kept["left"])
-            self.flow.restore(kept["flow"])
             self.floating.restore(kept["floating"])
+            self.flow.restore(kept["flow"])
             self.roundoff.restore(kept["roundoff"])
 
     def step(self, row: Row, result: StepResult | Interval) -> None:
@@ -51,8 +51,8 @@ class Watches:
         self.roundoff.step(row, result)
         self.contacts.step(row, self._thickness)
         self.left.step(row)
-        self.flow.step(row)
         self.floating.step(row, result)
+        self.flow.step(row)
 
     def first_time(self, what: str) -> bool:
         """Whether this has not been told yet; it counts as told from now on."""
@@ -64,8 +64,8 @@ class Watches:
         """What there is to say at the end, in stage ``stage``; collective."""
         yield from self.left.warnings()
         yield from self.contacts.warnings()
-        yield from self.flow.warnings()
         yield from self.floating.warnings()
+        yield from self.flow.warnings()
         self.roundoff.end(stage)
 
     def snapshot(self) -> Snapshot:
@@ -73,8 +73,8 @@ class Watches:
         return {
             "told": sorted(self.told),
             "left": self.left.snapshot(),
-            "flow": self.flow.snapshot(),
             "floating": self.floating.snapshot(),
+            "flow": self.flow.snapshot(),
             "roundoff": self.roundoff.snapshot(),
             "contacts": self.contacts.snapshot(),
         }
