@@ -144,6 +144,9 @@ class Case(Model):
             value = value.values[0]
         if isinstance(value, int | float) and not isinstance(value, bool):
             return float(value)
+        if self.sweep.key.endswith(".material"):  # of an entry of the library its law says little
+            body = value_at(part, self.sweep.key.removesuffix(".material"))
+            value = getattr(body, "library", None) or value
         return value if isinstance(value, str) else None
 
     def _rebuilt(self, data: dict[str, Any]) -> Case:
