@@ -18,6 +18,7 @@ from app.build.contact_notes import (
     Corners,
     note_on_corners,
     note_on_idle_film,
+    note_on_radius,
     note_on_stick,
     note_on_tie,
     notes_on_penalty,
@@ -131,6 +132,7 @@ class ContactBuilder:
         notes = (
             *stiffer_slave(index, asked, self.named.body_of(asked.slave), *materials),
             *notes_on_surfaces(f"contact.{index}", asked, lengths, distance),
+            *note_on_radius(f"contact.{index}", asked, length, self._radius(asked)),
             *note_on_idle_film(f"contact.{index}", asked),
             *note_on_corners(f"contact.{index}", asked, corners_of(asked, surface, at, distance)),
             *notes_on_penalty(index, factor, ratio, self.case.is_explicit, table.pressure),
@@ -205,17 +207,22 @@ class ContactBuilder:
             if tool is not None:
                 rigid = tool.surface, tool.nodes, tool.motion
                 return ContactSurface.for_tool(self.space, slave, *rigid, quadrature, ring)
-            master, smoothing = self.named.facets(contact.master), contact.smoothing_angle
-            return ContactSurface(self.space, slave, master, quadrature, ring, smoothing)
+            master = self.named.facets(contact.master)
+            ends = contact.smoothing_angle, contact.fade_length
+            return ContactSurface(self.space, slave, master, quadrature, ring, *ends)
         except ValueError as error:
             raise InputError(f"contact.{index}: {error}") from None
 
     def _master_length(self, contact: Contact) -> float:
-        """Length of the master's facets, m; of a tool that of its smallest features; collective."""
-        tool = self.tools.get(contact.master)
-        if tool is not None:
-            return tool.surface.size
+        """Length of the master's facets, m; infinite of a tool, which has none; collective."""
+        if contact.master in self.tools:
+            return np.inf
         return facet_length(self.named.mesh, self.named.facets(contact.master))
+
+    def _radius(self, contact: Contact) -> float | None:
+        """Smallest radius of a tool, m; None without one."""
+        table = self.case.tools.get(contact.master)
+        return None if table is None else table.smallest_radius
 
     def _materials(self, index: int, contact: Contact) -> tuple[Material, ...]:
         """Materials of the bodies of slave and master; of the slave alone against a tool."""

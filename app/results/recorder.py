@@ -354,7 +354,8 @@ def force_balance(simulation: Simulation) -> float | None:
     still = [s.name for s in case.stage if solver_of(s, case.solver.kind) == "implicit"]
     problem.spread(simulation.state.stepper.x)  # not what a failed step left
     noise = problem.roundoff * simulation.model.thickness
-    return simulation.state.motion.force_balance(still, noise)
+    largest = simulation.state.tools.largest_force(still)
+    return simulation.state.motion.force_balance(still, noise, largest)
 
 
 def _unbalanced(simulation: Simulation, balance: float | None) -> Iterator[str]:

@@ -170,8 +170,7 @@ def vector_integrals(term: ContactTerm, trial: ContactTrial) -> dict[str, Floats
         out["centre"] = load @ trial.position
     if trial.carried is not None:
         arm = trial.projection.foot - trial.carried.centre
-        turning = -(weight @ np.cross(arm, trial.traction))
-        out["tool_moment"] = np.array([turning, 0.0]) if term.surface.dim == 2 else turning
+        out["tool_moment"] = -(weight @ _moments(arm, trial.traction))
     return out
 
 
@@ -242,6 +241,15 @@ def _twist(vectors: dict[str, Floats], normal: Floats) -> float:
         return 0.0
     lever = np.cross(vectors["centre"] / load, vectors["friction"])
     return float((vectors["moment"] - lever) @ normal)
+
+
+def _moments(arm: Floats, force: Floats) -> Floats:
+    """Moments (q, i) of forces (q, i); in the plane that across it beside a 0."""
+    if arm.shape[1] == 3:
+        out: Floats = np.cross(arm, force).astype(np.float64)
+        return out
+    turning = arm[:, 0] * force[:, 1] - arm[:, 1] * force[:, 0]
+    return np.stack([turning, np.zeros_like(turning)], axis=1)
 
 
 def _on_tool(vectors: dict[str, Floats], axisymmetric: bool) -> tuple[float, ...]:

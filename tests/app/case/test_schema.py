@@ -35,6 +35,11 @@ DOCUMENTED = {
     "`[[contact]]`": ("Contact",),
     "`[contact.film]`": ("Film",),
     "`[contact.friction]`": ("FrictionMap", "Coulomb", "Stribeck", "OwnLaw", "Frictionless"),
+    "`[tools.NAME]`": (
+        *("PlaneTool", "CircleTool", "CylinderTool", "SphereTool", "PolylineTool", "MeshTool"),
+    ),
+    "`force` of a tool": ("ToolForce",),
+    "`rotation` of a tool": ("ToolRotation",),
     "`[[boundary]]`": ("Boundary",),
     "`displacement` and `velocity`": ("Displacement", "Velocity"),
     "`platen`": ("Platen",),
