@@ -16,10 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forms.contact.explicit import ROUNDOFF_DEPTH, ExplicitContact
+from forms.contact.explicit_tie import ExplicitTie
 from forms.contact.kinematics import ContactKinematics
 from forms.contact.penalty import ContactTerm
 from forms.contact.pressure import TOUCHING, AveragedPressure
 from forms.contact.state import AS_IS, ContactState, ContactTrial, NormalContact
+from forms.contact.tie import TieTerm
 from forms.native.libraries import library
 from geometry.surfaces.exchange import NodalVector
 from geometry.surfaces.facet_search import TIE
@@ -258,7 +260,11 @@ class CompiledContact(ExplicitContact):
             inputs["nodal_pressure"][:], inputs["active"][:] = nodal, active
         self._code.tribox_pair_relate(now.at)
         pressure = arrays["pressure"]
-        return NormalContact(arrays["closed"], pressure, pressure, gap, nodal, active)
+        normal = NormalContact(arrays["closed"], pressure, pressure, gap, nodal, active)
+        if self.term.active:
+            return normal
+        pressure[:], arrays["closed"][:] = 0.0, False
+        return normal.opened()
 
     @property
     def searched_at(self) -> tuple[Floats, Floats] | None:
@@ -348,9 +354,15 @@ def explicit_contact(term: ContactTerm, compiled: bool = True) -> ExplicitContac
         term: the pair.
         compiled: False for numpy throughout.
     """
+    if isinstance(term, TieTerm):
+        return ExplicitTie(term)
     surface, target = term.surface, term.surface.target
     # The compiled loop takes the section's stretch as area ratio, which is wrong for rings.
-    straight = isinstance(target, FacetSurface) and target.shape.count == 2
-    straight = straight and not surface.axisymmetric
+    straight = (
+        isinstance(target, FacetSurface)
+        and target.shape.count == 2
+        and target.fade_length is None
+        and not surface.axisymmetric
+    )
     code = library(SOURCE) if compiled and straight else None
     return ExplicitContact(term) if code is None else CompiledContact(term, code)

@@ -18,7 +18,7 @@ from pathlib import Path
 
 from geometry.compat import compiler_cache
 
-SOURCES = ("plane_kernel.c", "plane_contact.c")
+SOURCES = ("plane_kernel.c", "plane_contact.c", "plastic_points.c")
 FLAGS = ("-std=gnu11", "-O3", "-fno-math-errno", "-fPIC", "-shared", "-w")
 
 
@@ -31,6 +31,8 @@ def library(name: str) -> ctypes.CDLL | None:
     """
     source = Path(__file__).with_name(name)
     key = hashlib.sha256(source.read_bytes())
+    for header in sorted(source.parent.glob("*.h")):
+        key.update(header.read_bytes())
     key.update(" ".join((*FLAGS, platform.machine())).encode())
     file = f"libtribox_{source.stem}_{key.hexdigest()[:24]}.so"
     for directory in filter(_trusted, _caches()):

@@ -13,62 +13,10 @@
  * gathered: strains far below the spacing of the coordinates' own round-off are not lost.
  */
 
-#include <stdint.h>
-
-#define LANES 8
-typedef double vec __attribute__((vector_size(8 * LANES)));
-typedef int64_t ivec __attribute__((vector_size(8 * LANES)));
-typedef uint64_t uvec __attribute__((vector_size(8 * LANES)));
-
-#define INLINE static inline __attribute__((always_inline))
-
-/* One library for every x86 processor: the loader of the system picks the clone at run time. */
-#if defined(__x86_64__) && defined(__linux__)
-#define EXPORT __attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default")))
-#else
-#define EXPORT
-#endif
+#include "lanes.h"
 
 enum material { NEO_HOOKEAN, MOONEY_RIVLIN, HENCKY };
 enum part { WHOLE, DISTORTION, VOLUME };
-
-INLINE vec all(double x)
-{
-    return (vec){} + x;
-}
-
-INLINE vec choose(ivec mask, vec a, vec b)
-{
-    return (vec)(((ivec)a & mask) | ((ivec)b & ~mask));
-}
-
-INLINE int any(ivec mask)
-{
-    int64_t found = 0;
-    for (int l = 0; l < LANES; ++l)
-        found |= mask[l];
-    return found != 0;
-}
-
-/* ln x for finite x > 0, to about one unit in the last place (method and coefficients of
- * FreeBSD's e_log.c: s = f/(2 + f), a polynomial in s^2). */
-INLINE vec logarithm(vec x)
-{
-    const uint64_t low = 0x3fe6a09e667f3bcdULL, bias = 1024ULL << 52;
-    uvec k = ((uvec)x - low + bias) >> 52;
-    vec m = (vec)((uvec)x - (k << 52) + bias);
-    vec n = (vec)(k + 0x4330000000000000ULL) - (4503599627370496.0 + 1024.0);
-    vec f = m - 1.0, s = f / (m + 1.0), z = s * s;
-    vec r = 1.479819860511658591e-01 * z + 1.531383769920937332e-01;
-    r = r * z + 1.818357216161805012e-01;
-    r = r * z + 2.222219843214978396e-01;
-    r = r * z + 2.857142874366239149e-01;
-    r = r * z + 3.999999999940941908e-01;
-    r = r * z + 6.666666666666735130e-01;
-    vec h = 0.5 * f * f;
-    return n * 6.93147180369123816490e-01 -
-           ((h - (s * (h + r * z) + n * 1.90821492927058770002e-10)) - f);
-}
 
 /* x^(-1/3) for x > 0: a start from the exponent, then y <- y (4 - x y^3)/3. */
 INLINE vec inverse_cube_root(vec x)

@@ -207,7 +207,8 @@ class Polyline(RigidShape):
         else:
             found = self._ends.along_rays(piece, xi, out.on_surface, reach, out.rays.normal)
         if found is not None:
-            out.share, out.share_slope, out.share_turn = found.share, found.slope, found.turn
+            out.share, out.share_turn = found.share, found.turn
+            out.share_slope = found.slope[:, None]
 
     def outline(self, box: Floats, count: int = 64) -> Outline:
         """See :class:`~geometry.surfaces.rigid.RigidSurface`; a fillet has ``count`` per turn."""

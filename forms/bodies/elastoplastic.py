@@ -1,0 +1,44 @@
+"""Metals: elastic in the logarithmic strain, plastic by von Mises with isotropic hardening.
+
+The strain energy is that of Hencky; what flows is computed at material points with a memory, see
+:mod:`forms.bodies.plastic_points`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from forms.bodies.hardening import Hardening, RateFactor
+from forms.bodies.kinematics import Kinematics
+from forms.bodies.materials import Hencky
+
+
+@dataclass(frozen=True, slots=True)
+class ElastoPlastic:
+    """Finite J2 plasticity with F = Fᵉ Fᵖ and Hencky's energy of Fᵉ.
+
+    Attributes:
+        shear_modulus: G, Pa.
+        bulk_modulus: K, Pa.
+        hardening: yield stress over the equivalent plastic strain.
+        rate: factor of the yield stress for the rate of that strain; None: independent of rate.
+    """
+
+    shear_modulus: float
+    bulk_modulus: float
+    hardening: Hardening
+    rate: RateFactor | None = None
+
+    @property
+    def elastic(self) -> Hencky:
+        """The same body without plastic flow."""
+        return Hencky(self.shear_modulus, self.bulk_modulus)
+
+    def parameters(self) -> dict[str, float]:
+        """G and K, Pa."""
+        return self.elastic.parameters()
+
+    def energy(self, k: Kinematics, c: dict[str, Any]) -> tuple[Any, Any]:
+        """Strain energy of an elastic deformation, see Hencky."""
+        return self.elastic.energy(k, c)

@@ -1,0 +1,182 @@
+"""Material points of metals: stress, memory and consistent tangent of finite J2 plasticity.
+
+F = Fᵉ Fᵖ; elastic energy W = G |dev e|² + K/2 (tr e)² of the logarithmic strain e = ½ ln bᵉ; yield
+stress σ_Y(α); the flow rule integrated by the exponential map, so that plastic flow keeps the
+volume (Simo, Comput. Methods Appl. Mech. Engng 99 (1992) 61; de Souza Neto, Perić & Owen,
+Computational Methods for Plasticity (2008), ch. 14). In the principal axes n_a of the trial
+bᵉ = F C_p⁻¹ Fᵀ = Σ w_a n_a⊗n_a everything is scalar, and with G_a = F⁻¹ n_a
+
+    P = Σ τ_a n_a⊗G_a,   C_p⁻¹ ← Σ exp(2 e_a) G_a⊗G_a,
+    A = ∂P/∂F = Σ B_(ab)(cd) M_ab⊗M_cd,   M_ab = n_a⊗G_b,
+
+where B couples M_11, M_22, M_33 by D_ab − τ_a δ_ab with D = ∂τ/∂e, and M_ab with M_ba by
+[[g + τ_b, g], [g, g + τ_a]], g = (τ_a w_b − τ_b w_a)/(w_a − w_b).
+
+Components: in the plane 5 of F, P, A (11, 12, 21, 22, 33) and 5 of the state, C_p⁻¹ (11, 22, 33,
+12) and α; in space 9, row by row, and 7, C_p⁻¹ (11, 22, 33, 12, 23, 13) and α. Axis letters: n
+points, p components, a, b principal axes, i, J components in space.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forms.bodies.compiled_points import compiled_points
+from forms.bodies.elastoplastic import ElastoPlastic
+from forms.bodies.principal_axes import PrincipalAxes, axes_in_plane, axes_in_space, log_ratio
+from forms.bodies.return_mapping import Flow, flow
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+PLANE = (0, 1, 3, 4, 8)  # places of the plane's components among the nine
+
+
+@dataclass(frozen=True, slots=True)
+class PlasticUpdate:
+    """What an update of n points gives; energies per reference volume.
+
+    Attributes:
+        P: (n, p), Pa, first Piola stress.
+        state: (n, s) at the end of the step.
+        A: (n, p, p), Pa, ∂P/∂F; None if not asked for.
+        elastic: (n,), J/m³, stored energy (its distortional part if that alone was asked for).
+        dissipation: (n,), J/m³, plastic work of the step, σ(end) Δα ≥ 0.
+        numerical: (n,), J/m³, the part of it that is due to the step's size: ½ (σ_Y(end) −
+            σ_Y(begin)) Δα above the work along the hardening curve.
+        valid: False if det F is not positive, or a number not finite, at any point; at such points
+            all floats but the state are NaN, and the state is that of the step's begin.
+    """
+
+    P: Floats
+    state: Floats
+    A: Floats | None
+    elastic: Floats
+    dissipation: Floats
+    numerical: Floats
+    valid: bool
+
+
+class PlasticPoints:
+    """The update of a material's points. It keeps no state: what comes in is not changed."""
+
+    def __init__(self, material: ElastoPlastic, space: bool, compiled: bool = True) -> None:
+        """Take the material.
+
+        Args:
+            material: moduli, hardening and rate factor.
+            space: 9 components of F instead of the plane's 5.
+            compiled: whether to use the compiled loop where there is one.
+        """
+        self.material = material
+        self.space = space
+        self.components, self.variables = (9, 7) if space else (5, 5)
+        self._compiled = compiled_points(material, space) if compiled else None
+
+    @property
+    def compiled(self) -> bool:
+        """Whether the loop is compiled: there is a C compiler, and it knows the laws."""
+        return self._compiled is not None
+
+    def start(self, points: int) -> Floats:
+        """State (points, s) of a body that has not flowed: C_p⁻¹ = I, α = 0."""
+        state = np.zeros((points, self.variables))
+        state[:, :3] = 1.0
+        return state
+
+    def update(
+        self, F: Floats, state: Floats, dt: float, tangent: bool, volumetric: bool = True
+    ) -> PlasticUpdate:
+        """Stress, new state and energies at the deformation gradients ``F``.
+
+        Args:
+            F: (n, p) deformation gradients at the end of the step.
+            state: (n, s) at its begin.
+            dt: s, its length; read if the material has a rate factor, which ``inf`` makes 1.
+            tangent: whether to compute A.
+            volumetric: False leaves the terms in K out (selective reduced integration).
+
+        Raises:
+            ValueError: arrays of other shapes, or dt ≤ 0 for a material with a rate factor.
+        """
+        self._check(F, state, dt)
+        bulk = self.material.bulk_modulus if volumetric else 0.0
+        if self._compiled is not None:
+            P, new, A, energies, valid = self._compiled(F, state, dt, bulk, tangent)
+            return PlasticUpdate(P, new, A, *energies, valid=valid)
+        with np.errstate(all="ignore"):
+            return self._update(F, state, dt, tangent, bulk)
+
+    def _check(self, F: Floats, state: Floats, dt: float) -> None:
+        wanted = (len(F), self.components), (len(F), self.variables)
+        if (F.shape, state.shape) != wanted:
+            raise ValueError(f"F and state have shapes {F.shape}, {state.shape}, not {wanted}")
+        if self.material.rate is not None and not dt > 0.0:
+            raise ValueError(f"dt is {dt}: a material with a rate factor needs dt > 0")
+
+    def _update(
+        self, F: Floats, state: Floats, dt: float, tangent: bool, bulk: float
+    ) -> PlasticUpdate:
+        """The update in numpy."""
+        axes = (axes_in_space if self.space else axes_in_plane)(F, state)
+        flowed = flow(self.material, axes.logs, state[:, -1], dt)
+        volume = axes.logs.sum(axis=1)
+        tau = flowed.deviator + (bulk * volume)[:, None]
+        bases = axes.bases()
+        bases = bases if self.space else bases[:, :, PLANE]
+        P = np.einsum("na,nap->np", tau, bases[:, ::4])
+        good = axes.valid & np.isfinite(P).all(axis=1) & np.isfinite(flowed.step)
+        A = None
+        if tangent:
+            B = principal_tangent(axes, flowed, tau, self.material.shear_modulus, bulk)
+            A = np.swapaxes(bases, 1, 2) @ B @ bases
+            good &= np.isfinite(A).all(axis=(1, 2))
+            A[~good] = np.nan
+        elastic = (flowed.deviator**2).sum(axis=1) / (4.0 * self.material.shear_modulus)
+        elastic += 0.5 * bulk * volume**2
+        dissipation, numerical = flowed.stress * flowed.step, flowed.numerical
+        for values in (P, elastic, dissipation, numerical):
+            values[~good] = np.nan
+        new = self._state(axes, flowed, state, good)
+        return PlasticUpdate(P, new, A, elastic, dissipation, numerical, bool(good.all()))
+
+    def _state(self, axes: PrincipalAxes, flowed: Flow, state: Floats, good: Bools) -> Floats:
+        """The state at the end; where nothing flowed, the one at the begin to the last bit."""
+        e = axes.logs - axes.logs.mean(axis=1)[:, None]
+        stretch = axes.w * np.exp(-2.0 * (1.0 - flowed.theta)[:, None] * e)
+        C = np.einsum("na,nai,naj->nij", stretch, axes.G, axes.G).reshape(-1, 9)
+        places = (0, 4, 8, 1, 5, 2) if self.space else (0, 4, 8, 1)
+        new = np.column_stack([C[:, places], state[:, -1] + flowed.step])
+        return np.where((good & (flowed.step > 0.0))[:, None], new, state)
+
+
+def principal_tangent(
+    axes: PrincipalAxes, flowed: Flow, tau: Floats, shear: float, bulk: float
+) -> Floats:
+    """B (n, 3a + b, 3c + d), Pa, of the module's docstring.
+
+    g is written as Gθ artanh(z)/z − ½ (τ_a + τ_b), z = (w_a − w_b)/(w_a + w_b), which holds as it
+    stands where w_a = w_b.
+
+    Args:
+        axes: principal axes of the trial state.
+        flowed: what the return mapping gave.
+        tau: (n, a), Pa, principal Kirchhoff stresses.
+        shear: G, Pa.
+        bulk: K, Pa.
+    """
+    n, eye = flowed.direction, np.eye(3)
+    B = np.zeros((len(tau), 9, 9))
+    D = 2.0 * shear * flowed.theta[:, None, None] * (eye - 1.0 / 3.0) + bulk
+    D -= 2.0 * shear * flowed.theta_bar[:, None, None] * n[:, :, None] * n[:, None, :]
+    B[:, ::4, ::4] = D - tau[:, :, None] * eye
+    for a, b in ((0, 1), (0, 2), (1, 2)):
+        ratio = log_ratio(axes.w[:, a], axes.w[:, b], axes.logs[:, a] - axes.logs[:, b])
+        g = shear * flowed.theta * ratio - 0.5 * (tau[:, a] + tau[:, b])
+        ab, ba = 3 * a + b, 3 * b + a
+        B[:, ab, ba] = B[:, ba, ab] = g
+        B[:, ab, ab], B[:, ba, ba] = g + tau[:, b], g + tau[:, a]
+    return B

@@ -1,0 +1,90 @@
+/* Numbers eight at a time: the vectors that the loops work on, and their functions. */
+
+#include <stdint.h>
+
+#define LANES 8
+typedef double vec __attribute__((vector_size(8 * LANES)));
+typedef int64_t ivec __attribute__((vector_size(8 * LANES)));
+typedef uint64_t uvec __attribute__((vector_size(8 * LANES)));
+
+#define INLINE static inline __attribute__((always_inline))
+
+/* One library for every x86 processor: the loader of the system picks the clone at run time. */
+#if defined(__x86_64__) && defined(__linux__)
+#define EXPORT __attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default")))
+#else
+#define EXPORT
+#endif
+
+INLINE vec all(double x)
+{
+    return (vec){} + x;
+}
+
+INLINE vec choose(ivec mask, vec a, vec b)
+{
+    return (vec)(((ivec)a & mask) | ((ivec)b & ~mask));
+}
+
+INLINE int any(ivec mask)
+{
+    int64_t found = 0;
+    for (int l = 0; l < LANES; ++l)
+        found |= mask[l];
+    return found != 0;
+}
+
+/* ln x for finite x > 0, to about one unit in the last place (method and coefficients of
+ * FreeBSD's e_log.c: s = f/(2 + f), a polynomial in s^2). */
+INLINE vec logarithm(vec x)
+{
+    const uint64_t low = 0x3fe6a09e667f3bcdULL, bias = 1024ULL << 52;
+    uvec k = ((uvec)x - low + bias) >> 52;
+    vec m = (vec)((uvec)x - (k << 52) + bias);
+    vec n = (vec)(k + 0x4330000000000000ULL) - (4503599627370496.0 + 1024.0);
+    vec f = m - 1.0, s = f / (m + 1.0), z = s * s;
+    vec r = 1.479819860511658591e-01 * z + 1.531383769920937332e-01;
+    r = r * z + 1.818357216161805012e-01;
+    r = r * z + 2.222219843214978396e-01;
+    r = r * z + 2.857142874366239149e-01;
+    r = r * z + 3.999999999940941908e-01;
+    r = r * z + 6.666666666666735130e-01;
+    vec h = 0.5 * f * f;
+    return n * 6.93147180369123816490e-01 -
+           ((h - (s * (h + r * z) + n * 1.90821492927058770002e-10)) - f);
+}
+
+/* e^x to about one unit in the last place for |x| < 700: x = n ln 2 + r, Taylor's series in r. */
+INLINE vec exponential(vec x)
+{
+    const double shift = 6755399441055744.0; /* 1.5 * 2^52: adding it rounds to a whole number */
+    vec n = (x * 1.44269504088896338700e+00 + shift) - shift;
+    vec r = (x - n * 6.93147180369123816490e-01) - n * 1.90821492927058770002e-10;
+    const double c[] = {1.0 / 479001600, 1.0 / 39916800, 1.0 / 3628800, 1.0 / 362880, 1.0 / 40320,
+                        1.0 / 5040,      1.0 / 720,      1.0 / 120,     1.0 / 24,     1.0 / 6,
+                        1.0 / 2};
+    vec y = all(1.0 / 6227020800);
+    for (int i = 0; i < 11; ++i)
+        y = y * r + c[i];
+    y = (y * r + 1.0) * r + 1.0;
+    uvec bits = (uvec)(n + shift) << 52;
+    return (vec)((uvec)y + bits);
+}
+
+INLINE vec square_root(vec x)
+{
+    for (int l = 0; l < LANES; ++l)
+        x[l] = __builtin_sqrt(x[l]);
+    return x;
+}
+
+INLINE vec absolute(vec x)
+{
+    return (vec)((uvec)x & 0x7fffffffffffffffULL);
+}
+
+/* Whether numbers are finite. */
+INLINE ivec is_finite(vec x)
+{
+    return (ivec)(x - x == 0.0);
+}
