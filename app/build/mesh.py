@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from mpi4py import MPI
@@ -66,13 +66,15 @@ def _made_mesh(case: Case, comm: MPI.Comm, carriers: Sequence[str]) -> NamedMesh
 
 def _name_problems(case: Case, named: NamedMesh) -> Iterator[str]:
     """Names of the case that the mesh has not, and bodies the other way round."""
-    wanted = [(f"bodies.{name}", named.body_tag, name) for name in case.bodies]
+    wanted: list[tuple[str, Callable[[str], object], str]] = [
+        (f"bodies.{name}", named.body_tag, name) for name in case.bodies
+    ]
     for index, contact in enumerate(case.contact):
         wanted.append((f"contact.{index}.slave", named.surface_tag, contact.slave))
         if contact.master not in case.tools:
             wanted.append((f"contact.{index}.master", named.surface_tag, contact.master))
     for index, boundary in enumerate(case.boundary):
-        wanted.append((f"boundary.{index}.surface", named.surface_tag, boundary.surface))
+        wanted.append((f"boundary.{index}.surface", named.heed_place, boundary.surface))
     for place, tag_of, name in wanted:
         try:
             tag_of(name)
@@ -121,6 +123,10 @@ def _section_problems(case: Case, named: NamedMesh) -> Iterator[str]:
         return
     for index, boundary in enumerate(case.boundary):
         yield from map(format_problem, boundary.section_problems(section, ("boundary", index)))
+        if boundary.surface in named.groups:
+            yield from map(format_problem, boundary.group_problems(("boundary", index)))
+    if case.gravity is not None:
+        yield from map(format_problem, case.gravity.section_problems(section, ("gravity",)))
     for name, tool in case.tools.items():
         yield from map(format_problem, tool.section_problems(section, ("tools", name)))
     for name, body in case.bodies.items():

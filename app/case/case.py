@@ -19,7 +19,12 @@ from pydantic import (
 )
 
 from app.case.bodies import Body, formulation_problems
-from app.case.boundary import Boundary, boundary_problems, control_problems
+from app.case.boundary import (
+    Boundary,
+    boundary_problems,
+    control_problems,
+    named_stage_problems,
+)
 from app.case.contact import Contact
 from app.case.friction import OwnLaw
 from app.case.generators import BlocksGeometry, CylinderOnBlockGeometry, TwoCylindersGeometry
@@ -29,7 +34,8 @@ from app.case.overrides import KeyPathError, set_value, value_at
 from app.case.placed_blocks import PlacedBlocksGeometry
 from app.case.probe import Probe, probe_problems
 from app.case.solver import LONGEST_LABEL, Output, Solver, Sweep
-from app.case.stage import Stage, order_problems, solver_of, stage_problems
+from app.case.stage import Stage, order_problems, release_problems, solver_of, stage_problems
+from app.case.surface_loads import Gravity
 from app.case.table import MOST_ENTRIES, Line, Model, Name, Place, Problem, problems_error
 from app.case.time_tables import TimeTable
 from app.case.toml_writer import toml_text
@@ -75,6 +81,9 @@ class Case(Model):
         min_length=1,
         max_length=MOST_ENTRIES,
         description="supports, motions and loads of surfaces, [[boundary]]",
+    )
+    gravity: Gravity | None = Field(
+        default=None, description="acceleration of gravity, which acts on the mass of all bodies"
     )
     stage: tuple[Stage, ...] = Field(
         min_length=1,
@@ -216,6 +225,8 @@ class Case(Model):
         yield from order_problems(self.stage, self.solver.kind, ("stage",))
         solvers = {stage.name: solver_of(stage, self.solver.kind) for stage in self.stage}
         yield from control_problems(self.boundary, solvers, ("boundary",))
+        yield from release_problems(self.stage, self.boundary, self.solver.kind, ("stage",))
+        yield from self._gravity_problems(solvers)
         yield from self._inertia_problems()
         for index, stage in enumerate(self.stage):
             if stage.velocities and not stage.velocities_within(self.film_conductance):
@@ -249,6 +260,20 @@ class Case(Model):
     def is_explicit(self) -> bool:
         """Whether a stage runs with explicit dynamics."""
         return self.solver.kind == "explicit" and any(s.solver != "implicit" for s in self.stage)
+
+    def _gravity_problems(self, solvers: Mapping[str, str]) -> Iterator[Problem]:
+        """Gravity without a direction or on bodies without mass."""
+        if self.gravity is None:
+            return
+        yield from self.gravity.problems(("gravity",))
+        place = ("gravity", "stages")
+        yield from named_stage_problems(self.gravity.stages, solvers, place)
+        if self.geometry.built_section is not None:
+            yield from self.gravity.section_problems(self.geometry.built_section, ("gravity",))
+        for name, body in self.bodies.items():
+            if body.density is None and not self.is_explicit:
+                reason = 'missing; gravity needs the mass of each body, in "kg/m^3"'
+                yield Problem(("bodies", name, "density"), reason)
 
     def _inertia_problems(self) -> Iterator[Problem]:
         """Bodies without mass in explicit dynamics, and inertia where there is none."""

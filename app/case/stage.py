@@ -9,7 +9,7 @@ from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
 
 from app.case.boundary import DRIVEN, Boundary
 from app.case.quantities import Quantity
-from app.case.table import MOST_ENTRIES, Count, Flag, Model, Name, Place, Problem
+from app.case.table import MOST_ENTRIES, Count, Flag, Model, Name, Place, Problem, Text
 from app.case.tools import Tool
 
 _STEADY_KEYS = (
@@ -76,6 +76,11 @@ class Stage(Model):
         description="bring the bodies to rest: all velocities are set to zero at each peak of the "
         "kinetic energy (dynamic relaxation); explicit only",
     )
+    release: tuple[Text, ...] = Field(
+        default=(),
+        description="surfaces whose displacements are given up: their reactions are taken off "
+        "evenly over the stage, and they are free for the rest of the run; with duration",
+    )
 
     @property
     def is_driven(self) -> bool:
@@ -99,7 +104,8 @@ class Stage(Model):
         idle = (
             ("duration", "steps", "velocity") if self.velocities else ("velocities", *_STEADY_KEYS)
         )
-        return {key: value for key, value in handler(self).items() if key not in idle}
+        kept = {key: value for key, value in handler(self).items() if key not in idle}
+        return {key: value for key, value in kept.items() if key != "release" or value}
 
     def problems(self, place: Place) -> Iterator[Problem]:
         """Keys that do not fit together; `place` is where this table stands in the case."""
@@ -148,6 +154,38 @@ def stage_problems(
             found.append(Problem((*place, index, "name"), reason, stage.name))
         names.add(stage.name)
     yield from found or _driving_problems(stages, boundaries, place, tools or {})
+
+
+def release_problems(
+    stages: Sequence[Stage], boundaries: Sequence[Boundary], default: str, place: Place
+) -> Iterator[Problem]:
+    """Releases of what nothing holds, and where there are no reactions.
+
+    Args:
+        stages: all of them.
+        boundaries: all of them.
+        default: time integration of [solver].
+        place: where the stages stand in the case.
+    """
+    holding = {b.surface: b for b in boundaries if b.holds}
+    released: dict[str, str] = {}
+    for index, stage in enumerate(stages):
+        here = (*place, index, "release")
+        if stage.release and index == 0:
+            yield Problem(here, "the first stage has no reactions to release", list(stage.release))
+        if stage.release and stage.velocities:
+            yield Problem(here, "goes with duration only: reactions are taken off over it")
+        if stage.release and solver_of(stage, default) == "explicit":
+            yield Problem(here, "goes with implicit stages only", list(stage.release))
+        for name in stage.release:
+            if name not in holding:
+                known = ", ".join(holding) or "none"
+                reason = f"no boundary holds or moves this surface; those that are held: {known}"
+                yield Problem(here, reason, name)
+            elif name in released:
+                reason = f"is released in stage {released[name]} already"
+                yield Problem(here, reason, name)
+            released.setdefault(name, stage.name)
 
 
 def solver_of(stage: Stage, default: str) -> str:

@@ -18,8 +18,8 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
-from app.case.boundary import COMPONENTS, Displacement, Velocity
 from app.case.geometry import Scale
+from app.case.motions import COMPONENTS, Displacement, Velocity
 from app.case.named_file import found_file
 from app.case.quantities import (
     Quantity,

@@ -266,10 +266,9 @@ class Equilibrium:
         """Force of a support or platen on the bodies at the last evaluation; collective.
 
         Returns:
-            N (in plane strain per unit thickness), along the coordinate axis of the part.
+            N (in plane strain per unit thickness), along the direction of the part.
         """
-        local = float(self.unbalanced[part.dofs].sum())
-        return float(self.comm.allreduce(local, op=MPI.SUM))
+        return float(self.comm.allreduce(part.total(self.unbalanced), op=MPI.SUM))
 
     def worst_place(self) -> tuple[float, ...]:
         """Where the largest out-of-balance force of the last evaluation is, m; collective."""

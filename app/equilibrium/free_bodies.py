@@ -10,7 +10,9 @@ from mpi4py import MPI
 
 from app.equilibrium.constraints import Platen
 from app.equilibrium.equilibrium import Equilibrium
+from app.equilibrium.slanted import SlantedPlaten
 from app.equilibrium.supports import body_nodes
+from forms.bodies.loads import Foundation
 from forms.bodies.solid import Solid
 from geometry.surfaces.facets import Floats, Ints
 
@@ -34,7 +36,7 @@ class FreeBody:
 def free_bodies(problem: Equilibrium) -> list[FreeBody]:
     """The bodies that the constraints at hand leave free, undeformed; collective.
 
-    A platen under a given force keeps its surface from turning, a spring holds as well.
+    A platen under a given force keeps its surface from turning, springs and foundations hold.
     """
     return [body for solid in problem.solids if (body := _free(problem, solid)) is not None]
 
@@ -47,10 +49,12 @@ def _free(problem: Equilibrium, solid: Solid) -> FreeBody | None:
     extent, middle = float(ends.sum(axis=0).max()), 0.5 * (ends[0] - ends[1])
     modes = rigid_motions((at - middle) / extent, solid.section == "axisymmetric")
     mine = nodes[:, None] * problem.dim + np.arange(problem.dim)
-    resisted = np.isin(mine, problem.constrained_dofs())
+    beds = [load.held for load in problem.loads if isinstance(load, Foundation) and load.acts]
+    resisted = np.isin(mine, np.concatenate([problem.constrained_dofs(), *beds]))
     gram = problem.comm.allreduce(np.einsum("nai,nbi,ni->ab", modes, modes, resisted))
     for platen in problem.platens:
-        if platen.displacement is None:
+        oblique = isinstance(platen, SlantedPlaten)
+        if platen.acts and (oblique or platen.displacement is None):
             gram = gram + _as_one(problem, platen, modes, mine)
     values = np.linalg.eigvalsh(gram)
     count = problem.comm.allreduce(len(nodes))
@@ -76,11 +80,15 @@ def rigid_motions(place: Floats, axisymmetric: bool = False) -> Floats:
 
 def _as_one(problem: Equilibrium, platen: Platen, modes: Floats, mine: Ints) -> Floats:
     """What a platen does (r, r) to the motions of a body: its nodes move alike; collective."""
-    rows: Floats = modes.transpose(0, 2, 1)[np.isin(mine, platen.dofs)]
+    here = np.isin(mine, platen.dofs)
+    rows: Floats = modes.transpose(0, 2, 1)[here]
+    if isinstance(platen, SlantedPlaten):
+        rows = modes[here.all(axis=1)] @ platen.normal
     local = np.concatenate([rows.sum(axis=0), [len(rows)]])
     total = problem.comm.allreduce(local)
     mean = total[:-1] / max(total[-1], 1.0)
-    apart = rows if platen.stiffness > 0.0 else rows - mean
+    fixed = platen.stiffness > 0.0 or platen.displacement is not None
+    apart = rows if fixed else rows - mean
     out: Floats = problem.comm.allreduce(apart.T @ apart)
     return out
 

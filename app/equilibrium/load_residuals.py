@@ -8,6 +8,7 @@ import dolfinx
 import numpy as np
 
 from app.equilibrium.equilibrium import Equilibrium
+from forms.bodies.loads import Foundation
 from geometry.surfaces.facets import Floats
 
 
@@ -33,3 +34,17 @@ def load_residuals(problem: Equilibrium, out: Sequence[Floats] = ()) -> list[Flo
         nodal.add_to(values)
         values *= -1.0
     return arrays
+
+
+def foundation_springs(problem: Equilibrium) -> Floats:
+    """Stiffness (n,) of elastic foundations at the owned unknowns, N/m, from above.
+
+    The integrals of products of shape functions are taken for those of single ones at the diagonal,
+    which is more for first-order surfaces, and the larger of both stiffnesses in every
+    direction, also where it does not act yet.
+    """
+    out = np.zeros(problem.owned)
+    for load in problem.loads:
+        if isinstance(load, Foundation):
+            out += load.strongest * np.abs(load.shares)
+    return out

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +10,7 @@ from mpi4py import MPI
 
 from app.equilibrium.bonded import bonded_groups
 from app.equilibrium.equilibrium import Equilibrium
+from forms.bodies.loads import Foundation
 from forms.bodies.solid import Solid
 from geometry.surfaces.facets import Bools, Ints
 
@@ -78,10 +79,26 @@ def loose_directions(problem: Equilibrium, supports: Ints | None = None) -> list
     found = []
     for number, (group, nodes) in enumerate(zip(groups, nodes_of, strict=True)):
         names = tuple(solid.name for solid in group)
+        loose = _loose_axes(problem, nodes, held[number])
         for axis in range(1 if group[0].section == "axisymmetric" else 0, problem.dim):
-            if not held[number, axis]:
+            if loose[axis]:
                 found.append(Loose(names, axis, nodes))
     return [*found, *_loose_tools(problem)]
+
+
+def _loose_axes(problem: Equilibrium, nodes: Ints, held: Bools) -> Bools:
+    """Axes (i,) that bodies can move along, some supports being along none; collective."""
+    given = [p for p in problem.constraints.slanted if p.acts and p.displacement is not None]
+    if not given:
+        return ~held
+    support = np.zeros((problem.dim, problem.dim))
+    for platen in given:
+        here = bool(np.isin(nodes * problem.dim, platen.dofs).any())
+        support += here * np.outer(platen.normal, platen.normal)
+    support = problem.comm.allreduce(support) + np.diag(held.astype(float))
+    free = np.eye(problem.dim) - np.linalg.pinv(support) @ support  # onto what nothing holds
+    out: Bools = np.diag(free) > 1e-9
+    return out
 
 
 def _loose_tools(problem: Equilibrium) -> Iterator[Loose]:
@@ -116,6 +133,8 @@ def body_nodes(problem: Equilibrium, cells: Ints) -> Ints:
 
 
 def sprung_dofs(problem: Equilibrium) -> Ints:
-    """Owned local unknowns that a support or a spring holds."""
-    sprung: Iterable[Ints] = (p.dofs for p in problem.platens if p.stiffness > 0.0)
+    """Owned local unknowns that a support, a spring or a foundation holds."""
+    aligned, loads = problem.constraints.acting, problem.loads
+    sprung = [platen.dofs for platen in aligned if platen.stiffness > 0.0]
+    sprung += [load.held for load in loads if isinstance(load, Foundation) and load.acts]
     return np.concatenate([problem.constrained_dofs(), *sprung]).astype(np.int32)

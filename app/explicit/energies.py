@@ -14,7 +14,7 @@ from app.explicit.leap_frog import LeapFrog
 from app.explicit.state import ExplicitState
 from forms.bodies.internal_force import InternalForce
 from forms.contact.state import ContactTrial
-from geometry.surfaces.facets import Floats
+from geometry.surfaces.facets import Floats, Ints
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,11 +59,14 @@ class Energies:
         """
         self.work = self.damped = 0.0
         self._problem, self._state, self._mass, self._internal = problem, state, mass, internal
-        self._constrained = problem.constrained_dofs()
-        self._constrained_mass = mass[self._constrained]
-        self._constrained_energy = self._of_constrained()
-        self._forces = forces
+        self.constrain(problem.constrained_dofs(), forces)
         self._before = state.u.array.copy() if forces.loads is not None else None
+
+    def constrain(self, dofs: Ints, forces: LoadForces) -> None:
+        """From now on supports act on these owned unknowns; ``forces`` are those at the state."""
+        self._constrained, self._forces = dofs, forces
+        self._constrained_mass = self._mass[dofs]
+        self._constrained_energy = self._of_constrained()
 
     def _of_constrained(self) -> float:
         """Kinetic energy of the constrained unknowns, J/m, this rank's part."""

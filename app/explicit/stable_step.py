@@ -186,7 +186,8 @@ class StableSteps:
         self._bodies = self._largest(s.bodies, self._bodies)
         elements, mode = _step_of(self._bodies.value), self._bodies
         penalty = elements
-        if s.pairs or any(p.stiffness for p in s.dynamics.platens):
+        sprung = any(p.stiffness for p in s.dynamics.platens) or s.dynamics.springs.any()
+        if s.pairs or sprung:
             mode = self._whole = self._largest(lambda w: s.bodies(w) + s.contacts(w), self._whole)
             penalty = _step_of(mode.value)
         closing = np.inf

@@ -16,7 +16,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.equilibrium.equilibrium import Equilibrium
-from app.equilibrium.load_residuals import load_residuals
+from app.equilibrium.load_residuals import foundation_springs, load_residuals
 from app.equilibrium.places import place_text
 from app.equilibrium.snapshot import AtPoints, Local, Nodal, Snapshot, of_bodies, of_contacts
 from app.explicit.energies import Energies, LoadForces
@@ -85,7 +85,8 @@ class ExplicitStepper:
         self.internal = InternalForce(problem.u, problem.solids, compiled)
         self.contacts = [explicit_contact(term, compiled) for term in problem.contacts]
         for part in problem.prescribed:
-            self.state.u.owned[part.dofs] = part.value
+            if part.acts:
+                self.state.u.owned[part.dofs] = part.value
         self.state.u.update_ghosts()
         self._evaluate_contacts(1.0)
         pairs = [PairStiffness(contact) for contact in self.contacts]
@@ -98,6 +99,8 @@ class ExplicitStepper:
             problem.dim,
             problem.comm,
         )
+        self.dynamics.springs[:] = foundation_springs(problem)
+        self._controls = problem.constraints.controls
         self._start(pairs)
 
     def _start(self, pairs: list[PairStiffness]) -> None:
@@ -174,6 +177,8 @@ class ExplicitStepper:
             LawError: a friction law of the user's fails; the displacements are those before too.
         """
         timer = self.problem.timer
+        if self.problem.constraints.controls != self._controls:
+            self._constrain()
         with timer("time integration"):
             damped = self._motion.move(dt)
         trials, valid = self._forces(dt)
@@ -183,6 +188,21 @@ class ExplicitStepper:
                 self._motion.take_back(dt)
                 raise error
             self._commit(dt, damped, trials)
+
+    def _constrain(self) -> None:
+        """Take supports in that act from now on, and let go of those that do no longer; collective.
+
+        What is let go begins to move with the force that the support has carried.
+        """
+        dofs = self.problem.constrained_dofs()
+        self._controls = self.problem.constraints.controls
+        self.dynamics.constrain(dofs)
+        self._motion.constrain(dofs)
+        self.loads = self._loads()
+        self.energies.constrain(dofs, self.loads)
+        pull = self._pulls()
+        platens, _ = self.dynamics.accelerate(self._residual.owned, pull, self.state.a.owned)
+        self._motion.platen_acceleration = platens
 
     def _invalid(self, dt: float) -> Exception:
         """Why the forces after a step of ``dt`` (s) are not valid; collective."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -39,6 +39,7 @@ class Assembly:
         states: of the contacts at the start of the step; searches: where their candidate facets
             were searched for.
         loads: what loads with forms were set to; platens: m, their displacements where prescribed.
+        acts: whether each prescribed part, and then each platen, was there.
     """
 
     x: Floats
@@ -49,6 +50,7 @@ class Assembly:
     searches: Local
     loads: tuple[Floats, ...]
     platens: tuple[float | None, ...]
+    acts: tuple[bool, ...]
 
     @classmethod
     def of(
@@ -64,6 +66,7 @@ class Assembly:
             of_searches(problem.contacts),
             tuple(load.amount for load in problem.loads),
             tuple(platen.displacement for platen in problem.platens),
+            tuple(part.acts for part in problem.constraints.parts),
         )
 
     def snapshot(self, problem: Equilibrium) -> Snapshot:
@@ -78,6 +81,7 @@ class Assembly:
             "searches": self.searches,
             "loads": list(self.loads),
             "platens": list(self.platens),
+            "acts": list(self.acts),
         }
 
     @classmethod
@@ -92,6 +96,7 @@ class Assembly:
             Local(kept["searches"] or {}),
             tuple(kept["loads"]),
             tuple(kept["platens"]),
+            tuple(kept["acts"]),
         )
 
     @contextmanager
@@ -99,30 +104,26 @@ class Assembly:
         """Context in which all but the displacements is as in the assembly; x and before, m."""
         now = Assembly.of(problem, problem.new_vector(), self.step, None)
         repeat_searches(problem.contacts, self.searches.arrays)
-        _put(problem, self.states, self.loads, self.platens)
+        self._put(problem)
         for solid, origin in zip(problem.solids, self.origins, strict=True):
             solid.remake_tangent(origin)
         try:
             yield _vector(problem, self.x), _vector(problem, self.before)
         finally:
-            _put(problem, now.states, now.loads, now.platens)
+            now._put(problem)
             for solid in problem.solids:
                 solid.remake_tangent(None)
 
-
-def _put(
-    problem: Equilibrium,
-    states: Sequence[ContactState],
-    loads: Sequence[Floats],
-    platens: Sequence[float | None],
-) -> None:
-    """Put in the contacts' histories, and the loads that the tangent depends on."""
-    for term, state in zip(problem.contacts, states, strict=True):
-        term.adopt(state)
-    for load, amount in zip(problem.loads, loads, strict=True):
-        load.amount = amount
-    for platen, displacement in zip(problem.platens, platens, strict=True):
-        platen.displacement = displacement
+    def _put(self, problem: Equilibrium) -> None:
+        """Put in the contacts' histories, and the loads and supports of the tangent."""
+        for term, state in zip(problem.contacts, self.states, strict=True):
+            term.adopt(state)
+        for load, amount in zip(problem.loads, self.loads, strict=True):
+            load.amount = amount
+        for platen, displacement in zip(problem.platens, self.platens, strict=True):
+            platen.displacement = displacement
+        for part, acts in zip(problem.constraints.parts, self.acts, strict=True):
+            part.acts = acts
 
 
 def _vector(problem: Equilibrium, values: Floats | None) -> PETSc.Vec | None:

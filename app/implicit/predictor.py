@@ -250,9 +250,9 @@ class Predictor:
         """Increments from the converged state to the current prescribed values and loads."""
         problem = self.problem
         pulls = [platen.pull(0.0) for platen in problem.platens]
-        amounts = [load.amount for load in problem.loads]
+        drives = [load.drive for load in problem.loads]
         factors = [load.factor for load in problem.nodal_loads]
-        loads = np.concatenate([pulls, *amounts, factors])
+        loads = np.concatenate([pulls, *drives, factors])
         dofs = problem.constrained_dofs()
         constrained = (problem.constrained_values(x) - x.array_r)[dofs]
         return Drive(dofs, constrained, loads - self._loads if len(self._loads) else loads, loads)
@@ -262,8 +262,10 @@ class Predictor:
         last = self._drive or replace(
             drive, constrained=0.0 * drive.constrained, loads=0.0 * drive.loads
         )
-        changed = float(len(last.constrained) != len(drive.constrained))
-        if self._sum(np.array([changed]))[0]:  # a platen's force was given, now its displacement is
+        changed = float(not np.array_equal(last.dofs, drive.dofs))
+        if self._sum(np.array([changed]))[
+            0
+        ]:  # another support, or a platen's displacement is given
             return None
         local = np.array(
             [
@@ -289,7 +291,7 @@ class Predictor:
     def _weights(self, drive: Drive) -> Floats:
         """One over the size of each load's vector, and of the platens' forces: they have units."""
         problem = self.problem
-        sizes = [len(problem.platens), *(len(load.amount) for load in problem.loads)]
+        sizes = [len(problem.platens), *(len(load.drive) for load in problem.loads)]
         group = np.repeat(np.arange(len(sizes)), sizes)
         single = len(group) + np.arange(len(problem.nodal_loads))
         group = np.concatenate([group, single]).astype(np.intp)

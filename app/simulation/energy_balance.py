@@ -37,7 +37,10 @@ class Work:
     def at(cls, problem: Equilibrium, position: Floats) -> Work:
         """Forces of the state that was evaluated last; collective."""
         force = problem.load_forces()
-        moved = [problem.constrained_dofs(), *(platen.dofs for platen in problem.platens)]
+        moved = [
+            problem.constrained_dofs(),
+            *(platen.dofs for platen in problem.platens if platen.acts),
+        ]
         given = np.unique(np.concatenate(moved))  # a platen's displacement may be prescribed
         force[given] += problem.unbalanced[given]
         return cls(force, position.copy())

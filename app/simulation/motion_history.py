@@ -14,7 +14,6 @@ import dolfinx
 import numpy as np
 from mpi4py import MPI
 
-from app.build.boundary_conditions import Loads
 from app.build.model import Model
 from app.case.boundary import COMPONENTS
 from app.equilibrium.bonded import bonded_groups
@@ -79,7 +78,7 @@ class MotionHistory:
             pairs: resultants of the contacts.
         """
         here = self._means.of(*motion)
-        there = self._forces.sums(outside)
+        there = self._forces.sums(outside)  # of the surfaces, and then of what acts on whole bodies
         local = np.concatenate([here.reshape(-1), there.reshape(-1)])
         total = np.empty_like(local)
         self._model.problem.comm.Allreduce(local, total, op=MPI.SUM)
@@ -152,15 +151,16 @@ class MotionHistory:
         forces: Floats,
         pairs: Sequence[ContactResultants],
     ) -> None:
-        """Rows of the bodies: forces of all boundaries and of all contacts on each.
+        """Rows of the bodies: forces of all boundaries, gravity among them, and of all contacts.
 
         The force of a surface that spreads over bonded bodies is counted to the first of them.
         """
         dim, thickness = self._dim, self._model.thickness
         pushed = {name: np.zeros(dim) for name in self._bodies}
         pressed = {name: np.zeros(dim) for name in self._bodies}
-        for number, bodies in enumerate(self._on):
-            pushed[bodies[0]] += forces[number, :dim]
+        on = [*(bodies[0] for bodies in self._on), *self._forces.bodies]
+        for number, name in enumerate(on):
+            pushed[name] += forces[number, :dim]
         for bodies, pair in zip(self._pairs, pairs, strict=True):
             for name, sign in zip(bodies, (1.0, -1.0), strict=False):  # a tool is no body
                 pressed[name] += sign * np.array(pair.force) * thickness
@@ -189,7 +189,12 @@ class _Means:
         problem, named, section = model.problem, model.named, model.section
         self.surfaces = list(dict.fromkeys(b.surface for b in model.case.boundary))
         self._dim, space = problem.dim, problem.space
-        weights = [surface_weights(space, named.facets(s), section) for s in self.surfaces]
+        weights = [
+            named.groups[s].shares(space)
+            if s in named.groups
+            else surface_weights(space, named.facets(s), section)
+            for s in self.surfaces
+        ]
         weights += [body_weights(space, solid.cells, section) for solid in problem.solids]
         sizes = problem.comm.allreduce(np.array([w.sum() for w in weights]))
         self._parts = []
@@ -207,45 +212,64 @@ class _Means:
 
 @dataclass(frozen=True, slots=True)
 class _Pressed:
-    """Nodes (n,) of a surface with a pressure, ghosts included, and its number."""
+    """Nodes (n,) that a load acts on, ghosts included, and the number of its surface or body."""
 
     surface: int
     nodes: Ints
 
 
 class _SurfaceForces:
-    """Sums of forces, and of their moments, over each surface with a boundary."""
+    """Sums of forces, and of their moments, over surfaces with a boundary and bodies with weight.
+
+    Attributes:
+        bodies: names of those that loads act on all over; they come after the surfaces.
+    """
 
     def __init__(self, model: Model, means: _Means, held: Ints) -> None:
         assert model.loads is not None
-        self._problem, self._count = model.problem, len(means.surfaces)
+        self._problem, self._loads = model.problem, model.loads
+        forms = model.loads.forms
+        self.bodies = list(dict.fromkeys(name for name in forms.bodies if name))
+        self._surfaces = len(means.surfaces)
+        self._count = self._surfaces + len(self.bodies)
         self._number = {name: number for number, name in enumerate(means.surfaces)}
         self._reference = model.problem.space.tabulate_dof_coordinates()
-        self._owner = self._owners(model.loads, held)
-        self._held = held
-        self._pressed = [self._nodes_of(model, name) for name in model.loads.pressed]
+        self._held, self._acting = held, model.problem.constraints.controls
+        self._owner = self._owners()
+        self._pressed = [
+            self._on_surface(model, surface) if surface else self._on_body(model, body)
+            for surface, body in zip(forms.surfaces, forms.bodies, strict=True)
+        ]
+        for load, name in zip(model.loads.nodal_loads, model.loads.nodal_surfaces, strict=True):
+            nodes = np.unique(load.dofs // model.problem.dim).astype(np.int32)
+            self._pressed.append(_Pressed(self._number[name], nodes))
         self._centres, self._fixed = self._centres_of(model, means)
 
-    def _owners(self, loads: Loads, held: Ints) -> Ints:
+    def _owners(self) -> Ints:
         """Number of the surface whose force each held unknown's is; −1 for the axis."""
-        owner = np.full(len(held), -1, dtype=np.int32)
-        for constraint in reversed(loads.constraints):
-            number = self._number.get(constraint.surface, -1)
-            owner[np.searchsorted(held, constraint.dofs)] = number
+        owner = np.full(len(self._held), -1, dtype=np.int32)
+        for constraint in reversed(self._loads.constraints):
+            if constraint.part.acts:
+                number = self._number.get(constraint.surface, -1)
+                owner[np.searchsorted(self._held, constraint.dofs)] = number
         return owner
 
-    def _nodes_of(self, model: Model, surface: str) -> _Pressed:
+    def _on_surface(self, model: Model, surface: str) -> _Pressed:
         space, facets = model.problem.space, model.named.facets(surface)
         fdim = space.mesh.topology.dim - 1
         nodes = dolfinx.fem.locate_dofs_topological(space, fdim, np.sort(facets), remote=False)
         return _Pressed(self._number[surface], nodes.astype(np.int32))
 
+    def _on_body(self, model: Model, body: str) -> _Pressed:
+        nodes = np.unique(model.problem.space.dofmap.list[model.named.cells(body)])
+        return _Pressed(self._surfaces + self.bodies.index(body), nodes.astype(np.int32))
+
     def _centres_of(self, model: Model, means: _Means) -> tuple[Floats, list[bool]]:
         """Where moments are about (s, i), and whether that stays: the centre of a rotation."""
         problem, dim = model.problem, model.problem.dim
         places = self._reference[: problem.owned // dim, :dim].reshape(-1)
-        centres: Floats = problem.comm.allreduce(means.of(places)[: self._count])
-        fixed = [False] * self._count
+        centres: Floats = problem.comm.allreduce(means.of(places)[: self._surfaces])
+        fixed = [False] * self._surfaces
         for boundary in model.case.boundary:
             if boundary.rotation is not None:
                 number = self._number[boundary.surface]
@@ -266,6 +290,9 @@ class _SurfaceForces:
         """This rank's forces and moments about the origin (s, 3 + 3), N and N m per thickness."""
         out = np.zeros((self._count, 6))
         dim = self._problem.dim
+        if self._acting != self._problem.constraints.controls:
+            self._acting = self._problem.constraints.controls
+            self._owner = self._owners()
         nodes, component = self._held // dim, self._held % dim
         vectors = np.zeros((len(self._held), 3))
         vectors[np.arange(len(self._held)), component] = outside.held

@@ -126,7 +126,7 @@ class Simulation:
             "factorisations": self._factorisations(),
             "force": self.model.problem.reference_force,
             "solver": "implicit" if runner is self.implicit else "explicit",
-            "loaded": list(self.model.loaded),
+            "model": self.model.snapshot(),
             "runner": runner.snapshot(),
             "state": self.state.snapshot(),
         }
@@ -136,10 +136,7 @@ class Simulation:
 
         The rows must have been put back.
         """
-        load_steps = all_load_steps(self.model.case)
-        number = kept["state"]["position"]["load_step"]
-        self.model.begin_stage(load_steps[min(number, len(load_steps) - 1)].stage.name)
-        self.model.set_loads(*kept["loaded"])
+        self.model.restore(kept["model"])
         if kept["solver"] == "implicit":
             assert self.implicit is not None
             self.implicit.stepper.restore(kept["runner"])

@@ -278,6 +278,17 @@ class PlasticSolid(Solid):
         sigma = P @ F.transpose(0, 2, 1) / np.linalg.det(F)[:, None, None]
         return sigma.reshape(len(self.cells), self.count, 3, 3)
 
+    def largest_flow(self) -> tuple[float, float]:
+        """Largest equivalent plastic strain of this rank, and its largest growth in one step.
+
+        Both of what was committed; the growth is that of the last step.
+        """
+        last = self.points.last
+        if last is None:
+            return 0.0, 0.0
+        now, before = last.values[:, -1], last.origin.values[:, -1]
+        return float(now.max(initial=0.0)), float((now - before).max(initial=0.0))
+
     def plastic_strain(self) -> Floats:
         """Equivalent plastic strain (c, q) at the points."""
         return self._present().values[:, -1].reshape(len(self.cells), self.count)

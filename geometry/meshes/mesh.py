@@ -22,6 +22,7 @@ from geometry.meshes import metis
 from geometry.meshes.array_model import ArrayModel
 from geometry.meshes.extraction import arrays_of
 from geometry.meshes.gmsh_model import MeshError, Shape, gmsh_session
+from geometry.meshes.groups import Group, found_group
 from geometry.meshes.mesh_arrays import CORNERS, MeshArrays, unpacked
 from geometry.meshes.own_process import ask
 from geometry.meshes.partition import share_out
@@ -50,6 +51,7 @@ class NamedMesh:
         facet_tags: The surface's tag of every facet on a named surface.
         bodies: Tag of each body.
         surfaces: Tag of each surface.
+        groups: Named points and, in space, edges.
         carriers: Tag of each cell that is no body's, see `MeshArrays.with_carriers`. None of them
             is in an output or a sum over the bodies.
     """
@@ -59,6 +61,7 @@ class NamedMesh:
     facet_tags: dolfinx.mesh.MeshTags
     bodies: dict[str, int]
     surfaces: dict[str, int]
+    groups: dict[str, Group] = field(default_factory=dict)
     carriers: dict[str, int] = field(default_factory=dict)
 
     def body_tag(self, name: str) -> int:
@@ -109,31 +112,57 @@ class NamedMesh:
         """
         return np.asarray(self.facet_tags.find(self.surface_tag(name)), dtype=np.int32)
 
+    def nodes(self, name: str) -> npt.NDArray[np.int32]:
+        """Local points (n,) of the topology of a group of points or edges, ghosts included.
+
+        Raises:
+            MeshError: If there is no such group.
+        """
+        if name not in self.groups:
+            _look_up("group", name, dict.fromkeys(self.groups, 0))
+        return self.groups[name].vertices
+
+    def heed_place(self, name: str) -> None:
+        """See that there is a surface, or a group of points or edges, of this name.
+
+        Raises:
+            MeshError: If there is none; the nearest name is offered.
+        """
+        _look_up("surface", name, {**self.surfaces, **dict.fromkeys(self.groups, 0)})
+
     def bodies_of(self, surface: str) -> list[str]:
-        """The bodies whose boundary a surface is part of; collective.
+        """The bodies whose boundary a surface, or group of points or edges, is part of; collective.
 
         Raises:
             MeshError: On all processes, if there is no such surface, or facets of it are inside the
                 mesh.
         """
+        if surface in self.groups:
+            corners = self.mesh.topology.connectivity(self.mesh.topology.dim, 0)
+            table = corners.array.reshape(corners.num_nodes, -1)
+            near = np.nonzero(np.isin(table, self.nodes(surface)).any(axis=1))[0]
+            return self._bodies_with(near.astype(np.int32))
         facets = self.facets(surface)
         owned = self.mesh.topology.index_map(self.mesh.topology.dim - 1).size_local
         cells = integration_facets(self.mesh, facets)[::2]
         local = np.array([np.count_nonzero(facets < owned), len(cells)])
         count, outside = self.mesh.comm.allreduce(local, op=MPI.SUM)
-        mine = set(self.cell_tags.values[np.isin(self.cell_tags.indices, cells)].tolist())
-        found = set().union(*self.mesh.comm.allgather(mine))
-        names = [name for name, tag in self.bodies.items() if tag in found]
         if outside < count:
             raise MeshError(
                 f'surface "{surface}": {count - outside} of its {count} facets lie inside '
                 "the mesh, with cells on both sides; bodies that share nodes are bonded and have "
                 "no surface there"
             )
-        return names
+        return self._bodies_with(cells)
+
+    def _bodies_with(self, cells: npt.NDArray[np.int32]) -> list[str]:
+        """The bodies that any process's local cells belong to; collective."""
+        mine = set(self.cell_tags.values[np.isin(self.cell_tags.indices, cells)].tolist())
+        found = set().union(*self.mesh.comm.allgather(mine))
+        return [name for name, tag in self.bodies.items() if tag in found]
 
     def body_of(self, surface: str) -> str:
-        """The one body that a surface lies on; collective.
+        """The one body that a surface, or group of points or edges, lies on; collective.
 
         Raises:
             MeshError: On all processes, if there is no such surface, or it is not on one body.
@@ -148,13 +177,14 @@ class NamedMesh:
 
 @dataclass(frozen=True, slots=True)
 class _Names:
-    """What every process knows of a mesh: dimension, tags by name, facets of each surface."""
+    """What every process knows of a mesh: dimension, tags by name, facets of surfaces, groups."""
 
     dim: int
     bodies: dict[str, int]
     surfaces: dict[str, int]
     carriers: dict[str, int]
     facet_counts: dict[str, int]
+    groups: dict[str, npt.NDArray[np.int64]]
 
     @classmethod
     def of(cls, arrays: MeshArrays) -> _Names:
@@ -165,6 +195,7 @@ class _Names:
             {name: part.tag for name, part in arrays.surfaces.items()},
             {name: part.tag for name, part in arrays.carriers.items()},
             {name: len(part.corners) for name, part in arrays.surfaces.items()},
+            arrays.groups,
         )
 
 
@@ -200,8 +231,8 @@ def read(
     gmsh reads it in a process of its own, which the first process starts.
 
     Every cell must be in a named physical group (a body); named groups of facets become surfaces,
-    and groups of lower dimension are ignored. Cells are triangles or quadrilaterals in the plane
-    z = 0, or tetrahedra or hexahedra, of first order and of one kind.
+    and named points, or in space edges, become groups. Cells are triangles or quadrilaterals in the
+    plane z = 0, or tetrahedra or hexahedra, of first order and of one kind.
 
     Args:
         path: The file.
@@ -239,7 +270,10 @@ def _load(
     partitioner = _partitioner(arrays, names, comm, contacts)
     mesh, cell_tags, facet_tags = model_to_mesh(model, comm, 0, names.dim, partitioner)
     mesh.topology.create_entities(names.dim - 1)
-    named = NamedMesh(mesh, cell_tags, facet_tags, names.bodies, names.surfaces, names.carriers)
+    named = NamedMesh(mesh, cell_tags, facet_tags, names.bodies, names.surfaces)
+    named.carriers.update(names.carriers)
+    for name, corners in names.groups.items():
+        named.groups[name] = found_group(mesh, corners)
     _check_facets_found(named, names, source)
     return named
 

@@ -64,6 +64,7 @@ class MeshArrays:
         position: (n, 3), m, of the nodes.
         bodies: cells by name.
         surfaces: facets by name.
+        groups: nodes (e, 1) of points, or in space (e, 2) of edges, by name.
         carriers: one cell each by name, which is no body's: see `with_carriers`.
     """
 
@@ -71,6 +72,7 @@ class MeshArrays:
     position: npt.NDArray[np.float64]
     bodies: dict[str, Part]
     surfaces: dict[str, Part]
+    groups: dict[str, npt.NDArray[np.int64]] = field(default_factory=dict)
     carriers: dict[str, Part] = field(default_factory=dict)
 
     @property
@@ -124,10 +126,12 @@ class MeshArrays:
             "cell": self.cell,
             "bodies": [[name, part.tag] for name, part in self.bodies.items()],
             "surfaces": [[name, part.tag] for name, part in self.surfaces.items()],
+            "groups": list(self.groups),
         }
         text = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
         stream = io.BytesIO()
         arrays = {f"part{number}": part.corners for number, part in enumerate(parts)}
+        arrays |= {f"group{number}": nodes for number, nodes in enumerate(self.groups.values())}
         np.savez(stream, header=text, position=self.position, **arrays)  # type: ignore[arg-type]
         return stream.getvalue()
 
@@ -147,11 +151,16 @@ def unpacked(data: bytes) -> MeshArrays:
                 for number, (name, tag) in enumerate(named)
             ]
             count = len(header["bodies"])
+            groups = {
+                str(name): np.asarray(arrays[f"group{number}"])
+                for number, name in enumerate(header["groups"])
+            }
             mesh = MeshArrays(
                 str(header["cell"]),
                 np.asarray(arrays["position"]),
                 dict(parts[:count]),
                 dict(parts[count:]),
+                groups,
             )
     except (ValueError, KeyError, TypeError, OSError, EOFError, zipfile.BadZipFile) as error:
         raise MeshError(f"the arrays of the mesh are damaged ({error})") from error
@@ -172,8 +181,16 @@ def _check(mesh: MeshArrays) -> None:
             for shape, parts in ((mesh.cell, mesh.bodies), (facet, mesh.surfaces))
             for part in parts.values()
         )
+        sound = sound and all(_is_group(rows, nodes) for rows in mesh.groups.values())
     if not sound:
         raise MeshError("the arrays of the mesh are damaged")
+
+
+def _is_group(rows: npt.NDArray[np.int64], nodes: int) -> bool:
+    """Whether points or edges exist and are made of the nodes."""
+    if rows.dtype != np.int64 or rows.ndim != 2 or rows.shape[1] not in (1, 2) or not len(rows):
+        return False
+    return bool(rows.min() >= 0 and rows.max() < nodes)
 
 
 def _is_sound(part: Part, corners: int, nodes: int) -> bool:

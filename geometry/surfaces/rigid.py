@@ -99,10 +99,13 @@ class RigidSurface(ABC):
         stencil: (f, dim + 1) all control points, for each facet; neighbours: all facets are.
         has_kinks: whether facets in the plane meet at an angle.
         extent: (2, i), m, undeformed: least and largest coordinates, infinite where it is.
+        least_radius: m, of its tightest rounding, which a slave's facets should be shorter than;
+            infinite where none is round, and of meshed surfaces, whose facets say it.
         search: for candidate facets.
     """
 
     has_kinks: bool = False
+    least_radius: float = np.inf
     search: Search
 
     def __init__(self, facets: int, centre: Floats, size: float, extent: Floats) -> None:

@@ -42,8 +42,13 @@ class Pieces:
     def length(self) -> Floats:
         """(p,), m."""
         chord = np.linalg.norm(self.end - self.start, axis=1)
-        radius = np.linalg.norm(self.start - self.centre, axis=1)
-        out: Floats = np.where(self.sweep == 0.0, chord, np.abs(self.sweep) * radius)
+        out: Floats = np.where(self.sweep == 0.0, chord, np.abs(self.sweep) * self.radius)
+        return out
+
+    @property
+    def radius(self) -> Floats:
+        """(p,), m, of arcs."""
+        out: Floats = np.linalg.norm(self.start - self.centre, axis=1)
         return out
 
     def reversed(self) -> Pieces:
@@ -149,7 +154,7 @@ class Pieces:
     def bounds(self) -> Floats:
         """Least and largest coordinates (2, i), m, infinite where the line goes on without end."""
         places = [self.start, self.end]
-        radius = np.linalg.norm(self.start - self.centre, axis=1)[:, None]
+        radius = self.radius[:, None]
         every = np.arange(len(self.sweep), dtype=np.int32)
         for side in ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)):
             there = self.centre + radius * np.array(side)

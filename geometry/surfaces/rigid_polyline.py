@@ -85,6 +85,7 @@ class Polyline(RigidShape):
         self.has_kinks = bool(np.any(np.abs(turns) > KINK))
         self._limits, self._length = pieces.limits(), pieces.length
         self._spheres = pieces.spheres()
+        self.least_radius = float(np.min(pieces.radius, where=pieces.sweep != 0.0, initial=np.inf))
         # At a corner between the normals of both pieces.
         out = left_of(pieces.directions())
         joint = out[:, 1] + np.roll(out[:, 0], -1, axis=0)
