@@ -552,6 +552,19 @@ def verify(
 
 
 @cli.command()
+def materials(
+    names: Annotated[
+        list[str] | None, typer.Argument(metavar="[NAME ...]", help="entries (default: list all)")
+    ] = None,
+) -> None:
+    """List the materials library, or print entries with each number and its source."""
+    from app.case.library import description, listing
+
+    lines = [line for name in names or [] for line in description(name)]
+    print("\n".join(lines if names else listing()))
+
+
+@cli.command()
 def schema() -> None:
     """Print the JSON schema of case files."""
     from app.case.schema import json_schema

@@ -67,14 +67,15 @@ def _compile(group: _Group) -> Iterator[str]:
         reference_area,
     )
     from forms.bodies.lumped_mass import mass_form
-    from forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean
+    from forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, Yeoh
     from forms.bodies.nodal_weights import body_form, surface_form
     from forms.bodies.plastic_solid import make_solid
     from geometry.meshes.mesh import generate
     from geometry.surfaces.slave_points import point_operator
 
     metal = ElastoPlastic(1.0, 2.0, Linear(1.0))
-    materials = (NeoHookean(1.0, 2.0), MooneyRivlin(0.4, 0.1, 2.0), Hencky(1.0, 2.0), metal)
+    mooney, yeoh = MooneyRivlin(0.4, 0.1, 2.0), Yeoh(0.5, 0.0, 0.0, 2.0)
+    materials = (NeoHookean(1.0, 2.0), mooney, yeoh, Hencky(1.0, 2.0), metal)
     # From gmsh, as every case: another mesh's coordinate element would give other forms.
     mesh = generate(_shape(group.cell), MPI.COMM_SELF).mesh
     dim = mesh.geometry.dim

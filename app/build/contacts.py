@@ -32,6 +32,7 @@ from app.case.own_law import OwnLawError
 from app.case.time_tables import TimeTable, value_at
 from app.equilibrium.rigid_tool import RigidTool
 from app.errors import InputError
+from forms.bodies.contact_stiffness import contact_shear_modulus
 from forms.bodies.kinematics import Section
 from forms.bodies.materials import Material, oedometric_modulus
 from forms.contact.law_faults import law_fault
@@ -54,11 +55,11 @@ from geometry.surfaces.surface import QUADRATURE_DEGREE, ContactSurface, RigidMa
 # degrees a surface may be drawn with corners, and more surely is.
 STRAIGHT, SHARP = 1e-3, 0.35
 OVERLAP = 0.01  # depth over facet length up to which bodies only touch at the start
-# Default stiffness of stick, in units of G/h (shear modulus of the softer body over the length of a
-# slave facet): stiff against the shear of the elements beside it, yet soft enough for the onset of
-# slip to spread without a fight.
+# Default stiffness of stick, in units of G/h (shear modulus of the softer body, or hardness if it
+# flows, over the length of a slave facet): stiff against the shear of the elements beside it, yet
+# soft enough for the onset of slip to spread without a fight.
 TANGENTIAL_FACTOR = 10.0
-# Default of film_onset_pressure, as a share of the softer body's shear modulus or of the highest
+# Default of film_onset_pressure, as a share of the softer body's G, or hardness, or of the highest
 # prescribed pressure, whichever is less: only the rim of a contact feels it.
 FILM_ONSET = 0.01
 
@@ -135,7 +136,7 @@ class ContactBuilder:
             *note_on_idle_film(f"contact.{index}", asked),
             *note_on_corners(f"contact.{index}", asked, corners_of(asked, surface, at, distance)),
             *notes_on_penalty(index, factor, ratio, self.case.is_explicit, table.pressure),
-            *note_on_stick(index, table.friction, softer.shear_modulus / length),
+            *note_on_stick(index, table.friction, contact_shear_modulus(softer) / length),
         )
         modulus = contact_modulus(*materials)
         term = ContactTerm(surface, law, penalty, film, table.pressure, modulus)
@@ -206,8 +207,9 @@ class ContactBuilder:
             if tool is not None:
                 rigid = tool.surface, tool.nodes, tool.motion
                 return ContactSurface.for_tool(self.space, slave, *rigid, quadrature, ring)
-            master, smoothing = self.named.facets(contact.master), contact.smoothing_angle
-            return ContactSurface(self.space, slave, master, quadrature, ring, smoothing)
+            master = self.named.facets(contact.master)
+            ends = contact.smoothing_angle, contact.fade_length
+            return ContactSurface(self.space, slave, master, quadrature, ring, *ends)
         except ValueError as error:
             raise InputError(f"contact.{index}: {error}") from None
 
@@ -285,10 +287,12 @@ def penalty_modulus(softer: Material, pressure: PressureKind) -> float:
         softer: material of the softer body.
         pressure: "averaged" or "pointwise".
     """
-    modulus = oedometric_modulus(softer)
+    modulus, shear = oedometric_modulus(softer), contact_shear_modulus(softer)
+    if shear < softer.shear_modulus:
+        return 10.0 * shear
     if pressure == "pointwise":
         return modulus
-    return max(10.0 * softer.shear_modulus, 0.1 * modulus)
+    return max(10.0 * shear, 0.1 * modulus)
 
 
 def _penalty(contact: Contact, surface: ContactSurface, modulus: float) -> float | Floats:
@@ -304,11 +308,11 @@ def _resolved_friction(
     friction: Friction, softer: Material, length: float, pressure: float
 ) -> Friction:
     if isinstance(friction, Coulomb | Stribeck) and friction.K_T is None:
-        stiffness = TANGENTIAL_FACTOR * softer.shear_modulus / length
+        stiffness = TANGENTIAL_FACTOR * contact_shear_modulus(softer) / length
         return friction.model_copy(update={"K_T": stiffness})
     if isinstance(friction, FrictionMap) and friction.film_onset_pressure is None:
         # A pressure that the case prescribes says better than the body what is small.
-        scale = min(softer.shear_modulus, pressure or np.inf)
+        scale = min(contact_shear_modulus(softer), pressure or np.inf)
         return friction.model_copy(update={"film_onset_pressure": FILM_ONSET * scale})
     return friction
 

@@ -23,7 +23,12 @@ from app.build.mesh_notes import (
 )
 from app.build.numbers import failures_as
 from app.build.probes import PointPlaces, place_probes
-from app.build.solids import displacement_on, make_solids, resolved_bodies
+from app.build.solids import (
+    displacement_on,
+    make_solids,
+    notes_on_materials,
+    resolved_bodies,
+)
 from app.build.supports import notes_on_supports
 from app.build.tools import make_tools, notes_on_tools
 from app.case.boundary import COMPONENTS
@@ -233,6 +238,7 @@ def _notes(asked: Case, model: Model, contacts: Sequence[BuiltContact], loads: L
     notes = [
         *notes_on(case),
         *notes_on_tools(case),
+        *notes_on_materials(case.bodies),
         *locking_bodies(named, problem.solids, problem.space.element.basix_element.degree),
         *large_mesh(case, named),
         *many_cells(case, named),

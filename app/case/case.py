@@ -144,6 +144,9 @@ class Case(Model):
             value = value.values[0]
         if isinstance(value, int | float) and not isinstance(value, bool):
             return float(value)
+        if self.sweep.key.endswith(".material"):  # of an entry of the library its law says little
+            body = value_at(part, self.sweep.key.removesuffix(".material"))
+            value = getattr(body, "library", None) or value
         return value if isinstance(value, str) else None
 
     def _rebuilt(self, data: dict[str, Any]) -> Case:
@@ -247,6 +250,10 @@ class Case(Model):
                 place = ("contact", index, "smoothing_angle")
                 reason = "goes with a master of facets on a body; tools are smooth as they are"
                 yield Problem(place, reason, contact.smoothing_angle)
+            if tool is not None and contact.fade_length is not None:
+                place = ("contact", index, "fade_length")
+                reason = "goes with a master of facets on a body; give the tool a fillet there"
+                yield Problem(place, reason, contact.fade_length)
             if tool is not None and contact.tied:
                 reason = "does not go with a tool as master; move the surface by a [[boundary]]"
                 yield Problem(("contact", index, "tied"), reason)

@@ -20,7 +20,8 @@ _PLURAL = {"triangle": "triangles", "tetrahedron": "tetrahedra"}
 
 
 _MISSING: Any = None  # refused by Contact.problems
-_NOT_TIED = ("film", "friction_factor", "smoothing_angle")  # keys that do not go with tied
+# Keys that do not go with tied.
+_NOT_TIED = ("film", "friction_factor", "smoothing_angle", "fade_length")
 
 
 class Contact(Model):
@@ -62,6 +63,11 @@ class Contact(Model):
         description="smooth the master: its normals become continuous across the sides of facets "
         "whose normals differ by less than this angle; default: the facets as they are. First "
         "order quadrilaterals or hexahedra only",
+    )
+    fade_length: Annotated[float, Quantity("m", gt=0.0)] | None = Field(
+        default=None,
+        description="way before an open end of the master over which the pressure fades to zero; "
+        "default: within a facet of the slave. With averaged pressure",
     )
     stages: tuple[Text, ...] | None = Field(
         default=None,
@@ -169,6 +175,9 @@ class Contact(Model):
             yield Problem((*place, "master"), "must differ from slave", self.master)
         if self.penalty is not None and self.penalty_factor is not None:
             yield Problem(place, "give either penalty or penalty_factor, not both")
+        if self.fade_length is not None and self.pressure == "pointwise":
+            reason = 'goes with pressure = "averaged" only'
+            yield Problem((*place, "fade_length"), reason, self.fade_length)
         if self.friction is _MISSING:
             reason = "missing; the friction law and its parameters"
             yield Problem((*place, "friction"), reason)

@@ -358,7 +358,11 @@ def explicit_contact(term: ContactTerm, compiled: bool = True) -> ExplicitContac
         return ExplicitTie(term)
     surface, target = term.surface, term.surface.target
     # The compiled loop takes the section's stretch as area ratio, which is wrong for rings.
-    straight = isinstance(target, FacetSurface) and target.shape.count == 2
-    straight = straight and not surface.axisymmetric
+    straight = (
+        isinstance(target, FacetSurface)
+        and target.shape.count == 2
+        and target.fade_length is None
+        and not surface.axisymmetric
+    )
     code = library(SOURCE) if compiled and straight else None
     return ExplicitContact(term) if code is None else CompiledContact(term, code)

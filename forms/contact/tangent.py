@@ -86,7 +86,7 @@ class PairTangent:
         out -= r.d_traction_d_slip[take] @ v.d_slip
         out -= r.d_traction_d_elastic[take] @ v.d_elastic
         if trial.projection.share_slope is not None:
-            out += _fading(trial, take)[:, :, None] * v.d_xi[:, :1]
+            out += np.einsum("pia,par->pir", _fading(trial, take), v.d_xi)
         return out, v
 
     def point_blocks(self, state: ContactState, trial: ContactTrial) -> list[tuple[Longs, Floats]]:
@@ -270,9 +270,9 @@ class PairTangent:
     ) -> scipy.sparse.csr_matrix:
         """R: Σ_q w N_A ∂(σ g)/∂u (v, m·i) of all points, with σ their share over the master."""
         at, every = trial.projection, np.nonzero(trial.coupled())[0]
-        fades = np.zeros(len(every), dtype=bool)
-        if at.share_slope is not None:
-            fades = at.share_slope[every] != 0.0
+        fades: Bools = np.zeros(len(every), dtype=bool)
+        if at.share is not None:
+            fades[:] = at.share[every] < 1.0
         if at.rays is not None:
             fades[:] = True
         plain, other = every[~fades], every[fades]
@@ -296,7 +296,8 @@ class PairTangent:
         change = v.d_gap
         if at.share is not None and at.share_slope is not None:
             change = at.share[take][:, None] * v.d_gap
-            change += (at.gap * at.share_slope)[take][:, None] * v.d_xi[:, 0]
+            slope = at.gap[take, None] * at.share_slope[take]
+            change += np.einsum("pa,par->pr", slope, v.d_xi)
         d_gap = change.reshape(len(take), rows.shape[1], self.surface.dim)
         share = self.surface.slave.weight[take][:, None] * self.surface.vertices.shape[take]
         values = np.einsum("pk,pmi->pkmi", share, np.einsum("prm,pri->pmi", rows, d_gap))
@@ -311,15 +312,16 @@ class PairTangent:
 
 
 def _fading(trial: ContactTrial, take: Longs) -> Floats:
-    """Change (p, i), Pa, of the traction for ξ as points run past the end of the master."""
+    """Change (p, i, α), Pa, of the traction for ξ as points run past the end of the master."""
     at, normal = trial.projection, trial.normal_contact
     assert at.share is not None and at.share_slope is not None
-    slope = at.share_slope[take]
-    per_share = np.where(slope != 0.0, slope / np.where(slope != 0.0, at.share[take], 1.0), 0.0)
+    share = at.share[take]
+    per_share = at.share_slope[take] / np.where(share > 0.0, share, 1.0)[:, None]
     by_pressure = trial.kinematics.normal[take] - trial.response.d_traction_d_pressure[take]
     cover = np.broadcast_to(normal.cover, at.share.shape)[take]
-    out: Floats = (per_share * normal.spring[take])[:, None] * by_pressure
-    out -= (per_share * cover)[:, None] * _film_per_cover(trial, take)
+    change: Floats = normal.spring[take][:, None] * by_pressure
+    change -= cover[:, None] * _film_per_cover(trial, take)
+    out: Floats = change[:, :, None] * per_share[:, None, :]
     return out
 
 

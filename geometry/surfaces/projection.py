@@ -12,6 +12,7 @@ import numpy as np
 import scipy.sparse
 
 from geometry.surfaces.closest_point import CORNER, INTERIOR, closest_points, stationary_points
+from geometry.surfaces.end_distance import EndDistance
 from geometry.surfaces.facet_search import TIE, FacetSearch
 from geometry.surfaces.facets import FacetShape, Floats, Ints, unit_normals
 from geometry.surfaces.rays import RaySearch
@@ -32,11 +33,17 @@ class FacetSurface:
     Attributes:
         facets: (f, a) node numbers; shape: of all facets, or of the smooth patches over them.
         stencil: (f, m) nodes that move each facet: its own, or those of its patch.
+        fade_length: m, way before an open end over which points fade; None: as each point asks.
         neighbours: (f, f) sparse; facets that share a corner, and each facet itself.
     """
 
     def __init__(
-        self, shape: FacetShape, facets: Ints, nodes: Floats, smoothing_angle: float | None = None
+        self,
+        shape: FacetShape,
+        facets: Ints,
+        nodes: Floats,
+        smoothing_angle: float | None = None,
+        fade_length: float | None = None,
     ) -> None:
         """Prepare the connectivity.
 
@@ -46,10 +53,11 @@ class FacetSurface:
             nodes: (n, i), m, reference.
             smoothing_angle: rad; the surface is made smooth but for sides where the normals
                 of neighbours differ by more. Without it the facets themselves are the surface.
+            fade_length: m, undeformed, way before an open end over which points fade.
 
         Raises:
             ValueError: more than two facets meet at a side, or two with opposite normals; or
-                facets that cannot be made smooth.
+                facets that cannot be made smooth; or a surface that would fade everywhere.
         """
         self.facets = np.asarray(facets, dtype=np.int32)
         self.shape, self.stencil = shape, self.facets
@@ -85,6 +93,9 @@ class FacetSurface:
         )
         self.neighbours = (incidence @ incidence.T).tocsr()
         self.neighbours.data[:] = 1
+        self.fade_length = fade_length
+        if fade_length is not None:
+            self._end = EndDistance(shape, self.facets, nodes, self._open, fade_length)
 
     def project(
         self,
@@ -153,7 +164,12 @@ class FacetSurface:
 
         A point that loses its force at once when it runs past the end may leave no equilibrium.
         """
-        if reach is None or self.shape.directions == 2:
+        if reach is None:
+            return
+        if self.fade_length is not None:
+            out.share, out.share_slope = self._end.share(out.facet, out.xi)
+            return
+        if self.shape.directions == 2:
             return
         open_ends = self._open[self.facets[out.facet, :2]]
         at = np.nonzero(open_ends.any(axis=1) & out.on_surface)[0]
@@ -166,9 +182,9 @@ class FacetSurface:
         end = np.argmin(way, axis=1)
         share = way[np.arange(len(at)), end]
         sign = np.where(end == 0, 1.0, -1.0)
-        out.share, out.share_slope = np.ones(len(reach)), np.zeros(len(reach))
+        out.share, out.share_slope = np.ones(len(reach)), np.zeros((len(reach), 1))
         out.share[at] = np.minimum(share, 1.0)
-        out.share_slope[at] = np.where(share < 1.0, sign * per_length, 0.0)
+        out.share_slope[at, 0] = np.where(share < 1.0, sign * per_length, 0.0)
 
     @property
     def has_kinks(self) -> bool:

@@ -212,7 +212,7 @@ class Polyline(RigidShape):
         share, slope = np.ones(len(reach)), np.zeros(len(reach))
         share[at] = np.minimum(part, 1.0)
         slope[at] = np.where(part < 1.0, np.where(end == 0, per_length, -per_length), 0.0)
-        return share, slope
+        return share, slope[:, None]
 
     def outline(self, box: Floats, count: int = 64) -> Outline:
         """See :class:`~geometry.surfaces.rigid.RigidSurface`; a fillet has ``count`` per turn."""

@@ -34,8 +34,8 @@ class Projection:
         curvature: (q, α, β, i), m, current: ∂²ȳ/∂ξ^α∂ξ^β; None where all facets are flat.
         along: (q, α) reference direction of the edge that a clamped point can move along, zero at a
             corner; None in the plane, where there are corners only.
-        share: (q,) how much of each point counts: less than 1 only right beside the open end of a
-            master in the plane; share_slope: (q,) its derivative for ξ. None: 1 everywhere.
+        share: (q,) how much of each point counts: less than 1 only beside the open end of a master;
+            share_slope: (q, α) its derivatives for ξ. None: 1 everywhere.
         rays: the slave's normals, where ȳ lies along them; None where it is the closest point.
     """
 
