@@ -132,11 +132,22 @@ def test_a_ring_is_stretched_round_its_axis(name):
     assert cell.solid.strain_energy() == pytest.approx(np.pi * density, rel=1e-10)
 
 
-@pytest.mark.parametrize("section", ["plane-strain", "axisymmetric"])
+LONG = pytest.mark.long  # forms in space that no other test has, of many terms
+
+
 @pytest.mark.parametrize("name", MATERIALS)
-def test_tangent_is_the_derivative_of_the_forces(section, name):
+@pytest.mark.parametrize(
+    ("section", "formulation"),
+    [
+        ("plane-strain", "q1-sri"),
+        ("axisymmetric", "q1-sri"),
+        pytest.param("3D", "q1-sri", marks=LONG),
+        pytest.param("3D", "q2", marks=LONG),
+    ],
+)
+def test_tangent_is_the_derivative_of_the_forces(section, formulation, name):
     """In a bent cell, where stretches differ from point to point, and undeformed."""
-    cell = Cell(MATERIALS[name], section, "q1-sri")
+    cell = Cell(MATERIALS[name], section, formulation)
     rng, h = np.random.default_rng(3), 1e-6
     for size in (0.0, 0.2):
         at = size * rng.uniform(-1.0, 1.0, len(cell.u.x.array))
