@@ -56,16 +56,26 @@ def _compile(group: _Group) -> Iterator[str]:
 
     from app.equilibrium.tangent import pattern_form
     from app.results.fields import StressField
-    from forms.bodies.loads import FollowerPressure, mean_normal, reference_area
+    from forms.bodies.elastoplastic import ElastoPlastic
+    from forms.bodies.hardening import Linear
+    from forms.bodies.loads import (
+        BodyForce,
+        DeadTraction,
+        FollowerPressure,
+        Foundation,
+        mean_normal,
+        reference_area,
+    )
     from forms.bodies.lumped_mass import mass_form
     from forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, Yeoh
     from forms.bodies.nodal_weights import body_form, surface_form
-    from forms.bodies.solid import Solid
+    from forms.bodies.plastic_solid import make_solid
     from geometry.meshes.mesh import generate
     from geometry.surfaces.slave_points import point_operator
 
+    metal = ElastoPlastic(1.0, 2.0, Linear(1.0))
     mooney, yeoh = MooneyRivlin(0.4, 0.1, 2.0), Yeoh(0.5, 0.0, 0.0, 2.0)
-    materials = (NeoHookean(1.0, 2.0), mooney, yeoh, Hencky(1.0, 2.0))
+    materials = (NeoHookean(1.0, 2.0), mooney, yeoh, Hencky(1.0, 2.0), metal)
     # From gmsh, as every case: another mesh's coordinate element would give other forms.
     mesh = generate(_shape(group.cell), MPI.COMM_SELF).mesh
     dim = mesh.geometry.dim
@@ -74,7 +84,7 @@ def _compile(group: _Group) -> Iterator[str]:
     cells = np.arange(mesh.topology.index_map(dim).size_local, dtype=np.int32)
     for material in materials:
         for formulation in group.formulations:
-            solid = Solid("sample", u, cells, material, formulation, section=group.section)
+            solid = make_solid("sample", u, cells, material, formulation, section=group.section)
             StressField(u, [solid])
             mass_form(space, solid)
             body_form(space, cells, group.section)
@@ -85,7 +95,10 @@ def _compile(group: _Group) -> Iterator[str]:
     FollowerPressure(u, facets, group.section)
     reference_area(mesh, facets, group.section)
     surface_form(space, facets, group.section)
-    mean_normal(mesh, facets, 0)
+    mean_normal(mesh, facets)
+    DeadTraction(u, facets, group.section)
+    BodyForce(u, cells, 1.0, group.section)
+    Foundation(u, facets, group.section)
     for degree in group.degrees:
         point_operator(space, facets, degree)
     yield f"{group.cell} {group.section} loads and contact points"

@@ -1,30 +1,44 @@
-"""The boundary conditions of a case: displacements, rotations, platens and pressures."""
+"""The boundary conditions of a case: what holds and moves surfaces, and what loads them."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import dolfinx
 import numpy as np
 from mpi4py import MPI
 
-from app.case.boundary import COMPONENTS, DRIVEN, Boundary, Rotation, Spring
+from app.build.motion_programs import (
+    Program,
+    displaced_components,
+    moved_components,
+    of_time,
+    turning,
+)
+from app.build.stage_memory import Acts, MovedOn, ReachedForce, Released, Remembering, StageChange
+from app.build.surface_loads import LoadsWithForms
+from app.case import platens as tables
+from app.case.boundary import COMPONENTS, Boundary, Rotation, Spring
+from app.case.stage import Stage
 from app.case.time_tables import TimeTable
 from app.equilibrium.constraints import Platen, Prescribed, component_dofs
+from app.equilibrium.equilibrium import Equilibrium
+from app.equilibrium.nodal_load import NodalLoad
+from app.equilibrium.slanted import SlantedPlaten
+from app.equilibrium.snapshot import Snapshot
 from app.errors import InputError
 from forms.bodies.kinematics import Section
-from forms.bodies.loads import FollowerPressure, mean_normal, reference_area
+from forms.bodies.loads import mean_normal, reference_area
+from geometry.meshes.groups import group_dofs
 from geometry.meshes.mesh import NamedMesh
 from geometry.surfaces.facets import Floats, Ints
 
 ON_AXIS = 1e-9  # distance over the largest radius up to which a node lies on the axis of symmetry
 FLAT = 0.99  # mean normal component from which a surface counts as flat and across the direction
+PLANE = 1e-8  # one less the length of the mean normal up to which a surface is a plane
 TANGENTIAL = 1e-6  # mean normal component below which a direction runs along the surface
-
-Program = Callable[[float, float], float | Floats]
-"""Displacement (m) of one component, of all nodes or of each, at (time, driven displacement)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,32 +46,44 @@ class Constraint:
     """A displacement component of a surface; those of equal sources agree at shared nodes.
 
     Attributes:
-        surface: its name; component: 0 is x; source: what prescribes it.
-        dofs: owned local unknowns.
+        surface: its name; component: 0 is x; −1 for a direction along no axis.
+        source: what prescribes it; part: what does so in the equilibrium.
+        acts: in which stages; given: in which of them the displacement itself is given.
     """
 
     surface: str
     component: int
     source: object
-    dofs: Ints
+    part: Prescribed | Platen
+    acts: Acts
+    given: Acts
+
+    @property
+    def dofs(self) -> Ints:
+        """Owned local unknowns."""
+        return self.part.dofs
 
 
 class Loads:
     """Collects what the boundaries prescribe, and the programs that move it.
 
     Attributes:
-        prescribed, platens, pressures: for the equilibrium.
-        constraints: what is prescribed or moves as one, by surface; pressed: surface of each
-            pressure.
+        prescribed, platens: for the equilibrium; forms: its loads with forms.
+        nodal_loads: its forces at nodes; nodal_surfaces: surface or group of each of them.
+        constraints: what is prescribed or moves as one, by surface.
         platen_names: of the platens, such as "top_x": surface and direction.
         notes: what the user should know of them, one line each.
         programs: each sets one load from (time, driven displacement), s and m.
-        stage: name of the present stage, which says whether a platen's force or displacement is
-            given.
+        stage: name of the present stage; remembering: what is told of a new one.
     """
 
     def __init__(
-        self, named: NamedMesh, u: dolfinx.fem.Function, section: Section, thickness: float
+        self,
+        named: NamedMesh,
+        u: dolfinx.fem.Function,
+        section: Section,
+        thickness: float,
+        stages: Sequence[Stage] = (),
     ) -> None:
         """Begin with none, but for the axis of symmetry, which stays where it is.
 
@@ -66,50 +92,165 @@ class Loads:
             u: displacement, m.
             section: what the mesh stands for.
             thickness: m, of a plane-strain slab; 1 otherwise.
+            stages: of the case, in order.
         """
         self.named, self.u, self.section, self.thickness = named, u, section, thickness
+        self._stages = {stage.name: stage for stage in stages}
         self.prescribed: list[Prescribed] = []
         self.platens: list[Platen] = []
         self.platen_names: list[str] = []
         self.notes: list[str] = []
-        self.pressures: list[FollowerPressure] = []
+        self.forms = LoadsWithForms(named, u, section, thickness)
+        self.nodal_loads: list[NodalLoad] = []
+        self.nodal_surfaces: list[str] = []
         self.programs: list[Callable[[float, float], None]] = []
         self.stage = ""
-        self.pressed: list[str] = []
+        self.remembering: list[Remembering] = []
         self.constraints: list[Constraint] = []
         if section == "axisymmetric":
             self._constrain_axis()
 
     def add(self, boundary: Boundary) -> None:
         """Add one boundary."""
-        facets, space = self.named.facets(boundary.surface), self.u.function_space
-        for component, value, source in _components(boundary):
-            dofs = component_dofs(space, facets, component)
-            self._prescribe(boundary.surface, dofs, component, value, source)
-        if boundary.rotation is not None:
-            self._rotate(boundary.surface, facets, boundary.rotation)
+        self._hold(boundary)
+        group = boundary.surface in self.named.groups
         if boundary.platen is not None:
-            self._platen(boundary, facets)
+            self._platen(boundary, boundary.platen)
         if boundary.spring is not None:
-            self._spring(boundary.surface, boundary.spring, facets)
-        if boundary.pressure is not None:
-            load = FollowerPressure(self.u, facets, self.section)
-            self.pressures.append(load)
-            self.pressed.append(boundary.surface)
-            table = boundary.pressure
-            self.programs.append(lambda time, driven: load.set(table(time)))
+            self._spring(boundary, boundary.spring)
+        if boundary.symmetry:
+            self._symmetry(boundary)
+        if group and boundary.force is not None:
+            self._force_on_group(boundary)
+        else:
+            self.programs += self.forms.of_boundary(boundary, lambda: self.stage)
 
-    def _prescribe(
-        self, surface: str, dofs: Ints, component: int, value: Program, source: object
-    ) -> None:
-        constrained = Prescribed(dofs)
-        self.prescribed.append(constrained)
-        self.constraints.append(Constraint(surface, component, source, dofs))
+    # -- stages -------------------------------------------------------------------------------
+
+    def begin_stage(self, name: str, time: float, problem: Equilibrium) -> None:
+        """Let the loads be those of a stage from the next time they are set; collective.
+
+        Args:
+            name: of the stage; nothing happens where it has begun already.
+            time: s, at which it begins.
+            problem: at the state that it begins with.
+        """
+        if name == self.stage:
+            return
+        change = StageChange(self.stage, name, time, problem)
+        self.stage = name
+        for one in self.remembering:
+            one.begin(change)
+
+    def finish(self) -> None:
+        """Add what the stages release, and see that corners agree; collective.
+
+        Raises:
+            InputError: two boundaries disagree at a shared node.
+        """
+        for stage in self._stages.values():
+            for surface in stage.release:
+                self._release(surface, stage)
+        self.check_corners()
+
+    def acting(self, stage: str) -> list[Constraint]:
+        """The constraints that act in a stage."""
+        return [one for one in self.constraints if one.acts(stage)]
+
+    def snapshot(self) -> Snapshot:
+        """What is remembered of the stages so far."""
+        space = self.u.function_space
+        owned = space.dofmap.index_map.size_local * space.dofmap.index_map_bs
+        return {"stage": self.stage, "parts": [one.snapshot(owned) for one in self.remembering]}
+
+    def restore(self, kept: Snapshot) -> None:
+        """Remember what :meth:`snapshot` has seen."""
+        self.stage = kept["stage"]
+        for one, values in zip(self.remembering, kept["parts"], strict=True):
+            one.restore(values)
+
+    def _acts(self, boundary: Boundary) -> Acts:
+        """In which stages what a boundary holds does so: not from a release of it on."""
+        names = list(self._stages)
+        gone = [at for at, s in enumerate(self._stages.values()) if boundary.surface in s.release]
+        free = {name for at in gone[:1] for name in names[at:]}
+        return lambda stage: boundary.acts_in(stage) and stage not in free
+
+    def _release(self, surface: str, stage: Stage) -> None:
+        assert stage.duration is not None
+        held = [one for one in self.constraints if one.surface == surface]
+        others = [one for one in self.constraints if one.surface != surface]
+        dofs = np.unique(np.concatenate([one.dofs for one in held]))
+
+        def still_held() -> Ints:
+            parts = [one.dofs for one in others if one.acts(stage.name)]
+            return np.concatenate([*parts, np.empty(0, dtype=np.int32)])
+
+        load = self._at_nodes(surface, dofs, np.zeros(len(dofs)))
+        released = Released(load, stage.name, stage.duration, still_held)
+        self.remembering.append(released)
 
         def program(time: float, driven: float) -> None:
-            constrained.value = value(time, driven)
+            load.factor = released.factor(self.stage, time)
 
         self.programs.append(program)
+
+    # -- displacements ------------------------------------------------------------------------
+
+    def _hold(self, boundary: Boundary) -> None:
+        """Prescribe displacements, velocities and rotations."""
+        acts = self._acts(boundary)
+        for component, value, source in displaced_components(boundary):
+            dofs = self._dofs(boundary.surface, component)
+            self._prescribe(boundary.surface, dofs, component, (value, source), acts)
+        for component, speed in moved_components(boundary):
+            self._move(boundary, component, speed)
+        if boundary.rotation is not None:
+            self._rotate(boundary.surface, boundary.rotation, acts)
+
+    def _dofs(self, surface: str, component: int) -> Ints:
+        """Owned local unknowns of one component of a surface or group; collective."""
+        space, group = self.u.function_space, self.named.groups.get(surface)
+        if group is not None:
+            return group_dofs(space, group, component)
+        return component_dofs(space, self.named.facets(surface), component)
+
+    def _prescribe(
+        self,
+        surface: str,
+        dofs: Ints,
+        component: int,
+        how: tuple[Program, object],
+        acts: Acts,
+    ) -> Prescribed:
+        value, source = how
+        part = Prescribed(dofs)
+        self.prescribed.append(part)
+        self.constraints.append(Constraint(surface, component, source, part, acts, acts))
+
+        def program(time: float, driven: float) -> None:
+            part.acts = acts(self.stage)
+            part.value = value(time, driven)
+
+        self.programs.append(program)
+        return part
+
+    def _move(self, boundary: Boundary, component: int, speed: TimeTable) -> None:
+        """Prescribe a velocity; what begins in the middle of a run goes on from where it is."""
+        acts, dofs = self._acts(boundary), self._dofs(boundary.surface, component)
+        value, source = of_time(speed.integral), ("velocity", speed)
+        if not boundary.stages:
+            self._prescribe(boundary.surface, dofs, component, (value, source), acts)
+            return
+        moved: list[MovedOn] = []
+
+        def from_there(time: float, driven: float) -> Floats:
+            return moved[0].value(time, driven)
+
+        where = (*source, boundary.stages)
+        part = self._prescribe(boundary.surface, dofs, component, (from_there, where), acts)
+        moved.append(MovedOn(part, speed, acts))
+        self.remembering += moved
 
     def _constrain_axis(self) -> None:
         """Constrain the nodes on the axis of symmetry: their u_x is 0."""
@@ -118,10 +259,14 @@ class Loads:
         largest = space.mesh.comm.allreduce(float(x.max(initial=0.0)), op=MPI.MAX)
         nodes = np.nonzero(np.abs(x) <= ON_AXIS * largest)[0]
         dofs = (nodes * space.dofmap.index_map_bs).astype(np.int32)
-        still = TimeTable.constant(0.0)
-        self._prescribe("the axis x = 0", dofs, 0, lambda time, driven: 0.0, still)
+        self._fix("the axis x = 0", dofs, 0, lambda stage: True)
 
-    def _rotate(self, surface: str, facets: Ints, rotation: Rotation) -> None:
+    def _fix(self, surface: str, dofs: Ints, component: int, acts: Acts) -> None:
+        """Prescribe a displacement of zero."""
+        still = TimeTable.constant(0.0)
+        self._prescribe(surface, dofs, component, (of_time(still), still), acts)
+
+    def _rotate(self, surface: str, rotation: Rotation, acts: Acts) -> None:
         """Turn a surface rigidly; displacements along the axis are not touched."""
         space = self.u.function_space
         centre = np.zeros(3)
@@ -130,10 +275,152 @@ class Loads:
         axis = np.eye(3)[COMPONENTS.index(rotation.axis)]
         for name in rotation.decided():
             component = COMPONENTS.index(name)
-            dofs = component_dofs(space, facets, component)
+            dofs = self._dofs(surface, component)
             arm = space.tabulate_dof_coordinates()[dofs // space.dofmap.index_map_bs] - centre
-            turned = _turning(arm, axis, component, rotation.angle)
-            self._prescribe(surface, dofs, component, turned, rotation)
+            turned = turning(arm, axis, component, rotation.angle)
+            self._prescribe(surface, dofs, component, (turned, rotation), acts)
+
+    def _symmetry(self, boundary: Boundary) -> None:
+        """Hold a flat surface along its normal.
+
+        Raises:
+            InputError: it is not flat, or oblique to an axis of symmetry.
+        """
+        facets = self.named.facets(boundary.surface)
+        normal = mean_normal(self.named.mesh, facets)
+        here, length = f'boundary "{boundary.surface}": symmetry', float(np.linalg.norm(normal))
+        if length < 1.0 - PLANE:
+            raise InputError(f"{here}: the surface must be flat; its mean normal is {length:.6g}")
+        acts, normal = self._acts(boundary), np.asarray(normal / length, dtype=np.float64)
+        main = int(np.argmax(np.abs(normal)))
+        if abs(normal[main]) > 1.0 - PLANE:
+            self._fix(boundary.surface, self._dofs(boundary.surface, main), main, acts)
+            return
+        if self.section == "axisymmetric":
+            raise InputError(f"{here}: a ring has planes of symmetry across its axis only")
+        platen = SlantedPlaten.on(self.u.function_space, facets, normal)
+        platen.displacement = 0.0
+        self._tie(boundary, -1, platen, acts)
+
+        def program(time: float, driven: float) -> None:
+            platen.acts = acts(self.stage)
+
+        self.programs.append(program)
+
+    # -- platens ------------------------------------------------------------------------------
+
+    def _platen(self, boundary: Boundary, table: tables.Platen) -> None:
+        """Let a surface move as one, under a force or with a displacement.
+
+        Raises:
+            InputError: it moves along itself.
+        """
+        surface, mesh = boundary.surface, self.named.mesh
+        facets = self.named.facets(surface)
+        direction = np.array(tables.unit_vector(table.direction, mesh.geometry.dim))
+        outward = float(mean_normal(mesh, facets) @ direction)
+        self._heed_direction(surface, table, outward)
+        inward = -float(np.sign(outward))
+        platen = self._as_one(boundary, table.direction, table.mass)
+        if table.pressure is not None:
+            given, scale = table.pressure, inward * reference_area(mesh, facets, self.section)
+        else:
+            given = table.force or TimeTable.constant(0.0)
+            scale = inward / self.thickness
+        reached = ReachedForce(platen, table.displacement_stages if table.hold_force else ())
+        if table.hold_force:
+            self.remembering.append(reached)
+        travel, stages, acts = table.displacement, table.displacement_stages, self._acts(boundary)
+
+        def program(time: float, driven: float) -> None:
+            platen.acts, platen.force, platen.displacement = acts(self.stage), 0.0, None
+            if not platen.acts:
+                return
+            if travel is not None and self.stage in stages:
+                platen.displacement = inward * travel(time)
+            else:
+                platen.force = scale * given(time) if reached.force is None else reached.force
+
+        self.programs.append(program)
+
+    def _heed_direction(self, surface: str, table: tables.Platen, outward: float) -> None:
+        """Refuse a platen that moves along itself, and say where a surface is not across."""
+        along = table.direction if isinstance(table.direction, str) else list(table.direction)
+        if abs(outward) < TANGENTIAL:
+            shown = f'"{along}"' if isinstance(along, str) else along
+            raise InputError(
+                f'boundary "{surface}": platen.direction = {shown} '
+                "is tangential to the surface; a platen presses along its normal"
+            )
+        if abs(outward) < FLAT:
+            self.notes.append(
+                f'boundary "{surface}": the platen\'s surface is curved or oblique (mean '
+                f"normal {abs(outward):.2g} along {along}): all of it moves as "
+                "one along that direction, and a pressure counts on all of its area"
+            )
+
+    def _as_one(
+        self, boundary: Boundary, direction: str | tuple[float, ...], mass: float
+    ) -> Platen:
+        """A platen on a surface, with an extra mass (kg; of a slab, for its thickness)."""
+        space, surface = self.u.function_space, boundary.surface
+        mass /= self.thickness
+        acts, component = self._acts(boundary), -1
+        if isinstance(direction, str):
+            component = COMPONENTS.index(direction)
+            platen = Platen(self._dofs(surface, component), mass=mass)
+        else:
+            normal = np.array(tables.unit_vector(direction, self.named.mesh.geometry.dim))
+            platen = SlantedPlaten.on(space, self.named.facets(surface), normal, mass)
+        self._tie(boundary, component, platen, acts)
+        return platen
+
+    def _tie(self, boundary: Boundary, component: int, platen: Platen, acts: Acts) -> None:
+        """Take a platen in."""
+        self.platens.append(platen)
+        direction = COMPONENTS[component] if component >= 0 else "n"
+        self.platen_names.append(f"{boundary.surface}_{direction}")
+        table, spring = boundary.platen, boundary.spring
+
+        def given(stage: str) -> bool:
+            held = table is None or stage in table.displacement_stages
+            return acts(stage) and (held or spring is not None)
+
+        one = Constraint(boundary.surface, component, object(), platen, acts, given)
+        self.constraints.append(one)
+
+    def _spring(self, boundary: Boundary, spring: Spring) -> None:
+        platen = self._as_one(boundary, spring.direction, spring.mass)
+        platen.stiffness = spring.stiffness / self.thickness
+        end, acts = spring.end, self._acts(boundary)
+
+        def program(time: float, driven: float) -> None:
+            platen.acts = acts(self.stage)
+            platen.end = end(time) if isinstance(end, TimeTable) else driven
+
+        self.programs.append(program)
+
+    # -- forces at nodes ----------------------------------------------------------------------
+
+    def _at_nodes(self, surface: str, dofs: Ints, shares: Floats) -> NodalLoad:
+        load = NodalLoad(dofs, shares)
+        self.nodal_loads.append(load)
+        self.nodal_surfaces.append(surface)
+        return load
+
+    def _force_on_group(self, boundary: Boundary) -> None:
+        """A total force on points, or along edges."""
+        assert boundary.force is not None
+        group, space = self.named.groups[boundary.surface], self.u.function_space
+        shares = group.shares(space)
+        for name in boundary.force.given():
+            component, table = COMPONENTS.index(name), getattr(boundary.force, name)
+            dofs = group_dofs(space, group, component)
+            share = np.asarray(shares[dofs // space.dofmap.index_map_bs] / self.thickness)
+            load = self._at_nodes(boundary.surface, dofs, share)
+            self.programs.append(_force_program(load, table, boundary, lambda: self.stage))
+
+    # -- corners ------------------------------------------------------------------------------
 
     def check_corners(self) -> None:
         """See that surfaces which share nodes do not prescribe different things there; collective.
@@ -141,113 +428,48 @@ class Loads:
         Raises:
             InputError: two boundaries disagree at a shared node.
         """
-        mine = [
-            f'"{a.surface}" and "{b.surface}" share a node and both decide its displacement in '
-            f"{COMPONENTS[a.component]}, each in its own way; let one of them leave it out"
-            for a, b in itertools.combinations(self.constraints, 2)
-            if a.component == b.component
-            and a.source != b.source
-            and np.intersect1d(a.dofs, b.dofs).size
-        ]
+        mine = list(self._disagreements())
         problems = sorted(set(itertools.chain(*self.named.mesh.comm.allgather(mine))))
         if problems:
             raise InputError(f"boundary: {problems[0]}")
 
-    def _platen(self, boundary: Boundary, facets: Ints) -> None:
-        assert boundary.platen is not None
-        component = COMPONENTS.index(boundary.platen.direction)
-        mesh = self.named.mesh
-        platen = self._as_one(boundary.surface, facets, component, boundary.platen.mass)
-        outward = mean_normal(mesh, facets, component)
-        if abs(outward) < TANGENTIAL:
-            raise InputError(
-                f'boundary "{boundary.surface}": platen.direction = "{boundary.platen.direction}" '
-                "is tangential to the surface; a platen presses along its normal"
-            )
-        if abs(outward) < FLAT:
-            self.notes.append(
-                f'boundary "{boundary.surface}": the platen\'s surface is curved or oblique (mean '
-                f"normal {abs(outward):.2g} along {boundary.platen.direction}): all of it moves as "
-                "one along that direction, and a pressure counts on all of its area"
-            )
-        inward = -float(np.sign(outward))
-        if boundary.platen.pressure is not None:
-            table, scale = (
-                boundary.platen.pressure,
-                inward * reference_area(mesh, facets, self.section),
-            )
-        else:
-            assert boundary.platen.force is not None
-            table, scale = boundary.platen.force, inward / self.thickness
-        travel, stages = boundary.platen.displacement, boundary.platen.displacement_stages
-
-        def program(time: float, driven: float) -> None:
-            if travel is not None and self.stage in stages:
-                platen.force, platen.displacement = 0.0, inward * travel(time)
-            else:
-                platen.force, platen.displacement = scale * table(time), None
-
-        self.programs.append(program)
-
-    def _as_one(self, surface: str, facets: Ints, component: int, mass: float) -> Platen:
-        """A platen on a surface, with an extra mass (kg; of a slab, for its thickness)."""
-        dofs = component_dofs(self.u.function_space, facets, component)
-        platen = Platen(dofs, mass=mass / self.thickness)
-        self.platens.append(platen)
-        self.platen_names.append(f"{surface}_{COMPONENTS[component]}")
-        self.constraints.append(Constraint(surface, component, object(), platen.dofs))
-        return platen
-
-    def _spring(self, surface: str, spring: Spring, facets: Ints) -> None:
-        platen = self._as_one(surface, facets, COMPONENTS.index(spring.direction), spring.mass)
-        platen.stiffness = spring.stiffness / self.thickness
-        end = spring.end
-
-        def program(time: float, driven: float) -> None:
-            platen.end = end(time) if isinstance(end, TimeTable) else driven
-
-        self.programs.append(program)
+    def _disagreements(self) -> Iterator[str]:
+        names = list(self._stages) or [""]
+        for a, b in itertools.combinations(self.constraints, 2):
+            if not any(a.acts(name) and b.acts(name) for name in names):
+                continue
+            if a.component >= 0 and b.component >= 0:
+                if a.component == b.component and a.source != b.source and _share(a, b):
+                    yield (
+                        f'"{a.surface}" and "{b.surface}" share a node and both decide its '
+                        f"displacement in {COMPONENTS[a.component]}, each in its own way; let one "
+                        "of them leave it out"
+                    )
+            elif _decides_oblique(a, b) and _share(a, b):
+                yield (
+                    f'"{a.surface}" and "{b.surface}" share a node and both decide its '
+                    "displacement in an oblique direction; let one of them end before it"
+                )
 
 
-def _turning(arm: Floats, axis: Floats, component: int, angle: TimeTable) -> Program:
-    """One displacement component of points turned about an axis, by Rodrigues' formula.
-
-    Args:
-        arm: (n, 3) from the axis to the points, m.
-        axis: (3,) unit vector.
-        component: of the displacement.
-        angle: rad, over time.
-    """
-    across = np.cross(axis, arm)[:, component]
-    outward = (arm - np.outer(arm @ axis, axis))[:, component]
-
-    def value(time: float, driven: float) -> Floats:
-        turn = angle(time)
-        # cos − 1 without cancellation
-        out: Floats = across * np.sin(turn) - outward * 2.0 * np.sin(0.5 * turn) ** 2
-        return out
-
-    return value
+def _share(a: Constraint, b: Constraint) -> bool:
+    return bool(np.intersect1d(a.dofs, b.dofs).size)
 
 
-def _components(boundary: Boundary) -> Iterator[tuple[int, Program, object]]:
-    """Prescribed components, their value at (time, driven displacement), and what says so."""
-    table = boundary.displacement
-    for index, name in enumerate(COMPONENTS):
-        moved = getattr(table, name, None)
-        if table is not None and moved == DRIVEN:
-            share = table.driven_share(name)
-            yield index, _of_drive(share), (DRIVEN, share)
-        elif isinstance(moved, TimeTable):
-            yield index, _of_time(moved.__call__), moved
-        speed = getattr(boundary.velocity, name, None)
-        if isinstance(speed, TimeTable):
-            yield index, _of_time(speed.integral), ("velocity", speed)
+def _decides_oblique(a: Constraint, b: Constraint) -> bool:
+    """Whether two constraints, one along no axis, cannot stand at one node together."""
+    if isinstance(a.part, SlantedPlaten) and isinstance(b.part, SlantedPlaten):
+        return True
+    oblique, other = (a, b) if isinstance(a.part, SlantedPlaten) else (b, a)
+    assert isinstance(oblique.part, SlantedPlaten)
+    # What is prescribed beside it is left out of what it eliminates.
+    return isinstance(other.part, Platen) and oblique.part.normal[other.component] != 0.0
 
 
-def _of_drive(share: float) -> Program:
-    return lambda time, driven: share * driven
+def _force_program(
+    load: NodalLoad, table: TimeTable, boundary: Boundary, stage: Callable[[], str]
+) -> Callable[[float, float], None]:
+    def program(time: float, driven: float) -> None:
+        load.factor = table(time) if boundary.acts_in(stage()) else 0.0
 
-
-def _of_time(value: Callable[[float], float]) -> Program:
-    return lambda time, driven: value(time)
+    return program

@@ -15,6 +15,7 @@ from forms.contact.pressure import PressureKind
 CORNERED = 3.0  # length of master facets over that of slave facets from which these feel corners
 APART = 2.0  # distance over facet length from which bodies are said to start apart
 COARSE = 3.0  # length of slave facets over that of master facets from which they are too coarse
+ROUND = 0.5  # length of slave facets over the radius of a tool from which they are too coarse
 STIFFER = 10.0  # modulus of the slave's body over that of the master's that is pointed out
 CHATTER = 10.0  # K h/M above which an explicit run pays for the penalty K
 # Penalties in units of the stiffness of the elements beside them (`penalty_factor`). Up to a
@@ -24,6 +25,8 @@ CHATTER = 10.0  # K h/M above which an explicit run pays for the penalty K
 STIFF_PENALTY = 3e4
 SOFT_PENALTY = 0.1
 SOFT_STICK = 0.1  # K_T h/G below which the elastic slip is longer than the shear of the elements
+
+WHOLE = 0.999  # tied share of a slave's area that counts as all of it
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +43,7 @@ class Corners:
 
 
 def stiffer_slave(
-    index: int, contact: Contact, body: str, slave: Material, master: Material
+    index: int, contact: Contact, body: str, slave: Material, master: Material | None = None
 ) -> Iterator[str]:
     """A line on a slave that is on the stiffer body.
 
@@ -49,9 +52,9 @@ def stiffer_slave(
         contact: what the case says.
         body: name of the slave's body.
         slave: material of that body.
-        master: material of the other body.
+        master: material of the other body; None: a tool.
     """
-    if oedometric_modulus(slave) > STIFFER * oedometric_modulus(master):
+    if master is not None and oedometric_modulus(slave) > STIFFER * oedometric_modulus(master):
         yield (
             f"contact.{index}: the slave {contact.slave} is on the stiffer body {body}; the "
             "softer body's surface should be the slave"
@@ -80,10 +83,44 @@ def notes_on_surfaces(
         )
 
 
+def note_on_radius(
+    place: str, contact: Contact, length: float, radius: float | None
+) -> Iterator[str]:
+    """A line on slave facets too long to follow a round tool.
+
+    Args:
+        place: of the contact in the case.
+        contact: what the case says.
+        length: m, mean length of the slave facets.
+        radius: m, the smallest of the tool; None: it has none.
+    """
+    if radius is not None and length > ROUND * radius:
+        yield (
+            f"{place}: the facets of the slave {contact.slave} are {length / radius:.2g} times as "
+            f"long as the smallest radius of {contact.master}, {radius:.3g} m, which they cannot "
+            "follow; refine the slave where it bends round"
+        )
+
+
 def note_on_idle_film(place: str, contact: Contact) -> Iterator[str]:
     """A line on a film that the friction law has no use for."""
     if contact.film is not None and isinstance(contact.friction, Coulomb | Frictionless):
         yield f'{place}: film has no effect with law = "{contact.friction.law}"'
+
+
+def note_on_tie(place: str, contact: Contact, share: float) -> Iterator[str]:
+    """A line on a slave that is tied in part only.
+
+    Args:
+        place: of the contact in the case.
+        contact: what the case says.
+        share: of the slave's area that is tied.
+    """
+    if share < WHOLE:
+        yield (
+            f"{place}: {contact.slave} is tied to {contact.master} over {100.0 * share:.3g} % of "
+            "its area: the rest has nothing beside it"
+        )
 
 
 def note_on_corners(place: str, contact: Contact, corners: Corners) -> Iterator[str]:

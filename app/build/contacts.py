@@ -5,8 +5,8 @@ Every default of a `[[contact]]` table is resolved here and nowhere else.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 
 import dolfinx
 import numpy as np
@@ -18,7 +18,9 @@ from app.build.contact_notes import (
     Corners,
     note_on_corners,
     note_on_idle_film,
+    note_on_radius,
     note_on_stick,
+    note_on_tie,
     notes_on_penalty,
     notes_on_surfaces,
     stiffer_slave,
@@ -27,6 +29,8 @@ from app.case.case import Case
 from app.case.contact import Contact
 from app.case.friction import Coulomb, Friction, FrictionMap, OwnLaw, Stribeck
 from app.case.own_law import OwnLawError
+from app.case.time_tables import TimeTable, value_at
+from app.equilibrium.rigid_tool import RigidTool
 from app.errors import InputError
 from forms.bodies.contact_stiffness import contact_shear_modulus
 from forms.bodies.kinematics import Section
@@ -34,8 +38,10 @@ from forms.bodies.materials import Material, oedometric_modulus
 from forms.contact.law_faults import law_fault
 from forms.contact.penalty import ContactTerm
 from forms.contact.pressure import PressureKind
+from forms.contact.tie import TieTerm
 from forms.friction import friction_map
 from forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
+from forms.friction.factored_law import FactoredLaw
 from forms.friction.law import FrictionLaw
 from forms.friction.stribeck import StribeckLaw
 from geometry.meshes.mesh import NamedMesh
@@ -43,7 +49,7 @@ from geometry.surfaces.body_facets import facet_length
 from geometry.surfaces.facets import Floats
 from geometry.surfaces.projection import Projection
 from geometry.surfaces.smoothing import shared_sides
-from geometry.surfaces.surface import QUADRATURE_DEGREE, ContactSurface
+from geometry.surfaces.surface import QUADRATURE_DEGREE, ContactSurface, RigidMaster
 
 # Angles, rad, between neighbouring facets of a master that are a round one's: from about 5 to 20
 # degrees a surface may be drawn with corners, and more surely is.
@@ -66,11 +72,14 @@ class BuiltContact:
         table: of the case, with every default resolved.
         term: its residual, tangent and history.
         notes: what the user should know, one line each.
+        program: gives the term its friction at (time, driven displacement), s and m; None where it
+            does not change.
     """
 
     table: Contact
     term: ContactTerm
     notes: tuple[str, ...]
+    program: Callable[[float, float], None] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +93,7 @@ class ContactBuilder:
         section: what the mesh stands for.
         materials: of the bodies, by name.
         runs_code: whether laws written in Python are run; without, such a contact has no friction.
+        tools: that a contact may name as master, by name.
     """
 
     case: Case
@@ -92,6 +102,7 @@ class ContactBuilder:
     section: Section
     materials: Mapping[str, Material]
     runs_code: bool = True
+    tools: Mapping[str, RigidTool] = field(default_factory=dict)
 
     def build(self, index: int) -> BuiltContact:
         """The contact of this number in the case; collective.
@@ -100,41 +111,75 @@ class ContactBuilder:
             InputError: its surfaces, or its keys, do not fit.
         """
         asked = self.case.contact[index]
-        slave, master = self._materials(index, asked)
-        degree = quadrature_degree(self.named.mesh.geometry.dim, slave, master)
+        materials = self._materials(index, asked)
+        degree = quadrature_degree(self.named.mesh.geometry.dim, *materials)
         asked = asked.model_copy(update={"quadrature_degree": asked.quadrature_degree or degree})
         surface = self._surface(index, asked)
-        softer = min(slave, master, key=oedometric_modulus)
+        softer = min(materials, key=oedometric_modulus)
+        if asked.tied:
+            return self._tie(index, asked, surface, softer)
         length = surface.facet_length
         at = surface.project(surface.slave.position, surface.master.position)
-        distance = _checked_distance(f"contact.{index}", asked, surface, at)
+        at_once = self.case.acts_in(asked, self.case.stage[0].name)
+        distance = _checked_distance(f"contact.{index}", asked, surface, at, at_once)
         table = resolved_contact(asked, softer, length, highest_pressure(self.case))
-        law, film = self._law(index, table.friction), table.film.film() if table.film else 0.0
-        lengths = (length, facet_length(self.named.mesh, self.named.facets(asked.master)))
+        law, film = self._law(index, table), table.film.film() if table.film else 0.0
+        lengths = (length, self._master_length(asked))
         modulus = penalty_modulus(softer, table.pressure)
         penalty = _penalty(table, surface, modulus)
         factor = table.penalty_factor or (table.penalty or 0.0) * length / modulus
         ratio = modulus / oedometric_modulus(softer)
         notes = (
-            *stiffer_slave(index, asked, self.named.body_of(asked.slave), slave, master),
+            *stiffer_slave(index, asked, self.named.body_of(asked.slave), *materials),
             *notes_on_surfaces(f"contact.{index}", asked, lengths, distance),
+            *note_on_radius(f"contact.{index}", asked, length, self._radius(asked)),
             *note_on_idle_film(f"contact.{index}", asked),
             *note_on_corners(f"contact.{index}", asked, corners_of(asked, surface, at, distance)),
             *notes_on_penalty(index, factor, ratio, self.case.is_explicit, table.pressure),
             *note_on_stick(index, table.friction, contact_shear_modulus(softer) / length),
         )
-        modulus = contact_modulus(slave, master)
+        modulus = contact_modulus(*materials)
         term = ContactTerm(surface, law, penalty, film, table.pressure, modulus)
         if fault := law_fault([term]):
             raise InputError(f"contact.{index}.friction: {fault}")
+        return BuiltContact(table, term, notes, friction_program(table, term))
+
+    def _tie(
+        self, index: int, asked: Contact, surface: ContactSurface, softer: Material
+    ) -> BuiltContact:
+        """A contact whose surfaces are bonded; collective.
+
+        Raises:
+            InputError: nothing of the slave lies beside the master.
+        """
+        modulus = penalty_modulus(softer, "averaged")
+        length = surface.facet_length
+        table = resolved_contact(asked, softer, length, highest_pressure(self.case))
+        try:
+            term = TieTerm(surface, _penalty(table, surface, modulus))
+        except ValueError as error:
+            raise InputError(f"contact.{index}: {error} ({asked.slave}, {asked.master})") from None
+        factor = table.penalty_factor or (table.penalty or 0.0) * length / modulus
+        ratio = modulus / oedometric_modulus(softer)
+        notes = (
+            *note_on_tie(f"contact.{index}", asked, term.share),
+            *notes_on_penalty(index, factor, ratio, self.case.is_explicit),
+        )
         return BuiltContact(table, term, notes)
 
-    def _law(self, index: int, friction: Friction) -> FrictionLaw:
-        """The law of a resolved `[contact.friction]` table; collective.
+    def _law(self, index: int, table: Contact) -> FrictionLaw:
+        """The law of a resolved `[[contact]]` table at the start; collective.
 
         Raises:
             InputError: a law written in Python cannot be used, on some rank.
         """
+        law = self._plain_law(index, table.friction)
+        if table.friction_factor == 1.0:
+            return law
+        return _factored(law, table.friction_factor, 0.0)
+
+    def _plain_law(self, index: int, friction: Friction) -> FrictionLaw:
+        """The law without a factor; collective; raises as :meth:`_law` does."""
         if not isinstance(friction, OwnLaw):
             return friction_law(friction)
         law: FrictionLaw = FrictionlessLaw()
@@ -155,20 +200,34 @@ class ContactBuilder:
         reason = contact.smoothing_problem(mesh.topology.cell_name(), degree)
         if reason is not None:
             raise InputError(f"contact.{index}.smoothing_angle: {reason}")
+        slave, tool = self.named.facets(contact.slave), self.tools.get(contact.master)
+        quadrature = contact.quadrature_degree or QUADRATURE_DEGREE[mesh.geometry.dim]
+        ring = self.section == "axisymmetric"
         try:
-            return ContactSurface(
-                self.space,
-                self.named.facets(contact.slave),
-                self.named.facets(contact.master),
-                contact.quadrature_degree or QUADRATURE_DEGREE[mesh.geometry.dim],
-                self.section == "axisymmetric",
-                contact.smoothing_angle,
-            )
+            if tool is not None:
+                rigid = tool.surface, tool.nodes, tool.motion
+                return ContactSurface.for_tool(self.space, slave, *rigid, quadrature, ring)
+            master = self.named.facets(contact.master)
+            ends = contact.smoothing_angle, contact.fade_length
+            return ContactSurface(self.space, slave, master, quadrature, ring, *ends)
         except ValueError as error:
             raise InputError(f"contact.{index}: {error}") from None
 
-    def _materials(self, index: int, contact: Contact) -> tuple[Material, Material]:
-        """Materials of the bodies of slave and master."""
+    def _master_length(self, contact: Contact) -> float:
+        """Length of the master's facets, m; infinite of a tool, which has none; collective."""
+        if contact.master in self.tools:
+            return np.inf
+        return facet_length(self.named.mesh, self.named.facets(contact.master))
+
+    def _radius(self, contact: Contact) -> float | None:
+        """Smallest radius of a tool, m; None without one."""
+        table = self.case.tools.get(contact.master)
+        return None if table is None else table.smallest_radius
+
+    def _materials(self, index: int, contact: Contact) -> tuple[Material, ...]:
+        """Materials of the bodies of slave and master; of the slave alone against a tool."""
+        if contact.master in self.tools:
+            return (self.materials[self.named.body_of(contact.slave)],)
         owners = [self.named.body_of(name) for name in (contact.slave, contact.master)]
         if owners[0] == owners[1]:
             raise InputError(
@@ -195,14 +254,15 @@ def resolved_contact(contact: Contact, softer: Material, length: float, pressure
     )
 
 
-def quadrature_degree(dim: int, slave: Material, master: Material) -> int:
+def quadrature_degree(dim: int, slave: Material, master: Material | None = None) -> int:
     """Default degree of the quadrature on slave facets.
 
-    In the plane five points serve a slave that is much the softer. The nodes of a master that gives
-    as well feel where the points are: six then (docs/verification.md, patch test).
+    In the plane five points serve a slave that is much the softer, or meets a tool (no ``master``).
+    The nodes of a master that gives as well feel where the points are: six then
+    (docs/verification.md, patch test).
     """
     degree = QUADRATURE_DEGREE[dim]
-    rigid = oedometric_modulus(master) > STIFFER * oedometric_modulus(slave)
+    rigid = master is None or oedometric_modulus(master) > STIFFER * oedometric_modulus(slave)
     return degree if rigid or dim == 3 else degree + 2
 
 
@@ -262,13 +322,47 @@ def friction_law(friction: Friction) -> FrictionLaw:
     if isinstance(friction, FrictionMap):
         return friction_map.FrictionMap(friction.parameters())
     if isinstance(friction, Coulomb):
-        assert friction.K_T is not None
-        return CoulombLaw(CoulombParameters(mu=friction.mu, K_T=friction.K_T))
+        return _coulomb_law(friction, 0.0)
     if isinstance(friction, Stribeck):
         return StribeckLaw(friction.parameters())
     if isinstance(friction, OwnLaw):
         return friction.friction_law()
     return FrictionlessLaw()
+
+
+def _coulomb_law(friction: Coulomb, time: float) -> CoulombLaw:
+    """Coulomb's law with the coefficient of a time, s."""
+    assert friction.K_T is not None, "resolved before"
+    return CoulombLaw(CoulombParameters(mu=value_at(friction.mu, time), K_T=friction.K_T))
+
+
+def _factored(law: FrictionLaw, factor: float | TimeTable, time: float) -> FactoredLaw:
+    """A law with the factor of a time, s."""
+    largest = max(factor.values) if isinstance(factor, TimeTable) else factor
+    return FactoredLaw(law, value_at(factor, time), largest)
+
+
+def friction_program(table: Contact, term: ContactTerm) -> Callable[[float, float], None] | None:
+    """What gives a term its friction at (time, driven displacement); None where it stays the same.
+
+    Args:
+        table: of the case, resolved.
+        term: the contact.
+    """
+    friction, factor = table.friction, table.friction_factor
+    changes = isinstance(friction, Coulomb) and isinstance(friction.mu, TimeTable)
+    if not changes and not isinstance(factor, TimeTable):
+        return None
+
+    def program(time: float, driven: float) -> None:
+        law = term.law
+        plain = law.law if isinstance(law, FactoredLaw) else law
+        if changes and isinstance(friction, Coulomb):
+            plain = _coulomb_law(friction, time)
+        factored = isinstance(law, FactoredLaw)
+        term.renew(law=_factored(plain, factor, time) if factored else plain)
+
+    return program
 
 
 def corners_of(
@@ -285,6 +379,8 @@ def corners_of(
         distance: m, of the surfaces.
     """
     comm, master = surface.space.mesh.comm, surface.master
+    if isinstance(master, RigidMaster):
+        return Corners(0.0, 0.0)
     angle, size = np.zeros(len(master.facets)), master.sizes()
     if contact.smoothing_angle is None:
         shared = shared_sides(surface.shape, master.facets, master.position)
@@ -300,8 +396,19 @@ def corners_of(
     return Corners(largest, float(np.degrees(turned)))
 
 
+def overlap(surface: ContactSurface, at: Projection) -> float:
+    """Depth, m, of the deepest of the slave's points inside the master; 0 if none is; collective.
+
+    Args:
+        surface: the pair.
+        at: the slave's points on the master.
+    """
+    local = float(np.max(-at.gap, where=at.on_surface, initial=0.0))
+    return float(surface.space.mesh.comm.allreduce(local, op=MPI.MAX))
+
+
 def _checked_distance(
-    place: str, contact: Contact, surface: ContactSurface, at: Projection
+    place: str, contact: Contact, surface: ContactSurface, at: Projection, at_once: bool
 ) -> float:
     """Refuse surfaces that overlap, or face away from each other, before anything has moved.
 
@@ -310,13 +417,14 @@ def _checked_distance(
         contact: what the case says.
         surface: its surfaces.
         at: the slave's points on the master.
+        at_once: whether they feel each other from the first stage on; otherwise they may overlap
+            until they do.
 
     Returns:
         Their distance, m; infinite if no slave point is above the master.
     """
-    local = float(np.max(-at.gap, where=at.on_surface, initial=0.0))
-    depth = surface.space.mesh.comm.allreduce(local, op=MPI.MAX)
-    if depth > OVERLAP * surface.facet_length:
+    depth = overlap(surface, at)
+    if at_once and depth > OVERLAP * surface.facet_length:
         smooth = (
             "; a smooth master bulges beyond its facets where flats and arcs meet: leave a gap, or "
             "lower smoothing_angle"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from mpi4py import MPI
@@ -12,19 +12,25 @@ from app.case.case import Case
 from app.case.geometry import GeneratedGeometry
 from app.case.validation import format_problem
 from app.errors import InputError
+from geometry.meshes.bonds import bonded_groups, surfaces_sharing_nodes
 from geometry.meshes.gmsh_model import MeshError
-from geometry.meshes.mesh import NamedMesh, bodies_sharing_nodes, generate, read
+from geometry.meshes.mesh import NamedMesh, generate, read
 
 
-def make_mesh(case: Case, comm: MPI.Comm) -> NamedMesh:
+def make_mesh(case: Case, comm: MPI.Comm, carriers: Sequence[str] = ()) -> NamedMesh:
     """The case's mesh, generated or read, with every name the case uses; collective.
+
+    Args:
+        case: the case.
+        comm: ranks that work together.
+        carriers: names of cells that are added, which are no body's.
 
     Raises:
         InputError: no such file, body or surface, or bodies that are glued together; the message
             names the case file.
     """
     try:
-        return _made_mesh(case, comm)
+        return _made_mesh(case, comm, carriers)
     except InputError as error:
         raise of_case(case, error) from None
 
@@ -36,61 +42,76 @@ def of_case(case: Case, error: InputError) -> InputError:
     return InputError(first, more)
 
 
-def _made_mesh(case: Case, comm: MPI.Comm) -> NamedMesh:
+def _made_mesh(case: Case, comm: MPI.Comm, carriers: Sequence[str]) -> NamedMesh:
     geometry = case.geometry
     shared = case.solver.partition == "contact"
     contacts = [(contact.slave, contact.master) for contact in case.contact] if shared else []
     try:
         if isinstance(geometry, GeneratedGeometry):
-            return generate(geometry.shape(), comm, contacts)
+            return generate(geometry.shape(), comm, contacts, carriers)
+        scale = 1.0 if geometry.scale is None else geometry.scale
         try:
-            named = read(Path(geometry.mesh), comm, contacts, geometry.max_cells)
+            named = read(Path(geometry.mesh), comm, contacts, geometry.max_cells, carriers, scale)
         except MeshError as error:
             raise MeshError(f"geometry.mesh: {error}") from None
         wrong = [*_name_problems(case, named), *_section_problems(case, named)]
         if wrong:
             first, *more = (f"{line} (mesh {geometry.mesh})" for line in wrong)
             raise InputError(first, more)
-        glued = bodies_sharing_nodes(named)
     except MeshError as error:
         raise InputError(str(error)) from None
-    if glued:
-        first, second = glued[0]
-        raise InputError(
-            f'{geometry.mesh}: bodies "{first}" and "{second}" share nodes, so they cannot slide; '
-            "mesh them apart (no common points between the bodies)"
-        )
-    _check_owners(case, named)
+    _check_surfaces(case, named)
     return named
 
 
 def _name_problems(case: Case, named: NamedMesh) -> Iterator[str]:
     """Names of the case that the mesh has not, and bodies the other way round."""
-    wanted = [(f"bodies.{name}", named.body_tag, name) for name in case.bodies]
+    wanted: list[tuple[str, Callable[[str], object], str]] = [
+        (f"bodies.{name}", named.body_tag, name) for name in case.bodies
+    ]
     for index, contact in enumerate(case.contact):
         wanted.append((f"contact.{index}.slave", named.surface_tag, contact.slave))
-        wanted.append((f"contact.{index}.master", named.surface_tag, contact.master))
+        if contact.master not in case.tools:
+            wanted.append((f"contact.{index}.master", named.surface_tag, contact.master))
     for index, boundary in enumerate(case.boundary):
-        wanted.append((f"boundary.{index}.surface", named.surface_tag, boundary.surface))
+        wanted.append((f"boundary.{index}.surface", named.heed_place, boundary.surface))
     for place, tag_of, name in wanted:
         try:
             tag_of(name)
         except MeshError as error:
             yield f"{place}: {error}"
+    for name in case.tools:
+        if name in named.surfaces:
+            yield f"tools.{name}: a surface of the mesh has this name already"
     for name in named.bodies:
         if name not in case.bodies:
             yield f'the mesh has a body "{name}", the case has no [bodies.{name}]'
 
 
-def _check_owners(case: Case, named: NamedMesh) -> None:
-    """See that every surface in use lies on one body; collective."""
-    pairs = [(contact.slave, contact.master) for contact in case.contact]
-    used = [name for pair in pairs for name in pair] + [part.surface for part in case.boundary]
-    for surface in dict.fromkeys(used):
-        try:
-            named.body_of(surface)
-        except MeshError as error:
-            raise InputError(str(error)) from None
+def _check_surfaces(case: Case, named: NamedMesh) -> None:
+    """See that a contact is between two bodies that are not bonded there; collective.
+
+    A boundary may spread over bodies that are bonded.
+    """
+    try:
+        for index, contact in enumerate(case.contact):
+            pair = (contact.slave, contact.master)
+            if contact.master in case.tools:
+                named.body_of(contact.slave)
+                continue
+            first, second = map(named.body_of, pair)
+            if first != second and (shared := surfaces_sharing_nodes(named, pair)):
+                raise InputError(
+                    f'contact.{index}: slave "{pair[0]}" and master "{pair[1]}" share {shared} '
+                    f'nodes, so bodies "{first}" and "{second}" cannot slide there; mesh them apart'
+                )
+        groups = bonded_groups(named)
+        for boundary in case.boundary:
+            on = set(named.bodies_of(boundary.surface))
+            if not any(on <= set(group) for group in groups):
+                named.body_of(boundary.surface)
+    except MeshError as error:
+        raise InputError(str(error)) from None
 
 
 def _section_problems(case: Case, named: NamedMesh) -> Iterator[str]:
@@ -102,6 +123,12 @@ def _section_problems(case: Case, named: NamedMesh) -> Iterator[str]:
         return
     for index, boundary in enumerate(case.boundary):
         yield from map(format_problem, boundary.section_problems(section, ("boundary", index)))
+        if boundary.surface in named.groups:
+            yield from map(format_problem, boundary.group_problems(("boundary", index)))
+    if case.gravity is not None:
+        yield from map(format_problem, case.gravity.section_problems(section, ("gravity",)))
+    for name, tool in case.tools.items():
+        yield from map(format_problem, tool.section_problems(section, ("tools", name)))
     for name, body in case.bodies.items():
         if body.velocity is not None:
             place = ("bodies", name, "velocity")

@@ -11,6 +11,7 @@ from app.case.case import Case
 from app.case.geometry import GeneratedGeometry
 from forms.bodies.solid import Solid
 from geometry.meshes import metis
+from geometry.meshes.bonds import bodies_sharing_nodes
 from geometry.meshes.mesh import NamedMesh
 
 LOCKING = 50.0  # K/G (Poisson's ratio 0.49) from which linear triangles are said to lock
@@ -26,12 +27,26 @@ def notes_on_ranks(case: Case, named: NamedMesh) -> Iterator[str]:
 
 
 def locking_bodies(named: NamedMesh, solids: Sequence[Solid], degree: int) -> Iterator[str]:
-    """A line on each nearly incompressible body of linear triangles or tetrahedra, which lock."""
+    """A line on each body of linear elements that lock: where the volume hardly changes.
+
+    That is so of nearly incompressible bodies of triangles or tetrahedra, and of all that flow.
+    """
     cure = {"triangle": ("triangles", "quadrilateral"), "tetrahedron": ("tetrahedra", "hexahedron")}
-    if degree > 1 or named.mesh.topology.cell_name() not in cure:
+    if degree > 1:
+        return
+    for solid in solids:
+        if solid.flows and solid.carried is None:
+            yield (
+                f"body {solid.name}: linear elements of full integration lock where a metal flows, "
+                'which keeps its volume, and are too stiff; use formulation = "q1-sri" on '
+                'quadrilaterals or hexahedra, or formulation = "q2"'
+            )
+    if named.mesh.topology.cell_name() not in cure:
         return
     plural, other = cure[named.mesh.topology.cell_name()]
     for solid in solids:
+        if solid.flows:
+            continue
         ratio = solid.material.bulk_modulus / solid.material.shear_modulus
         if ratio > LOCKING:
             yield (
@@ -42,18 +57,27 @@ def locking_bodies(named: NamedMesh, solids: Sequence[Solid], degree: int) -> It
 
 def many_cells(case: Case, named: NamedMesh) -> Iterator[str]:
     """A line on a mesh whose number of cells is near the most that are allowed."""
-    cells = named.mesh.topology.index_map(named.mesh.topology.dim).size_global
+    cells = named.cell_count
     if cells > MANY * case.geometry.max_cells:
         yield f"the mesh has {cells} cells; geometry.max_cells allows {case.geometry.max_cells}"
 
 
+def bonded_bodies(named: NamedMesh) -> Iterator[str]:
+    """A line on each two bodies that share nodes; collective."""
+    for (first, second), count in bodies_sharing_nodes(named).items():
+        yield f"bodies {first} and {second} share {count} nodes: they are bonded there"
+
+
 def large_mesh(case: Case, named: NamedMesh) -> Iterator[str]:
-    """A line on a mesh that was read and may not be in metres; collective."""
-    if isinstance(case.geometry, GeneratedGeometry):
+    """A line on a mesh that was read without a scale and may not be in metres; collective."""
+    if isinstance(case.geometry, GeneratedGeometry) or case.geometry.scale is not None:
         return
     x = named.mesh.geometry.x
     ends = np.concatenate([x.max(axis=0, initial=-np.inf), -x.min(axis=0, initial=np.inf)])
     named.mesh.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
     extent = float(np.max(ends[:3] + ends[3:]))
     if extent > LARGE:
-        yield f"mesh {case.geometry.mesh}: {extent:.3g} m long; coordinates are taken as metres"
+        yield (
+            f"mesh {case.geometry.mesh}: {extent:.3g} m long; coordinates are taken as metres, "
+            'set geometry.scale = "mm" if they are millimetres'
+        )

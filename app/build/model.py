@@ -5,14 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
+import dolfinx
 import numpy as np
 from mpi4py import MPI
 
 from app.build.boundary_conditions import Loads
 from app.build.case_notes import notes_on
 from app.build.contacts import BuiltContact, ContactBuilder
+from app.build.drifting import drifting
 from app.build.mesh import make_mesh, of_case
-from app.build.mesh_notes import large_mesh, locking_bodies, many_cells, notes_on_ranks
+from app.build.mesh_notes import (
+    bonded_bodies,
+    large_mesh,
+    locking_bodies,
+    many_cells,
+    notes_on_ranks,
+)
 from app.build.numbers import failures_as
 from app.build.probes import PointPlaces, place_probes
 from app.build.solids import (
@@ -22,10 +30,12 @@ from app.build.solids import (
     resolved_bodies,
 )
 from app.build.supports import notes_on_supports
+from app.build.tools import make_tools, notes_on_tools
 from app.case.boundary import COMPONENTS
 from app.case.case import Case
 from app.case.stage import solver_of
 from app.equilibrium.equilibrium import Equilibrium
+from app.equilibrium.snapshot import Snapshot
 from app.errors import InputError
 from app.implicit.linear_solver import chosen_solver
 from forms.bodies.kinematics import Section
@@ -50,7 +60,8 @@ class Model:
         platen_names: of the problem's platens, such as "top_x": surface and direction.
         loads: what the boundaries prescribe.
         probes: places of the probes that are points or lines.
-        loaded: s and m, time and driven displacement of the loads that are set.
+        loaded: s and m, time and driven displacement of the loads that are set; loaded_in: the
+            stage that they were set in.
     """
 
     case: Case
@@ -64,6 +75,7 @@ class Model:
     loads: Loads | None = None
     probes: list[PointPlaces] = field(default_factory=list)
     loaded: tuple[float, float] = (0.0, 0.0)
+    loaded_in: str = ""
 
     @property
     def film_onset(self) -> list[float]:
@@ -71,9 +83,37 @@ class Model:
         return [contact.film_onset for contact in self.case.contact]
 
     def begin_stage(self, name: str) -> None:
-        """Let the loads be those of a stage from the next :meth:`set_loads` on."""
+        """Let loads and contacts be those of a stage from the next :meth:`set_loads` on.
+
+        The problem must be as the last step left it; collective.
+        """
         if self.loads is not None:
-            self.loads.stage = name
+            self.loads.begin_stage(name, self.loaded[0], self.problem)
+        self._choose_contacts(name)
+
+    def _choose_contacts(self, stage: str) -> None:
+        """Let the contacts of a stage act."""
+        for table, term in zip(self.case.contact, self.problem.contacts, strict=True):
+            acts = self.case.acts_in(table, stage)
+            if term.active != acts:
+                term.renew(active=acts)
+
+    def snapshot(self) -> Snapshot:
+        """Which loads are set, and what they remember of earlier stages."""
+        return {
+            "loaded": list(self.loaded),
+            "loaded_in": self.loaded_in,
+            "loads": None if self.loads is None else self.loads.snapshot(),
+        }
+
+    def restore(self, kept: Snapshot) -> None:
+        """Set the loads that :meth:`snapshot` has seen."""
+        if self.loads is not None:
+            self.loads.restore(kept["loads"])
+            stage, self.loads.stage = self.loads.stage, kept["loaded_in"]
+            self.set_loads(*kept["loaded"])
+            self.loads.stage = stage
+            self._choose_contacts(stage)
 
     def set_loads(self, time: float, driven: float) -> None:
         """Set every prescribed displacement and load to its value at ``time`` (s).
@@ -83,6 +123,7 @@ class Model:
             driven: m, displacement of the driven boundaries so far.
         """
         self.loaded = (time, driven)
+        self.loaded_in = "" if self.loads is None else self.loads.stage
         for program in self.programs:
             program(time, driven)
 
@@ -108,27 +149,59 @@ def build_model(case: Case, comm: MPI.Comm, runs_code: bool = True) -> Model:
 
 @failures_as(InputError, "the case")
 def _built(case: Case, comm: MPI.Comm, runs_code: bool) -> Model:
-    named = make_mesh(case, comm)
+    named = make_mesh(case, comm, tuple(case.tools))
     section = case.geometry.section_in(named.mesh.geometry.dim)
     bodies = resolved_bodies(case.bodies, named)
     u = displacement_on(named, bodies)
     probes = place_probes(case, named, u.function_space, section)
     solids = make_solids(bodies, named, u, section)
     materials = {solid.name: solid.material for solid in solids}
-    builder = ContactBuilder(case, named, u.function_space, section, materials, runs_code)
+    tools = make_tools(case, named, u.function_space, section)
+    builder = ContactBuilder(
+        case, named, u.function_space, section, materials, runs_code, tools.by_name()
+    )
     contacts = [builder.build(index) for index in range(len(case.contact))]
-    loads = Loads(named, u, section, case.geometry.slab)
-    for boundary in case.boundary:
-        loads.add(boundary)
-    loads.check_corners()
+    loads = _loads(case, named, u, section)
     terms = [contact.term for contact in contacts]
-    problem = Equilibrium(u, solids, terms, loads.prescribed, loads.platens, loads.pressures)
+    problem = Equilibrium(
+        u,
+        solids,
+        terms,
+        [*loads.prescribed, *tools.prescribed],
+        loads.platens,
+        loads.forms.loads,
+        [*loads.nodal_loads, *tools.nodal_loads],
+        tools.members,
+    )
     resolved = _resolved(case.model_copy(update={"bodies": bodies}), contacts, problem)
-    model = Model(resolved, named, problem, loads.programs, section, case.geometry.slab)
+    changing = [c.program for c in contacts if c.program is not None]
+    programs = [*loads.programs, *tools.programs, *changing]
+    model = Model(resolved, named, problem, programs, section, case.geometry.slab)
     model.platen_names, model.loads, model.probes = loads.platen_names, loads, probes
     model.begin_stage(case.stage[0].name)
     model.notes = _notes(case, model, contacts, loads)
     return model
+
+
+def _loads(case: Case, named: NamedMesh, u: dolfinx.fem.Function, section: Section) -> Loads:
+    """What the boundaries of a case prescribe; collective.
+
+    Raises:
+        InputError: they contradict each other, or do not go with the mesh.
+    """
+    loads = Loads(named, u, section, case.geometry.slab, case.stage)
+    for boundary in case.boundary:
+        loads.add(boundary)
+    if case.gravity is not None:
+        density = {name: body.density for name, body in case.bodies.items()}
+        known = {name: value for name, value in density.items() if value is not None}
+        loads.programs += loads.forms.gravity(case.gravity, known, lambda: loads.stage)
+    loads.finish()
+    if case.is_explicit and any(one.component < 0 for one in loads.constraints):
+        raise InputError(
+            "boundary: a plane of symmetry that is across no axis does not go with explicit stages"
+        )
+    return loads
 
 
 def _resolved(case: Case, contacts: Sequence[BuiltContact], problem: Equilibrium) -> Case:
@@ -164,14 +237,17 @@ def _notes(asked: Case, model: Model, contacts: Sequence[BuiltContact], loads: L
     named, problem, case = model.named, model.problem, model.case
     notes = [
         *notes_on(case),
+        *notes_on_tools(case),
         *notes_on_materials(case.bodies),
         *locking_bodies(named, problem.solids, problem.space.element.basix_element.degree),
         *large_mesh(case, named),
         *many_cells(case, named),
+        *bonded_bodies(named),
         *notes_on_ranks(asked, named),
         *(note for contact in contacts for note in contact.notes),
         *loads.notes,
     ]
+    notes += drifting(case, named, problem, loads)
     if any(solver_of(stage, case.solver.kind) == "implicit" for stage in case.stage):
         notes += notes_on_supports(problem, getattr(case.geometry, "gap", 0.0) == 0.0)
     return notes

@@ -20,6 +20,7 @@ from app.errors import InputError
 from forms.bodies.elastoplastic import ElastoPlastic
 from forms.bodies.kinematics import Section
 from forms.bodies.materials import Hencky, Material, MooneyRivlin, NeoHookean, Ogden, Yeoh
+from forms.bodies.plastic_solid import make_solid
 from forms.bodies.solid import DEGREE, Solid
 from forms.bodies.stability import stability_limits
 from geometry.meshes.mesh import NamedMesh
@@ -94,5 +95,5 @@ def make_solids(
     for name, body in bodies.items():
         assert body.formulation is not None
         material, cells, density = material_of(body), named.cells(name), body.density or 0.0
-        made.append(Solid(name, u, cells, material, body.formulation, density, section))
+        made.append(make_solid(name, u, cells, material, body.formulation, density, section))
     return made

@@ -6,9 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from app.case.boundary import COMPONENTS
 from app.equilibrium.equilibrium import Equilibrium
-from app.equilibrium.supports import Loose, loose_directions
+from app.equilibrium.supports import Loose, loose_directions, sprung_dofs
 
 __all__ = ["Loose", "loose_directions", "notes_on_supports"]
 
@@ -16,16 +15,16 @@ __all__ = ["Loose", "loose_directions", "notes_on_supports"]
 def notes_on_supports(problem: Equilibrium, touching: bool) -> Iterator[str]:
     """A line on each body and direction that contact alone supports; collective.
 
-    A spring is a support. A platen is one where the bodies touch from the start, as they are meant
-    to then.
+    A spring or a foundation is a support. A platen is one where the bodies touch from the start, as
+    they are meant to then.
 
     Args:
         problem: the equilibrium.
         touching: whether the bodies touch from the start.
     """
-    moved = [p.dofs for p in problem.platens if touching or p.stiffness > 0.0]
-    for one in loose_directions(problem, np.concatenate([problem.constrained_dofs(), *moved])):
-        yield (
-            f"body {one.body}: no boundary prescribes a displacement in "
-            f"{COMPONENTS[one.component]}; only contact holds it there"
-        )
+    moved = [p.dofs for p in problem.constraints.aligned if touching]
+    for one in loose_directions(problem, np.concatenate([sprung_dofs(problem), *moved])):
+        why = f"no boundary prescribes a displacement in {one.direction}"
+        if one.kind == "tool":
+            why = f"a {'moment' if one.turns else 'force'} drives it in {one.direction}"
+        yield f"{one.name}: {why}; only contact holds it there"

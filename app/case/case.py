@@ -19,23 +19,32 @@ from pydantic import (
 )
 
 from app.case.bodies import Body, formulation_problems
-from app.case.boundary import Boundary, boundary_problems, control_problems
+from app.case.boundary import (
+    Boundary,
+    boundary_problems,
+    control_problems,
+    named_stage_problems,
+)
 from app.case.contact import Contact
 from app.case.friction import OwnLaw
 from app.case.generators import BlocksGeometry, CylinderOnBlockGeometry, TwoCylindersGeometry
 from app.case.generators_3d import BoxesGeometry, SphereGeometry
 from app.case.geometry import GeneratedGeometry, MeshGeometry
 from app.case.overrides import KeyPathError, set_value, value_at
+from app.case.placed_blocks import PlacedBlocksGeometry
 from app.case.probe import Probe, probe_problems
 from app.case.solver import LONGEST_LABEL, Output, Solver, Sweep
-from app.case.stage import Stage, order_problems, solver_of, stage_problems
-from app.case.table import MOST_ENTRIES, Line, Model, Place, Problem, problems_error
+from app.case.stage import Stage, order_problems, release_problems, solver_of, stage_problems
+from app.case.surface_loads import Gravity
+from app.case.table import MOST_ENTRIES, Line, Model, Name, Place, Problem, problems_error
 from app.case.time_tables import TimeTable
 from app.case.toml_writer import toml_text
+from app.case.tools import AnyTool, MeshTool, tool_problems
 from app.case.validation import format_problem, problems_of
 
 Geometry = Annotated[
     BlocksGeometry
+    | PlacedBlocksGeometry
     | CylinderOnBlockGeometry
     | TwoCylindersGeometry
     | BoxesGeometry
@@ -43,6 +52,7 @@ Geometry = Annotated[
     | MeshGeometry,
     Field(discriminator="kind"),
 ]
+_MAY_LACK = ("contact", "probe", "tools")
 _NEEDS_EXPLICIT = 'goes with solver.kind = "explicit" only'
 
 
@@ -59,14 +69,21 @@ class Case(Model):
         min_length=1, description="material and element formulation of each body, [bodies.NAME]"
     )
     contact: tuple[Contact, ...] = Field(
-        min_length=1,
+        default=(),
         max_length=MOST_ENTRIES,
-        description="pairs of surfaces that may touch, [[contact]]",
+        description="pairs of surfaces that may touch, [[contact]]; default: none",
+    )
+    tools: dict[Name, AnyTool] = Field(
+        default_factory=dict,
+        description="rigid shapes that bodies are pressed on, [tools.NAME]",
     )
     boundary: tuple[Boundary, ...] = Field(
         min_length=1,
         max_length=MOST_ENTRIES,
         description="supports, motions and loads of surfaces, [[boundary]]",
+    )
+    gravity: Gravity | None = Field(
+        default=None, description="acceleration of gravity, which acts on the mass of all bodies"
     )
     stage: tuple[Stage, ...] = Field(
         min_length=1,
@@ -87,8 +104,8 @@ class Case(Model):
 
     @model_serializer(mode="wrap")
     def _without_empty_arrays(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave `probe = []` out, to which no [[probe]] could be added in a resolved case."""
-        return {key: value for key, value in handler(self).items() if key != "probe" or value}
+        """Leave `probe = []` out, to which no [[probe]] could be added, and an empty [tools]."""
+        return {key: value for key, value in handler(self).items() if key not in _MAY_LACK or value}
 
     @property
     def source(self) -> Path | None:
@@ -162,7 +179,7 @@ class Case(Model):
         """The bodies are those of the generator; said before anything inside them is looked at."""
         geometry = info.data.get("geometry")
         if isinstance(geometry, GeneratedGeometry) and isinstance(bodies, Mapping):
-            if problems := list(_name_problems(bodies, geometry.bodies)):
+            if problems := list(_name_problems(bodies, geometry.named_bodies)):
                 raise problems_error(problems)
         return bodies
 
@@ -202,11 +219,17 @@ class Case(Model):
         yield from boundary_problems(self.boundary, ("boundary",), self.geometry.built_section)
         section = self.geometry.built_section
         yield from probe_problems(self.probe, self.bodies, self.contact, ("probe",), section)
-        yield from stage_problems(self.stage, self.boundary, ("stage",))
+        yield from stage_problems(self.stage, self.boundary, ("stage",), self.tools)
+        yield from self._tool_problems()
+        names = [stage.name for stage in self.stage]
+        for index, contact in enumerate(self.contact):
+            yield from contact.stage_problems(("contact", index), names)
         yield from self.solver.problems(("solver",))
         yield from order_problems(self.stage, self.solver.kind, ("stage",))
         solvers = {stage.name: solver_of(stage, self.solver.kind) for stage in self.stage}
         yield from control_problems(self.boundary, solvers, ("boundary",))
+        yield from release_problems(self.stage, self.boundary, self.solver.kind, ("stage",))
+        yield from self._gravity_problems(solvers)
         yield from self._inertia_problems()
         for index, stage in enumerate(self.stage):
             if stage.velocities and not stage.velocities_within(self.film_conductance):
@@ -214,10 +237,50 @@ class Case(Model):
                 place = ("stage", index, "film_stress_limit")
                 yield Problem(place, reason, stage.film_stress_limit)
 
+    def _tool_problems(self) -> Iterator[Problem]:
+        """Mistakes in the tools, and contacts that take one for a body's surface."""
+        section, stages = self.geometry.built_section, [stage.name for stage in self.stage]
+        yield from tool_problems(self.tools, stages, self.is_explicit, section)
+        for index, contact in enumerate(self.contact):
+            tool = self.tools.get(contact.master)
+            if contact.slave in self.tools:
+                reason = "is a tool; a tool is the master, the slave is a surface of a body"
+                yield Problem(("contact", index, "slave"), reason, contact.slave)
+            if tool is not None and contact.smoothing_angle is not None:
+                place = ("contact", index, "smoothing_angle")
+                reason = "goes with a master of facets on a body; tools are smooth as they are"
+                yield Problem(place, reason, contact.smoothing_angle)
+            if tool is not None and contact.fade_length is not None:
+                place = ("contact", index, "fade_length")
+                reason = "goes with a master of facets on a body; give the tool a fillet there"
+                yield Problem(place, reason, contact.fade_length)
+            if tool is not None and contact.tied:
+                reason = "does not go with a tool as master; move the surface by a [[boundary]]"
+                yield Problem(("contact", index, "tied"), reason)
+
+    def acts_in(self, contact: Contact, stage: str) -> bool:
+        """Whether a contact's surfaces, or its tool, feel each other in a stage."""
+        tool = self.tools.get(contact.master)
+        return contact.acts_in(stage) and (tool is None or tool.acts_in(stage))
+
     @property
     def is_explicit(self) -> bool:
         """Whether a stage runs with explicit dynamics."""
         return self.solver.kind == "explicit" and any(s.solver != "implicit" for s in self.stage)
+
+    def _gravity_problems(self, solvers: Mapping[str, str]) -> Iterator[Problem]:
+        """Gravity without a direction or on bodies without mass."""
+        if self.gravity is None:
+            return
+        yield from self.gravity.problems(("gravity",))
+        place = ("gravity", "stages")
+        yield from named_stage_problems(self.gravity.stages, solvers, place)
+        if self.geometry.built_section is not None:
+            yield from self.gravity.section_problems(self.geometry.built_section, ("gravity",))
+        for name, body in self.bodies.items():
+            if body.density is None and not self.is_explicit:
+                reason = 'missing; gravity needs the mass of each body, in "kg/m^3"'
+                yield Problem(("bodies", name, "density"), reason)
 
     def _inertia_problems(self) -> Iterator[Problem]:
         """Bodies without mass in explicit dynamics, and inertia where there is none."""
@@ -241,7 +304,7 @@ class Case(Model):
     @property
     def film_conductance(self) -> float:
         """Largest eta_b/D of all contacts, Pa s/m; 0 without a film."""
-        return max(contact.film_conductance for contact in self.contact)
+        return max((contact.film_conductance for contact in self.contact), default=0.0)
 
     def _formulation_problems(self, geometry: GeneratedGeometry) -> Iterator[Problem]:
         for name, reason in formulation_problems(self.bodies, geometry.cell):
@@ -255,9 +318,17 @@ class Case(Model):
 
     def _surface_problems(self, geometry: GeneratedGeometry) -> Iterator[Problem]:
         named: list[tuple[Place, str]] = []
+        masters = (*geometry.named_surfaces, *self.tools)
+        for name in self.tools:
+            if name in geometry.named_surfaces:
+                yield Problem(("tools", name), "a surface of the mesh has this name already")
         for index, contact in enumerate(self.contact):
-            named.append((("contact", index, "slave"), contact.slave))
-            named.append((("contact", index, "master"), contact.master))
+            if contact.slave not in self.tools:
+                named.append((("contact", index, "slave"), contact.slave))
+            if contact.master not in masters:
+                what = "surface or tool" if self.tools else "surface"
+                reason = f"no such {what}; {_hint(contact.master, masters)}"
+                yield Problem(("contact", index, "master"), reason, contact.master)
         for index, boundary in enumerate(self.boundary):
             named.append((("boundary", index, "surface"), boundary.surface))
         for place, name in named:
@@ -323,7 +394,10 @@ def _rename_files(data: dict[str, Any], case: Case, files: Mapping[Path, str]) -
 
     if isinstance(case.geometry, MeshGeometry):
         data["geometry"]["mesh"] = renamed(case.geometry.mesh)
-    for table, contact in zip(data["contact"], case.contact, strict=True):
+    for name, tool in case.tools.items():
+        if isinstance(tool, MeshTool):
+            data["tools"][name]["file"] = renamed(tool.file)
+    for table, contact in zip(data.get("contact", ()), case.contact, strict=True):
         if isinstance(contact.friction, OwnLaw):
             table["friction"]["class"] = renamed(contact.friction.reference)
     if case.sweep is not None and case.sweep.names_files:

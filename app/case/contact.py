@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidatorFunctionWrapHandler, field_validator
 
 from app.case.film import Film
-from app.case.friction import PRESET_NAMES, Friction, FrictionMap
+from app.case.friction import PRESET_NAMES, Friction, Frictionless, FrictionMap
 from app.case.quantities import Quantity
-from app.case.table import Degree, Model, Name, Place, Problem, Text
+from app.case.table import MOST_ENTRIES, Degree, Flag, Model, Name, Place, Problem, Text
+from app.case.time_tables import NumberOrProgram, TimeTable
 
 DEFAULT_PENALTY_FACTOR = 30.0
 _SMOOTHED = ("quadrilateral", "hexahedron")
 _PLURAL = {"triangle": "triangles", "tetrahedron": "tetrahedra"}
+
+
+_MISSING: Any = None  # refused by Contact.problems
+# Keys that do not go with tied.
+_NOT_TIED = ("film", "friction_factor", "smoothing_angle", "fade_length")
 
 
 class Contact(Model):
@@ -26,6 +32,11 @@ class Contact(Model):
     )
     slave: Text = Field(description="surface that carries the contact points (the softer body's)")
     master: Text = Field(description="surface the points are projected on")
+    tied: Flag = Field(
+        default=False,
+        description="bond the surfaces where they lie beside each other undeformed, with their "
+        "distance: no gap opens, nothing slides. Without friction, film and what goes with them",
+    )
     quadrature_degree: Degree | None = Field(
         default=None,
         description="degree of the quadrature on slave facets; default 9 in the plane (five points "
@@ -54,8 +65,29 @@ class Contact(Model):
         "whose normals differ by less than this angle; default: the facets as they are. First "
         "order quadrilaterals or hexahedra only",
     )
+    fade_length: Annotated[float, Quantity("m", gt=0.0)] | None = Field(
+        default=None,
+        description="way before an open end of the master over which the pressure fades to zero; "
+        "default: within a facet of the slave. With averaged pressure",
+    )
+    stages: tuple[Text, ...] | None = Field(
+        default=None,
+        min_length=1,
+        max_length=MOST_ENTRIES,
+        description="names of the stages in which the surfaces feel each other; default: all",
+    )
+    friction_factor: Annotated[float | TimeTable, NumberOrProgram("", least=0.0)] = Field(
+        default=1.0,
+        description="factor of the friction law's traction and stiffness, a number or a program "
+        "of time",
+    )
     film: Film | None = Field(default=None, description="the film; needed by the friction-map law")
-    friction: Friction = Field(description="the friction law and its parameters")
+    friction: Friction = Field(
+        default_factory=lambda data: (
+            Frictionless(law="frictionless") if data.get("tied") else _MISSING
+        ),
+        description="the friction law and its parameters; needed unless tied",
+    )
 
     @field_validator("friction", mode="wrap")
     @classmethod
@@ -91,6 +123,38 @@ class Contact(Model):
         friction = self.friction
         return friction.film_onset_pressure or 0.0 if isinstance(friction, FrictionMap) else 0.0
 
+    def _tie_problems(self, place: Place) -> Iterator[Problem]:
+        """Keys that do not go with tied."""
+        for key in _NOT_TIED:
+            if getattr(self, key) not in (None, 1.0):
+                yield Problem((*place, key), "does not go with tied: nothing slides")
+        if self.pressure == "pointwise":
+            reason = "does not go with tied, whose jump is averaged around vertices"
+            yield Problem((*place, "pressure"), reason, self.pressure)
+        if self.friction.law != "frictionless":
+            reason = "does not go with tied: nothing slides; leave the table out"
+            yield Problem((*place, "friction"), reason)
+
+    def acts_in(self, stage: str) -> bool:
+        """Whether the surfaces feel each other in a stage."""
+        return self.stages is None or stage in self.stages
+
+    def stage_problems(self, place: Place, names: Sequence[str]) -> Iterator[Problem]:
+        """Stages that are not those of the case, ``names``."""
+        for number, stage in enumerate(self.stages or ()):
+            where = (*place, "stages", number)
+            if stage not in names:
+                yield Problem(where, f"no such stage; there are {', '.join(names)}", stage)
+            elif stage in (self.stages or ())[:number]:
+                yield Problem(where, "is in the list twice", stage)
+        acts = [self.acts_in(name) for name in names]
+        if self.tied and acts != sorted(acts, reverse=True):
+            reason = (
+                "what is tied is tied undeformed: it acts from the first stage on and may only "
+                "let go, once"
+            )
+            yield Problem((*place, "stages"), reason, list(self.stages or ()))
+
     def smoothing_problem(self, cell: str, degree: int) -> str | None:
         """Why the master cannot be smoothed, if it is to be and cannot.
 
@@ -112,4 +176,15 @@ class Contact(Model):
             yield Problem((*place, "master"), "must differ from slave", self.master)
         if self.penalty is not None and self.penalty_factor is not None:
             yield Problem(place, "give either penalty or penalty_factor, not both")
+        if self.fade_length is not None and self.pressure == "pointwise":
+            reason = 'goes with pressure = "averaged" only'
+            yield Problem((*place, "fade_length"), reason, self.fade_length)
+        if self.friction is _MISSING:
+            reason = "missing; the friction law and its parameters"
+            yield Problem((*place, "friction"), reason)
+            return
+        if self.tied:
+            yield from self._tie_problems(place)
+        elif self.friction_factor != 1.0 and self.friction.law == "frictionless":
+            yield Problem((*place, "friction_factor"), 'has no effect with law = "frictionless"')
         yield from self.friction.problems((*place, "friction"), self.film)

@@ -12,7 +12,7 @@ from app.case.film import Film
 from app.case.own_law import OwnLawError, load_own_law, split_reference
 from app.case.quantities import Quantity
 from app.case.table import Flag, Model, Place, Problem, Text
-from app.case.time_tables import NumberOrTable, Row
+from app.case.time_tables import NumberOrProgram, NumberOrTable, Row, TimeTable
 
 if TYPE_CHECKING:
     from forms.friction.guarded_law import GuardedLaw
@@ -38,7 +38,9 @@ class Coulomb(Model):
     """Coulomb friction with an elastic (penalty) stick phase."""
 
     law: Literal["coulomb"] = Field(description="the friction law")
-    mu: Annotated[float, Quantity(ge=0.0)] = Field(description="coefficient of friction")
+    mu: Annotated[float | TimeTable, NumberOrProgram("", least=0.0)] = Field(
+        description="coefficient of friction, a number or a program of time"
+    )
     K_T: Annotated[float, Quantity("Pa/m", gt=0.0)] | None = Field(
         default=None,
         description="tangential stiffness before slip; default: 10 G/h, with the shear modulus G "

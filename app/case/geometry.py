@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Protocol, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Protocol, Self
 
-from pydantic import Field, ValidationInfo, field_serializer, field_validator
+from pydantic import BeforeValidator, Field, ValidationInfo, field_serializer, field_validator
 from pydantic_core import PydanticCustomError
 
 from app.case.quantities import Quantity
@@ -30,6 +30,29 @@ MaxCells = Annotated[
 ]
 MOST_CELLS = 5_000_000
 NO_SLAB = "goes with plane strain only: forces are those of the whole body"
+
+
+UNITS = ("m", "mm", "um", "nm", "inch")
+"""Units of coordinates that are offered; any other one of length can be given too."""
+
+
+def _one_of_unit(value: object) -> object:
+    """A unit alone, such as "mm", as a quantity: one of it."""
+    text = isinstance(value, str) and value.strip()
+    return f"1 {text}" if text and text[0].isalpha() else value
+
+
+def _offer_units(schema: dict[str, Any]) -> None:
+    """Let the schema allow the units that are known, without a number."""
+    schema["anyOf"].append({"enum": list(UNITS)})
+
+
+Scale = Annotated[
+    float,
+    Quantity("m", gt=0.0),
+    BeforeValidator(_one_of_unit),
+    Field(json_schema_extra=_offer_units),
+]
 
 
 class CountedShape(Protocol):
@@ -64,6 +87,11 @@ class GeneratedGeometry(Model):
 
     if TYPE_CHECKING:  # a field of each generator, after those its default depends on
         cell: str
+
+    @property
+    def named_bodies(self) -> tuple[str, ...]:
+        """The bodies of this mesh."""
+        return self.bodies
 
     @property
     def named_surfaces(self) -> tuple[str, ...]:
@@ -142,6 +170,11 @@ class MeshGeometry(Model):
     mesh: Path = Field(
         description="gmsh file (.msh), relative to the case file; the names of its physical "
         "groups are those of bodies and surfaces"
+    )
+    scale: Scale | None = Field(
+        default=None,
+        description='unit of the coordinates in the file, such as "mm", or its size in m; default: '
+        "m, with a note where the mesh is so large that another one is likely",
     )
     max_cells: MaxCells = MOST_CELLS
     section: PlaneSection | None = Field(

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
 
 from app.case.boundary import DRIVEN, Boundary
 from app.case.quantities import Quantity
-from app.case.table import MOST_ENTRIES, Count, Flag, Model, Name, Place, Problem
+from app.case.table import MOST_ENTRIES, Count, Flag, Model, Name, Place, Problem, Text
+from app.case.tools import Tool
 
 _STEADY_KEYS = (
     "slip_step",
@@ -75,6 +76,11 @@ class Stage(Model):
         description="bring the bodies to rest: all velocities are set to zero at each peak of the "
         "kinetic energy (dynamic relaxation); explicit only",
     )
+    release: tuple[Text, ...] = Field(
+        default=(),
+        description="surfaces whose displacements are given up: their reactions are taken off "
+        "evenly over the stage, and they are free for the rest of the run; with duration",
+    )
 
     @property
     def is_driven(self) -> bool:
@@ -98,7 +104,8 @@ class Stage(Model):
         idle = (
             ("duration", "steps", "velocity") if self.velocities else ("velocities", *_STEADY_KEYS)
         )
-        return {key: value for key, value in handler(self).items() if key not in idle}
+        kept = {key: value for key, value in handler(self).items() if key not in idle}
+        return {key: value for key, value in kept.items() if key != "release" or value}
 
     def problems(self, place: Place) -> Iterator[Problem]:
         """Keys that do not fit together; `place` is where this table stands in the case."""
@@ -132,7 +139,10 @@ class Stage(Model):
 
 
 def stage_problems(
-    stages: Sequence[Stage], boundaries: Sequence[Boundary], place: Place
+    stages: Sequence[Stage],
+    boundaries: Sequence[Boundary],
+    place: Place,
+    tools: Mapping[str, Tool] | None = None,
 ) -> Iterator[Problem]:
     """Mistakes in the stages, each by itself and together; without any, in what they drive."""
     found: list[Problem] = []
@@ -143,7 +153,39 @@ def stage_problems(
             reason = "two stages have this name"
             found.append(Problem((*place, index, "name"), reason, stage.name))
         names.add(stage.name)
-    yield from found or _driving_problems(stages, boundaries, place)
+    yield from found or _driving_problems(stages, boundaries, place, tools or {})
+
+
+def release_problems(
+    stages: Sequence[Stage], boundaries: Sequence[Boundary], default: str, place: Place
+) -> Iterator[Problem]:
+    """Releases of what nothing holds, and where there are no reactions.
+
+    Args:
+        stages: all of them.
+        boundaries: all of them.
+        default: time integration of [solver].
+        place: where the stages stand in the case.
+    """
+    holding = {b.surface: b for b in boundaries if b.holds}
+    released: dict[str, str] = {}
+    for index, stage in enumerate(stages):
+        here = (*place, index, "release")
+        if stage.release and index == 0:
+            yield Problem(here, "the first stage has no reactions to release", list(stage.release))
+        if stage.release and stage.velocities:
+            yield Problem(here, "goes with duration only: reactions are taken off over it")
+        if stage.release and solver_of(stage, default) == "explicit":
+            yield Problem(here, "goes with implicit stages only", list(stage.release))
+        for name in stage.release:
+            if name not in holding:
+                known = ", ".join(holding) or "none"
+                reason = f"no boundary holds or moves this surface; those that are held: {known}"
+                yield Problem(here, reason, name)
+            elif name in released:
+                reason = f"is released in stage {released[name]} already"
+                yield Problem(here, reason, name)
+            released.setdefault(name, stage.name)
 
 
 def solver_of(stage: Stage, default: str) -> str:
@@ -170,7 +212,10 @@ def order_problems(stages: Sequence[Stage], default: str, place: Place) -> Itera
 
 
 def _driving_problems(
-    stages: Sequence[Stage], boundaries: Sequence[Boundary], place: Place
+    stages: Sequence[Stage],
+    boundaries: Sequence[Boundary],
+    place: Place,
+    tools: Mapping[str, Tool],
 ) -> Iterator[Problem]:
     """Velocities without a driven boundary, or the other way round."""
     movers: list[Place] = [
@@ -178,11 +223,17 @@ def _driving_problems(
         for index, boundary in enumerate(boundaries)
         for keys in boundary.driven_keys()
     ]
+    movers += [
+        ("tools", name, "displacement", component)
+        for name, tool in tools.items()
+        for component in tool.driven_components()
+    ]
     moving = [index for index, stage in enumerate(stages) if stage.is_driven]
     if moving and not movers:
         key = "velocities" if stages[moving[0]].velocities else "velocity"
         reason = (
-            'moves nothing: no boundary has displacement = { x = "driven" } (or y, z), or a spring'
+            'moves nothing: no boundary has displacement = { x = "driven" } (or y, z), or a '
+            "spring, and no tool"
         )
         yield Problem((*place, moving[0], key), reason)
     if movers and not moving:

@@ -238,6 +238,46 @@ class Program:
 
 
 @dataclass(frozen=True, slots=True)
+class NumberOrProgram(Program):
+    """Pydantic annotation of a field that is a number, or a `TimeTable` where it changes with time.
+
+    Attributes:
+        least: no value may be below it, SI; None: any may.
+    """
+
+    least: float | None = None
+
+    def parse(self, value: object) -> float | TimeTable:  # type: ignore[override]
+        """The number, or the table of `[[time, value], ...]`.
+
+        Raises:
+            PydanticCustomError: with the place inside the table as context.
+        """
+        table = Program.parse(self, value)
+        assert isinstance(table, TimeTable)
+        if self.least is not None and min(table.values) < self.least:
+            raise _at((), value, f"must be >= {self.least:g} at all times")
+        return table.values[0] if len(table.values) == 1 else table
+
+    def _serialise(self, value: float | TimeTable) -> object:  # type: ignore[override]
+        table = value if isinstance(value, TimeTable) else TimeTable.constant(value)
+        return Program._serialise(self, table)
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        out = Program.__get_pydantic_json_schema__(self, schema, handler)
+        if self.least is not None:
+            out["anyOf"][0] = {"type": "number", "minimum": self.least}
+        return out
+
+
+def value_at(value: float | TimeTable, time: float) -> float:
+    """A number, or what a program has at ``time`` (s)."""
+    return value(time) if isinstance(value, TimeTable) else value
+
+
+@dataclass(frozen=True, slots=True)
 class NumberOrTable:
     """Pydantic annotation of a plain number, or a table of it over another quantity.
 

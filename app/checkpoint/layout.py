@@ -1,7 +1,7 @@
 """Snapshots of all ranks as one tree of plain arrays, in an order that ranks do not change.
 
 Nodes are ordered as the cells of the mesh file or generator name them, the points of a contact
-pair by their undeformed places.
+pair by their undeformed places, the cells of a body as in the mesh file or generator.
 """
 
 from __future__ import annotations
@@ -16,13 +16,21 @@ import numpy as np
 from mpi4py import MPI
 
 from app.build.model import Model
-from app.equilibrium.snapshot import Array, AtPoints, Local, Nodal, Partial
+from app.equilibrium.snapshot import Array, AtPoints, InCells, Local, Nodal, Partial
 from app.results.gathered_mesh import GatheredMesh
+from forms.bodies.solid import Solid
 from geometry.surfaces.body_facets import owned_facets
 from geometry.surfaces.facets import Floats, Longs
 from geometry.surfaces.ordering import order_by_place
 
-KINDS = {"array": np.ndarray, "nodal": Nodal, "points": AtPoints, "sum": Partial, "local": Local}
+KINDS = {
+    "array": np.ndarray,
+    "nodal": Nodal,
+    "points": AtPoints,
+    "cells": InCells,
+    "sum": Partial,
+    "local": Local,
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +69,7 @@ class Order:
 
 
 class Layout:
-    """The nodes and contact points of a model, whichever rank has them.
+    """The nodes, contact points and cells of a model, whichever rank has them.
 
     Attributes:
         identity: what a mesh must agree in, on the first rank: arrays by name.
@@ -82,6 +90,7 @@ class Layout:
             order = order_by_place(where) if len(where) else np.empty(0, dtype=np.int64)
             self._points.append(Order.of(self.comm, len(mine), order))
             places.append(where[order])
+        self._cells = [self._order_of_cells(model, solid) for solid in problem.solids]
         self.identity = self._identity(model, mesh, places)
         self.ranks = self._distribution()
 
@@ -100,6 +109,13 @@ class Layout:
             **{f"surface_{name}": self._facets(model, name) for name in model.named.surfaces},
         }
 
+    def _order_of_cells(self, model: Model, solid: Solid) -> Order:
+        """Order of a body's cells; collective."""
+        numbers = model.named.mesh.topology.original_cell_index[solid.cells]
+        parts = self.comm.gather(numbers)
+        order = np.empty(0, dtype=np.int64) if parts is None else np.argsort(np.concatenate(parts))
+        return Order.of(self.comm, len(numbers), order)
+
     def _facets(self, model: Model, surface: str) -> Floats:
         """Middles (f, i), m, of a surface's facets, ordered; on the first rank; collective."""
         mesh = model.named.mesh
@@ -114,7 +130,7 @@ class Layout:
         if self.comm.rank > 0:
             return ""
         digest = hashlib.sha256()
-        for order in (self._nodes, *self._points):
+        for order in (self._nodes, *self._points, *self._cells):
             digest.update(repr(order.counts).encode())
             digest.update(np.ascontiguousarray(order.order, dtype=np.int64).tobytes())
         return digest.hexdigest()
@@ -155,6 +171,9 @@ class Layout:
             arrays[name] = total
         elif kind == "nodal":
             arrays[name] = self._nodes.gather(value.values.reshape(-1, self._dim))
+        elif kind == "cells":
+            arrays[name] = self._cells[value.body].gather(value.values)
+            return [name, value.body]
         else:
             arrays[name] = self._points[value.pair].gather(value.values)
             return [name, value.pair]
@@ -187,6 +206,8 @@ class Layout:
         """Rows of an array of a kind; None: any number."""
         if kind == "nodal":
             return len(self._nodes.order)
+        if kind == "cells":
+            return len(self._cells[rest[0]].order)
         return len(self._points[rest[0]].order) if kind == "points" else None
 
     def scatter(self, tree: Any, arrays: dict[str, Array], ranks: str) -> Any:
@@ -215,6 +236,8 @@ class Layout:
             return self._nodes.scatter(array).reshape(-1)
         if kind == "points":
             return self._points[rest[0]].scatter(array)
+        if kind == "cells":
+            return self._cells[rest[0]].scatter(array)
         whole: Array = self.comm.bcast(array)
         return np.zeros_like(whole) if kind == "sum" and self.comm.rank > 0 else whole.copy()
 
@@ -252,6 +275,8 @@ def copied(snapshot: Any) -> Any:
             return type(value)(value.values.copy())
         if isinstance(value, AtPoints):
             return AtPoints(value.pair, value.values.copy())
+        if isinstance(value, InCells):
+            return InCells(value.body, value.values.copy())
         if isinstance(value, Local):
             return Local({name: array.copy() for name, array in value.arrays.items()})
         return value

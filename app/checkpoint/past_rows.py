@@ -34,16 +34,21 @@ def restore_rows(state: RunState, directory: Path, step: int, comm: MPI.Comm) ->
         "bodies.csv": (motion.body_columns, len(state.model.problem.solids)),
     }
 
+    tools = state.model.problem.tools
+    if tools:
+        names["tools.csv"] = (state.tools.columns, len(tools))
+
     def read() -> list[list[dict[str, Any]]]:
         for name in PROBE_TABLES:
             _check_steps(directory / name)
         return [_rows(directory / name, step, *kind) for name, kind in names.items()]
 
-    history, pairs, surfaces, bodies = comm.bcast(on_first(comm, read))
+    history, pairs, surfaces, bodies, *tool_rows = comm.bcast(on_first(comm, read))
     state.rows = [Row(**row) for row in history]
     state.pair_rows = [tuple(row.values()) for row in pairs]
     motion.surface_rows = [tuple(row.values()) for row in surfaces]
     motion.body_rows = [tuple(row.values()) for row in bodies]
+    state.tools.rows = [tuple(row.values()) for rows in tool_rows for row in rows]
 
 
 def _rows(path: Path, last: int, columns: Sequence[str], each: int) -> list[dict[str, Any]]:
@@ -58,7 +63,7 @@ def _rows(path: Path, last: int, columns: Sequence[str], each: int) -> list[dict
     Raises:
         InputError: the table is not there, or is not as it was written.
     """
-    if last == 0:  # the tables may not have begun
+    if last == 0 or each == 0:  # the tables may not have begun, or are not written
         return []
     try:
         with path.open(newline="", encoding="utf-8") as stream:

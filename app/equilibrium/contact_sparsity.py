@@ -17,7 +17,9 @@ import scipy.sparse
 from forms.contact.penalty import ContactTerm
 from forms.contact.pressure import AveragedPressure
 from forms.contact.state import ContactTrial
+from forms.contact.tie import TieTerm
 from geometry.surfaces.facets import Bools, Floats, Ints, Longs
+from geometry.surfaces.surface import ContactSurface, RigidMaster
 from geometry.surfaces.vertices import SlaveVertices
 
 # Rings of neighbouring master facets beyond those in use that a window includes, by the number of
@@ -61,13 +63,32 @@ class ContactWindow:
         """Whether the tangent of a trial fits in."""
         closed = trial.coupled()
         slave = term.surface.slave.facet[closed]
-        current, before = trial.projection.facet[closed], term.state.facet[closed]
+        current, before = _pieces(term, trial, closed)
         moved = current != before
         return (
             _contains(self.touching, slave, current)
             and _contains(self.touching, slave[moved], before[moved])
             and _contains(self.together, current[moved], before[moved])
         )
+
+
+def _is_tool(surface: ContactSurface) -> bool:
+    """Whether the master is a tool, which two nodes move wherever it is touched."""
+    return isinstance(surface.master, RigidMaster) and surface.master.motion is not None
+
+
+def _pieces(term: ContactTerm, trial: ContactTrial, take: Bools) -> tuple[Ints, Ints]:
+    """Master facets of points ``take``, now and at the last step; a tool counts as one."""
+    current, before = trial.projection.facet[take], term.state.facet[take]
+    if _is_tool(term.surface):
+        return np.zeros_like(current), np.zeros_like(before)
+    return current, before
+
+
+def _movers(surface: ContactSurface) -> Longs:
+    """Global nodes (f, m) that move each master facet, or a tool as one."""
+    nodes: Longs = surface.master.nodes
+    return nodes[None] if _is_tool(surface) else nodes[surface.target.stencil]
 
 
 def _contains(table: scipy.sparse.csr_matrix, row: Ints, column: Ints) -> bool:
@@ -85,11 +106,12 @@ def widened(window: ContactWindow | None, term: ContactTerm, trial: ContactTrial
     near = trial.projection.gap <= NEAR * surface.target.search.slack
     near = trial.coupled() | (near & trial.projection.on_surface)
     slave = surface.slave.facet[near]
-    current, before = trial.projection.facet[near], term.state.facet[near]
-    facets = len(surface.master.facets)
+    current, before = _pieces(term, trial, near)
+    facets = len(_movers(surface))
     count = int(surface.slave.facet.max(initial=-1)) + 1
     if window is None:
-        rings = _rings(surface.target.neighbours, MARGIN[surface.shape.directions])
+        neighbours = np.ones((1, 1)) if _is_tool(surface) else surface.target.neighbours
+        rings = _rings(_present(neighbours), MARGIN[surface.shape.directions])
     else:
         rings = window.rings
     used = _table(np.tile(slave, 2), np.concatenate([current, before]), (count, facets))
@@ -180,10 +202,12 @@ def coupled_nodes(term: ContactTerm, window: ContactWindow) -> Longs:
     An averaged pressure couples all nodes of the facets around a vertex, and of those that they
     touch; of a vertex at the seam of two ranks those of both.
     """
+    if isinstance(term, TieTerm):
+        return term.coupled_pairs()
     surface = term.surface
     _, first = np.unique(surface.slave.facet, return_index=True)
     mine = surface.slave.nodes[first]
-    others = surface.master.nodes[surface.target.stencil]
+    others = _movers(surface)
     nodes = np.unique(np.concatenate([mine.reshape(-1), others.reshape(-1)]))
     active = np.diff(window.touching.indptr) > 0
     slaves = _incidence(np.searchsorted(nodes, mine), len(nodes))

@@ -8,6 +8,7 @@ What is prescribed is in :mod:`app.equilibrium.constraints`, the matrix in
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import dolfinx
 import numpy as np
@@ -15,14 +16,24 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from app.equilibrium.constraints import Constraints, Platen, Prescribed, Unknowns
+from app.equilibrium.holding_springs import HoldingSprings
+from app.equilibrium.idle_tools import (
+    NOTHING,
+    held_fast,
+    hold_what_slips,
+    holding_of_idle_tools,
+)
 from app.equilibrium.measures import RoundOff, reference_force, worst_place
+from app.equilibrium.nodal_load import NodalLoad
+from app.equilibrium.rigid_tool import RigidTool
 from app.equilibrium.step_mode import DEFAULT_STEP, StepMode
 from app.equilibrium.tangent import Tangent
 from app.equilibrium.timers import Stopwatch
-from forms.bodies.loads import FollowerPressure
+from forms.bodies.loads import Load
 from forms.bodies.solid import Solid
 from forms.contact.penalty import ContactTerm
 from forms.contact.state import ContactTrial
+from forms.contact.tie import TieTerm
 from geometry.surfaces.facets import Floats, Ints
 
 
@@ -39,9 +50,10 @@ class Equilibrium:
         evaluated: how the contacts were evaluated last.
         unbalanced: (n,), N per unit thickness, forces of the owned unknowns at the last evaluation,
             reactions included.
-        reference_force: N per unit thickness, what residual norms are compared with: the larger of
-            contact and reaction forces at the last evaluation.
-        solids, contacts, pressures: the parts.
+        reference_force: N per unit thickness, what residual norms are compared with: the largest of
+            contact forces, reactions and loads at the last evaluation.
+        solids, contacts, loads, nodal_loads, tools: the parts.
+        turning: holds the angles of tools that no moment drives; None: there are none.
         unknowns: their numbering; constraints: what is prescribed; tangent: the matrix.
         timer: seconds by part.
         rounding: what rounding alone leaves of the residual.
@@ -54,15 +66,18 @@ class Equilibrium:
         contacts: Sequence[ContactTerm],
         prescribed: Sequence[Prescribed] = (),
         platens: Sequence[Platen] = (),
-        pressures: Sequence[FollowerPressure] = (),
+        loads: Sequence[Load] = (),
+        nodal_loads: Sequence[NodalLoad] = (),
+        tools: Sequence[RigidTool] = (),
     ) -> None:
         """Put the parts together; collective."""
         self.u = u
         self.solids, self.contacts = list(solids), list(contacts)
-        self.pressures = list(pressures)
+        self.loads, self.nodal_loads = list(loads), list(nodal_loads)
+        self.tools = list(tools)
         self.unknowns = Unknowns(u.function_space)
         self.constraints = Constraints(self.unknowns, prescribed, platens)
-        self.tangent = Tangent(self.constraints, self.solids, self.contacts, self.pressures)
+        self.tangent = Tangent(self.constraints, self.solids, self.contacts, self.loads)
         self.timer = Stopwatch()
         self.trials: list[ContactTrial] = []
         self.committed: list[ContactTrial] = []
@@ -70,6 +85,7 @@ class Equilibrium:
         self.reference_force = 0.0
         self.rounding = RoundOff(self.space, self.solids)
         self.evaluated = DEFAULT_STEP
+        self.turning = holding_of_idle_tools(self.tools, self.solids, self.owned)
         self._strain_energy: float | None = None
         self._work = dolfinx.la.vector(self.space.dofmap.index_map, self.dim)
 
@@ -123,7 +139,13 @@ class Equilibrium:
     @property
     def roundoff(self) -> float:
         """Residual norm below which only round-off is left, at ``u``; N/m; collective."""
-        return self.rounding.norm(self.u.x.array[: self.owned], self.reference_force)
+        bodies = self.rounding.norm(self.u.x.array[: self.owned], self.reference_force)
+        ties = [term for term in self.contacts if isinstance(term, TieTerm)]
+        if not ties:
+            return bodies
+        x = self.u.x.petsc_vec
+        local = sum(term.roundoff_squared(x) for term in ties)
+        return float(np.hypot(bodies, np.sqrt(self.comm.allreduce(local, op=MPI.SUM))))
 
     def constrained_dofs(self) -> Ints:
         """Owned local unknowns with a prescribed displacement."""
@@ -152,14 +174,28 @@ class Equilibrium:
             self._strain_energy = float(self.comm.allreduce(local, op=MPI.SUM))
         return self._strain_energy
 
+    def plastic_dissipation(self) -> tuple[float, float]:
+        """What the bodies dissipated in all committed steps, and its numerical part; collective.
+
+        Returns:
+            J (J/m in plane strain), since the start.
+        """
+        local = np.sum([solid.dissipated for solid in self.solids], axis=0)
+        total = self.comm.allreduce(local, op=MPI.SUM)
+        return float(total[0]), float(total[1])
+
     def is_evaluated(self, x: PETSc.Vec) -> bool:
         """Whether ``x`` is what was evaluated last, on all ranks; collective."""
         same = np.array_equal(self.u.x.array[: self.owned], x.array_r)
         return bool(self.comm.allreduce(same, op=MPI.LAND))
 
     def commit(self) -> None:
-        """Make the contacts evaluated last the state that the next step starts from."""
+        """Make what was evaluated last the state that the next step starts from."""
+        for solid in self.solids:
+            solid.commit()
         self.committed = list(self.trials)
+        if self.turning is not None:
+            self.turning = replace(self.turning, place=self.u.x.array[: self.owned].copy())
         for term, trial in zip(self.contacts, self.trials, strict=True):
             term.commit(trial)
 
@@ -171,16 +207,19 @@ class Equilibrium:
         """Out-of-balance forces at ``x`` (N per unit thickness); the SNES function; collective."""
         self.spread(x)
         with self.timer("assembly"):
+            self._evaluate_solids(step)
             f.array[:] = self._assembled([p.residual for s in self.solids for p in s.forms])
-            if self.pressures:
-                f.array[:] += self._assembled([p.residual for p in self.pressures])
+            outside = self.load_forces()
+            f.array[:] -= outside
         with self.timer("contact"):
             self._evaluate_contacts(x, step)
             contact_squared = self._contact_forces(f)
-        if step.holding is not None:
-            f.array[:] += step.holding.force(x.array_r)
+        for springs in self._springs(step):
+            f.array[:] += springs.force(x.array_r)
         self.unbalanced = f.array_r.copy()
-        self.reference_force = reference_force(self.unbalanced, contact_squared, self.constraints)
+        self.reference_force = reference_force(
+            self.unbalanced, outside, contact_squared, self.constraints
+        )
         self.constraints.constrain_residual(f.array, x.array_r)
 
     def _assembled(self, forms: Sequence[dolfinx.fem.Form]) -> Floats:
@@ -191,6 +230,11 @@ class Equilibrium:
         self._work.scatter_reverse(dolfinx.la.InsertMode.add)
         mine: Floats = self._work.array[: self.owned].copy()
         return mine
+
+    def _evaluate_solids(self, step: StepMode, tangent: bool = False) -> None:
+        """Where a body's material cannot be evaluated its forms give NaN, and so the residual."""
+        for solid in self.solids:
+            solid.evaluate(step.felt, tangent)
 
     def _evaluate_contacts(self, x: PETSc.Vec, step: StepMode) -> None:
         self.evaluated, pairs = step, step.pairs(self.contacts)
@@ -211,19 +255,20 @@ class Equilibrium:
         return squared
 
     def load_forces(self) -> Floats:
-        """Owned part of the pressures' forces on the bodies at the last state, N/m; collective."""
-        if not self.pressures:
-            return np.zeros(self.owned)
-        return -self._assembled([p.residual for p in self.pressures])
+        """Owned part of the loads' forces on the bodies at the last state, N/m; collective."""
+        acting = [load.residual for load in self.loads if load.acts]
+        forces = -self._assembled(acting) if acting else np.zeros(self.owned)
+        for load in self.nodal_loads:
+            load.add_to(forces)
+        return forces
 
     def reaction(self, part: Prescribed | Platen) -> float:
         """Force of a support or platen on the bodies at the last evaluation; collective.
 
         Returns:
-            N (in plane strain per unit thickness), along the coordinate axis of the part.
+            N (in plane strain per unit thickness), along the direction of the part.
         """
-        local = float(self.unbalanced[part.dofs].sum())
-        return float(self.comm.allreduce(local, op=MPI.SUM))
+        return float(self.comm.allreduce(part.total(self.unbalanced), op=MPI.SUM))
 
     def worst_place(self) -> tuple[float, ...]:
         """Where the largest out-of-balance force of the last evaluation is, m; collective."""
@@ -253,11 +298,34 @@ class Equilibrium:
                 from (:mod:`forms.bodies.carried_pressure`); None: the exact tangent.
         """
         self.spread(x)
+        with self.timer("assembly"):
+            self._evaluate_solids(step, tangent=True)
         with self.timer("contact"):
             self._evaluate_contacts(x, step)
         if before is not None:
             self._carry_pressures(before)
-        self.tangent.assemble(A, self.trials, self.timer, step.holding, before is not None)
+        springs = self._springs(step)
+        self.tangent.assemble(A, self.trials, self.timer, springs, before is not None)
+        if self.turning is not None:
+            hold_what_slips(A, self.turning, self.first)
+
+    def _springs(self, step: StepMode) -> list[HoldingSprings]:
+        """Springs that hold bodies and tools in a step."""
+        turning = self.turning
+        if turning is not None and any(mode.friction_as_load for mode in step.modes):
+            turning = held_fast(turning)
+        return [springs for springs in (turning, step.holding) if springs is not None]
+
+    def is_held_slightly(self) -> bool:
+        """Whether idle tools are held by next to nothing at the last evaluation; collective.
+
+        With a force that counts the slight spring would stand for a contact: a roller spun round
+        and round until it balances all of the friction is no solution.
+        """
+        if self.turning is None:
+            return True
+        force = np.abs(self.turning.force(self.u.x.array[: self.owned])).max(initial=0.0)
+        return bool(self.comm.allreduce(force, op=MPI.MAX) <= NOTHING * self.reference_force)
 
     def _carry_pressures(self, before: PETSc.Vec) -> None:
         with self.timer("assembly"):

@@ -14,10 +14,13 @@ class HoldingSprings:
     Attributes:
         stiffness: (n,), N/m, of the owned unknowns.
         place: (n,), m, where they carry no force.
+        weak: whether they are part of the solution, of bodies that carry nothing: forces are to be
+            compared with the largest of the run then.
     """
 
     stiffness: Floats
     place: Floats
+    weak: bool = False
 
     def force(self, at: Floats) -> Floats:
         """Residual (n,), N, of the owned unknowns (n,), m."""

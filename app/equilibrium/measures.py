@@ -80,21 +80,28 @@ class RoundOff:
         return float(np.sqrt(at_rest + min(carried, (CARRIED * force) ** 2)))
 
 
-def reference_force(unbalanced: Floats, contact_squared: float, constraints: Constraints) -> float:
-    """Force that the convergence test compares with: the larger of contact and reactions.
+def reference_force(
+    unbalanced: Floats, loads: Floats, contact_squared: float, constraints: Constraints
+) -> float:
+    """Force that the convergence test compares with: the largest of contact, reactions and loads.
 
     Collective.
 
     Args:
         unbalanced: (n,), N, out-of-balance forces of the owned unknowns, reactions included.
+        loads: (n,), N, forces of the loads on the owned unknowns.
         contact_squared: norm of this rank's contact forces, squared.
         constraints: where the reactions are.
     """
-    reactions = unbalanced[constraints.dofs]
-    local = np.array([contact_squared, float(np.sum(reactions**2))])
+    reactions = float(np.sum(unbalanced[constraints.dofs] ** 2))
+    given = [p for p in constraints.slanted if p.acts and p.displacement is not None]
+    reactions += sum(float(np.sum(platen.along(unbalanced) ** 2)) for platen in given)
+    local = np.array([contact_squared, reactions, float(loads @ loads)])
     total = np.empty_like(local)
     constraints.unknowns.comm.Allreduce(local, total, op=MPI.SUM)
-    return max(float(np.sqrt(total.max())), *(abs(p.force) for p in constraints.platens), 0.0)
+    return max(
+        float(np.sqrt(total.max())), *(abs(p.force) for p in constraints.platens if p.acts), 0.0
+    )
 
 
 def worst_place(unbalanced: Floats, constraints: Constraints) -> tuple[float, ...]:
@@ -102,7 +109,7 @@ def worst_place(unbalanced: Floats, constraints: Constraints) -> tuple[float, ..
     unknowns = constraints.unknowns
     free = np.abs(unbalanced)
     free[constraints.dofs] = 0.0
-    for platen in constraints.platens:
+    for platen in (p for p in constraints.platens if p.acts):
         free[platen.dofs] = 0.0
     free = np.where(np.isfinite(free), free, np.inf)
     mine: tuple[float, tuple[float, ...]] = (-1.0, ())

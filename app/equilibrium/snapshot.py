@@ -1,11 +1,12 @@
 """What a part of a run remembers, in a form that can be written and read back on other ranks.
 
 A snapshot is a tree of dictionaries and lists. Its leaves are numbers, texts and None, the same on
-all ranks; arrays, likewise; and the four kinds of values here that are spread over the ranks.
+all ranks; arrays, likewise; and the five kinds of values here that are spread over the ranks.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -15,6 +16,8 @@ from numpy.typing import NDArray
 
 from app.equilibrium.holding_springs import HoldingSprings
 from app.equilibrium.step_mode import StepMode
+from forms.bodies.point_state import Origin, PointHistory
+from forms.bodies.solid import Solid
 from forms.contact.penalty import ContactTerm
 from forms.contact.state import ContactMode, ContactState
 from geometry.surfaces.facets import Floats
@@ -36,6 +39,14 @@ class AtPoints:
     """Values (q, …) at this rank's slave points of the pair with this number."""
 
     pair: int
+    values: Array
+
+
+@dataclass(frozen=True, slots=True)
+class InCells:
+    """Values (c, …) of this rank's own cells of the body with this number, in their order."""
+
+    body: int
     values: Array
 
 
@@ -87,6 +98,46 @@ def to_contacts(terms: Sequence[ContactTerm], kept: Sequence[Snapshot]) -> list[
     return [to_contact(term, one) for term, one in zip(terms, kept, strict=True)]
 
 
+def of_origin(body: int, solid: Solid, origin: Origin | None) -> Snapshot | None:
+    """From where the material points of a body were evaluated."""
+    if origin is None:
+        return None
+    # JSON has no number for the endless step of points that do not feel time.
+    dt = origin.dt if math.isfinite(origin.dt) else None
+    return {"values": InCells(body, solid.cell_rows(origin.values)), "dt": dt}
+
+
+def to_origin(solid: Solid, kept: Snapshot | None) -> Origin | None:
+    """From where points are evaluated, as :func:`of_origin` kept it."""
+    if kept is None:
+        return None
+    dt = math.inf if kept["dt"] is None else kept["dt"]
+    return Origin(solid.point_rows(kept["values"]), dt)
+
+
+def of_bodies(solids: Sequence[Solid]) -> list[Snapshot | None]:
+    """What the bodies remember."""
+    kept: list[Snapshot | None] = []
+    for body, solid in enumerate(solids):
+        history = solid.history()
+        kept.append(
+            None
+            if history is None
+            else {
+                "origin": of_origin(body, solid, history.origin),
+                "dissipated": Partial(history.dissipated),
+            }
+        )
+    return kept
+
+
+def to_bodies(solids: Sequence[Solid], kept: Sequence[Snapshot | None]) -> None:
+    """Take all bodies back to before the last step that :func:`of_bodies` has seen."""
+    for solid, one in zip(solids, kept, strict=True):
+        if one is not None:
+            solid.adopt(PointHistory(to_origin(solid, one["origin"]), one["dissipated"]))
+
+
 def of_step(step: StepMode) -> Snapshot:
     """How a step is evaluated."""
     holding = step.holding
@@ -98,7 +149,7 @@ def of_step(step: StepMode) -> Snapshot:
         frozen = mode.frozen_facets
         kept = asdict(mode) | {"frozen_facets": None if frozen is None else AtPoints(pair, frozen)}
         modes.append(kept)
-    return {"dt": step.dt, "modes": modes, "holding": springs}
+    return {"dt": step.dt, "modes": modes, "holding": springs, "rates": step.rate_dependent}
 
 
 def to_step(kept: Snapshot) -> StepMode:
@@ -108,6 +159,7 @@ def to_step(kept: Snapshot) -> StepMode:
         dt=kept["dt"],
         modes=tuple(ContactMode(**mode) for mode in kept["modes"]),
         holding=None if springs is None else HoldingSprings(**springs),
+        rate_dependent=kept["rates"],
     )
 
 

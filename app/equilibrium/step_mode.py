@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -18,18 +19,26 @@ class StepMode:
         dt: duration of the step, s.
         modes: mode of each contact pair; empty: all pairs as they are.
         holding: springs that hold bodies while a solution is sought; None in what is committed.
+        rate_dependent: whether the bodies' materials feel time; the contacts' modes say it of them.
     """
 
     dt: float = 1.0
     modes: tuple[ContactMode, ...] = ()
     holding: HoldingSprings | None = None
+    rate_dependent: bool = True
 
     @classmethod
     def of_stage(
         cls, dt: float, contacts: Iterable[ContactTerm], rate_dependent: bool = True
     ) -> StepMode:
         """All pairs as they are, in a stage that feels time or does not."""
-        return cls(dt, tuple(ContactMode(rate_dependent=rate_dependent) for _ in contacts))
+        modes = tuple(ContactMode(rate_dependent=rate_dependent) for _ in contacts)
+        return cls(dt, modes, rate_dependent=rate_dependent)
+
+    @property
+    def felt(self) -> float:
+        """Duration of the step as the bodies' materials feel it, s: infinite without rates."""
+        return self.dt if self.rate_dependent else math.inf
 
     def pairs(self, contacts: Sequence[ContactTerm]) -> Iterator[tuple[ContactTerm, ContactMode]]:
         """Each contact with its mode."""

@@ -1,38 +1,63 @@
-"""The directions in which no boundary supports a body, found from the constrained unknowns."""
+"""The directions in which nothing supports a body or a tool, from the constrained unknowns."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
 
+from app.equilibrium.bonded import bonded_groups
 from app.equilibrium.equilibrium import Equilibrium
-from geometry.surfaces.facets import Ints
+from forms.bodies.loads import Foundation
+from forms.bodies.solid import Solid
+from geometry.surfaces.facets import Bools, Ints
 
 
 @dataclass(frozen=True, slots=True)
 class Loose:
-    """A direction in which no boundary supports a body.
+    """A direction in which no boundary supports a body, bodies that are bonded, or a tool.
 
     Attributes:
-        body: the body's name; component: 0 for x, 1 for y.
-        nodes: local nodes of the body, owned by this rank.
+        bodies: their names, or the tool's; component: 0 for x, 1 for y.
+        nodes: their local nodes, owned by this rank.
+        kind: "body" or "tool".
+        turns: whether the direction is the angle of a tool, which the first component of a node of
+            its own holds.
     """
 
-    body: str
+    bodies: tuple[str, ...]
     component: int
     nodes: Ints
+    kind: str = "body"
+    turns: bool = False
+
+    @property
+    def name(self) -> str:
+        """The body or the tool, in words."""
+        return f"{self.kind} {self.body}"
+
+    @property
+    def direction(self) -> str:
+        """The direction, in words."""
+        return "rotation" if self.turns else "xyz"[self.component]
+
+    @property
+    def body(self) -> str:
+        """The name, or the names of bonded bodies."""
+        return " and ".join(self.bodies)
 
     @property
     def text(self) -> str:
         """The body and the direction, in words."""
-        return f"body {self.body} has no support in {'xyz'[self.component]}"
+        return f"{self.name} has no support in {self.direction}"
 
 
 def loose_directions(problem: Equilibrium, supports: Ints | None = None) -> list[Loose]:
-    """The directions in which a body has no support; collective.
+    """The directions in which a body, several that are bonded, or a tool has no support.
+
+    Collective.
 
     A body of revolution cannot move away from its axis: it has to widen for that.
 
@@ -42,14 +67,62 @@ def loose_directions(problem: Equilibrium, supports: Ints | None = None) -> list
             displacement.
     """
     supports = problem.constrained_dofs() if supports is None else supports
+    groups = bonded_groups(problem)
+    cells = [np.concatenate([solid.cells for solid in group]) for group in groups]
+    nodes_of = [body_nodes(problem, some) for some in cells]
+    axes = np.arange(problem.dim)
+    here = [[np.isin(n * problem.dim + axis, supports).any() for axis in axes] for n in nodes_of]
+    held: Bools = np.zeros((len(groups), problem.dim), dtype=bool)
+    problem.comm.Allreduce(np.array(here, dtype=bool), held, op=MPI.LOR)
+    for some in _tied(problem, groups):  # as often as it takes to go from each group to each
+        held[some] |= held[some].any(axis=0)
     found = []
-    for solid in problem.solids:
-        nodes = body_nodes(problem, solid.cells)
-        for component in range(1 if solid.section == "axisymmetric" else 0, problem.dim):
-            here = bool(np.isin(nodes * problem.dim + component, supports).any())
-            if not problem.comm.allreduce(here, op=MPI.LOR):
-                found.append(Loose(solid.name, component, nodes))
-    return found
+    for number, (group, nodes) in enumerate(zip(groups, nodes_of, strict=True)):
+        names = tuple(solid.name for solid in group)
+        loose = _loose_axes(problem, nodes, held[number])
+        for axis in range(1 if group[0].section == "axisymmetric" else 0, problem.dim):
+            if loose[axis]:
+                found.append(Loose(names, axis, nodes))
+    return [*found, *_loose_tools(problem)]
+
+
+def _loose_axes(problem: Equilibrium, nodes: Ints, held: Bools) -> Bools:
+    """Axes (i,) that bodies can move along, some supports being along none; collective."""
+    given = [p for p in problem.constraints.slanted if p.acts and p.displacement is not None]
+    if not given:
+        return ~held
+    support = np.zeros((problem.dim, problem.dim))
+    for platen in given:
+        here = bool(np.isin(nodes * problem.dim, platen.dofs).any())
+        support += here * np.outer(platen.normal, platen.normal)
+    support = problem.comm.allreduce(support) + np.diag(held.astype(float))
+    free = np.eye(problem.dim) - np.linalg.pinv(support) @ support  # onto what nothing holds
+    out: Bools = np.diag(free) > 1e-9
+    return out
+
+
+def _loose_tools(problem: Equilibrium) -> Iterator[Loose]:
+    """Slots of tools that a force or a moment drives; an idle angle has a spring of its own."""
+    for tool in problem.tools:
+        for slot in np.nonzero(tool.free)[0]:
+            turns = bool(slot == tool.slots - 1)
+            if not (turns and tool.idle):
+                component = 0 if turns else int(slot)
+                yield Loose((tool.name,), component, tool.node(int(slot)), "tool", turns)
+
+
+def _tied(problem: Equilibrium, groups: Sequence[Sequence[Solid]]) -> list[Ints]:
+    """Numbers of the groups of bodies that ties hold together, tie by tie, repeated; collective."""
+    ties = [term for term in problem.contacts if term.tied and term.active]
+    if not ties:
+        return []
+    dofmap = problem.space.dofmap
+    cells = [np.concatenate([solid.cells for solid in group]) for group in groups]
+    local = [np.unique(dofmap.list[some]).astype(np.int32) for some in cells]
+    mine = [dofmap.index_map.local_to_global(nodes) for nodes in local]
+    here = [[int(np.isin(nodes, t.surface.nodes).any()) for nodes in mine] for t in ties]
+    ranks = problem.comm.allreduce(np.array(here, dtype=np.int64))
+    return [np.nonzero(row)[0].astype(np.int32) for row in ranks] * len(groups)
 
 
 def body_nodes(problem: Equilibrium, cells: Ints) -> Ints:
@@ -60,6 +133,8 @@ def body_nodes(problem: Equilibrium, cells: Ints) -> Ints:
 
 
 def sprung_dofs(problem: Equilibrium) -> Ints:
-    """Owned local unknowns that a support or a spring holds."""
-    sprung: Iterable[Ints] = (p.dofs for p in problem.platens if p.stiffness > 0.0)
+    """Owned local unknowns that a support, a spring or a foundation holds."""
+    aligned, loads = problem.constraints.acting, problem.loads
+    sprung = [platen.dofs for platen in aligned if platen.stiffness > 0.0]
+    sprung += [load.held for load in loads if isinstance(load, Foundation) and load.acts]
     return np.concatenate([problem.constrained_dofs(), *sprung]).astype(np.int32)

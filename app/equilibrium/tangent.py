@@ -15,11 +15,11 @@ import ufl
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from app.equilibrium.constraints import Constraints
+from app.equilibrium.constraints import Constraints, Platen
 from app.equilibrium.contact_sparsity import BlockPlaces, ContactWindow, coupled_nodes, widened
 from app.equilibrium.holding_springs import HoldingSprings
 from app.equilibrium.timers import Stopwatch
-from forms.bodies.loads import FollowerPressure
+from forms.bodies.loads import Load
 from forms.bodies.solid import Solid
 from forms.contact.penalty import ContactTerm
 from forms.contact.state import ContactTrial
@@ -38,9 +38,13 @@ class Tangent:
     """Makes the matrix and fills it.
 
     Attributes:
-        constraints: with the numbering of the unknowns; solids, contacts, pressures: the parts.
+        constraints: with the numbering of the unknowns; solids, contacts, loads: the parts.
         pattern_changes: how often the pattern was widened, when it was made included.
         windows: of each contact, what the pattern has room for; None before it is made.
+        seen: which of the aligned platens have acted together, of all there is room for.
+
+    With slanted platens what is assembled is a matrix of its own, which their equations make the
+    tangent from.
     """
 
     def __init__(
@@ -48,29 +52,40 @@ class Tangent:
         constraints: Constraints,
         solids: Sequence[Solid],
         contacts: Sequence[ContactTerm],
-        pressures: Sequence[FollowerPressure],
+        loads: Sequence[Load],
     ) -> None:
         """Begin without a matrix."""
         self.constraints = constraints
-        self.solids, self.contacts, self.pressures = solids, contacts, pressures
+        self.solids, self.contacts, self.loads = solids, contacts, loads
         self.pattern_changes = 0
         self._known_places: list[BlockPlaces] = []  # of blocks added lately
         self.windows: list[ContactWindow | None] = [None] * len(contacts)
+        self._raw: PETSc.Mat | None = None
+        self._mapped: tuple[bool, ...] = ()  # platens whose unknowns are sent to their leaders
+        self.seen: list[tuple[bool, ...]] = []
+        self._fitted: object = None  # what the tangent's pattern was made for, with slanted platens
 
     def new_matrix(self, trials: Sequence[ContactTrial]) -> PETSc.Mat:
         """A matrix with room for solids, platens and these contacts; collective."""
         self.windows = [None] * len(self.contacts)
+        self._raw, self.seen = None, []
+        if self.constraints.aligned:
+            self.seen = [tuple(platen.acts for platen in self.constraints.aligned)]
         A = dolfinx.fem.petsc.assemble_matrix(pattern_form(self.constraints.unknowns.space))
         A.assemble()
+        self._plain_map = A.getLGMap()
         self._widen(A, trials)
-        return A
+        if not self.constraints.slanted:
+            return A
+        self._raw, self._fitted = A, None
+        return A.duplicate(copy=True)
 
     def assemble(
         self,
         A: PETSc.Mat,
         trials: Sequence[ContactTrial],
         timer: Stopwatch,
-        holding: HoldingSprings | None = None,
+        holding: Sequence[HoldingSprings] = (),
         carried: bool = False,
     ) -> None:
         """Fill ``A`` at the displacements spread last; collective.
@@ -81,45 +96,90 @@ class Tangent:
             A: the matrix.
             trials: contacts at these displacements.
             timer: seconds by part.
-            holding: springs that hold bodies; None: there are none.
+            holding: springs that hold bodies and tools.
             carried: whether the volumetric parts take the pressures carried to them last.
         """
+        raw = A if self._raw is None else self._raw
         with timer("contact"):
-            self._keep_pattern(A, trials, timer)
+            self._keep_pattern(raw, trials, timer)
+            self._renumber(raw)
             pairs = list(zip(self.contacts, trials, strict=True))
             blocks = [group for term, trial in pairs for group in term.tangent(trial)]
             couplings = [term.coupling(trial) for term, trial in pairs]
         with timer("assembly"):
-            A.zeroEntries()
-            self._assemble_forms(A, carried)
+            raw.zeroEntries()
+            self._assemble_forms(raw, carried)
         with timer("contact"):
             for nodes, values in blocks:
-                self._add_blocks(A, nodes, values)
+                self._add_blocks(raw, nodes, values)
             for coupling in couplings:
                 if coupling is not None:
-                    self._add_coupling(A, coupling)
-            self.constraints.add_following_rows(A)
-            if holding is not None:
-                self.constraints.add_diagonal(A, holding.stiffness)
-            A.assemble()
+                    self._add_coupling(raw, coupling)
+            self.constraints.add_following_rows(raw)
+            for springs in holding:
+                self.constraints.add_diagonal(raw, springs.stiffness)
+            raw.assemble()
+        if self._raw is not None:
+            with timer("assembly"):
+                self._slant(A)
+
+    def _slant(self, A: PETSc.Mat) -> None:
+        """Make the tangent ``A`` from what was assembled, with the slanted platens' equations."""
+        assert self._raw is not None
+        rows = self.constraints.slanted_rows
+        made = self._raw if rows is None else rows.constrained(self._raw)
+        fits = (self.pattern_changes, self.constraints.controls)
+        structures = PETSc.Mat.Structure
+        fitting = self._fitted == fits
+        if not fitting:
+            self.pattern_changes += 1
+            self._fitted = (self.pattern_changes, self.constraints.controls)
+        A.zeroEntries()
+        A.axpy(
+            1.0,
+            made,
+            structures.SUBSET_NONZERO_PATTERN if fitting else structures.DIFFERENT_NONZERO_PATTERN,
+        )
+        if rows is not None:
+            made.destroy()
+
+    def _renumber(self, A: PETSc.Mat) -> None:
+        """Send the unknowns of the platens that act now to their leaders; collective."""
+        acting = tuple(platen.acts for platen in self.constraints.aligned)
+        if acting and acting not in self.seen:
+            self.seen.append(acting)
+            self.make_room(A)
+        if self._mapped != acting:
+            maps = self.constraints.condensed_map() if any(acting) else None
+            A.setLGMap(*(self._plain_map if maps is None else (maps, maps)))
+            self._mapped = acting
 
     def _assemble_forms(self, A: PETSc.Mat, carried: bool) -> None:
         forms = [part.tangent for solid in self.solids for part in solid.forms]
         if carried:
             forms += [s.carried.tangent for s in self.solids if s.carried is not None]
-        forms += [p.tangent for p in self.pressures if p.value.value != 0.0]
+        forms += [load.tangent for load in self.loads if load.tangent is not None and load.acts]
         for form in forms:
-            add_matrix(A, form, unrolled=bool(self.constraints.platens))
+            add_matrix(A, form, unrolled=bool(self.constraints.aligned))
 
-    def _add_blocks(self, A: PETSc.Mat, nodes: Longs, blocks: Floats | None) -> None:
-        """Add point blocks (q, m, i, n, j) (None: zeros, for the pattern) to global rows."""
+    def _add_blocks(
+        self,
+        A: PETSc.Mat,
+        nodes: Longs,
+        blocks: Floats | None,
+        platens: Sequence[Platen] | None = None,
+    ) -> None:
+        """Add point blocks (q, m, i, n, j) (None: zeros, for the pattern) to global rows.
+
+        Those of platens (None: that act at present) go to the rows of the leaders.
+        """
         places = self._places(nodes)
         A.setValuesIJV(
             places.indptr.astype(PETSc.IntType),
-            self.constraints.condensed(places.columns).astype(PETSc.IntType),
+            self.constraints.condensed(places.columns, platens).astype(PETSc.IntType),
             places.add_up(blocks),
             addv=PETSc.InsertMode.ADD_VALUES,
-            rowmap=self.constraints.condensed(places.rows).astype(PETSc.IntType),
+            rowmap=self.constraints.condensed(places.rows, platens).astype(PETSc.IntType),
         )
 
     def _add_coupling(self, A: PETSc.Mat, coupling: Coupling) -> None:
@@ -165,21 +225,23 @@ class Tangent:
     def make_room(self, A: PETSc.Mat) -> None:
         """Give ``A`` zeros wherever solids, platens and the windows may add; collective."""
         self.pattern_changes += 1
+        A = A if self._raw is None else self._raw
         extra = self._empty_like(A)
-        for term, window in zip(self.contacts, self.windows, strict=True):
-            assert window is not None, "windows come first"
-            nodes = coupled_nodes(term, window)
-            if len(nodes):
-                self._add_blocks(extra, nodes, None)
-        if self.constraints.platens:
-            self.constraints.add_pattern(A, extra)
+        for acting in self.seen or [()]:
+            aligned = self.constraints.aligned
+            platens = [p for p, acts in zip(aligned, acting, strict=True) if acts]
+            for term, window in zip(self.contacts, self.windows, strict=True):
+                assert window is not None, "windows come first"
+                nodes = coupled_nodes(term, window)
+                if len(nodes):
+                    self._add_blocks(extra, nodes, None, platens)
+            if platens:
+                self.constraints.add_pattern(A, extra, platens)
         extra.assemble()
-        rows, columns = A.getLGMap()
         A.axpy(1.0, extra, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         extra.destroy()
-        if self.constraints.platens:
-            rows = columns = self.constraints.condensed_map()
-        A.setLGMap(rows, columns)
+        A.setLGMap(*self._plain_map)
+        self._mapped = ()
         A.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, True)
 
     def _empty_like(self, A: PETSc.Mat) -> PETSc.Mat:

@@ -1,4 +1,4 @@
-"""What supports, platens and pressures do to the energy of an explicit run, step by step."""
+"""What supports, platens and loads do to the energy of an explicit run, step by step."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from app.explicit.leap_frog import LeapFrog
 from app.explicit.state import ExplicitState
 from forms.bodies.internal_force import InternalForce
 from forms.contact.state import ContactTrial
-from geometry.surfaces.facets import Floats
+from geometry.surfaces.facets import Floats, Ints
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,12 +23,12 @@ class LoadForces:
 
     Attributes:
         supports: (c,) on the constrained unknowns.
-        pressures: residual of the follower pressures, local unknowns; None where there are none.
+        loads: residual of all loads, local unknowns; None where there are none.
         platens: (p,) on the platens, the same on all ranks.
     """
 
     supports: Floats
-    pressures: Floats | None
+    loads: Floats | None
     platens: Floats
 
 
@@ -36,7 +36,7 @@ class Energies:
     """Work done on the bodies, and the energy that they and the contacts hold.
 
     Attributes:
-        work: J/m, of supports, platens and pressures, this rank's part.
+        work: J/m, of supports, platens and loads, this rank's part.
         damped: J/m, taken by mass-proportional damping, this rank's part.
     """
 
@@ -59,11 +59,14 @@ class Energies:
         """
         self.work = self.damped = 0.0
         self._problem, self._state, self._mass, self._internal = problem, state, mass, internal
-        self._constrained = problem.constrained_dofs()
-        self._constrained_mass = mass[self._constrained]
+        self.constrain(problem.constrained_dofs(), forces)
+        self._before = state.u.array.copy() if forces.loads is not None else None
+
+    def constrain(self, dofs: Ints, forces: LoadForces) -> None:
+        """From now on supports act on these owned unknowns; ``forces`` are those at the state."""
+        self._constrained, self._forces = dofs, forces
+        self._constrained_mass = self._mass[dofs]
         self._constrained_energy = self._of_constrained()
-        self._forces = forces
-        self._before = state.u.array.copy() if problem.pressures else None
 
     def _of_constrained(self) -> float:
         """Kinetic energy of the constrained unknowns, J/m, this rank's part."""
@@ -88,9 +91,9 @@ class Energies:
             self.work += energy - self._constrained_energy
             self._constrained_energy = energy
         if self._before is not None:
-            assert last.pressures is not None and forces.pressures is not None
+            assert last.loads is not None and forces.loads is not None
             moved = state.u.array - self._before
-            self.work -= 0.5 * float((last.pressures + forces.pressures) @ moved)
+            self.work -= 0.5 * float((last.loads + forces.loads) @ moved)
             self._before[:] = state.u.array
         if self._problem.comm.rank == 0:
             travel = state.last_dt * motion.platen_velocity
@@ -110,12 +113,12 @@ class Energies:
         """Go on from what :meth:`snapshot` has seen, at the state that there was.
 
         Returns:
-            The forces from outside; those of pressures are the present ones.
+            The forces from outside; those of loads are the present ones.
         """
         self.work, self.damped = map(float, kept["sums"])
         self._constrained_energy = self._of_constrained()
         self._forces = LoadForces(
-            kept["supports"][self._constrained], self._forces.pressures, kept["platens"]
+            kept["supports"][self._constrained], self._forces.loads, kept["platens"]
         )
         return self._forces
 

@@ -12,7 +12,7 @@ from app.equilibrium.equilibrium import Equilibrium
 from app.equilibrium.snapshot import Snapshot
 from app.explicit.lumped_dynamics import LumpedDynamics
 from app.explicit.state import ExplicitState
-from geometry.surfaces.facets import Floats
+from geometry.surfaces.facets import Floats, Ints
 
 
 class LeapFrog:
@@ -41,14 +41,18 @@ class LeapFrog:
         """
         self._state, self._damping, self._mass = state, damping, dynamics.mass
         self._prescribed = problem.prescribed
-        self._constrained = problem.constrained_dofs()
         self._change = np.zeros_like(state.v.owned)
         self._mean = np.zeros_like(state.v.owned)
-        self.travel: Floats = np.zeros(len(self._constrained))
+        self.constrain(problem.constrained_dofs())
         self.platen_acceleration = dynamics.no_pull
         masses = dynamics.platen_mass
         self.platen_velocity: Floats = dynamics.sums(self._mass * state.v.owned) / masses
         self.platen_displacement: Floats = dynamics.sums(self._mass * state.u.owned) / masses
+
+    def constrain(self, dofs: Ints) -> None:
+        """From now on these owned unknowns follow their programs."""
+        self._constrained = dofs
+        self.travel: Floats = np.zeros(len(dofs))
 
     def move(self, dt: float) -> float:
         """Velocities of the next half step, displacements of the next whole one; collective.
@@ -75,7 +79,8 @@ class LeapFrog:
         self.platen_velocity = self.platen_velocity + change
         self.platen_displacement = self.platen_displacement + dt * self.platen_velocity
         for part in self._prescribed:
-            u[part.dofs] = part.value
+            if part.acts:
+                u[part.dofs] = part.value
         self.travel = u[self._constrained] - before
         state.v.owned[self._constrained] = self.travel / dt
         state.u.update_ghosts()

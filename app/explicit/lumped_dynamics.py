@@ -22,6 +22,7 @@ class LumpedDynamics:
         mass: (n,), kg per unit thickness, owned unknowns; a platen's own mass is on its leader.
         inverse: (n,), 1/mass, 0 at constrained unknowns.
         platens: the platens; platen_mass: (p,), kg, their summed masses.
+        springs: (n,), N/m per unit thickness, of foundations at the owned unknowns, from above.
         no_pull: (p,) zeros, for platens without a force.
     """
 
@@ -50,11 +51,17 @@ class LumpedDynamics:
             leader = int(platen.all_dofs[0]) - first if len(platen.all_dofs) else -1
             if 0 <= leader < len(mass):
                 self.mass[leader] += platen.mass
-        self.inverse: Floats = np.asarray(1.0 / self.mass, dtype=np.float64)
-        self.inverse[constrained] = 0.0
         self.platen_mass = self.sums(self.mass)
-        self._negative = -self.inverse
+        self.springs: Floats = np.zeros(len(mass))
+        self.constrain(constrained)
         self.no_pull: Floats = np.zeros(len(self.platens))
+
+    def constrain(self, constrained: Ints) -> None:
+        """From now on these owned unknowns follow a program."""
+        self.inverse: Floats = np.zeros_like(self.mass)  # what carries no body has no mass
+        np.divide(1.0, self.mass, out=self.inverse, where=self.mass > 0.0)
+        self.inverse[constrained] = 0.0
+        self._negative = -self.inverse
 
     def sums(self, values: Floats) -> Floats:
         """Sum of ``values`` (n,) over each platen's unknowns (p,); collective."""
@@ -74,7 +81,7 @@ class LumpedDynamics:
         """Accelerations −r/m (n,) into ``out``, m/s²; collective.
 
         Args:
-            residual: (n,), N, internal and contact forces less the pressures'.
+            residual: (n,), N, internal and contact forces less the loads'.
             pull: (p,), N, force on each platen.
             out: accelerations.
             valid: whether the forces of this rank are valid.
@@ -124,7 +131,8 @@ class LumpedDynamics:
         return out
 
     def add_springs(self, w: Floats, out: Floats) -> None:
-        """Add the forces of the platens' springs stretched by ``w`` (n,) to ``out``."""
+        """Add the forces of springs stretched by ``w`` (n,) to ``out``: platens', foundations'."""
+        out += self.springs * w
         for platen in self.platens:
             leader = int(platen.all_dofs[0]) - self.first if len(platen.all_dofs) else -1
             if 0 <= leader < len(w):

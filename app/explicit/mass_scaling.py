@@ -10,6 +10,7 @@ import numpy as np
 from mpi4py import MPI
 
 from app.equilibrium.equilibrium import Equilibrium
+from app.equilibrium.rigid_tool import RigidTool
 from app.explicit.options import MassScaling
 from forms.bodies.element_frequency import element_frequencies
 from forms.bodies.lumped_mass import cell_field, lumped_mass
@@ -74,6 +75,18 @@ def scaled_mass(
     return _result(problem, plain, mass, field.x.array[: len(excess)])
 
 
+def with_tools(mass: Floats, tools: Sequence[RigidTool]) -> Floats:
+    """Masses (n,), kg per unit thickness, of the owned unknowns with those of tools, unscaled.
+
+    Where a tool's motion is prescribed its mass is of no account.
+    """
+    out = mass.copy()
+    for tool in tools:
+        moves = tool.here & tool.free
+        out[tool.dofs[moves]] = tool.mass[moves]
+    return out
+
+
 def _result(problem: Equilibrium, plain: Floats, mass: Floats, factors: Floats) -> ScaledMass:
     n, dim = problem.owned, problem.dim
     counts = [mass[:n].sum() - plain[:n].sum(), plain[:n].sum()]
@@ -104,7 +117,9 @@ class _Limits:
 
     def of(self, mass: Floats, scale: dolfinx.fem.Function | None = None) -> Floats:
         """ω² (c,) of the cells for nodal masses (local unknowns) and a factor per cell."""
-        per_node = (self._stiffness / mass).reshape(-1, self._dim).max(axis=1)
+        bound = np.zeros_like(mass)  # carriers' nodes, which no body has, are without mass
+        np.divide(self._stiffness, mass, out=bound, where=mass > 0.0)
+        per_node = bound.reshape(-1, self._dim).max(axis=1)
         factor = scale.x.array[: len(self._alone)] if scale is not None else 1.0
         out: Floats = self._alone / factor + per_node[self._nodes].max(axis=1, initial=0.0)
         return out

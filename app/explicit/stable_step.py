@@ -105,7 +105,7 @@ class Stiffness:
         for sign in (1.0, -1.0):
             self._moved.owned[:] = self._u.owned + sign * h * w
             self._moved.update_ghosts()
-            self._internal.evaluate(self._moved.array, self._force.array)
+            self._internal.evaluate(self._moved.array, self._force.array, None)
             self._force.collect_ghosts()
             out += sign * self._force.owned
         return out / (2.0 * h)
@@ -186,7 +186,8 @@ class StableSteps:
         self._bodies = self._largest(s.bodies, self._bodies)
         elements, mode = _step_of(self._bodies.value), self._bodies
         penalty = elements
-        if s.pairs or any(p.stiffness for p in s.dynamics.platens):
+        sprung = any(p.stiffness for p in s.dynamics.platens) or s.dynamics.springs.any()
+        if s.pairs or sprung:
             mode = self._whole = self._largest(lambda w: s.bodies(w) + s.contacts(w), self._whole)
             penalty = _step_of(mode.value)
         closing = np.inf

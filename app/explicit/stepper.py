@@ -10,19 +10,21 @@ at its end. Prescribed unknowns follow their programs; a platen's unknowns share
 
 from __future__ import annotations
 
-import dolfinx
+import math
+
 import numpy as np
 from petsc4py import PETSc
 
 from app.equilibrium.equilibrium import Equilibrium
+from app.equilibrium.load_residuals import foundation_springs, load_residuals
 from app.equilibrium.places import place_text
-from app.equilibrium.snapshot import AtPoints, Local, Nodal, Snapshot, of_contacts
+from app.equilibrium.snapshot import AtPoints, Local, Nodal, Snapshot, of_bodies, of_contacts
 from app.explicit.energies import Energies, LoadForces
 from app.explicit.film_correction import FilmCorrection
 from app.explicit.instability import EnergyWatch, ExplicitError, folded
 from app.explicit.leap_frog import LeapFrog
 from app.explicit.lumped_dynamics import LumpedDynamics
-from app.explicit.mass_scaling import ScaledMass, scaled_mass
+from app.explicit.mass_scaling import ScaledMass, scaled_mass, with_tools
 from app.explicit.options import ExplicitOptions, MassScaling
 from app.explicit.stable_step import StableStep, StableSteps, StepEstimate, Stiffness
 from app.explicit.state import ExplicitState
@@ -48,7 +50,8 @@ class ExplicitStepper:
         internal: the bodies' forces; contacts: the pairs; dynamics: lumped masses and platens.
         masses: what mass scaling made of them, without the platens' own.
         energies: work and damping; loads: forces from outside at the last whole step.
-        pressure_residuals: of each follower pressure (n,), N per unit thickness, local unknowns.
+        load_residuals: of each load (n,), those at nodes last, N per unit thickness, at local
+            unknowns.
     """
 
     def __init__(
@@ -77,24 +80,27 @@ class ExplicitStepper:
         self.rate_dependent = rate_dependent
         self.state = ExplicitState(problem.u, displacement, velocity)
         self._residual = NodalVector(problem.space)
-        self.pressure_residuals = [np.zeros(len(self._residual.array)) for _ in problem.pressures]
+        self.load_residuals = load_residuals(problem)
         compiled = self.options.compiled
         self.internal = InternalForce(problem.u, problem.solids, compiled)
         self.contacts = [explicit_contact(term, compiled) for term in problem.contacts]
         for part in problem.prescribed:
-            self.state.u.owned[part.dofs] = part.value
+            if part.acts:
+                self.state.u.owned[part.dofs] = part.value
         self.state.u.update_ghosts()
         self._evaluate_contacts(1.0)
         pairs = [PairStiffness(contact) for contact in self.contacts]
         self.masses = masses or scaled_mass(problem, self.options.mass_scaling, pairs)
         self.dynamics = LumpedDynamics(
-            self.masses.mass,
+            with_tools(self.masses.mass, problem.tools),
             problem.constrained_dofs(),
             problem.platens,
             problem.first,
             problem.dim,
             problem.comm,
         )
+        self.dynamics.springs[:] = foundation_springs(problem)
+        self._controls = problem.constraints.controls
         self._start(pairs)
 
     def _start(self, pairs: list[PairStiffness]) -> None:
@@ -152,7 +158,7 @@ class ExplicitStepper:
 
     @property
     def residual(self) -> Floats:
-        """Forces (n,) of bodies, contacts and pressures on the owned unknowns, the last, N/m."""
+        """Forces (n,) of bodies, contacts and loads on the owned unknowns, the last, N/m."""
         return self._residual.owned
 
     @property
@@ -171,6 +177,8 @@ class ExplicitStepper:
             LawError: a friction law of the user's fails; the displacements are those before too.
         """
         timer = self.problem.timer
+        if self.problem.constraints.controls != self._controls:
+            self._constrain()
         with timer("time integration"):
             damped = self._motion.move(dt)
         trials, valid = self._forces(dt)
@@ -180,6 +188,21 @@ class ExplicitStepper:
                 self._motion.take_back(dt)
                 raise error
             self._commit(dt, damped, trials)
+
+    def _constrain(self) -> None:
+        """Take supports in that act from now on, and let go of those that do no longer; collective.
+
+        What is let go begins to move with the force that the support has carried.
+        """
+        dofs = self.problem.constrained_dofs()
+        self._controls = self.problem.constraints.controls
+        self.dynamics.constrain(dofs)
+        self._motion.constrain(dofs)
+        self.loads = self._loads()
+        self.energies.constrain(dofs, self.loads)
+        pull = self._pulls()
+        platens, _ = self.dynamics.accelerate(self._residual.owned, pull, self.state.a.owned)
+        self._motion.platen_acceleration = platens
 
     def _invalid(self, dt: float) -> Exception:
         """Why the forces after a step of ``dt`` (s) are not valid; collective."""
@@ -194,6 +217,8 @@ class ExplicitStepper:
         state.last_dt = dt
         state.time += dt
         state.steps += 1
+        for solid in problem.solids:
+            solid.commit()
         for contact in self.contacts:
             contact.commit()
         problem.trials = problem.committed = trials
@@ -213,7 +238,8 @@ class ExplicitStepper:
         state, timer, residual = self.state, self.problem.timer, self._residual
         with_film = bool(self._films.contacts) and self.rate_dependent
         with timer("assembly"):
-            valid = self.internal.evaluate(state.u.array, residual.array)
+            felt = dt if self.rate_dependent else math.inf
+            valid = self.internal.evaluate(state.u.array, residual.array, felt)
             self._press()
             residual.collect_ghosts()
         with timer("contact"):
@@ -237,10 +263,9 @@ class ExplicitStepper:
         return [contact.evaluate(u, dt, rated) for contact in self.contacts]
 
     def _press(self) -> None:
-        """Add the pressures' forces."""
-        for values, load in zip(self.pressure_residuals, self.problem.pressures, strict=True):
-            values[:] = 0.0
-            dolfinx.fem.assemble_vector(values, load.residual)
+        """Add the loads' forces."""
+        self.load_residuals = load_residuals(self.problem, self.load_residuals)
+        for values in self.load_residuals:
             self._residual.array += values
 
     def _pulls(self) -> Floats:
@@ -252,7 +277,7 @@ class ExplicitStepper:
         """Forces from outside at the state evaluated last."""
         return LoadForces(
             supports=self._residual.owned[self.problem.constrained_dofs()],
-            pressures=np.sum(self.pressure_residuals, axis=0) if self.problem.pressures else None,
+            loads=np.sum(self.load_residuals, axis=0) if self.load_residuals else None,
             platens=self._pulls(),
         )
 
@@ -270,6 +295,7 @@ class ExplicitStepper:
             "mass": Nodal(masses.mass),
             "masses": [masses.added, masses.original, masses.scaled],
             "pairs": [[pair.tangential, pair.viscosity] for pair in self._pairs],
+            "bodies": of_bodies(self.problem.solids),
             "contacts": of_contacts([term.state for term in self.problem.contacts]),
             "films": [
                 {name: AtPoints(pair, a) for name, a in film.items()}
@@ -321,7 +347,7 @@ class ExplicitStepper:
 
     @property
     def work(self) -> float:
-        """Work of supports, platens and pressures so far, J/m, this rank's part."""
+        """Work of supports, platens and loads so far, J/m, this rank's part."""
         return self.energies.work
 
     @property

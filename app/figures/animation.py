@@ -115,6 +115,8 @@ def _in_the_plane(
     def draw(number: int) -> None:
         axes.clear()
         draw_bodies(axes, states[number], scale, frame)
+        if not names:
+            return
         nodes = without_roundoff(results.contact(steps[number]), roundoff)
         shown = pairs_shown(nodes, len(names), MOST_PAIRS)
         draw_slaves(axes, nodes, {k: names[k] for k in shown}, frame.unit)

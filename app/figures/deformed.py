@@ -26,6 +26,7 @@ from app.figures.plane_bodies import (
 )
 from app.figures.states import State, states_to_draw
 from app.figures.style import CASE_STYLE, save
+from app.figures.tool_lines import draw_tools, tool_lines, with_room
 from app.figures.tractions import draw_tractions, pairs_shown, roundoff_of, without_roundoff
 from app.figures.units import fitting
 
@@ -62,7 +63,8 @@ def draw_deformed(results: Results, figures: Path, field: str) -> list[Path]:
     files = []
     with rc_context(CASE_STYLE):
         for state, bodies in zip(states, drawn, strict=True):
-            figure = _figure(results, state, bodies)
+            draw = _figure if results.case.contact else _bodies_alone
+            figure = draw(results, state, bodies)
             files.append(figures / f"{state.name}.png")
             save(figure, files[-1])
     return files
@@ -72,16 +74,19 @@ def _figure(results: Results, state: State, bodies: Bodies) -> Figure:
     """The bodies, and below or beside them the tractions of each pair."""
     nodes = without_roundoff(results.contact(state.step), roundoff_of(results))
     points = results.contact_points(state.step)
-    frame = frame_round([bodies], axis_names(results))
+    lines = tool_lines(results, state.step)
+    frame = with_room(frame_round([bodies], axis_names(results)), lines)
     names = pair_names(results)
     pairs = {k: names[k] for k in pairs_shown(nodes, len(names), MOST_PAIRS)}
     near = close_up(frame, nodes)
     figure, top, beside, panels = _layout(frame, len(pairs), near is not None)
     scale = colour_scale(bodies.field.values, bodies.field.unit)
     cells = draw_bodies(top, bodies, scale, frame)
+    draw_tools(top, lines, frame)
     draw_slaves(top, nodes, pairs, frame.unit)
     if near is not None and beside is not None:
         draw_bodies(beside, bodies, scale, near, named=False)
+        draw_tools(beside, lines, near)
         draw_slaves(beside, nodes, pairs, near.unit)
         beside.set_title("close-up", fontsize=9)
     unit = f" ({scale.unit.name})" if scale.unit.name else ""
@@ -90,6 +95,21 @@ def _figure(results: Results, state: State, bodies: Bodies) -> Figure:
                     shrink=0.9, pad=0.02, fraction=0.05, aspect=25)  # fmt: skip
     figure.suptitle(heading(results, state.title + _stretched_words(frame)), fontsize=9)
     _fill_panels(panels, nodes, points, pairs, len(names))
+    return figure
+
+
+def _bodies_alone(results: Results, state: State, bodies: Bodies) -> Figure:
+    """The bodies of a case without contact."""
+    frame = frame_round([bodies], axis_names(results))
+    width, height = frame.high - frame.low
+    tall = 4.0 if frame.stretched else float(np.clip(6.4 * height / width, 2.0, 7.0))
+    figure = Figure(figsize=(8.0, tall + 1.0), layout="constrained")
+    axes = figure.subplots()
+    scale = colour_scale(bodies.field.values, bodies.field.unit)
+    cells = draw_bodies(axes, bodies, scale, frame)
+    unit = f" ({scale.unit.name})" if scale.unit.name else ""
+    figure.colorbar(cells, ax=axes, label=bodies.field.label + unit, extend=scale.extend)
+    figure.suptitle(heading(results, state.title + _stretched_words(frame)), fontsize=9)
     return figure
 
 

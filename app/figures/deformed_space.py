@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from matplotlib import rc_context
 from matplotlib.cm import ScalarMappable
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, FigureBase
 
 from app.figures.body_shapes import Bodies
 from app.figures.field_values import ColourScale, colour_scale
@@ -56,22 +56,32 @@ def _figure(
     results: Results, state: State, bodies: Bodies, scale: ColourScale, view: View
 ) -> Figure:
     """The bodies from outside, and beside them the pressure of each pair."""
-    nodes = without_roundoff(results.contact(state.step), roundoff_of(results))
     names = pair_names(results)
+    if not names:
+        figure = Figure(figsize=(7.0, 5.5), layout="constrained")
+        _draw_bodies(figure, view, bodies, scale)
+        figure.suptitle(heading(results, state.title), fontsize=9)
+        return figure
+    nodes = without_roundoff(results.contact(state.step), roundoff_of(results))
     pairs = {k: names[k] for k in pairs_shown(nodes, len(names), MOST_PAIRS)}
     columns = 1 if len(pairs) == 1 else 2
     rows = -(-len(pairs) // columns)
     figure = Figure(figsize=(6.5 + 4.3 * columns, max(5.5, 4.6 * rows)), layout="constrained")
     left, right = figure.subfigures(1, 2, width_ratios=(6.0, 4.8 * columns))
-    bar = ScalarMappable(scale.norm, scale.colours)
-    axes = left.add_subplot()
-    draw_space(axes, view, bodies.names)
-    words = f" ({scale.unit.name})" if scale.unit.name else ""
-    left.colorbar(bar, ax=axes, label=bodies.field.label + words, extend=scale.extend,
-                  orientation="horizontal", shrink=0.7, pad=0.02, aspect=35)  # fmt: skip
+    _draw_bodies(left, view, bodies, scale)
     figure.suptitle(heading(results, state.title), fontsize=9)
     panels = list(right.subplots(rows, columns, squeeze=False).flat)
     for idle in panels[len(pairs) :]:
         idle.set_visible(False)
     draw_pairs(right, panels[: len(pairs)], nodes, pairs)
     return figure
+
+
+def _draw_bodies(figure: FigureBase, view: View, bodies: Bodies, scale: ColourScale) -> None:
+    """The bodies with a bar of their colours below."""
+    bar = ScalarMappable(scale.norm, scale.colours)
+    axes = figure.add_subplot()
+    draw_space(axes, view, bodies.names)
+    words = f" ({scale.unit.name})" if scale.unit.name else ""
+    figure.colorbar(bar, ax=axes, label=bodies.field.label + words, extend=scale.extend,
+                    orientation="horizontal", shrink=0.7, pad=0.02, aspect=35)  # fmt: skip

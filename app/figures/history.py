@@ -164,10 +164,11 @@ def _energies(table: Any) -> tuple[dict[str, Floats], Floats]:
     """What the work went into, J, by name, and what is not accounted for; each (n,)."""
     column = {name: values.to_numpy(dtype=np.float64) for name, values in table.items()
               if name not in TEXT_COLUMNS}  # fmt: skip
+    flow = column.get("plastic_dissipation", 0.0)  # results of before there was any have none
     parts = {
         "strain": column["strain_energy"],
         "interface": column["interface_energy"],
-        "dissipated": column["dissipation"] - column["numerical_dissipation"],
+        "dissipated": column["dissipation"] + flow - column["numerical_dissipation"],
     }
     more = {"kinetic": column["kinetic_energy"], "damped": column["damping_dissipation"]}
     return parts | {name: part for name, part in more.items() if part.any()}, column["energy_error"]

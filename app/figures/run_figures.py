@@ -55,7 +55,7 @@ def _draw_run(results: Results, figures: Path) -> list[Path]:
     if results.history.empty:
         return []
     drawn: dict[str, Figure | None] = {
-        "history.png": forces_figure(results),
+        "history.png": forces_figure(results) if results.case.contact else None,
         "energy.png": energies_figure(results),
         "force_displacement.png": force_displacement_figure(results),
         "stribeck.png": stribeck_figure(series_of(results)),
@@ -100,7 +100,7 @@ def _saved(drawn: dict[str, Figure | None], figures: Path) -> list[Path]:
 
 def _has_film(case: Case) -> bool:
     """Whether the first pair follows the friction map."""
-    return isinstance(case.contact[0].friction, FrictionMap)
+    return bool(case.contact) and isinstance(case.contact[0].friction, FrictionMap)
 
 
 def _steady_rows(load_steps: Any) -> list[dict[str, Any]]:

@@ -60,4 +60,7 @@ FIELDS = {
     "J": Quantity("volume ratio", "J", ""),
     "max_stretch": Quantity("largest stretch", "", ""),
     "log_strain": Quantity("logarithmic strain", "ε", ""),
+    "equivalent_plastic_strain": Quantity("equivalent plastic strain", "α", ""),
+    "triaxiality": Quantity("triaxiality", "σ_m/σ_vM", ""),
+    "thickness_strain": Quantity("thickness strain", "ε_t", ""),
 }

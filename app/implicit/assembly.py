@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -14,13 +14,16 @@ from app.equilibrium.snapshot import (
     Nodal,
     Snapshot,
     of_contacts,
+    of_origin,
     of_searches,
     of_step,
     repeat_searches,
     to_contacts,
+    to_origin,
     to_step,
 )
 from app.equilibrium.step_mode import StepMode
+from forms.bodies.point_state import Origin
 from forms.contact.state import ContactState
 from geometry.surfaces.facets import Floats
 
@@ -32,18 +35,22 @@ class Assembly:
     Attributes:
         x: (n,), m, displacements; before: those that pressures were carried from, or None.
         step: duration and contact modes.
+        origins: of each body, from where its material points were evaluated.
         states: of the contacts at the start of the step; searches: where their candidate facets
             were searched for.
-        pressures: Pa, of the follower pressures; platens: m, their displacements where prescribed.
+        loads: what loads with forms were set to; platens: m, their displacements where prescribed.
+        acts: whether each prescribed part, and then each platen, was there.
     """
 
     x: Floats
     before: Floats | None
     step: StepMode
+    origins: tuple[Origin | None, ...]
     states: tuple[ContactState, ...]
     searches: Local
-    pressures: tuple[float, ...]
+    loads: tuple[Floats, ...]
     platens: tuple[float | None, ...]
+    acts: tuple[bool, ...]
 
     @classmethod
     def of(
@@ -54,22 +61,27 @@ class Assembly:
             x.array_r.copy(),
             None if before is None else before.array_r.copy(),
             step,
+            tuple(solid.tangent_origin for solid in problem.solids),
             tuple(term.state for term in problem.contacts),
             of_searches(problem.contacts),
-            tuple(float(load.value.value) for load in problem.pressures),
+            tuple(load.amount for load in problem.loads),
             tuple(platen.displacement for platen in problem.platens),
+            tuple(part.acts for part in problem.constraints.parts),
         )
 
-    def snapshot(self) -> Snapshot:
+    def snapshot(self, problem: Equilibrium) -> Snapshot:
         """All of it."""
+        bodies = enumerate(zip(problem.solids, self.origins, strict=True))
         return {
+            "origins": [of_origin(body, solid, origin) for body, (solid, origin) in bodies],
             "x": Nodal(self.x),
             "before": None if self.before is None else Nodal(self.before),
             "step": of_step(self.step),
             "states": of_contacts(self.states),
             "searches": self.searches,
-            "pressures": list(self.pressures),
+            "loads": list(self.loads),
             "platens": list(self.platens),
+            "acts": list(self.acts),
         }
 
     @classmethod
@@ -79,37 +91,39 @@ class Assembly:
             kept["x"],
             kept["before"],
             to_step(kept["step"]),
+            tuple(map(to_origin, problem.solids, kept["origins"])),
             tuple(to_contacts(problem.contacts, kept["states"])),
             Local(kept["searches"] or {}),
-            tuple(kept["pressures"]),
+            tuple(kept["loads"]),
             tuple(kept["platens"]),
+            tuple(kept["acts"]),
         )
 
     @contextmanager
     def in_place(self, problem: Equilibrium) -> Iterator[tuple[PETSc.Vec, PETSc.Vec | None]]:
-        """Context in which contacts and loads are those of the assembly; x and before, m."""
+        """Context in which all but the displacements is as in the assembly; x and before, m."""
         now = Assembly.of(problem, problem.new_vector(), self.step, None)
         repeat_searches(problem.contacts, self.searches.arrays)
-        _put(problem, self.states, self.pressures, self.platens)
+        self._put(problem)
+        for solid, origin in zip(problem.solids, self.origins, strict=True):
+            solid.remake_tangent(origin)
         try:
             yield _vector(problem, self.x), _vector(problem, self.before)
         finally:
-            _put(problem, now.states, now.pressures, now.platens)
+            now._put(problem)
+            for solid in problem.solids:
+                solid.remake_tangent(None)
 
-
-def _put(
-    problem: Equilibrium,
-    states: Sequence[ContactState],
-    pressures: Sequence[float],
-    platens: Sequence[float | None],
-) -> None:
-    """Put in the contacts' histories, and the loads that the tangent depends on."""
-    for term, state in zip(problem.contacts, states, strict=True):
-        term.adopt(state)
-    for load, value in zip(problem.pressures, pressures, strict=True):
-        load.value.value = value
-    for platen, displacement in zip(problem.platens, platens, strict=True):
-        platen.displacement = displacement
+    def _put(self, problem: Equilibrium) -> None:
+        """Put in the contacts' histories, and the loads and supports of the tangent."""
+        for term, state in zip(problem.contacts, self.states, strict=True):
+            term.adopt(state)
+        for load, amount in zip(problem.loads, self.loads, strict=True):
+            load.amount = amount
+        for platen, displacement in zip(problem.platens, self.platens, strict=True):
+            platen.displacement = displacement
+        for part, acts in zip(problem.constraints.parts, self.acts, strict=True):
+            part.acts = acts
 
 
 def _vector(problem: Equilibrium, values: Floats | None) -> PETSc.Vec | None:

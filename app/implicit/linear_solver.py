@@ -237,9 +237,10 @@ class LinearSolver:
             arrays = {} if window is None else window.arrays()
             windows |= {f"{name}_{pair}": values for name, values in arrays.items()}
         return {
-            "first": None if first is None else first.snapshot(),
-            "last": None if self._last is None else self._last.snapshot(),
+            "first": None if first is None else first.snapshot(self.problem),
+            "last": None if self._last is None else self._last.snapshot(self.problem),
             "windows": Local(windows),
+            "platens": [list(acting) for acting in self.problem.tangent.seen],
             "assembled": self.assembled,
             "patterns": self.problem.pattern_changes,
             "fresh": self._fresh,
@@ -253,8 +254,8 @@ class LinearSolver:
         with the present pattern, the rest to the last one. Contacts and loads are left as they
         were; collective.
         """
-        if kept["windows"] is not None:
-            self._restore_pattern(kept["windows"])
+        self.problem.tangent.seen = [tuple(acting) for acting in kept["platens"]]
+        self._restore_pattern(kept["windows"] or {})
         self._pattern = self.problem.tangent.pattern_changes = kept["patterns"]
         self.ksp.reset()
         self._first = None

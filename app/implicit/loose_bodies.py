@@ -8,6 +8,7 @@ import dolfinx
 import numpy as np
 from mpi4py import MPI
 
+from app.equilibrium.bonded import bonded_groups
 from app.equilibrium.equilibrium import Equilibrium
 from app.equilibrium.holding_springs import HoldingSprings
 from app.equilibrium.supports import Loose, body_nodes, loose_directions, sprung_dofs
@@ -62,20 +63,26 @@ class LooseBodies:
 def nodal_shares(problem: Equilibrium) -> Floats:
     """Share (n,) of each owned node in the volume of its body, about: without units; collective.
 
+    Bodies that are bonded count as one.
+
     The volume of a cell is taken as that of a cube on its longest edge, and every node of the cell
     has the same part of it.
     """
     mesh, space = problem.space.mesh, problem.space
     scalar = dolfinx.la.vector(space.dofmap.index_map, 1)
     totals = []
-    for solid in problem.solids:
-        size = mesh.h(mesh.topology.dim, solid.cells) ** mesh.topology.dim
-        table = space.dofmap.list[solid.cells]
+    groups = bonded_groups(problem)
+    for group in groups:
+        cells = np.concatenate([solid.cells for solid in group])
+        size = mesh.h(mesh.topology.dim, cells) ** mesh.topology.dim
+        table = space.dofmap.list[cells]
         volume = np.repeat(size / table.shape[1], table.shape[1])
         np.add.at(scalar.array, table.reshape(-1), volume)
         totals.append(problem.comm.allreduce(float(size.sum()), op=MPI.SUM))
     scalar.scatter_reverse(dolfinx.la.InsertMode.add)
     shares: Floats = scalar.array[: problem.owned // problem.dim].copy()
-    for solid, total in zip(problem.solids, totals, strict=True):
-        shares[body_nodes(problem, solid.cells)] /= total
+    for group, total in zip(groups, totals, strict=True):
+        shares[body_nodes(problem, np.concatenate([solid.cells for solid in group]))] /= total
+    for tool in problem.tools:
+        shares[tool.node(0)] = shares[tool.node(tool.slots - 1)] = 1.0
     return shares

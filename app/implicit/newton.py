@@ -27,6 +27,7 @@ STALLED = 0.1  # relative residual below which a stalled line search is followed
 KINKED = 1e-5  # relative residual from which on an iteration gains far more than GAIN, or wavers
 EDGED = 1e-3  # relative residual below which points on edges may be what an iteration stalls at
 GAIN = 4.0
+LEAST_FORCE = 1e-6  # of the largest force of the run, that residuals are compared with at least
 STALL_WINDOW = 4  # iterations over which the residual must fall by a tenth not to count as stalled
 
 
@@ -79,6 +80,7 @@ class Newton:
         problem, solver, options: what is solved, with which tangent, how well.
         trial: the unknowns; the start before, the solution after :meth:`solve`.
         residuals: residual norms of the last phase, relative to the reference force.
+        largest_force: N (N/m), largest reference force of a solution that was committed.
         snes: PETSc's solver.
     """
 
@@ -99,7 +101,7 @@ class Newton:
         self.residuals: list[float] = []
         self._residual = problem.new_vector()
         self._before = problem.new_vector()  # where the tangent was taken last
-        self._largest_force = 0.0
+        self.largest_force = 0.0
         self._step, self._phase, self._patient = DEFAULT_STEP, NEWTON_PHASES[0], False
         self._tolerance, self._limit = options.tolerance, options.max_iterations
         prefix = f"{PREFIX}{next(_numbers)}_"  # of its own: options must not reach the next run
@@ -191,15 +193,15 @@ class Newton:
 
     def accept(self) -> None:
         """Take note of the forces of a solution that is committed."""
-        self._largest_force = max(self._largest_force, self.problem.reference_force)
+        self.largest_force = max(self.largest_force, self.problem.reference_force)
 
     def snapshot(self) -> Snapshot:
         """What the next solution depends on beside its start."""
-        return {"largest_force": self._largest_force}
+        return {"largest_force": self.largest_force}
 
     def restore(self, kept: Snapshot) -> None:
         """Go on from what :meth:`snapshot` has seen."""
-        self._largest_force = kept["largest_force"]
+        self.largest_force = kept["largest_force"]
 
     def _run(self, phase: NewtonPhase, step: StepMode) -> tuple[int, int]:
         problem = self.problem
@@ -267,7 +269,9 @@ class Newton:
         norm, reasons = norms[2], PETSc.SNES.ConvergedReason
         if not np.isfinite(norm):
             return reasons.DIVERGED_FNORM_NAN
-        scale = max(self.problem.reference_force, 1e-6 * self._largest_force)
+        holding = self._step.holding
+        least = 1.0 if holding is not None and holding.weak else LEAST_FORCE
+        scale = max(self.problem.reference_force, least * self.largest_force)
         self.residuals.append(norm / scale if scale > 0.0 else norm)
         idle = self._phase is WHOLE_STEPS and iteration == 0  # a change may hide in the tolerance
         small = norm <= self._tolerance * scale or norm <= self.problem.roundoff

@@ -33,7 +33,7 @@ class Drive:
 
     Attributes:
         dofs: owned unknowns with a prescribed displacement; constrained: their increments, m.
-        loads: increments of the platens' forces and the pressures; total: their values.
+        loads: increments of the platens' forces and the loads; total: their values.
     """
 
     dofs: Ints
@@ -250,7 +250,9 @@ class Predictor:
         """Increments from the converged state to the current prescribed values and loads."""
         problem = self.problem
         pulls = [platen.pull(0.0) for platen in problem.platens]
-        loads = np.array(pulls + [float(load.value.value) for load in problem.pressures])
+        drives = [load.drive for load in problem.loads]
+        factors = [load.factor for load in problem.nodal_loads]
+        loads = np.concatenate([pulls, *drives, factors])
         dofs = problem.constrained_dofs()
         constrained = (problem.constrained_values(x) - x.array_r)[dofs]
         return Drive(dofs, constrained, loads - self._loads if len(self._loads) else loads, loads)
@@ -260,8 +262,10 @@ class Predictor:
         last = self._drive or replace(
             drive, constrained=0.0 * drive.constrained, loads=0.0 * drive.loads
         )
-        changed = float(len(last.constrained) != len(drive.constrained))
-        if self._sum(np.array([changed]))[0]:  # a platen's force was given, now its displacement is
+        changed = float(not np.array_equal(last.dofs, drive.dofs))
+        if self._sum(np.array([changed]))[
+            0
+        ]:  # another support, or a platen's displacement is given
             return None
         local = np.array(
             [
@@ -271,18 +275,31 @@ class Predictor:
             ]
         )
         cross, before, now = self._sum(local)
+        weights = self._weights(drive)
+        loads, last_loads = weights * drive.loads, weights * last.loads
         if before == 0.0 and now == 0.0:
-            cross, before = drive.loads @ last.loads, last.loads @ last.loads
-            now = drive.loads @ drive.loads
+            cross, before, now = loads @ last_loads, last_loads @ last_loads, loads @ loads
             if now == 0.0:
                 return 0.0
         ratio = cross / before if before > 0.0 else 0.0
         missed = drive.constrained - ratio * last.constrained
-        lag = drive.loads - ratio * last.loads
-        scale = float(drive.total @ drive.total)
+        lag = loads - ratio * last_loads
         same = bool(self._sum(np.array([missed @ missed]))[0] <= 1e-18 * max(now, before))
-        same = same and bool(lag @ lag <= 1e-18 * scale)
+        same = same and bool(lag @ lag <= 1e-18)
         return ratio if same and ratio > 0.0 else None
+
+    def _weights(self, drive: Drive) -> Floats:
+        """One over the size of each load's vector, and of the platens' forces: they have units."""
+        problem = self.problem
+        sizes = [len(problem.platens), *(len(load.drive) for load in problem.loads)]
+        group = np.repeat(np.arange(len(sizes)), sizes)
+        single = len(group) + np.arange(len(problem.nodal_loads))
+        group = np.concatenate([group, single]).astype(np.intp)
+        squares = np.bincount(group, drive.total**2 + drive.loads**2)[group]
+        weights: Floats = np.where(
+            squares > 0.0, 1.0 / np.sqrt(np.where(squares, squares, 1.0)), 0.0
+        )
+        return weights
 
     def _carry(self, x: PETSc.Vec, constrained: Floats, trial: PETSc.Vec, step: StepMode) -> None:
         """Linear step from the converged state that meets the prescribed displacements."""

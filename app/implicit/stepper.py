@@ -16,10 +16,12 @@ from app.equilibrium.equilibrium import Equilibrium
 from app.equilibrium.snapshot import (
     Nodal,
     Snapshot,
+    of_bodies,
     of_contacts,
     of_searches,
     of_step,
     repeat_searches,
+    to_bodies,
     to_contacts,
     to_step,
 )
@@ -31,6 +33,7 @@ from app.implicit.loose_bodies import LooseBodies
 from app.implicit.newton import Newton
 from app.implicit.options import ImplicitOptions
 from app.implicit.predictor import Predictor
+from app.implicit.weak_hold import SHARE, WeakHold
 
 __all__ = ["ImplicitOptions", "ImplicitStepper", "NotConvergedError", "StepResult"]
 
@@ -49,6 +52,8 @@ class StepResult:
         factorisations: tangents assembled and factorised for them.
         reason: PETSc's converged reason.
         residuals: residual norm after each iteration, relative to the reference force.
+        floating: bodies that nothing presses on or supports; holding: force of the weak springs
+            that hold them, over the largest force of the run (:mod:`app.implicit.weak_hold`).
     """
 
     converged: bool
@@ -56,6 +61,8 @@ class StepResult:
     factorisations: int
     reason: int
     residuals: list[float]
+    floating: tuple[str, ...] = ()
+    holding: float = 0.0
 
 
 class ImplicitStepper:
@@ -80,8 +87,10 @@ class ImplicitStepper:
         self.solver = LinearSolver(problem, self.x)
         self.newton = Newton(problem, self.solver, self.trial, self.options)
         self.predictor = Predictor(problem, self.solver)
-        self._bodies, self._held = LooseBodies(problem), problem.constraints.controls
+        self._find_loose_bodies()
         self._pressed = False  # whether anything pressed at the last converged state
+        self._floating: tuple[str, ...] = ()  # bodies that nothing held there
+        self._trial_floating: tuple[str, ...] = ()
         # How the last converged state was evaluated, and from which contacts.
         self._mode, self._from = StepMode(), [term.state for term in problem.contacts]
 
@@ -90,27 +99,61 @@ class ImplicitStepper:
         """PETSc's nonlinear solver."""
         return self.newton.snes
 
+    def _find_loose_bodies(self) -> None:
+        problem = self.problem
+        self._bodies, self._weak = LooseBodies(problem), WeakHold(problem)
+        self._held = problem.constraints.controls
+
     def attempt(self, dt: float) -> StepResult:
         """Try a step of ``dt`` (s) under the loads that are set; commits nothing; collective."""
         problem, newton = self.problem, self.newton
         if problem.constraints.controls != self._held:
-            self._bodies, self._held = LooseBodies(problem), problem.constraints.controls
+            self._find_loose_bodies()
         step = StepMode.of_stage(dt, problem.contacts, self.rate_dependent)
         assembled = self.solver.assembled
-        iterations, reason = solve(
-            Attempt(newton, self.predictor, self.x, step, self._pressed, self._bodies)
-        )
-        if reason > 0:
-            newton.evaluate(step)
+        iterations, reason, holding = self._solve(step)
+        if reason > 0 and not problem.is_held_slightly():
+            reason = PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH
         return StepResult(
             # An element may be turned inside out and its residual finite all the same; the strain
             # energy, with its logarithm of J, is not.
-            converged=reason > 0 and bool(np.isfinite(problem.strain_energy())),
+            converged=reason > 0
+            and holding <= SHARE
+            and bool(np.isfinite(problem.strain_energy())),
             iterations=iterations,
             factorisations=self.solver.assembled - assembled,
             reason=reason,
             residuals=newton.residuals,
+            floating=self._trial_floating,
+            holding=holding,
         )
+
+    def _solve(self, step: StepMode) -> tuple[int, int, float]:
+        """Solve a step, with weak springs if a body floats; collective.
+
+        Returns:
+            Iterations, PETSc's converged reason, force of the springs over the largest of the run.
+        """
+        problem, newton, iterations, reason = self.problem, self.newton, 0, 0
+        largest, self._trial_floating = newton.largest_force, ()
+        may_float = bool(self._weak.bodies) and largest > problem.roundoff
+        if not (may_float and self._floating):
+            iterations, reason = self._tried(step, self._pressed)
+            if reason > 0:
+                newton.evaluate(step)
+            if not may_float or (reason > 0 and not self._weak.floating(largest)):
+                return iterations, reason, 0.0
+            if self._weak.is_loaded(largest):
+                return iterations, reason, 0.0
+        springs = self._weak.springs(self.x.array_r, largest)
+        more, reason = self._tried(step.held(springs), True)
+        if reason > 0:
+            newton.evaluate(step.held(springs))
+        self._trial_floating = tuple(self._weak.floating(largest))
+        return iterations + more, reason, self._weak.strain(springs, self.trial.array_r) / largest
+
+    def _tried(self, step: StepMode, pressed: bool) -> tuple[int, int]:
+        return solve(Attempt(self.newton, self.predictor, self.x, step, pressed, self._bodies))
 
     def advance(self, dt: float) -> StepResult:
         """Make a step of ``dt`` (s) under the loads that are set, and commit it; collective.
@@ -132,6 +175,7 @@ class ImplicitStepper:
         self.predictor.commit(self.x, self.trial)
         pressed = any(bool(trial.pressure.any()) for trial in self.problem.trials)
         self._pressed = self.problem.comm.allreduce(pressed, op=MPI.LOR)
+        self._floating = self._trial_floating
         self._mode = self.problem.evaluated
         self._from = [term.state for term in self.problem.contacts]
         self.trial.copy(self.x)
@@ -145,8 +189,10 @@ class ImplicitStepper:
             "x": Nodal(self.x.array_r.copy()),
             "mode": of_step(self._mode),
             "from": of_contacts(self._from),
+            "bodies": of_bodies(self.problem.solids),
             "searches": of_searches(contacts),
             "pressed": self._pressed,
+            "floating": list(self._floating),
             "predictor": self.predictor.snapshot(),
             "newton": self.newton.snapshot(),
             "solver": self.solver.snapshot(),
@@ -155,10 +201,12 @@ class ImplicitStepper:
     def restore(self, kept: Snapshot) -> None:
         """Go on from what :meth:`snapshot` has seen, under the loads of that time; collective.
 
-        The contacts are evaluated and committed again, so that all that follows from them is there.
+        Bodies and contacts are evaluated and committed again, so that all that follows from them is
+        there.
         """
         problem = self.problem
         self.solver.restore(kept["solver"])
+        to_bodies(problem.solids, kept["bodies"])
         repeat_searches(problem.contacts, kept["searches"])
         for term, state in zip(
             problem.contacts, to_contacts(problem.contacts, kept["from"]), strict=True
@@ -170,7 +218,7 @@ class ImplicitStepper:
         problem.residual(None, self.x, residual, self._mode)
         residual.destroy()
         problem.commit()
-        self._pressed = kept["pressed"]
+        self._pressed, self._floating = kept["pressed"], tuple(kept["floating"])
         self.predictor.restore(kept["predictor"])
         self.newton.restore(kept["newton"])
 

@@ -39,6 +39,7 @@ _OF_A_BODY = (
     *(f"{kind}_force_{axis}" for kind in ("contact", "boundary") for axis in "xyz"),
     *_MOTION,
 )
+_OF_NO_PAIR = ("label", "stage", "steady", "velocity", "time")
 _OF_ONE_PAIR = ("film_thickness", "effective_viscosity")  # their means over several say little
 _NONE_AT_0 = _OF_ONE_PAIR  # 0 stands for pairs without a film, and where nothing is driven
 _FRICTION = ("friction_force", "tangential_force")  # in one unit, to be compared
@@ -95,12 +96,14 @@ def sweep_table(sweep: DataFrame, pairs: int = 1) -> Table | None:
 
 
 def _of_pairs(names: Sequence[str], pairs: int) -> list[str]:
-    """Columns that tell something of so many pairs together."""
+    """Columns that tell something of so many pairs together; none of contact without pairs."""
+    if pairs == 0:
+        return [name for name in names if name in _OF_NO_PAIR]
     return [name for name in names if pairs == 1 or name not in _OF_ONE_PAIR]
 
 
 def _words(pairs: int) -> str:
-    return "" if pairs == 1 else ", all pairs together"
+    return "" if pairs <= 1 else ", all pairs together"
 
 
 def detail_tables(

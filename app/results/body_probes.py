@@ -10,7 +10,7 @@ from mpi4py import MPI
 from app.build.model import Model
 from app.results.point_probes import AXES, components, reduced_rows
 from forms.bodies.deformation import BodyPoints
-from forms.bodies.point_stress import PointStress, log_strain, mean_pressure, von_mises
+from forms.bodies.point_stress import log_strain, mean_pressure, von_mises
 from forms.bodies.solid import Solid
 from geometry.surfaces.facets import Floats
 from geometry.surfaces.ordering import order_by_place
@@ -35,6 +35,7 @@ class BodyProbes:
         self._model = model
         self._components = components(model.problem.dim)
         self._probes = [(name, _Body(model, solids[body])) for name, body in probes]
+        self._flows = any(solid.flows for solid in model.problem.solids)
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -50,12 +51,16 @@ class BodyProbes:
             *("J", "max_stretch", "max_von_mises_stress"),
             *(f"max_von_mises_{x}" for x in axes),
             "strain_energy",
+            *[f"{kind}equivalent_plastic_strain" for kind in ("", "max_")] * self._flows,
         )
 
     def rows(self) -> list[tuple[object, ...]]:
         """Rows at the present displacement, on the first rank; collective."""
         found = [
-            (name, body.solid.name, *map(float, body.values(self._components)))
+            (
+                *(name, body.solid.name, *map(float, body.values(self._components))),
+                *(body.plastic_strain() if self._flows else ()),
+            )
             for name, body in self._probes
         ]
         return found if self._model.problem.comm.rank == 0 else []
@@ -71,7 +76,7 @@ class _Body:
         self._points = BodyPoints(space, solid)
         self._nodes = space.dofmap.list[solid.cells]
         self._centre = reduced_rows(solid, space, solid.cells)
-        self._stress = PointStress(solid.material, solid.section)
+        self._stress = solid.stress_at(solid.cells, None)
         local = float(self._points.weight.sum())
         self._reference = float(model.problem.comm.allreduce(local, op=MPI.SUM))
 
@@ -103,6 +108,15 @@ class _Body:
         t = self._thickness
         tail = [volume / self._reference, largest, extreme, *where, energy * t]
         return np.array([volume * t, *means, *tail])
+
+    def plastic_strain(self) -> tuple[float, float]:
+        """Mean over the undeformed volume and largest equivalent plastic strain; collective."""
+        found, comm = self._stress.plastic_strain(), self._problem.comm
+        if found is None:
+            return 0.0, 0.0
+        total = comm.allreduce(float(self._points.weight.reshape(-1) @ found), op=MPI.SUM)
+        largest = comm.allreduce(float(found.max(initial=0.0)), op=MPI.MAX)
+        return total / self._reference, largest
 
 
 def _largest(values: Floats, place: Floats, comm: MPI.Comm) -> tuple[float, Floats]:

@@ -51,6 +51,8 @@ class BpWriter:
         nodes = [u, self._contact.pressure] if self._contact else [u]
         comm = u.function_space.mesh.comm
         cells = [self._stress.stress, self._stress.von_mises, self._stress.pressure]
+        if self._stress.flows:
+            cells.append(self._stress.plastic_strain)
         self._directory, self._comm = directory, comm
         self._arrays = [function.x.array for function in (*nodes, *cells)]
         # The default engine writes garbage from a rank without cells; BP4 does not.

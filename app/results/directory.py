@@ -25,12 +25,14 @@ OWN = (
     "contacts.csv",
     "surfaces.csv",
     "bodies.csv",
+    "tools.csv",
     *PROBE_TABLES,
     "log.txt",
     "report.html",
     "fields.pvd",
     "contact.pvd",
     "contact_points.pvd",
+    "tools.pvd",
     "sweep.csv",
     "mesh.msh",
     "friction_map.csv",
@@ -51,6 +53,7 @@ BELOW = {
     "fields": _SERIES,
     "contact": _SERIES,
     "contact_points": _SERIES,
+    "tools": _SERIES,
     "fields.bp": _ADIOS2,
     "stress.bp": _ADIOS2,
     CHECKPOINTS: re.compile(r"\d{6,}(\.part)?(/(state\.json|arrays\.npz|manifest\.json))?"),
@@ -66,7 +69,7 @@ _GONE_ON = re.compile(r"_after_\d+(?=\.bp$)")
 EARLIER = ("motion.csv", "contact_nodes.pvd")
 EARLIER_BELOW = {"contact_nodes": _SERIES}
 SUMS = "SHA256SUMS"  # in the directory of inputs
-TEXT_COLUMNS = ("stage", "label", "pair", "surface", "body", "probe")
+TEXT_COLUMNS = ("stage", "label", "pair", "surface", "body", "tool", "probe")
 
 
 def default_directory(case_file: Path) -> Path:

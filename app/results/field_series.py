@@ -13,6 +13,7 @@ from app.results.fields import ContactPressureField, StressField
 from app.results.gathered_mesh import GatheredMesh
 from app.results.series import Series
 from app.results.vtu import Cells, pack, with_three_components, write_vtu
+from forms.bodies.point_stress import triaxiality
 from forms.bodies.solid import Solid
 from geometry.surfaces.facets import Floats
 from geometry.surfaces.surface import ContactSurface
@@ -26,6 +27,8 @@ _CELL_ARRAYS = {
     "max_stretch": 0,
     "log_strain": 9,
 }
+# Further ones where a body flows.
+_OF_FLOW = {"equivalent_plastic_strain": 0, "triaxiality": 0, "thickness_strain": 0}
 
 
 class FieldSeries:
@@ -53,8 +56,9 @@ class FieldSeries:
         self._owned = space.dofmap.index_map.size_local
         self._stress = StressField(u, solids)
         self._strain = CellStrain(u, solids[0].section)
+        self._arrays = {**_CELL_ARRAYS, **(_OF_FLOW if self._stress.flows else {})}
         self._contact = ContactPressureField(u, surfaces) if surfaces else None
-        self._mesh = GatheredMesh(space)
+        self._mesh = GatheredMesh(space, np.concatenate([solid.cells for solid in solids]))
         body = self._mesh.cellwise(_numbers(solids, space.mesh)[:, None])
         self.series: Series | None = None
         if self._comm.rank == 0:
@@ -80,7 +84,7 @@ class FieldSeries:
             with_three_components(self._mesh.reference) + displacement,
             self._cells,
             {"displacement": displacement, "contact_pressure": nodes[:, self._dim]},
-            {"body": self._body, **_split(cells)},
+            {"body": self._body, **_split(cells, self._arrays)},
             time,
             step,
         )
@@ -96,11 +100,14 @@ class FieldSeries:
         return out
 
     def _in_cells(self) -> Floats:
-        """Stress, Pa, and strain (c, k) in this rank's own cells, as `_CELL_ARRAYS` says."""
+        """Stress, Pa, and strain (c, k) in this rank's own cells, as the arrays' widths say."""
         self._stress.update()
         strain = self._strain.evaluate()
         own = self._stress.own()
-        parts = (*own, strain.J, strain.max_stretch, strain.log_strain)
+        parts = [*own, strain.J, strain.max_stretch, strain.log_strain]
+        if self._stress.flows:
+            parts += [self._stress.own_plastic_strain(), triaxiality(own[0])]
+            parts.append(np.asarray(np.linalg.eigvalsh(strain.log_strain)[:, 0], dtype=np.float64))
         return np.concatenate([part.reshape(len(strain.J), -1) for part in parts], axis=1)
 
 
@@ -112,10 +119,10 @@ def _numbers(solids: Sequence[Solid], mesh: dolfinx.mesh.Mesh) -> Floats:
     return out
 
 
-def _split(rows: Floats) -> dict[str, Floats]:
-    """The arrays of cells by name."""
+def _split(rows: Floats, arrays: Mapping[str, int]) -> dict[str, Floats]:
+    """The arrays of cells by name, of the widths ``arrays``."""
     out, at = {}, 0
-    for name, width in _CELL_ARRAYS.items():
+    for name, width in arrays.items():
         out[name] = rows[:, at : at + width] if width else rows[:, at]
         at += width or 1
     return out

@@ -7,18 +7,24 @@ from collections.abc import Sequence
 import dolfinx
 import numpy as np
 
+from forms.bodies.deformation import centre_rows, rows_at
 from forms.bodies.point_stress import mean_pressure, von_mises
 from forms.bodies.solid import Solid
 from geometry.compat import interpolation_points
+from geometry.meshes.places import centre
 from geometry.surfaces.facets import Floats, Longs, facet_shape
 from geometry.surfaces.surface import ContactSurface
 
 
 class StressField:
-    """Cauchy stress at the centre of every cell.
+    """Cauchy stress at the centre of every cell, and how far the material has flowed there.
+
+    Of bodies that flow, both are those of the last committed step: see
+    :mod:`forms.bodies.point_values` for how they come from the quadrature points to the centre.
 
     Attributes:
         stress: (3, 3) per cell, Pa; von_mises: Pa; pressure: −tr σ/3, Pa.
+        plastic_strain: equivalent plastic strain; flows: whether there is a body that flows.
     """
 
     def __init__(self, u: dolfinx.fem.Function, solids: Sequence[Solid]) -> None:
@@ -29,16 +35,24 @@ class StressField:
         self.stress = dolfinx.fem.Function(tensors, name="cauchy_stress")
         self.von_mises = dolfinx.fem.Function(scalars, name="von_mises_stress")
         self.pressure = dolfinx.fem.Function(scalars, name="pressure")
+        self.plastic_strain = dolfinx.fem.Function(scalars, name="equivalent_plastic_strain")
         points = interpolation_points(tensors)
         self._parts = [
-            (dolfinx.fem.Expression(solid.cauchy_stress(), points), solid.cells) for solid in solids
+            (dolfinx.fem.Expression(solid.cauchy_stress(), points), solid.cells)
+            for solid in solids
+            if not solid.flows
         ]
+        self._flowing = [_CentrePoints(u, solid) for solid in solids if solid.flows]
+        self.flows = bool(self._flowing)
 
     def update(self) -> None:
         """Evaluate at the present displacement; collective."""
         for expression, cells in self._parts:
             self.stress.interpolate(expression, cells0=cells)
+        for part in self._flowing:
+            part.put(self.stress, self.plastic_strain)
         self.stress.x.scatter_forward()
+        self.plastic_strain.x.scatter_forward()
         sigma = self.stress.x.array.reshape(-1, 3, 3)
         self.pressure.x.array[:] = mean_pressure(sigma)
         self.von_mises.x.array[:] = von_mises(sigma)
@@ -52,6 +66,36 @@ class StressField:
         )
         stress = self.stress.x.array.reshape(-1, 3, 3)[tensors]
         return stress, self.von_mises.x.array[scalars], self.pressure.x.array[scalars]
+
+    def own_plastic_strain(self) -> Floats:
+        """Equivalent plastic strain (c,) of this rank's cells."""
+        space = self.plastic_strain.function_space
+        owned = space.mesh.topology.index_map(space.mesh.topology.dim).size_local
+        values: Floats = self.plastic_strain.x.array[space.dofmap.list[:owned, 0]]
+        return values
+
+
+class _CentrePoints:
+    """The centres of the cells of one body that flows."""
+
+    def __init__(self, u: dolfinx.fem.Function, solid: Solid) -> None:
+        space = u.function_space
+        self._u, self._cells, self._nodes = u, solid.cells, space.dofmap.list[solid.cells]
+        self._values = solid.stress_at(solid.cells, centre(solid.cell))
+        reduced = solid.carried is not None
+        self._rows = centre_rows(space, solid.section, solid.cells) if reduced else None
+        self._place = rows_at(space, solid.section, solid.cells, centre(solid.cell))
+
+    def put(self, stress: dolfinx.fem.Function, strain: dolfinx.fem.Function) -> None:
+        """Write stress, Pa, and equivalent plastic strain into functions constant by cell."""
+        u = self._u.x.array.reshape(-1, self._u.function_space.dofmap.index_map_bs)[self._nodes]
+        volumetric = None if self._rows is None else self._rows.deformation(u)
+        sigma = self._values.cauchy(self._place.deformation(u), volumetric)
+        at = stress.function_space.dofmap.list[self._cells, 0]
+        stress.x.array.reshape(-1, 9)[at] = sigma.reshape(-1, 9)
+        strain.x.array[strain.function_space.dofmap.list[self._cells, 0]] = (
+            self._values.plastic_strain()
+        )
 
 
 class ContactPressureField:

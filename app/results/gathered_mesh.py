@@ -11,7 +11,7 @@ import dolfinx
 import numpy as np
 from mpi4py import MPI
 
-from geometry.surfaces.facets import Floats, Longs
+from geometry.surfaces.facets import Floats, Ints, Longs
 
 # Reference coordinates of the nodes of VTK's cells: corners, edges, faces, middle.
 _SQUARE = ((0, 0), (1, 0), (1, 1), (0, 1))
@@ -54,7 +54,7 @@ def vtk_order(element: basix.finite_element.FiniteElement) -> Longs:
 
 
 class GatheredMesh:
-    """The mesh of a displacement, whole on the first rank.
+    """The mesh of a displacement, or a part of it, whole on the first rank.
 
     Attributes:
         cells: (c, a) nodes of each cell, in VTK's order; kind: VTK's number of the cells.
@@ -63,15 +63,20 @@ class GatheredMesh:
             All are empty on the other ranks.
     """
 
-    def __init__(self, space: dolfinx.fem.FunctionSpace) -> None:
+    def __init__(self, space: dolfinx.fem.FunctionSpace, cells: Ints | None = None) -> None:
         """Gather cells and reference places; collective.
 
         Args:
             space: of the displacement, blocked Lagrange of degree 1 or 2.
+            cells: (c,) the part: local cells that this rank owns; None: all.
         """
         mesh = space.mesh
         self._comm: MPI.Comm = mesh.comm
         owned_cells = mesh.topology.index_map(mesh.topology.dim).size_local
+        chosen = np.ones(owned_cells, dtype=np.bool_)
+        if cells is not None:
+            chosen[:] = False
+            chosen[cells] = True
         index = space.dofmap.index_map
         element = space.element.basix_element
         self.kind = _KINDS[element.degree][element.cell_type.name]
@@ -81,17 +86,18 @@ class GatheredMesh:
         shape = nodes.shape
         nodes = index.local_to_global(np.ascontiguousarray(nodes).reshape(-1)).reshape(shape)
         original = mesh.topology.original_cell_index[:owned_cells]
-        everything = self._comm.gather((nodes, original))
+        everything = self._comm.gather((nodes, original, chosen))
         self.cells = np.empty((0, shape[1]), dtype=np.int64)
         if everything is not None:
-            rows, numbers = (np.concatenate(parts) for parts in zip(*everything, strict=True))
-            self._cell_order = np.argsort(numbers, kind="stable")
+            rows, numbers, among = (np.concatenate(p) for p in zip(*everything, strict=True))
+            order = np.argsort(numbers, kind="stable")
+            self._cell_order = order[among[order]]
             self.cells, self.node_order = _numbered(rows[self._cell_order])
         places = space.tabulate_dof_coordinates()[: index.size_local, : mesh.geometry.dim]
         self.reference = self.nodal(places)
 
     def nodal(self, values: Floats) -> Floats:
-        """Values (n, k) at all nodes of those (m, k) at this rank's own; collective.
+        """Values (n, k) at the nodes of those (m, k) at all of this rank's own; collective.
 
         Returns:
             On the first rank; on the others no row.
@@ -99,7 +105,7 @@ class GatheredMesh:
         return gathered(self._comm, values)[self.node_order]
 
     def cellwise(self, values: Floats) -> Floats:
-        """Values (c, k) of all cells of those (d, k) of this rank's own; as :meth:`nodal`."""
+        """Values (c, k) of the cells of those (d, k) of all this rank has; as :meth:`nodal`."""
         return gathered(self._comm, values)[self._cell_order]
 
 

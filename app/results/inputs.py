@@ -51,11 +51,12 @@ def sha256_of(path: Path) -> str:
 
 
 def input_files(case: Case) -> list[Path]:
-    """The files that a case, or a value of its sweep, names: its mesh, its laws in Python."""
+    """The files that a case, or a value of its sweep, names: meshes, laws in Python."""
     found: dict[Path, None] = {}
     for one in (case, *(part for _, part in case.sweep_cases())):
         if isinstance(one.geometry, MeshGeometry):
             found[one.geometry.mesh] = None
+        found |= dict.fromkeys(file for tool in one.tools.values() for file in tool.files)
         laws = [c.friction.file for c in one.contact if isinstance(c.friction, OwnLaw)]
         found |= dict.fromkeys(laws)
     return list(found)

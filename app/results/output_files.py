@@ -12,6 +12,7 @@ from app.results.contact_series import ContactSeries
 from app.results.field_series import FieldSeries
 from app.results.saving import Saving
 from app.results.series import Series
+from app.results.tool_series import ToolSeries
 
 
 class OutputFiles:
@@ -42,7 +43,8 @@ class OutputFiles:
         self._model, self._saving = model, saving
         self._fields = FieldSeries(*told) if "vtu" in formats else None
         self._bp = BpWriter(*told) if "adios2" in formats else None
-        self._contact = ContactSeries(model, directory, times)
+        self._contact = ContactSeries(model, directory, times) if surfaces else None
+        self._tools = ToolSeries(model, directory, times) if problem.tools else None
         self.times: dict[int, float] = dict(times or {})
 
     def write(self, step: int, time: float) -> None:
@@ -61,15 +63,21 @@ class OutputFiles:
         if self._bp is not None:
             with self._saving:
                 self._bp.write(time, pressures)
-        with self._saving:
-            self._contact.write(step, time)
+        if self._contact is not None:
+            with self._saving:
+                self._contact.write(step, time)
+        if self._tools is not None:
+            with self._saving:
+                self._tools.write(step, time)
 
     def described(self, step: int) -> str:
         """Where the output of a step is, in words."""
         name = f"{step:06d}.vtu"
         files = [f"fields/{name}"] if self._fields is not None else []
         files += ["fields.bp and stress.bp"] if self._bp is not None else []
-        return ", ".join([*files, f"contact/{name}"])
+        files += [f"contact/{name}"] if self._contact is not None else []
+        files += [f"tools/{name}"] if self._tools is not None else []
+        return ", ".join(files) or "no files"
 
     def write_indices(self) -> None:
         """Bring the indices by time up to date; not collective."""
@@ -85,5 +93,7 @@ class OutputFiles:
                 self._bp.close()
 
     def _series(self) -> list[Series]:
+        contact = self._contact.series if self._contact is not None else []
         fields = self._fields.series if self._fields is not None else None
-        return [*self._contact.series, *([fields] if fields is not None else [])]
+        tools = self._tools.series if self._tools is not None else None
+        return [*contact, *(series for series in (fields, tools) if series is not None)]

@@ -11,7 +11,7 @@ from mpi4py import MPI
 from app.build.model import Model
 from app.build.probes import PointPlaces
 from forms.bodies.deformation import Rows, centre_rows, rows_at
-from forms.bodies.point_stress import PointStress, log_strain, mean_pressure, von_mises
+from forms.bodies.point_stress import StressAt, log_strain, mean_pressure, von_mises
 from forms.bodies.solid import Solid
 from geometry.surfaces.facets import Floats, Ints, Longs
 
@@ -41,7 +41,7 @@ class _Part:
     nodes: Ints
     rows: Rows
     centre: Rows | None
-    stress: PointStress
+    stress: StressAt
 
 
 class PointProbes:
@@ -63,6 +63,7 @@ class PointProbes:
         """
         self._problem, self._probes = model.problem, probes
         self._components = components(model.problem.dim)
+        self._flows = any(solid.flows for solid in model.problem.solids)
         self._place = np.concatenate([probe.place for probe in probes])
         ends = np.cumsum([len(probe.place) for probe in probes])
         self._parts = [
@@ -80,7 +81,7 @@ class PointProbes:
             nodes=space.dofmap.list[found.cell],
             rows=rows_at(space, solid.section, found.cell, found.xi),
             centre=reduced_rows(solid, space, found.cell),
-            stress=PointStress(solid.material, solid.section),
+            stress=solid.stress_at(found.cell, found.xi),
         )
 
     @property
@@ -96,6 +97,7 @@ class PointProbes:
             *("von_mises_stress", "pressure"),
             *(f"log_strain_{ij}" for ij in tensor),
             *("J", "max_stretch"),
+            *["equivalent_plastic_strain"] * self._flows,
         )
 
     def rows(self) -> list[tuple[object, ...]]:
@@ -114,7 +116,7 @@ class PointProbes:
     def _values(self) -> Floats:
         """The columns of numbers (p, …), on the first rank; collective."""
         dim, problem = self._problem.dim, self._problem
-        sums = np.zeros((len(self._place), dim + 18))
+        sums = np.zeros((len(self._place), dim + 19))
         nodal = problem.u.x.array.reshape(-1, dim)
         for part in self._parts:
             u = nodal[part.nodes]
@@ -122,11 +124,13 @@ class PointProbes:
             centre = None if part.centre is None else part.centre.deformation(u)
             sigma, strain = part.stress.cauchy(F, centre), log_strain(F)
             tensors = np.concatenate([sigma, strain], axis=1).reshape(-1, 18)
-            found = np.concatenate([part.rows.displacement(u), tensors], axis=1)
+            flow = part.stress.plastic_strain()
+            flow = np.zeros(len(F)) if flow is None else flow
+            found = np.concatenate([part.rows.displacement(u), tensors, flow[:, None]], axis=1)
             np.add.at(sums, part.point, part.share[:, None] * found)
         total = np.empty_like(sums)
         problem.comm.Reduce(sums, total, op=MPI.SUM)
-        sigma, strain = np.split(total[:, dim:].reshape(-1, 6, 3), 2, axis=1)
+        sigma, strain = np.split(total[:, dim:-1].reshape(-1, 6, 3), 2, axis=1)
         stretch = np.exp(np.linalg.eigvalsh(strain)[:, -1:])
         volume = np.exp(np.einsum("pii->p", strain))[:, None]
         scalars = np.stack([von_mises(sigma), mean_pressure(sigma)], axis=1)
@@ -134,8 +138,8 @@ class PointProbes:
             np.stack([tensor[:, i, j] for _, i, j in self._components], axis=1)
             for tensor in (sigma, strain)
         ]
-        columns = (self._place, total[:, :dim], picked[0], scalars, picked[1], volume, stretch)
-        return np.concatenate(columns, axis=1)
+        columns = [self._place, total[:, :dim], picked[0], scalars, picked[1], volume, stretch]
+        return np.concatenate(columns + [total[:, -1:]] * self._flows, axis=1)
 
 
 def reduced_rows(solid: Solid, space: object, cells: Ints) -> Rows | None:

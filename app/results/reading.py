@@ -49,6 +49,7 @@ NAME_COLUMNS = {
     "contacts": ("pair",),
     "surfaces": ("surface",),
     "bodies": ("body",),
+    "tools": ("tool",),
     "probes": ("probe",),
     "body_probes": ("probe",),
     "contact_probes": ("probe",),
@@ -160,6 +161,11 @@ class Results:
     def bodies(self) -> DataFrame:
         """One row a step and body: motion and contact force."""
         return self._table("bodies")
+
+    @cached_property
+    def tools(self) -> DataFrame:
+        """One row a step and rigid tool: motion, forces and moments."""
+        return self._table("tools")
 
     @cached_property
     def probes(self) -> DataFrame:
@@ -278,6 +284,10 @@ class Results:
     def contact_points(self, step: int = LAST) -> meshio.Mesh:
         """Contact points at their deformed places; as :meth:`fields`."""
         return self._mesh("contact_points", step)
+
+    def tool_outlines(self, step: int = LAST) -> meshio.Mesh:
+        """Outlines of the rigid tools where they are; as :meth:`fields`."""
+        return self._mesh("tools", step)
 
     def _mesh(self, name: str, step: int) -> meshio.Mesh:
         import meshio

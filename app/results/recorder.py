@@ -282,12 +282,11 @@ class Recorder(Observer):
 
     def _share(self) -> dict[str, Any]:
         """What this rank has of the work."""
-        topology = self.model.named.mesh.topology
-        terms = self.model.problem.contacts
+        problem = self.model.problem
         return {
             "memory_MiB": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0, 1),
-            "cells": topology.index_map(topology.dim).size_local,
-            "contact_points": sum(len(term.surface.slave.weight) for term in terms),
+            "cells": sum(len(solid.cells) for solid in problem.solids),
+            "contact_points": sum(len(term.surface.slave.weight) for term in problem.contacts),
         }
 
     def _known(self, status: str) -> dict[str, Any]:
@@ -355,7 +354,8 @@ def force_balance(simulation: Simulation) -> float | None:
     still = [s.name for s in case.stage if solver_of(s, case.solver.kind) == "implicit"]
     problem.spread(simulation.state.stepper.x)  # not what a failed step left
     noise = problem.roundoff * simulation.model.thickness
-    return simulation.state.motion.force_balance(still, noise)
+    largest = simulation.state.tools.largest_force(still)
+    return simulation.state.motion.force_balance(still, noise, largest)
 
 
 def _unbalanced(simulation: Simulation, balance: float | None) -> Iterator[str]:

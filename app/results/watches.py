@@ -8,6 +8,8 @@ from app.build.model import Model
 from app.equilibrium.snapshot import Snapshot
 from app.implicit.stepper import StepResult
 from app.simulation.contact_warnings import ContactWarnings
+from app.simulation.floating_watch import FloatingWatch
+from app.simulation.flow_watch import FlowWatch
 from app.simulation.history import Row
 from app.simulation.left_master import LeftMaster
 from app.simulation.observer import Interval
@@ -19,7 +21,8 @@ class Watches:
 
     Attributes:
         roundoff: steps that ended at round-off; contacts: penetration, evenness, resolution;
-            left: points that run past the end of their master.
+            left: points that run past the end of their master; floating: bodies that nothing holds;
+            flow: how far bodies flow.
         told: warnings that are given once only and have been, by a word for each.
     """
 
@@ -32,12 +35,15 @@ class Watches:
         """
         self.roundoff = RoundOffWatch(model.problem, model.case.solver.tolerance)
         self.contacts = ContactWarnings(model.problem, None if kept is None else kept["contacts"])
-        self.left = LeftMaster(model)
+        self.left, self.floating = LeftMaster(model), FloatingWatch()
+        self.flow = FlowWatch(model.problem)
         self.told: set[str] = set()
         self._thickness = model.thickness
         if kept is not None:
             self.told = set(kept["told"])
             self.left.restore(kept["left"])
+            self.floating.restore(kept["floating"])
+            self.flow.restore(kept["flow"])
             self.roundoff.restore(kept["roundoff"])
 
     def step(self, row: Row, result: StepResult | Interval) -> None:
@@ -45,6 +51,8 @@ class Watches:
         self.roundoff.step(row, result)
         self.contacts.step(row, self._thickness)
         self.left.step(row)
+        self.floating.step(row, result)
+        self.flow.step(row)
 
     def first_time(self, what: str) -> bool:
         """Whether this has not been told yet; it counts as told from now on."""
@@ -56,6 +64,8 @@ class Watches:
         """What there is to say at the end, in stage ``stage``; collective."""
         yield from self.left.warnings()
         yield from self.contacts.warnings()
+        yield from self.floating.warnings()
+        yield from self.flow.warnings()
         self.roundoff.end(stage)
 
     def snapshot(self) -> Snapshot:
@@ -63,6 +73,8 @@ class Watches:
         return {
             "told": sorted(self.told),
             "left": self.left.snapshot(),
+            "floating": self.floating.snapshot(),
+            "flow": self.flow.snapshot(),
             "roundoff": self.roundoff.snapshot(),
             "contacts": self.contacts.snapshot(),
         }

@@ -256,15 +256,16 @@ def _saved_line(simulation: Simulation, recorder: Recorder) -> str:
 def _closing_line(simulation: Simulation) -> str:
     """Steps, iterations, penetration and energy balance of a finished run."""
     rows = simulation.rows
-    deepest = max(row.max_penetration for row in rows)
-    depth = f"{deepest:.3g} m"
+    depth = ""
+    if simulation.model.case.contact:
+        depth = f"largest penetration {max(row.max_penetration for row in rows):.3g} m, "
     explicit = simulation.explicit
     counted = f"{sum(row.newton_iterations for row in rows)} Newton iterations"
     if explicit is not None:
         counted += f", {explicit.steps} time steps"
     return (
         f"{len(rows)} steps, {counted}, "
-        f"largest penetration {depth}, energy balanced to {abs(energy_gap(rows)):.1e}"
+        f"{depth}energy balanced to {abs(energy_gap(rows)):.1e}"
         f" of the {'work or kinetic energy' if explicit else 'external work'}"
     )
 

@@ -45,6 +45,8 @@ class ContactResultants:
             it that backward Euler counts beyond the trapezoidal rule, ½ (T_{n+1} − T_n)·Δg_T.
         least_dissipation: J/m², smallest at any point, without the time integration's own part.
         worst: where that is (m, current).
+        tool_moment: N m/m, of all tractions on a tool about its centre, (1,) in the plane and (3,)
+            in space; empty without a tool.
     """
 
     normal_force: float
@@ -68,6 +70,7 @@ class ContactResultants:
     numerical: float
     least_dissipation: float
     worst: tuple[float, ...]
+    tool_moment: tuple[float, ...] = ()
 
 
 def measure_contact(
@@ -91,7 +94,10 @@ def measure_contact(
     k, parts = trial.kinematics, trial.response.dissipation
     normal = trial.normal_contact
     # Point by point the own gaps; averaged pressure answers to the mean ones.
-    gap = np.where(k.closed, k.gap, 0.0) if normal.gap is None else normal.gap
+    if normal.gap is None:
+        gap = np.where(k.closed, k.gap, 0.0)
+    else:
+        gap = np.where(normal.needs(), normal.gap, 0.0)
     local = float(np.max(-gap, initial=0.0))
     penetration = comm.allreduce(local, op=MPI.MAX)
     least, worst = _least(parts.total - parts.numerical, trial.position, comm)
@@ -117,7 +123,8 @@ def _scalars(term: ContactTerm, trial: ContactTrial) -> dict[str, float]:
     """This rank's integrals over the reference area."""
     k, response = trial.kinematics, trial.response
     weight = term.surface.slave.weight
-    pressed = np.where(trial.pressure > 0.0, weight, 0.0)
+    # What is tied counts where it is tied, also in tension.
+    pressed = np.where(k.closed if term.tied else trial.pressure > 0.0, weight, 0.0)
     closed = pressed * trial.normal_contact.cover
     regime, parts = response.regime, response.dissipation
     load = pressed * trial.pressure
@@ -144,7 +151,7 @@ def vector_integrals(term: ContactTerm, trial: ContactTrial) -> dict[str, Floats
     They are the traction on the slave, N/m, the normals of the closed area, m, the friction on the
     master, and as ``scalars`` the pressure and the friction's magnitude (in space beside a 0); in
     the plane the friction along the surface beside a 0; in space its moment about the origin, and
-    the centre of pressure times the load.
+    the centre of pressure times the load; of a tool the moment on it (in the plane beside a 0).
     """
     weight, normal = term.surface.slave.weight, trial.kinematics.normal
     traction, load = trial.response.traction, weight * trial.pressure
@@ -161,6 +168,9 @@ def vector_integrals(term: ContactTerm, trial: ContactTrial) -> dict[str, Floats
     else:
         out["moment"] = weight @ np.cross(trial.position, traction)
         out["centre"] = load @ trial.position
+    if trial.carried is not None:
+        arm = trial.projection.foot - trial.carried.centre
+        out["tool_moment"] = -(weight @ _moments(arm, trial.traction))
     return out
 
 
@@ -189,6 +199,7 @@ def resultants(
         "force": tuple(map(float, vectors["force"])),
         "friction": tuple(map(float, vectors["friction"])),
         "twist_moment": _twist(vectors, along.normal),
+        "tool_moment": _on_tool(vectors, axisymmetric),
     }
 
 
@@ -230,6 +241,25 @@ def _twist(vectors: dict[str, Floats], normal: Floats) -> float:
         return 0.0
     lever = np.cross(vectors["centre"] / load, vectors["friction"])
     return float((vectors["moment"] - lever) @ normal)
+
+
+def _moments(arm: Floats, force: Floats) -> Floats:
+    """Moments (q, i) of forces (q, i); in the plane that across it beside a 0."""
+    if arm.shape[1] == 3:
+        out: Floats = np.cross(arm, force).astype(np.float64)
+        return out
+    turning = arm[:, 0] * force[:, 1] - arm[:, 1] * force[:, 0]
+    return np.stack([turning, np.zeros_like(turning)], axis=1)
+
+
+def _on_tool(vectors: dict[str, Floats], axisymmetric: bool) -> tuple[float, ...]:
+    """Moment on a tool about its centre, N m; none without one; of rings it cancels."""
+    if "tool_moment" not in vectors:
+        return ()
+    moment = vectors["tool_moment"]
+    if len(moment) == 2:
+        moment = (0.0 if axisymmetric else 1.0) * moment[:1]
+    return tuple(map(float, moment))
 
 
 def _dot(u: Floats, v: Floats) -> Floats:

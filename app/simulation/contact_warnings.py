@@ -214,7 +214,9 @@ class ContactWarnings:
         """
         trials = self._problem.committed
         states = [probe.measure(t) for probe, t in zip(self._probes, trials, strict=True)]
-        force = sum(state.force for state in states) * thickness
+        terms = self._problem.contacts
+        loose = [state for state, term in zip(states, terms, strict=True) if not term.tied]
+        force = sum(state.force for state in loose) * thickness
         approach = 2.0 * row.strain_energy / force if force > 0.0 else 0.0
         for index, state in enumerate(states):
             here = (state.deepest, row.time, row.stage, row.dt)
@@ -249,6 +251,9 @@ class ContactWarnings:
     def warnings(self) -> Iterator[str]:
         """The lines of all pairs."""
         for index, state in enumerate(self._strongest):
+            if self._problem.contacts[index].tied:
+                yield from self._of_tie(index)
+                continue
             if state is None or state.force <= 0.0:
                 yield (
                     f"contact.{index}: the bodies never pressed on each other (does what is "
@@ -264,6 +269,15 @@ class ContactWarnings:
             widest = self._widest[index]
             if widest is not None and widest.layers < FEW:
                 yield _few_facets(index, widest)
+
+    def _of_tie(self, index: int) -> Iterator[str]:
+        if self.over_facet[index] > PENETRATION:
+            depth, time, stage, dt = self._deepest[index]
+            yield (
+                f"contact.{index}: what is tied moves apart by up to {depth:.3g} m (time "
+                f"{time_text(time, dt)}, stage {stage}), {self.over_facet[index]:.2g} of the local "
+                "slave facet's length; raise the penalty (penalty_factor)"
+            )
 
     @staticmethod
     def _is_comb(state: PairState) -> bool:

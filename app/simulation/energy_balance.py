@@ -16,7 +16,7 @@ from app.simulation.contact_resultants import ContactResultants
 from geometry.surfaces.facets import Floats
 
 _SUMS = (
-    *("work", "dissipation", "numerical", "strain", "interface", "kinetic", "damping"),
+    *("work", "dissipation", "numerical", "strain", "interface", "kinetic", "damping", "plastic"),
     "_initial_kinetic",
 )
 
@@ -26,7 +26,7 @@ class Work:
     """External forces on the bodies at a converged state, for the work they do.
 
     Attributes:
-        force: owned part of the forces of supports, platens and pressures, N/m.
+        force: owned part of the forces of supports, platens and loads, N/m.
         position: owned unknowns, m.
     """
 
@@ -37,7 +37,10 @@ class Work:
     def at(cls, problem: Equilibrium, position: Floats) -> Work:
         """Forces of the state that was evaluated last; collective."""
         force = problem.load_forces()
-        moved = [problem.constrained_dofs(), *(platen.dofs for platen in problem.platens)]
+        moved = [
+            problem.constrained_dofs(),
+            *(platen.dofs for platen in problem.platens if platen.acts),
+        ]
         given = np.unique(np.concatenate(moved))  # a platen's displacement may be prescribed
         force[given] += problem.unbalanced[given]
         return cls(force, position.copy())
@@ -53,7 +56,7 @@ class EnergyFlow:
     """What happened to the energy over a stretch of explicit steps, J/m, all ranks together.
 
     Attributes:
-        work: of supports, platens and pressures on the bodies.
+        work: of supports, platens and loads on the bodies.
         damping: taken by mass-proportional damping, and by relaxation.
         kinetic: kinetic energy at the end.
     """
@@ -71,6 +74,8 @@ class EnergyBalance:
             dissipation: the traction at the end of a step times the slip, less the trapezoidal
             rule. It falls in proportion to the step.
         strain, interface: J/m, stored now, less what was stored at the start.
+        plastic: J/m since the start, of the bodies' materials; its numerical part, the yield stress
+            at the end of a step less the mean over it, is contained in ``numerical`` too.
         kinetic: J/m, present; damping: J/m taken by mass-proportional damping and relaxation.
     """
 
@@ -83,7 +88,8 @@ class EnergyBalance:
         self._last = Work.at(problem, x.array_r)
         self._start = (problem.strain_energy(), self._interface())
         self.work = self.dissipation = self.numerical = 0.0
-        self.strain = self.interface = self.kinetic = self.damping = 0.0
+        self.strain = self.interface = self.kinetic = self.damping = self.plastic = 0.0
+        self._flow = problem.plastic_dissipation()
         self._initial_kinetic = 0.0
 
     def set_initial_kinetic_energy(self, kinetic: float) -> None:
@@ -107,6 +113,9 @@ class EnergyBalance:
         self.interface = sum(m.energy for m in resultants) - self._start[1]
         self.dissipation += sum(m.dissipated for m in resultants)
         self.numerical += sum(m.numerical for m in resultants)
+        before, self._flow = self._flow, self.problem.plastic_dissipation()
+        self.plastic += self._flow[0] - before[0]
+        self.numerical += self._flow[1] - before[1]
 
     def add(self, x: PETSc.Vec, resultants: Sequence[ContactResultants]) -> None:
         """Enter the converged step that was evaluated last, at ``x``; collective."""
@@ -120,6 +129,7 @@ class EnergyBalance:
         return {
             "sums": {name: getattr(self, name) for name in _SUMS},
             "start": list(self._start),
+            "flow": list(self._flow),
             "force": Nodal(self._last.force),
             "position": Nodal(self._last.position),
         }
@@ -128,6 +138,7 @@ class EnergyBalance:
         """Go on from what :meth:`snapshot` has seen."""
         for name in _SUMS:
             setattr(self, name, kept["sums"][name])
+        self._flow = (kept["flow"][0], kept["flow"][1])
         self._start = (kept["start"][0], kept["start"][1])
         self._last = Work(kept["force"], kept["position"])
 
@@ -135,7 +146,8 @@ class EnergyBalance:
     def error(self) -> float:
         """External work that is neither stored nor dissipated, by the trapezoidal rule, J/m."""
         stored = self.strain + self.interface + self.kinetic - self._initial_kinetic
-        return self.work - stored - (self.dissipation - self.numerical) - self.damping
+        dissipated = self.dissipation + self.plastic - self.numerical
+        return self.work - stored - dissipated - self.damping
 
     def columns(self, thickness: float) -> dict[str, Any]:
         """Columns of the history that are energies, J, of a slab of ``thickness`` (m)."""
@@ -144,6 +156,7 @@ class EnergyBalance:
             "kinetic_energy": self.kinetic * thickness,
             "interface_energy": self.interface * thickness,
             "dissipation": self.dissipation * thickness,
+            "plastic_dissipation": self.plastic * thickness,
             "numerical_dissipation": self.numerical * thickness,
             "damping_dissipation": self.damping * thickness,
             "external_work": self.work * thickness,

@@ -16,7 +16,7 @@ from app.build.model import Model, initial_velocity
 from app.build.numbers import failures_as
 from app.case.solver import Solver
 from app.case.stage import solver_of
-from app.equilibrium.snapshot import Snapshot, to_contacts
+from app.equilibrium.snapshot import Snapshot, to_bodies, to_contacts
 from app.errors import InputError, SolutionError
 from app.explicit.instability import ExplicitError
 from app.explicit.mass_scaling import ScaledMass
@@ -146,6 +146,11 @@ class ExplicitStage:
             problem.contacts, to_contacts(problem.contacts, stepper["contacts"]), strict=True
         ):
             term.adopt(history)
+        problem.u.x.array[: problem.owned] = stepper["u"]
+        problem.u.x.scatter_forward()
+        to_bodies(problem.solids, stepper["bodies"])
+        for solid in problem.solids:
+            solid.repeat_step()
         masses = ExplicitStepper.masses_in(stepper)
         stage = cls(state, stepper["u"], kept["rate_dependent"], masses)
         stage.stepper.restore(stepper)

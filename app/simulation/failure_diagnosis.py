@@ -53,6 +53,9 @@ REASONS = {
 
 def reason_of(result: StepResult) -> str:
     """Why an attempt failed, in words."""
+    if result.floating:
+        bodies = " and ".join(result.floating)
+        return f"no support and no contact holds body {bodies} any more, and something moves it"
     if result.reason > 0:  # solved, but by a state without a strain energy
         return "an element is turned inside out"
     return REASONS.get(result.reason, f"reason {result.reason}")
@@ -199,16 +202,16 @@ def _of_state(
 
 def _of_gross_slip(problem: Equilibrium, loose: Iterable[Loose], thickness: float) -> Findings:
     """Friction at its limit under a force along the surface: nothing balances a larger one."""
-    for one in loose:
-        hold, load = hold_of(problem, one.body, problem.committed), load_on(problem, one)
+    for one in (one for one in loose if not one.turns):
+        hold, load = hold_of(problem, one.bodies, problem.committed), load_on(problem, one)
         if not _slides_away(one, hold, load) or has_spring(problem, one):
             continue
         axis, force = COMPONENTS[one.component], float(np.linalg.norm(hold.friction))
         yield (
             " and ".join(f"contact.{index}" for index in hold.contacts)
             + f": friction reaches its limit everywhere, T = {force * thickness:.4g} N of mu N = "
-            f"{hold.limit * thickness:.4g} N at the last solved step; it alone holds body "
-            f"{one.body} in {axis}, against a force of {abs(load) * thickness:.4g} N now: there is "
+            f"{hold.limit * thickness:.4g} N at the last solved step; it alone holds {one.name} "
+            f"in {axis}, against a force of {abs(load) * thickness:.4g} N now: there is "
             "no equilibrium, the body slides away",
             f"a prescribed displacement in {axis} instead of the force, or a smaller force, or "
             "more normal force or friction",
@@ -236,7 +239,7 @@ def _of_supports(problem: Equilibrium, loose: Iterable[Loose]) -> Findings:
         driven = [i for i in range(len(problem.contacts)) if presses(problem, one, i)]
         if driven:
             yield (
-                f"the load on body {one.body} presses it on contact.{driven[0]}, and no state was "
+                f"the load on {one.name} presses it on contact.{driven[0]}, and no state was "
                 "found in which the contact takes it up",
                 "to bring the bodies together by displacement first, or a smaller first load, or a "
                 "softer penalty (penalty_factor)",
@@ -285,7 +288,9 @@ def _of_edges(problem: Equilibrium) -> Findings:
     """Pressed points on edges of the master, where its normal jumps, and the residual with it."""
     for index, (term, trial) in enumerate(zip(problem.contacts, problem.trials, strict=True)):
         target = term.surface.target
-        edge = target.shape.excess(trial.projection.xi) > -ON_EDGE
+        if term.tied:
+            continue
+        edge = target.excess(trial.projection.facet, trial.projection.xi) > -ON_EDGE
         here = bool(np.any(edge & (trial.pressure > 0.0)))
         if problem.comm.allreduce(here, op=MPI.LOR):
             yield (

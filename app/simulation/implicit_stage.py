@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from app.build.load_steps import LoadStep
 from app.build.supports import Loose, loose_directions
 from app.equilibrium.snapshot import Snapshot
+from app.equilibrium.supports import sprung_dofs
 from app.errors import InputError, SolutionError
 from app.implicit.options import ImplicitOptions
 from app.implicit.stepper import ImplicitStepper, StepResult
@@ -125,7 +126,8 @@ class ImplicitStage:
         pressed = any(m.normal_force > noise for m in (*state.resultants, *resultants))
         if wrong is None and not pressed:
             x, trial = self.stepper.x.array_r, self.stepper.trial.array_r
-            wrong = body_adrift(problem, self._loose, x, trial)
+            loose = loose_directions(problem, sprung_dofs(problem))
+            wrong = body_adrift(problem, loose, x, trial)
         if wrong is not None:
             when = time_text(state.time, load_step.dt)
             raise SolutionError(f"stage {load_step.label}, time {when}: {wrong}")

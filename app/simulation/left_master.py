@@ -33,9 +33,12 @@ class LeftMaster:
         """Look at a converged step; collective."""
         local = np.zeros((2, len(self._above)))
         for index, trial in enumerate(self._problem.committed):
+            term = self._problem.contacts[index]
+            if term.tied or not term.active:
+                continue
             here = trial.projection.on_surface
             left = self._above[index] & ~here & (trial.kinematics.gap < 0.0)
-            weight = self._problem.contacts[index].surface.slave.weight
+            weight = term.surface.slave.weight
             self._above[index] |= here
             local[:, index] = weight @ left, weight @ self._above[index]
         lost, whole = self._problem.comm.allreduce(local, op=MPI.SUM)

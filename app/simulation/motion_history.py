@@ -14,9 +14,9 @@ import dolfinx
 import numpy as np
 from mpi4py import MPI
 
-from app.build.boundary_conditions import Loads
 from app.build.model import Model
 from app.case.boundary import COMPONENTS
+from app.equilibrium.bonded import bonded_groups
 from app.simulation.contact_resultants import ContactResultants
 from app.simulation.outside_forces import OutsideForces, held_dofs
 from forms.bodies.nodal_weights import body_weights, surface_weights
@@ -43,9 +43,13 @@ class MotionHistory:
         self._means = _Means(model)
         self._forces = _SurfaceForces(model, self._means, self.held)
         self._bodies = [solid.name for solid in model.problem.solids]
-        self._on = [model.named.body_of(surface) for surface in self._means.surfaces]
+        self._groups = [
+            [self._bodies.index(solid.name) for solid in group]
+            for group in bonded_groups(model.problem)
+        ]
+        self._on = [model.named.bodies_of(surface) for surface in self._means.surfaces]
         self._pairs = [
-            (model.named.body_of(pair.slave), model.named.body_of(pair.master))
+            [model.named.body_of(s) for s in (pair.slave, pair.master) if s not in model.case.tools]
             for pair in model.case.contact
         ]
         motion = [f"{name}_{a}" for name in ("displacement", "velocity", "force") for a in axes]
@@ -74,7 +78,7 @@ class MotionHistory:
             pairs: resultants of the contacts.
         """
         here = self._means.of(*motion)
-        there = self._forces.sums(outside)
+        there = self._forces.sums(outside)  # of the surfaces, and then of what acts on whole bodies
         local = np.concatenate([here.reshape(-1), there.reshape(-1)])
         total = np.empty_like(local)
         self._model.problem.comm.Allreduce(local, total, op=MPI.SUM)
@@ -83,30 +87,37 @@ class MotionHistory:
         self._add_surfaces(key, means[: len(self._on)], forces)
         self._add_bodies(key, means[len(self._on) :], forces, pairs)
 
-    def force_balance(self, stages: Collection[str], noise: float = 0.0) -> float | None:
+    def force_balance(
+        self, stages: Collection[str], noise: float = 0.0, largest: float = 0.0
+    ) -> float | None:
         """Largest resultant force on a body over the largest force of the same stages.
+
+        Bodies that are bonded count as one: the forces between them are in no table.
 
         Args:
             stages: names of those at whose rows the bodies are in equilibrium.
             noise: N, what rounding leaves; no force beyond it is none.
+            largest: N, of forces in other tables: those on both sides of a body cancel in its row.
 
         Returns:
             None without a force.
         """
         dim, stage = self._dim, KEYS.index("stage")
         forces = np.array([row[-2 * dim :] for row in self.body_rows if row[stage] in stages])
-        radial = np.abs(self._radial(stages)).max(initial=0.0)
-        largest = np.abs(forces).max(initial=radial)
+        largest = np.abs(forces).max(initial=max(largest, self._largest_on_surfaces(stages)))
         if largest == 0.0 or largest <= noise:
             return None
-        return float(np.abs(forces[:, :dim] + forces[:, dim:]).max() / largest)
+        resultant = (forces[:, :dim] + forces[:, dim:]).reshape(-1, len(self._bodies), dim)
+        of_groups = np.stack([resultant[:, group].sum(axis=1) for group in self._groups])
+        return float(np.abs(of_groups).max() / largest)
 
-    def _radial(self, stages: Collection[str]) -> Floats:
-        """Radial forces (r,), N, on surfaces of bodies of revolution."""
-        if "radial_force" not in self.surface_columns:
-            return np.empty(0)
-        stage, at = KEYS.index("stage"), self.surface_columns.index("radial_force")
-        return np.array([row[at] for row in self.surface_rows if row[stage] in stages])
+    def _largest_on_surfaces(self, stages: Collection[str]) -> float:
+        """Largest component of a force on a surface, N; radial ones of bodies of revolution too."""
+        names = ("radial_force", *(f"force_{axis}" for axis in COMPONENTS))
+        columns = [self.surface_columns.index(n) for n in names if n in self.surface_columns]
+        stage = KEYS.index("stage")
+        rows = [row for row in self.surface_rows if row[stage] in stages]
+        return max((abs(float(row[at])) for row in rows for at in columns), default=0.0)
 
     def of_surface(self, name: str, column: str) -> Floats:
         """Values (r,) of a column for one surface, row by row."""
@@ -120,7 +131,7 @@ class MotionHistory:
         """Rows of the surfaces: ``forces`` (s, 3 + 3) are those, and moments about the origin."""
         dim, round_axis = self._dim, self._model.section == "axisymmetric"
         names = zip(self._means.surfaces, self._on, strict=True)
-        for number, (name, body) in enumerate(names):
+        for number, (name, bodies) in enumerate(names):
             centre = self._forces.centre(number, means[number, :dim])
             force: Floats = forces[number, :3].copy()
             arm = np.append(centre, [0.0] * (3 - dim))
@@ -130,7 +141,8 @@ class MotionHistory:
                 force[0], moment = 0.0, np.zeros(3)
             turned = moment if dim == 3 else moment[2:]
             values = (*means[number].reshape(-1), *force[:dim], *radial, *turned, *centre)
-            self.surface_rows.append((*key, name, body, *map(float, values)))
+            on = " and ".join(bodies)
+            self.surface_rows.append((*key, name, on, *map(float, values)))
 
     def _add_bodies(
         self,
@@ -139,15 +151,19 @@ class MotionHistory:
         forces: Floats,
         pairs: Sequence[ContactResultants],
     ) -> None:
-        """Rows of the bodies: forces of all boundaries and of all contacts on each."""
+        """Rows of the bodies: forces of all boundaries, gravity among them, and of all contacts.
+
+        The force of a surface that spreads over bonded bodies is counted to the first of them.
+        """
         dim, thickness = self._dim, self._model.thickness
         pushed = {name: np.zeros(dim) for name in self._bodies}
         pressed = {name: np.zeros(dim) for name in self._bodies}
-        for number, name in enumerate(self._on):
+        on = [*(bodies[0] for bodies in self._on), *self._forces.bodies]
+        for number, name in enumerate(on):
             pushed[name] += forces[number, :dim]
-        for (slave, master), pair in zip(self._pairs, pairs, strict=True):
-            pressed[slave] += np.array(pair.force) * thickness
-            pressed[master] -= np.array(pair.force) * thickness
+        for bodies, pair in zip(self._pairs, pairs, strict=True):
+            for name, sign in zip(bodies, (1.0, -1.0), strict=False):  # a tool is no body
+                pressed[name] += sign * np.array(pair.force) * thickness
         for name, mean in zip(self._bodies, means, strict=True):
             if self._model.section == "axisymmetric":
                 pushed[name][0] = 0.0
@@ -173,7 +189,12 @@ class _Means:
         problem, named, section = model.problem, model.named, model.section
         self.surfaces = list(dict.fromkeys(b.surface for b in model.case.boundary))
         self._dim, space = problem.dim, problem.space
-        weights = [surface_weights(space, named.facets(s), section) for s in self.surfaces]
+        weights = [
+            named.groups[s].shares(space)
+            if s in named.groups
+            else surface_weights(space, named.facets(s), section)
+            for s in self.surfaces
+        ]
         weights += [body_weights(space, solid.cells, section) for solid in problem.solids]
         sizes = problem.comm.allreduce(np.array([w.sum() for w in weights]))
         self._parts = []
@@ -191,45 +212,64 @@ class _Means:
 
 @dataclass(frozen=True, slots=True)
 class _Pressed:
-    """Nodes (n,) of a surface with a pressure, ghosts included, and its number."""
+    """Nodes (n,) that a load acts on, ghosts included, and the number of its surface or body."""
 
     surface: int
     nodes: Ints
 
 
 class _SurfaceForces:
-    """Sums of forces, and of their moments, over each surface with a boundary."""
+    """Sums of forces, and of their moments, over surfaces with a boundary and bodies with weight.
+
+    Attributes:
+        bodies: names of those that loads act on all over; they come after the surfaces.
+    """
 
     def __init__(self, model: Model, means: _Means, held: Ints) -> None:
         assert model.loads is not None
-        self._problem, self._count = model.problem, len(means.surfaces)
+        self._problem, self._loads = model.problem, model.loads
+        forms = model.loads.forms
+        self.bodies = list(dict.fromkeys(name for name in forms.bodies if name))
+        self._surfaces = len(means.surfaces)
+        self._count = self._surfaces + len(self.bodies)
         self._number = {name: number for number, name in enumerate(means.surfaces)}
         self._reference = model.problem.space.tabulate_dof_coordinates()
-        self._owner = self._owners(model.loads, held)
-        self._held = held
-        self._pressed = [self._nodes_of(model, name) for name in model.loads.pressed]
+        self._held, self._acting = held, model.problem.constraints.controls
+        self._owner = self._owners()
+        self._pressed = [
+            self._on_surface(model, surface) if surface else self._on_body(model, body)
+            for surface, body in zip(forms.surfaces, forms.bodies, strict=True)
+        ]
+        for load, name in zip(model.loads.nodal_loads, model.loads.nodal_surfaces, strict=True):
+            nodes = np.unique(load.dofs // model.problem.dim).astype(np.int32)
+            self._pressed.append(_Pressed(self._number[name], nodes))
         self._centres, self._fixed = self._centres_of(model, means)
 
-    def _owners(self, loads: Loads, held: Ints) -> Ints:
+    def _owners(self) -> Ints:
         """Number of the surface whose force each held unknown's is; −1 for the axis."""
-        owner = np.full(len(held), -1, dtype=np.int32)
-        for constraint in reversed(loads.constraints):
-            number = self._number.get(constraint.surface, -1)
-            owner[np.searchsorted(held, constraint.dofs)] = number
+        owner = np.full(len(self._held), -1, dtype=np.int32)
+        for constraint in reversed(self._loads.constraints):
+            if constraint.part.acts:
+                number = self._number.get(constraint.surface, -1)
+                owner[np.searchsorted(self._held, constraint.dofs)] = number
         return owner
 
-    def _nodes_of(self, model: Model, surface: str) -> _Pressed:
+    def _on_surface(self, model: Model, surface: str) -> _Pressed:
         space, facets = model.problem.space, model.named.facets(surface)
         fdim = space.mesh.topology.dim - 1
         nodes = dolfinx.fem.locate_dofs_topological(space, fdim, np.sort(facets), remote=False)
         return _Pressed(self._number[surface], nodes.astype(np.int32))
 
+    def _on_body(self, model: Model, body: str) -> _Pressed:
+        nodes = np.unique(model.problem.space.dofmap.list[model.named.cells(body)])
+        return _Pressed(self._surfaces + self.bodies.index(body), nodes.astype(np.int32))
+
     def _centres_of(self, model: Model, means: _Means) -> tuple[Floats, list[bool]]:
         """Where moments are about (s, i), and whether that stays: the centre of a rotation."""
         problem, dim = model.problem, model.problem.dim
         places = self._reference[: problem.owned // dim, :dim].reshape(-1)
-        centres: Floats = problem.comm.allreduce(means.of(places)[: self._count])
-        fixed = [False] * self._count
+        centres: Floats = problem.comm.allreduce(means.of(places)[: self._surfaces])
+        fixed = [False] * self._surfaces
         for boundary in model.case.boundary:
             if boundary.rotation is not None:
                 number = self._number[boundary.surface]
@@ -250,12 +290,15 @@ class _SurfaceForces:
         """This rank's forces and moments about the origin (s, 3 + 3), N and N m per thickness."""
         out = np.zeros((self._count, 6))
         dim = self._problem.dim
+        if self._acting != self._problem.constraints.controls:
+            self._acting = self._problem.constraints.controls
+            self._owner = self._owners()
         nodes, component = self._held // dim, self._held % dim
         vectors = np.zeros((len(self._held), 3))
         vectors[np.arange(len(self._held)), component] = outside.held
         mine = self._owner >= 0
         self._add(out, self._owner[mine], nodes[mine], vectors[mine])
-        for part, load in zip(self._pressed, outside.pressures, strict=True):
+        for part, load in zip(self._pressed, outside.loads, strict=False):
             vectors = np.zeros((len(part.nodes), 3))
             vectors[:, :dim] = load.reshape(-1, dim)[part.nodes]
             self._add(out, np.full(len(part.nodes), part.surface), part.nodes, vectors)

@@ -1,13 +1,13 @@
-"""Forces of supports, platens and pressures on the bodies, unknown by unknown."""
+"""Forces of supports, platens and loads on the bodies, unknown by unknown."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-import dolfinx
 import numpy as np
 
 from app.equilibrium.equilibrium import Equilibrium
+from app.equilibrium.load_residuals import load_residuals
 from app.equilibrium.snapshot import Nodal, Snapshot, scattered
 from app.explicit.stepper import ExplicitStepper
 from geometry.surfaces.exchange import NodalVector
@@ -20,17 +20,17 @@ class OutsideForces:
 
     Attributes:
         held: (c,), N per unit thickness, on the unknowns of :func:`held_dofs`.
-        pressures: of each follower pressure, N likewise, on all local unknowns (n,): what this
-            rank's facets give, so that sums over ranks are whole.
+        loads: of each load, those at nodes last, N likewise, on all local unknowns (n,): what this
+            rank gives, so that sums over ranks are whole.
     """
 
     held: Floats
-    pressures: list[Floats]
+    loads: list[Floats]
 
     @classmethod
     def at(cls, problem: Equilibrium, held: Ints) -> OutsideForces:
         """The forces of the state that was evaluated last."""
-        return cls(problem.unbalanced[held], [-load for load in pressure_residuals(problem)])
+        return cls(problem.unbalanced[held], [-load for load in load_residuals(problem)])
 
 
 def held_dofs(problem: Equilibrium) -> Ints:
@@ -38,16 +38,6 @@ def held_dofs(problem: Equilibrium) -> Ints:
     parts = [part.dofs for part in problem.prescribed]
     parts += [platen.dofs for platen in problem.platens]
     out: Ints = np.unique(np.concatenate([*parts, np.empty(0, dtype=np.int32)]))
-    return out
-
-
-def pressure_residuals(problem: Equilibrium) -> list[Floats]:
-    """Residuals of the follower pressures at the state, N per unit thickness, this rank's part."""
-    out: list[Floats] = []
-    for load in problem.pressures:
-        values = np.zeros(len(problem.u.x.array))
-        dolfinx.fem.assemble_vector(values, load.residual)
-        out.append(values)
     return out
 
 
@@ -64,7 +54,7 @@ class OutsideMean:
         self._mass = stepper.mass[self._held]
         self._residual = np.zeros(len(self._held))
         self._pulls = np.zeros(len(problem.platens))
-        self._pressures = [np.zeros(len(problem.u.x.array)) for _ in problem.pressures]
+        self._loads = [np.zeros(len(problem.u.x.array)) for _ in stepper.load_residuals]
         self._time = 0.0
         self._speed, self._place = self._motion()
 
@@ -75,7 +65,7 @@ class OutsideMean:
         return {
             **{name: scattered(self._held, values, owned) for name, values in sums.items()},
             "pulls": self._pulls,
-            "pressures": [Nodal(self._collected(values)) for values in self._pressures],
+            "loads": [Nodal(self._collected(values)) for values in self._loads],
             "time": self._time,
         }
 
@@ -85,7 +75,7 @@ class OutsideMean:
             kept[name][self._held] for name in ("residual", "speed", "place")
         )
         self._pulls, self._time = kept["pulls"], kept["time"]
-        for total, values in zip(self._pressures, kept["pressures"], strict=True):
+        for total, values in zip(self._loads, kept["loads"], strict=True):
             total[:] = 0.0
             total[: len(values)] = values
 
@@ -102,7 +92,7 @@ class OutsideMean:
         self._time += dt
         self._residual += dt * stepper.residual[self._held]
         self._pulls += dt * stepper.loads.platens
-        for total, load in zip(self._pressures, stepper.pressure_residuals, strict=True):
+        for total, load in zip(self._loads, stepper.load_residuals, strict=True):
             total -= dt * load
 
     def close(self) -> OutsideForces:
@@ -119,7 +109,7 @@ class OutsideMean:
         for platen, acceleration in zip(platens, accelerations, strict=True):
             at = np.searchsorted(self._held, platen.dofs)
             force[at] = residual[at] + self._mass[at] * acceleration
-        return OutsideForces(force, [np.asarray(p / self._time) for p in self._pressures])
+        return OutsideForces(force, [np.asarray(load / self._time) for load in self._loads])
 
     def _motion(self) -> tuple[Floats, Floats]:
         """Velocities, m/s, and displacements, m, of the unknowns that are held."""

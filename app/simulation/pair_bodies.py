@@ -11,6 +11,7 @@ from mpi4py import MPI
 from app.build.contacts import penalty_modulus
 from app.build.supports import Loose, loose_directions
 from app.equilibrium.equilibrium import Equilibrium
+from app.equilibrium.rigid_tool import RigidTool
 from forms.bodies.materials import oedometric_modulus
 from forms.bodies.solid import Solid
 from forms.contact.penalty import ContactTerm
@@ -24,15 +25,17 @@ class PairBodies:
     """The bodies of one contact.
 
     Attributes:
-        slave, master: the bodies whose surfaces they are.
+        slave, master: the bodies whose surfaces they are; a master may be a tool.
     """
 
     slave: Solid
-    master: Solid
+    master: Solid | RigidTool
 
     @property
     def softer(self) -> Solid:
         """The body that the penalty is compared with."""
+        if isinstance(self.master, RigidTool):
+            return self.slave
         return min(self.slave, self.master, key=lambda solid: oedometric_modulus(solid.material))
 
 
@@ -45,7 +48,9 @@ def bodies_of(problem: Equilibrium, term: ContactTerm) -> PairBodies:
         counts = np.array([np.count_nonzero(np.isin(nodes, mine)) for mine in owners])
         return problem.solids[int(np.argmax(problem.comm.allreduce(counts)))]
 
-    return PairBodies(owner(np.unique(surface.slave.nodes)), owner(surface.master.nodes))
+    slave = owner(np.unique(surface.slave.nodes))
+    tools = [t for t in problem.tools if np.array_equal(t.nodes, surface.master.nodes)]
+    return PairBodies(slave, tools[0] if tools else owner(surface.master.nodes))
 
 
 def _nodes_of(problem: Equilibrium, solid: Solid) -> Longs:
@@ -113,7 +118,7 @@ def presses(problem: Equilibrium, one: Loose, index: int) -> bool:
     """
     term = problem.contacts[index]
     surface, bodies, load = term.surface, bodies_of(problem, term), load_on(problem, one)
-    if one.body not in (bodies.slave.name, bodies.master.name):
+    if one.turns or (bodies.slave.name in one.bodies) == (bodies.master.name in one.bodies):
         return False
     at = surface.project(surface.slave.position, surface.master.position)
     if problem.committed:
@@ -121,7 +126,7 @@ def presses(problem: Equilibrium, one: Loose, index: int) -> bool:
     near = at.on_surface & (at.gap < surface.facet_length)
     normal = problem.comm.allreduce((surface.slave.weight * near) @ at.normal)
     # The normal points out of the master: against it the slave is pressed.
-    into = -normal if one.body == bodies.slave.name else normal
+    into = -normal if bodies.slave.name in one.bodies else normal
     return bool(load * into[one.component] > 0.5 * float(np.linalg.norm(into)) * abs(load))
 
 
@@ -133,8 +138,9 @@ def pressed_by_force(problem: Equilibrium, term: ContactTerm) -> bool:
     surface, bodies = term.surface, bodies_of(problem, term)
     at = surface.project(surface.slave.position, surface.master.position)
     normal = np.abs(problem.comm.allreduce((surface.slave.weight * at.on_surface) @ at.normal))
-    names = (bodies.slave.name, bodies.master.name)
-    loose = [one.component for one in loose_directions(problem) if one.body in names]
+    names = {bodies.slave.name, bodies.master.name}
+    every = loose_directions(problem)
+    loose = [one.component for one in every if names & set(one.bodies) and not one.turns]
     return any(normal[axis] > 0.5 * np.linalg.norm(normal) for axis in loose)
 
 
@@ -157,17 +163,23 @@ class Hold:
     limit: float
 
 
-def hold_of(problem: Equilibrium, body: str, trials: Sequence[ContactTrial]) -> Hold:
-    """What all contacts together hold a body with, at the states ``trials``; collective."""
+def hold_of(problem: Equilibrium, held: Sequence[str], trials: Sequence[ContactTrial]) -> Hold:
+    """What all contacts together hold a body with, at the states ``trials``; collective.
+
+    Args:
+        problem: the equilibrium.
+        held: name of the body, or of all that are bonded.
+        trials: of the contacts.
+    """
     contacts = []
     parts = np.zeros(2 * problem.dim + 1)
     for index, (term, trial) in enumerate(zip(problem.contacts, trials, strict=False)):
         bodies = bodies_of(problem, term)
-        if body not in (bodies.slave.name, bodies.master.name):
+        if (bodies.slave.name in held) == (bodies.master.name in held):
             continue
         contacts.append(index)
         weight, response = term.surface.slave.weight, trial.response
-        sign = 1.0 if body == bodies.slave.name else -1.0
+        sign = 1.0 if bodies.slave.name in held else -1.0
         load = weight * trial.pressure
         friction = -sign * (weight @ response.traction)
         limit = load @ term.law.coefficient(response.state)

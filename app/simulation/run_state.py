@@ -28,6 +28,8 @@ from app.simulation.motion_history import KEYS, MotionHistory
 from app.simulation.outside_forces import OutsideForces
 from app.simulation.position import Position
 from app.simulation.steady import NOT_SLID, SlidWay, Steadiness, measure_settling
+from app.simulation.switched_contacts import with_released_energy
+from app.simulation.tool_history import ToolHistory
 from forms.contact.state import ContactTrial
 from geometry.surfaces.facets import Floats
 
@@ -66,7 +68,7 @@ class RunState:
         stepper: what makes the steps at present; its ``x`` are the unknowns, m.
         time: s; driven: m, displacement of driven boundaries; step: converged steps so far.
         rows: the history; pair_rows: of each pair in turn, for each row of it, by pair_columns;
-            motion: surfaces and bodies, likewise.
+            motion: surfaces and bodies, tools: rigid tools, likewise.
         resultants: the contacts after the last step.
         inertia: kinetic against strain energy, of each explicit load step.
         way: tangential force over the way of driven boundaries; steadiness: as last judged.
@@ -95,15 +97,17 @@ class RunState:
         model.set_loads(0.0, 0.0)
         self.energy_balance = EnergyBalance(model.problem, model.problem.new_vector())
         self.motion = MotionHistory(model)
+        self.tools = ToolHistory(model, self.motion.held)
 
     def resultants_of(self, trials: Iterable[ContactTrial]) -> list[ContactResultants]:
         """The resultants of all contacts at converged trials; collective."""
         problem, driven = self.model.problem, self.driven_direction()
         pairs = zip(problem.contacts, trials, strict=True)
-        return [measure_contact(term, trial, problem.comm, driven) for term, trial in pairs]
+        found = [measure_contact(term, trial, problem.comm, driven) for term, trial in pairs]
+        return with_released_energy(found, self.resultants, problem.contacts)
 
     def driven_direction(self) -> list[float] | None:
-        """Direction of the first driven boundary or spring, None without."""
+        """Direction of the first driven boundary, spring or tool, None without."""
         axes = COMPONENTS[: self.model.problem.dim]
         for boundary in self.model.case.boundary:
             components = boundary.driven_components()
@@ -112,6 +116,11 @@ class RunState:
                 return [share(axis) if axis in components else 0.0 for axis in axes]
             if boundary.spring is not None and boundary.spring.end == DRIVEN:
                 return [float(axis == boundary.spring.direction) for axis in axes]
+        for tool in self.model.case.tools.values():
+            components = tool.driven_components()
+            if components and tool.displacement is not None:
+                share = tool.displacement.driven_share
+                return [share(axis) if axis in components else 0.0 for axis in axes]
         return None
 
     def add_row(self, load_step: LoadStep, effort: Effort, moved: Moved) -> Row:
@@ -135,7 +144,7 @@ class RunState:
             driven_displacement=self.driven,
             newton_iterations=effort.iterations,
             attempts=effort.attempts,
-            **contact_columns(self.resultants, speed, rates, t, noise),
+            **contact_columns(self._loose_resultants(), speed, rates, t, noise),
             **self.energy_balance.columns(t),
         )
         self.rows.append(row)
@@ -145,8 +154,14 @@ class RunState:
             self.pair_rows.append((*at, contact.label, *(columns[name] for name in self._columns)))
         motion = (self.stepper.x.array_r, moved.velocity)
         self.motion.add(at, motion, moved.outside, self.resultants)
+        self.tools.add(at, motion, moved.outside, self.resultants)
         self._add_to_way(row)
         return row
+
+    def _loose_resultants(self) -> list[ContactResultants]:
+        """The resultants of the contacts that are not tied, whose sums are those of friction."""
+        terms = self.model.problem.contacts
+        return [m for m, term in zip(self.resultants, terms, strict=True) if not term.tied]
 
     def last_of_pairs(self) -> list[dict[str, Any]]:
         """The last row of each pair, by column."""
@@ -169,7 +184,7 @@ class RunState:
         problem = self.model.problem
         unsettled, presliding = measure_settling(problem.contacts, problem.committed, problem.comm)
         unsettled *= self.model.thickness
-        along = along_force(self.resultants) * self.model.thickness
+        along = along_force(self._loose_resultants()) * self.model.thickness
         self.way.add(row.driven_displacement, along, unsettled, presliding)
 
     def is_steady(self, load_step: LoadStep, first: int) -> bool:

@@ -19,6 +19,7 @@ from app.simulation.history import Row
 from app.simulation.implicit_stage import ImplicitStage
 from app.simulation.observer import Observer
 from app.simulation.run_state import RunState
+from app.simulation.switched_contacts import begin_stage
 
 
 class StageRunner(Protocol):
@@ -91,7 +92,7 @@ class Simulation:
         """
         state, at = self.state, self.state.position
         for load_step in all_load_steps(self.model.case)[at.load_step :]:
-            self.model.begin_stage(load_step.stage.name)
+            begin_stage(self.model, load_step.stage.name, state.stepper.x)
             with failures_as(SolutionError, f"stage {load_step.stage.name}"):
                 runner = self._runner(load_step.stage)
                 if at.begin(state.time, state.driven, len(state.rows)):
@@ -125,7 +126,7 @@ class Simulation:
             "factorisations": self._factorisations(),
             "force": self.model.problem.reference_force,
             "solver": "implicit" if runner is self.implicit else "explicit",
-            "loaded": list(self.model.loaded),
+            "model": self.model.snapshot(),
             "runner": runner.snapshot(),
             "state": self.state.snapshot(),
         }
@@ -135,10 +136,7 @@ class Simulation:
 
         The rows must have been put back.
         """
-        load_steps = all_load_steps(self.model.case)
-        number = kept["state"]["position"]["load_step"]
-        self.model.begin_stage(load_steps[min(number, len(load_steps) - 1)].stage.name)
-        self.model.set_loads(*kept["loaded"])
+        self.model.restore(kept["model"])
         if kept["solver"] == "implicit":
             assert self.implicit is not None
             self.implicit.stepper.restore(kept["runner"])

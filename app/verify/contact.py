@@ -12,6 +12,7 @@ from app.build.model import Model
 from app.case.case import Case
 from app.case.friction import Coulomb
 from app.case.generators import CylinderOnBlockGeometry, TwoCylindersGeometry
+from app.case.time_tables import value_at
 from app.results.contact_points import contact_arrays
 from app.results.point_probes import PointProbes
 from app.verify.result import Check, Floats, Line, Panel, Verification, compare
@@ -108,7 +109,7 @@ def press(name: str, overrides: Sequence[str] = ()) -> Profile:
     row, thickness = simulation.rows[-1], case.geometry.slab
     load = row.normal_force / thickness
     friction = case.contact[0].friction
-    mu = friction.mu if isinstance(friction, Coulomb) else 0.0
+    mu = value_at(friction.mu, 0.0) if isinstance(friction, Coulomb) else 0.0
     shares = [r.tangential_force / (mu * r.normal_force) if mu else 0.0 for r in simulation.rows]
     x, p = arrays["position"][closed, 0], arrays["pressure"][closed]
     return Profile(

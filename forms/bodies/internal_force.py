@@ -8,6 +8,7 @@ implicit solution. Both give the same numbers to round-off.
 from __future__ import annotations
 
 import ctypes
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, Protocol
@@ -35,8 +36,11 @@ _SIGNATURE += [_POINTER] * 4
 class BodyForce(Protocol):
     """Internal force of one body."""
 
-    def add(self, u: Floats, out: Floats) -> bool:
-        """Add the nodal forces at the displacements ``u`` to ``out``; False: a cell is inverted."""
+    def add(self, u: Floats, out: Floats, dt: float | None) -> bool:
+        """Add the nodal forces at the displacements ``u`` to ``out``; False: a cell is inverted.
+
+        ``dt`` is the time step, s; None: material points that remember do not flow on.
+        """
         ...
 
     def energy(self, u: Floats) -> float:
@@ -49,22 +53,25 @@ class GeneratedForce:
 
     def __init__(self, solid: Solid, u: dolfinx.fem.Function) -> None:
         """Use the forms of ``solid``, which read the displacement from ``u``."""
-        self._u = u
+        self._u, self._solid = u, solid
         self._residuals = [part.residual for part in solid.forms]
-        self._energies = [part.energy for part in solid.forms]
-        self._constants = [packed_constants(form) for form in (*self._residuals, *self._energies)]
+        self._constants = [packed_constants(form) for form in self._residuals]
 
-    def add(self, u: Floats, out: Floats) -> bool:
+    def add(self, u: Floats, out: Floats, dt: float | None) -> bool:
         """See ``BodyForce.add``; the logarithm of J ≤ 0 makes the forces NaN."""
         with self._at(u):
-            for form, constants in zip(self._residuals, self._constants, strict=False):
+            if dt is None:
+                self._solid.evaluate_elastic()
+            else:
+                self._solid.evaluate(dt)
+            for form, constants in zip(self._residuals, self._constants, strict=True):
                 dolfinx.fem.assemble_vector(out, form, constants=constants)
         return bool(np.isfinite(out.sum()))
 
     def energy(self, u: Floats) -> float:
         """See ``BodyForce.energy``."""
         with self._at(u):
-            return float(sum(dolfinx.fem.assemble_scalar(form) for form in self._energies))
+            return self._solid.strain_energy()
 
     @contextmanager
     def _at(self, u: Floats) -> Iterator[None]:
@@ -124,7 +131,7 @@ class CompiledForce:
             self._edges.ctypes.data,
         )
 
-    def add(self, u: Floats, out: Floats) -> bool:
+    def add(self, u: Floats, out: Floats, dt: float | None) -> bool:
         """See ``BodyForce.add``."""
         return self._forces(*self._arguments, u.ctypes.data, out.ctypes.data) == 0
 
@@ -184,12 +191,14 @@ class InternalForce:
                 self.compiled = False
                 self.parts.append(GeneratedForce(solid, u))
 
-    def evaluate(self, u: Floats, out: Floats) -> bool:
+    def evaluate(self, u: Floats, out: Floats, dt: float | None = math.inf) -> bool:
         """Put the internal forces at ``u`` (m) into ``out`` (N per unit thickness).
 
         Args:
             u: local unknowns, ghosts included.
             out: of the same shape; ghosts get this rank's share.
+            dt: s, time step, infinite where rates do not count; None: forces of bodies that do not
+                flow on, for their elastic stiffness.
 
         Returns:
             False where a cell of this rank is turned inside out.
@@ -197,7 +206,7 @@ class InternalForce:
         out[:] = 0.0
         valid = True
         for part in self.parts:
-            valid &= part.add(u, out)
+            valid &= part.add(u, out, dt)
         return valid
 
     def energy(self, u: Floats) -> float:

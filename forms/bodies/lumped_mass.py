@@ -30,7 +30,7 @@ def lumped_mass(
         scale: s, one number per cell (DG 0), a factor on the cell's mass; None: 1.
 
     Returns:
-        Mass of each local unknown, ghosts included, kg per unit thickness.
+        Mass of each local unknown, ghosts included, kg per unit thickness; 0 at nodes of no body.
 
     Raises:
         ValueError: on every rank, if a body has no density, or the element's row sums are not
@@ -45,7 +45,8 @@ def lumped_mass(
         dolfinx.fem.assemble_vector(mass.array, mass_form(space, solid, scale))
     mass.scatter_reverse(dolfinx.la.InsertMode.add)
     mass.scatter_forward()
-    lightest = float(mass.array.min(initial=np.inf))
+    nodes = np.unique(space.dofmap.list[np.concatenate([solid.cells for solid in solids])])
+    lightest = float(mass.array.reshape(-1, size)[nodes].min(initial=np.inf))
     if space.mesh.comm.allreduce(not lightest > 0.0, op=MPI.LOR):
         raise ValueError("the element's lumped masses are not positive: use first-order elements")
     values: Floats = mass.array.copy()

@@ -8,7 +8,7 @@ always (3, 3), the direction across a plane being the third.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import basix.ufl
 import numpy as np
@@ -21,6 +21,24 @@ from forms.bodies.materials import Material
 from forms.bodies.ufl_values import values_of
 
 Floats = NDArray[np.float64]
+
+
+class StressAt(Protocol):
+    """What gives the stress of a body at fixed places of it."""
+
+    def cauchy(self, F: Floats, volumetric: Floats | None = None) -> Floats:
+        """Cauchy stress (p, 3, 3), Pa, at the present displacement.
+
+        Args:
+            F: (p, 3, 3) deformation gradients there.
+            volumetric: (p, 3, 3), those that the volumetric energy is taken at, where they are
+                others (selective reduced integration: those at the cells' centres).
+        """
+        ...
+
+    def plastic_strain(self) -> Floats | None:
+        """Equivalent plastic strain (p,); None of a material that does not flow."""
+        ...
 
 
 class PointStress:
@@ -49,15 +67,12 @@ class PointStress:
         )
 
     def cauchy(self, F: Floats, volumetric: Floats | None = None) -> Floats:
-        """Cauchy stress (p, 3, 3), Pa.
-
-        Args:
-            F: (p, 3, 3) deformation gradients.
-            volumetric: (p, 3, 3), those that the volumetric energy is taken at, where they are
-                others (selective reduced integration: those at the cells' centres).
-        """
+        """See :meth:`StressAt.cauchy`."""
         first, second = self._distortional, self._volumetric
         return self._part(first, F) + self._part(second, F if volumetric is None else volumetric)
+
+    def plastic_strain(self) -> None:
+        """None: the material does not flow."""
 
     def _part(self, slopes: Sequence[Any], F: Floats) -> Floats:
         """Cauchy stress (p, 3, 3) of one part of the energy, from its slopes."""
@@ -118,3 +133,10 @@ def von_mises(stress: Floats) -> Floats:
     """√(3/2 s:s) (p,), Pa, of stresses (p, 3, 3) with the deviator s."""
     s = stress + mean_pressure(stress)[:, None, None] * np.eye(3)
     return np.asarray(np.sqrt(1.5 * _square(s)))
+
+
+def triaxiality(stress: Floats) -> Floats:
+    """Mean stress over von Mises stress (p,) of stresses (p, 3, 3); 0 where there is none."""
+    mises, mean = von_mises(stress), -mean_pressure(stress)
+    some = mises > 1e-12 * np.abs(stress).max(axis=(1, 2), initial=0.0)
+    return np.asarray(np.where(some, mean / np.where(some, mises, 1.0), 0.0))

@@ -1,5 +1,8 @@
 """One solid body: residual, tangent and strain energy of its material on its cells.
 
+:class:`Solid` is a body whose stress follows from its present deformation;
+:class:`forms.bodies.plastic_solid.PlasticSolid` is one whose material points remember.
+
 Selective reduced integration (``q1-sri``) takes the distortional energy at 2 × 2 (2 × 2 × 2 in
 space) Gauss points and the volumetric energy at the centre. The two parts are compiled as forms of
 their own: a linear form that mixes two quadrature degrees on the same cells is compiled wrongly by
@@ -9,6 +12,7 @@ and energies are those of the whole body.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -32,6 +36,8 @@ from forms.bodies.kinematics import (
     stretch_across,
 )
 from forms.bodies.materials import Material, oedometric_modulus
+from forms.bodies.point_state import Floats, Origin, PointHistory
+from forms.bodies.point_stress import PointStress, StressAt
 from forms.bodies.without_variables import WithoutVariables
 
 Formulation = Literal["q1", "q1-sri", "q2"]
@@ -108,9 +114,13 @@ class Solid:
     """A body: its cells, its material, and the compiled forms of its strain energy.
 
     Attributes:
+        flows: whether its material flows plastically.
+        cell: shape of the cells.
         forms: of each integral; carried: of the volumetric part of ``q1-sri``, what another
             pressure changes of its tangent; None in the other formulations.
     """
+
+    flows = False
 
     def __init__(
         self,
@@ -154,7 +164,8 @@ class Solid:
             for key, value in material.parameters().items()
         }
         self._roundoff = dolfinx.fem.form(self._roundoff_density() * self._dx(None))
-        self.full_degree = full_degree(formulation, mesh.topology.cell_name())
+        self.cell = mesh.topology.cell_name()
+        self.full_degree = full_degree(formulation, self.cell)
         reduced = formulation == "q1-sri"
         self.forms = self._energy_forms(reduced)
         self.carried = self._carried() if reduced else None
@@ -254,3 +265,69 @@ class Solid:
     def strain_energy(self) -> float:
         """This rank's strain energy, J; in plane strain per unit thickness, J/m."""
         return float(sum(dolfinx.fem.assemble_scalar(part.energy) for part in self.forms))
+
+    def stress_at(self, cells: NDArray[np.int32], xi: Floats | None) -> StressAt:
+        """What gives the Cauchy stress at points of owned cells, in numpy.
+
+        Args:
+            cells: (k,) local, of the body.
+            xi: reference coordinates, (k, α) of a point in each cell or (1, α) of the same point
+                in all; None: all quadrature points of full integration, (q, c) in this order, of
+                all cells of the body.
+        """
+        return PointStress(self.material, self.section)
+
+    # -- what material points remember: nothing here, see `forms.bodies.plastic_solid` ------------
+
+    def evaluate(self, dt: float = math.inf, tangent: bool = False) -> bool:
+        """Let the forms be those of the present displacement; changes nothing that is remembered.
+
+        Args:
+            dt: s, duration of the step; infinite where rates do not count.
+            tangent: whether the tangent is wanted too.
+
+        Returns:
+            Whether the material could be evaluated on this rank; where not, the forms give NaN.
+        """
+        return True
+
+    def evaluate_elastic(self) -> bool:
+        """As :meth:`evaluate`, with points that do not flow on: for the stable step."""
+        return True
+
+    def commit(self) -> None:
+        """Remember what was evaluated last: the next step starts from it."""
+
+    @property
+    def dissipated(self) -> Floats:
+        """Energy (2,), J (J/m in plane strain), of this rank in all committed steps.
+
+        The second is the part of the first that belongs to the lengths of the steps.
+        """
+        return np.zeros(2)
+
+    def history(self) -> PointHistory | None:
+        """What :meth:`adopt` takes to come to the present committed state; None: nothing."""
+        return None
+
+    def cell_rows(self, values: Floats) -> Floats:
+        """Values (c, …) by cell from those (k, s) of material points."""
+        return values
+
+    def point_rows(self, values: Floats) -> Floats:
+        """Values (k, s) of material points from those (c, …) by cell."""
+        return values
+
+    def adopt(self, history: PointHistory) -> None:
+        """Go back to before the last step of a history, which is to be made again."""
+
+    def repeat_step(self) -> None:
+        """Evaluate and commit that step, at the present displacement, if there was one."""
+
+    @property
+    def tangent_origin(self) -> Origin | None:
+        """From what the tangent was evaluated last; None: it depends on the displacement alone."""
+        return None
+
+    def remake_tangent(self, origin: Origin | None) -> None:
+        """Evaluate tangents from ``origin`` until None is given."""

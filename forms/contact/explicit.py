@@ -21,12 +21,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from forms.contact.carried import Carried
 from forms.contact.kinematics import relate
-from forms.contact.penalty import ContactTerm
+from forms.contact.penalty import ContactTerm, carried_by
 from forms.contact.pressure import AveragedPressure
 from forms.contact.state import AS_IS, ContactTrial
 from geometry.surfaces.exchange import NodalVector, SurfaceExchange
-from geometry.surfaces.facets import Floats, Ints
+from geometry.surfaces.facets import Floats, Longs
 
 ROUNDOFF_DEPTH = 1e-12  # penetration over a facet's length that may be round-off alone
 
@@ -94,13 +95,14 @@ class ExplicitContact:
         """
         self.exchange.gather(u, self._values)
         term, surface = self.term, self.term.surface
-        first = self.exchange.first_master
         slave = self._values[self.exchange.slave_rows]
         points = surface.slave_positions(slave)
-        nodes = surface.master.position + self._values[first:]
+        nodes = surface.master_positions(self._values)
         averaged = isinstance(term.rule, AveragedPressure)
         projection = surface.project(points, nodes, fading=averaged)
         normal = term.rule.evaluate(projection, AS_IS, ROUNDOFF_DEPTH)
+        if not term.active:
+            normal = normal.opened()
         kinematics = relate(points, projection, term.anchor(nodes), normal.closed)
         film = term.film.at(normal.pressure)[0]
         term.cover_rim(normal, projection)
@@ -115,6 +117,7 @@ class ExplicitContact:
             traction=normal.pressure[:, None] * kinematics.normal - response.traction,
             response=response,
             dt=dt,
+            carried=carried_by(surface, self._values),
         )
         return self.trial
 
@@ -132,16 +135,19 @@ class ExplicitContact:
             self._values[:, i] = np.bincount(
                 flat, (shape * load[:, i, None]).reshape(-1), minlength=len(self._values)
             )
+        if self._carried is not None:
+            self._values[-2:] = self._carried.forces(self._master_weights(), -load).sum(axis=0)
         self.exchange.add(self._values, out)
 
     def spread_weights(self, factor: float | Floats, out: NodalVector) -> None:
         """Add Σ_q w |N_a| Σ_b |N_b| of the points, times ``factor``, at every node a; collective.
 
         As a diagonal this bounds Σ_q w Nᵀ N. Both surfaces' shape functions add up to one, so that
-        half of it is the area of the node.
+        half of it is the area of the node. Beside a tool that turns the sums are larger.
         """
-        rows, shape = self._operator()
-        share = np.abs(shape) * (2.0 * factor * self.term.surface.slave.weight)[:, None]
+        rows, share = self._shares()
+        every = np.maximum(2.0, share.sum(axis=1)) if self._carried is not None else 2.0
+        share = share * (every * factor * self.term.surface.slave.weight)[:, None]
         area = np.bincount(rows.reshape(-1), share.reshape(-1), minlength=len(self._values))
         self._values[:] = area[:, None]
         self.exchange.add(self._values, out)
@@ -150,16 +156,48 @@ class ExplicitContact:
         """Slave less master (q, i) of values (m, i) at the pair's nodes."""
         rows, shape = self._operator()
         out: Floats = np.einsum("qm,qmi->qi", shape, values[rows])
+        if self._carried is not None:
+            out -= self._master_weights() @ self._carried.motions(values[-2:])
         return out
 
-    def _operator(self) -> tuple[Ints, Floats]:
-        """Rows (q, m) of the pair's nodes and their coefficients, of slave less master."""
+    @property
+    def _carried(self) -> Carried | None:
+        """How a tool's control points follow it, at the last evaluation; None without a tool."""
+        return None if self.trial is None else self.trial.carried
+
+    def _master_weights(self) -> Floats:
+        """Shares (q, m) of the points that move the master in the closest points."""
+        assert self.trial is not None
+        at = self.trial.projection
+        return self.term.surface.target.weights(at.facet, at.xi)
+
+    def _operator(self) -> tuple[Longs, Floats]:
+        """Rows (q, m) of the pair's nodes and their coefficients, of slave less master.
+
+        Those of a tool, which are no numbers, are left out.
+        """
         assert self.trial is not None
         at, surface = self.trial.projection, self.term.surface
+        if self._carried is not None:
+            return self.exchange.slave_rows, surface.slave.shape
         master = surface.target.stencil[at.facet] + self.exchange.first_master
         rows = np.concatenate([self.exchange.slave_rows, master], axis=1)
-        weights = surface.target.weights(at.facet, at.xi)
-        return rows, np.concatenate([surface.slave.shape, -weights], axis=1)
+        return rows, np.concatenate([surface.slave.shape, -self._master_weights()], axis=1)
+
+    def _shares(self) -> tuple[Longs, Floats]:
+        """Rows (q, m) of the pair's nodes, and the size of their coefficients.
+
+        A tool's displacement moves a point by as much, its angle by the arm over the length.
+        """
+        rows, shape = self._operator()
+        if self._carried is None:
+            return rows, np.abs(shape)
+        count, carried = len(rows), self._carried
+        turned = self._master_weights() @ carried.tangent[:, :, carried.dim]
+        arm = np.linalg.norm(turned, axis=1)
+        tool = self.exchange.first_master + np.broadcast_to(np.arange(2), (count, 2))
+        share = np.concatenate([np.abs(shape), np.ones((count, 1)), arm[:, None]], axis=1)
+        return np.concatenate([rows, tool], axis=1), share
 
     # -- film -----------------------------------------------------------------------------------
 
@@ -254,9 +292,9 @@ class ExplicitContact:
         self.spread_weights(0.5, work)
         work.owned[:] *= inverse_mass
         self.exchange.gather(work, self._values)
-        rows, shape = self._operator()
+        rows, share = self._shares()
         per_node = self._values.max(axis=1)
-        self.compliance[:] = np.einsum("qm,qm->q", np.abs(shape), per_node[rows])
+        self.compliance[:] = np.einsum("qm,qm->q", share, per_node[rows])
 
     # -- history --------------------------------------------------------------------------------
 

@@ -16,15 +16,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forms.contact.explicit import ROUNDOFF_DEPTH, ExplicitContact
+from forms.contact.explicit_tie import ExplicitTie
 from forms.contact.kinematics import ContactKinematics
 from forms.contact.penalty import ContactTerm
 from forms.contact.pressure import TOUCHING, AveragedPressure
 from forms.contact.state import AS_IS, ContactState, ContactTrial, NormalContact
+from forms.contact.tie import TieTerm
 from forms.native.libraries import library
 from geometry.surfaces.exchange import NodalVector
 from geometry.surfaces.facet_search import TIE
 from geometry.surfaces.facets import Floats, Ints
-from geometry.surfaces.projection import Projection
+from geometry.surfaces.projection import FacetSurface, Projection
+from geometry.surfaces.surface import MasterFacets
 
 SOURCE = "plane_contact.c"
 _LONGS = ("points", "corners", "candidates", "nodes", "first_master", "vertices", "averaged")
@@ -157,6 +160,7 @@ class CompiledContact(ExplicitContact):
         """What both sets of results read, by the fields of the structure."""
         surface = self.term.surface
         slave, master, vertices = surface.slave, surface.master, surface.vertices
+        assert isinstance(master, MasterFacets)
         q, n = len(slave.weight), len(master.nodes)
         return {
             "weight": slave.weight,
@@ -256,7 +260,11 @@ class CompiledContact(ExplicitContact):
             inputs["nodal_pressure"][:], inputs["active"][:] = nodal, active
         self._code.tribox_pair_relate(now.at)
         pressure = arrays["pressure"]
-        return NormalContact(arrays["closed"], pressure, pressure, gap, nodal, active)
+        normal = NormalContact(arrays["closed"], pressure, pressure, gap, nodal, active)
+        if self.term.active:
+            return normal
+        pressure[:], arrays["closed"][:] = 0.0, False
+        return normal.opened()
 
     @property
     def searched_at(self) -> tuple[Floats, Floats] | None:
@@ -266,8 +274,9 @@ class CompiledContact(ExplicitContact):
 
     def search_at(self, points: Floats, facets: Floats) -> None:
         """Find candidate facets at these places of points and master nodes, and keep them."""
-        nodes, surface = facets, self.term.surface
-        found, slack = surface.target.search.table(points, nodes[surface.master.facets])
+        nodes, target = facets, self.term.surface.target
+        assert isinstance(target, FacetSurface)
+        found, slack = target.search.table(points, nodes[target.facets])
         self._inputs["candidate"] = np.ascontiguousarray(found, dtype=np.int32)
         self._inputs["searched_points"][:] = points
         self._inputs["searched_nodes"][:] = nodes
@@ -345,8 +354,15 @@ def explicit_contact(term: ContactTerm, compiled: bool = True) -> ExplicitContac
         term: the pair.
         compiled: False for numpy throughout.
     """
-    surface = term.surface
+    if isinstance(term, TieTerm):
+        return ExplicitTie(term)
+    surface, target = term.surface, term.surface.target
     # The compiled loop takes the section's stretch as area ratio, which is wrong for rings.
-    straight = surface.target.shape.count == 2 and not surface.axisymmetric
+    straight = (
+        isinstance(target, FacetSurface)
+        and target.shape.count == 2
+        and target.fade_length is None
+        and not surface.axisymmetric
+    )
     code = library(SOURCE) if compiled and straight else None
     return ExplicitContact(term) if code is None else CompiledContact(term, code)

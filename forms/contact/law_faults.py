@@ -6,7 +6,9 @@ from collections.abc import Sequence
 
 from forms.contact.penalty import ContactTerm
 from forms.contact.state import ContactTrial
+from forms.friction.factored_law import FactoredLaw
 from forms.friction.guarded_law import GuardedLaw
+from forms.friction.law import FrictionLaw
 
 
 def has_fault(contacts: Sequence[ContactTerm]) -> bool:
@@ -25,8 +27,9 @@ def law_fault(contacts: Sequence[ContactTerm], trials: Sequence[ContactTrial] = 
             of these states is asked before.
     """
     for term, trial in zip(contacts, trials, strict=False):
-        if isinstance(term.law, GuardedLaw):
-            term.law.try_state(trial.response.state, trial.pressure)
+        law = _plain(term)
+        if isinstance(law, GuardedLaw):
+            law.try_state(trial.response.state, trial.pressure)
     return _first_of_all(contacts, [law.fault for law in _guarded(contacts)])
 
 
@@ -36,7 +39,12 @@ def law_not_finite(contacts: Sequence[ContactTerm]) -> str | None:
 
 
 def _guarded(contacts: Sequence[ContactTerm]) -> list[GuardedLaw]:
-    return [term.law for term in contacts if isinstance(term.law, GuardedLaw)]
+    return [law for law in map(_plain, contacts) if isinstance(law, GuardedLaw)]
+
+
+def _plain(term: ContactTerm) -> FrictionLaw:
+    """The law of a contact without the factor that it may be multiplied by."""
+    return term.law.law if isinstance(term.law, FactoredLaw) else term.law
 
 
 def _first_of_all(contacts: Sequence[ContactTerm], mine: list[str | None]) -> str | None:

@@ -16,6 +16,7 @@ import dolfinx
 import numpy as np
 from petsc4py import PETSc
 
+from forms.contact.carried import Carried
 from forms.contact.kinematics import Anchor, ContactKinematics, relate
 from forms.contact.pressure import AveragedPressure, PressureKind, normal_rule
 from forms.contact.rim import rim_cover
@@ -32,7 +33,7 @@ from forms.friction.law import FrictionLaw, FrictionResponse
 from geometry.surfaces.closest_point import solve_small
 from geometry.surfaces.facets import Floats, Ints, Longs, unit_normals
 from geometry.surfaces.projection import Projection
-from geometry.surfaces.surface import QUADRATURE_DEGREE, ContactSurface
+from geometry.surfaces.surface import QUADRATURE_DEGREE, ContactSurface, RigidMaster
 
 __all__ = ["AS_IS", "ContactMode", "ContactState", "ContactTerm", "ContactTrial"]
 
@@ -57,8 +58,12 @@ class ContactTerm:
     Attributes:
         state: the committed :class:`ContactState`; changed by :meth:`commit` only.
         surface, law, film: of the pair; modulus: Pa, E*, or None.
+        active: whether the surfaces feel each other; changed, as ``law`` may be, by :meth:`renew`.
         rule: from gaps to pressure, with the penalty; linearised: the tangent.
+        tied: whether the surfaces are bonded (:mod:`forms.contact.tie`).
     """
+
+    tied = False
 
     def __init__(
         self,
@@ -86,7 +91,7 @@ class ContactTerm:
                 pressure.
         """
         self.surface = surface
-        self.law = law
+        self.law, self.active = law, True
         self.modulus = modulus
         self.rule = normal_rule(pressure, surface, penalty)
         self.linearised = PairTangent(surface, self.rule)
@@ -159,12 +164,14 @@ class ContactTerm:
         surface = self.surface
         slave = values[surface.slave_rows]
         points = surface.slave_positions(slave)
-        nodes = surface.master.position + values[surface.first_master :]
+        nodes = surface.master_positions(values)
         averaged = isinstance(self.rule, AveragedPressure)
         normals = surface.slave_normals(values) if averaged else None
         current = surface.project(points, nodes, mode.frozen_facets, normals, averaged)
         anchor = self.anchor(nodes)
         normal = self.rule.evaluate(current, mode)
+        if not self.active:
+            normal = normal.opened()
         kinematics = relate(points, current, anchor, normal.closed)
         self.cover_rim(normal, current, mode.penalty_scale, linearise=not mode.friction_as_load)
         film, response = self._friction(kinematics, dt, normal, mode)
@@ -181,6 +188,7 @@ class ContactTerm:
             penalty_scale=mode.penalty_scale,
             anchor=anchor,
             of_point=surface.vertices.of_point,
+            carried=carried_by(surface, values),
         )
 
     def cover_rim(
@@ -283,6 +291,17 @@ class ContactTerm:
         )
         self._last = None
 
+    def renew(self, active: bool | None = None, law: FrictionLaw | None = None) -> None:
+        """Take what a stage or a program of time has changed, from the next evaluation on.
+
+        Args:
+            active: whether the surfaces feel each other; None: as before.
+            law: friction law with the same kind of state; None: as before.
+        """
+        self.active = self.active if active is None else active
+        self.law = self.law if law is None else law
+        self._last = None
+
     def adopt(self, state: ContactState) -> None:
         """Continue from a state that was found by other means than :meth:`evaluate`."""
         self.state = state
@@ -293,9 +312,16 @@ class ContactTerm:
         slave = self.surface.slave
         at = trial.projection
         master = self.surface.target.weights(at.facet, at.xi)
+        force = -(slave.weight[:, None] * trial.traction)
+        if trial.carried is not None:
+            tool = np.broadcast_to(self.surface.master.nodes, (len(force), 2))
+            parts = (
+                slave.shape[:, :, None] * force[:, None, :],
+                trial.carried.forces(master, -force),
+            )
+            return np.concatenate([slave.nodes, tool], axis=1), np.concatenate(parts, axis=1)
         shape = np.concatenate([slave.shape, -master], axis=1)
         nodes = np.concatenate([slave.nodes, self.surface.master_nodes(at.facet)], axis=1)
-        force = -(slave.weight[:, None] * trial.traction)
         return nodes, shape[:, :, None] * force[:, None, :]
 
     def tangent(self, trial: ContactTrial) -> list[tuple[Longs, Floats]]:
@@ -311,6 +337,17 @@ class ContactTerm:
         pressed = self.rule.energy(trial.normal_contact, trial.penalty_scale)
         stored = self.law.stored_energy(trial.response.state)
         return pressed + float(self.surface.slave.weight @ stored)
+
+
+def carried_by(surface: ContactSurface, values: Floats) -> Carried | None:
+    """How a tool's control points follow it, at values (m, i), m, of the pair's nodes.
+
+    None without a tool.
+    """
+    master = surface.master
+    if not isinstance(master, RigidMaster) or master.motion is None:
+        return None
+    return Carried.at(master.motion, values[surface.first_master :])
 
 
 def _without_stiffness(response: FrictionResponse) -> FrictionResponse:

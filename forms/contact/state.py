@@ -7,6 +7,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import numpy as np
+
+from forms.contact.carried import Carried
 from forms.contact.kinematics import Anchor, ContactKinematics
 from forms.friction.law import FrictionResponse, FrictionState
 from geometry.surfaces.facets import Bools, Floats, Ints, Longs
@@ -68,6 +71,15 @@ class NormalContact:
     cover_slope: Floats | None = None
     rim: Bools | None = None
 
+    def opened(self) -> NormalContact:
+        """The same gaps of surfaces that do not feel each other."""
+        none = np.zeros_like(self.pressure)
+        nothing = np.zeros_like(self.closed)
+        if self.gap is None:
+            return NormalContact(nothing, none, none.copy())
+        nodal, active = np.zeros(len(self.gap)), np.zeros(len(self.gap), dtype=bool)
+        return NormalContact(nothing, none, none.copy(), self.gap, nodal, active)
+
     def needs(self) -> Bools:
         """Vertices (v,) whose gaps the tractions depend on."""
         assert self.active is not None
@@ -109,6 +121,9 @@ class ContactTrial:
         penalty_scale: factor of the penalty that it was evaluated with.
         anchor: places of the last converged step, moved with the current master; None where nobody
             will ask for the tangent; of_point: (q, k) vertices of the points' facets, likewise.
+        carried: how the control points of a tool follow its unknowns; None: no tool.
+        pull: (v, i), Pa, s_A of a tie, and moved: (n, i), m, the displacements it is of; None of
+            others.
     """
 
     position: Floats
@@ -123,6 +138,9 @@ class ContactTrial:
     penalty_scale: float = 1.0
     anchor: Anchor | None = None
     of_point: Longs | None = None
+    carried: Carried | None = None
+    pull: Floats | None = None
+    moved: Floats | None = None
 
     def coupled(self) -> Bools:
         """Points (q,) whose gaps the tractions of some point depend on."""

@@ -8,7 +8,9 @@ import numpy as np
 from mpi4py import MPI
 
 from forms.contact.explicit import ExplicitContact
+from forms.contact.explicit_tie import ExplicitTie
 from forms.contact.penalty import ContactTerm
+from forms.friction.factored_law import strongest
 from geometry.surfaces.exchange import NodalVector
 from geometry.surfaces.facets import Floats
 
@@ -30,6 +32,9 @@ class PairStiffness:
         comm = term.surface.space.mesh.comm
         self.tangential = comm.allreduce(elastic_stiffness(term), op=MPI.MAX)
         self.viscosity = comm.allreduce(largest_viscosity(term), op=MPI.MAX)
+        if term.tied:
+            largest = float(np.max(term.penalty, initial=0.0))
+            self.tangential, self.viscosity = comm.allreduce(largest, op=MPI.MAX), 0.0
         self._values = np.zeros((len(contact.exchange.nodes), term.surface.dim))
 
     def add(self, w: NodalVector, out: NodalVector, viscous: bool) -> None:
@@ -38,6 +43,10 @@ class PairStiffness:
         assert contact.trial is not None
         n = contact.trial.kinematics.normal
         contact.exchange.gather(w, self._values)
+        if isinstance(contact, ExplicitTie):
+            if not viscous:
+                contact.add_stiffness(self._values, out)
+            return
         jump = contact.jump(self._values)
         across = np.einsum("qi,qi->q", n, jump)[:, None] * n
         along = jump - across
@@ -56,13 +65,13 @@ def elastic_stiffness(term: ContactTerm) -> float:
     q, dim = len(term.surface.slave.weight), term.surface.dim
     if q == 0:
         return 0.0
-    pressure = _pressures(term)[-1]
-    response = term.law.update(
+    pressure, law = _pressures(term)[-1], strongest(term.law)
+    response = law.update(
         np.zeros((q, dim)),
         1.0,
         pressure,
         term.film.at(pressure)[0],
-        term.law.initial_state(q, dim),
+        law.initial_state(q, dim),
         rate_dependent=False,
     )
     return float(np.abs(response.d_traction_d_slip).max(initial=0.0))
@@ -71,14 +80,14 @@ def elastic_stiffness(term: ContactTerm) -> float:
 def largest_viscosity(term: ContactTerm) -> float:
     """Largest viscous traction per slip speed of any point here, Pa s/m, over ``PROBES``."""
     q, dim = len(term.surface.slave.weight), term.surface.dim
-    largest, area_ratio = 0.0, term.state.area_ratio
+    largest, area_ratio, law = 0.0, term.state.area_ratio, strongest(term.law)
     for speed, pressure in itertools.product(PROBES, _pressures(term)) if q else ():
         slip = np.zeros((q, dim))
         slip[:, 0] = speed
         film = term.film.at(pressure)[0]
-        state = term.law.initial_state(q, dim)
+        state = law.initial_state(q, dim)
         state.speed[:] = speed
-        response = term.law.update(slip, 1.0, pressure, film, state, area_ratio=area_ratio)
+        response = law.update(slip, 1.0, pressure, film, state, area_ratio=area_ratio)
         largest = max(largest, float(response.dissipation.viscous.max()) / speed**2)
     return largest
 

@@ -26,7 +26,7 @@ import scipy.sparse
 from forms.contact.kinematics import Variations, vary
 from forms.contact.pressure import AveragedPressure, NormalRule
 from forms.contact.state import ContactState, ContactTrial
-from forms.contact.vertex_rows import VertexRows, adding_up
+from forms.contact.vertex_rows import VertexRows, adding_up, completed
 from geometry.surfaces.facets import Bools, Floats, Ints, Longs
 from geometry.surfaces.slave_normals import CHORDS
 from geometry.surfaces.surface import ContactSurface
@@ -62,6 +62,11 @@ class PairTangent:
         default_factory=lambda: {False: [], True: []}, repr=False
     )
 
+    @property
+    def _places(self) -> int:
+        """Number of the pair's nodes, those of a tool replaced by its control points."""
+        return self.surface.first_master + len(self.surface.master.position)
+
     # -- point by point -----------------------------------------------------------------------
 
     def traction_variation(self, trial: ContactTrial, take: Longs) -> tuple[Floats, Variations]:
@@ -81,7 +86,7 @@ class PairTangent:
         out -= r.d_traction_d_slip[take] @ v.d_slip
         out -= r.d_traction_d_elastic[take] @ v.d_elastic
         if trial.projection.share_slope is not None:
-            out += _fading(trial, take)[:, :, None] * v.d_xi[:, :1]
+            out += np.einsum("pia,par->pir", _fading(trial, take), v.d_xi)
         return out, v
 
     def point_blocks(self, state: ContactState, trial: ContactTrial) -> list[tuple[Longs, Floats]]:
@@ -92,6 +97,8 @@ class PairTangent:
         blocks. Open points contribute nothing and are left out.
         """
         take = np.nonzero(trial.kinematics.closed)[0]
+        if trial.carried is not None:
+            return self._tool_blocks(state, trial, take) if len(take) else []
         size = self.surface.target.stencil.shape[1] * self.surface.dim
         stayed = trial.projection.facet[take] == state.facet[take]
         if trial.projection.rays is not None:
@@ -111,6 +118,27 @@ class PairTangent:
         self, state: ContactState, trial: ContactTrial, take: Longs, folded: bool = False
     ) -> tuple[Longs, Floats]:
         """Nodes and blocks of points; ``folded``: their facet is still that of the last step."""
+        places, blocks = self._placed_blocks(state, trial, take, folded)
+        return self.surface.nodes[places], blocks
+
+    def _tool_blocks(
+        self, state: ContactState, trial: ContactTrial, take: Longs
+    ) -> list[tuple[Longs, Floats]]:
+        """The same with a tool as master; points of a slave facet are added up."""
+        surface, carried = self.surface, trial.carried
+        assert carried is not None
+        places, blocks = self._placed_blocks(state, trial, take)
+        added = _added_up(surface.slave.facet[take].astype(np.int64), places, blocks)
+        places, blocks = carried.blocks(*added, surface.first_master)
+        at = trial.projection.of(take)
+        force = surface.slave.weight[take][:, None] * trial.traction[take]
+        bending = carried.bending(surface.target.weights(at.facet, at.xi).T @ force)
+        return [(surface.nodes[places], blocks), (surface.nodes[None, -2:], bending)]
+
+    def _placed_blocks(
+        self, state: ContactState, trial: ContactTrial, take: Longs, folded: bool = False
+    ) -> tuple[Longs, Floats]:
+        """Numbers (p, m) of the pair's nodes, or control points after them, and blocks."""
         rows, places = self.generalised_rows(state, trial, take)
         if folded:
             m = self.surface.target.stencil.shape[1]
@@ -129,12 +157,11 @@ class PairTangent:
         left = rows[:, :lead].transpose(0, 2, 1) @ load.reshape(q, lead, -1)
         left = left.reshape(q, m * dim, coordinates, dim).transpose(0, 1, 3, 2)
         blocks = -(left.reshape(q, m * dim * dim, coordinates) @ rows)
-        nodes = self.surface.nodes[places]
-        return nodes, blocks.reshape(q, m, dim, dim, m).transpose(0, 1, 2, 4, 3)
+        return places, blocks.reshape(q, m, dim, dim, m).transpose(0, 1, 2, 4, 3)
 
     def _point_facets(self, state: ContactState, trial: ContactTrial, take: Longs) -> Longs:
         """Number (p,) of the facets that a point couples: its own, the present and the last."""
-        masters = np.int64(len(self.surface.master.facets))
+        masters = np.int64(len(self.surface.target.stencil))
         slave, before = self.surface.slave.facet[take], state.facet[take]
         return (slave * masters + trial.projection.facet[take]) * masters + before
 
@@ -198,6 +225,9 @@ class PairTangent:
         needs = normal.needs()
         left = self._vertex_rows(trial, take, by_gap, needs)
         right = self._gap_rows(state, trial, needs)
+        if trial.carried is not None:
+            operator = trial.carried.operator(self.surface.first_master)
+            left, right = (left @ operator).tocsr(), (right @ operator).tocsr()
         nodes = columns = self.surface.nodes
         if vertices.comm.size > 1:
             right, columns = self._completed(right)
@@ -227,11 +257,11 @@ class PairTangent:
             if known.fits(take, facet, needs):
                 return known
         surface = self.surface
-        key = surface.slave.facet[take].astype(np.int64) * len(surface.master.facets) + facet
+        key = surface.slave.facet[take].astype(np.int64) * len(surface.target.stencil) + facet
         nodes = [surface.slave_rows[take], self._master_rows(facet)]
         nodes += [surface.chain_rows[take]] if chords else []
         numbers = key, surface.vertices.of_point[take], np.concatenate(nodes, axis=1)
-        rows = VertexRows(take, facet, needs, numbers, (len(surface.nodes), surface.dim))
+        rows = VertexRows(take, facet, needs, numbers, (self._places, surface.dim))
         kept[:] = [rows, *kept[:1]]
         return rows
 
@@ -240,9 +270,9 @@ class PairTangent:
     ) -> scipy.sparse.csr_matrix:
         """R: Σ_q w N_A ∂(σ g)/∂u (v, m·i) of all points, with σ their share over the master."""
         at, every = trial.projection, np.nonzero(trial.coupled())[0]
-        fades = np.zeros(len(every), dtype=bool)
-        if at.share_slope is not None:
-            fades = at.share_slope[every] != 0.0
+        fades: Bools = np.zeros(len(every), dtype=bool)
+        if at.share is not None:
+            fades[:] = at.share[every] < 1.0
         if at.rays is not None:
             fades[:] = True
         plain, other = every[~fades], every[fades]
@@ -266,7 +296,8 @@ class PairTangent:
         change = v.d_gap
         if at.share is not None and at.share_slope is not None:
             change = at.share[take][:, None] * v.d_gap
-            change += (at.gap * at.share_slope)[take][:, None] * v.d_xi[:, 0]
+            slope = at.gap[take, None] * at.share_slope[take]
+            change += np.einsum("pa,par->pr", slope, v.d_xi)
         d_gap = change.reshape(len(take), rows.shape[1], self.surface.dim)
         share = self.surface.slave.weight[take][:, None] * self.surface.vertices.shape[take]
         values = np.einsum("pk,pmi->pkmi", share, np.einsum("prm,pri->pmi", rows, d_gap))
@@ -274,36 +305,23 @@ class PairTangent:
 
     def _completed(self, right: scipy.sparse.csr_matrix) -> tuple[scipy.sparse.csr_matrix, Longs]:
         """R with the other ranks' parts of shared vertices, and its columns' nodes; collective."""
-        surface, dim = self.surface, self.surface.dim
-        vertices = surface.vertices
-        part = right[vertices.shared].tocoo()
-        at = np.nonzero(vertices.shared)[0][part.row], surface.nodes[part.col // dim]
-        gathered = vertices.comm.allgather((*at, part.col % dim, part.data))
-        others = [g for rank, g in enumerate(gathered) if rank != vertices.comm.rank]
-        vertex, node, axis, value = (np.concatenate(p) for p in zip(*others, strict=True))
-        new = np.unique(node)
-        columns = np.concatenate([surface.nodes, new])
-        first = dim * len(surface.nodes)
-        column = first + dim * np.searchsorted(new, node) + axis
-        mine = right.tocoo()
-        here = np.isin(vertex, np.unique(surface.vertices.of_point))
-        rows = np.concatenate([mine.row, vertex[here]])
-        cols = np.concatenate([mine.col, column[here]])
-        data = np.concatenate([mine.data, value[here]])
-        size = (vertices.count, dim * len(columns))
-        return scipy.sparse.csr_matrix((data, (rows, cols)), shape=size), columns
+        vertices, nodes = self.surface.vertices, self.surface.nodes
+        here = np.zeros(vertices.count, dtype=bool)
+        here[vertices.of_point] = True
+        return completed(right, vertices.shared, here, nodes, self.surface.dim, vertices.comm)
 
 
 def _fading(trial: ContactTrial, take: Longs) -> Floats:
-    """Change (p, i), Pa, of the traction for ξ as points run past the end of the master."""
+    """Change (p, i, α), Pa, of the traction for ξ as points run past the end of the master."""
     at, normal = trial.projection, trial.normal_contact
     assert at.share is not None and at.share_slope is not None
-    slope = at.share_slope[take]
-    per_share = np.where(slope != 0.0, slope / np.where(slope != 0.0, at.share[take], 1.0), 0.0)
+    share = at.share[take]
+    per_share = at.share_slope[take] / np.where(share > 0.0, share, 1.0)[:, None]
     by_pressure = trial.kinematics.normal[take] - trial.response.d_traction_d_pressure[take]
     cover = np.broadcast_to(normal.cover, at.share.shape)[take]
-    out: Floats = (per_share * normal.spring[take])[:, None] * by_pressure
-    out -= (per_share * cover)[:, None] * _film_per_cover(trial, take)
+    change: Floats = normal.spring[take][:, None] * by_pressure
+    change -= cover[:, None] * _film_per_cover(trial, take)
+    out: Floats = change[:, :, None] * per_share[:, None, :]
     return out
 
 

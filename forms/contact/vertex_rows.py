@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse
+from mpi4py import MPI
 
 from geometry.surfaces.facets import Bools, Floats, Ints, Longs
 
@@ -19,6 +20,45 @@ def adding_up(key: Longs) -> tuple[Longs, scipy.sparse.csr_matrix]:
     place = group.reshape(-1), np.arange(len(key))
     shape = (len(first), len(key))
     return first, scipy.sparse.csr_matrix((np.ones(len(key)), place), shape=shape)
+
+
+def completed(
+    rows: scipy.sparse.csr_matrix,
+    shared: Bools,
+    here: Bools,
+    nodes: Longs,
+    dim: int,
+    comm: MPI.Comm,
+) -> tuple[scipy.sparse.csr_matrix, Longs]:
+    """Rows with the other ranks' parts of those that several ranks have; collective.
+
+    Args:
+        rows: (r, nodes · i), of this rank.
+        shared: (r,) rows that several ranks have.
+        here: (r,) rows that this rank asks for.
+        nodes: (n,) global nodes of the columns.
+        dim: components i of a node.
+        comm: of all ranks.
+
+    Returns:
+        The matrix (r, columns · i), and the global nodes of its columns.
+    """
+    part = rows[shared].tocoo()
+    at = np.nonzero(shared)[0][part.row], nodes[part.col // dim]
+    gathered = comm.allgather((*at, part.col % dim, part.data))
+    others = [g for rank, g in enumerate(gathered) if rank != comm.rank]
+    row, node, axis, value = (np.concatenate(p) for p in zip(*others, strict=True))
+    new = np.unique(node)
+    columns = np.concatenate([nodes, new])
+    column = dim * len(nodes) + dim * np.searchsorted(new, node) + axis
+    mine, wanted = rows.tocoo(), here[row]
+    place = (
+        np.concatenate([mine.row, row[wanted]]),
+        np.concatenate([mine.col, column[wanted]]),
+    )
+    data = np.concatenate([mine.data, value[wanted]])
+    size = (rows.shape[0], dim * len(columns))
+    return scipy.sparse.csr_matrix((data, place), shape=size), columns
 
 
 class VertexRows:

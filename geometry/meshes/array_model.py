@@ -30,7 +30,8 @@ class ArrayModel:
         self._position = arrays.position
         self._parts: dict[tuple[int, int], tuple[str, Part]] = {}
         self._shapes = {dim: arrays.cell, dim - 1: FACETS[arrays.cell]}
-        for d, parts in ((dim - 1, arrays.surfaces), (dim, arrays.bodies)):
+        cells = {**arrays.bodies, **{f"carrier {k}": v for k, v in arrays.carriers.items()}}
+        for d, parts in ((dim - 1, arrays.surfaces), (dim, cells)):
             self._parts |= {(d, part.tag): (name, part) for name, part in parts.items()}
 
     def getPhysicalGroups(self, dim: int = -1) -> list[tuple[int, int]]:

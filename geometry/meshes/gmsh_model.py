@@ -42,12 +42,14 @@ class NamedGroups:
         bodies: Physical tag of each named group of cells.
         surfaces: Physical tag of each named group of facets.
         facet_counts: Number of facets of each named group of facets.
+        groups: Dimension and entities of each named group of points, and in 3D of curves.
     """
 
     dim: int
     bodies: dict[str, int]
     surfaces: dict[str, int]
     facet_counts: dict[str, int]
+    groups: dict[str, tuple[int, list[int]]]
 
 
 class Shape(Protocol):
@@ -124,15 +126,15 @@ def write_msh(shape: Shape, path: Path) -> None:
 def named_groups(gmsh: ModuleType, source: str) -> NamedGroups:
     """Check the current model and return its named parts.
 
-    Nodes are renumbered without holes and groups of points (in 3D also of curves) are dropped:
-    DOLFINx fails on both.
+    Nodes are renumbered without holes and groups of points (in 3D also of curves) are dropped from
+    the model: DOLFINx fails on both.
 
     Args:
         gmsh: The module, from ``gmsh_session``.
         source: Name of the model in messages, for instance its file.
 
     Returns:
-        The names and tags of bodies and surfaces.
+        The names and tags of bodies and surfaces, and what the other named groups consist of.
 
     Raises:
         MeshError: If the model has no cells or no named groups, if a cell is in no body or an
@@ -153,6 +155,7 @@ def named_groups(gmsh: ModuleType, source: str) -> NamedGroups:
         _check_meshed(gmsh, dim, tag, f"{source}: body {name!r}")
     _check_all_cells_named(gmsh, dim, source)
     low = [(d, tag) for d, tag in groups if d < dim - 1]
+    others = _other_groups(gmsh, low, source, {**bodies, **surfaces})
     if low:  # an empty list would remove all groups
         gmsh.model.removePhysicalGroups(low)
     gmsh.model.mesh.renumberNodes()
@@ -165,7 +168,7 @@ def named_groups(gmsh: ModuleType, source: str) -> NamedGroups:
     counts = {
         name: _check_facets(gmsh, dim, tag, name, source, corners) for name, tag in surfaces.items()
     }
-    return NamedGroups(dim, bodies, surfaces, counts)
+    return NamedGroups(dim, bodies, surfaces, counts, others)
 
 
 def elements_of(gmsh: ModuleType, dim: int, tag: int) -> list[npt.NDArray[np.int64]]:
@@ -175,6 +178,23 @@ def elements_of(gmsh: ModuleType, dim: int, tag: int) -> list[npt.NDArray[np.int
         types, _, nodes = gmsh.model.mesh.getElements(dim, entity)
         rows.append(_rows(gmsh, types[0], nodes[0]))
     return rows
+
+
+def _other_groups(
+    gmsh: ModuleType, low: list[tuple[int, int]], source: str, taken: dict[str, int]
+) -> dict[str, tuple[int, list[int]]]:
+    """Dimension and entities of the named ones among groups of points and curves."""
+    found: dict[str, tuple[int, list[int]]] = {}
+    for d, tag in low:
+        name = _name_of(gmsh, d, tag, source)
+        if name in found or name in taken:
+            raise MeshError(
+                f"{source}: two physical groups, one of them of {_ENTITY[d]}s, are named {name!r}"
+            )
+        if name:
+            entities = gmsh.model.getEntitiesForPhysicalGroup(d, tag)
+            found[name] = (d, [int(entity) for entity in entities])
+    return found
 
 
 def _cell_dimension(gmsh: ModuleType, source: str) -> int:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from difflib import get_close_matches
-from itertools import combinations
 from pathlib import Path
 
 import dolfinx
@@ -15,7 +14,6 @@ from mpi4py import MPI
 
 from geometry.compat import (
     CellPartitioner,
-    cell_nodes,
     cell_partitioner,
     integration_facets,
     model_to_mesh,
@@ -24,11 +22,12 @@ from geometry.meshes import metis
 from geometry.meshes.array_model import ArrayModel
 from geometry.meshes.extraction import arrays_of
 from geometry.meshes.gmsh_model import MeshError, Shape, gmsh_session
+from geometry.meshes.groups import Group, found_group
 from geometry.meshes.mesh_arrays import CORNERS, MeshArrays, unpacked
 from geometry.meshes.own_process import ask
 from geometry.meshes.partition import share_out
 
-__all__ = ["MeshError", "NamedMesh", "bodies_sharing_nodes", "generate", "read"]
+__all__ = ["MeshError", "NamedMesh", "generate", "read"]
 
 MOST_CELLS = 5_000_000
 """Cells of a file that are read unless more are asked for."""
@@ -52,6 +51,9 @@ class NamedMesh:
         facet_tags: The surface's tag of every facet on a named surface.
         bodies: Tag of each body.
         surfaces: Tag of each surface.
+        groups: Named points and, in space, edges.
+        carriers: Tag of each cell that is no body's, see `MeshArrays.with_carriers`. None of them
+            is in an output or a sum over the bodies.
     """
 
     mesh: dolfinx.mesh.Mesh
@@ -59,6 +61,8 @@ class NamedMesh:
     facet_tags: dolfinx.mesh.MeshTags
     bodies: dict[str, int]
     surfaces: dict[str, int]
+    groups: dict[str, Group] = field(default_factory=dict)
+    carriers: dict[str, int] = field(default_factory=dict)
 
     def body_tag(self, name: str) -> int:
         """The tag of a body in ``cell_tags``.
@@ -84,6 +88,22 @@ class NamedMesh:
         """
         return np.asarray(self.cell_tags.find(self.body_tag(name)), dtype=np.int32)
 
+    def carrier(self, name: str) -> npt.NDArray[np.int32]:
+        """Local index of a carrier's cell, ghosts included; none (0,) on a rank without it.
+
+        Raises:
+            MeshError: If there is no such carrier.
+        """
+        tag = _look_up("carrier", name, self.carriers)
+        return np.asarray(self.cell_tags.find(tag), dtype=np.int32)
+
+    @property
+    def cell_count(self) -> int:
+        """Number of the cells of all bodies, on all processes."""
+        return int(self.mesh.topology.index_map(self.mesh.topology.dim).size_global) - len(
+            self.carriers
+        )
+
     def facets(self, name: str) -> npt.NDArray[np.int32]:
         """Local indices (f,) of a surface's facets on this process, ghosts included.
 
@@ -92,31 +112,79 @@ class NamedMesh:
         """
         return np.asarray(self.facet_tags.find(self.surface_tag(name)), dtype=np.int32)
 
+    def nodes(self, name: str) -> npt.NDArray[np.int32]:
+        """Local points (n,) of the topology of a group of points or edges, ghosts included.
+
+        Raises:
+            MeshError: If there is no such group.
+        """
+        if name not in self.groups:
+            _look_up("group", name, dict.fromkeys(self.groups, 0))
+        return self.groups[name].vertices
+
+    def heed_place(self, name: str) -> None:
+        """See that there is a surface, or a group of points or edges, of this name.
+
+        Raises:
+            MeshError: If there is none; the nearest name is offered.
+        """
+        _look_up("surface", name, {**self.surfaces, **dict.fromkeys(self.groups, 0)})
+
+    def bodies_of(self, surface: str) -> list[str]:
+        """The bodies whose boundary a surface, or group of points or edges, is part of; collective.
+
+        Raises:
+            MeshError: On all processes, if there is no such surface, or facets of it are inside the
+                mesh.
+        """
+        if surface in self.groups:
+            corners = self.mesh.topology.connectivity(self.mesh.topology.dim, 0)
+            table = corners.array.reshape(corners.num_nodes, -1)
+            near = np.nonzero(np.isin(table, self.nodes(surface)).any(axis=1))[0]
+            return self._bodies_with(near.astype(np.int32))
+        facets = self.facets(surface)
+        owned = self.mesh.topology.index_map(self.mesh.topology.dim - 1).size_local
+        cells = integration_facets(self.mesh, facets)[::2]
+        local = np.array([np.count_nonzero(facets < owned), len(cells)])
+        count, outside = self.mesh.comm.allreduce(local, op=MPI.SUM)
+        if outside < count:
+            raise MeshError(
+                f'surface "{surface}": {count - outside} of its {count} facets lie inside '
+                "the mesh, with cells on both sides; bodies that share nodes are bonded and have "
+                "no surface there"
+            )
+        return self._bodies_with(cells)
+
+    def _bodies_with(self, cells: npt.NDArray[np.int32]) -> list[str]:
+        """The bodies that any process's local cells belong to; collective."""
+        mine = set(self.cell_tags.values[np.isin(self.cell_tags.indices, cells)].tolist())
+        found = set().union(*self.mesh.comm.allgather(mine))
+        return [name for name, tag in self.bodies.items() if tag in found]
+
     def body_of(self, surface: str) -> str:
-        """The body that a surface lies on; collective.
+        """The one body that a surface, or group of points or edges, lies on; collective.
 
         Raises:
             MeshError: On all processes, if there is no such surface, or it is not on one body.
         """
-        cells = integration_facets(self.mesh, self.facets(surface))[::2]
-        mine = set(self.cell_tags.values[np.isin(self.cell_tags.indices, cells)].tolist())
-        found = set().union(*self.mesh.comm.allgather(mine))
-        names = [name for name, tag in self.bodies.items() if tag in found]
+        names = self.bodies_of(surface)
         if len(names) != 1:
             raise MeshError(
-                f'surface "{surface}" must lie on one body; it lies on {", ".join(names) or "none"}'
+                f'surface "{surface}" must lie on one body; it lies on {", ".join(names)}'
             )
         return names[0]
 
 
 @dataclass(frozen=True, slots=True)
 class _Names:
-    """What every process knows of a mesh: dimension, tags by name, facets of each surface."""
+    """What every process knows of a mesh: dimension, tags by name, facets of surfaces, groups."""
 
     dim: int
     bodies: dict[str, int]
     surfaces: dict[str, int]
+    carriers: dict[str, int]
     facet_counts: dict[str, int]
+    groups: dict[str, npt.NDArray[np.int64]]
 
     @classmethod
     def of(cls, arrays: MeshArrays) -> _Names:
@@ -125,11 +193,15 @@ class _Names:
             arrays.dim,
             {name: part.tag for name, part in arrays.bodies.items()},
             {name: part.tag for name, part in arrays.surfaces.items()},
+            {name: part.tag for name, part in arrays.carriers.items()},
             {name: len(part.corners) for name, part in arrays.surfaces.items()},
+            arrays.groups,
         )
 
 
-def generate(shape: Shape, comm: MPI.Comm, contacts: Contacts = ()) -> NamedMesh:
+def generate(
+    shape: Shape, comm: MPI.Comm, contacts: Contacts = (), carriers: Sequence[str] = ()
+) -> NamedMesh:
     """Mesh a built-in geometry on one process and distribute it; collective.
 
     Args:
@@ -137,29 +209,38 @@ def generate(shape: Shape, comm: MPI.Comm, contacts: Contacts = ()) -> NamedMesh
         comm: Communicator of the mesh.
         contacts: Pairs whose slave facets are shared out evenly, like the cells; without any (or
             without METIS) only the cells are.
+        carriers: Names of cells that are added, see `MeshArrays.with_carriers`.
 
     Returns:
         The mesh, with the names that the shape's ``build`` gives.
     """
-    return _load(lambda: _generated(shape), type(shape).__name__, comm, contacts)
+    source = type(shape).__name__
+    return _load(lambda: _generated(shape).with_carriers(carriers), source, comm, contacts)
 
 
 def read(
-    path: Path, comm: MPI.Comm, contacts: Contacts = (), most_cells: int = MOST_CELLS
+    path: Path,
+    comm: MPI.Comm,
+    contacts: Contacts = (),
+    most_cells: int = MOST_CELLS,
+    carriers: Sequence[str] = (),
+    scale: float = 1.0,
 ) -> NamedMesh:
     """Read a gmsh file (``.msh``, version 2 or 4) on one process and distribute it; collective.
 
     gmsh reads it in a process of its own, which the first process starts.
 
     Every cell must be in a named physical group (a body); named groups of facets become surfaces,
-    and groups of lower dimension are ignored. Cells are triangles or quadrilaterals in the plane
-    z = 0, or tetrahedra or hexahedra, of first order and of one kind. Coordinates are taken as m.
+    and named points, or in space edges, become groups. Cells are triangles or quadrilaterals in the
+    plane z = 0, or tetrahedra or hexahedra, of first order and of one kind.
 
     Args:
         path: The file.
         comm: Communicator of the mesh.
         contacts: As in ``generate``; names that the file does not have are ignored.
         most_cells: More are refused.
+        carriers: As in ``generate``.
+        scale: m, of a unit of the file's coordinates.
 
     Returns:
         The mesh with the file's names.
@@ -167,35 +248,11 @@ def read(
     Raises:
         MeshError: On all processes, if the file cannot be used; the message names it.
     """
-    return _load(lambda: _read(Path(path), most_cells), str(path), comm, contacts)
 
+    def make() -> MeshArrays:
+        return _read(Path(path), most_cells).scaled(scale).with_carriers(carriers)
 
-def bodies_sharing_nodes(named: NamedMesh) -> list[tuple[str, str]]:
-    """Pairs of bodies with common nodes; collective.
-
-    Bodies in contact must not have any: they could neither slide nor separate there.
-
-    Args:
-        named: The mesh.
-
-    Returns:
-        Names of the bodies of each such pair, in the order of ``named.bodies``; the same on all
-        processes.
-    """
-    geometry = named.mesh.geometry
-    comm = named.mesh.comm
-    used = {}
-    for name in named.bodies:
-        marks = dolfinx.la.vector(geometry.index_map(), 1, dtype=np.float64)
-        marks.array[np.unique(cell_nodes(named.mesh)[named.cells(name)])] = 1.0
-        # A body may use a node only on a process that does not own it.
-        marks.scatter_reverse(dolfinx.la.InsertMode.add)
-        used[name] = marks.array[: geometry.index_map().size_local] > 0.0
-    return [
-        (a, b)
-        for a, b in combinations(named.bodies, 2)
-        if comm.allreduce(bool(np.any(used[a] & used[b])), op=MPI.LOR)
-    ]
+    return _load(make, str(path), comm, contacts)
 
 
 def _load(
@@ -214,6 +271,9 @@ def _load(
     mesh, cell_tags, facet_tags = model_to_mesh(model, comm, 0, names.dim, partitioner)
     mesh.topology.create_entities(names.dim - 1)
     named = NamedMesh(mesh, cell_tags, facet_tags, names.bodies, names.surfaces)
+    named.carriers.update(names.carriers)
+    for name, corners in names.groups.items():
+        named.groups[name] = found_group(mesh, corners)
     _check_facets_found(named, names, source)
     return named
 

@@ -8,13 +8,14 @@ from __future__ import annotations
 import io
 import json
 import zipfile
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from geometry.meshes.gmsh_model import MeshError
+from geometry.meshes.gmsh_model import FARTHEST, MeshError
 
 CORNERS = {"interval": 2, "triangle": 3, "quadrilateral": 4, "tetrahedron": 4, "hexahedron": 8}
 """Number of corners of a cell or facet."""
@@ -28,6 +29,17 @@ FACETS = {
 """Shape of a cell's facets."""
 
 DIMENSION = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
+
+# The corners of a cell of extent 1 around the origin, in gmsh's order.
+_CYCLE = ((-0.5, -0.5, 0.0), (0.5, -0.5, 0.0), (0.5, 0.5, 0.0), (-0.5, 0.5, 0.0))
+_SHAPES = {
+    "triangle": _CYCLE[:3],
+    "quadrilateral": _CYCLE,
+    "tetrahedron": ((-0.5,) * 3, (0.5, -0.5, -0.5), (-0.5, 0.5, -0.5), (-0.5, -0.5, 0.5)),
+    "hexahedron": tuple((x, y, z) for z in (-0.5, 0.5) for x, y, _ in _CYCLE),
+}
+CARRIER_SIZE = 0.1
+"""Extent of a carrier cell over that of the mesh, in each direction."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,12 +64,16 @@ class MeshArrays:
         position: (n, 3), m, of the nodes.
         bodies: cells by name.
         surfaces: facets by name.
+        groups: nodes (e, 1) of points, or in space (e, 2) of edges, by name.
+        carriers: one cell each by name, which is no body's: see `with_carriers`.
     """
 
     cell: str
     position: npt.NDArray[np.float64]
     bodies: dict[str, Part]
     surfaces: dict[str, Part]
+    groups: dict[str, npt.NDArray[np.int64]] = field(default_factory=dict)
+    carriers: dict[str, Part] = field(default_factory=dict)
 
     @property
     def dim(self) -> int:
@@ -69,6 +85,40 @@ class MeshArrays:
         """Corners (c, a) of the cells of all bodies, one body after the other."""
         return np.concatenate([body.corners for body in self.bodies.values()])
 
+    def scaled(self, factor: float) -> MeshArrays:
+        """With all coordinates multiplied by a factor.
+
+        Raises:
+            MeshError: they get out of the range of numbers.
+        """
+        if factor == 1.0:
+            return self
+        position = factor * self.position
+        least = float(np.ptp(position, axis=0).max())
+        if not np.abs(position).max() <= FARTHEST or not least > 1.0 / FARTHEST:
+            raise MeshError(f"geometry.scale = {factor:g} m makes the mesh {least:g} m long")
+        return replace(self, position=position)
+
+    def with_carriers(self, names: Sequence[str]) -> MeshArrays:
+        """With one more cell for each name: its nodes carry unknowns of something without a mesh.
+
+        Such a cell has neither stiffness nor mass and is in no output. It shares no node, and lies
+        inside the box around the mesh and off its sides, so that the mesh's extent stays the same.
+
+        Args:
+            names: of the cells.
+        """
+        low, high = self.position.min(axis=0), self.position.max(axis=0)
+        shape = 0.5 * (low + high) + CARRIER_SIZE * (high - low) * np.array(_SHAPES[self.cell])
+        count, corners = len(self.position), len(shape)
+        first = 1 + max(part.tag for part in (*self.bodies.values(), *self.carriers.values()))
+        added = {
+            name: Part(first + k, count + corners * k + np.arange(corners)[None])
+            for k, name in enumerate(names)
+        }
+        position = np.concatenate([self.position, *[shape] * len(names)])
+        return replace(self, position=position, carriers={**self.carriers, **added})
+
     def packed(self) -> bytes:
         """All of it in numpy's format of several arrays, which holds numbers only."""
         parts = [*self.bodies.values(), *self.surfaces.values()]
@@ -76,10 +126,12 @@ class MeshArrays:
             "cell": self.cell,
             "bodies": [[name, part.tag] for name, part in self.bodies.items()],
             "surfaces": [[name, part.tag] for name, part in self.surfaces.items()],
+            "groups": list(self.groups),
         }
         text = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
         stream = io.BytesIO()
         arrays = {f"part{number}": part.corners for number, part in enumerate(parts)}
+        arrays |= {f"group{number}": nodes for number, nodes in enumerate(self.groups.values())}
         np.savez(stream, header=text, position=self.position, **arrays)  # type: ignore[arg-type]
         return stream.getvalue()
 
@@ -99,11 +151,16 @@ def unpacked(data: bytes) -> MeshArrays:
                 for number, (name, tag) in enumerate(named)
             ]
             count = len(header["bodies"])
+            groups = {
+                str(name): np.asarray(arrays[f"group{number}"])
+                for number, name in enumerate(header["groups"])
+            }
             mesh = MeshArrays(
                 str(header["cell"]),
                 np.asarray(arrays["position"]),
                 dict(parts[:count]),
                 dict(parts[count:]),
+                groups,
             )
     except (ValueError, KeyError, TypeError, OSError, EOFError, zipfile.BadZipFile) as error:
         raise MeshError(f"the arrays of the mesh are damaged ({error})") from error
@@ -124,8 +181,16 @@ def _check(mesh: MeshArrays) -> None:
             for shape, parts in ((mesh.cell, mesh.bodies), (facet, mesh.surfaces))
             for part in parts.values()
         )
+        sound = sound and all(_is_group(rows, nodes) for rows in mesh.groups.values())
     if not sound:
         raise MeshError("the arrays of the mesh are damaged")
+
+
+def _is_group(rows: npt.NDArray[np.int64], nodes: int) -> bool:
+    """Whether points or edges exist and are made of the nodes."""
+    if rows.dtype != np.int64 or rows.ndim != 2 or rows.shape[1] not in (1, 2) or not len(rows):
+        return False
+    return bool(rows.min() >= 0 and rows.max() < nodes)
 
 
 def _is_sound(part: Part, corners: int, nodes: int) -> bool:

@@ -8,76 +8,23 @@ facet's nodes.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import scipy.sparse
-from numpy.typing import NDArray
 
 from geometry.surfaces.closest_point import CORNER, INTERIOR, closest_points, stationary_points
+from geometry.surfaces.end_distance import EndDistance
 from geometry.surfaces.facet_search import TIE, FacetSearch
-from geometry.surfaces.facets import Bools, FacetShape, Floats, Ints, unit_normals
+from geometry.surfaces.facets import FacetShape, Floats, Ints, unit_normals
 from geometry.surfaces.rays import RaySearch
 from geometry.surfaces.slave_normals import PointNormals
 from geometry.surfaces.smoothing import smooth_patches
+from geometry.surfaces.target import Projection
+
+__all__ = ["FacetSurface", "Projection"]
 
 # Reference distance past the edge of a facet up to which a point may stay on it.
 OVERRUN = 1e-4
 _TOUCHING = 1e-12  # distance over facet size below which x − ȳ has no direction
-
-
-@dataclass(slots=True)
-class Projection:
-    """The closest master point of every slave point.
-
-    Attributes:
-        facet: (q,) master facet that carries the closest point.
-        xi: (q, α) its reference coordinates.
-        foot: (q, i), m, current: the closest point ȳ.
-        normal: (q, i) unit outward normal of the master at ȳ; along x − ȳ where clamped.
-        tangents: (q, α, i), m, current: τ_α = ∂ȳ/∂ξ^α.
-        gap: (q,), m: g = (x − ȳ)·n, negative in penetration.
-        clamped: (q,) the closest point is on an edge or a corner and cannot leave it.
-        on_surface: (q,) False past the end of the master, where there is no contact.
-        curvature: (q, α, β, i), m, current: ∂²ȳ/∂ξ^α∂ξ^β; None where all facets are flat.
-        along: (q, α) reference direction of the edge that a clamped point can move along, zero at a
-            corner; None in the plane, where there are corners only.
-        share: (q,) how much of each point counts: less than 1 only right beside the open end of a
-            master in the plane; share_slope: (q,) its derivative for ξ. None: 1 everywhere.
-        rays: the slave's normals, where ȳ lies along them; None where it is the closest point.
-    """
-
-    facet: Ints
-    xi: Floats
-    foot: Floats
-    normal: Floats
-    tangents: Floats
-    gap: Floats
-    clamped: Bools
-    on_surface: Bools
-    curvature: Floats | None = None
-    along: Floats | None = None
-    share: Floats | None = None
-    share_slope: Floats | None = None
-    rays: PointNormals | None = None
-
-    def of(self, take: NDArray[np.int64]) -> Projection:
-        """The same of the points ``take`` (p,)."""
-        return Projection(
-            self.facet[take],
-            self.xi[take],
-            self.foot[take],
-            self.normal[take],
-            self.tangents[take],
-            self.gap[take],
-            self.clamped[take],
-            self.on_surface[take],
-            None if self.curvature is None else self.curvature[take],
-            None if self.along is None else self.along[take],
-            None if self.share is None else self.share[take],
-            None if self.share_slope is None else self.share_slope[take],
-            None if self.rays is None else self.rays.of(take),
-        )
 
 
 class FacetSurface:
@@ -86,11 +33,17 @@ class FacetSurface:
     Attributes:
         facets: (f, a) node numbers; shape: of all facets, or of the smooth patches over them.
         stencil: (f, m) nodes that move each facet: its own, or those of its patch.
+        fade_length: m, way before an open end over which points fade; None: as each point asks.
         neighbours: (f, f) sparse; facets that share a corner, and each facet itself.
     """
 
     def __init__(
-        self, shape: FacetShape, facets: Ints, nodes: Floats, smoothing_angle: float | None = None
+        self,
+        shape: FacetShape,
+        facets: Ints,
+        nodes: Floats,
+        smoothing_angle: float | None = None,
+        fade_length: float | None = None,
     ) -> None:
         """Prepare the connectivity.
 
@@ -100,10 +53,11 @@ class FacetSurface:
             nodes: (n, i), m, reference.
             smoothing_angle: rad; the surface is made smooth but for sides where the normals
                 of neighbours differ by more. Without it the facets themselves are the surface.
+            fade_length: m, undeformed, way before an open end over which points fade.
 
         Raises:
             ValueError: more than two facets meet at a side, or two with opposite normals; or
-                facets that cannot be made smooth.
+                facets that cannot be made smooth; or a surface that would fade everywhere.
         """
         self.facets = np.asarray(facets, dtype=np.int32)
         self.shape, self.stencil = shape, self.facets
@@ -139,6 +93,9 @@ class FacetSurface:
         )
         self.neighbours = (incidence @ incidence.T).tocsr()
         self.neighbours.data[:] = 1
+        self.fade_length = fade_length
+        if fade_length is not None:
+            self._end = EndDistance(shape, self.facets, nodes, self._open, fade_length)
 
     def project(
         self,
@@ -207,7 +164,12 @@ class FacetSurface:
 
         A point that loses its force at once when it runs past the end may leave no equilibrium.
         """
-        if reach is None or self.shape.directions == 2:
+        if reach is None:
+            return
+        if self.fade_length is not None:
+            out.share, out.share_slope = self._end.share(out.facet, out.xi)
+            return
+        if self.shape.directions == 2:
             return
         open_ends = self._open[self.facets[out.facet, :2]]
         at = np.nonzero(open_ends.any(axis=1) & out.on_surface)[0]
@@ -220,14 +182,18 @@ class FacetSurface:
         end = np.argmin(way, axis=1)
         share = way[np.arange(len(at)), end]
         sign = np.where(end == 0, 1.0, -1.0)
-        out.share, out.share_slope = np.ones(len(reach)), np.zeros(len(reach))
+        out.share, out.share_slope = np.ones(len(reach)), np.zeros((len(reach), 1))
         out.share[at] = np.minimum(share, 1.0)
-        out.share_slope[at] = np.where(share < 1.0, sign * per_length, 0.0)
+        out.share_slope[at, 0] = np.where(share < 1.0, sign * per_length, 0.0)
 
     @property
     def has_kinks(self) -> bool:
         """Whether facets of a master in the plane meet at an angle."""
         return self._rays is not None and self._rays.has_kinks
+
+    def excess(self, facet: Ints, xi: Floats) -> Floats:
+        """How far (q,) places ξ (q, α) are past an edge of their facets (q,); ≤ 0 inside."""
+        return self.shape.excess(xi)
 
     def places(self, facet: Ints, xi: Floats, nodes: Floats) -> tuple[Floats, Floats]:
         """Points ȳ (q, i) and tangents (q, α, i) of material places, on current nodes (n, i)."""

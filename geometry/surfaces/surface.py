@@ -23,8 +23,11 @@ from geometry.surfaces.body_facets import (
 from geometry.surfaces.facets import FacetShape, Floats, Ints, Longs
 from geometry.surfaces.ordering import order_by_place
 from geometry.surfaces.projection import FacetSurface, Projection
+from geometry.surfaces.rigid import RigidSurface
+from geometry.surfaces.rigid_motion import RigidMotion
 from geometry.surfaces.slave_normals import PointNormals, SlaveNormals
 from geometry.surfaces.slave_points import slave_points
+from geometry.surfaces.target import Target
 from geometry.surfaces.vertices import slave_vertices
 
 # Default degree of the quadrature on slave facets, by the dimension of space.
@@ -55,15 +58,38 @@ class MasterFacets:
         return longest
 
 
+@dataclass(slots=True)
+class RigidMaster:
+    """A rigid surface as master, the same on every rank.
+
+    Attributes:
+        nodes: global nodes (displacement blocks) that move it: (2,) reference nodes, as in
+            :class:`~geometry.surfaces.rigid_motion.RigidMotion`, or without ``motion`` (a,) those
+            that are its control points.
+        surface: of the tool.
+        motion: of its control points.
+    """
+
+    nodes: Longs
+    surface: RigidSurface
+    motion: RigidMotion | None = None
+
+    @property
+    def position(self) -> Floats:
+        """Control points (a, i), m, reference."""
+        return self.surface.control_points
+
+
 class ContactSurface:
     """Slave points and master facets of one pair, and the current positions of both.
 
     Attributes:
-        slave, master: points and facets; vertices: of the slave facets.
+        slave: points; vertices: of the slave facets.
+        master: facets, or a rigid surface.
         target: search for the closest point on the master.
         facet_length: m, mean length of the slave facets.
-        nodes: (m,) global nodes of the pair: those of this rank's slave facets, then all master
-            nodes from row ``first_master`` on; slave_rows: (q, a) rows of the points' nodes.
+        nodes: (m,) global nodes of the pair: those of this rank's slave facets, then all nodes of
+            the master from row ``first_master`` on; slave_rows: (q, a) rows of the points' nodes.
         normals: of the slave, for the kinks of a master in the plane; None without kinks.
             chain_rows: (q, s) rows of the vertices that they take.
     """
@@ -72,26 +98,30 @@ class ContactSurface:
         self,
         space: dolfinx.fem.FunctionSpace,
         slave_facets: NDArray[np.int32],
-        master_facets: NDArray[np.int32],
+        master: NDArray[np.int32] | RigidMaster,
         quadrature_degree: int,
         axisymmetric: bool = False,
         smoothing_angle: float | None = None,
+        fade_length: float | None = None,
     ) -> None:
         """Collect both surfaces; collective.
 
         Args:
             space: blocked vector Lagrange space of the displacement, of degree 1 or 2.
             slave_facets: local facets (owned and ghosts) of the slave surface.
-            master_facets: local facets (owned and ghosts) of the master surface.
+            master: local facets (owned and ghosts) of the master surface, or a rigid one.
             quadrature_degree: degree integrated exactly on an affine slave facet.
             axisymmetric: whether x is the distance from an axis of symmetry; weights then are those
                 of whole rings, and forces totals.
             smoothing_angle: rad; a smooth master, but for sides where its facets' normals differ by
                 more. None: the facets as they are.
+            fade_length: m, way before an open end of the master over which the averaged pressure
+                fades. None: in the plane over a share of a facet, in space not at all.
 
         Raises:
             ValueError: on every rank, if a surface has no facet or folds onto itself, the
-                displacement has another degree, or the master cannot be made smooth.
+                displacement has another degree, the master cannot be made smooth, or a rigid one
+                is of another dimension.
         """
         self.space = space
         self.dim = space.mesh.geometry.dim
@@ -101,9 +131,8 @@ class ContactSurface:
         self.facet_length = facet_length(space.mesh, slave_facets)
         if axisymmetric:
             self.slave.weight = 2.0 * np.pi * self.slave.position[:, 0] * self.slave.weight
-        self.master = _master_facets(space, self.shape, master_facets)
-        self.target = FacetSurface(
-            self.shape, self.master.facets, self.master.position, smoothing_angle
+        self.master, self.target = _master_and_target(
+            space, self.shape, master, smoothing_angle, fade_length
         )
         self.vertices = slave_vertices(
             space,
@@ -116,6 +145,31 @@ class ContactSurface:
         self.normals = self._find_normals() if self.target.has_kinks else None
         self._number_nodes()
         self._scatter: PETSc.Scatter | None = None
+
+    @classmethod
+    def for_tool(
+        cls,
+        space: dolfinx.fem.FunctionSpace,
+        slave_facets: NDArray[np.int32],
+        surface: RigidSurface,
+        reference_nodes: Longs,
+        motion: RigidMotion,
+        quadrature_degree: int,
+        axisymmetric: bool = False,
+    ) -> ContactSurface:
+        """The pair of a slave and a rigid tool, see the constructor; collective.
+
+        Args:
+            space: of the displacement.
+            slave_facets: local facets (owned and ghosts) of the slave surface.
+            surface: of the tool.
+            reference_nodes: (2,) global numbers of the nodes that hold its motion.
+            motion: of the surface's control points.
+            quadrature_degree: degree integrated exactly on an affine slave facet.
+            axisymmetric: whether x is the distance from an axis of symmetry.
+        """
+        master = RigidMaster(np.asarray(reference_nodes, dtype=np.int64), surface, motion)
+        return cls(space, slave_facets, master, quadrature_degree, axisymmetric)
 
     def _number_nodes(self) -> None:
         """Number the nodes of the pair, and find those of each point."""
@@ -158,6 +212,18 @@ class ContactSurface:
         self._scatter.scatter(x, self._here, addv=False, mode=False)
         return np.array(self._here.array_r).reshape(-1, self.dim)
 
+    def master_positions(self, values: Floats) -> Floats:
+        """Current positions (n, i), m, of the points that move the master.
+
+        Args:
+            values: (m, i), m, displacements of the pair's ``nodes``.
+        """
+        master, moved = self.master, values[self.first_master :]
+        if isinstance(master, RigidMaster) and master.motion is not None:
+            return master.motion.control_points(*master.motion.read(moved))
+        out: Floats = master.position + moved
+        return out
+
     def project(
         self,
         points: Floats,
@@ -166,14 +232,14 @@ class ContactSurface:
         rays: PointNormals | None = None,
         fading: bool = False,
     ) -> Projection:
-        """Closest points on the master, on its current nodes (n, i), m, of the points (q, i), m.
+        """Closest points on the master, on its :meth:`master_positions`, of the points (q, i), m.
 
         Args:
             points: see above.
             nodes: see above.
             frozen_facets: (q,) facets that the points do not leave for a neighbour at once.
             rays: normals of the slave at the points, to project along; None: closest points.
-            fading: whether points leave the end of a master in the plane bit by bit.
+            fading: whether points leave the end of a master bit by bit.
         """
         return self.target.project(
             points, nodes, frozen_facets, rays, self.slave.reach if fading else None
@@ -216,6 +282,24 @@ def _measure(tangents: Floats) -> Floats:
         out: Floats = np.linalg.norm(tangents[:, 0], axis=1)
         return out
     return np.linalg.norm(np.cross(tangents[:, 0], tangents[:, 1]), axis=1)
+
+
+def _master_and_target(
+    space: dolfinx.fem.FunctionSpace,
+    shape: FacetShape,
+    master: NDArray[np.int32] | RigidMaster,
+    smoothing_angle: float | None,
+    fade_length: float | None,
+) -> tuple[MasterFacets | RigidMaster, Target]:
+    """The master, and the search for the closest point on it; collective."""
+    if not isinstance(master, RigidMaster):
+        facets = _master_facets(space, shape, master)
+        ends = smoothing_angle, fade_length
+        return facets, FacetSurface(shape, facets.facets, facets.position, *ends)
+    dim = space.mesh.geometry.dim
+    if master.surface.dim != dim:
+        raise ValueError(f"a rigid surface in {master.surface.dim} dimensions, a slave in {dim}")
+    return master, master.surface
 
 
 def _master_facets(

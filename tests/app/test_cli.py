@@ -209,7 +209,7 @@ def write_mesh(path: Path, named: bool = True, glued: bool = False, hole: str = 
 MESH_MISTAKES = {
     "missing": (None, ["no such file"]),
     "no names": ({"named": False}, ["name"]),
-    "glued": ({"glued": True}, ["aluminium", "elastomer", "share nodes"]),
+    "glued": ({"glued": True}, ["aluminium_contact", "share nodes"]),
     "no top": ({"hole": "top"}, ["'top'"]),
 }
 

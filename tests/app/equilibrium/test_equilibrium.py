@@ -438,7 +438,7 @@ def test_tangent_with_held_edges_platen_and_pressure(pair):
     top = Platen(blocks.held("top", 1).dofs, force=-0.4)
     held = [blocks.held("bottom", 0), blocks.held("bottom", 1), blocks.held("top", 0)]
     problem, x, A = prepared(
-        pair, SETTINGS["slip"][0], prescribed=held, platens=[top], pressures=[side]
+        pair, SETTINGS["slip"][0], prescribed=held, platens=[top], loads=[side]
     )
     np.testing.assert_array_equal(x.array_r, x0.array_r)
     f, d, image = x.duplicate(), x.duplicate(), x.duplicate()

@@ -251,7 +251,7 @@ def test_the_energy_balance_closes_with_all_loads_together():
     held.append(Prescribed(bench.dofs("top", 0)))
     platen = Platen(bench.dofs("top", 1), mass=0.2)
     load = FollowerPressure(bench.u, bench.named.facets("elastomer_left"))
-    problem = bench.problem([term], prescribed=held, platens=[platen], pressures=[load])
+    problem = bench.problem([term], prescribed=held, platens=[platen], loads=[load])
     stepper = ExplicitStepper(problem, ExplicitOptions(damping=0.3))
     averages, work, dt = IntervalAverages(stepper), 0.0, 0.02
     while stepper.time < 6.0:

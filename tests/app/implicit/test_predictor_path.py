@@ -33,7 +33,8 @@ class Known:
         self.path = path
         self.load, self.held = 0.0, np.zeros(2)
         self.platens = [SimpleNamespace(pull=lambda displacement: self.load)]
-        self.pressures: list[SimpleNamespace] = []
+        self.loads: list[SimpleNamespace] = []
+        self.nodal_loads: list[SimpleNamespace] = []
         self.trials: list[SimpleNamespace] = []
         self.direct, self.works, self.share, self.basin = True, True, 1.0, np.inf
         self.reference_force = np.inf

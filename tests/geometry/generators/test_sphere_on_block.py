@@ -12,8 +12,9 @@ import ufl
 from mpi4py import MPI
 
 from geometry.generators.sphere_on_block import SphereOnBlock
+from geometry.meshes.bonds import bodies_sharing_nodes
 from geometry.meshes.gmsh_model import gmsh_session
-from geometry.meshes.mesh import bodies_sharing_nodes, generate
+from geometry.meshes.mesh import generate
 
 R, BLOCK_R, H, WIDTH = 1.0, 0.8, 0.6, 0.3
 SPHERE = SphereOnBlock(R, BLOCK_R, H, WIDTH, 0.05, 1.3)
@@ -76,7 +77,7 @@ def test_shape_and_names(part, cell):
     np.testing.assert_allclose(zone[np.argmin(zone[:, 1])], 0.0, atol=1e-12)
     np.testing.assert_allclose(nodes(named, "aluminium_contact")[:, 1], 0.0, atol=1e-12)
     np.testing.assert_allclose(nodes(named, "bottom")[:, 1], -H, rtol=1e-12)
-    assert bodies_sharing_nodes(named) == []
+    assert bodies_sharing_nodes(named) == {}
 
 
 def test_planes_of_symmetry():

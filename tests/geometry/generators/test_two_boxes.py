@@ -11,8 +11,9 @@ import ufl
 from mpi4py import MPI
 
 from geometry.generators.two_boxes import Box, TwoBoxes
+from geometry.meshes.bonds import bodies_sharing_nodes
 from geometry.meshes.gmsh_model import write_msh
-from geometry.meshes.mesh import bodies_sharing_nodes, generate, read
+from geometry.meshes.mesh import generate, read
 
 UPPER = Box(1.0e-3, 0.5e-3, 0.6e-3, (4, 3, 2), grading=3.0)
 LOWER = Box(2.0e-3, 0.4e-3, 1.0e-3, (5, 2, 3))
@@ -76,7 +77,7 @@ def test_boxes_are_centred_and_share_no_node_where_they_touch(cell):
     assert replace(BOXES, offset=None).corner() == pytest.approx((0.5e-3, 0.2e-3))
     same = Box(1.0, 1.0, 1.0, (2, 2, 2))
     named = generate(TwoBoxes(same, same, cell=cell), MPI.COMM_SELF)
-    assert bodies_sharing_nodes(named) == []
+    assert bodies_sharing_nodes(named) == {}
     assert named.mesh.geometry.index_map().size_global == 2 * 27
 
 

@@ -12,9 +12,10 @@ import ufl
 from mpi4py import MPI
 
 from geometry.generators.two_blocks import Block, TwoBlocks
+from geometry.meshes.bonds import bodies_sharing_nodes
 from geometry.meshes.foreign import read_msh
 from geometry.meshes.gmsh_model import MeshError, gmsh_session, write_msh
-from geometry.meshes.mesh import bodies_sharing_nodes, generate, read
+from geometry.meshes.mesh import generate, read
 from tests.geometry.meshes.test_damaged import CRASHING
 
 BLOCKS = TwoBlocks(
@@ -127,7 +128,7 @@ def test_unknown_names_offer_the_nearest():
 
 def test_touching_blocks_are_not_glued_and_a_strip_is(msh):
     block = Block(1.0, 0.5, (4, 3))
-    assert bodies_sharing_nodes(generate(TwoBlocks(block, block), MPI.COMM_WORLD)) == []
+    assert bodies_sharing_nodes(generate(TwoBlocks(block, block), MPI.COMM_WORLD)) == {}
 
     def glued():
         left, right, _ = strip()
@@ -135,7 +136,7 @@ def test_touching_blocks_are_not_glued_and_a_strip_is(msh):
         group(2, [right], "right")
         gmsh.model.mesh.generate(2)
 
-    assert bodies_sharing_nodes(read(msh(glued), MPI.COMM_SELF)) == [("left", "right")]
+    assert bodies_sharing_nodes(read(msh(glued), MPI.COMM_SELF)) == {("left", "right"): 2}
 
 
 @pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
@@ -472,7 +473,7 @@ def facts(comm, directory):
         "strip": resultants(strip),
         "cells": named.mesh.topology.index_map(2).size_global,
         "shares": [comm.allgather(share) for share in contact_shares(comm)],
-        "glued": [bodies_sharing_nodes(named), bodies_sharing_nodes(strip)],
+        "glued": [list(bodies_sharing_nodes(m).items()) for m in (named, strip)],
         "errors": comm.gather(str(caught.value)),
     }
 
@@ -489,8 +490,8 @@ def test_same_on_one_and_two_ranks(on_ranks):
     cells, slaves = two["shares"]
     assert sum(cells) == 97 and min(cells) >= 46
     assert slaves == [4, 4]
-    assert two["glued"] == [[], [["left", "right"]]]
-    assert one["glued"] == [[], [["left", "right"]]]
+    assert two["glued"] == [[], [[["left", "right"], 6]]]
+    assert one["glued"] == [[], [[["left", "right"], 6]]]
 
 
 # --- in space -------------------------------------------------------------------------------------
@@ -521,7 +522,8 @@ def test_bodies_in_space_that_share_nodes_are_found(msh, apart):
     named = read(msh(lambda: cubes(apart)), MPI.COMM_SELF)
     assert named.mesh.geometry.dim == 3 and named.mesh.topology.cell_name() == "tetrahedron"
     assert resultants(named) == pytest.approx(dict.fromkeys([*named.bodies, *named.surfaces], 1.0))
-    assert bodies_sharing_nodes(named) == ([] if apart else [("lower", "upper")])
+    between = int(np.count_nonzero(np.abs(named.mesh.geometry.x[:, 1] - 1.0) < 1e-9))
+    assert bodies_sharing_nodes(named) == ({} if apart else {("lower", "upper"): between})
 
 
 def test_wedges_are_refused(msh):

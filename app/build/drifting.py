@@ -1,0 +1,151 @@
+"""Bodies that nothing holds any more once supports have vanished or are released."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from mpi4py import MPI
+
+from app.build.boundary_conditions import Constraint, Loads
+from app.case.case import Case
+from app.case.stage import solver_of
+from app.equilibrium.bonded import bonded_groups
+from app.equilibrium.equilibrium import Equilibrium
+from app.equilibrium.prescribed import Prescribed
+from app.equilibrium.slanted import SlantedPlaten
+from app.equilibrium.supports import body_nodes
+from forms.bodies.loads import Foundation
+from geometry.meshes.mesh import NamedMesh
+from geometry.surfaces.facets import Floats, Ints
+
+NOTHING = 1e-9  # stiffness of a rigid motion, over the largest, up to which nothing resists it
+
+
+def drifting(case: Case, named: NamedMesh, problem: Equilibrium, loads: Loads) -> Iterator[str]:
+    """A line on each implicit stage from which on bodies can drift; collective.
+
+    Only cases whose supports change are looked at: of the others other notes say what contact
+    alone holds.
+    """
+    if not any(b.stages for b in case.boundary) and not any(s.release for s in case.stage):
+        return
+    rigid, said = RigidMotions(problem), set()
+    for stage in case.stage:
+        if solver_of(stage, case.solver.kind) != "implicit":
+            continue
+        rows = [rigid.held(one, stage.name) for one in loads.acting(stage.name)]
+        for load, surface in zip(loads.forms.loads, loads.forms.surfaces, strict=True):
+            tables = [b for b in case.boundary if b.surface == surface and b.foundation]
+            if isinstance(load, Foundation) and any(b.acts_in(stage.name) for b in tables):
+                rows.append(rigid.rows(load.held))
+        for bodies in _bonded(case, named, problem, stage.name):
+            free = tuple(rigid.free(bodies, rows))
+            if free and (bodies, free) not in said:
+                said.add((bodies, free))
+                touching = any(_touch(case, named, stage.name, name) for name in bodies)
+                yield _line(stage.name, " and ".join(bodies), ", ".join(free), touching)
+
+
+def _line(stage: str, bodies: str, free: str, touching: bool) -> str:
+    """What is said of bodies that can drift."""
+    what = f"stage {stage}: no boundary holds {bodies} against {free}"
+    if touching:
+        return f"{what}; only contact does, and weak springs where it opens"
+    return (
+        f"{what}; springs too weak for any load do; if a load acts, give a [[boundary]] for this "
+        "stage, such as displacement = { x = 0 } of a point or surface that carries next to nothing"
+    )
+
+
+def _touch(case: Case, named: NamedMesh, stage: str, body: str) -> bool:
+    """Whether a body is in a contact of a stage; collective."""
+    surfaces = {
+        surface
+        for one in case.contact
+        if case.acts_in(one, stage)
+        for surface in (one.slave, *([] if one.master in case.tools else [one.master]))
+    }
+    return any([body in named.bodies_of(surface) for surface in sorted(surfaces)])
+
+
+def _bonded(
+    case: Case, named: NamedMesh, problem: Equilibrium, stage: str
+) -> Iterator[tuple[str, ...]]:
+    """Bodies that common nodes, or ties of a stage, join, but for those on tools; collective."""
+    names = [solid.name for solid in problem.solids]
+    of = {name: {name} for name in names}
+    pairs = [(group[0].name, solid.name) for group in bonded_groups(problem) for solid in group]
+    anchored = set()
+    for contact in (one for one in case.contact if one.tied and case.acts_in(one, stage)):
+        ends = [contact.slave, *([] if contact.master in case.tools else [contact.master])]
+        bodies = [name for surface in ends for name in named.bodies_of(surface)]
+        anchored |= set(bodies) if len(ends) == 1 else set()
+        pairs += [(bodies[0], other) for other in bodies[1:]]
+    for a, b in pairs:
+        joined = of[a] | of[b]
+        of |= dict.fromkeys(joined, joined)
+    seen: set[str] = set()
+    for name in names:
+        if name not in seen:
+            seen |= of[name]
+            if not of[name] & anchored:
+                yield tuple(other for other in names if other in of[name])
+
+
+class RigidMotions:
+    """Rigid motions of the mesh, those of each body from what holds it."""
+
+    def __init__(self, problem: Equilibrium) -> None:
+        """Find the motions about the middle of the mesh; collective."""
+        self._problem, dim = problem, problem.dim
+        count = problem.owned // dim
+        place = problem.space.tabulate_dof_coordinates()[:count, :dim]
+        sums = problem.comm.allreduce(np.array([*place.sum(axis=0), len(place)]))
+        arm = place - sums[:-1] / sums[-1]
+        size = problem.comm.allreduce(float(np.abs(arm).max(initial=0.0)), op=MPI.MAX)
+        motions, self.names = [], []
+        for axis in range(dim):
+            motions.append(np.tile(np.eye(dim)[axis], (count, 1)))
+            self.names.append(f"moving in {'xyz'[axis]}")
+        for axis in (2,) if dim == 2 else (0, 1, 2):
+            across = np.zeros((count, 3))
+            across[:, :dim] = arm / size
+            motions.append(np.cross(np.eye(3)[axis], across)[:, :dim])
+            self.names.append(f"turning about {'xyz'[axis]}")
+        self._motions: Floats = np.stack(motions, axis=-1).reshape(count * dim, -1)
+        self._nodes = {s.name: body_nodes(problem, s.cells) for s in problem.solids}
+        if problem.solids and problem.solids[0].section == "axisymmetric":
+            self._motions, self.names = self._motions[:, 1:2], self.names[1:2]
+
+    def rows(self, dofs: Ints) -> tuple[Ints, Floats]:
+        """Unknowns that are held, and their displacements (c, k) in each motion."""
+        return dofs, self._motions[dofs]
+
+    def held(self, one: Constraint, stage: str) -> tuple[Ints, Floats]:
+        """What a constraint resists in a stage: unknowns (one of each node), displacements."""
+        part = one.part
+        dofs, moved = self.rows(part.dofs)
+        if isinstance(part, SlantedPlaten):
+            dim = len(part.normal)
+            dofs = dofs[::dim]
+            moved = np.einsum("i,mik->mk", part.normal, moved.reshape(len(dofs), dim, -1))
+        if not isinstance(part, Prescribed) and not one.given(stage):
+            # Its nodes move as one, but how far is free.
+            comm = self._problem.comm
+            count = comm.allreduce(len(dofs))
+            moved = moved - comm.allreduce(moved.sum(axis=0)) / max(count, 1)
+        return dofs, moved
+
+    def free(self, bodies: Sequence[str], held: Sequence[tuple[Ints, Floats]]) -> list[str]:
+        """Motions of joined bodies that nothing resists, in words; collective."""
+        nodes = np.unique(np.concatenate([self._nodes[name] for name in bodies]))
+        kinds = len(self.names)
+        gram = np.zeros((kinds, kinds))
+        for dofs, moved in held:
+            mine = moved[np.isin(dofs // self._problem.dim, nodes)]
+            gram += mine.T @ mine
+        values, vectors = np.linalg.eigh(self._problem.comm.allreduce(gram))
+        loose = vectors[:, values <= NOTHING * max(values.max(), NOTHING)]
+        share = np.sqrt(np.sum(loose**2, axis=1))
+        return [name for name, part in zip(self.names, share, strict=True) if part > 0.05]

@@ -1,0 +1,503 @@
+"""The `[tools.NAME]` tables of a case file: rigid shapes that bodies are pressed on."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+
+from pydantic import (
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    ValidationInfo,
+    field_serializer,
+    field_validator,
+)
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema
+
+from app.case.geometry import Scale
+from app.case.motions import COMPONENTS, Displacement, Velocity
+from app.case.named_file import found_file
+from app.case.quantities import (
+    Quantity,
+    QuantityError,
+    format_quantity,
+    parse_bounded,
+    text_schema,
+)
+from app.case.table import MOST_ENTRIES, Flag, Model, Place, Problem, Text
+from app.case.time_tables import Program, TimeTable
+
+if TYPE_CHECKING:
+    from forms.bodies.kinematics import Section
+
+_Force = Annotated[TimeTable, Program("N")]
+_Length = Annotated[float, Quantity("m")]
+_Radius = Annotated[float, Quantity("m", gt=0.0)]
+_Weight = Annotated[float, Quantity()]
+_Point = tuple[_Length, ...]
+_SLAB = "in plane strain of the slab of the given thickness"
+NAMED = {name: tuple(float(i == k) for k in range(3)) for i, name in enumerate(COMPONENTS)}
+
+
+class _DirectionType:
+    """Pydantic annotation of a direction: "x", "y", "z", or a list of numbers, not all zero."""
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        return core_schema.no_info_plain_validator_function(
+            _direction,
+            serialization=core_schema.plain_serializer_function_ser_schema(list, when_used="json"),
+        )
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        numbers = {"type": "array", "minItems": 2, "maxItems": 3, "items": {"type": "number"}}
+        return {"anyOf": [{"enum": list(COMPONENTS)}, numbers]}
+
+
+def _direction(value: object) -> tuple[float, ...]:
+    """A direction as numbers; of a name those in space."""
+    if isinstance(value, str) and value in NAMED:
+        return NAMED[value]
+    if isinstance(value, list | tuple) and len(value) in (2, 3):
+        try:
+            numbers = tuple(parse_bounded(part, "") for part in value)
+        except QuantityError:
+            numbers = ()
+        if any(numbers):
+            return numbers
+    raise PydanticCustomError(
+        "direction", 'must be "x", "y" or "z", or two or three numbers that are not all 0'
+    )
+
+
+class _OneOrMany:
+    """Pydantic annotation of a length >= 0 or a list of them; a mistake is told once."""
+
+    quantity = Quantity("m", ge=0.0)
+
+    def parse(self, value: object) -> float | tuple[float, ...]:
+        """The length or lengths in m."""
+        try:
+            if isinstance(value, list | tuple):
+                return tuple(self.quantity.parse(one) for one in value)
+            return self.quantity.parse(value)
+        except QuantityError as error:
+            raise PydanticCustomError("quantity", "{reason}", {"reason": str(error)}) from None
+
+    @staticmethod
+    def _serialise(value: float | tuple[float, ...]) -> object:
+        if isinstance(value, tuple):
+            return [format_quantity(one, "m") for one in value]
+        return format_quantity(value, "m")
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        return core_schema.no_info_plain_validator_function(
+            self.parse,
+            serialization=core_schema.plain_serializer_function_ser_schema(
+                self._serialise, when_used="json"
+            ),
+        )
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        one = [{"type": "number", "minimum": 0.0}, text_schema("m")]
+        return {"anyOf": [*one, {"type": "array", "items": {"anyOf": one}}], "x-unit": "m"}
+
+
+_Direction = Annotated[tuple[float, ...], _DirectionType()]
+
+
+class ToolForce(Model):
+    """Given components of the force that drives a tool."""
+
+    x: _Force | None = Field(default=None, description=f"force in x, {_SLAB}")
+    y: _Force | None = Field(default=None, description=f"force in y, {_SLAB}")
+    z: _Force | None = Field(default=None, description="force in z, in 3D")
+
+
+class ToolRotation(Model):
+    """Rotation of a tool about an axis that moves with it."""
+
+    angle: Annotated[TimeTable, Program("rad")] | None = Field(
+        default=None,
+        description="angle, against the clock seen from the axis's arrow head (or rate, moment)",
+    )
+    rate: Annotated[TimeTable, Program("rad/s")] | None = Field(
+        default=None, description="angular velocity; it is integrated in time"
+    )
+    moment: Annotated[TimeTable, Program("N*m")] | None = Field(
+        default=None,
+        description=f"moment about the axis that drives the tool, {_SLAB}; 0: it turns freely",
+    )
+    axis: _Direction | None = Field(
+        default=None,
+        description='direction of the axis, "x", "y", "z" or [x, y, z]; in the plane it is z; '
+        "default in 3D: that of a cylinder",
+    )
+    centre: _Point | None = Field(
+        default=None,
+        description="a point on the axis at the start; default: the centre of a round shape",
+    )
+    inertia: Annotated[float, Quantity("kg*m^2", gt=0.0)] | None = Field(
+        default=None,
+        description=f"moment of inertia about the axis, {_SLAB}; with moment, explicit only",
+    )
+
+    def problems(self, place: Place) -> Iterator[Problem]:
+        """Keys that do not fit together."""
+        given = [key for key in ("angle", "rate", "moment") if getattr(self, key) is not None]
+        if len(given) != 1:
+            found = " and ".join(given) or "none"
+            yield Problem(place, f"give one of angle, rate and moment, found {found}")
+        if self.inertia is not None and self.moment is None:
+            yield Problem((*place, "inertia"), "goes with moment only", self.inertia)
+
+
+class Tool(Model):
+    """What all tools have: how they move, and in which stages they act."""
+
+    has_centre: ClassVar[bool] = False
+    dims: ClassVar[tuple[int, ...]] = (2, 3)
+
+    displacement: Displacement | None = Field(
+        default=None,
+        description="given components of the displacement; components that are not given are 0",
+    )
+    velocity: Velocity | None = Field(
+        default=None, description="given components of the velocity; they are integrated in time"
+    )
+    force: ToolForce | None = Field(
+        default=None,
+        description="given components of the force that drives the tool, along the axes; its "
+        "displacement follows",
+    )
+    mass: Annotated[float, Quantity("kg", gt=0.0)] | None = Field(
+        default=None, description=f"mass of the tool, {_SLAB}; with force, explicit only"
+    )
+    rotation: ToolRotation | None = Field(
+        default=None, description="rotation; default: the tool does not turn"
+    )
+    stages: tuple[Text, ...] | None = Field(
+        default=None,
+        min_length=1,
+        max_length=MOST_ENTRIES,
+        description="names of the stages in which the tool touches; default: all",
+    )
+
+    if TYPE_CHECKING:  # a word of its own for each
+        shape: str
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """Files that the tool is read from."""
+        return ()
+
+    @property
+    def smallest_radius(self) -> float | None:
+        """Smallest radius of the surface, m; None for one without, and for facets."""
+        return getattr(self, "radius", None)
+
+    def components(self) -> Iterator[tuple[str, str]]:
+        """Components (x, y, z) that are given, each with the table that does it."""
+        for key in ("displacement", "velocity", "force"):
+            table = getattr(self, key)
+            for component in COMPONENTS:
+                if table is not None and getattr(table, component) is not None:
+                    yield component, key
+
+    def acts_in(self, stage: str) -> bool:
+        """Whether the tool touches in a stage."""
+        return self.stages is None or stage in self.stages
+
+    def driven_components(self) -> tuple[str, ...]:
+        """Components that move with the velocity of the stage."""
+        return () if self.displacement is None else self.displacement.driven_components()
+
+    def positions(self) -> Iterator[tuple[str, Sequence[float]]]:
+        """Points and directions of the shape, which have as many numbers as space dimensions."""
+        return iter(())
+
+    def problems(self, place: Place) -> Iterator[Problem]:
+        """Keys that do not fit together; `place` is where this table stands in the case."""
+        seen: dict[str, str] = {}
+        for component, key in self.components():
+            first = seen.setdefault(component, key)
+            if first != key:
+                reason = f"{first}.{component} is given too; a component is given by one of them"
+                yield Problem((*place, key, component), reason)
+        if self.displacement is not None:
+            yield from self.displacement.problems((*place, "displacement"))
+        if self.mass is not None and self.force is None:
+            yield Problem((*place, "mass"), "goes with force only", self.mass)
+        if self.rotation is not None:
+            yield from self.rotation.problems((*place, "rotation"))
+            if self.rotation.centre is None and not self.has_centre:
+                reason = f'missing; a shape "{self.shape}" has no centre of its own'
+                yield Problem((*place, "rotation", "centre"), reason)
+
+    def section_problems(self, section: Section, place: Place) -> Iterator[Problem]:
+        """What does not go with what the mesh stands for."""
+        dim = 3 if section == "3D" else 2
+        if dim not in self.dims:
+            others = 'in space use "cylinder", "sphere" or "mesh"'
+            if dim == 2:
+                others = 'in the plane use "circle", "polyline" or "mesh"'
+            where = "space" if dim == 3 else "the plane"
+            yield Problem((*place, "shape"), f"is no shape in {where}; {others}", self.shape)
+            return
+        for key, numbers in self.positions():
+            if len(numbers) != dim:
+                reason = f"must have {dim} components in this mesh"
+                yield Problem((*place, key), reason, list(numbers))
+        for component, key in self.components():
+            if COMPONENTS.index(component) >= dim:
+                yield Problem((*place, key, component), "there is no z in a mesh in the plane")
+            elif section == "axisymmetric" and component != "y":
+                reason = "a tool of revolution moves along the axis, y, only"
+                yield Problem((*place, key, component), reason)
+        direction = None if self.displacement is None else self.displacement.direction
+        if direction is not None and len(direction) != dim:
+            reason = f"must have {dim} components in this mesh"
+            yield Problem((*place, "displacement", "direction"), reason, list(direction))
+        if self.rotation is not None:
+            yield from self._rotation_problems(self.rotation, section, (*place, "rotation"))
+
+    def _rotation_problems(
+        self, rotation: ToolRotation, section: Section, place: Place
+    ) -> Iterator[Problem]:
+        if section == "axisymmetric":
+            yield Problem(place, "does not go with axial symmetry")
+            return
+        dim = 3 if section == "3D" else 2
+        if rotation.centre is not None and len(rotation.centre) != dim:
+            reason = f"must have {dim} coordinates in this mesh"
+            yield Problem((*place, "centre"), reason, list(rotation.centre))
+        axis = rotation.axis
+        if dim == 3 and axis is None and not isinstance(self, CylinderTool):
+            yield Problem((*place, "axis"), 'missing; give "x", "y", "z" or [x, y, z]')
+        if dim == 3 and axis is not None and len(axis) != 3:
+            yield Problem((*place, "axis"), "must have 3 components in this mesh", list(axis))
+        if dim == 2 and axis is not None and axis != NAMED["z"]:
+            yield Problem((*place, "axis"), "the axis of a rotation in the plane is z", list(axis))
+
+
+class PlaneTool(Tool):
+    """A plane; in the plane a straight line without end."""
+
+    shape: Literal["plane"] = Field(description="a plane")
+    point: _Point = Field(description="a point of the plane, [x, y] or [x, y, z]")
+    normal: _Direction = Field(description="normal out of the tool, towards the body")
+
+    def positions(self) -> Iterator[tuple[str, Sequence[float]]]:
+        """See :class:`Tool`."""
+        yield "point", self.point
+        yield "normal", self.normal
+
+    def section_problems(self, section: Section, place: Place) -> Iterator[Problem]:
+        """Besides those of all tools: a plane that is no surface of revolution."""
+        yield from super().section_problems(section, place)
+        if section == "axisymmetric" and len(self.normal) == 2 and self.normal[1] == 0.0:
+            reason = "is radial: use a polyline for a tube"
+            yield Problem((*place, "normal"), reason, list(self.normal))
+
+
+class CircleTool(Tool):
+    """A circle in the plane: a long cylinder, or with axial symmetry a ring or a ball."""
+
+    has_centre: ClassVar[bool] = True
+    dims: ClassVar[tuple[int, ...]] = (2,)
+
+    shape: Literal["circle"] = Field(description="a circle, in the plane")
+    centre: _Point = Field(description="its centre [x, y]")
+    radius: _Radius = Field(description="its radius")
+    inside: Flag = Field(
+        default=False, description="whether the body is inside the circle, as in a bore"
+    )
+
+    def positions(self) -> Iterator[tuple[str, Sequence[float]]]:
+        """See :class:`Tool`."""
+        yield "centre", self.centre
+
+
+class CylinderTool(Tool):
+    """A cylinder in space, without ends."""
+
+    has_centre: ClassVar[bool] = True
+    dims: ClassVar[tuple[int, ...]] = (3,)
+
+    shape: Literal["cylinder"] = Field(description="a cylinder, in space")
+    centre: _Point = Field(description="a point [x, y, z] of its axis")
+    axis: _Direction = Field(description='direction of its axis, "x", "y", "z" or [x, y, z]')
+    radius: _Radius = Field(description="its radius")
+    inside: Flag = Field(
+        default=False, description="whether the body is inside the cylinder, as in a bore"
+    )
+
+    def positions(self) -> Iterator[tuple[str, Sequence[float]]]:
+        """See :class:`Tool`."""
+        yield "centre", self.centre
+        yield "axis", self.axis
+
+
+class SphereTool(Tool):
+    """A sphere in space."""
+
+    has_centre: ClassVar[bool] = True
+    dims: ClassVar[tuple[int, ...]] = (3,)
+
+    shape: Literal["sphere"] = Field(description="a sphere, in space")
+    centre: _Point = Field(description="its centre [x, y, z]")
+    radius: _Radius = Field(description="its radius")
+    inside: Flag = Field(
+        default=False, description="whether the body is inside the sphere, as in a socket"
+    )
+
+    def positions(self) -> Iterator[tuple[str, Sequence[float]]]:
+        """See :class:`Tool`."""
+        yield "centre", self.centre
+
+
+class PolylineTool(Tool):
+    """Straight lines in the plane, with rounded corners."""
+
+    dims: ClassVar[tuple[int, ...]] = (2,)
+
+    shape: Literal["polyline"] = Field(description="straight lines with fillets, in the plane")
+    points: tuple[_Point, ...] = Field(
+        min_length=2,
+        max_length=MOST_ENTRIES,
+        description="its corners [[x, y], ...] before they are rounded; the body is on the left",
+    )
+    fillet_radius: Annotated[float | tuple[float, ...], _OneOrMany()] = Field(
+        default=0.0,
+        description="radius of the fillets: one for all corners, or a list of one for each",
+    )
+    closed: Flag = Field(default=False, description="whether the last point is joined to the first")
+    continued: tuple[Flag, Flag] = Field(
+        default=(False, False),
+        description="whether the line goes on straight without end before its first point, and "
+        "behind its last; otherwise contact ends there",
+    )
+
+    @property
+    def corners(self) -> int:
+        """Number of corners that may be rounded."""
+        return len(self.points) - (0 if self.closed else 2)
+
+    @property
+    def smallest_radius(self) -> float | None:
+        """See :class:`Tool`."""
+        radii = (
+            self.fillet_radius if isinstance(self.fillet_radius, tuple) else (self.fillet_radius,)
+        )
+        return min((radius for radius in radii if radius > 0.0), default=None)
+
+    def positions(self) -> Iterator[tuple[str, Sequence[float]]]:
+        """See :class:`Tool`."""
+        for point in self.points:
+            yield "points", point
+
+    def problems(self, place: Place) -> Iterator[Problem]:
+        """Besides those of all tools: a number of fillets that is not that of the corners."""
+        yield from super().problems(place)
+        radii = self.fillet_radius
+        if isinstance(radii, tuple) and len(radii) != self.corners:
+            reason = f"must be one radius, or {self.corners}, one for each corner between two lines"
+            yield Problem((*place, "fillet_radius"), reason, list(radii))
+        if self.closed and any(self.continued):
+            reason = "does not go with a closed line"
+            yield Problem((*place, "continued"), reason, list(self.continued))
+        if self.closed and len(self.points) < 3:
+            yield Problem((*place, "points"), "a closed line needs three points or more")
+
+
+class MeshTool(Tool):
+    """A surface out of a mesh file."""
+
+    shape: Literal["mesh"] = Field(description="a surface of facets out of a mesh file")
+    file: Path = Field(description="gmsh file (.msh), relative to the case file")
+    scale: Scale = Field(
+        default=1.0, description='unit of the coordinates in the file, such as "mm", or its size'
+    )
+    surface: Text = Field(
+        description="name of the physical group of facets; it need not bound a body. Seen along "
+        "their order of nodes the body is on the left, in space facets run against the clock seen "
+        "from the body"
+    )
+    turned_over: Flag = Field(
+        default=False, description="whether all facets run the other way round in the file"
+    )
+    smoothing_angle: Annotated[float, Quantity("rad", gt=0.0, le=math.pi)] | None = Field(
+        default=None,
+        description="make normals continuous across sides of facets whose normals differ by less "
+        "than this angle; default: the facets as they are. First-order lines and quadrilaterals",
+    )
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The mesh."""
+        return (self.file,)
+
+    @field_validator("file", mode="before")
+    @classmethod
+    def _find(cls, value: object, info: ValidationInfo) -> Path:
+        return found_file(value, info.context or {}, "a mesh file")
+
+    @field_serializer("file")
+    def _as_text(self, value: Path) -> str:
+        return str(value)
+
+
+AnyTool = Annotated[
+    PlaneTool | CircleTool | CylinderTool | SphereTool | PolylineTool | MeshTool,
+    Field(discriminator="shape"),
+]
+
+
+def tool_problems(
+    tools: Mapping[str, Tool], stages: Sequence[str], explicit: bool, section: Section | None
+) -> Iterator[Problem]:
+    """Mistakes in the tools, each by itself and with the rest of the case.
+
+    Args:
+        tools: by name.
+        stages: names of the stages.
+        explicit: whether a stage runs with explicit dynamics.
+        section: what the mesh stands for, if it is known.
+    """
+    for name, tool in tools.items():
+        place: Place = ("tools", name)
+        yield from tool.problems(place)
+        if section is not None:
+            yield from tool.section_problems(section, place)
+        yield from _inertia_problems(tool, explicit, place)
+        for stage in tool.stages or ():
+            if stage not in stages:
+                reason = f"no stage has this name; there are {', '.join(stages)}"
+                yield Problem((*place, "stages"), reason, stage)
+
+
+def _inertia_problems(tool: Tool, explicit: bool, place: Place) -> Iterator[Problem]:
+    """Masses that explicit dynamics needs, and that nothing else does."""
+    turned = tool.rotation is not None and tool.rotation.moment is not None
+    inertia = None if tool.rotation is None else tool.rotation.inertia
+    parts = (
+        (("mass",), tool.force is not None, tool.mass, "kg"),
+        (("rotation", "inertia"), turned, inertia, "kg*m^2"),
+    )
+    for keys, needed, value, unit in parts:
+        if explicit and needed and value is None:
+            reason = f'missing; explicit dynamics needs it for what a load moves, in "{unit}"'
+            yield Problem((*place, *keys), reason)
+        if not explicit and needed and value is not None:
+            yield Problem((*place, *keys), 'goes with solver.kind = "explicit" only', value)

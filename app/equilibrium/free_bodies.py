@@ -1,0 +1,98 @@
+"""The bodies that their supports leave free to move as a whole, in any direction or by turning."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+
+from app.equilibrium.constraints import Platen
+from app.equilibrium.equilibrium import Equilibrium
+from app.equilibrium.slanted import SlantedPlaten
+from app.equilibrium.supports import body_nodes
+from forms.bodies.loads import Foundation
+from forms.bodies.solid import Solid
+from geometry.surfaces.facets import Floats, Ints
+
+SINGULAR = 1e-9  # least over largest eigenvalue of what supports do to rigid motions of a free body
+
+
+@dataclass(frozen=True, slots=True)
+class FreeBody:
+    """A body with a rigid motion that no support prevents.
+
+    Attributes:
+        name: of the body; nodes: local nodes that this rank owns.
+        extent: m, its largest along an axis.
+    """
+
+    name: str
+    nodes: Ints
+    extent: float
+
+
+def free_bodies(problem: Equilibrium) -> list[FreeBody]:
+    """The bodies that the constraints at hand leave free, undeformed; collective.
+
+    A platen under a given force keeps its surface from turning, springs and foundations hold.
+    """
+    return [body for solid in problem.solids if (body := _free(problem, solid)) is not None]
+
+
+def _free(problem: Equilibrium, solid: Solid) -> FreeBody | None:
+    nodes = body_nodes(problem, solid.cells)
+    at = problem.space.tabulate_dof_coordinates()[nodes, : problem.dim]
+    ends = np.stack([at.max(axis=0, initial=-np.inf), -at.min(axis=0, initial=np.inf)])
+    problem.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
+    extent, middle = float(ends.sum(axis=0).max()), 0.5 * (ends[0] - ends[1])
+    modes = rigid_motions((at - middle) / extent, solid.section == "axisymmetric")
+    mine = nodes[:, None] * problem.dim + np.arange(problem.dim)
+    beds = [load.held for load in problem.loads if isinstance(load, Foundation) and load.acts]
+    resisted = np.isin(mine, np.concatenate([problem.constrained_dofs(), *beds]))
+    gram = problem.comm.allreduce(np.einsum("nai,nbi,ni->ab", modes, modes, resisted))
+    for platen in problem.platens:
+        oblique = isinstance(platen, SlantedPlaten)
+        if platen.acts and (oblique or platen.displacement is None):
+            gram = gram + _as_one(problem, platen, modes, mine)
+    values = np.linalg.eigvalsh(gram)
+    count = problem.comm.allreduce(len(nodes))
+    held = values[0] > SINGULAR * max(values[-1], 1.0 / max(count, 1))
+    return None if held else FreeBody(solid.name, nodes, extent)
+
+
+def rigid_motions(place: Floats, axisymmetric: bool = False) -> Floats:
+    """Small rigid motions (n, r, i) of places (n, i): along the axes, then about them.
+
+    A body of revolution moves along its axis only.
+    """
+    count, dim = place.shape
+    along = np.broadcast_to(np.eye(dim), (count, dim, dim))
+    if axisymmetric:
+        return along[:, 1:2]
+    if dim == 2:
+        about: Floats = np.stack([-place[:, 1], place[:, 0]], axis=1)[:, None]
+    else:
+        about = np.asarray(np.cross(np.eye(3)[None], place[:, None]), dtype=np.float64)
+    return np.concatenate([along, about], axis=1)
+
+
+def _as_one(problem: Equilibrium, platen: Platen, modes: Floats, mine: Ints) -> Floats:
+    """What a platen does (r, r) to the motions of a body: its nodes move alike; collective."""
+    here = np.isin(mine, platen.dofs)
+    rows: Floats = modes.transpose(0, 2, 1)[here]
+    if isinstance(platen, SlantedPlaten):
+        rows = modes[here.all(axis=1)] @ platen.normal
+    local = np.concatenate([rows.sum(axis=0), [len(rows)]])
+    total = problem.comm.allreduce(local)
+    mean = total[:-1] / max(total[-1], 1.0)
+    fixed = platen.stiffness > 0.0 or platen.displacement is not None
+    apart = rows if fixed else rows - mean
+    out: Floats = problem.comm.allreduce(apart.T @ apart)
+    return out
+
+
+def extent_of(bodies: Sequence[FreeBody]) -> float:
+    """Largest extent of the bodies, m; 0 without."""
+    return max((body.extent for body in bodies), default=0.0)

@@ -1,0 +1,93 @@
+"""What is prescribed of the displacements: values, and surfaces that move as one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import dolfinx
+import numpy as np
+
+from geometry.surfaces.facets import Floats, Ints, Longs
+
+
+@dataclass(slots=True)
+class Prescribed:
+    """Displacement components held at given values.
+
+    Attributes:
+        dofs: local scalar unknowns, owned by this rank.
+        value: their displacement, m: one for all, or one for each.
+        acts: whether they are held at present; if not, they are free.
+    """
+
+    dofs: Ints
+    value: float | Floats = 0.0
+    acts: bool = True
+
+    @classmethod
+    def on(
+        cls, u: dolfinx.fem.Function, facets: Ints, component: int, value: float = 0.0
+    ) -> Prescribed:
+        """One displacement component (0 is x) of all nodes on local facets."""
+        return cls(component_dofs(u.function_space, facets, component), value)
+
+    def total(self, values: Floats) -> float:
+        """This rank's sum of nodal values (n,), such as forces, at these unknowns."""
+        return float(values[self.dofs].sum())
+
+    @classmethod
+    def components(cls, u: dolfinx.fem.Function, facets: Ints) -> list[Prescribed]:
+        """All displacement components of the nodes on local facets, at zero: one part for each."""
+        return [cls.on(u, facets, axis) for axis in range(u.function_space.mesh.geometry.dim)]
+
+
+@dataclass(slots=True)
+class Platen:
+    """One displacement for a whole surface, under a given total force or prescribed itself.
+
+    Attributes:
+        dofs: local scalar unknowns of the surface, owned by this rank.
+        force: N (in plane strain per unit thickness), along the coordinate axis (negative:
+            downwards).
+        stiffness: N/m, likewise, of a spring that draws the surface; end: m, displacement of its
+            far end.
+        mass: kg, likewise, that the surface carries beside its own.
+        displacement: m, along the coordinate axis; if given, it is prescribed and no force is.
+        acts: whether there is a platen at present; if not, the surface is free.
+        all_dofs: global unknowns of the surface on all ranks, sorted; the first leads.
+    """
+
+    dofs: Ints
+    force: float = 0.0
+    stiffness: float = 0.0
+    end: float = 0.0
+    mass: float = 0.0
+    displacement: float | None = None
+    acts: bool = True
+    all_dofs: Longs = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+
+    def pull(self, displacement: float) -> float:
+        """Total force on the edge displaced by ``displacement`` (m), N per unit thickness."""
+        if not self.acts:
+            return 0.0
+        return self.force + self.stiffness * (self.end - displacement)
+
+    def total(self, values: Floats) -> float:
+        """This rank's sum of nodal values (n,), such as forces, along the platen's direction."""
+        return float(values[self.dofs].sum())
+
+    def gather(self, space: dolfinx.fem.FunctionSpace) -> None:
+        """Collect the surface's unknowns of all ranks; collective."""
+        first = space.dofmap.index_map.local_range[0] * space.dofmap.index_map_bs
+        mine = self.dofs.astype(np.int64) + first
+        self.all_dofs = np.unique(np.concatenate(space.mesh.comm.allgather(mine)))
+
+
+def component_dofs(space: dolfinx.fem.FunctionSpace, facets: Ints, component: int) -> Ints:
+    """Owned local scalar unknowns of one displacement component on local facets."""
+    mesh = space.mesh
+    fdim = mesh.topology.dim - 1
+    mesh.topology.create_connectivity(fdim, fdim + 1)
+    dofs = dolfinx.fem.locate_dofs_topological(space.sub(component), fdim, np.sort(facets))
+    owned = space.dofmap.index_map.size_local * space.dofmap.index_map_bs
+    return np.asarray(dofs[dofs < owned], dtype=np.int32)

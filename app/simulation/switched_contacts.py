@@ -1,0 +1,66 @@
+"""Contacts that a stage switches on or off."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+from petsc4py import PETSc
+
+from app.build.contacts import OVERLAP, overlap
+from app.build.model import Model
+from app.errors import SolutionError
+from app.simulation.contact_resultants import ContactResultants
+from forms.contact.penalty import ContactTerm
+
+
+def begin_stage(model: Model, stage: str, x: PETSc.Vec) -> None:
+    """Let the loads and contacts be those of a stage; collective.
+
+    Args:
+        model: what is solved.
+        stage: its name.
+        x: displacement, m, at its beginning.
+
+    Raises:
+        SolutionError: the surfaces of a contact that acts from now on overlap.
+    """
+    terms = model.problem.contacts
+    before = [term.active for term in terms]
+    model.begin_stage(stage)
+    for index, (was, term) in enumerate(zip(before, terms, strict=True)):
+        if term.active and not was:
+            _require_apart(model, index, stage, x)
+
+
+def _require_apart(model: Model, index: int, stage: str, x: PETSc.Vec) -> None:
+    """Refuse a contact whose surfaces would snap apart; collective."""
+    table, surface = model.case.contact[index], model.problem.contacts[index].surface
+    slave, master = surface.displacements(x)
+    points = surface.slave_positions(slave)
+    depth = overlap(surface, surface.project(points, surface.master.position + master))
+    if depth > OVERLAP * surface.facet_length:
+        raise SolutionError(
+            f"stage {stage}: contact.{index} begins to act while {table.slave} is {depth:.3g} m "
+            f"inside {table.master}; the bodies may touch then, not overlap (more than "
+            f"{OVERLAP * surface.facet_length:.3g} m): let it act from an earlier stage on"
+        )
+
+
+def with_released_energy(
+    resultants: Iterable[ContactResultants],
+    before: Sequence[ContactResultants],
+    terms: Sequence[ContactTerm],
+) -> list[ContactResultants]:
+    """Resultants in which contacts that have been switched off have lost what they had stored.
+
+    Args:
+        resultants: of all contacts after a step.
+        before: those of the step before; empty: there was none.
+        terms: the contacts.
+    """
+    out = list(resultants)
+    for index, (term, last) in enumerate(zip(terms, before, strict=False)):
+        if not term.active and last.energy > 0.0:
+            out[index] = replace(out[index], dissipated=last.energy)
+    return out

@@ -1,0 +1,306 @@
+"""Bodies whose material points remember: stress and tangent as values at quadrature points.
+
+The points are updated by the material's own kernel (:mod:`forms.bodies.plastic_points`). Its stress
+P and tangent A = ∂P/∂F are coefficients in quadrature spaces, and the forms
+
+    ∫ P·B(v) dΩ₀,   ∫ B(v)·A·B(δu) dΩ₀,   B(v) = (v_1,1, v_1,2, v_2,1, v_2,2, v_1/x)
+
+are the same for every material; in space B has the nine components of the gradient, row by row; in
+plane strain the last one, across the plane, is zero. Of ``q1-sri`` only the distortional part goes
+this way: plastic flow keeps the volume, so that the volumetric energy at the centre of a cell is
+that of :mod:`forms.bodies.solid`, with the pressure that its tangent carries.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import basix
+import basix.ufl
+import dolfinx
+import numpy as np
+import ufl
+from numpy.typing import NDArray
+
+from forms.bodies.elastoplastic import ElastoPlastic
+from forms.bodies.hardening import Linear
+from forms.bodies.kinematics import Section, centre_kinematics, circumference, radius
+from forms.bodies.materials import Material
+from forms.bodies.plastic_points import PlasticPoints, PlasticUpdate
+from forms.bodies.point_state import Evaluation, Floats, Origin, PointHistory, PointState
+from forms.bodies.point_stress import StressAt
+from forms.bodies.point_values import PointValues, as_tensors
+from forms.bodies.solid import CENTRE_DEGREE, CompiledForms, Formulation, Solid
+from geometry.compat import cell_values
+
+Ints = NDArray[np.int32]
+NEVER = 1e300  # Pa, yield stress of a material that stays elastic
+
+
+def make_solid(
+    name: str,
+    u: dolfinx.fem.Function,
+    cells: Ints,
+    material: Material,
+    formulation: Formulation,
+    density: float = 0.0,
+    section: Section | None = None,
+) -> Solid:
+    """The body of a material, whether its points remember or not; as :class:`Solid`."""
+    kind = PlasticSolid if isinstance(material, ElastoPlastic) else Solid
+    return kind(name, u, cells, material, formulation, density, section)
+
+
+class PlasticSolid(Solid):
+    """A body of an elastoplastic material.
+
+    Attributes:
+        points: what its material points remember, in the order of the cells.
+        count: material points of a cell.
+    """
+
+    material: ElastoPlastic
+    flows = True
+
+    # -- forms --------------------------------------------------------------------------------
+
+    def _energy_forms(self, reduced: bool) -> list[CompiledForms]:
+        """Forms of stress and tangent at the points, and of the volumetric energy, if apart."""
+        self._make_spaces(reduced)
+        k = centre_kinematics(self._u, self.section)
+        parts = [self._point_forms()]
+        if reduced:
+            volumetric = self.material.energy(k, self._constants)[1]
+            parts.append(self._compiled(k, volumetric, self._dx(CENTRE_DEGREE)))
+        return parts
+
+    def _make_spaces(self, reduced: bool) -> None:
+        """Coefficients of the points, and what evaluates them."""
+        mesh, space = self._u.function_space.mesh, self.section == "3D"
+        width, cell = 9 if space else 5, mesh.basix_cell()
+        xi, _ = basix.make_quadrature(basix.CellType[mesh.topology.cell_name()], self.full_degree)
+        self.count, self._width, self._reduced = len(xi), width, reduced
+
+        def coefficient(shape: tuple[int, ...]) -> dolfinx.fem.Function:
+            element = basix.ufl.quadrature_element(cell, shape, "default", self.full_degree)
+            return dolfinx.fem.Function(dolfinx.fem.functionspace(mesh, element))
+
+        self._stress, self._density = coefficient((width,)), coefficient(())
+        self._moduli = coefficient((width, width))
+        rows = self._stress.function_space.dofmap.list[self.cells].reshape(-1)
+        self._rows = _range_or(rows)
+        self._deformation = dolfinx.fem.Expression(self._gradient(self._u, identity=1.0), xi)
+        self._law = PlasticPoints(self.material, space)
+        self._elastic_law = PlasticPoints(_elastic(self.material), space)
+        self.points = PointState(self._law.start(len(self.cells) * self.count))
+        self._dissipated: Floats = np.zeros(2)
+        self._before: Floats = self._dissipated  # without the last committed step
+        self._remade: Origin | None = None
+        self._adopted: Origin | None = None
+        self._tangent_origin: Origin | None = None
+
+    def _gradient(self, v: Any, identity: float = 0.0) -> Any:
+        """B(v), (p,), as the module says, of a displacement or test function; plus I."""
+        g = ufl.grad(v)
+        if self.section == "3D":
+            return ufl.as_vector(
+                [g[i, j] + identity * (i == j) for i in range(3) for j in range(3)]
+            )
+        across = v[0] / radius(v) if self.section == "axisymmetric" else 0.0
+        plane = [identity + g[0, 0], g[0, 1], g[1, 0], identity + g[1, 1]]
+        return ufl.as_vector([*plane, ufl.as_ufl(identity + across)])
+
+    def _point_forms(self) -> CompiledForms:
+        space = self._u.function_space
+        test, trial = ufl.TestFunction(space), ufl.TrialFunction(space)
+        weight, dx = circumference(space.mesh, self.section), self._dx(self.full_degree)
+        B = self._gradient(test)
+        forward = ufl.dot(self._moduli, self._gradient(trial))
+        return CompiledForms(
+            energy=dolfinx.fem.form(weight * self._density * dx),
+            residual=dolfinx.fem.form(weight * ufl.inner(self._stress, B) * dx),
+            tangent=dolfinx.fem.form(weight * ufl.inner(forward, B) * dx),
+        )
+
+    # -- evaluation ---------------------------------------------------------------------------
+
+    def evaluate(self, dt: float = math.inf, tangent: bool = False) -> bool:
+        """See :meth:`forms.bodies.solid.Solid.evaluate`."""
+        u, points = self._u.x.array, self.points
+        dt = self._seen(dt)
+        found, F = points.known(u, dt), None
+        if tangent:
+            F = self._deformation_gradients()
+            origin = self._remade or points.tangent_origin(u, dt)
+            update = self._updated(F, origin, tangent=True)
+            assert update.A is not None
+            self._put(self._moduli, update.A.reshape(len(F), -1))
+            self._tangent_origin = origin
+            if found is None and origin.values is points.committed and origin.dt == dt:
+                found = self._keep(update, origin)
+        if found is None:
+            F = self._deformation_gradients() if F is None else F
+            origin = Origin(points.committed, dt)
+            found = self._keep(self._updated(F, origin), origin)
+        self._show(found)
+        return found.valid
+
+    def evaluate_elastic(self) -> bool:
+        """See :meth:`forms.bodies.solid.Solid.evaluate_elastic`."""
+        F, origin = self._deformation_gradients(), Origin(self.points.committed, math.inf)
+        update = self._updated(F, origin, law=self._elastic_law)
+        self._put(self._stress, update.P)
+        return update.valid
+
+    def _seen(self, dt: float) -> float:
+        """The duration that the material feels."""
+        return math.inf if self.material.rate is None else dt
+
+    def _deformation_gradients(self) -> Floats:
+        """F (k, p) at the present displacement."""
+        mesh = self._u.function_space.mesh
+        return cell_values(self._deformation, mesh, self.cells).reshape(-1, self._width)
+
+    def _updated(
+        self, F: Floats, origin: Origin, tangent: bool = False, law: PlasticPoints | None = None
+    ) -> PlasticUpdate:
+        law = law or self._law
+        return law.update(F, origin.values, origin.dt, tangent, volumetric=not self._reduced)
+
+    def _evaluation(self, update: PlasticUpdate, origin: Origin) -> Evaluation:
+        return Evaluation(
+            u=self._u.x.array.copy(),
+            origin=origin,
+            number=self.points.number,
+            stress=update.P,
+            values=update.state,
+            elastic=update.elastic,
+            dissipation=update.dissipation,
+            numerical=update.numerical,
+            valid=update.valid,
+        )
+
+    def _keep(self, update: PlasticUpdate, origin: Origin) -> Evaluation:
+        """Make an update the trial."""
+        self.points.trial = self._evaluation(update, origin)
+        return self.points.trial
+
+    def _show(self, found: Evaluation) -> None:
+        """Let the forms be those of an evaluation."""
+        self._put(self._stress, found.stress)
+        self._put(self._density, found.elastic[:, None])
+
+    def _put(self, function: dolfinx.fem.Function, values: Floats) -> None:
+        """Give the coefficient ``values`` (k, …) at the points."""
+        function.x.array.reshape(-1, values.shape[1])[self._rows] = values
+
+    def _present(self) -> Evaluation:
+        """The points at the present displacement, evaluated at rest if that was not done last."""
+        found = self.points.at(self._u.x.array)
+        if found is None:
+            origin = Origin(self.points.committed, math.inf)
+            update = self._updated(self._deformation_gradients(), origin)
+            found = self._evaluation(update, origin)
+        return found
+
+    # -- history ------------------------------------------------------------------------------
+
+    def commit(self) -> None:
+        """See :meth:`forms.bodies.solid.Solid.commit`."""
+        done = self.points.commit()
+        if done is not None:
+            self._before = self._dissipated
+            parts = (done.dissipation, done.numerical)
+            self._dissipated = self._before + np.array([self._integral(p) for p in parts])
+
+    def _integral(self, values: Floats) -> float:
+        """Integral over this rank's part of the body of values (k,), by reference volume."""
+        self._put(self._density, values[:, None])
+        return float(dolfinx.fem.assemble_scalar(self.forms[0].energy))
+
+    @property
+    def dissipated(self) -> Floats:
+        """See :attr:`forms.bodies.solid.Solid.dissipated`."""
+        return self._dissipated
+
+    def strain_energy(self) -> float:
+        """This rank's elastic energy, J; in plane strain per unit thickness, J/m."""
+        self._put(self._density, self._present().elastic[:, None])
+        return super().strain_energy()
+
+    def history(self) -> PointHistory:
+        """See :meth:`forms.bodies.solid.Solid.history`."""
+        last = self.points.last
+        return PointHistory(None if last is None else last.origin, self._before)
+
+    def cell_rows(self, values: Floats) -> Floats:
+        """See :meth:`forms.bodies.solid.Solid.cell_rows`."""
+        return values.reshape(len(self.cells), self.count * self._law.variables)
+
+    def point_rows(self, values: Floats) -> Floats:
+        """See :meth:`forms.bodies.solid.Solid.point_rows`."""
+        return np.ascontiguousarray(values).reshape(-1, self._law.variables)
+
+    def adopt(self, history: PointHistory) -> None:
+        """See :meth:`forms.bodies.solid.Solid.adopt`."""
+        origin = history.origin
+        self.points.begin(None if origin is None else origin.values)
+        self._dissipated = self._before = np.asarray(history.dissipated, dtype=np.float64)
+        self._adopted = origin
+
+    def repeat_step(self) -> None:
+        """See :meth:`forms.bodies.solid.Solid.repeat_step`."""
+        if self._adopted is not None:
+            self.evaluate(self._adopted.dt)
+            self.commit()
+
+    @property
+    def tangent_origin(self) -> Origin | None:
+        """See :attr:`forms.bodies.solid.Solid.tangent_origin`."""
+        return self._tangent_origin
+
+    def remake_tangent(self, origin: Origin | None) -> None:
+        """See :meth:`forms.bodies.solid.Solid.remake_tangent`."""
+        self._remade = origin
+
+    # -- results ------------------------------------------------------------------------------
+
+    def stress_at(self, cells: Ints, xi: Floats | None) -> StressAt:
+        """See :meth:`forms.bodies.solid.Solid.stress_at`."""
+        return PointValues(self, cells, xi)
+
+    def point_stress(self) -> Floats:
+        """Cauchy stress (c, q, 3, 3), Pa, at the points; of ``q1-sri`` the distortional part."""
+        F = as_tensors(self._deformation_gradients())
+        P = as_tensors(self._present().stress)
+        sigma = P @ F.transpose(0, 2, 1) / np.linalg.det(F)[:, None, None]
+        return sigma.reshape(len(self.cells), self.count, 3, 3)
+
+    def largest_flow(self) -> tuple[float, float]:
+        """Largest equivalent plastic strain of this rank, and its largest growth in one step.
+
+        Both of what was committed; the growth is that of the last step.
+        """
+        last = self.points.last
+        if last is None:
+            return 0.0, 0.0
+        now, before = last.values[:, -1], last.origin.values[:, -1]
+        return float(now.max(initial=0.0)), float((now - before).max(initial=0.0))
+
+    def plastic_strain(self) -> Floats:
+        """Equivalent plastic strain (c, q) at the points."""
+        return self._present().values[:, -1].reshape(len(self.cells), self.count)
+
+
+def _elastic(material: ElastoPlastic) -> ElastoPlastic:
+    """The same material, which never flows."""
+    return replace(material, hardening=Linear(NEVER, 0.0), rate=None)
+
+
+def _range_or(rows: Ints) -> slice | Ints:
+    """Consecutive rows as a slice, which numpy copies to far faster."""
+    if len(rows) and np.array_equal(rows, np.arange(rows[0], rows[0] + len(rows))):
+        return slice(int(rows[0]), int(rows[0]) + len(rows))
+    return rows

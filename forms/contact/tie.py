@@ -1,0 +1,318 @@
+r"""A tie: surfaces that do not match, bonded by a penalty on their mean jump.
+
+Axis letters: p points of the tie, q slave points, v vertices of the slave facets, n nodes of the
+pair, i, j space.
+
+Each slave point x_p keeps its place ξ_p on the master, found undeformed, and its offset o_p from
+there, carried along by the master's tangents (:mod:`forms.contact.tie_points`):
+
+.. math:: g_A = \frac{1}{c_A} \sum_p w N_A (x_p - \bar y(\xi_p) - o_p), \quad
+   c_A = \sum_p w N_A, \quad E = \tfrac12 \sum_A c_A K_A |g_A|^2.
+
+The jump is zero in the undeformed state, whatever the gap, and for any rigid motion: offsets turn
+with the master. It is averaged over the vertices with their linear shape functions (a mortar method
+with linear multipliers, Puso & Laursen, Comput. Methods Appl. Mech. Engng 193 (2004) 601, whose
+multiplier s_A = K_A g_A is eliminated), so that a fine slave does not lock a coarse master.
+
+In the plane x, ȳ and o are linear in the nodes, and so are the forces Bᵀ s, B = ∂(c g)/∂u; in
+space the part of o along the normal is not: its first derivative is in the forces and in the
+tangent, its second, of the order of gap over facet length, is left out of the tangent.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse
+from petsc4py import PETSc
+
+from forms.contact.kinematics import ContactKinematics
+from forms.contact.penalty import ContactTerm
+from forms.contact.state import ContactMode, ContactState, ContactTrial, NormalContact
+from forms.contact.tangent import Coupling
+from forms.contact.tie_points import TiePoints, tie_points
+from forms.contact.vertex_rows import completed
+from forms.friction.coulomb import FrictionlessLaw
+from geometry.surfaces.facets import Floats, Longs, unit_normals
+from geometry.surfaces.projection import Projection
+from geometry.surfaces.surface import ContactSurface
+
+_TURN_LEFT = np.array([[0.0, -1.0], [1.0, 0.0]])
+_FLAT = 1e-10  # offset along the normal, over the length of a facet, that is none
+
+
+class TieTerm(ContactTerm):
+    """Residual, tangent and energy of one tied pair; it has no history and no friction.
+
+    Attributes:
+        tied_area: (v,), c_A: m, m² or, of rings, m².
+    """
+
+    tied = True
+
+    def __init__(self, surface: ContactSurface, penalty: float | Floats) -> None:
+        """Tie what lies beside each other undeformed; collective.
+
+        Args:
+            surface: the pair.
+            penalty: Pa/m: one number, or one for each slave vertex (v,).
+
+        Raises:
+            ValueError: on every rank, if nothing of the slave lies beside the master.
+        """
+        super().__init__(surface, FrictionlessLaw(), penalty)
+        self._points = tie_points(surface)
+        self.tied_area = self._vertex_sums(self._points.weight)
+        if not np.any(self.tied_area > 0.0):
+            raise ValueError("no point of the slave lies beside the master, so nothing is tied")
+        self._matrix = self._linear_part()
+        across = np.abs(self._points.across)
+        self._bulges = surface.dim == 3 and bool(np.any(across > _FLAT * surface.facet_length))
+        at = surface.project(surface.slave.position, surface.master.position)
+        self._covered = self.tied_area[surface.vertices.of_point].min(axis=1) > 0.0
+        self._covered &= at.on_surface
+        self._normals: Floats = np.zeros((len(self._points.weight), surface.dim))
+        if self._bulges:
+            self._normals = self._point_normals(surface.master.position)
+
+    @property
+    def share(self) -> float:
+        """Tied share of the slave's area."""
+        return float(self.tied_area.sum() / self.surface.vertices.area.sum())
+
+    # -- jumps --------------------------------------------------------------------------------
+
+    def _vertex_sums(self, values: Floats) -> Floats:
+        """Σ_p N_A f_p (v,) of point values (p,), over all ranks; collective."""
+        points, vertices = self._points, self.surface.vertices
+        weighted = (points.vertex_shape * values[:, None]).reshape(-1)
+        local = np.bincount(points.of_point.reshape(-1), weighted, minlength=vertices.count)
+        return vertices.total(local.astype(np.float64, copy=False))
+
+    def _linear_part(self) -> scipy.sparse.csr_matrix:
+        """B (v·i, n·j) of this rank's points, without the change of normals in space."""
+        points, target = self._points, self.surface.target
+        slopes = target.slopes(points.facet, points.xi)
+        master = target.weights(points.facet, points.xi)
+        master = master + np.einsum("pb,pbm->pm", points.along, slopes)
+        straight = np.concatenate([points.shape, -master], axis=1)
+        dim = self.surface.dim
+        out = scipy.sparse.kron(self._spread(straight), np.eye(dim))
+        if dim == 2:
+            across = -points.across[:, None] * slopes[:, 0]
+            turned = np.concatenate([np.zeros_like(points.shape), across], axis=1)
+            out = out + scipy.sparse.kron(self._spread(turned), _TURN_LEFT)
+        return scipy.sparse.csr_matrix(out)
+
+    def _spread(self, shares: Floats) -> scipy.sparse.csr_matrix:
+        """Σ_p w N_A c (v, n) of coefficients (p, a + m) of each point's nodes."""
+        points, surface = self._points, self.surface
+        values = (points.weight[:, None] * points.vertex_shape)[:, :, None] * shares[:, None, :]
+        row, column = np.broadcast_arrays(points.of_point[:, :, None], self._rows()[:, None, :])
+        place = row.reshape(-1), column.reshape(-1)
+        shape = (surface.vertices.count, len(surface.nodes))
+        return scipy.sparse.csr_matrix((values.reshape(-1), place), shape=shape)
+
+    def _rows(self) -> Longs:
+        """Rows (p, a + m) of the nodes that move each point and its place on the master."""
+        surface = self.surface
+        stencil = surface.target.stencil[self._points.facet].astype(np.int64)
+        return np.concatenate([self._points.rows, surface.first_master + stencil], axis=1)
+
+    def _point_normals(self, nodes: Floats) -> Floats:
+        """Master's normals (p, i) at the places of the points, on nodes (n, i), m."""
+        return unit_normals(
+            self.surface.target.places(self._points.facet, self._points.xi, nodes)[1]
+        )
+
+    def _jumps(self, values: Floats) -> Floats:
+        """g_A (v, i), m, at displacements (n, i), m, of the pair's nodes; collective."""
+        surface, vertices = self.surface, self.surface.vertices
+        moved = (self._matrix @ values.reshape(-1)).reshape(-1, surface.dim)
+        if self._bulges:
+            nodes = surface.master.position + values[surface.first_master :]
+            turned = self._point_normals(nodes) - self._normals
+            load = self._points.weight * self._points.across
+            share = (self._points.vertex_shape * load[:, None])[:, :, None] * turned[:, None, :]
+            np.subtract.at(moved, self._points.of_point, share)
+        total = vertices.total(np.ascontiguousarray(moved.T)).T
+        area = np.where(self.tied_area > 0.0, self.tied_area, 1.0)
+        out: Floats = total / area[:, None]
+        return out
+
+    def _gradient(self, values: Floats) -> scipy.sparse.csr_matrix:
+        """B (v·i, n·j), this rank's part, at displacements (n, i), m."""
+        if not self._bulges:
+            return self._matrix
+        points, surface = self._points, self.surface
+        nodes = surface.master.position + values[surface.first_master :]
+        tangents = surface.target.places(points.facet, points.xi, nodes)[1]
+        normal = unit_normals(tangents)
+        metric = np.linalg.inv(np.einsum("pai,pbi->pab", tangents, tangents))
+        slopes = surface.target.slopes(points.facet, points.xi)
+        # δn = −τ^α (n·δτ_α), and o holds across · n.
+        contravariant = np.einsum("pab,pbi,pam->pmi", metric, tangents, slopes)
+        change = (points.weight * points.across)[:, None, None, None] * (
+            contravariant[..., None] * normal[:, None, None, :]
+        )
+        blocks = points.vertex_shape[:, :, None, None, None] * change[:, None]
+        axes, dim = np.arange(surface.dim), surface.dim
+        row = dim * points.of_point[:, :, None, None, None] + axes[:, None]
+        master = self._rows()[:, points.shape.shape[1] :]
+        column = dim * master[:, None, :, None, None] + axes
+        row, column = np.broadcast_arrays(row, column)
+        place = row.reshape(-1), column.reshape(-1)
+        more = scipy.sparse.csr_matrix((blocks.reshape(-1), place), shape=self._matrix.shape)
+        return self._matrix + more
+
+    def stiffness(self) -> Floats:
+        """K_A (v,), Pa/m, of the vertices that are tied at present."""
+        return np.where(self.tied_area > 0.0, self.penalty, 0.0) * float(self.active)
+
+    # -- evaluation ---------------------------------------------------------------------------
+
+    def evaluate_at(self, values: Floats, dt: float) -> ContactTrial:
+        """The tie at displacements (n, i), m, of the pair's nodes; collective."""
+        surface = self.surface
+        slave = values[surface.slave_rows]
+        points = surface.slave_positions(slave)
+        at = self._places(points, surface.master.position + values[surface.first_master :])
+        jump = self._jumps(values)
+        pull = self.stiffness()[:, None] * jump
+        carried = self.tied_area / surface.vertices.area
+        traction = -np.stack(
+            [surface.vertices.at_points(carried * pull[:, i]) for i in range(surface.dim)], axis=1
+        )
+        none = np.zeros(len(points))
+        slip = np.zeros_like(points)
+        response = self.law.update(slip, dt, none, none, self.state.friction, rate_dependent=False)
+        return ContactTrial(
+            position=points,
+            area_ratio=surface.slave_area_ratio(slave),
+            projection=at,
+            kinematics=ContactKinematics(at.normal, at.gap, at.on_surface, slip, slip.copy()),
+            normal_contact=self._normal_contact(at, traction, jump),
+            film=none,
+            traction=traction,
+            response=response,
+            dt=dt,
+            of_point=surface.vertices.of_point,
+            pull=pull,
+            moved=values,
+        )
+
+    def _evaluate(self, values: Floats, dt: float, mode: ContactMode) -> ContactTrial:
+        return self.evaluate_at(values, dt)
+
+    def _places(self, points: Floats, nodes: Floats) -> Projection:
+        """The places of the slave points on the master, where they have always been."""
+        facet, xi = self.state.facet, self.state.xi
+        foot, tangents = self.surface.target.places(facet, xi, nodes)
+        normal = unit_normals(tangents)
+        gap = np.einsum("qi,qi->q", points - foot, normal)
+        clamped = np.zeros(len(points), dtype=bool)
+        closed = self._covered & self.active
+        return Projection(facet, xi, foot, normal, tangents, gap, clamped, closed)
+
+    def _normal_contact(self, at: Projection, traction: Floats, jump: Floats) -> NormalContact:
+        """The traction along the normal, tension negative, and the length of the jump as depth."""
+        pressure = np.einsum("qi,qi->q", traction, at.normal)
+        depth = np.linalg.norm(jump, axis=1)
+        held = (self.tied_area > 0.0) & self.active
+        nodal = np.where(held, self.penalty * depth, 0.0)
+        return NormalContact(at.on_surface, pressure, pressure, -depth, nodal, held)
+
+    def commit(self, trial: ContactTrial) -> None:
+        """Nothing is remembered."""
+        self._last = None
+
+    def adopt(self, state: ContactState) -> None:
+        """Nothing is remembered."""
+        self._last = None
+
+    # -- forces -------------------------------------------------------------------------------
+
+    def forces(self, trial: ContactTrial) -> Floats:
+        """Residual Bᵀ s (n, i), N per unit thickness, of this rank's points at the pair's nodes."""
+        assert trial.pull is not None and trial.moved is not None
+        force = self._gradient(trial.moved).T @ trial.pull.reshape(-1)
+        out: Floats = force.reshape(-1, self.surface.dim)
+        return out
+
+    def nodal_forces(self, trial: ContactTrial) -> tuple[Longs, Floats]:
+        """Global nodes (1, n) and the residual there (1, n, i), N per unit thickness."""
+        return self.surface.nodes[None], self.forces(trial)[None]
+
+    def stiffness_times(self, values: Floats) -> Floats:
+        """Stiffness of the undeformed tie times displacements (n, i) of the pair; collective."""
+        pull = self.stiffness()[:, None] * self._jumps(values)
+        force = self._matrix.T @ pull.reshape(-1)
+        out: Floats = force.reshape(-1, self.surface.dim)
+        return out
+
+    def roundoff_squared(self, x: PETSc.Vec) -> float:
+        """Square of the force, N per unit thickness, that rounding alone leaves here; collective.
+
+        Of points that have moved by u each sum of the jump is rounded by about ε |u|. What has
+        moved further than the slave is long counts as moved by that.
+        """
+        vertices = self.surface.vertices
+        longest = float(np.ptp(vertices.position, axis=0).max())
+        moved = np.minimum(np.abs(self.surface.gather(x)), longest)
+        plain = abs(self._matrix)
+        jump = (plain @ moved.reshape(-1)).reshape(-1, self.surface.dim)
+        area = np.where(self.tied_area > 0.0, self.tied_area, 1.0)
+        pull = (self.stiffness() / area)[:, None] * jump
+        force = np.finfo(float).eps * (plain.T @ pull.reshape(-1))
+        return float(force @ force)
+
+    def tangent(self, trial: ContactTrial) -> list[tuple[Longs, Floats]]:
+        """Nothing point by point."""
+        return []
+
+    def coupling(self, trial: ContactTrial) -> Coupling:
+        """Bᵀ (K/c) B; a vertex at the seam of two ranks needs the whole row on both; collective."""
+        assert trial.moved is not None
+        left = self._gradient(trial.moved)
+        right, columns = self._whole(left)
+        area = np.where(self.tied_area > 0.0, self.tied_area, 1.0)
+        scale = np.repeat(self.stiffness() / area, self.surface.dim)
+        product = (scipy.sparse.diags(scale) @ left).T.tocsr() @ right
+        return Coupling(self.surface.nodes, columns, product)
+
+    def coupled_pairs(self) -> Longs:
+        """Pairs (p, 2) of different global nodes that the tangent couples; collective."""
+        points = self._points
+        every = np.ones((len(points.weight), points.rows.shape[1] + self._master_count()))
+        left = self._spread(every / np.maximum(points.weight, 1e-300)[:, None])
+        ones = scipy.sparse.csr_matrix(scipy.sparse.kron(left, np.eye(self.surface.dim)))
+        right, columns = self._whole(ones)
+        dim = self.surface.dim
+        pattern = (left.T @ right[::dim, ::dim]).tocoo()
+        pairs = np.stack([self.surface.nodes[pattern.row], columns[pattern.col]], axis=1)
+        pairs = np.unique(np.sort(pairs, axis=1), axis=0)
+        out: Longs = pairs[pairs[:, 0] != pairs[:, 1]]
+        return out
+
+    def _master_count(self) -> int:
+        return int(self.surface.target.stencil.shape[1])
+
+    def _whole(self, rows: scipy.sparse.csr_matrix) -> tuple[scipy.sparse.csr_matrix, Longs]:
+        """Rows of vertices with the other ranks' parts, and their columns' nodes; collective."""
+        vertices, dim = self.surface.vertices, self.surface.dim
+        if vertices.comm.size == 1:
+            return rows, self.surface.nodes
+        here = np.zeros(vertices.count, dtype=bool)
+        here[self._points.of_point] = True
+        masks = np.repeat(vertices.shared, dim), np.repeat(here, dim)
+        return completed(rows, *masks, self.surface.nodes, dim, vertices.comm)
+
+    def interface_energy(self, trial: ContactTrial) -> float:
+        """Energy of the penalty, this rank's part, J per unit thickness."""
+        assert trial.pull is not None
+        stiffness = np.where(self.stiffness() > 0.0, self.stiffness(), 1.0)
+        squared = np.einsum("vi,vi->v", trial.pull, trial.pull) / stiffness
+        share = 0.5 * squared * self.tied_area / self.surface.vertices.area
+        return float(self.surface.slave.weight @ self.surface.vertices.at_points(share))
+
+
+__all__ = ["TiePoints", "TieTerm"]

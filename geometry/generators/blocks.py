@@ -1,0 +1,221 @@
+"""The built-in geometry of any number of rectangles, or boxes, each a body of its own.
+
+Their sides lie along the axes. They share no nodes, also where they touch.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from geometry.generators.two_blocks import MAX_CELLS, MAX_GRADING, ROUND_OFF, check_length
+
+CELLS = {"quadrilateral": 2, "triangle": 2, "hexahedron": 3, "tetrahedron": 3}
+"""Shapes of cells, and their dimension."""
+
+PER_BOX = {"quadrilateral": 1, "triangle": 2, "hexahedron": 1, "tetrahedron": 6}
+
+SIDES = (("left", "right"), ("bottom", "top"), ("back", "front"))
+"""Names of the sides at the low and the high end of each axis."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlacedBlock:
+    """A rectangle or box, where it lies and how finely it is meshed.
+
+    Either ``elements`` or ``size`` is given.
+
+    Attributes:
+        name: of the body; its sides are surfaces NAME_left, NAME_right and so on (:data:`SIDES`).
+        low: (i,), m, its corner of least coordinates; high: (i,), m, the opposite one.
+        elements: (i,) their number along each axis.
+        size: m, largest extent of an element at the finest end of each axis.
+        grading: (i,) extent of the last element over that of the first, along each axis.
+
+    Raises:
+        ValueError: If a value is out of its range; the message names block, field and value.
+    """
+
+    name: str
+    low: Sequence[float]
+    high: Sequence[float]
+    elements: Sequence[int] | None = None
+    size: float | None = None
+    grading: Sequence[float] = ()
+
+    def __post_init__(self) -> None:
+        try:
+            self._check()
+        except ValueError as error:
+            raise ValueError(f"{self.name}: {error}") from None
+
+    def _check(self) -> None:
+        for axis, extent in zip("xyz", self.extents(), strict=False):
+            if not extent > 0.0:
+                raise ValueError(f"{axis} must go from a lower to a higher value")
+            check_length(f"extent in {axis}", extent)
+        if (self.elements is None) == (self.size is None):
+            raise ValueError("give either elements or size, not both and not neither")
+        for key, given in (("elements", self.elements), ("grading", self.grading or None)):
+            if given is not None and len(given) != len(self.low):
+                raise ValueError(f"{key} needs {len(self.low)} numbers, found {len(given)}")
+        if any(not 1.0 / MAX_GRADING <= g <= MAX_GRADING for g in self.grading):
+            raise ValueError(f"grading must be from {1.0 / MAX_GRADING} to {MAX_GRADING}")
+        if self.size is not None:
+            check_length("size", self.size)
+            if self.size < max(self.extents()) / MAX_CELLS:
+                raise ValueError(f"size = {self.size:g} m is too small for blocks of this extent")
+        if math.prod(self.counts()) > MAX_CELLS:
+            raise ValueError(f"more than {MAX_CELLS} cells")
+
+    def extents(self) -> list[float]:
+        """Extent along each axis, m."""
+        return [high - low for low, high in zip(self.low, self.high, strict=True)]
+
+    def counts(self) -> list[int]:
+        """Number of elements along each axis."""
+        if self.elements is not None:
+            return list(self.elements)
+        assert self.size is not None
+        pairs = zip(self.extents(), self.gradings(), strict=True)
+        return [_layers(extent, self.size, grading) for extent, grading in pairs]
+
+    def gradings(self) -> list[float]:
+        """Extent of the last element over that of the first, along each axis."""
+        return list(self.grading) or [1.0] * len(self.low)
+
+    def progressions(self) -> Iterator[tuple[int, float]]:
+        """Number of elements, and ratio of neighbours' extents, along each axis."""
+        for count, grading in zip(self.counts(), self.gradings(), strict=True):
+            yield count, grading ** (1.0 / (count - 1)) if count > 1 else 1.0
+
+
+def _layers(extent: float, size: float, grading: float) -> int:
+    """Fewest elements, graded by ``grading``, of which the smallest is at most ``size``."""
+    count = max(1, math.ceil(extent / (size * max(grading, 1.0 / grading) * ROUND_OFF)))
+    while _smallest(extent, count, grading) > size * ROUND_OFF:
+        count = max(count + 1, math.ceil(count * 1.01))
+    return count
+
+
+def _smallest(extent: float, count: int, grading: float) -> float:
+    if count == 1:
+        return extent
+    ratio = max(grading, 1.0 / grading) ** (1.0 / (count - 1))
+    if ratio == 1.0:
+        return extent / count
+    return extent * math.expm1(math.log(ratio)) / math.expm1(count * math.log(ratio))
+
+
+@dataclass(frozen=True, slots=True)
+class Blocks:
+    """Rectangles or boxes that do not overlap.
+
+    Attributes:
+        blocks: with different names; cell: shape of all cells, see :data:`CELLS`.
+
+    Raises:
+        ValueError: If blocks overlap, or do not go with the cells.
+    """
+
+    blocks: tuple[PlacedBlock, ...]
+    cell: str = "quadrilateral"
+
+    def __post_init__(self) -> None:
+        if self.cell not in CELLS:
+            raise ValueError(f"cell = {self.cell!r} is not allowed; choose from {', '.join(CELLS)}")
+        dim = CELLS[self.cell]
+        for block in self.blocks:
+            if len(block.low) != dim:
+                found = "in space" if len(block.low) == 3 else "in the plane"
+                raise ValueError(f"{block.name}: a block {found} does not go with {self.cell}s")
+        for one, other in itertools.combinations(self.blocks, 2):
+            if _overlap(one, other):
+                raise ValueError(f"{one.name} and {other.name} overlap; they may touch")
+
+    def cells(self) -> int:
+        """Number of cells of all blocks."""
+        return PER_BOX[self.cell] * sum(math.prod(block.counts()) for block in self.blocks)
+
+    def build(self) -> None:
+        """Draw and mesh the blocks in the current gmsh model; names: see :class:`PlacedBlock`."""
+        import gmsh
+
+        dim = CELLS[self.cell]
+        drawn = [(block, _draw(block, self.cell)) for block in self.blocks]
+        gmsh.model.geo.synchronize()
+        # Tags of surfaces go on from those of the bodies: no number means two things.
+        tags = itertools.count(1)
+        for block, (body, _) in drawn:
+            gmsh.model.addPhysicalGroup(dim, [body], next(tags), block.name)
+        for block, (_, sides) in drawn:
+            for side, entity in sides.items():
+                gmsh.model.addPhysicalGroup(dim - 1, [entity], next(tags), f"{block.name}_{side}")
+        gmsh.model.mesh.generate(dim)
+
+
+def _overlap(one: PlacedBlock, other: PlacedBlock) -> bool:
+    least = 1e-9 * min(*one.extents(), *other.extents())
+    ends = zip(one.low, one.high, other.low, other.high, strict=True)
+    return all(min(b, d) - max(a, c) > least for a, b, c, d in ends)
+
+
+def _draw(block: PlacedBlock, cell: str) -> tuple[int, dict[str, int]]:
+    """A block's own entity and those of its sides.
+
+    Corners are numbered by x + 2 y + 4 z, each 0 or 1.
+    """
+    import gmsh
+
+    geo, dim = gmsh.model.geo, len(block.low)
+    ends = (block.low, block.high)
+    points = []
+    for corner in range(2**dim):
+        at = [ends[corner >> i & 1][i] for i in range(dim)]
+        points.append(geo.addPoint(*at, *[0.0] * (3 - dim)))
+    edges: dict[tuple[int, int], int] = {}
+    for axis, (count, ratio) in enumerate(block.progressions()):
+        for a in range(2**dim):
+            if not a >> axis & 1:
+                b = a | 1 << axis
+                edges[a, b] = curve = geo.addLine(points[a], points[b])
+                edges[b, a] = -curve
+                geo.mesh.setTransfiniteCurve(curve, count + 1, "Progression", ratio)
+    if dim == 2:
+        face = _face(edges, (0, 1, 3, 2), cell)
+        sides = {(0, 0): (0, 2), (0, 1): (1, 3), (1, 0): (0, 1), (1, 1): (2, 3)}
+        return face, {SIDES[axis][end]: edges[pair] for (axis, end), pair in sides.items()}
+    return _box(edges, cell)
+
+
+def _face(edges: dict[tuple[int, int], int], loop: Sequence[int], cell: str) -> int:
+    """A face with the corners of a loop."""
+    import gmsh
+
+    geo = gmsh.model.geo
+    curves = [edges[loop[i], loop[(i + 1) % 4]] for i in range(4)]
+    face: int = geo.addPlaneSurface([geo.addCurveLoop(curves)])
+    if cell == "triangle":
+        geo.mesh.setTransfiniteSurface(face, "AlternateLeft")
+    else:
+        geo.mesh.setTransfiniteSurface(face)
+    if cell in ("quadrilateral", "hexahedron"):
+        geo.mesh.setRecombine(2, face)
+    return face
+
+
+def _box(edges: dict[tuple[int, int], int], cell: str) -> tuple[int, dict[str, int]]:
+    """The volume of a box and its six sides."""
+    import gmsh
+
+    geo, sides = gmsh.model.geo, {}
+    for axis, end in itertools.product(range(3), range(2)):
+        first, second = (1 << other for other in range(3) if other != axis)
+        start = end << axis
+        loop = (start, start | first, start | first | second, start | second)
+        sides[SIDES[axis][end]] = _face(edges, loop, cell)
+    volume: int = geo.addVolume([geo.addSurfaceLoop(list(sides.values()))])
+    geo.mesh.setTransfiniteVolume(volume)
+    return volume, sides

@@ -1,0 +1,330 @@
+r"""Rigid surfaces as masters: undeformed shapes that control points carry along.
+
+Axis letters: q slave points, f facets, a control points, i, j space, α, β surface directions.
+
+A rigid surface is moved by dim + 1 control points, the corners of a regular simplex,
+
+.. math:: \bar y(\xi) = \sum_a N_a(Y(\xi))\, y_a, \qquad
+   N_a(Y) = \tfrac{1}{d + 1} + G_a\cdot(Y - M),
+
+with M their mean. The surface Y(ξ) is curved, but ȳ is linear in y_a, as with the nodes of a facet,
+so that variations, forces and momentum of the contact are the same as with a mesh. The control
+points move as a rigid body does: slave points are pulled back by the inverse motion, their closest
+points are found there, and carried forward. Normals point out of the tool's material.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.sparse
+
+from geometry.surfaces.target import Projection, Search
+
+if TYPE_CHECKING:
+    from geometry.surfaces.facets import Bools, Floats, Ints
+    from geometry.surfaces.slave_normals import PointNormals
+
+RIGID = 1e-6  # strain of the control points up to which they count as moved rigidly
+TOUCHING = 1e-12  # distance over |τ| below which x − ȳ has no direction
+
+
+@dataclass(slots=True)
+class Places:
+    """A surface at some of its places, undeformed.
+
+    Attributes:
+        place: (q, i), m; tangents: (q, α, i), m; curvature: (q, α, β, i), m, or None if flat.
+    """
+
+    place: Floats
+    tangents: Floats
+    curvature: Floats | None = None
+
+
+@dataclass(slots=True)
+class Feet:
+    """Closest points, undeformed.
+
+    Attributes:
+        facet: (q,); xi: (q, α).
+        outward: (q, i) at points that are clamped to a corner, edge or end, a direction out of the
+            material there; NaN at others. None: none is clamped.
+        along: (q, α) direction of the edge that a clamped point can move along; None in the plane.
+        on_surface: (q,) False past an open end; None: True everywhere.
+    """
+
+    facet: Ints
+    xi: Floats
+    outward: Floats | None = None
+    along: Floats | None = None
+    on_surface: Bools | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Outline:
+    """A surface to be drawn.
+
+    Attributes:
+        points: (n, i), m, undeformed; cells: (c, 2) lines in the plane or (c, 3) triangles.
+    """
+
+    points: Floats
+    cells: Ints
+
+
+class Unsearched:
+    """Stands for the search of a surface on which every facet is looked at."""
+
+    searched_at: tuple[Floats, Floats] | None = None
+    searches = 0
+
+    def __init__(self, slack: float) -> None:
+        """Take the length, m, of a facet."""
+        self.slack = slack
+
+    def search(self, points: Floats, facets: Floats) -> None:
+        """Nothing needs to be searched."""
+
+
+class RigidSurface(ABC):
+    """A surface that control points carry along; what all rigid ones have in common.
+
+    Attributes:
+        dim: of space; size: m, length that its coordinates ξ are of the order of.
+        control_points: (dim + 1, i), m, undeformed.
+        stencil: (f, dim + 1) all control points, for each facet; neighbours: all facets are.
+        has_kinks: whether facets in the plane meet at an angle.
+        extent: (2, i), m, undeformed: least and largest coordinates, infinite where it is.
+        least_radius: m, of its tightest rounding, which a slave's facets should be shorter than;
+            infinite where none is round, and of meshed surfaces, whose facets say it.
+        search: for candidate facets.
+    """
+
+    has_kinks: bool = False
+    least_radius: float = np.inf
+    search: Search
+
+    def __init__(self, facets: int, centre: Floats, size: float, extent: Floats) -> None:
+        """Place the control points.
+
+        Args:
+            facets: how many there are.
+            centre: (i,), m, undeformed: near the surface.
+            size: m, of the surface.
+            extent: (2, i), m, undeformed.
+
+        Raises:
+            ValueError: no size, or not finite coordinates.
+        """
+        self._middle = np.array(centre, dtype=np.float64)
+        self.dim, self.size, self.extent = len(self._middle), float(size), extent
+        if not (np.isfinite(size) and size > 0.0 and np.all(np.isfinite(self._middle))):
+            raise ValueError(f"a rigid surface of size {size:g} m at {self._middle}")
+        corners = _simplex(self.dim)
+        self.control_points = self._middle + self.size * corners
+        # Σ_a Z_a Z_aᵀ = (d + 1)/d I for the corners Z_a of the simplex in the unit sphere.
+        self._gradients = (self.dim / (self.dim + 1) / self.size) * corners
+        every = np.arange(self.dim + 1, dtype=np.int32)
+        self.stencil = np.tile(every, (facets, 1))
+
+    @property
+    def neighbours(self) -> scipy.sparse.csr_matrix:
+        """(f, f): every facet, as all have the same control points."""
+        count = len(self.stencil)
+        return scipy.sparse.csr_matrix(np.ones((count, count), dtype=np.int32))
+
+    # -- in the undeformed place ----------------------------------------------------------------
+
+    @abstractmethod
+    def _project(
+        self,
+        points: Floats,
+        frozen_facets: Ints | None,
+        rays: PointNormals | None,
+        fading: Floats | None,
+    ) -> Projection:
+        """:meth:`project` of pulled back points and rays."""
+
+    @abstractmethod
+    def at(self, facet: Ints, xi: Floats) -> Places:
+        """The undeformed surface at the places ξ (q, α) of facets (q,)."""
+
+    @abstractmethod
+    def outline(self, box: Floats, count: int = 64) -> Outline:
+        """The undeformed surface as lines or triangles.
+
+        Args:
+            box: (2, i), m: low and high corner, which infinite surfaces are drawn across.
+            count: about how many lines a round piece has.
+        """
+
+    def excess(self, facet: Ints, xi: Floats) -> Floats:
+        """No place of a smooth surface is at an edge."""
+        return np.full(len(xi), -np.inf)
+
+    # -- carried along --------------------------------------------------------------------------
+
+    def project(
+        self,
+        points: Floats,
+        nodes: Floats,
+        frozen_facets: Ints | None = None,
+        rays: PointNormals | None = None,
+        fading: Floats | None = None,
+    ) -> Projection:
+        """See :meth:`geometry.surfaces.target.Target.project`; ``nodes``: the control points.
+
+        Raises:
+            ValueError: the control points are not moved as a rigid body is.
+        """
+        turn, shift = self._motion(nodes)
+        back = None if rays is None else replace(rays, normal=rays.normal @ turn)
+        here = self._middle + (points - shift) @ turn
+        out = self._project(here, frozen_facets, back, fading)
+        out.foot = shift + (out.foot - self._middle) @ turn.T
+        out.tangents = out.tangents @ turn.T
+        out.normal = out.normal @ turn.T
+        if out.curvature is not None:
+            out.curvature = out.curvature @ turn.T
+        if rays is not None:
+            out.normal, out.rays = rays.normal, rays
+        return out
+
+    def moved(self, points: Floats, nodes: Floats) -> Floats:
+        """Undeformed points (p, i), m, of the tool where the control points ``nodes`` are now."""
+        turn, shift = self._motion(nodes)
+        out: Floats = shift + (points - self._middle) @ turn.T
+        return out
+
+    def places(self, facet: Ints, xi: Floats, nodes: Floats) -> tuple[Floats, Floats]:
+        """Points ȳ (q, i) and tangents (q, α, i) of material places, on control points (a, i)."""
+        turn, shift = self._motion(nodes)
+        at = self.at(facet, xi)
+        return shift + (at.place - self._middle) @ turn.T, at.tangents @ turn.T
+
+    def weights(self, facet: Ints, xi: Floats) -> Floats:
+        """N_a (q, a) at the place ξ (q, α) of each facet (q,)."""
+        apart = self.at(facet, xi).place - self._middle
+        out: Floats = 1.0 / (self.dim + 1) + apart @ self._gradients.T
+        return out
+
+    def slopes(self, facet: Ints, xi: Floats) -> Floats:
+        """∂N_a/∂ξ^α (q, α, a)."""
+        out: Floats = self.at(facet, xi).tangents @ self._gradients.T
+        return out
+
+    def _motion(self, nodes: Floats) -> tuple[Floats, Floats]:
+        """Rotation (i, j) and the place (i,) of M now."""
+        turn: Floats = nodes.T @ self._gradients
+        if np.abs(turn.T @ turn - np.eye(self.dim)).max() > RIGID:
+            raise ValueError("the control points of a rigid surface are strained")
+        return turn, nodes.mean(axis=0)
+
+
+class RigidShape(RigidSurface):
+    """A surface given by formulae."""
+
+    def __init__(self, facets: int, centre: Floats, size: float, extent: Floats) -> None:
+        """See :class:`RigidSurface`."""
+        super().__init__(facets, centre, size, extent)
+        self.search = Unsearched(0.5 * self.size)
+
+    @abstractmethod
+    def closest(self, points: Floats, frozen_facets: Ints | None) -> Feet:
+        """Closest points of (q, i), m, all undeformed."""
+
+    def hits(self, points: Floats, normals: Floats, feet: Feet) -> tuple[Feet, Bools]:
+        """Where rays from points (q, i) along ± normals (q, i) meet the surface, and whether.
+
+        Only surfaces with kinks are met so.
+        """
+        raise NotImplementedError(f"{type(self).__name__} has no kinks to be met along rays")
+
+    def shares(
+        self, feet: Feet, on_surface: Bools, reach: Floats
+    ) -> tuple[Floats | None, Floats | None]:
+        """See :class:`~geometry.surfaces.target.Projection`: of points ``reach`` (q,) from ends."""
+        return None, None
+
+    def _project(
+        self,
+        points: Floats,
+        frozen_facets: Ints | None,
+        rays: PointNormals | None,
+        fading: Floats | None,
+    ) -> Projection:
+        feet = self.closest(points, frozen_facets)
+        met = np.ones(len(points), dtype=bool) if feet.on_surface is None else feet.on_surface
+        if rays is not None:
+            feet, met = self.hits(points, rays.normal, feet)
+        at = self.at(feet.facet, feet.xi)
+        normal = normals(at.tangents) if rays is None else rays.normal
+        out = Projection(
+            facet=feet.facet,
+            xi=feet.xi,
+            foot=at.place,
+            normal=normal,
+            tangents=at.tangents,
+            gap=np.einsum("qi,qi->q", points - at.place, normal),
+            clamped=np.zeros(len(points), dtype=bool),
+            on_surface=met,
+            curvature=at.curvature,
+        )
+        if self.dim == 3:
+            out.along = np.zeros_like(feet.xi) if feet.along is None else feet.along
+        if feet.outward is not None:
+            _clamp(out, points, feet.outward)
+        if fading is not None:
+            out.share, out.share_slope = self.shares(feet, met, fading)
+        return out
+
+
+def _clamp(out: Projection, points: Floats, outward: Floats) -> None:
+    """Normal and gap of the points that are held at a corner, an edge or an end."""
+    out.clamped = ~np.isnan(outward[:, 0])
+    at = np.nonzero(out.clamped)[0]
+    apart = points[at] - out.foot[at]
+    distance = np.linalg.norm(apart, axis=1)
+    sign = np.where(np.einsum("qi,qi->q", apart, outward[at]) < 0.0, -1.0, 1.0)
+    tiny = distance <= TOUCHING * np.linalg.norm(out.tangents[at, 0], axis=1)
+    safe = np.where(tiny, 1.0, distance)[:, None]
+    out.normal[at] = np.where(tiny[:, None], outward[at], sign[:, None] * apart / safe)
+    out.gap[at] = sign * distance
+
+
+def normals(tangents: Floats) -> Floats:
+    """Unit normals (q, i) of tangents (q, α, i): τ turned left by 90°, or τ_1 × τ_2."""
+    if tangents.shape[1] == 1:
+        across = np.stack([-tangents[:, 0, 1], tangents[:, 0, 0]], axis=1)
+    else:
+        across = np.cross(tangents[:, 0], tangents[:, 1]).astype(np.float64)
+    out: Floats = across / np.linalg.norm(across, axis=1)[:, None]
+    return out
+
+
+def unit(vector: Floats, what: str) -> Floats:
+    """A direction (i,) from a vector of any length.
+
+    Raises:
+        ValueError: it is zero or not finite; ``what`` names it.
+    """
+    given = np.array(vector, dtype=np.float64)
+    size = np.linalg.norm(given)
+    if not (np.isfinite(size) and size > 0.0):
+        raise ValueError(f"{what} has no direction: {given}")
+    out: Floats = given / size
+    return out
+
+
+def _simplex(dim: int) -> Floats:
+    """Corners (dim + 1, i) of a regular simplex in the unit sphere."""
+    if dim == 2:
+        angle = 0.5 * np.pi + np.arange(3) * (2.0 * np.pi / 3.0)
+        return np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    cube = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
+    out: Floats = cube / np.sqrt(3.0)
+    return out

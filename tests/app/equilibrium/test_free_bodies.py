@@ -1,0 +1,82 @@
+"""Which bodies their supports leave free to move as a whole."""
+
+from __future__ import annotations
+
+import dolfinx
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from app.equilibrium.constraints import Platen, Prescribed
+from app.equilibrium.equilibrium import Equilibrium
+from app.equilibrium.free_bodies import free_bodies, rigid_motions
+from forms.bodies.materials import Hencky
+from forms.bodies.solid import Solid
+
+SIZE = 2e-3
+
+
+def problem(dim, supports=(), platen=None, section=None):
+    """One body, supported at sides: (axis, end, component) each."""
+    comm = MPI.COMM_SELF
+    ends = [[0.0] * dim, [SIZE] * dim]
+    if dim == 2:
+        mesh = dolfinx.mesh.create_rectangle(comm, ends, [2, 2])
+    else:
+        mesh = dolfinx.mesh.create_box(comm, ends, [2, 2, 2])
+    u = dolfinx.fem.Function(dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (dim,))))
+    cells = np.arange(mesh.topology.index_map(dim).size_local, dtype=np.int32)
+    solid = Solid("block", u, cells, Hencky(1.0, 1.0), "q1", 1.0, section)
+
+    def side(axis, end):
+        return dolfinx.mesh.locate_entities_boundary(
+            mesh, dim - 1, lambda x: np.isclose(x[axis], end * SIZE, atol=1e-9)
+        )
+
+    prescribed = [Prescribed.on(u, side(axis, end), component) for axis, end, component in supports]
+    platens = []
+    if platen is not None:
+        axis, end, component, stiffness = platen
+        dofs = Prescribed.on(u, side(axis, end), component).dofs
+        platens = [Platen(dofs, force=-1.0, stiffness=stiffness)]
+    return Equilibrium(u, [solid], [], prescribed, platens)
+
+
+@pytest.mark.parametrize(
+    ("supports", "platen", "free"),
+    [
+        ([], None, True),
+        ([(1, 0, 1)], None, True),  # a sliding bottom: free along x
+        ([(1, 0, 0), (1, 0, 1)], None, False),
+        ([(1, 0, 1), (0, 0, 0)], None, False),  # two planes of symmetry
+        ([(0, 0, 0), (0, 1, 0)], None, True),  # held in x on both sides: free along y
+        ([(0, 0, 0)], (1, 1, 1, 0.0), True),  # a platen under a force moves along it
+        ([(0, 0, 0)], (1, 1, 1, 3.0), False),  # a spring holds
+        ([(1, 0, 0)], (1, 1, 1, 3.0), False),
+    ],
+)
+def test_a_body_in_the_plane_is_free_unless_every_rigid_motion_is_prevented(supports, platen, free):
+    bodies = free_bodies(problem(2, supports, platen))
+    assert [body.name for body in bodies] == (["block"] if free else [])
+    assert all(body.extent == pytest.approx(SIZE) for body in bodies)
+
+
+def test_in_space_a_plane_does_not_hold_a_body_and_three_do():
+    assert free_bodies(problem(3, [(2, 0, 2)]))
+    assert free_bodies(problem(3, [(2, 0, 2), (1, 0, 1)]))
+    assert not free_bodies(problem(3, [(2, 0, 2), (1, 0, 1), (0, 0, 0)]))
+
+
+def test_a_body_of_revolution_moves_along_its_axis_only():
+    assert free_bodies(problem(2, section="axisymmetric"))
+    assert not free_bodies(problem(2, [(1, 0, 1)], section="axisymmetric"))
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_rigid_motions_stretch_nothing(dim):
+    place = np.random.default_rng(1).normal(size=(7, dim))
+    modes = rigid_motions(place)
+    assert modes.shape == (7, 3 if dim == 2 else 6, dim)
+    apart = place[:, None] - place[None]
+    moved = modes[:, None] - modes[None]
+    assert np.abs(np.einsum("nmri,nmi->nmr", moved, apart)).max() < 1e-14

@@ -1,0 +1,160 @@
+"""Bonded bodies of meshes that do not match."""
+
+from __future__ import annotations
+
+import tomllib
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from app.build.model import build_model
+from app.case.case import Case
+from app.case.reading import load_case
+from app.case.toml_writer import toml_text
+from app.errors import InputError
+from app.results.contact_nodes import contact_nodes
+from app.simulation.observer import Observer
+from app.simulation.simulation import Simulation
+
+
+def tied(block, **contact):
+    """Two blocks of equal width without lateral strain, the upper one bonded and pulled up."""
+    data = tomllib.loads(block)
+    data["geometry"]["upper"] = {"width": "1.0 mm", "height": "0.5 mm", "elements": [5, 3]}
+    data["geometry"]["lower"] = {"width": "1.0 mm", "height": "0.5 mm", "elements": [7, 2]}
+    for name in data["bodies"]:
+        data["bodies"][name] |= {"nu": 0.0, "formulation": "q1"}
+    data["bodies"]["aluminium"]["E"] = "20 MPa"
+    del data["contact"][0]["friction"]
+    data["contact"][0] |= {"tied": True} | contact
+    data["boundary"][1]["displacement"] = {"x": 0, "y": [["0 s", "0 mm"], ["1 s", "0.1 mm"]]}
+    data["stage"] = data["stage"][:1]
+    data["solver"] = {"tolerance": 1e-11}
+    return data
+
+
+def solved(data, comm=MPI.COMM_SELF):
+    simulation = Simulation(build_model(Case.model_validate(data), comm))
+    simulation.run(Observer())
+    return simulation
+
+
+def test_a_uniform_tension_passes_through_meshes_that_do_not_match(block):
+    """The patch test: one stress everywhere, that of two bars and the penalty in a row."""
+    simulation = solved(tied(block))
+    model = simulation.model
+    values = contact_nodes(model).values
+    stress = -values["pressure"]
+    assert np.ptp(stress) < 1e-8 * stress.mean()
+    assert np.abs(values["tangential_traction"]).max() == 0.0
+    (row,) = [r for r in simulation.state.last_of_pairs()]
+    assert -row["normal_force"] == pytest.approx(stress.mean() * 1e-3 * 1e-3, rel=1e-9)
+    assert row["contact_area"] == pytest.approx(1e-6, rel=1e-9)
+    assert row["stick_fraction"] == row["friction_force"] == 0.0
+    # Neo-Hooke without lateral strain and ν = 0: P = G (λ − 1/λ); bars and penalty carry the same.
+    K = float(np.mean(model.problem.contacts[0].penalty))
+
+    def length(p):
+        stretch = [p / (2 * G) + np.sqrt(1 + (p / (2 * G)) ** 2) for G in (2.5e6, 10e6)]
+        return 0.5e-3 * (sum(stretch) - 2.0) + p / K
+
+    assert length(stress.mean()) == pytest.approx(0.1e-3, rel=1e-9)
+    last = simulation.rows[-1]
+    assert abs(last.energy_error) < 5e-3 * last.external_work
+    assert last.normal_force == last.contact_area == 0.0  # the sums are those of friction
+
+
+def test_shear_is_carried_and_a_whole_that_turns_feels_nothing(block):
+    data = tied(block)
+    data["boundary"][1]["displacement"] = {"x": [["0 s", "0 mm"], ["1 s", "0.05 mm"]], "y": 0}
+    sheared = solved(data)
+    force = sheared.state.last_of_pairs()[0]["force_x"]
+    bottom = sheared.model.problem.prescribed[0]
+    assert bottom.dofs[0] % 2 == 0  # along x
+    reaction = sheared.model.problem.reaction(bottom) * 1e-3
+    assert force < 0.0 and force == pytest.approx(reaction, rel=1e-6)
+
+    whole = tied(block)
+    whole["boundary"] = [
+        {"surface": s, "rotation": {"angle": [["0 s", 0], ["1 s", "30 deg"]], "centre": [0, 0]}}
+        for s in ("bottom", "top")
+    ]
+    whole["stage"][0]["steps"] = 6
+    turned = solved(whole)
+    assert turned.rows[-1].strain_energy < 1e-10 * sheared.rows[-1].strain_energy
+    force = turned.model.problem.committed[0].pull
+    assert np.abs(force).max() < 1e-9 * 5e6
+
+
+def test_a_body_that_is_only_tied_is_supported(block):
+    data = tied(block)
+    data["boundary"][1] = {"surface": "top", "pressure": "-0.1 MPa"}
+    simulation = solved(data)
+    row = simulation.state.last_of_pairs()[0]
+    assert row["normal_force"] == pytest.approx(-0.1, rel=0.05)
+    assert not [n for n in simulation.model.notes if "only contact holds" in n]
+
+
+def test_a_tie_lets_go_in_a_later_stage(block):
+    data = tied(block, stages=["press"])
+    data["stage"].append({"name": "free", "duration": "1 s", "steps": 1})
+    rows = solved(data).rows
+    assert rows[-1].strain_energy < 1e-12 * rows[-2].strain_energy
+    assert rows[-1].dissipation == pytest.approx(rows[-2].interface_energy)
+
+
+def test_explicit_steps_come_to_the_same_force(block):
+    data = tied(block)
+    data["boundary"][1]["displacement"]["y"] = {
+        "table": [["0 s", "0 mm"], ["2 ms", "0.05 mm"]],
+        "ramp": "smooth",
+    }
+    for body in data["bodies"].values():
+        body["density"] = "1000 kg/m^3"
+    data["stage"] = [{"name": "press", "duration": "2 ms", "steps": 2}]
+    implicit = solved(data).state.last_of_pairs()[0]
+    data["solver"] = {"kind": "explicit"}
+    data["stage"].append({"name": "rest", "duration": "1 ms", "steps": 1, "relax": True})
+    explicit = solved(data)
+    found = explicit.model.problem.committed[0]
+    force = explicit.model.problem.contacts[0].surface.slave.weight @ found.pressure * 1e-3
+    assert force == pytest.approx(implicit["normal_force"], rel=0.02)
+    last = explicit.rows[-1]
+    assert abs(last.energy_error) < 0.01 * last.external_work
+
+
+@pytest.mark.parametrize(
+    ("keys", "line"),
+    [
+        ({"friction": {"law": "coulomb", "mu": 0.1}}, "friction: does not go with tied"),
+        ({"film": {"thickness": "1 nm"}}, "film: does not go with tied"),
+        ({"friction_factor": 2}, "friction_factor: does not go with tied"),
+        ({"smoothing_angle": "30 deg"}, "smoothing_angle: does not go"),
+        ({"pressure": "pointwise"}, 'pressure = "pointwise": does not go with tied'),
+        ({"tied": False}, "friction: missing; the friction law"),
+        ({"tied": 1}, "tied = 1: must be true or false"),
+    ],
+)
+def test_wrong_keys_are_refused(block, keys, line, tmp_path):
+    path = tmp_path / "case.toml"
+    path.write_text(toml_text(tied(block, **keys)))
+    with pytest.raises(InputError) as error:
+        load_case(path)
+    assert line in str(error.value) and "\n" not in str(error.value)
+
+
+def test_what_is_tied_acts_from_the_start(block, tmp_path):
+    data = tied(block, stages=["free"])
+    data["stage"].append({"name": "free", "duration": "1 s", "steps": 1})
+    path = tmp_path / "case.toml"
+    path.write_text(toml_text(data))
+    with pytest.raises(InputError, match="acts from the first stage on"):
+        load_case(path)
+
+
+def test_surfaces_that_are_apart_are_not_tied(block):
+    data = tied(block)
+    data["geometry"]["gap"] = "0.2 mm"
+    with pytest.raises(InputError, match=r"contact\.0: no point of the slave lies beside"):
+        build_model(Case.model_validate(data), MPI.COMM_SELF)

@@ -1,0 +1,299 @@
+"""Bodies that flow: elastic limit, tangents against differences, what is remembered and when."""
+
+import dolfinx
+import numpy as np
+import pytest
+
+from forms.bodies.elastoplastic import ElastoPlastic
+from forms.bodies.hardening import Linear, Perzyna, Voce
+from forms.bodies.materials import Hencky
+from forms.bodies.plastic_solid import PlasticSolid, make_solid
+from forms.bodies.point_values import fit_weights
+from forms.bodies.solid import DEGREE, Solid
+from tests.grid import grid
+
+G, K = 1.0, 5.0
+NEVER = ElastoPlastic(G, K, Linear(1e3))
+SOON = ElastoPlastic(G, K, Voce(0.02, 0.05, 8.0, 0.01))
+KINDS = [
+    ("quadrilateral", "plane-strain", "q1"),
+    ("quadrilateral", "plane-strain", "q1-sri"),
+    ("quadrilateral", "axisymmetric", "q1-sri"),
+    ("quadrilateral", "axisymmetric", "q2"),
+    ("triangle", "plane-strain", "q2"),
+    ("triangle", "axisymmetric", "q1"),
+    ("hexahedron", "3D", "q1-sri"),
+    ("tetrahedron", "3D", "q2"),
+]
+FEW = [KINDS[0], KINDS[2], KINDS[5], KINDS[6]]
+
+
+def body(cell, section, formulation, material, counts=(2, 2, 2), wave=0.05):
+    """A block, a ring's section around a hole or a box, off the axis, slightly distorted."""
+    dim = 3 if section == "3D" else 2
+    mesh = grid(cell, counts[:dim], [1.5, 1.0, 1.0][:dim], [0.5, 0.0, 0.0][:dim])
+    x = mesh.geometry.x
+    x[:, 0] += wave * x[:, 1] * np.sin(3.0 * x[:, 0])
+    u = dolfinx.fem.Function(
+        dolfinx.fem.functionspace(mesh, ("Lagrange", DEGREE[formulation], (dim,)))
+    )
+    cells = np.arange(mesh.topology.index_map(dim).size_local, dtype=np.int32)
+    return u, make_solid("body", u, cells, material, formulation, section=section)
+
+
+def bend(u, size=0.1, seed=0):
+    """A smooth displacement with all gradients, and some noise that is small beside them."""
+    dim = u.function_space.mesh.geometry.dim
+    x = u.function_space.tabulate_dof_coordinates()[:, :dim]
+    waves = np.random.default_rng(seed).uniform(-1.0, 1.0, (dim, dim))
+    noise = np.random.default_rng(seed + 1).normal(size=x.shape)
+    u.x.array[:] = (size * np.sin(x @ waves) + 0.02 * size * noise).reshape(-1)
+
+
+def forces(solid):
+    return sum(dolfinx.fem.assemble_vector(part.residual).array for part in solid.forms)
+
+
+def stiffness(solid):
+    return sum(dolfinx.fem.assemble_matrix(part.tangent).to_dense() for part in solid.forms)
+
+
+@pytest.mark.parametrize(("cell", "section", "formulation"), KINDS)
+def test_below_the_yield_stress_it_is_the_elastic_body(cell, section, formulation):
+    found = []
+    for material in (Hencky(G, K), NEVER):
+        u, solid = body(cell, section, formulation, material)
+        assert isinstance(solid, PlasticSolid) == (material is NEVER)
+        bend(u)
+        assert solid.evaluate(1.0, tangent=True)
+        found.append((np.array(solid.strain_energy()), forces(solid), stiffness(solid)))
+    for elastic, plastic in zip(*found, strict=True):
+        assert np.abs(elastic - plastic).max() <= 1e-12 * np.abs(elastic).max()
+    assert (solid.plastic_strain() == 0.0).all() and (solid.dissipated == 0.0).all()
+
+
+@pytest.mark.parametrize(("cell", "section", "formulation"), FEW)
+def test_the_tangent_is_the_derivative_of_the_force(cell, section, formulation):
+    """From a committed state that has flowed, on to one that flows further."""
+    u, solid = body(cell, section, formulation, SOON)
+    bend(u, 0.05)
+    solid.evaluate()
+    solid.commit()
+    assert solid.plastic_strain().min() > 0.0
+    bend(u, 0.1, seed=5)
+    assert solid.evaluate(tangent=True)
+    A, x = stiffness(solid), u.x.array.copy()
+    np.testing.assert_allclose(A, A.T, rtol=0, atol=1e-12 * np.abs(A).max())
+    along = np.random.default_rng(3).normal(size=len(x))
+    sides = []
+    for sign in (1.0, -1.0):
+        u.x.array[:] = x + sign * 1e-6 * along
+        solid.evaluate()
+        sides.append(forces(solid))
+    slope = (sides[0] - sides[1]) / 2e-6
+    assert np.abs(A @ along - slope).max() <= 1e-7 * np.abs(slope).max()
+    # The elastic tangent is far from it: the points do flow.
+    elastic = body(cell, section, formulation, NEVER)[1]
+    elastic.evaluate(tangent=True)
+    assert np.abs(stiffness(elastic) - A).max() > 0.05 * np.abs(A).max()
+
+
+def test_only_what_is_committed_is_remembered():
+    """Evaluations in any order and in vain change nothing: to the last bit."""
+    u, solid = body(*KINDS[1], SOON)
+    other, alone = body(*KINDS[1], SOON)
+    for seed in (0, 3, 7):
+        bend(u, 0.1, seed)
+        x = u.x.array.copy()
+        for size in (30.0, -0.5, 1.0):  # turned inside out, the other way, right
+            u.x.array[:] = size * x
+            assert solid.evaluate(1.0, tangent=size < 0.0) == (size < 30.0)
+        solid.commit()
+        bend(other, 0.1, seed)
+        alone.evaluate(1.0)
+        alone.commit()
+    assert np.array_equal(solid.points.committed, alone.points.committed)
+    assert np.array_equal(solid.dissipated, alone.dissipated) and solid.dissipated[0] > 0.0
+    solid.commit()  # nothing was evaluated since: nothing to commit
+    assert solid.points.number == 3 and np.array_equal(solid.dissipated, alone.dissipated)
+
+
+def test_where_a_cell_is_inverted_the_force_is_no_number():
+    u, solid = body(*KINDS[0], SOON)
+    u.x.array[:] = -1.5 * u.function_space.tabulate_dof_coordinates()[:, :2].reshape(-1)
+    u.x.array[1::2] = 0.0
+    assert not solid.evaluate(1.0)
+    assert np.isnan(forces(solid)).any() and np.isnan(solid.strain_energy())
+    u.x.array[:] = 0.0
+    assert solid.evaluate(1.0)
+    assert (forces(solid) == 0.0).all()
+
+
+def test_at_the_last_step_the_tangent_is_that_of_the_step():
+    """Not the elastic one: from the new state all points are on the edge of flowing on."""
+    u, solid = body(*KINDS[1], SOON)
+    bend(u)
+    solid.evaluate(tangent=True)
+    A = stiffness(solid)
+    solid.commit()
+    solid.evaluate(tangent=True)
+    np.testing.assert_array_equal(stiffness(solid), A)
+    u.x.array[:] *= 1.0 - 1e-6  # whereas a way back is elastic
+    solid.evaluate(tangent=True)
+    assert np.abs(stiffness(solid) - A).max() > 0.05 * np.abs(A).max()
+
+
+def test_a_history_and_an_origin_bring_back_state_and_tangent():
+    u, solid = body(*KINDS[1], SOON)
+    for seed in (0, 3):
+        bend(u, 0.1, seed)
+        solid.evaluate(0.5, tangent=True)
+        solid.commit()
+    A, origin, history = stiffness(solid), solid.tangent_origin, solid.history()
+    again, new = body(*KINDS[1], SOON)
+    again.x.array[:] = u.x.array
+    kept = new.point_rows(new.cell_rows(history.origin.values))
+    np.testing.assert_array_equal(kept, history.origin.values)
+    new.adopt(history)
+    new.repeat_step()
+    assert np.array_equal(new.points.committed, solid.points.committed)
+    assert np.array_equal(new.dissipated, solid.dissipated)
+    assert new.strain_energy() == solid.strain_energy()
+    third, other = body(*KINDS[1], SOON)
+    third.x.array[:] = u.x.array
+    other.remake_tangent(origin)
+    other.evaluate(tangent=True)
+    np.testing.assert_array_equal(stiffness(other), A)
+
+
+def test_rates_count_where_there_are_any():
+    """A step of no duration given is one of a material that does not feel time."""
+    slow = SOON
+    fast = ElastoPlastic(G, K, SOON.hardening, Perzyna(1.0, 1.0))
+    largest = {}
+    for name, material, dt in (
+        ("plain", slow, 0.01),
+        ("endless", fast, np.inf),
+        ("long", fast, 1e9),
+        ("short", fast, 0.01),
+    ):
+        u, solid = body(*KINDS[1], material)
+        bend(u)
+        solid.evaluate(dt)
+        largest[name] = np.abs(forces(solid)).max()
+    assert largest["endless"] == pytest.approx(largest["plain"], rel=1e-14)
+    assert largest["long"] == pytest.approx(largest["plain"], rel=1e-6)
+    assert largest["short"] > 1.1 * largest["plain"]
+
+
+def test_points_that_do_not_flow_on_are_elastic_about_the_committed_state():
+    """For the stable step: forces on from there as those of the elastic body, unloading or not."""
+    u, solid = body(*KINDS[1], SOON)
+    bend(u)
+    solid.evaluate()
+    solid.commit()
+    assert solid.evaluate_elastic()
+    before, x = forces(solid), u.x.array.copy()
+    for sign in (1.0, -1.0):
+        u.x.array[:] = (1.0 + sign * 1e-4) * x
+        solid.evaluate_elastic()
+        elastic = forces(solid) - before
+        solid.evaluate()
+        flowing = forces(solid) - before
+        same = np.abs(elastic - flowing).max() <= 1e-3 * np.abs(elastic).max()
+        assert same == (sign < 0.0)
+
+
+def test_half_a_mesh_is_half_a_body():
+    """Two bodies on the halves of a mesh give the forces and energies of one on the whole."""
+    u, whole = body(*KINDS[2], SOON, counts=(3, 2, 0))
+    halves = [
+        PlasticSolid("half", u, cells, SOON, "q1-sri", section="axisymmetric")
+        for cells in (np.array([0, 2, 5], np.int32), np.array([1, 3, 4], np.int32))
+    ]
+    bend(u)
+    for solid in (whole, *halves):
+        solid.evaluate()
+        solid.commit()
+    np.testing.assert_allclose(
+        sum(map(forces, halves)), forces(whole), rtol=0, atol=1e-14 * np.abs(forces(whole)).max()
+    )
+    assert sum(h.strain_energy() for h in halves) == pytest.approx(whole.strain_energy())
+    assert sum(h.dissipated[0] for h in halves) == pytest.approx(whole.dissipated[0])
+
+
+def test_a_ring_that_is_compressed_bears_its_section_times_the_yield_stress():
+    """Free to widen: Kirchhoff's stress is σ_Y(α), its elastic strain τ/E, and volume changes."""
+    hardening = Linear(0.02, 0.1)
+    material = ElastoPlastic(G, K, hardening)
+    E = 9.0 * K * G / (3.0 * K + G)
+    nu = (3.0 * K - 2.0 * G) / (2.0 * (3.0 * K + G))
+    for section, area in (("axisymmetric", np.pi * (1.5**2 - 0.5**2)), ("3D", 1.0)):
+        cell = "hexahedron" if section == "3D" else "quadrilateral"
+        u, solid = body(cell, section, "q1-sri", material, wave=0.0)
+        dim = u.function_space.mesh.geometry.dim
+        x = u.function_space.tabulate_dof_coordinates()[:, :dim]
+        strain = -0.2
+        alpha = (abs(strain) - hardening.yield_stress / E) / (1.0 + hardening.modulus / E)
+        tau = -(hardening.yield_stress + hardening.modulus * alpha)
+        across = -nu * tau / E + 0.5 * alpha
+        stretch = np.full(dim, np.exp(across))
+        stretch[1] = np.exp(strain)
+        u.x.array[:] = (x * (stretch - 1.0)).reshape(-1)
+        solid.evaluate()
+        top = np.isclose(x[:, 1], x[:, 1].max())
+        force = forces(solid).reshape(-1, dim)[top, 1].sum()
+        assert force == pytest.approx(tau / stretch[1] * area, rel=1e-12)
+        assert solid.plastic_strain() == pytest.approx(alpha, rel=1e-12)
+        solid.commit()
+        volume = area * 1.0
+        work = hardening.stress(np.array(alpha)) * alpha
+        assert solid.dissipated[0] == pytest.approx(work * volume, rel=1e-3)
+        mean = work - 0.5 * hardening.modulus * alpha**2
+        assert np.subtract(*solid.dissipated) == pytest.approx(mean * volume, rel=1e-3)
+
+
+def test_the_stress_of_points_reaches_any_place_of_a_cell():
+    """Below the yield stress it is the elastic stress, exactly where it is linear in the cell."""
+    for kind in (KINDS[1], KINDS[6]):
+        values = []
+        for material in (Hencky(G, K), NEVER):
+            u, solid = body(*kind, material)
+            dim = u.function_space.mesh.geometry.dim
+            x = u.function_space.tabulate_dof_coordinates()[:, :dim]
+            F = np.eye(3) + 0.1 * np.random.default_rng(1).uniform(-1.0, 1.0, (3, 3))
+            F[:dim, dim:] = F[dim:, :dim] = 0.0
+            F[dim:, dim:] = np.eye(3 - dim)
+            u.x.array[:] = (x @ (F[:dim, :dim] - np.eye(dim)).T).reshape(-1)
+            cells = solid.cells[1:]
+            xi = np.random.default_rng(2).uniform(0.0, 1.0, (len(cells), dim))
+            at = solid.stress_at(cells, xi)
+            same = np.tile(F, (len(cells), 1, 1))
+            values.append(at.cauchy(same, same))
+        np.testing.assert_allclose(values[1], values[0], rtol=0, atol=1e-13)
+        assert (at.plastic_strain() == 0.0).all()
+
+
+@pytest.mark.parametrize(("cell", "degree"), [("quadrilateral", 4), ("triangle", 2)])
+def test_places_in_a_cell_are_fitted_linearly(cell, degree):
+    """Linear values come back wherever they are asked for, and the centre takes the mean."""
+    import basix
+
+    points, _ = basix.make_quadrature(basix.CellType[cell], degree)
+    xi = np.random.default_rng(0).uniform(-0.2, 1.2, (5, 2))
+    share = fit_weights(cell, degree, xi)
+    np.testing.assert_allclose(share @ (2.0 - points @ [3.0, 1.0]), 2.0 - xi @ [3.0, 1.0])
+    centre = fit_weights(cell, degree, points.mean(axis=0)[None])
+    np.testing.assert_allclose(centre, 1.0 / len(points))
+
+
+def test_another_material_compiles_nothing():
+    """Material parameters are no part of the forms: their code is the same."""
+    codes = []
+    for material in (SOON, ElastoPlastic(26e9, 70e9, Linear(1e8, 1e9))):
+        solid = body(*KINDS[1], material)[1]
+        codes.append([p.residual.ufcx_form.num_coefficients for p in solid.forms])
+        codes[-1] += [str(p.tangent.module) for p in solid.forms]
+    assert codes[0] == codes[1]
+    assert not isinstance(body(*KINDS[1], Hencky(G, K))[1], PlasticSolid)
+    assert Solid.flows is False and PlasticSolid.flows is True

@@ -1,0 +1,85 @@
+"""Cells that carry unknowns of things without a mesh: where they lie, and that they stay unseen."""
+
+from __future__ import annotations
+
+import dolfinx
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from app.results.gathered_mesh import GatheredMesh
+from geometry.generators.two_blocks import Block, TwoBlocks
+from geometry.generators.two_boxes import Box, TwoBoxes
+from geometry.meshes.gmsh_model import MeshError
+from geometry.meshes.mesh import generate
+from geometry.pictures.space import outer_facets
+
+BLOCKS = TwoBlocks(Block(1.0, 0.5, (3, 2)), Block(2.0, 0.4, (4, 2)))
+BOXES = TwoBoxes(Box(1.0, 0.5, 1.0, (2, 2, 2)), Box(2.0, 0.4, 2.0, (3, 2, 2)))
+NAMES = ("upper die", "roller")
+
+
+def facts(comm, directory):
+    """Of meshes without and with carriers: what is gathered, drawn, and where carriers are."""
+    return [_facts_of(shape, comm) for shape in (BLOCKS, BOXES)]
+
+
+def _facts_of(shape, comm):
+    found = {}
+    for kind, names in (("plain", ()), ("carrying", NAMES)):
+        named = generate(shape, comm, carriers=names)
+        mesh, dim = named.mesh, named.mesh.geometry.dim
+        space = dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (dim,)))
+        owned = mesh.topology.index_map(dim).size_local
+        cells = np.concatenate([named.cells(name) for name in named.bodies])
+        cells = cells[cells < owned]
+        part, whole = GatheredMesh(space, cells), GatheredMesh(space)
+        numbers = mesh.topology.original_cell_index[:owned, None].astype(np.float64)
+        ends = np.array([mesh.geometry.x.min(axis=0), -mesh.geometry.x.max(axis=0)])
+        nodes = {name: _nodes(space, named.carrier(name)) for name in names}
+        found[kind] = {
+            "bodies": named.bodies,
+            "cells": part.cells.tolist(),
+            "places": (part.reference.round(9) + 0.0).tolist(),
+            "numbers": part.cellwise(numbers).tolist(),
+            "count": named.cell_count,
+            "ends": np.min(comm.allgather(ends), axis=0).tolist(),
+            "outer": comm.allreduce(len(outer_facets(named)[0])) if dim == 3 else 0,
+        }
+        more = {
+            "owners": [comm.allreduce(int((named.carrier(n) < owned).sum())) for n in names],
+            "nodes": [_of_all(comm, mine) for mine in nodes.values()],
+            "of bodies": _of_all(comm, _nodes(space, cells)),
+            "all cells": len(whole.cells),
+        }
+    return {**found, "more": more}
+
+
+def _of_all(comm, numbers):
+    return sorted(set().union(*comm.allgather(numbers)))
+
+
+def _nodes(space, cells):
+    nodes = space.dofmap.list[cells].reshape(-1)
+    return space.dofmap.index_map.local_to_global(np.ascontiguousarray(nodes)).tolist()
+
+
+@pytest.mark.mpi(facts, 2)
+def test_carriers_have_nodes_of_their_own_and_are_in_nothing_that_is_shown(on_ranks):
+    for ranks in (1, 2):
+        for found, corners in zip(on_ranks(facts, ranks), (4, 8), strict=True):
+            more = found["more"]
+            assert found["plain"] == found["carrying"]
+            assert more["all cells"] == found["plain"]["count"] + len(NAMES)
+            assert more["owners"] == [1, 1]
+            first, second = map(set, more["nodes"])
+            assert len(first) == len(second) == corners
+            assert not first & second
+            assert not (first | second) & set(more["of bodies"])
+
+
+def test_a_carrier_that_is_not_there_is_refused_with_the_nearest_name():
+    named = generate(BLOCKS, MPI.COMM_SELF, carriers=NAMES)
+    assert tuple(named.carriers) == NAMES
+    with pytest.raises(MeshError, match="no carrier named 'rolle'; did you mean 'roller'"):
+        named.carrier("rolle")

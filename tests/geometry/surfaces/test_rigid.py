@@ -1,0 +1,193 @@
+"""What all rigid shapes must do: closest points, derivatives, and being carried along."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from geometry.surfaces.closest_point import closest_points
+from geometry.surfaces.facets import facet_shape
+from geometry.surfaces.rigid import normals
+from geometry.surfaces.rigid_circle import Circle
+from geometry.surfaces.rigid_extruded import Cylinder
+from geometry.surfaces.rigid_plane import Plane
+from geometry.surfaces.rigid_sphere import Sphere
+from tests.geometry.surfaces.rigid_shapes import SMOOTH, around, moved
+
+BOX = np.array([[-3.0, -3.0, -3.0], [3.0, 3.0, 3.0]])
+
+
+@pytest.fixture(params=SMOOTH)
+def shape(request):
+    return SMOOTH[request.param]()
+
+
+def test_places_are_the_control_points_times_their_weights(shape):
+    nodes = moved(shape, 0.7, 0.1)
+    at = shape.project(around(shape), nodes)
+    foot, tangents = shape.places(at.facet, at.xi, nodes)
+    np.testing.assert_allclose(at.foot, foot, atol=1e-14)
+    np.testing.assert_allclose(at.tangents, tangents, atol=1e-14)
+    controls = nodes[shape.stencil[at.facet]]
+    by_weights = np.einsum("qa,qai->qi", shape.weights(at.facet, at.xi), controls)
+    by_slopes = np.einsum("qba,qai->qbi", shape.slopes(at.facet, at.xi), controls)
+    np.testing.assert_allclose(by_weights, foot, atol=1e-14)
+    np.testing.assert_allclose(by_slopes, tangents, atol=1e-14)
+
+
+def test_tangents_and_curvature_are_derivatives(shape):
+    nodes = moved(shape, -0.4, 0.2)
+    at = shape.project(around(shape), nodes)
+    h = 1e-5
+    directions = at.xi.shape[1]
+    for alpha in range(directions):
+        step = np.zeros(directions)
+        step[alpha] = h
+        ahead, behind = (shape.places(at.facet, at.xi + s * step, nodes) for s in (1.0, -1.0))
+        slope = (ahead[0] - behind[0]) / (2.0 * h)
+        np.testing.assert_allclose(at.tangents[:, alpha], slope, atol=1e-8)
+        bend = (ahead[1] - behind[1]) / (2.0 * h)
+        curvature = 0.0 * bend if at.curvature is None else at.curvature[:, alpha]
+        np.testing.assert_allclose(curvature, bend, atol=1e-8)
+    np.testing.assert_allclose(normals(at.tangents), at.normal, atol=1e-14)
+    size = np.linalg.norm(at.tangents, axis=2) / shape.size
+    bend = 0.0 if at.curvature is None else np.linalg.norm(at.curvature[:, 0, 0], axis=1)
+    if shape.dim == 2:
+        tightest = (bend / np.linalg.norm(at.tangents[:, 0], axis=1) ** 2).max()
+        assert 1.0 / shape.least_radius == pytest.approx(tightest)
+    assert size.min() > 0.05 and size.max() < 7.0
+
+
+def test_closest_points_against_fine_facets(shape):
+    """The distance is that from many lines or triangles, and x − ȳ is along the normal."""
+    nodes = moved(shape, 0.3, -0.2)
+    outline = shape.outline(BOX[:, : shape.dim], 100)
+    facets = shape.moved(outline.points, nodes)[outline.cells]
+    form = facet_shape("interval" if shape.dim == 2 else "triangle", 1)
+    points = shape.moved(around(shape), nodes)
+    at = shape.project(points, nodes)
+    many = np.repeat(points, len(facets), axis=0)
+    pairs = closest_points(form, np.tile(facets, (len(points), 1, 1)), many)
+    apart = np.sqrt(pairs.squared.reshape(len(points), -1).min(axis=1))
+    np.testing.assert_allclose(np.abs(at.gap), apart, atol=1.5e-3)  # r h²/8 of the coarsest
+    np.testing.assert_allclose(at.foot + at.gap[:, None] * at.normal, points, atol=1e-14)
+    assert not at.clamped.any() and at.on_surface.all()
+    assert (at.gap > 0.0).any() and (at.gap < 0.0).any()
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    name=st.sampled_from(sorted(SMOOTH)),
+    theta=st.floats(-7.0, 7.0),
+    shift=st.floats(-5.0, 5.0),
+    seed=st.integers(0, 1000),
+)
+def test_nothing_changes_when_all_moves_as_one(name, theta, shift, seed):
+    shape = SMOOTH[name]()
+    nodes, points = moved(shape, theta, shift), around(shape, 5, seed=seed)
+    turn = shape.moved(np.eye(shape.dim), nodes) - shape.moved(np.zeros((1, shape.dim)), nodes)
+    before = shape.project(points, shape.control_points)
+    after = shape.project(shape.moved(points, nodes), nodes)
+    np.testing.assert_allclose(after.gap, before.gap, atol=1e-13)
+    np.testing.assert_allclose(after.normal, before.normal @ turn, atol=1e-11)
+    np.testing.assert_allclose(after.foot, shape.moved(before.foot, nodes), atol=1e-11)
+
+
+def test_shapes_need_neither_meshes_nor_solvers():
+    """A case may be checked where there is no DOLFINx."""
+    names = "circle", "extruded", "motion", "plane", "polyline", "sphere"
+    script = "".join(f"import geometry.surfaces.rigid_{name}\n" for name in names)
+    script += "import sys; print([m for m in ('basix', 'dolfinx', 'mpi4py') if m in sys.modules])"
+    command = [sys.executable, "-c", script]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_control_points_that_are_strained_are_refused(shape):
+    with pytest.raises(ValueError, match="strained"):
+        shape.project(around(shape), 1.01 * shape.control_points)
+
+
+def test_points_have_a_place_on_several_facets_or_one(shape):
+    """Every facet is used, and may follow on every other."""
+    at = shape.project(around(shape, 2000), shape.control_points)
+    np.testing.assert_array_equal(np.unique(at.facet), np.arange(len(shape.stencil)))
+    assert shape.neighbours.toarray().all()
+    assert shape.stencil.shape[1] == shape.dim + 1
+
+
+def test_extent_holds_what_is_drawn(shape):
+    points = shape.outline(BOX[:, : shape.dim], 30).points
+    low, high = shape.extent
+    assert np.all(points >= low - 1e-12) and np.all(points <= high + 1e-12)
+
+
+def test_a_rank_without_points_has_none_to_project(shape):
+    at = shape.project(np.empty((0, shape.dim)), shape.control_points, fading=np.empty(0))
+    assert at.facet.shape == (0,) and at.gap.shape == (0,)
+    assert at.xi.shape == (0, shape.dim - 1) and at.tangents.shape == (0, shape.dim - 1, shape.dim)
+
+
+def from_point(points):
+    return points - np.array([0.2, 0.1, -0.3])[: points.shape[1]]
+
+
+def from_axis(points):
+    axis = np.array([1.0, -0.4, 0.3]) / np.sqrt(1.25)
+    apart = from_point(points)
+    return apart - np.outer(apart @ axis, axis)
+
+
+@pytest.mark.parametrize(
+    ("name", "apart"),
+    [
+        ("circle", from_point),
+        ("hollow circle", from_point),
+        ("sphere", from_point),
+        ("hollow sphere", from_point),
+        ("cylinder", from_axis),
+        ("hollow cylinder", lambda points: points * [1.0, 1.0, 0.0]),
+    ],
+)
+def test_round_ones_in_closed_form(name, apart):
+    shape = SMOOTH[name]()
+    points = around(shape)
+    at = shape.project(points, shape.control_points)
+    distance = np.linalg.norm(apart(points), axis=1)
+    sign = -1.0 if "hollow" in name else 1.0
+    np.testing.assert_allclose(at.gap, sign * (distance - 0.8), atol=1e-14)
+    np.testing.assert_allclose(at.normal, sign * apart(points) / distance[:, None], atol=1e-14)
+
+
+@pytest.mark.parametrize("name", ["line", "plane"])
+def test_the_gap_of_a_plane_is_the_height(name):
+    plane = SMOOTH[name]()
+    points = around(plane)
+    at = plane.project(points, plane.control_points)
+    np.testing.assert_allclose(at.gap, (points - plane.point) @ plane.normal, atol=1e-14)
+    assert at.curvature is None
+
+
+def test_the_centre_has_some_closest_point():
+    for name in ("circle", "hollow circle", "sphere", "hollow sphere", "hollow cylinder"):
+        shape = SMOOTH[name]()
+        at = shape.project(shape.control_points.mean(axis=0)[None], shape.control_points)
+        np.testing.assert_allclose(np.abs(at.gap), 0.8, rtol=1e-14)
+        assert np.isfinite(at.normal).all()
+
+
+@pytest.mark.parametrize("number", [0.0, -1.0, np.nan, np.inf])
+def test_sizes_that_are_none_are_refused(number):
+    with pytest.raises(ValueError, match="radius"):
+        Circle(np.zeros(2), number)
+    with pytest.raises(ValueError, match="radius"):
+        Sphere(np.zeros(3), number)
+    with pytest.raises(ValueError, match="radius"):
+        Cylinder(np.zeros(3), np.ones(3), number)
+    with pytest.raises(ValueError, match="size"):
+        Plane(np.zeros(3), np.ones(3), number)
+    with pytest.raises(ValueError, match="direction"):
+        Plane(np.zeros(3), np.zeros(3))

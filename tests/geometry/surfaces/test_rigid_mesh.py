@@ -1,0 +1,136 @@
+"""A rigid surface of facets is a surface of facets whose nodes move as a rigid body does."""
+
+import numpy as np
+import pytest
+
+from geometry.surfaces.facets import facet_shape
+from geometry.surfaces.projection import FacetSurface
+from geometry.surfaces.rigid_mesh import MeshSurface
+from geometry.surfaces.slave_normals import PointNormals
+from tests.geometry.surfaces.rigid_shapes import STEP, moved
+
+LINE = np.array([[0, 1], [1, 2], [2, 3], [3, 4]])
+
+
+def hill(count=4, degree=1):
+    """A bumpy square sheet of quadrilaterals (n, 3), (f, a)."""
+    side = degree * count + 1
+    s = np.linspace(-1.0, 1.0, side)
+    x, y = np.meshgrid(s, s, indexing="ij")
+    nodes = np.stack([x, y, 0.3 * np.cos(2.0 * x) * np.cos(1.5 * y)], axis=-1).reshape(-1, 3)
+    first = (np.arange(count)[:, None] * side + np.arange(count)).reshape(-1)
+    return nodes, first[:, None] + np.array([0, side, 1, side + 1])
+
+
+def triangles():
+    nodes, quads = hill()
+    return nodes, np.concatenate([quads[:, [0, 1, 3]], quads[:, [0, 3, 2]]])
+
+
+def parabolas():
+    """Segments with a node in their middle, on a wave."""
+    x = np.linspace(-1.0, 1.0, 9)
+    nodes = np.stack([x, 0.2 * np.cos(4.0 * x)], axis=1)
+    return nodes, np.array([[2 * k, 2 * k + 2, 2 * k + 1] for k in range(4)])
+
+
+CASES = {
+    "segments": (lambda: (STEP, LINE), ("interval", 1), None),
+    "smooth segments": (lambda: (STEP, LINE), ("interval", 1), 3.0),
+    "parabolas": (parabolas, ("interval", 2), None),
+    "triangles": (triangles, ("triangle", 1), None),
+    "quadrilaterals": (hill, ("quadrilateral", 1), None),
+    "smooth quadrilaterals": (hill, ("quadrilateral", 1), 1.0),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_same_as_facets_that_are_moved(name):
+    make, form, angle = CASES[name]
+    nodes, facets = make()
+    rigid = MeshSurface(nodes, facets, angle)
+    mesh = FacetSurface(facet_shape(*form), facets.astype(np.int32), nodes, angle)
+    controls = moved(rigid, 0.8, 0.15)
+    now = rigid.moved(nodes, controls)
+    rng = np.random.default_rng(3)
+    points = rigid.moved(rng.uniform(-1.2, 1.2, (200, rigid.dim)), controls)
+    ours, theirs = rigid.project(points, controls), mesh.project(points, now)
+    assert (theirs.clamped & theirs.on_surface).any() or angle is not None
+    for field in ("facet", "clamped", "on_surface"):
+        np.testing.assert_array_equal(getattr(ours, field), getattr(theirs, field))
+    names = ["xi", "foot", "normal", "tangents", "gap"]
+    names += ["curvature"] if theirs.curvature is not None else []
+    names += ["along"] if theirs.along is not None else []
+    for field in names:
+        np.testing.assert_allclose(getattr(ours, field), getattr(theirs, field), atol=1e-10)
+    places = rigid.places(ours.facet, ours.xi, controls)
+    shares = rigid.weights(ours.facet, ours.xi) @ controls, rigid.slopes(ours.facet, ours.xi)
+    np.testing.assert_allclose(places[0], ours.foot, atol=1e-13)
+    np.testing.assert_allclose(shares[0], ours.foot, atol=1e-13)
+    np.testing.assert_allclose(shares[1] @ controls, ours.tangents, atol=1e-13)
+    np.testing.assert_array_equal(
+        rigid.excess(ours.facet, ours.xi), mesh.excess(theirs.facet, ours.xi)
+    )
+    assert rigid.has_kinks == mesh.has_kinks and rigid.search.searches == 1
+
+
+def test_rays_and_ends_are_carried_along():
+    rigid = MeshSurface(STEP, LINE)
+    mesh = FacetSurface(facet_shape("interval", 1), LINE.astype(np.int32), STEP)
+    controls = moved(rigid, 0.8, 0.15)
+    now = rigid.moved(STEP, controls)
+    x = np.linspace(-1.1, 1.3, 60)
+    places = np.stack([x, np.interp(x, *STEP.T) + 0.02], axis=1)
+    ends = rigid.moved(np.stack([places, places + np.array([0.05, 1.0])]).reshape(-1, 2), controls)
+    points, normals = ends[:60], ends[60:] - ends[:60]
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    rays = PointNormals(normals, np.ones((60, 2, 2, 2)))
+    reach = np.full(60, 0.3)
+    ours = rigid.project(points, controls, rays=rays, fading=reach)
+    theirs = mesh.project(points, now, rays=rays, fading=reach)
+    assert ours.rays is rays and theirs.on_surface.any() and not theirs.on_surface.all()
+    np.testing.assert_array_equal(ours.on_surface, theirs.on_surface)
+    for field in ("gap", "normal", "foot", "share", "share_slope"):
+        np.testing.assert_allclose(getattr(ours, field), getattr(theirs, field), atol=1e-11)
+
+
+def test_where_it_searched_it_can_search_again():
+    """What a restart asks of it."""
+    nodes, facets = hill()
+    rigid, other = MeshSurface(nodes, facets), MeshSurface(nodes, facets)
+    points = np.random.default_rng(0).uniform(-1.0, 1.0, (30, 3))
+    rigid.project(points, moved(rigid, 0.2))
+    kept = rigid.search.searched_at
+    assert kept is not None and other.search.searched_at is None
+    other.search.search(*kept)
+    np.testing.assert_array_equal(other.search.searched_at[0], kept[0])
+
+
+def test_nodes_of_no_facet_do_not_matter():
+    nodes, facets = hill()
+    more = np.concatenate([np.full((3, 3), 9.0), nodes])
+    rigid = MeshSurface(more, facets + 3)
+    np.testing.assert_array_equal(rigid.control_points, MeshSurface(nodes, facets).control_points)
+    assert rigid.outline(rigid.extent).cells.shape == (32, 3)
+    np.testing.assert_allclose(rigid.extent[:, :2], [[-1.0, -1.0], [1.0, 1.0]])
+
+
+@pytest.mark.parametrize(
+    ("nodes", "facets", "wrong"),
+    [
+        (STEP[:, :1], LINE, r"coordinates \(n, 2\) or \(n, 3\)"),
+        (np.where(STEP == 0.9, np.nan, STEP), LINE, "finite"),
+        (STEP, LINE.astype(float), "numbers of nodes"),
+        (STEP, LINE[:0], "numbers of nodes"),
+        (STEP, np.zeros((2, 5), dtype=int), r"in 2 dimensions has \[2, 3\] nodes, not 5"),
+        (STEP, LINE + 1, "nodes 1 to 5 of 5"),
+        (STEP, np.array([[0, 1], [1, 1]]), "facet 1 .* no extent"),
+        (STEP, np.array([[0, 1], [0, 2]]), "branches"),
+        (hill()[0], np.array([[0, 5, 10]]), "facet 0 .* no extent"),
+    ],
+)
+def test_what_is_no_surface_is_refused(nodes, facets, wrong):
+    if wrong.startswith("facet 0"):
+        nodes = nodes * [1.0, 1.0, 0.0]
+    with pytest.raises(ValueError, match=wrong):
+        MeshSurface(nodes, facets)
