@@ -24,6 +24,7 @@ from app.equilibrium.equilibrium import Equilibrium
 from app.errors import InputError
 from app.implicit.linear_solver import chosen_solver
 from forms.bodies.kinematics import Section
+from forms.contact.shared_slave import introduce
 from geometry.meshes import metis
 from geometry.meshes.mesh import NamedMesh
 from geometry.surfaces.facets import Floats, Ints
@@ -120,6 +121,7 @@ def _built(case: Case, comm: MPI.Comm, runs_code: bool) -> Model:
         loads.add(boundary)
     loads.check_corners()
     terms = [contact.term for contact in contacts]
+    introduce(terms)
     problem = Equilibrium(u, solids, terms, loads.prescribed, loads.platens, loads.pressures)
     resolved = _resolved(case.model_copy(update={"bodies": bodies}), contacts, problem)
     programs = loads.programs + [c.program for c in contacts if c.program is not None]

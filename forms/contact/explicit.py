@@ -99,6 +99,7 @@ class ExplicitContact:
         points = surface.slave_positions(slave)
         nodes = surface.master.position + self._values[first:]
         averaged = isinstance(term.rule, AveragedPressure)
+        term.leave_to_others()
         projection = surface.project(points, nodes, fading=averaged)
         normal = term.rule.evaluate(projection, AS_IS, ROUNDOFF_DEPTH)
         if not term.active:

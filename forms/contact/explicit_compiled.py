@@ -356,6 +356,6 @@ def explicit_contact(term: ContactTerm, compiled: bool = True) -> ExplicitContac
     surface = term.surface
     # The compiled loop takes the section's stretch as area ratio, which is wrong for rings.
     straight = surface.target.shape.count == 2 and not surface.axisymmetric
-    straight &= surface.target.fade_length is None
+    straight &= surface.target.fade_length is None and not term.neighbours
     code = library(SOURCE) if compiled and straight else None
     return ExplicitContact(term) if code is None else CompiledContact(term, code)

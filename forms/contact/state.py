@@ -58,6 +58,8 @@ class NormalContact:
             rim (:mod:`forms.contact.rim`); cover_slope: (q, k), 1/m, its derivatives for the gaps
             of the facet's vertices, None where nothing asks for them; rim: (v,) open vertices that
             it depends on.
+        area: (v,) that the gaps are averaged over; None: m_A. grows: (v,) where that is what the
+            master has below the vertex now; None: nowhere.
     """
 
     closed: Bools
@@ -69,6 +71,8 @@ class NormalContact:
     cover: Floats | float = 1.0
     cover_slope: Floats | None = None
     rim: Bools | None = None
+    area: Floats | None = None
+    grows: Bools | None = None
 
     def opened(self) -> NormalContact:
         """The same gaps of surfaces that do not feel each other."""
