@@ -21,6 +21,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from forms.contact.fading import fading
 from forms.contact.kinematics import relate
 from forms.contact.penalty import ContactTerm
 from forms.contact.pressure import AveragedPressure
@@ -118,6 +119,7 @@ class ExplicitContact:
             traction=normal.pressure[:, None] * kinematics.normal - response.traction,
             response=response,
             dt=dt,
+            faded=fading(projection, normal, surface.vertices, term.state),
         )
         return self.trial
 

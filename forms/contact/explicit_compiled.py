@@ -330,6 +330,8 @@ class CompiledContact(ExplicitContact):
             slip_length=arrays["length"],
             gap=arrays["gap_after"],
             area_ratio=trial.area_ratio,
+            share=self.term.state.share,
+            sunk=self.term.state.sunk,
             friction=trial.response.state,
             friction_traction=trial.response.traction,
         )

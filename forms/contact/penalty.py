@@ -16,6 +16,7 @@ import dolfinx
 import numpy as np
 from petsc4py import PETSc
 
+from forms.contact.fading import fading
 from forms.contact.kinematics import Anchor, ContactKinematics, relate
 from forms.contact.pressure import AveragedPressure, PressureKind, normal_rule
 from forms.contact.rim import rim_cover
@@ -109,6 +110,8 @@ class ContactTerm:
             slip_length=np.zeros(q),
             gap=np.where(at.on_surface, at.gap, np.inf),
             area_ratio=np.ones(q),
+            share=np.where(at.on_surface, 1.0, 0.0),
+            sunk=np.zeros(q),
             friction=law.initial_state(q, surface.dim),
             friction_traction=np.zeros((q, surface.dim)),
         )
@@ -191,6 +194,7 @@ class ContactTerm:
             penalty_scale=mode.penalty_scale,
             anchor=anchor,
             of_point=surface.vertices.of_point,
+            faded=fading(current, normal, surface.vertices, self.state),
         )
 
     def leave_to_others(self) -> None:
@@ -302,6 +306,8 @@ class ContactTerm:
             slip_length=np.linalg.norm(slip, axis=1),
             gap=np.where(at.on_surface, at.gap, np.inf),
             area_ratio=trial.area_ratio,
+            share=self.state.share if trial.faded is None else trial.faded.share,
+            sunk=self.state.sunk if trial.faded is None else trial.faded.sunk,
             friction=trial.response.state,
             friction_traction=trial.response.traction,
         )

@@ -89,6 +89,20 @@ class NormalContact:
         return self.active if self.rim is None else self.active | self.rim
 
 
+@dataclass(frozen=True, slots=True)
+class Fading:
+    """The end of a master at the points.
+
+    Attributes:
+        share: (q,), σ, 0 with no master below; sunk: (q,), J/m², s g ≤ 0; lost: (q,), J/m², in the
+            step.
+    """
+
+    share: Floats
+    sunk: Floats
+    lost: Floats
+
+
 @dataclass(slots=True)
 class ContactState:
     """The history at the points: all that the next step knows of the converged ones.
@@ -98,6 +112,7 @@ class ContactState:
         slip_components: (q, α), e^α = τ^α·g_e on that facet; slip_length: (q,), m, L = |g_e|.
         gap: (q,), m; +inf where there was no projection on the surface.
         area_ratio: (q,) area ratio da/dA of the slave surface.
+        share: (q,) and sunk: (q,), J/m²: see :mod:`forms.contact.fading`.
         friction: the law's own state; friction_traction: (q, i), Pa, T.
     """
 
@@ -107,6 +122,8 @@ class ContactState:
     slip_length: Floats
     gap: Floats
     area_ratio: Floats
+    share: Floats
+    sunk: Floats
     friction: FrictionState
     friction_traction: Floats
 
@@ -126,6 +143,8 @@ class ContactTrial:
             will ask for the tangent; of_point: (q, k) vertices of the points' facets, likewise.
         pull: (v, i), Pa, s_A of a tie, and moved: (n, i), m, the displacements it is of; None of
             others.
+        faded: (q,) and more of points at the end of the master; None point by point, of ties, and
+            of compiled contacts.
     """
 
     position: Floats
@@ -142,6 +161,7 @@ class ContactTrial:
     of_point: Longs | None = None
     pull: Floats | None = None
     moved: Floats | None = None
+    faded: Fading | None = None
 
     def coupled(self) -> Bools:
         """Points (q,) whose gaps the tractions of some point depend on."""
