@@ -72,7 +72,8 @@ def _bonded(problem: Equilibrium) -> list[Ints]:
         + [np.isin(n, term.surface.master.nodes).any() for n in mine]
         for term in ties
     ]
-    touched = problem.comm.allreduce(np.array(here, dtype=bool), op=MPI.LOR)
+    touched = np.zeros((len(ties), 2 * len(mine)), dtype=bool)
+    problem.comm.Allreduce(np.array(here, dtype=bool), touched, op=MPI.LOR)
     count = len(mine)
     pairs = [np.nonzero(t[:count] | t[count:])[0].astype(np.int32) for t in touched]
     return pairs * count

@@ -39,6 +39,7 @@ FIRST = (
     "implicit coulomb",
     "implicit cut",
     "implicit frozen",
+    "implicit pairs",
     "implicit space by Krylov",
     "explicit thrown",
 )

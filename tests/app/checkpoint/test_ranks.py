@@ -23,6 +23,7 @@ CASES = {
     "coulomb": (IMPLICIT["coulomb"], TIGHT),
     "film": (IMPLICIT["film"], TIGHT),
     "space by Krylov": (IMPLICIT["space by Krylov"], KRYLOV),
+    "pairs": (IMPLICIT["pairs"], TIGHT),
     "thrown": (EXPLICIT["thrown"], {"kind": "explicit"}),
 }
 
