@@ -232,7 +232,8 @@ class PairTangent:
         nodes = columns = self.surface.nodes
         if vertices.comm.size > 1:
             right, columns = self._completed(right)
-        left.data /= np.repeat(vertices.area, np.diff(left.indptr))
+        area = vertices.area if normal.area is None else normal.area
+        left.data /= np.repeat(area, np.diff(left.indptr))
         product = left.T.tocsr() @ right
         return Coupling(nodes, columns, product)
 
@@ -301,6 +302,14 @@ class PairTangent:
         d_gap = change.reshape(len(take), rows.shape[1], self.surface.dim)
         share = self.surface.slave.weight[take][:, None] * self.surface.vertices.shape[take]
         values = np.einsum("pk,pmi->pkmi", share, np.einsum("prm,pri->pmi", rows, d_gap))
+        normal = trial.normal_contact
+        if normal.grows is not None and normal.gap is not None and at.share_slope is not None:
+            # Where a_A is what the master has, its change counts too: ∂g_A = (∂(σ g) − g_A ∂σ)/a_A.
+            of_share = np.einsum("pa,par->pr", at.share_slope[take], v.d_xi)
+            of_share = of_share.reshape(d_gap.shape)
+            mean = np.where(normal.grows, normal.gap, 0.0)[self.surface.vertices.of_point[take]]
+            less = np.einsum("prm,pri->pmi", rows, of_share)
+            values -= np.einsum("pk,pmi->pkmi", share * mean, less)
         return self._rows(take, at.facet[take], needs, at.rays is not None).matrix(values)
 
     def _completed(self, right: scipy.sparse.csr_matrix) -> tuple[scipy.sparse.csr_matrix, Longs]:

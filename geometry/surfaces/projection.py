@@ -14,7 +14,7 @@ import scipy.sparse
 from geometry.surfaces.closest_point import CORNER, INTERIOR, closest_points, stationary_points
 from geometry.surfaces.end_distance import EndDistance
 from geometry.surfaces.facet_search import TIE, FacetSearch
-from geometry.surfaces.facets import FacetShape, Floats, Ints, unit_normals
+from geometry.surfaces.facets import FacetShape, Floats, Ints, facet_shape, unit_normals
 from geometry.surfaces.rays import RaySearch
 from geometry.surfaces.slave_normals import PointNormals
 from geometry.surfaces.smoothing import smooth_patches
@@ -67,6 +67,13 @@ class FacetSurface:
             self.shape, self.stencil = patches.shape, patches.stencil
             self._extraction = patches.extraction
         self.search = FacetSearch(self.shape, self._controls(nodes))
+        self._connect(shape, nodes)
+        self.fade_length, self._undeformed = fade_length, nodes
+        self._fading_ends = self._open.copy()
+        self._measure_ends()
+
+    def _connect(self, shape: FacetShape, nodes: Floats) -> None:
+        """Find neighbours and open ends of facets of a shape on nodes (n, i), m, undeformed."""
         count = len(nodes)
         corners = self.facets[:, : shape.corners]
         self._around, self._corner = _facets_around(corners, count)
@@ -93,9 +100,26 @@ class FacetSurface:
         )
         self.neighbours = (incidence @ incidence.T).tocsr()
         self.neighbours.data[:] = 1
-        self.fade_length = fade_length
-        if fade_length is not None:
-            self._end = EndDistance(shape, self.facets, nodes, self._open, fade_length)
+
+    def _measure_ends(self) -> None:
+        if self.fade_length is not None:
+            shape, nodes = facet_shape(self.shape.cell, 1), self._undeformed
+            ends = self._fading_ends
+            self._end = EndDistance(shape, self.facets, nodes, ends, self.fade_length)
+
+    def join(self, others: Floats, within: float) -> None:
+        """Let nothing fade at open ends, in the plane, that meet those of another surface.
+
+        Args:
+            others: (m, i), m, undeformed nodes of the other surface.
+            within: m, distance up to which ends meet.
+        """
+        if self.shape.directions == 2:
+            return
+        ends = np.nonzero(self._fading_ends)[0]
+        apart = np.linalg.norm(self._undeformed[ends][:, None] - others, axis=2)
+        self._fading_ends[ends[apart.min(axis=1) <= within]] = False
+        self._measure_ends()
 
     def project(
         self,
@@ -171,7 +195,7 @@ class FacetSurface:
             return
         if self.shape.directions == 2:
             return
-        open_ends = self._open[self.facets[out.facet, :2]]
+        open_ends = self._fading_ends[self.facets[out.facet, :2]]
         at = np.nonzero(open_ends.any(axis=1) & out.on_surface)[0]
         if not len(at):
             return
