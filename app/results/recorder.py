@@ -332,6 +332,7 @@ class Recorder(Observer):
                 for pair in simulation.state.resultants
             ],
             "bodies": [solid.name for solid in problem.solids],
+            **({"tools": simulation.state.tools.last()} if problem.tools else {}),
             "dofs": int(problem.space.dofmap.index_map.size_global * problem.dim),
             "seconds": {"run": round(wall, 4), **timings},
             **{f"{part}_per_rank": [share[part] for share in shares] for part in shares[0]},

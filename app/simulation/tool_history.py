@@ -92,6 +92,14 @@ class ToolHistory:
             )
             self.rows.append((*key, tool.name, *map(float, values)))
 
+    def last(self) -> dict[str, dict[str, int | float | str]]:
+        """The last row of each tool by its name: numbers by column."""
+        found = {}
+        for row in self.rows[-len(self._tools) :]:
+            named = dict(zip(self.columns, row, strict=True))
+            found[str(named.pop("tool"))] = named
+        return found
+
     def largest_force(self, stages: Collection[str]) -> float:
         """Largest component of a force on a tool at the rows of some stages, N; 0 without any."""
         columns = [number for number, name in enumerate(self.columns) if name.startswith("force_")]

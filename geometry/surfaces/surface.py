@@ -119,9 +119,8 @@ class ContactSurface:
                 fades. None: in the plane over a share of a facet, in space not at all.
 
         Raises:
-            ValueError: on every rank, if a surface has no facet or folds onto itself, the
-                displacement has another degree, the master cannot be made smooth, or a rigid one
-                is of another dimension.
+            ValueError: on every rank, if a surface has no facet or folds onto itself, the degree of
+                the displacement is another, or the master cannot be smooth or has another dim.
         """
         self.space = space
         self.dim = space.mesh.geometry.dim

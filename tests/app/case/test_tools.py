@@ -101,13 +101,23 @@ def test_each_mistake_is_one_line(tools, line):
             {"slave": "punch", "master": "top"},
             'contact.0.slave = "punch": is a tool; a tool is the',
         ),
-        ({"slave": "top", "master": "punch", "smoothing_angle": "9 deg"}, "tools are smooth as"),
+        (
+            {"slave": "top", "master": "punch", "smoothing_angle": "9 deg"},
+            "tools are smooth as they are",
+        ),
     ],
 )
 def test_a_contact_names_a_tool_as_its_master(contact, line):
     found = mistakes(on_punch(), {"friction": {"law": "frictionless"}} | contact)
     assert len(found) == 1, found
     assert line in found[0]
+
+
+def test_a_tie_to_a_tool_is_refused():
+    tied = {"slave": "top", "master": "punch", "tied": True}
+    data = tomllib.loads(BLOCK) | {"tools": on_punch(), "contact": [tied]}
+    with pytest.raises(ValidationError, match=r"contact\.0\.tied: does not go with a tool"):
+        Case.model_validate(data)
 
 
 def test_explicit_dynamics_needs_the_masses_of_what_loads_move():

@@ -180,6 +180,36 @@ _RAMPED = {
     **{"slip_step": "0.3 um", "min_steps": 2, "max_steps": 3},
 }
 
+_WEIGHT = {"gravity": {"y": [["0 s", 0], ["1 s", "-10 m/s^2"]]}}
+_LET_GO = {"name": "let go", "duration": "1 s", "steps": 3, "release": ["aluminium_right"]}
+# Loads that come and go, a force that is held, a support that appears and is released.
+_BY_STAGE = [
+    {"surface": "bottom", "foundation": {"normal": "1e12 Pa/m", "tangential": "1e12 Pa/m"}},
+    {
+        **_TOP,
+        "platen": {
+            **{"direction": "y", "displacement": [["0 s", 0], ["1 s", "0.03 mm"]]},
+            **{"displacement_stages": ["press"], "hold_force": True},
+        },
+    },
+    {"surface": "aluminium_left", "traction": {"x": "20 MPa"}, "stages": ["slide"]},
+    {"surface": "aluminium_right", "velocity": {"x": 0}, "stages": ["slide", "let go"]},
+]
+_OBLIQUE = [
+    BOTTOM,
+    {
+        "surface": "top",
+        "platen": {"direction": [-0.2, 1], "force": [["0 s", 0], ["2 s", "1 N"]]},
+        "stages": ["slide", "let go"],
+    },
+    {
+        "surface": "top",
+        "displacement": {"x": 0, "y": [["0 s", 0], ["1 s", "-0.02 mm"]]},
+        "stages": ["press"],
+    },
+    {"surface": "elastomer_left", "foundation": {"tangential": "1e9 Pa/m", "normal": "1e9 Pa/m"}},
+]
+
 IMPLICIT: dict[str, Maker] = {
     "coulomb": block(probe=PROBES),
     "cut": block(stage=[STAGES[0], STAGES[1] | {"steps": 2}], solver={"max_iterations": 2}),
@@ -215,6 +245,10 @@ IMPLICIT: dict[str, Maker] = {
         },
     ),
     "own law": own_law,
+    "boundaries by stage": plain(
+        BLOCK, {**COARSE, **_DENSE, **_WEIGHT, "boundary": _BY_STAGE, "stage": [*STAGES, _LET_GO]}
+    ),
+    "oblique": block(*_OBLIQUE[1:], stage=[*STAGES, _LET_GO | {"release": ["top"], "steps": 2}]),
     "three bodies": three_bodies,
     "pointwise": block(contact__0__pressure="pointwise"),
     "film": block(contact__0__film={"thickness": "30 nm"}, contact__0__friction=MAP),
@@ -227,6 +261,23 @@ EXPLICIT: dict[str, Maker] = {
     "scaled": plain(THROWN, {**_FLUNG, "solver.mass_scaling": {"step": "0.2 us"}}),
     "relaxed": plain(BLOCK, {**COARSE, **_DENSE, **_SOFT, **_RELAXED}),
     "until steady": plain(SLID, {**_THIN, "stage.1": _RAMPED}),
+    "boundaries by stage": plain(
+        THROWN,
+        {
+            **COARSE,
+            **{"gravity": {"y": -1e6, "stages": ["fly"]}},
+            "boundary": [
+                BOTTOM,
+                {"surface": "elastomer_left", "velocity": {"x": 0}, "stages": ["hold"]},
+                {
+                    "surface": "elastomer_right",
+                    **{"traction": {"y": "1 kPa"}, "foundation": {"normal": 1e9}},
+                    "stages": ["hold", "off"],
+                },
+            ],
+            "stage": [{"name": n, "duration": "5 us", "steps": 2} for n in ("fly", "hold", "off")],
+        },
+    ),
     "own law": lambda directory: (
         changed(THROWN, _FLUNG) | {"contact": own_law(directory)["contact"]}
     ),
