@@ -105,9 +105,13 @@ def _materials() -> tuple[Material, ...]:
     from forms.bodies.hardening import Linear
     from forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, Yeoh
 
-    mooney, yeoh = MooneyRivlin(0.4, 0.1, 2.0), Yeoh(0.5, 0.0, 0.0, 2.0)
-    metal = ElastoPlastic(1.0, 2.0, Linear(1.0))
-    return NeoHookean(1.0, 2.0), mooney, yeoh, Hencky(1.0, 2.0), metal
+    return (
+        NeoHookean(1.0, 2.0),
+        MooneyRivlin(0.4, 0.1, 2.0),
+        Yeoh(0.5, 0.0, 0.0, 2.0),
+        Hencky(1.0, 2.0),
+        ElastoPlastic(1.0, 2.0, Linear(1.0)),
+    )
 
 
 def _shape(cell: str) -> Shape:
