@@ -108,15 +108,23 @@ class MeshArrays:
         Args:
             names: of the cells.
         """
-        low, high = self.position.min(axis=0), self.position.max(axis=0)
+        used = np.zeros(len(self.position), dtype=bool)
+        used[self.cells] = True
+        low, high = self.position[used].min(axis=0), self.position[used].max(axis=0)
         shape = 0.5 * (low + high) + CARRIER_SIZE * (high - low) * np.array(_SHAPES[self.cell])
         count, corners = len(self.position), len(shape)
+        # Numbers that no cell uses, such as that of an arc's centre, come first: DOLFINx takes none
+        # from the number of nodes that are used on.
+        numbers = np.concatenate([np.nonzero(~used)[0], count + np.arange(corners * len(names))])
+        numbers = numbers[: corners * len(names)]
         first = 1 + max(part.tag for part in (*self.bodies.values(), *self.carriers.values()))
         added = {
-            name: Part(first + k, count + corners * k + np.arange(corners)[None])
+            name: Part(first + k, numbers[None, corners * k : corners * (k + 1)])
             for k, name in enumerate(names)
         }
-        position = np.concatenate([self.position, *[shape] * len(names)])
+        more = np.zeros((max(int(numbers.max(initial=-1)) + 1 - count, 0), 3))
+        position = np.concatenate([self.position, more])
+        position[numbers] = np.tile(shape, (len(names), 1))
         return replace(self, position=position, carriers={**self.carriers, **added})
 
     def packed(self) -> bytes:
