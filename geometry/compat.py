@@ -99,18 +99,23 @@ def model_to_mesh(
 
 
 def cell_nodes(mesh: dolfinx.mesh.Mesh) -> Ints:
-    """Rows (c, a) of ``mesh.geometry.x`` of the nodes of each local cell."""
+    """Rows (c, a) of ``mesh.geometry.x`` of the nodes of each local cell, corners first."""
     geometry = mesh.geometry
     nodes: Ints = geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap
     return nodes
 
 
 def entity_nodes(mesh: dolfinx.mesh.Mesh, dim: int, entities: Ints) -> Ints:
-    """Rows (e, a) of ``mesh.geometry.x`` of the corners of each local edge or face."""
+    """Rows (e, a) of ``mesh.geometry.x`` of the nodes of each local edge or face."""
     if not len(entities):  # 0.9 divides by their number
         return np.empty((0, dim + 1), dtype=np.int32)
     nodes: Ints = dolfinx.mesh.entities_to_geometry(mesh, dim, entities)
-    return nodes
+    return nodes  # of curved cells the corners come first
+
+
+def cell_order(mesh: dolfinx.mesh.Mesh) -> int:
+    """Degree of the polynomials that the cells' shape is of: 1 with straight edges."""
+    return int(mesh.geometry.cmap.degree)
 
 
 def facet_kind(mesh: dolfinx.mesh.Mesh) -> str:

@@ -51,7 +51,15 @@ def _made_mesh(case: Case, comm: MPI.Comm, carriers: Sequence[str]) -> NamedMesh
             return generate(geometry.shape(), comm, contacts, carriers)
         scale = 1.0 if geometry.scale is None else geometry.scale
         try:
-            named = read(Path(geometry.mesh), comm, contacts, geometry.max_cells, carriers, scale)
+            named = read(
+                Path(geometry.mesh),
+                comm,
+                contacts,
+                geometry.max_cells,
+                carriers,
+                scale,
+                _straight(case),
+            )
         except MeshError as error:
             raise MeshError(f"geometry.mesh: {error}") from None
         wrong = [*_name_problems(case, named), *_section_problems(case, named)]
@@ -62,6 +70,12 @@ def _made_mesh(case: Case, comm: MPI.Comm, carriers: Sequence[str]) -> NamedMesh
         raise InputError(str(error)) from None
     _check_surfaces(case, named)
     return named
+
+
+def _straight(case: Case) -> bool:
+    """Whether of second-order cells the corners alone are taken: first order is asked for."""
+    given = [body.formulation for body in case.bodies.values()]
+    return case.is_explicit or any(one not in (None, "q2") for one in given)
 
 
 def _name_problems(case: Case, named: NamedMesh) -> Iterator[str]:

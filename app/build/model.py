@@ -165,6 +165,7 @@ def _notes(asked: Case, model: Model, contacts: Sequence[BuiltContact], loads: L
     named, problem, case = model.named, model.problem, model.case
     notes = [
         *notes_on(case),
+        *named.notes,
         *locking_bodies(named, problem.solids, problem.space.element.basix_element.degree),
         *large_mesh(case, named),
         *many_cells(case, named),

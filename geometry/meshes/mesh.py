@@ -20,9 +20,10 @@ from geometry.compat import (
 )
 from geometry.meshes import metis
 from geometry.meshes.array_model import ArrayModel
+from geometry.meshes.elements import CORNERS
 from geometry.meshes.extraction import arrays_of
 from geometry.meshes.gmsh_model import MeshError, Shape, gmsh_session
-from geometry.meshes.mesh_arrays import CORNERS, MeshArrays, unpacked
+from geometry.meshes.mesh_arrays import MeshArrays, unpacked
 from geometry.meshes.own_process import ask
 from geometry.meshes.partition import share_out
 
@@ -45,13 +46,16 @@ class NamedMesh:
     """A distributed mesh whose bodies and surfaces have names.
 
     Attributes:
-        mesh: The mesh, of straight first-order cells; coordinates in m, 2 in the plane, 3 in space.
+        mesh: The mesh, of one kind of cells; coordinates in m, 2 in the plane, 3 in space. Cells
+            are straight (order 1), or curved, of second order.
         cell_tags: The body's tag of every cell.
         facet_tags: The surface's tag of every facet on a named surface.
         bodies: Tag of each body.
         surfaces: Tag of each surface.
         carriers: Tag of each cell that is no body's, see `MeshArrays.with_carriers`. None of them
             is in an output or a sum over the bodies.
+        order: Of the cells, 1 or 2.
+        notes: What the reader did to the mesh, one line each.
     """
 
     mesh: dolfinx.mesh.Mesh
@@ -60,6 +64,8 @@ class NamedMesh:
     bodies: dict[str, int]
     surfaces: dict[str, int]
     carriers: dict[str, int] = field(default_factory=dict)
+    order: int = 1
+    notes: tuple[str, ...] = ()
 
     def body_tag(self, name: str) -> int:
         """The tag of a body in ``cell_tags``.
@@ -155,6 +161,8 @@ class _Names:
     surfaces: dict[str, int]
     carriers: dict[str, int]
     facet_counts: dict[str, int]
+    order: int
+    notes: tuple[str, ...]
 
     @classmethod
     def of(cls, arrays: MeshArrays) -> _Names:
@@ -164,7 +172,9 @@ class _Names:
             {name: part.tag for name, part in arrays.bodies.items()},
             {name: part.tag for name, part in arrays.surfaces.items()},
             {name: part.tag for name, part in arrays.carriers.items()},
-            {name: len(part.corners) for name, part in arrays.surfaces.items()},
+            {name: len(part.nodes) for name, part in arrays.surfaces.items()},
+            arrays.order,
+            arrays.notes,
         )
 
 
@@ -194,14 +204,16 @@ def read(
     most_cells: int = MOST_CELLS,
     carriers: Sequence[str] = (),
     scale: float = 1.0,
+    straight: bool = False,
 ) -> NamedMesh:
     """Read a gmsh file (``.msh``, version 2 or 4) on one process and distribute it; collective.
 
     gmsh reads it in a process of its own, which the first process starts.
 
     Every cell must be in a named physical group (a body); named groups of facets become surfaces,
-    and groups of lower dimension are ignored. Cells are triangles or quadrilaterals in the plane
-    z = 0, or tetrahedra or hexahedra, of first order and of one kind.
+    and groups of lower dimension are ignored. Cells are triangles and quadrilaterals in the plane
+    z = 0, or tetrahedra, hexahedra and prisms; where there are several kinds, or prisms, all are
+    divided into quadrilaterals or hexahedra. Cells of one kind may be of second order.
 
     Args:
         path: The file.
@@ -210,6 +222,7 @@ def read(
         most_cells: More are refused.
         carriers: As in ``generate``.
         scale: m, of a unit of the file's coordinates.
+        straight: Whether of second-order cells only the corners are taken.
 
     Returns:
         The mesh with the file's names.
@@ -219,7 +232,8 @@ def read(
     """
 
     def make() -> MeshArrays:
-        return _read(Path(path), most_cells).scaled(scale).with_carriers(carriers)
+        arrays = _read(Path(path), most_cells).scaled(scale)
+        return (arrays.straightened() if straight else arrays).with_carriers(carriers)
 
     return _load(make, str(path), comm, contacts)
 
@@ -239,7 +253,8 @@ def _load(
     partitioner = _partitioner(arrays, names, comm, contacts)
     mesh, cell_tags, facet_tags = model_to_mesh(model, comm, 0, names.dim, partitioner)
     mesh.topology.create_entities(names.dim - 1)
-    named = NamedMesh(mesh, cell_tags, facet_tags, names.bodies, names.surfaces, names.carriers)
+    tags = (names.bodies, names.surfaces, names.carriers)
+    named = NamedMesh(mesh, cell_tags, facet_tags, *tags, names.order, names.notes)
     _check_facets_found(named, names, source)
     return named
 
@@ -287,10 +302,7 @@ def _partitioner(
 
     def parts_of(vertices: npt.NDArray[np.int64], parts: int) -> npt.NDArray[np.int32]:
         assert arrays is not None, "the cells are where the arrays are"
-        pairs = [
-            (arrays.surfaces[slave].corners, arrays.surfaces[master].corners)
-            for slave, master in known
-        ]
+        pairs = [(arrays.facets(slave), arrays.facets(master)) for slave, master in known]
         cells = vertices.reshape(-1, CORNERS[arrays.cell])
         return share_out(cells, arrays.position[:, : arrays.dim], pairs, parts)
 
