@@ -94,8 +94,8 @@ def build_model(case: Case, comm: MPI.Comm, runs_code: bool = True) -> Model:
     Args:
         case: what to build.
         comm: ranks that work together.
-        runs_code: whether friction laws written in Python are run; a model without them cannot be
-            solved, only looked at.
+        runs_code: whether friction laws written in Python are run, and drawings that may do more
+            than draw; a model without laws cannot be solved, only looked at.
 
     Raises:
         InputError: the mesh, or a name in the case, does not fit, or numbers are out of range; the
@@ -109,7 +109,7 @@ def build_model(case: Case, comm: MPI.Comm, runs_code: bool = True) -> Model:
 
 @failures_as(InputError, "the case")
 def _built(case: Case, comm: MPI.Comm, runs_code: bool) -> Model:
-    named = make_mesh(case, comm)
+    named = make_mesh(case, comm, trusted=runs_code)
     section = case.geometry.section_in(named.mesh.geometry.dim)
     bodies = resolved_bodies(case.bodies, named)
     u = displacement_on(named, bodies)

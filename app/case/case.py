@@ -99,6 +99,11 @@ class Case(Model):
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Case) and self.__dict__ == other.__dict__
 
+    def with_mesh(self, path: Path) -> Case:
+        """The same case with the mesh that was made of its drawing."""
+        geometry = self.geometry.model_copy(update={"meshed": path})
+        return self.model_copy(update={"geometry": geometry})
+
     def sweep_cases(self) -> list[tuple[str, Case]]:
         """The cases of the sweep, each with a label such as "thickness=10nm".
 
@@ -321,6 +326,8 @@ def _rename_files(data: dict[str, Any], case: Case, files: Mapping[Path, str]) -
 
     if isinstance(case.geometry, MeshGeometry):
         data["geometry"]["mesh"] = renamed(case.geometry.mesh)
+        if case.geometry.meshed is not None:
+            data["geometry"]["meshed"] = renamed(case.geometry.meshed)
     for table, contact in zip(data.get("contact", ()), case.contact, strict=True):
         if isinstance(contact.friction, OwnLaw):
             table["friction"]["class"] = renamed(contact.friction.reference)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import dolfinx
 import numpy as np
@@ -20,6 +21,7 @@ from geometry.compat import (
 )
 from geometry.meshes import metis
 from geometry.meshes.array_model import ArrayModel
+from geometry.meshes.drawing import AS_DRAWN, DRAWINGS, Meshing, mesh_drawing
 from geometry.meshes.elements import CORNERS
 from geometry.meshes.extraction import arrays_of
 from geometry.meshes.gmsh_model import MeshError, Shape, gmsh_session
@@ -205,10 +207,12 @@ def read(
     carriers: Sequence[str] = (),
     scale: float = 1.0,
     straight: bool = False,
+    how: Meshing = AS_DRAWN,
 ) -> NamedMesh:
-    """Read a gmsh file (``.msh``, version 2 or 4) on one process and distribute it; collective.
+    """Read a gmsh file, or mesh a drawing, on one process and distribute the mesh; collective.
 
-    gmsh reads it in a process of its own, which the first process starts.
+    gmsh does it in a process of its own, which the first process starts. (Whether a drawing may do
+    more than draw is for the caller to see to.)
 
     Every cell must be in a named physical group (a body); named groups of facets become surfaces,
     and groups of lower dimension are ignored. Cells are triangles and quadrilaterals in the plane
@@ -216,13 +220,14 @@ def read(
     divided into quadrilaterals or hexahedra. Cells of one kind may be of second order.
 
     Args:
-        path: The file.
+        path: The file: ``.msh`` of version 2 or 4, or a drawing.
         comm: Communicator of the mesh.
         contacts: As in ``generate``; names that the file does not have are ignored.
         most_cells: More are refused.
         carriers: As in ``generate``.
         scale: m, of a unit of the file's coordinates.
         straight: Whether of second-order cells only the corners are taken.
+        how: A drawing is meshed.
 
     Returns:
         The mesh with the file's names.
@@ -232,7 +237,9 @@ def read(
     """
 
     def make() -> MeshArrays:
-        arrays = _read(Path(path), most_cells).scaled(scale)
+        drawn = Path(path).suffix.lower() in DRAWINGS
+        found = _drawn(Path(path), how, most_cells) if drawn else _read(Path(path), most_cells)
+        arrays = found.scaled(scale)
         return (arrays.straightened() if straight else arrays).with_carriers(carriers)
 
     return _load(make, str(path), comm, contacts)
@@ -269,6 +276,17 @@ def _generated(shape: Shape) -> MeshArrays:
             said = " ".join(str(error).split())
             raise MeshError(f"gmsh cannot mesh this geometry: {said}") from error
         return arrays_of(gmsh, source)
+
+
+def _drawn(drawing: Path, how: Meshing, most_cells: int) -> MeshArrays:
+    """The mesh of a drawing."""
+    with TemporaryDirectory() as directory:
+        path = Path(directory) / f"{drawing.stem}.msh"
+        mesh_drawing(drawing, path, how)
+        try:
+            return _read(path, most_cells)
+        except MeshError as error:
+            raise MeshError(str(error).replace(str(path), str(drawing))) from None
 
 
 def _read(path: Path, most_cells: int) -> MeshArrays:

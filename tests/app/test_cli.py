@@ -335,7 +335,7 @@ def test_schema_is_json_with_all_tables(tribox):
     result = tribox("schema")
     assert result.returncode == 0 and result.stderr == ""
     schema = json.loads(result.stdout)
-    tables = {"title", "geometry", "bodies", "contact", "boundary", "stage"}
+    tables = {"title", "geometry", "bodies", "boundary", "stage"}
     assert tables | {"probe", "solver", "output", "sweep"} == set(schema["properties"])
     assert set(schema["required"]) == tables - {"title"}
 
