@@ -169,6 +169,24 @@ def facet_submesh(mesh: dolfinx.mesh.Mesh, facets: Ints) -> tuple[dolfinx.mesh.M
     return sub, np.asarray(entities, dtype=np.int32), {sub: to_sub}
 
 
+def cell_submesh(mesh: dolfinx.mesh.Mesh, cells: Ints) -> tuple[dolfinx.mesh.Mesh, Ints]:
+    """A mesh of some of a mesh's cells; collective.
+
+    Args:
+        mesh: The mesh.
+        cells: Local cells that this process owns.
+
+    Returns:
+        The mesh of these cells, and the cell of ``mesh`` behind each of its local cells.
+    """
+    sub, entities = dolfinx.mesh.create_submesh(mesh, mesh.topology.dim, np.sort(cells))[:2]
+    if hasattr(entities, "sub_topology_to_topology"):
+        index = sub.topology.index_map(mesh.topology.dim)
+        local = np.arange(index.size_local + index.num_ghosts, dtype=np.int32)
+        entities = entities.sub_topology_to_topology(local, False)
+    return sub, np.asarray(entities, dtype=np.int32)
+
+
 def mixed_form(form: Any, relation: Any) -> dolfinx.fem.Form:
     """Compile a form on a mesh with functions on a submesh of its facets, see `facet_submesh`."""
     return dolfinx.fem.form(form, entity_maps=relation)

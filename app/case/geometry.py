@@ -224,6 +224,11 @@ class MeshGeometry(Model):
         """Length of a unit of the coordinates, m; a STEP file says it itself."""
         return 1.0 if self.scale is None else self.scale
 
+    @property
+    def says_unit(self) -> bool:
+        """Whether the unit of the coordinates is known."""
+        return self.scale is not None or self.mesh.suffix.lower() in STEP
+
     def meshing(self) -> Meshing:
         """How the drawing is meshed."""
 

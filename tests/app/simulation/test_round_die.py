@@ -6,6 +6,7 @@ import gmsh
 import numpy as np
 import pytest
 
+from app.figures.body_shapes import read_bodies
 from app.results import read
 from tests.geometry.meshes.test_mesh import group, write_built
 from tests.ranks import command
@@ -91,6 +92,7 @@ def pressed(comm, directory):
         "x": nodes.points[:, 0].tolist(),
         "pressure": nodes.point_data["pressure"].tolist(),
         "balance": found.summary["force_balance_relative"],
+        "sides": read_bodies(found.fields(), ("die", "pad"), "pressure").polygons.shape[1],
     }
 
 
@@ -98,6 +100,7 @@ def test_two_curved_facets_press_as_a_cylinder_does(on_ranks):
     """Hertz: p = 2P/(πa) √(1 − x²/a²), a² = 4PR/(πE*); the block is 15 half-widths large."""
     found = on_ranks(pressed, 1)
     assert found["formulations"] == "q2"
+    assert found["sides"] == 8  # curved cells are drawn so
     assert found["balance"] < 1e-8
     line = 2.0 * found["force"] / 1e-3
     half = np.sqrt(4.0 * line * RADIUS * (1.0 - 0.3**2) / (np.pi * 5e6))
