@@ -26,7 +26,7 @@ from app.case.time_tables import TimeTable
 from app.equilibrium.constraints import Platen, Prescribed, component_dofs
 from app.equilibrium.equilibrium import Equilibrium
 from app.equilibrium.nodal_load import NodalLoad
-from app.equilibrium.slanted import SlantedPlaten
+from app.equilibrium.slanted import SlantedPlaten, node_groups
 from app.equilibrium.snapshot import Snapshot
 from app.errors import InputError
 from forms.bodies.kinematics import Section
@@ -429,9 +429,28 @@ class Loads:
             InputError: two boundaries disagree at a shared node.
         """
         mine = list(self._disagreements())
+        mine += self._stuck()
         problems = sorted(set(itertools.chain(*self.named.mesh.comm.allgather(mine))))
         if problems:
             raise InputError(f"boundary: {problems[0]}")
+
+    def _stuck(self) -> Iterator[str]:
+        """Stages in which nothing is left that an oblique surface could move at a node."""
+        for stage in self._stages or [""]:
+            acting = self.acting(stage)
+            oblique = [one.part for one in acting if isinstance(one.part, SlantedPlaten)]
+            held = [one.dofs for one in acting if isinstance(one.part, Prescribed)]
+            if not oblique:
+                continue
+            try:
+                dofs = np.concatenate([*held, np.empty(0, dtype=np.int32)])
+                node_groups(oblique, dofs, self.named.mesh.geometry.dim)
+            except ValueError:
+                names = sorted({o.surface for o in acting if isinstance(o.part, SlantedPlaten)})
+                yield (
+                    f"at a node of {' or '.join(names)} other boundaries hold all that it could "
+                    "move in its oblique direction; let one of them end before it"
+                )
 
     def _disagreements(self) -> Iterator[str]:
         names = list(self._stages) or [""]
@@ -459,7 +478,7 @@ def _share(a: Constraint, b: Constraint) -> bool:
 def _decides_oblique(a: Constraint, b: Constraint) -> bool:
     """Whether two constraints, one along no axis, cannot stand at one node together."""
     if isinstance(a.part, SlantedPlaten) and isinstance(b.part, SlantedPlaten):
-        return True
+        return bool(abs(a.part.normal @ b.part.normal) > 1.0 - PLANE)
     oblique, other = (a, b) if isinstance(a.part, SlantedPlaten) else (b, a)
     assert isinstance(oblique.part, SlantedPlaten)
     # What is prescribed beside it is left out of what it eliminates.

@@ -39,6 +39,7 @@ from app.equilibrium.snapshot import Snapshot
 from app.errors import InputError
 from app.implicit.linear_solver import chosen_solver
 from forms.bodies.kinematics import Section
+from forms.contact.shared_slave import introduce
 from geometry.meshes import metis
 from geometry.meshes.mesh import NamedMesh
 from geometry.surfaces.facets import Floats, Ints
@@ -163,6 +164,7 @@ def _built(case: Case, comm: MPI.Comm, runs_code: bool) -> Model:
     contacts = [builder.build(index) for index in range(len(case.contact))]
     loads = _loads(case, named, u, section)
     terms = [contact.term for contact in contacts]
+    introduce(terms)
     problem = Equilibrium(
         u,
         solids,

@@ -18,6 +18,7 @@ from petsc4py import PETSc
 from app.equilibrium.constraints import Constraints, Platen
 from app.equilibrium.contact_sparsity import BlockPlaces, ContactWindow, coupled_nodes, widened
 from app.equilibrium.holding_springs import HoldingSprings
+from app.equilibrium.slanted import room_of
 from app.equilibrium.timers import Stopwatch
 from forms.bodies.loads import Load
 from forms.bodies.solid import Solid
@@ -63,7 +64,7 @@ class Tangent:
         self._raw: PETSc.Mat | None = None
         self._mapped: tuple[bool, ...] = ()  # platens whose unknowns are sent to their leaders
         self.seen: list[tuple[bool, ...]] = []
-        self._fitted: object = None  # what the tangent's pattern was made for, with slanted platens
+        self._fitted: int | None = None  # pattern that a tangent with slanted platens has room for
 
     def new_matrix(self, trials: Sequence[ContactTrial]) -> PETSc.Mat:
         """A matrix with room for solids, platens and these contacts; collective."""
@@ -77,8 +78,10 @@ class Tangent:
         self._widen(A, trials)
         if not self.constraints.slanted:
             return A
-        self._raw, self._fitted = A, None
-        return A.duplicate(copy=True)
+        self._raw = A
+        out = A.duplicate(copy=True)
+        self._fit(out)
+        return out
 
     def assemble(
         self,
@@ -126,22 +129,22 @@ class Tangent:
     def _slant(self, A: PETSc.Mat) -> None:
         """Make the tangent ``A`` from what was assembled, with the slanted platens' equations."""
         assert self._raw is not None
+        if self._fitted != self.pattern_changes:
+            self._fit(A)
         rows = self.constraints.slanted_rows
         made = self._raw if rows is None else rows.constrained(self._raw)
-        fits = (self.pattern_changes, self.constraints.controls)
-        structures = PETSc.Mat.Structure
-        fitting = self._fitted == fits
-        if not fitting:
-            self.pattern_changes += 1
-            self._fitted = (self.pattern_changes, self.constraints.controls)
         A.zeroEntries()
-        A.axpy(
-            1.0,
-            made,
-            structures.SUBSET_NONZERO_PATTERN if fitting else structures.DIFFERENT_NONZERO_PATTERN,
-        )
+        A.axpy(1.0, made, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
         if rows is not None:
             made.destroy()
+
+    def _fit(self, A: PETSc.Mat) -> None:
+        """Give ``A`` room for the slanted platens' equations, whichever of them act; collective."""
+        assert self._raw is not None
+        room = room_of(self.constraints.unknowns, self.constraints.slanted, self._raw)
+        A.axpy(1.0, room, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        room.destroy()
+        self._fitted = self.pattern_changes
 
     def _renumber(self, A: PETSc.Mat) -> None:
         """Send the unknowns of the platens that act now to their leaders; collective."""
@@ -241,7 +244,7 @@ class Tangent:
         A.axpy(1.0, extra, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         extra.destroy()
         A.setLGMap(*self._plain_map)
-        self._mapped = ()
+        self._mapped, self._fitted = (), None
         A.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, True)
 
     def _empty_like(self, A: PETSc.Mat) -> PETSc.Mat:

@@ -291,6 +291,7 @@ class ExplicitStepper:
         places = [c.searched_at for c in self.contacts]
         return {
             **vectors,
+            "residual": Nodal(self._residual.owned),
             "clock": {"time": state.time, "steps": state.steps, "last_dt": state.last_dt},
             "mass": Nodal(masses.mass),
             "masses": [masses.added, masses.original, masses.scaled],
@@ -340,6 +341,7 @@ class ExplicitStepper:
         self._motion.restore(kept["motion"])
         self.loads = self.energies.restore(kept["energies"])
         self._evaluate_contacts(1.0)  # among the candidates of that search
+        self._residual.owned[:] = kept["residual"]
         self._watch.restore(kept["watch"])
         self._estimate.restore(kept["estimate"])
 

@@ -137,12 +137,19 @@ def _scalars(term: ContactTerm, trial: ContactTrial) -> dict[str, float]:
         "mu": load @ term.law.coefficient(response.state),
         "slip": closed @ np.linalg.norm(k.slip, axis=1),
         "energy": term.interface_energy(trial),
-        "dissipated": weight @ parts.total,
+        "dissipated": weight @ parts.total + fading_loss(term, trial),
         "numerical": 0.5
         * (weight @ _dot(response.traction - term.state.friction_traction, k.slip)),
         "area_ratio": closed @ trial.area_ratio,
     }
     return {name: float(value) for name, value in out.items()}
+
+
+def fading_loss(term: ContactTerm, trial: ContactTrial) -> float:
+    """What this rank's points lost at the end of the master in a step, J per unit thickness."""
+    if trial.faded is None or not term.active:
+        return 0.0
+    return float(term.surface.slave.weight @ trial.faded.lost)
 
 
 def vector_integrals(term: ContactTerm, trial: ContactTrial) -> dict[str, Floats]:

@@ -30,7 +30,8 @@ class FlowWatch:
         if not self._bodies:
             return
         local = np.array([body.largest_flow() for body in self._bodies])
-        largest = self._comm.allreduce(local, op=MPI.MAX)
+        largest = np.empty_like(local)
+        self._comm.Allreduce(local, largest, op=MPI.MAX)
         when = f"first at time {time_text(row.time, row.dt)}, stage {row.stage}"
         for body, (strain, growth) in zip(self._bodies, largest, strict=True):
             end = body.material.hardening.largest_strain

@@ -190,6 +190,8 @@ class RigidSurface(ABC):
         out.normal = out.normal @ turn.T
         if out.curvature is not None:
             out.curvature = out.curvature @ turn.T
+        if out.share_turn is not None:
+            out.share_turn = out.share_turn @ turn.T
         if rays is not None:
             out.normal, out.rays = rays.normal, rays
         return out
@@ -244,11 +246,8 @@ class RigidShape(RigidSurface):
         """
         raise NotImplementedError(f"{type(self).__name__} has no kinks to be met along rays")
 
-    def shares(
-        self, feet: Feet, on_surface: Bools, reach: Floats
-    ) -> tuple[Floats | None, Floats | None]:
-        """See :class:`~geometry.surfaces.target.Projection`: of points ``reach`` (q,) from ends."""
-        return None, None
+    def fade(self, out: Projection, reach: Floats) -> None:
+        """Let points fade over the way ``reach`` (q,), m, up to where a line in the plane ends."""
 
     def _project(
         self,
@@ -273,13 +272,14 @@ class RigidShape(RigidSurface):
             clamped=np.zeros(len(points), dtype=bool),
             on_surface=met,
             curvature=at.curvature,
+            rays=rays,
         )
         if self.dim == 3:
             out.along = np.zeros_like(feet.xi) if feet.along is None else feet.along
         if feet.outward is not None:
             _clamp(out, points, feet.outward)
         if fading is not None:
-            out.share, out.share_slope = self.shares(feet, met, fading)
+            self.fade(out, fading)
         return out
 
 

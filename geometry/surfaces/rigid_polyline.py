@@ -7,6 +7,7 @@ the next with a continuous normal. At a sharp corner the normal is that from the
 point. With pressure that is averaged over facets, points beside a convex sharp corner are projected
 along the slave's normals instead, as on facets with kinks (:mod:`geometry.surfaces.rays`): closest
 points below a punch would be on its flank as soon as they are deeper than away from the corner.
+What looks at a flank that it only grazes fades (:mod:`geometry.surfaces.rigid_shares`).
 """
 
 from __future__ import annotations
@@ -20,9 +21,11 @@ import numpy as np
 from geometry.surfaces.rigid import Feet, Outline, Places, RigidShape
 from geometry.surfaces.rigid_fillets import filleted
 from geometry.surfaces.rigid_pieces import Pieces, left_of
+from geometry.surfaces.rigid_shares import LineEnds
 
 if TYPE_CHECKING:
     from geometry.surfaces.facets import Bools, Floats, Ints, Longs
+    from geometry.surfaces.target import Projection
 
 KINK = np.radians(3.0)  # turn of a sharp corner from which on it is a kink, as of facets
 OVERRUN = 1e-4  # ξ past a corner up to which a point may stay on its piece, as on facets
@@ -83,7 +86,7 @@ class Polyline(RigidShape):
         turns = pieces.turns()
         self._open, self._sharp = pieces.open_ends(), turns != 0.0
         self.has_kinks = bool(np.any(np.abs(turns) > KINK))
-        self._limits, self._length = pieces.limits(), pieces.length
+        self._limits, self._ends = pieces.limits(), LineEnds(pieces)
         self._spheres = pieces.spheres()
         self.least_radius = float(np.min(pieces.radius, where=pieces.sweep != 0.0, initial=np.inf))
         # At a corner between the normals of both pieces.
@@ -196,23 +199,16 @@ class Polyline(RigidShape):
         out.facet[rows], out.xi[rows, 0], met[rows] = piece[best], xi[best], True
         return out, met
 
-    def shares(
-        self, feet: Feet, on_surface: Bools, reach: Floats
-    ) -> tuple[Floats | None, Floats | None]:
-        """See :class:`~geometry.surfaces.target.Projection`; as on facets."""
-        open_ends = self._open[feet.facet]
-        at = np.nonzero(open_ends.any(axis=1) & on_surface)[0]
-        if not len(at):
-            return None, None
-        length, xi = self._length[feet.facet[at]], feet.xi[at, 0]
-        way = np.where(open_ends[at], np.stack([xi, 1.0 - xi], axis=1), np.inf)
-        end = np.argmin(way, axis=1)
-        per_length = length / np.minimum(reach[at], length)
-        part = way[np.arange(len(at)), end] * per_length
-        share, slope = np.ones(len(reach)), np.zeros(len(reach))
-        share[at] = np.minimum(part, 1.0)
-        slope[at] = np.where(part < 1.0, np.where(end == 0, per_length, -per_length), 0.0)
-        return share, slope[:, None]
+    def fade(self, out: Projection, reach: Floats) -> None:
+        """See :class:`~geometry.surfaces.rigid.RigidShape`; as on facets, and beside corners."""
+        piece, xi = out.facet, out.xi[:, 0]
+        if out.rays is None:
+            found = self._ends.of_closest(piece, xi, out.on_surface, reach)
+        else:
+            found = self._ends.along_rays(piece, xi, out.on_surface, reach, out.rays.normal)
+        if found is not None:
+            out.share, out.share_turn = found.share, found.turn
+            out.share_slope = found.slope[:, None]
 
     def outline(self, box: Floats, count: int = 64) -> Outline:
         """See :class:`~geometry.surfaces.rigid.RigidSurface`; a fillet has ``count`` per turn."""
@@ -225,7 +221,7 @@ class Polyline(RigidShape):
         far = float(np.linalg.norm(box[1] - box[0]) + np.linalg.norm(box.mean(0) - self._middle))
         for end, sign in ((0, -1.0), (-1, 1.0)):
             if pieces.continued[end]:
-                xi[end] += sign * far / self._length[end]
+                xi[end] += sign * far / pieces.length[end]
         number = np.arange(len(xi), dtype=np.int32)
         cells = np.stack([number, np.roll(number, -1)], axis=1)
         places = pieces.at(facet, xi)[0]

@@ -115,13 +115,11 @@ class ContactSurface:
                 of whole rings, and forces totals.
             smoothing_angle: rad; a smooth master, but for sides where its facets' normals differ by
                 more. None: the facets as they are.
-            fade_length: m, way before an open end of the master over which the averaged pressure
-                fades. None: in the plane over a share of a facet, in space not at all.
+            fade_length: m, way before an open end over which averaged pressure fades, if given.
 
         Raises:
-            ValueError: on every rank, if a surface has no facet or folds onto itself, the
-                displacement has another degree, the master cannot be made smooth, or a rigid one
-                is of another dimension.
+            ValueError: on every rank, if a surface has no facet or folds onto itself, the degree of
+                the displacement is another, or the master cannot be smooth or has another dim.
         """
         self.space = space
         self.dim = space.mesh.geometry.dim

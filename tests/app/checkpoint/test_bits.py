@@ -39,6 +39,8 @@ FIRST = (
     "implicit coulomb",
     "implicit cut",
     "implicit frozen",
+    "implicit boundaries by stage",
+    "implicit pairs",
     "implicit space by Krylov",
     "explicit thrown",
 )
@@ -71,6 +73,7 @@ def places(name: str) -> list[Any]:
     """A case with some of its checkpoints, by how much of them lies before."""
     own = {
         "implicit cut": (0.4, 0.6),
+        "implicit boundaries by stage": (0.3, 0.85),
         "implicit frozen": (0.7, 1.0),
         "explicit film": (0.0, 0.65),
     }

@@ -14,7 +14,7 @@ from app.simulation.history import PHYSICAL
 from tests.app.checkpoint.going_on import as_killed, case_of, numbers, run, unlike
 from tests.app.checkpoint.small_cases import BOTTOM
 from tests.app.simulation.test_ranks import SAME
-from tests.flowing import flowing, soft_block
+from tests.flowing import soft_block
 
 PROBES = [
     {"name": "below", "point": ["1 mm", "-0.1 mm"]},
@@ -24,17 +24,15 @@ STRUCK = {
     "x": [["10 us", "0 mm"], ["20 us", "0.01 mm"]],
     "y": [["0 s", "0 mm"], ["10 us", "-0.03 mm"]],
 }
-CASES: dict[str, tuple[dict[str, Any], bool]] = {
-    "implicit": (soft_block(probe=PROBES), False),
-    "cut": (soft_block(solver={"max_iterations": 3}), True),
-    "explicit": (
-        soft_block(
-            solver={"kind": "explicit", "tolerance": 1e-8},
-            stage=[{"name": "strike", "duration": "20 us", "steps": 2}],
-            boundary=[BOTTOM, {"surface": "top", "displacement": STRUCK}],
-            bodies__elastomer__density=1100,
-        ),
-        True,
+CASES: dict[str, dict[str, Any]] = {
+    "implicit": soft_block(probe=PROBES),
+    "cut": soft_block(rated=True, solver={"max_iterations": 3}),
+    "explicit": soft_block(
+        rated=True,
+        solver={"kind": "explicit", "tolerance": 1e-8},
+        stage=[{"name": "strike", "duration": "20 us", "steps": 2}],
+        boundary=[BOTTOM, {"surface": "top", "displacement": STRUCK}],
+        bodies__elastomer__density=1100,
     ),
 }
 
@@ -43,37 +41,34 @@ CASES: dict[str, tuple[dict[str, Any], bool]] = {
 def test_a_run_that_goes_on_writes_the_same_bytes(name, tmp_path, monkeypatch):
     """The explicit one goes on from within a row of the history, too."""
     monkeypatch.setattr(explicit_stage, "CHECK_EVERY", 10)
-    keys, rated = CASES[name]
-    case = case_of(keys)
-    with flowing(rated=rated):
-        whole = run(case, tmp_path / "whole")
-        [metal] = [solid for solid in whole.model.problem.solids if solid.flows]
-        assert metal.plastic_strain().max() > 1e-5
-        assert name != "cut" or any(row.attempts > 1 for row in whole.rows)
-        written = numbers(tmp_path / "whole")
-        for share in (0.35, 0.8):
-            again = as_killed(
-                tmp_path / "whole", tmp_path / f"{share}", written[int(share * len(written))]
-            )
-            run(case, again, resume=True)
-            assert unlike(tmp_path / "whole", again) == []
+    case = case_of(CASES[name])
+    whole = run(case, tmp_path / "whole")
+    [metal] = [solid for solid in whole.model.problem.solids if solid.flows]
+    assert metal.plastic_strain().max() > 1e-5
+    assert name != "cut" or any(row.attempts > 1 for row in whole.rows)
+    written = numbers(tmp_path / "whole")
+    for share in (0.35, 0.8):
+        again = as_killed(
+            tmp_path / "whole", tmp_path / f"{share}", written[int(share * len(written))]
+        )
+        run(case, again, resume=True)
+        assert unlike(tmp_path / "whole", again) == []
 
 
 def on_two(comm: MPI.Comm, directory: Path) -> dict[str, dict[str, float]]:
     """Differences of a run on all ranks, and of one begun there and ended on one, from one's."""
-    case = case_of(CASES["implicit"][0] | {"solver": {"tolerance": 1e-11}})
-    with flowing():
-        if comm.rank == 0:
-            run(case, directory / "one")
-        run(case, directory / "two", comm)
-        if comm.rank == 0:
-            again = as_killed(directory / "two", directory / "back", 4)
-            run(case, again, resume=True)
-        comm.barrier()
-        if comm.rank == 0:
-            as_killed(directory / "one", directory / "on", 4)
-        comm.barrier()
-        run(case, directory / "on", comm, resume=True)
+    case = case_of(CASES["implicit"] | {"solver": {"tolerance": 1e-11}})
+    if comm.rank == 0:
+        run(case, directory / "one")
+    run(case, directory / "two", comm)
+    if comm.rank == 0:
+        again = as_killed(directory / "two", directory / "back", 4)
+        run(case, again, resume=True)
+    comm.barrier()
+    if comm.rank == 0:
+        as_killed(directory / "one", directory / "on", 4)
+    comm.barrier()
+    run(case, directory / "on", comm, resume=True)
     if comm.rank > 0:
         return {}
     rows = {

@@ -21,8 +21,11 @@ TIGHT = {"tolerance": 1e-11}
 KRYLOV = TIGHT | {"linear": "krylov", "petsc": {"ksp_rtol": 1e-12, "ksp_max_it": 2000}}
 CASES = {
     "coulomb": (IMPLICIT["coulomb"], TIGHT),
+    "boundaries by stage": (IMPLICIT["boundaries by stage"], TIGHT),
+    "oblique": (IMPLICIT["oblique"], TIGHT),
     "film": (IMPLICIT["film"], TIGHT),
     "space by Krylov": (IMPLICIT["space by Krylov"], KRYLOV),
+    "pairs": (IMPLICIT["pairs"], TIGHT),
     "thrown": (EXPLICIT["thrown"], {"kind": "explicit"}),
 }
 

@@ -16,7 +16,7 @@ from forms.bodies.hardening import Linear
 from forms.bodies.plastic_solid import make_solid
 from forms.bodies.point_stress import triaxiality
 from tests.app.checkpoint.going_on import case_of, run
-from tests.flowing import flowing, soft_block
+from tests.flowing import soft_block
 from tests.grid import grid
 
 G, K, Y, H = 1.0, 5.0, 0.02, 0.1
@@ -78,8 +78,7 @@ def pressed(tmp_path_factory):
         {"name": "inside", "point": ["1 mm", "-0.1 mm"]},
         {"name": "above", "point": ["1 mm", "0.3 mm"]},
     ]
-    with flowing():
-        simulation = run(case_of(soft_block(probe=probes), fields_every=1), directory / "out")
+    simulation = run(case_of(soft_block(probe=probes), fields_every=1), directory / "out")
     return simulation, directory / "out"
 
 

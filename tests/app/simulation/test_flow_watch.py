@@ -6,9 +6,8 @@ import pytest
 
 from app.build.mesh_notes import locking_bodies
 from app.simulation.flow_watch import FlowWatch
-from forms.bodies.hardening import Table
 from tests.app.checkpoint.going_on import case_of, run
-from tests.flowing import flowing, soft_block
+from tests.flowing import soft_block
 
 
 @pytest.mark.parametrize(
@@ -20,12 +19,12 @@ from tests.flowing import flowing, soft_block
     ],
 )
 def test_it_is_said_once(tmp_path, end, steps, said):
-    table = Table([(0.0, 0.3e6), (end, 0.3e6 + 1e6 * end)])
+    table = {"law": "table", "points": [[0, 0.3e6], [end, 0.3e6 + 1e6 * end]]}
     deep = {"stage": [{"name": "press", "duration": "1 s", "steps": steps}]}
     if steps == 1:
         deep["boundary.1.displacement"] = {"x": 0, "y": [["0 s", 0], ["1 s", "-0.09 mm"]]}
-    with flowing(table):
-        simulation = run(case_of(soft_block(**deep), fields_every=0), tmp_path / "out")
+    keys = deep | {"bodies__aluminium__hardening": table}
+    simulation = run(case_of(soft_block(**keys), fields_every=0), tmp_path / "out")
     log = (tmp_path / "out" / "log.txt").read_text()
     lines = [line for line in log.splitlines() if "equivalent plastic strain" in line]
     assert len(lines) == bool(said) and all(word in lines[0] for word in said)

@@ -107,7 +107,7 @@ def apart(monkeypatch):
 
     def lift(gap: float) -> None:
         def lifted(case, comm, carriers=()):
-            named = make_mesh(case, comm)
+            named = make_mesh(case, comm, carriers)
             geometry = named.mesh.geometry
             geometry.x[np.unique(geometry.dofmap[named.cells("elastomer")]), 1] += gap
             return named

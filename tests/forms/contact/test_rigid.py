@@ -36,6 +36,7 @@ SHAPES = {
     "segments": lambda: MeshSurface(STEP, LINE),
     "groove": lambda: Polyline(np.array([[-1.0, 0.1], [0.0, 0.0], [1.0, 0.07]])),
     "ridge": lambda: Polyline(np.array([[-1.0, -0.08], [0.0, 0.0], [1.0, -0.07]])),
+    "steep": lambda: Polyline(np.array([[0.25, 1.0], [0.0, 0.0], [-0.75, 0.0]])),
     "end": lambda: Polyline(np.array([[-1.0, 0.0], [0.0, 0.0]])),
     "smooth segments": lambda: MeshSurface(parabolas()[0], EIGHT, 1.0),
     "parabolas": lambda: MeshSurface(*parabolas()),
@@ -52,6 +53,7 @@ CORNERS = {
 # Facet and ξ above which the block is put: near the ends of pieces, so that it lies on two.
 ABOVE = {
     "end": (0, 0.926),
+    "steep": (1, 0.08),
     "punch": (1, 0.02),
     "smooth segments": (3, 0.6),
     "parabolas": (1, 0.9),
@@ -188,7 +190,7 @@ def test_tangent_against_differences(name, friction, pressure):
     assert np.count_nonzero(trial.response.regime == regime) >= 2
     assert np.count_nonzero(trial.pressure) >= 4
     pieces = len(np.unique(trial.projection.facet[trial.pressure > 0.0]))
-    assert pieces >= 2 or name in ("line", "plane", "sharp", "segments", "end")
+    assert pieces >= 2 or name in ("line", "plane", "sharp", "segments", "steep", "end")
     along_rays = scene.shape.has_kinks and pressure == "averaged"
     assert (trial.projection.rays is not None) == along_rays
     assert scene.error(*state) < 1e-8

@@ -206,16 +206,18 @@ def test_sharp_corners_are_those_of_facets():
 
 
 def test_rays_and_shares_are_those_of_facets():
+    """Where all of them face the slave."""
+    step = STEP * [1.0, 0.25]
     facets = np.array([[0, 1], [1, 2], [2, 3], [3, 4]], dtype=np.int32)
-    mesh = FacetSurface(facet_shape("interval", 1), facets, STEP)
-    line = Polyline(STEP)
+    mesh = FacetSurface(facet_shape("interval", 1), facets, step)
+    line = Polyline(step)
     rng = np.random.default_rng(1)
     points = np.stack([rng.uniform(-1.2, 1.4, 200), np.zeros(200)], axis=1)
-    points[:, 1] = np.interp(points[:, 0], *STEP.T) + rng.uniform(-0.05, 0.1, 200)
+    points[:, 1] = np.interp(points[:, 0], *step.T) + rng.uniform(-0.05, 0.1, 200)
     rays = along(np.stack([rng.uniform(-0.1, 0.1, 200), np.ones(200)], axis=1))
-    reach = np.full(200, 0.2)
+    reach = np.full(200, 0.15)
     ours = line.project(points, line.control_points, rays=rays, fading=reach)
-    theirs = mesh.project(points, STEP, rays=rays, fading=reach)
+    theirs = mesh.project(points, step, rays=rays, fading=reach)
     met = theirs.on_surface
     np.testing.assert_array_equal(ours.on_surface, met)
     assert 100 < met.sum() < 200 and (theirs.share < 1.0).sum() > 10
