@@ -19,26 +19,42 @@ SIDES = {"bottom": 1, "right": 2, "top": 3, "left": 4}
 
 
 def block_mesh(
-    path: Path, counts: tuple[int, int] = (8, 3), low: tuple[float, float] = (0.0, 0.0)
+    path: Path,
+    counts: tuple[int, int] = (8, 3),
+    grading: float = 0.0,
+    scale: float = 1.0,
+    halves: bool = False,
 ) -> Path:
-    """A block of quadrilaterals [0, 4] x [0, 1] mm from ``low``, with its sides, as a gmsh file."""
+    """A block of quadrilaterals [0, 4] x [0, 1] mm, with its sides, as a gmsh file.
+
+    Args:
+        path: of the file.
+        counts: cells along x and y.
+        grading: how much finer it is towards the middle of the top; 0: even.
+        scale: factor of all coordinates.
+        halves: whether the right half of the top is a surface of its own, "right top".
+    """
     nx, ny = counts
-    x, y = np.linspace(0.0, WIDTH, nx + 1), np.linspace(0.0, HEIGHT, ny + 1)
-    nodes = [(low[0] + a, low[1] + b) for b in y for a in x]
+    x, y = np.linspace(-1.0, 1.0, nx + 1), np.linspace(-1.0, 0.0, ny + 1)
+    if grading:
+        x, y = (np.sinh(grading * a) / np.sinh(grading) for a in (x, y))
+    x, y = 0.5 * WIDTH * (1.0 + x) * scale, HEIGHT * (1.0 + y) * scale
+    nodes = [(a, b) for b in y for a in x]
 
     def at(i: int, j: int) -> int:
         return 1 + i + (nx + 1) * j
 
     lines = [(1, at(i, 0), at(i + 1, 0)) for i in range(nx)]
     lines += [(2, at(nx, j), at(nx, j + 1)) for j in range(ny)]
-    lines += [(3, at(i + 1, ny), at(i, ny)) for i in range(nx)]
+    lines += [(6 if halves and 2 * i >= nx else 3, at(i + 1, ny), at(i, ny)) for i in range(nx)]
     lines += [(4, at(0, j + 1), at(0, j)) for j in range(ny)]
     cells = [
         (at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1))
         for j in range(ny)
         for i in range(nx)
     ]
-    names = [f'1 {tag} "{name}"' for name, tag in SIDES.items()] + ['2 5 "block"']
+    sides = SIDES | ({"right top": 6} if halves else {})
+    names = [f'1 {tag} "{name}"' for name, tag in sides.items()] + ['2 5 "block"']
     rows = [f"{k} 1 2 {tag} {tag} {a} {b}" for k, (tag, a, b) in enumerate(lines, 1)]
     first = len(rows) + 1
     rows += [f"{k} 3 2 5 5 {' '.join(map(str, c))}" for k, c in enumerate(cells, first)]

@@ -15,6 +15,7 @@ from forms.contact.pressure import PressureKind
 CORNERED = 3.0  # length of master facets over that of slave facets from which these feel corners
 APART = 2.0  # distance over facet length from which bodies are said to start apart
 COARSE = 3.0  # length of slave facets over that of master facets from which they are too coarse
+ROUND = 0.5  # length of slave facets over the radius of a tool from which they are too coarse
 STIFFER = 10.0  # modulus of the slave's body over that of the master's that is pointed out
 CHATTER = 10.0  # K h/M above which an explicit run pays for the penalty K
 # Penalties in units of the stiffness of the elements beside them (`penalty_factor`). Up to a
@@ -79,6 +80,25 @@ def notes_on_surfaces(
         yield (
             f"{place}: the facets of the slave {contact.slave} are {slave / master:.2g} times as "
             f"long as those of {contact.master}, whose shape they cannot follow; refine the slave"
+        )
+
+
+def note_on_radius(
+    place: str, contact: Contact, length: float, radius: float | None
+) -> Iterator[str]:
+    """A line on slave facets too long to follow a round tool.
+
+    Args:
+        place: of the contact in the case.
+        contact: what the case says.
+        length: m, mean length of the slave facets.
+        radius: m, the smallest of the tool; None: it has none.
+    """
+    if radius is not None and length > ROUND * radius:
+        yield (
+            f"{place}: the facets of the slave {contact.slave} are {length / radius:.2g} times as "
+            f"long as the smallest radius of {contact.master}, {radius:.3g} m, which they cannot "
+            "follow; refine the slave where it bends round"
         )
 
 

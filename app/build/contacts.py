@@ -18,6 +18,7 @@ from app.build.contact_notes import (
     Corners,
     note_on_corners,
     note_on_idle_film,
+    note_on_radius,
     note_on_stick,
     note_on_tie,
     notes_on_penalty,
@@ -31,6 +32,7 @@ from app.case.own_law import OwnLawError
 from app.case.time_tables import TimeTable, value_at
 from app.equilibrium.rigid_tool import RigidTool
 from app.errors import InputError
+from forms.bodies.contact_stiffness import contact_shear_modulus
 from forms.bodies.kinematics import Section
 from forms.bodies.materials import Material, oedometric_modulus
 from forms.contact.law_faults import law_fault
@@ -53,11 +55,11 @@ from geometry.surfaces.surface import QUADRATURE_DEGREE, ContactSurface, RigidMa
 # degrees a surface may be drawn with corners, and more surely is.
 STRAIGHT, SHARP = 1e-3, 0.35
 OVERLAP = 0.01  # depth over facet length up to which bodies only touch at the start
-# Default stiffness of stick, in units of G/h (shear modulus of the softer body over the length of a
-# slave facet): stiff against the shear of the elements beside it, yet soft enough for the onset of
-# slip to spread without a fight.
+# Default stiffness of stick, in units of G/h (shear modulus of the softer body, or hardness if it
+# flows, over the length of a slave facet): stiff against the shear of the elements beside it, yet
+# soft enough for the onset of slip to spread without a fight.
 TANGENTIAL_FACTOR = 10.0
-# Default of film_onset_pressure, as a share of the softer body's shear modulus or of the highest
+# Default of film_onset_pressure, as a share of the softer body's G, or hardness, or of the highest
 # prescribed pressure, whichever is less: only the rim of a contact feels it.
 FILM_ONSET = 0.01
 
@@ -130,10 +132,11 @@ class ContactBuilder:
         notes = (
             *stiffer_slave(index, asked, self.named.body_of(asked.slave), *materials),
             *notes_on_surfaces(f"contact.{index}", asked, lengths, distance),
+            *note_on_radius(f"contact.{index}", asked, length, self._radius(asked)),
             *note_on_idle_film(f"contact.{index}", asked),
             *note_on_corners(f"contact.{index}", asked, corners_of(asked, surface, at, distance)),
             *notes_on_penalty(index, factor, ratio, self.case.is_explicit, table.pressure),
-            *note_on_stick(index, table.friction, softer.shear_modulus / length),
+            *note_on_stick(index, table.friction, contact_shear_modulus(softer) / length),
         )
         modulus = contact_modulus(*materials)
         term = ContactTerm(surface, law, penalty, film, table.pressure, modulus)
@@ -204,17 +207,22 @@ class ContactBuilder:
             if tool is not None:
                 rigid = tool.surface, tool.nodes, tool.motion
                 return ContactSurface.for_tool(self.space, slave, *rigid, quadrature, ring)
-            master, smoothing = self.named.facets(contact.master), contact.smoothing_angle
-            return ContactSurface(self.space, slave, master, quadrature, ring, smoothing)
+            master = self.named.facets(contact.master)
+            ends = contact.smoothing_angle, contact.fade_length
+            return ContactSurface(self.space, slave, master, quadrature, ring, *ends)
         except ValueError as error:
             raise InputError(f"contact.{index}: {error}") from None
 
     def _master_length(self, contact: Contact) -> float:
-        """Length of the master's facets, m; of a tool that of its smallest features; collective."""
-        tool = self.tools.get(contact.master)
-        if tool is not None:
-            return tool.surface.size
+        """Length of the master's facets, m; infinite of a tool, which has none; collective."""
+        if contact.master in self.tools:
+            return np.inf
         return facet_length(self.named.mesh, self.named.facets(contact.master))
+
+    def _radius(self, contact: Contact) -> float | None:
+        """Smallest radius of a tool, m; None without one."""
+        table = self.case.tools.get(contact.master)
+        return None if table is None else table.smallest_radius
 
     def _materials(self, index: int, contact: Contact) -> tuple[Material, ...]:
         """Materials of the bodies of slave and master; of the slave alone against a tool."""
@@ -279,10 +287,12 @@ def penalty_modulus(softer: Material, pressure: PressureKind) -> float:
         softer: material of the softer body.
         pressure: "averaged" or "pointwise".
     """
-    modulus = oedometric_modulus(softer)
+    modulus, shear = oedometric_modulus(softer), contact_shear_modulus(softer)
+    if shear < softer.shear_modulus:
+        return 10.0 * shear
     if pressure == "pointwise":
         return modulus
-    return max(10.0 * softer.shear_modulus, 0.1 * modulus)
+    return max(10.0 * shear, 0.1 * modulus)
 
 
 def _penalty(contact: Contact, surface: ContactSurface, modulus: float) -> float | Floats:
@@ -298,11 +308,11 @@ def _resolved_friction(
     friction: Friction, softer: Material, length: float, pressure: float
 ) -> Friction:
     if isinstance(friction, Coulomb | Stribeck) and friction.K_T is None:
-        stiffness = TANGENTIAL_FACTOR * softer.shear_modulus / length
+        stiffness = TANGENTIAL_FACTOR * contact_shear_modulus(softer) / length
         return friction.model_copy(update={"K_T": stiffness})
     if isinstance(friction, FrictionMap) and friction.film_onset_pressure is None:
         # A pressure that the case prescribes says better than the body what is small.
-        scale = min(softer.shear_modulus, pressure or np.inf)
+        scale = min(contact_shear_modulus(softer), pressure or np.inf)
         return friction.model_copy(update={"film_onset_pressure": FILM_ONSET * scale})
     return friction
 

@@ -27,12 +27,26 @@ def notes_on_ranks(case: Case, named: NamedMesh) -> Iterator[str]:
 
 
 def locking_bodies(named: NamedMesh, solids: Sequence[Solid], degree: int) -> Iterator[str]:
-    """A line on each nearly incompressible body of linear triangles or tetrahedra, which lock."""
+    """A line on each body of linear elements that lock: where the volume hardly changes.
+
+    That is so of nearly incompressible bodies of triangles or tetrahedra, and of all that flow.
+    """
     cure = {"triangle": ("triangles", "quadrilateral"), "tetrahedron": ("tetrahedra", "hexahedron")}
-    if degree > 1 or named.mesh.topology.cell_name() not in cure:
+    if degree > 1:
+        return
+    for solid in solids:
+        if solid.flows and solid.carried is None:
+            yield (
+                f"body {solid.name}: linear elements of full integration lock where a metal flows, "
+                'which keeps its volume, and are too stiff; use formulation = "q1-sri" on '
+                'quadrilaterals or hexahedra, or formulation = "q2"'
+            )
+    if named.mesh.topology.cell_name() not in cure:
         return
     plural, other = cure[named.mesh.topology.cell_name()]
     for solid in solids:
+        if solid.flows:
+            continue
         ratio = solid.material.bulk_modulus / solid.material.shear_modulus
         if ratio > LOCKING:
             yield (
@@ -56,7 +70,7 @@ def bonded_bodies(named: NamedMesh) -> Iterator[str]:
 
 def large_mesh(case: Case, named: NamedMesh) -> Iterator[str]:
     """A line on a mesh that was read without a scale and may not be in metres; collective."""
-    if isinstance(case.geometry, GeneratedGeometry) or case.geometry.scale is not None:
+    if isinstance(case.geometry, GeneratedGeometry) or case.geometry.says_unit:
         return
     x = named.mesh.geometry.x
     ends = np.concatenate([x.max(axis=0, initial=-np.inf), -x.min(axis=0, initial=np.inf)])

@@ -23,7 +23,12 @@ from app.build.mesh_notes import (
 )
 from app.build.numbers import failures_as
 from app.build.probes import PointPlaces, place_probes
-from app.build.solids import displacement_on, make_solids, resolved_bodies
+from app.build.solids import (
+    displacement_on,
+    make_solids,
+    notes_on_materials,
+    resolved_bodies,
+)
 from app.build.supports import notes_on_supports
 from app.build.tools import make_tools, notes_on_tools
 from app.case.boundary import COMPONENTS
@@ -34,6 +39,7 @@ from app.equilibrium.snapshot import Snapshot
 from app.errors import InputError
 from app.implicit.linear_solver import chosen_solver
 from forms.bodies.kinematics import Section
+from forms.contact.shared_slave import introduce
 from geometry.meshes import metis
 from geometry.meshes.mesh import NamedMesh
 from geometry.surfaces.facets import Floats, Ints
@@ -129,8 +135,8 @@ def build_model(case: Case, comm: MPI.Comm, runs_code: bool = True) -> Model:
     Args:
         case: what to build.
         comm: ranks that work together.
-        runs_code: whether friction laws written in Python are run; a model without them cannot be
-            solved, only looked at.
+        runs_code: whether friction laws written in Python are run, and drawings that may do more
+            than draw; a model without laws cannot be solved, only looked at.
 
     Raises:
         InputError: the mesh, or a name in the case, does not fit, or numbers are out of range; the
@@ -144,7 +150,7 @@ def build_model(case: Case, comm: MPI.Comm, runs_code: bool = True) -> Model:
 
 @failures_as(InputError, "the case")
 def _built(case: Case, comm: MPI.Comm, runs_code: bool) -> Model:
-    named = make_mesh(case, comm, tuple(case.tools))
+    named = make_mesh(case, comm, tuple(case.tools), runs_code)
     section = case.geometry.section_in(named.mesh.geometry.dim)
     bodies = resolved_bodies(case.bodies, named)
     u = displacement_on(named, bodies)
@@ -158,6 +164,7 @@ def _built(case: Case, comm: MPI.Comm, runs_code: bool) -> Model:
     contacts = [builder.build(index) for index in range(len(case.contact))]
     loads = _loads(case, named, u, section)
     terms = [contact.term for contact in contacts]
+    introduce(terms)
     problem = Equilibrium(
         u,
         solids,
@@ -233,6 +240,8 @@ def _notes(asked: Case, model: Model, contacts: Sequence[BuiltContact], loads: L
     notes = [
         *notes_on(case),
         *notes_on_tools(case),
+        *notes_on_materials(case.bodies),
+        *named.notes,
         *locking_bodies(named, problem.solids, problem.space.element.basix_element.degree),
         *large_mesh(case, named),
         *many_cells(case, named),

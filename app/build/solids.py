@@ -6,12 +6,23 @@ from collections.abc import Mapping
 
 import dolfinx
 
-from app.case.bodies import Body, HenckyBody, MooneyRivlinBody, formulation_problems, formulations
+from app.case.bodies import (
+    Body,
+    ElastoPlasticBody,
+    HenckyBody,
+    MooneyRivlinBody,
+    OgdenBody,
+    YeohBody,
+    formulation_problems,
+    formulations,
+)
 from app.errors import InputError
+from forms.bodies.elastoplastic import ElastoPlastic
 from forms.bodies.kinematics import Section
-from forms.bodies.materials import Hencky, Material, MooneyRivlin, NeoHookean
+from forms.bodies.materials import Hencky, Material, MooneyRivlin, NeoHookean, Ogden, Yeoh
 from forms.bodies.plastic_solid import make_solid
 from forms.bodies.solid import DEGREE, Solid
+from forms.bodies.stability import stability_limits
 from geometry.meshes.mesh import NamedMesh
 
 Bodies = Mapping[str, Body]
@@ -26,7 +37,9 @@ def resolved_bodies(bodies: Bodies, named: NamedMesh) -> dict[str, Body]:
     cell = named.mesh.topology.cell_name()
     for name, reason in formulation_problems(bodies, cell):
         raise InputError(f"bodies.{name}.formulation: {reason}")
-    chosen = formulations(bodies, cell)
+    # On curved cells first order would not follow the surface that the integrals are over.
+    curved = named.order == 2
+    chosen = dict.fromkeys(bodies, "q2") if curved else formulations(bodies, cell)
     return {
         name: body.model_copy(update={"formulation": chosen[name]}) for name, body in bodies.items()
     }
@@ -40,11 +53,33 @@ def displacement_on(named: NamedMesh, bodies: Bodies) -> dolfinx.fem.Function:
 
 
 def material_of(body: Body) -> Material:
-    """The strain energy of a body."""
+    """The strain energy of a body, and its yield stress if it flows."""
     if isinstance(body, MooneyRivlinBody):
         return MooneyRivlin(body.C10, body.C01, body.K)
+    if isinstance(body, YeohBody):
+        return Yeoh(body.C10, body.C20, body.C30, body.K)
+    if isinstance(body, OgdenBody):
+        return Ogden(body.mu, body.alpha, body.K)
+    if isinstance(body, ElastoPlasticBody):
+        rate = body.rate.law_of() if body.rate is not None else None
+        return ElastoPlastic(body.shear_modulus, body.bulk_modulus, body.hardening.law_of(), rate)
     kind = Hencky if isinstance(body, HenckyBody) else NeoHookean
     return kind(body.shear_modulus, body.bulk_modulus)
+
+
+def notes_on_materials(bodies: Bodies) -> list[str]:
+    """Elastomers whose energy is not stable within stretches that a run may reach."""
+    notes = []
+    for name, body in bodies.items():
+        if not isinstance(body, MooneyRivlinBody | YeohBody | OgdenBody):
+            continue
+        if limits := stability_limits(material_of(body)):
+            where = ", ".join(f"{test} beyond a stretch of {at:.3g}" for test, at in limits.items())
+            notes.append(
+                f"bodies.{name}: the {body.material} energy with these constants is not stable "
+                f"(Drucker) in {where}: there more strain needs less stress, and steps may fail"
+            )
+    return notes
 
 
 def make_solids(

@@ -5,15 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, WrapValidator
 
+from app.case.hardening import Hardening, Rate
+from app.case.library import from_library
 from app.case.quantities import Quantity
-from app.case.table import Model, Place, Problem
+from app.case.table import Model, Name, Place, Problem
 
 if TYPE_CHECKING:
     from forms.bodies.kinematics import Section
 
 Formulation = Literal["q1", "q1-sri", "q2"]
+MOST_TERMS = 6  # of Ogden's sum
+HIGHEST_POWER = 30.0  # of its stretches
 
 
 class BodyVelocity(Model):
@@ -38,6 +42,11 @@ class _Body(Model):
     """What the bodies of every material have."""
 
     material: str = Field(description="strain energy of the body")
+    library: Name | None = Field(
+        default=None,
+        description="entry of the materials library from which the keys come that are not given; "
+        "material = NAME of an entry sets it",
+    )
     density: Annotated[float, Quantity("kg/m^3", gt=0.0)] | None = Field(
         default=None, description="mass per reference volume; needed by explicit dynamics"
     )
@@ -148,7 +157,92 @@ class MooneyRivlinBody(_Body):
         return self.K
 
 
-Body = Annotated[NeoHookeanBody | HenckyBody | MooneyRivlinBody, Field(discriminator="material")]
+class YeohBody(_Body):
+    """W = C10 (Ī1 − 3) + C20 (Ī1 − 3)² + C30 (Ī1 − 3)³ + a volumetric part in K."""
+
+    material: Literal["yeoh"] = Field(description="strain energy of the body")
+    C10: Annotated[float, Quantity("Pa", gt=0.0)] = Field(
+        description="constant of the first invariant, half the shear modulus"
+    )
+    C20: Annotated[float, Quantity("Pa")] = Field(
+        default=0.0, description="constant of its square; negative where the body softens first"
+    )
+    C30: Annotated[float, Quantity("Pa")] = Field(
+        default=0.0, description="constant of its cube; positive where the body stiffens at last"
+    )
+    K: Annotated[float, Quantity("Pa", gt=0.0)] = Field(description="bulk modulus")
+
+    @property
+    def shear_modulus(self) -> float:
+        """G = 2 C10, Pa."""
+        return 2.0 * self.C10
+
+    @property
+    def bulk_modulus(self) -> float:
+        """K, Pa."""
+        return self.K
+
+
+class OgdenBody(_Body):
+    """W = Σ_p μ_p/α_p (λ̄₁^α_p + λ̄₂^α_p + λ̄₃^α_p − 3) + a volumetric part in K."""
+
+    material: Literal["ogden"] = Field(description="strain energy of the body")
+    mu: tuple[Annotated[float, Quantity("Pa", nonzero=True)], ...] = Field(
+        min_length=1,
+        max_length=MOST_TERMS,
+        description="moduli mu_p of the terms mu_p/alpha_p (sum of stretches to the power alpha_p, "
+        "less 3), Ogden's own convention: sum of mu_p alpha_p/2 is the shear modulus",
+    )
+    alpha: tuple[
+        Annotated[float, Quantity(ge=-HIGHEST_POWER, le=HIGHEST_POWER, nonzero=True)], ...
+    ] = Field(
+        min_length=1, max_length=MOST_TERMS, description="exponents of the terms, as many as mu"
+    )
+    K: Annotated[float, Quantity("Pa", gt=0.0)] = Field(description="bulk modulus")
+
+    def problems(self, place: Place) -> Iterator[Problem]:
+        """Lists of different length, or a shear modulus that is not positive."""
+        if len(self.mu) != len(self.alpha):
+            reason = f"has {len(self.alpha)} entries and mu {len(self.mu)}: must be as many"
+            yield Problem((*place, "alpha"), reason)
+        elif self.shear_modulus <= 0.0:
+            reason = (
+                f"the shear modulus, half the sum of mu alpha, is {self.shear_modulus:g} Pa: "
+                "must be > 0 Pa"
+            )
+            yield Problem(place, reason)
+
+    @property
+    def shear_modulus(self) -> float:
+        """G = Σ μ_p α_p/2, Pa."""
+        return 0.5 * sum(mu * alpha for mu, alpha in zip(self.mu, self.alpha, strict=True))
+
+    @property
+    def bulk_modulus(self) -> float:
+        """K, Pa."""
+        return self.K
+
+
+class ElastoPlasticBody(_Isotropic):
+    """Hencky's energy of the elastic part, von Mises' yield stress with isotropic hardening."""
+
+    material: Literal["elastoplastic"] = Field(description="strain energy of the body")
+    hardening: Hardening = Field(description="yield stress over the plastic strain")
+    rate: Rate | None = Field(
+        default=None, description="factor of the yield stress for the rate of plastic strain"
+    )
+
+    def problems(self, place: Place) -> Iterator[Problem]:
+        """A pair of elastic constants that is none, or a yield stress that falls."""
+        yield from super().problems(place)
+        yield from self.hardening.problems((*place, "hardening"))
+
+
+Body = Annotated[
+    NeoHookeanBody | HenckyBody | MooneyRivlinBody | YeohBody | OgdenBody | ElastoPlasticBody,
+    Field(discriminator="material"),
+    WrapValidator(from_library),
+]
 
 
 def formulations(bodies: Mapping[str, Body], cell: str) -> dict[str, Formulation]:

@@ -115,6 +115,11 @@ class Case(Model):
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Case) and self.__dict__ == other.__dict__
 
+    def with_mesh(self, path: Path) -> Case:
+        """The same case with the mesh that was made of its drawing."""
+        geometry = self.geometry.model_copy(update={"meshed": path})
+        return self.model_copy(update={"geometry": geometry})
+
     def sweep_cases(self) -> list[tuple[str, Case]]:
         """The cases of the sweep, each with a label such as "thickness=10nm".
 
@@ -144,6 +149,9 @@ class Case(Model):
             value = value.values[0]
         if isinstance(value, int | float) and not isinstance(value, bool):
             return float(value)
+        if self.sweep.key.endswith(".material"):  # of an entry of the library its law says little
+            body = value_at(part, self.sweep.key.removesuffix(".material"))
+            value = getattr(body, "library", None) or value
         return value if isinstance(value, str) else None
 
     def _rebuilt(self, data: dict[str, Any]) -> Case:
@@ -247,6 +255,10 @@ class Case(Model):
                 place = ("contact", index, "smoothing_angle")
                 reason = "goes with a master of facets on a body; tools are smooth as they are"
                 yield Problem(place, reason, contact.smoothing_angle)
+            if tool is not None and contact.fade_length is not None:
+                place = ("contact", index, "fade_length")
+                reason = "goes with a master of facets on a body; give the tool a fillet there"
+                yield Problem(place, reason, contact.fade_length)
             if tool is not None and contact.tied:
                 reason = "does not go with a tool as master; move the surface by a [[boundary]]"
                 yield Problem(("contact", index, "tied"), reason)
@@ -387,6 +399,8 @@ def _rename_files(data: dict[str, Any], case: Case, files: Mapping[Path, str]) -
 
     if isinstance(case.geometry, MeshGeometry):
         data["geometry"]["mesh"] = renamed(case.geometry.mesh)
+        if case.geometry.meshed is not None:
+            data["geometry"]["meshed"] = renamed(case.geometry.meshed)
     for name, tool in case.tools.items():
         if isinstance(tool, MeshTool):
             data["tools"][name]["file"] = renamed(tool.file)

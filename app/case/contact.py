@@ -20,7 +20,8 @@ _PLURAL = {"triangle": "triangles", "tetrahedron": "tetrahedra"}
 
 
 _MISSING: Any = None  # refused by Contact.problems
-_NOT_TIED = ("film", "friction_factor", "smoothing_angle")  # keys that do not go with tied
+# Keys that do not go with tied.
+_NOT_TIED = ("film", "friction_factor", "smoothing_angle", "fade_length")
 
 
 class Contact(Model):
@@ -55,13 +56,19 @@ class Contact(Model):
         ),
         description="K_N = penalty_factor * max(10 G, M/10)/h, with shear and oedometric modulus G "
         "and M of the softer body and the local length h of the slave facets; with pointwise "
-        f"pressure penalty_factor * M/h; default: {DEFAULT_PENALTY_FACTOR:g}, without penalty",
+        f"pressure penalty_factor * M/h; of a softer body that flows penalty_factor * 10 H/h, H "
+        f"its hardness; default: {DEFAULT_PENALTY_FACTOR:g}, without penalty",
     )
     smoothing_angle: Annotated[float, Quantity("rad", gt=0.0, le=math.pi)] | None = Field(
         default=None,
         description="smooth the master: its normals become continuous across the sides of facets "
         "whose normals differ by less than this angle; default: the facets as they are. First "
         "order quadrilaterals or hexahedra only",
+    )
+    fade_length: Annotated[float, Quantity("m", gt=0.0)] | None = Field(
+        default=None,
+        description="way before an open end of the master over which the pressure fades to zero; "
+        "default: within a facet of the slave. With averaged pressure",
     )
     stages: tuple[Text, ...] | None = Field(
         default=None,
@@ -169,6 +176,9 @@ class Contact(Model):
             yield Problem((*place, "master"), "must differ from slave", self.master)
         if self.penalty is not None and self.penalty_factor is not None:
             yield Problem(place, "give either penalty or penalty_factor, not both")
+        if self.fade_length is not None and self.pressure == "pointwise":
+            reason = 'goes with pressure = "averaged" only'
+            yield Problem((*place, "fade_length"), reason, self.fade_length)
         if self.friction is _MISSING:
             reason = "missing; the friction law and its parameters"
             yield Problem((*place, "friction"), reason)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import copy
 import re
 from typing import Any
 
 from app.case.case import Case
+from app.case.library import entries
 from app.case.unit_patterns import unit_pattern
 
 FILE_NAME = "tribox.schema.json"
@@ -25,6 +27,7 @@ def json_schema() -> dict[str, Any]:
     # A preset may supply these; only the program itself can tell.
     map_ = schema["$defs"]["FrictionMap"]
     map_["required"] = [key for key in map_["required"] if key in ("mu_s", "K_T")]
+    _add_library(schema)
     schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
     schema["description"] = "a case file of tribox"
     _tidy(schema)
@@ -34,6 +37,25 @@ def json_schema() -> dict[str, Any]:
         name: {"type": "string", "pattern": unit_pattern(unit)} for name, unit in texts.items()
     }
     return schema
+
+
+def _add_library(schema: dict[str, Any]) -> None:
+    """Let `material` be an entry of the library, where no key of its law is needed."""
+    bodies = schema["properties"]["bodies"]["additionalProperties"]
+    mapping = bodies["discriminator"]["mapping"]
+    for name, entry in entries().items():
+        law = mapping[entry.keys["material"]].removeprefix(_DEFS)
+        of_library = f"{law}FromLibrary"
+        if of_library not in schema["$defs"]:
+            table = copy.deepcopy(schema["$defs"][law])
+            del table["required"]
+            table["properties"]["material"] = {"enum": [], "description": "entry of the library"}
+            if "hardening" in table["properties"]:  # may be a part of the entry's
+                described = table["properties"]["hardening"]["description"]
+                table["properties"]["hardening"] = {"type": "object", "description": described}
+            schema["$defs"][of_library] = table
+        schema["$defs"][of_library]["properties"]["material"]["enum"].append(name)
+        mapping[name] = _DEFS + of_library
 
 
 def _tidy(node: Any) -> None:

@@ -2,7 +2,7 @@
 
 `Program("Pa")` annotates a pydantic field that may change with time: a quantity, a table
 `[[time, value], ...]`, or `{ table = [...], ramp = "smooth" }`; it becomes a `TimeTable`.
-`NumberOrTable` is a number or a table over any quantity.
+`NumberOrTable` is a number or a table over any quantity, `Rows` always a table.
 """
 
 from __future__ import annotations
@@ -323,3 +323,25 @@ class NumberOrTable:
         self, schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
         return _table_schema(self.argument.unit, self.value.unit)
+
+
+@dataclass(frozen=True, slots=True)
+class Rows(NumberOrTable):
+    """Pydantic annotation of a table of one quantity over another: `((argument, value), ...)`."""
+
+    def parse(self, value: object) -> tuple[Row, ...]:
+        """The rows.
+
+        Raises:
+            PydanticCustomError: with the place inside the table as context.
+        """
+        if not isinstance(value, list | tuple):
+            pair = f"[{self.argument.name}, {self.value.name}]"
+            raise _at((), value, f"must be a table of rows [{pair}, ...]")
+        return _parse_rows(value, self.argument, self.value)
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        whole = _table_schema(self.argument.unit, self.value.unit)
+        return {**whole["anyOf"][2], "x-unit": whole["x-unit"]}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
@@ -17,9 +18,16 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
+from app.case.geometry import Scale
 from app.case.motions import COMPONENTS, Displacement, Velocity
 from app.case.named_file import found_file
-from app.case.quantities import Quantity, QuantityError, parse_bounded
+from app.case.quantities import (
+    Quantity,
+    QuantityError,
+    format_quantity,
+    parse_bounded,
+    text_schema,
+)
 from app.case.table import MOST_ENTRIES, Flag, Model, Place, Problem, Text
 from app.case.time_tables import Program, TimeTable
 
@@ -29,7 +37,6 @@ if TYPE_CHECKING:
 _Force = Annotated[TimeTable, Program("N")]
 _Length = Annotated[float, Quantity("m")]
 _Radius = Annotated[float, Quantity("m", gt=0.0)]
-_Fillet = Annotated[float, Quantity("m", ge=0.0)]
 _Weight = Annotated[float, Quantity()]
 _Point = tuple[_Length, ...]
 _SLAB = "in plane strain of the slab of the given thickness"
@@ -68,6 +75,43 @@ def _direction(value: object) -> tuple[float, ...]:
     raise PydanticCustomError(
         "direction", 'must be "x", "y" or "z", or two or three numbers that are not all 0'
     )
+
+
+class _OneOrMany:
+    """Pydantic annotation of a length >= 0 or a list of them; a mistake is told once."""
+
+    quantity = Quantity("m", ge=0.0)
+
+    def parse(self, value: object) -> float | tuple[float, ...]:
+        """The length or lengths in m."""
+        try:
+            if isinstance(value, list | tuple):
+                return tuple(self.quantity.parse(one) for one in value)
+            return self.quantity.parse(value)
+        except QuantityError as error:
+            raise PydanticCustomError("quantity", "{reason}", {"reason": str(error)}) from None
+
+    @staticmethod
+    def _serialise(value: float | tuple[float, ...]) -> object:
+        if isinstance(value, tuple):
+            return [format_quantity(one, "m") for one in value]
+        return format_quantity(value, "m")
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        return core_schema.no_info_plain_validator_function(
+            self.parse,
+            serialization=core_schema.plain_serializer_function_ser_schema(
+                self._serialise, when_used="json"
+            ),
+        )
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        one = [{"type": "number", "minimum": 0.0}, text_schema("m")]
+        return {"anyOf": [*one, {"type": "array", "items": {"anyOf": one}}], "x-unit": "m"}
 
 
 _Direction = Annotated[tuple[float, ...], _DirectionType()]
@@ -157,6 +201,11 @@ class Tool(Model):
     def files(self) -> tuple[Path, ...]:
         """Files that the tool is read from."""
         return ()
+
+    @property
+    def smallest_radius(self) -> float | None:
+        """Smallest radius of the surface, m; None for one without, and for facets."""
+        return getattr(self, "radius", None)
 
     def components(self) -> Iterator[tuple[str, str]]:
         """Components (x, y, z) that are given, each with the table that does it."""
@@ -329,23 +378,16 @@ class PolylineTool(Tool):
         max_length=MOST_ENTRIES,
         description="its corners [[x, y], ...] before they are rounded; the body is on the left",
     )
-    fillet_radius: _Fillet | tuple[_Fillet, ...] = Field(
+    fillet_radius: Annotated[float | tuple[float, ...], _OneOrMany()] = Field(
         default=0.0,
         description="radius of the fillets: one for all corners, or a list of one for each",
     )
     closed: Flag = Field(default=False, description="whether the last point is joined to the first")
-
-    @field_validator("fillet_radius", mode="before")
-    @classmethod
-    def _one_or_many(cls, value: Any) -> Any:
-        """A list is one of radii; anything else is one radius, so that mistakes are told once."""
-        quantity = Quantity("m", ge=0.0)
-        try:
-            if isinstance(value, list | tuple):
-                return tuple(quantity.parse(one) for one in value)
-            return quantity.parse(value)
-        except QuantityError as error:
-            raise PydanticCustomError("quantity", "{reason}", {"reason": str(error)}) from None
+    continued: tuple[Flag, Flag] = Field(
+        default=(False, False),
+        description="whether the line goes on straight without end before its first point, and "
+        "behind its last; otherwise contact ends there",
+    )
 
     @property
     def corners(self) -> int:
@@ -353,12 +395,12 @@ class PolylineTool(Tool):
         return len(self.points) - (0 if self.closed else 2)
 
     @property
-    def fillets(self) -> tuple[float, ...]:
-        """Radius, m, at each point of the line; 0 at its ends."""
-        inner = self.fillet_radius
-        if isinstance(inner, float):
-            inner = (inner,) * self.corners
-        return tuple(inner) if self.closed else (0.0, *inner, 0.0)
+    def smallest_radius(self) -> float | None:
+        """See :class:`Tool`."""
+        radii = (
+            self.fillet_radius if isinstance(self.fillet_radius, tuple) else (self.fillet_radius,)
+        )
+        return min((radius for radius in radii if radius > 0.0), default=None)
 
     def positions(self) -> Iterator[tuple[str, Sequence[float]]]:
         """See :class:`Tool`."""
@@ -372,6 +414,9 @@ class PolylineTool(Tool):
         if isinstance(radii, tuple) and len(radii) != self.corners:
             reason = f"must be one radius, or {self.corners}, one for each corner between two lines"
             yield Problem((*place, "fillet_radius"), reason, list(radii))
+        if self.closed and any(self.continued):
+            reason = "does not go with a closed line"
+            yield Problem((*place, "continued"), reason, list(self.continued))
         if self.closed and len(self.points) < 3:
             yield Problem((*place, "points"), "a closed line needs three points or more")
 
@@ -380,11 +425,22 @@ class MeshTool(Tool):
     """A surface out of a mesh file."""
 
     shape: Literal["mesh"] = Field(description="a surface of facets out of a mesh file")
-    file: Path = Field(description="gmsh file (.msh), relative to the case file; coordinates in m")
+    file: Path = Field(description="gmsh file (.msh), relative to the case file")
+    scale: Scale = Field(
+        default=1.0, description='unit of the coordinates in the file, such as "mm", or its size'
+    )
     surface: Text = Field(
         description="name of the physical group of facets; it need not bound a body. Seen along "
         "their order of nodes the body is on the left, in space facets run against the clock seen "
         "from the body"
+    )
+    turned_over: Flag = Field(
+        default=False, description="whether all facets run the other way round in the file"
+    )
+    smoothing_angle: Annotated[float, Quantity("rad", gt=0.0, le=math.pi)] | None = Field(
+        default=None,
+        description="make normals continuous across sides of facets whose normals differ by less "
+        "than this angle; default: the facets as they are. First-order lines and quadrilaterals",
     )
 
     @property
@@ -443,5 +499,5 @@ def _inertia_problems(tool: Tool, explicit: bool, place: Place) -> Iterator[Prob
         if explicit and needed and value is None:
             reason = f'missing; explicit dynamics needs it for what a load moves, in "{unit}"'
             yield Problem((*place, *keys), reason)
-        if not explicit and value is not None:
+        if not explicit and needed and value is not None:
             yield Problem((*place, *keys), 'goes with solver.kind = "explicit" only', value)

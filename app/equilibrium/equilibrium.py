@@ -17,7 +17,12 @@ from petsc4py import PETSc
 
 from app.equilibrium.constraints import Constraints, Platen, Prescribed, Unknowns
 from app.equilibrium.holding_springs import HoldingSprings
-from app.equilibrium.idle_tools import holding_of_idle_tools
+from app.equilibrium.idle_tools import (
+    NOTHING,
+    held_fast,
+    hold_what_slips,
+    holding_of_idle_tools,
+)
 from app.equilibrium.measures import RoundOff, reference_force, worst_place
 from app.equilibrium.nodal_load import NodalLoad
 from app.equilibrium.rigid_tool import RigidTool
@@ -301,10 +306,26 @@ class Equilibrium:
             self._carry_pressures(before)
         springs = self._springs(step)
         self.tangent.assemble(A, self.trials, self.timer, springs, before is not None)
+        if self.turning is not None:
+            hold_what_slips(A, self.turning, self.first)
 
     def _springs(self, step: StepMode) -> list[HoldingSprings]:
         """Springs that hold bodies and tools in a step."""
-        return [springs for springs in (self.turning, step.holding) if springs is not None]
+        turning = self.turning
+        if turning is not None and any(mode.friction_as_load for mode in step.modes):
+            turning = held_fast(turning)
+        return [springs for springs in (turning, step.holding) if springs is not None]
+
+    def is_held_slightly(self) -> bool:
+        """Whether idle tools are held by next to nothing at the last evaluation; collective.
+
+        With a force that counts the slight spring would stand for a contact: a roller spun round
+        and round until it balances all of the friction is no solution.
+        """
+        if self.turning is None:
+            return True
+        force = np.abs(self.turning.force(self.u.x.array[: self.owned])).max(initial=0.0)
+        return bool(self.comm.allreduce(force, op=MPI.MAX) <= NOTHING * self.reference_force)
 
     def _carry_pressures(self, before: PETSc.Vec) -> None:
         with self.timer("assembly"):

@@ -26,6 +26,7 @@ from app.figures.plane_bodies import (
 )
 from app.figures.states import State, states_to_draw
 from app.figures.style import CASE_STYLE, save
+from app.figures.tool_lines import draw_tools, tool_lines, with_room
 from app.figures.tractions import draw_tractions, pairs_shown, roundoff_of, without_roundoff
 from app.figures.units import fitting
 
@@ -73,16 +74,19 @@ def _figure(results: Results, state: State, bodies: Bodies) -> Figure:
     """The bodies, and below or beside them the tractions of each pair."""
     nodes = without_roundoff(results.contact(state.step), roundoff_of(results))
     points = results.contact_points(state.step)
-    frame = frame_round([bodies], axis_names(results))
+    lines = tool_lines(results, state.step)
+    frame = with_room(frame_round([bodies], axis_names(results)), lines)
     names = pair_names(results)
     pairs = {k: names[k] for k in pairs_shown(nodes, len(names), MOST_PAIRS)}
     near = close_up(frame, nodes)
     figure, top, beside, panels = _layout(frame, len(pairs), near is not None)
     scale = colour_scale(bodies.field.values, bodies.field.unit)
     cells = draw_bodies(top, bodies, scale, frame)
+    draw_tools(top, lines, frame)
     draw_slaves(top, nodes, pairs, frame.unit)
     if near is not None and beside is not None:
         draw_bodies(beside, bodies, scale, near, named=False)
+        draw_tools(beside, lines, near)
         draw_slaves(beside, nodes, pairs, near.unit)
         beside.set_title("close-up", fontsize=9)
     unit = f" ({scale.unit.name})" if scale.unit.name else ""

@@ -1,4 +1,4 @@
-"""Force over displacement of the surfaces that are moved: platens, tools, springs."""
+"""Force over displacement of what is moved: surfaces, platens, springs, rigid tools."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ from app.figures.symbols import DISPLACEMENT, MOMENT, REACTION, TIME
 from app.figures.units import fitting
 
 if TYPE_CHECKING:
+    from pandas import DataFrame
+
     from app.results import Results
 
 MOST_PANELS = 8
@@ -39,9 +41,25 @@ class Curve:
     y_unit: str
 
 
-def curves_of(results: Results) -> list[Curve]:
-    """The surfaces that move, each in the directions that it moves in; moments of those turned."""
-    table = results.surfaces
+def moved_parts(results: Results) -> DataFrame:
+    """Rows of the surfaces, and of tools with what drives them as the force on them."""
+    import pandas as pd
+
+    tools = results.tools
+    if tools.empty:
+        return results.surfaces
+    driving = {f"driving_force_{i}": f"force_{i}" for i in "xyz" if f"force_{i}" in tools}
+    tools = tools.drop(columns=list(driving.values())).rename(columns=driving | {"tool": "surface"})
+    return pd.concat([results.surfaces, tools], ignore_index=True)
+
+
+def curves_of(results: Results, table: DataFrame) -> list[Curve]:
+    """What moves, each in the directions that it moves in; moments of what is turned.
+
+    Args:
+        results: of a run.
+        table: of :func:`moved_parts`.
+    """
     if table.empty:
         return []
     letters = [i for i in "xyz" if f"displacement_{i}" in table]
@@ -68,6 +86,10 @@ def curves_of(results: Results) -> list[Curve]:
             curves.append(
                 Curve(boundary.surface, "time", f"moment_{turned.axis}", time, about, "s", "N m")
             )
+    for name, tool in results.case.tools.items():
+        if tool.rotation is not None and tool.rotation.moment is None:
+            labels = "rotation", f"driving {MOMENT.name}"
+            curves.append(Curve(name, "rotation", "driving_moment", *labels, "rad", "N m"))
     return curves[:MOST_PANELS]
 
 
@@ -78,8 +100,9 @@ def _largest(table: Any, column: str, surface: str | None = None) -> float:
 
 
 def force_displacement_figure(results: Results) -> Figure | None:
-    """A panel for each moved surface and direction, the stages in colours; None without any."""
-    curves = curves_of(results)
+    """A panel for each moved surface or tool and direction, stages in colours; None without any."""
+    table = moved_parts(results)
+    curves = curves_of(results, table)
     if not curves:
         return None
     columns = min(len(curves), 2)
@@ -89,11 +112,11 @@ def force_displacement_figure(results: Results) -> Figure | None:
     for idle in panels[len(curves) :]:
         idle.set_visible(False)
     for axes, curve in zip(panels, curves, strict=False):
-        _draw(axes, curve, results.surfaces)
+        _draw(axes, curve, table)
     handles, labels = panels[0].get_legend_handles_labels()
     if len(labels) > 1:
         figure.legend(handles, labels, loc="outside lower center", ncols=5, fontsize=8)
-    figure.suptitle("force of the surroundings on each moved surface", fontsize=9)
+    figure.suptitle("force of the surroundings on each moved surface or tool", fontsize=9)
     return figure
 
 

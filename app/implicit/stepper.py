@@ -112,6 +112,8 @@ class ImplicitStepper:
         step = StepMode.of_stage(dt, problem.contacts, self.rate_dependent)
         assembled = self.solver.assembled
         iterations, reason, holding = self._solve(step)
+        if reason > 0 and not problem.is_held_slightly():
+            reason = PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH
         return StepResult(
             # An element may be turned inside out and its residual finite all the same; the strain
             # energy, with its logarithm of J, is not.

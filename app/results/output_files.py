@@ -12,6 +12,7 @@ from app.results.contact_series import ContactSeries
 from app.results.field_series import FieldSeries
 from app.results.saving import Saving
 from app.results.series import Series
+from app.results.tool_series import ToolSeries
 
 
 class OutputFiles:
@@ -43,6 +44,7 @@ class OutputFiles:
         self._fields = FieldSeries(*told) if "vtu" in formats else None
         self._bp = BpWriter(*told) if "adios2" in formats else None
         self._contact = ContactSeries(model, directory, times) if surfaces else None
+        self._tools = ToolSeries(model, directory, times) if problem.tools else None
         self.times: dict[int, float] = dict(times or {})
 
     def write(self, step: int, time: float) -> None:
@@ -64,6 +66,9 @@ class OutputFiles:
         if self._contact is not None:
             with self._saving:
                 self._contact.write(step, time)
+        if self._tools is not None:
+            with self._saving:
+                self._tools.write(step, time)
 
     def described(self, step: int) -> str:
         """Where the output of a step is, in words."""
@@ -71,6 +76,7 @@ class OutputFiles:
         files = [f"fields/{name}"] if self._fields is not None else []
         files += ["fields.bp and stress.bp"] if self._bp is not None else []
         files += [f"contact/{name}"] if self._contact is not None else []
+        files += [f"tools/{name}"] if self._tools is not None else []
         return ", ".join(files) or "no files"
 
     def write_indices(self) -> None:
@@ -89,4 +95,5 @@ class OutputFiles:
     def _series(self) -> list[Series]:
         contact = self._contact.series if self._contact is not None else []
         fields = self._fields.series if self._fields is not None else None
-        return [*contact, *([fields] if fields is not None else [])]
+        tools = self._tools.series if self._tools is not None else None
+        return [*contact, *(series for series in (fields, tools) if series is not None)]

@@ -285,6 +285,10 @@ class Results:
         """Contact points at their deformed places; as :meth:`fields`."""
         return self._mesh("contact_points", step)
 
+    def tool_outlines(self, step: int = LAST) -> meshio.Mesh:
+        """Outlines of the rigid tools where they are; as :meth:`fields`."""
+        return self._mesh("tools", step)
+
     def _mesh(self, name: str, step: int) -> meshio.Mesh:
         import meshio
 

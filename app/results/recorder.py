@@ -332,6 +332,7 @@ class Recorder(Observer):
                 for pair in simulation.state.resultants
             ],
             "bodies": [solid.name for solid in problem.solids],
+            **({"tools": simulation.state.tools.last()} if problem.tools else {}),
             "dofs": int(problem.space.dofmap.index_map.size_global * problem.dim),
             "seconds": {"run": round(wall, 4), **timings},
             **{f"{part}_per_rank": [share[part] for share in shares] for part in shares[0]},
@@ -354,7 +355,8 @@ def force_balance(simulation: Simulation) -> float | None:
     still = [s.name for s in case.stage if solver_of(s, case.solver.kind) == "implicit"]
     problem.spread(simulation.state.stepper.x)  # not what a failed step left
     noise = problem.roundoff * simulation.model.thickness
-    return simulation.state.motion.force_balance(still, noise)
+    largest = simulation.state.tools.largest_force(still)
+    return simulation.state.motion.force_balance(still, noise, largest)
 
 
 def _unbalanced(simulation: Simulation, balance: float | None) -> Iterator[str]:

@@ -9,6 +9,7 @@ from app.equilibrium.snapshot import Snapshot
 from app.implicit.stepper import StepResult
 from app.simulation.contact_warnings import ContactWarnings
 from app.simulation.floating_watch import FloatingWatch
+from app.simulation.flow_watch import FlowWatch
 from app.simulation.history import Row
 from app.simulation.left_master import LeftMaster
 from app.simulation.observer import Interval
@@ -20,7 +21,8 @@ class Watches:
 
     Attributes:
         roundoff: steps that ended at round-off; contacts: penetration, evenness, resolution;
-            left: points that run past the end of their master; floating: bodies that nothing holds.
+            left: points that run past the end of their master; floating: bodies that nothing holds;
+            flow: how far bodies flow.
         told: warnings that are given once only and have been, by a word for each.
     """
 
@@ -34,12 +36,14 @@ class Watches:
         self.roundoff = RoundOffWatch(model.problem, model.case.solver.tolerance)
         self.contacts = ContactWarnings(model.problem, None if kept is None else kept["contacts"])
         self.left, self.floating = LeftMaster(model), FloatingWatch()
+        self.flow = FlowWatch(model.problem)
         self.told: set[str] = set()
         self._thickness = model.thickness
         if kept is not None:
             self.told = set(kept["told"])
             self.left.restore(kept["left"])
             self.floating.restore(kept["floating"])
+            self.flow.restore(kept["flow"])
             self.roundoff.restore(kept["roundoff"])
 
     def step(self, row: Row, result: StepResult | Interval) -> None:
@@ -48,6 +52,7 @@ class Watches:
         self.contacts.step(row, self._thickness)
         self.left.step(row)
         self.floating.step(row, result)
+        self.flow.step(row)
 
     def first_time(self, what: str) -> bool:
         """Whether this has not been told yet; it counts as told from now on."""
@@ -60,6 +65,7 @@ class Watches:
         yield from self.left.warnings()
         yield from self.contacts.warnings()
         yield from self.floating.warnings()
+        yield from self.flow.warnings()
         self.roundoff.end(stage)
 
     def snapshot(self) -> Snapshot:
@@ -68,6 +74,7 @@ class Watches:
             "told": sorted(self.told),
             "left": self.left.snapshot(),
             "floating": self.floating.snapshot(),
+            "flow": self.flow.snapshot(),
             "roundoff": self.roundoff.snapshot(),
             "contacts": self.contacts.snapshot(),
         }

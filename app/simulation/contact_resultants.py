@@ -137,12 +137,19 @@ def _scalars(term: ContactTerm, trial: ContactTrial) -> dict[str, float]:
         "mu": load @ term.law.coefficient(response.state),
         "slip": closed @ np.linalg.norm(k.slip, axis=1),
         "energy": term.interface_energy(trial),
-        "dissipated": weight @ parts.total,
+        "dissipated": weight @ parts.total + fading_loss(term, trial),
         "numerical": 0.5
         * (weight @ _dot(response.traction - term.state.friction_traction, k.slip)),
         "area_ratio": closed @ trial.area_ratio,
     }
     return {name: float(value) for name, value in out.items()}
+
+
+def fading_loss(term: ContactTerm, trial: ContactTrial) -> float:
+    """What this rank's points lost at the end of the master in a step, J per unit thickness."""
+    if trial.faded is None or not term.active:
+        return 0.0
+    return float(term.surface.slave.weight @ trial.faded.lost)
 
 
 def vector_integrals(term: ContactTerm, trial: ContactTrial) -> dict[str, Floats]:
@@ -170,8 +177,7 @@ def vector_integrals(term: ContactTerm, trial: ContactTrial) -> dict[str, Floats
         out["centre"] = load @ trial.position
     if trial.carried is not None:
         arm = trial.projection.foot - trial.carried.centre
-        turning = -(weight @ np.cross(arm, trial.traction))
-        out["tool_moment"] = np.array([turning, 0.0]) if term.surface.dim == 2 else turning
+        out["tool_moment"] = -(weight @ _moments(arm, trial.traction))
     return out
 
 
@@ -242,6 +248,15 @@ def _twist(vectors: dict[str, Floats], normal: Floats) -> float:
         return 0.0
     lever = np.cross(vectors["centre"] / load, vectors["friction"])
     return float((vectors["moment"] - lever) @ normal)
+
+
+def _moments(arm: Floats, force: Floats) -> Floats:
+    """Moments (q, i) of forces (q, i); in the plane that across it beside a 0."""
+    if arm.shape[1] == 3:
+        out: Floats = np.cross(arm, force).astype(np.float64)
+        return out
+    turning = arm[:, 0] * force[:, 1] - arm[:, 1] * force[:, 0]
+    return np.stack([turning, np.zeros_like(turning)], axis=1)
 
 
 def _on_tool(vectors: dict[str, Floats], axisymmetric: bool) -> tuple[float, ...]:

@@ -5,6 +5,7 @@ What is judged, and against what:
 - **penetration** against the local length of the slave facets, and, weighted by pressure, against
   the approach of the bodies 2 U/N, U being their strain energy: where displacements are prescribed
   N is too small by about that share (by 1.2 times it for Hertz's contact, U = 2/5 N δ, N ~ δ^3/2).
+  What bodies that flow dissipate is added once: their force changes little while they do.
 - **evenness**, with the pressure point by point: a straight facet touches a curved master at a few
   points as soon as its sagitta h²/8R exceeds the penetration. Seen are the sagitta itself, the
   range of the gap along a facet less its linear part, which is that of both surfaces as they are
@@ -217,7 +218,8 @@ class ContactWarnings:
         terms = self._problem.contacts
         loose = [state for state, term in zip(states, terms, strict=True) if not term.tied]
         force = sum(state.force for state in loose) * thickness
-        approach = 2.0 * row.strain_energy / force if force > 0.0 else 0.0
+        spent = 2.0 * row.strain_energy + row.plastic_dissipation
+        approach = spent / force if force > 0.0 else 0.0
         for index, state in enumerate(states):
             here = (state.deepest, row.time, row.stage, row.dt)
             self._deepest[index] = max(self._deepest[index], here)

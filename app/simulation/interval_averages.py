@@ -10,7 +10,12 @@ from mpi4py import MPI
 
 from app.equilibrium.snapshot import Partial, Snapshot
 from app.explicit.stepper import ExplicitStepper
-from app.simulation.contact_resultants import ContactResultants, resultants, vector_integrals
+from app.simulation.contact_resultants import (
+    ContactResultants,
+    fading_loss,
+    resultants,
+    vector_integrals,
+)
 from app.simulation.energy_balance import EnergyFlow
 from app.simulation.outside_forces import OutsideForces, OutsideMean
 from forms.contact.penalty import ContactTerm
@@ -148,7 +153,7 @@ def _tally_step(
     for name, vector in vector_integrals(term, trial).items():
         tally.vectors[name] = dt * vector + tally.vectors.get(name, 0.0)
     change = trial.response.traction - before
-    tally.dissipated += float(weight @ lost)
+    tally.dissipated += float(weight @ lost) + fading_loss(term, trial)
     tally.numerical += 0.5 * float(weight @ np.einsum("qi,qi->q", change, trial.kinematics.slip))
     lost -= parts.numerical
     at = int(np.argmin(lost)) if len(lost) else -1

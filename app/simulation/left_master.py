@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from mpi4py import MPI
 
 from app.build.model import Model
 from app.equilibrium.snapshot import AtPoints, Snapshot
 from app.simulation.history import Row
 from app.simulation.time_text import time_text
+from forms.contact.shared_slave import covered_by_others
 
 FEW = 0.05  # share of the area above the master that may leave it without a word
 
@@ -31,17 +31,19 @@ class LeftMaster:
 
     def step(self, row: Row) -> None:
         """Look at a converged step; collective."""
-        local = np.zeros((2, len(self._above)))
+        lost, whole = np.zeros(len(self._above)), np.zeros(len(self._above))
         for index, trial in enumerate(self._problem.committed):
             term = self._problem.contacts[index]
             if term.tied or not term.active:
                 continue
             here = trial.projection.on_surface
             left = self._above[index] & ~here & (trial.kinematics.gap < 0.0)
-            weight = term.surface.slave.weight
             self._above[index] |= here
-            local[:, index] = weight @ left, weight @ self._above[index]
-        lost, whole = self._problem.comm.allreduce(local, op=MPI.SUM)
+            weight, sums = term.surface.slave.weight, term.surface.vertices.sums
+            whole[index] = sums(weight * self._above[index]).sum()
+            # What another master has below it now has not run off.
+            others = covered_by_others(term.neighbours, term.surface.vertices.count)
+            lost[index] = np.maximum(sums(weight * left) - others, 0.0).sum()
         when = f"first at time {time_text(row.time, row.dt)}, stage {row.stage}"
         for index in np.nonzero(lost > FEW * whole)[0]:
             self._found.setdefault(int(index), when)

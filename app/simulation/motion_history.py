@@ -87,7 +87,9 @@ class MotionHistory:
         self._add_surfaces(key, means[: len(self._on)], forces)
         self._add_bodies(key, means[len(self._on) :], forces, pairs)
 
-    def force_balance(self, stages: Collection[str], noise: float = 0.0) -> float | None:
+    def force_balance(
+        self, stages: Collection[str], noise: float = 0.0, largest: float = 0.0
+    ) -> float | None:
         """Largest resultant force on a body over the largest force of the same stages.
 
         Bodies that are bonded count as one: the forces between them are in no table.
@@ -95,26 +97,27 @@ class MotionHistory:
         Args:
             stages: names of those at whose rows the bodies are in equilibrium.
             noise: N, what rounding leaves; no force beyond it is none.
+            largest: N, of forces in other tables: those on both sides of a body cancel in its row.
 
         Returns:
             None without a force.
         """
         dim, stage = self._dim, KEYS.index("stage")
         forces = np.array([row[-2 * dim :] for row in self.body_rows if row[stage] in stages])
-        # On a body without contact the forces of the boundaries cancel in their sum.
-        single = np.abs(self._on_surfaces(stages)).max(initial=0.0)
-        largest = np.abs(forces).max(initial=single)
+        largest = np.abs(forces).max(initial=max(largest, self._largest_on_surfaces(stages)))
         if largest == 0.0 or largest <= noise:
             return None
         resultant = (forces[:, :dim] + forces[:, dim:]).reshape(-1, len(self._bodies), dim)
         of_groups = np.stack([resultant[:, group].sum(axis=1) for group in self._groups])
         return float(np.abs(of_groups).max() / largest)
 
-    def _on_surfaces(self, stages: Collection[str]) -> Floats:
-        """Forces (r, k), N, on surfaces, those across an axis of symmetry among them."""
-        stage, columns = KEYS.index("stage"), self.surface_columns
-        at = [n for n, c in enumerate(columns) if c.startswith("force_") or c == "radial_force"]
-        return np.array([[row[n] for n in at] for row in self.surface_rows if row[stage] in stages])
+    def _largest_on_surfaces(self, stages: Collection[str]) -> float:
+        """Largest component of a force on a surface, N; radial ones of bodies of revolution too."""
+        names = ("radial_force", *(f"force_{axis}" for axis in COMPONENTS))
+        columns = [self.surface_columns.index(n) for n in names if n in self.surface_columns]
+        stage = KEYS.index("stage")
+        rows = [row for row in self.surface_rows if row[stage] in stages]
+        return max((abs(float(row[at])) for row in rows for at in columns), default=0.0)
 
     def of_surface(self, name: str, column: str) -> Floats:
         """Values (r,) of a column for one surface, row by row."""

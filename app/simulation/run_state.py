@@ -30,6 +30,7 @@ from app.simulation.position import Position
 from app.simulation.steady import NOT_SLID, SlidWay, Steadiness, measure_settling
 from app.simulation.switched_contacts import with_released_energy
 from app.simulation.tool_history import ToolHistory
+from forms.contact.shared_slave import keep_what_went_over
 from forms.contact.state import ContactTrial
 from geometry.surfaces.facets import Floats
 
@@ -102,6 +103,8 @@ class RunState:
     def resultants_of(self, trials: Iterable[ContactTrial]) -> list[ContactResultants]:
         """The resultants of all contacts at converged trials; collective."""
         problem, driven = self.model.problem, self.driven_direction()
+        trials = list(trials)
+        keep_what_went_over(problem.contacts, trials)
         pairs = zip(problem.contacts, trials, strict=True)
         found = [measure_contact(term, trial, problem.comm, driven) for term, trial in pairs]
         return with_released_energy(found, self.resultants, problem.contacts)

@@ -7,7 +7,7 @@ the centre of its rotation, where that is now.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -91,6 +91,20 @@ class ToolHistory:
                 *(tool.motion.centre + moved[:-1]),
             )
             self.rows.append((*key, tool.name, *map(float, values)))
+
+    def last(self) -> dict[str, dict[str, int | float | str]]:
+        """The last row of each tool by its name: numbers by column."""
+        found = {}
+        for row in self.rows[-len(self._tools) :]:
+            named = dict(zip(self.columns, row, strict=True))
+            found[str(named.pop("tool"))] = named
+        return found
+
+    def largest_force(self, stages: Collection[str]) -> float:
+        """Largest component of a force on a tool at the rows of some stages, N; 0 without any."""
+        columns = [number for number, name in enumerate(self.columns) if name.startswith("force_")]
+        rows = [row for row in self.rows if row[KEYS.index("stage")] in stages]
+        return max((abs(float(row[at])) for row in rows for at in columns), default=0.0)
 
     def _slots(self, motion: tuple[Floats, Floats], outside: OutsideForces) -> Floats:
         """Displacement, velocity and drive (t, 3, k) of each tool's slots, m, m/s, N; collective.

@@ -149,10 +149,10 @@ class Swift:
 class Table:
     """Straight lines between points (α, σ_Y), the first at α = 0; level beyond the last point.
 
-    A table ends where its test ended. Beyond, the stress stays the last one, which is the safe
-    side for forces and is what tables of plastic data mean in most structural codes; whoever wants
-    the last slope to go on adds a point. ``largest_strain`` lets callers say that a run went
-    beyond. At a point the slope is that of the line after it.
+    A table ends where its test ended. Beyond, the stress stays the last one: forces are not
+    overestimated, and tables made for Abaqus keep their meaning (classical metal plasticity, by
+    default). Whoever wants the last slope to go on adds a point. ``largest_strain`` lets callers
+    say that a run went beyond. At a point the slope is that of the line after it.
     """
 
     points: tuple[tuple[float, float], ...]

@@ -13,6 +13,7 @@ from typing import Any, Protocol
 import ufl
 
 from forms.bodies.kinematics import Kinematics, PlanePart
+from forms.bodies.principal_powers import power_sum, squared_arcosh
 
 Expr = Any
 LOGARITHM_TERMS = 10  # of the series for the logarithmic strain in space
@@ -93,7 +94,84 @@ class MooneyRivlin:
         i1 = k.J ** (-2.0 / 3.0) * k.I1
         i2 = k.J ** (-4.0 / 3.0) * k.I2
         distortion = c["C10"] * (i1 - 3.0) + c["C01"] * (i2 - 3.0)
-        return distortion, 0.25 * c["K"] * (k.J**2 - 1.0 - 2.0 * ufl.ln(k.J))
+        return distortion, _volumetric(k, c)
+
+
+@dataclass(frozen=True, slots=True)
+class Yeoh:
+    """W = C10 (Ī1 − 3) + C20 (Ī1 − 3)² + C30 (Ī1 − 3)³ + K/4 (J² − 1 − 2 ln J).
+
+    Yeoh, Rubber Chem. Technol. 66 (1993) 754: the upturn at large strain, and with C20 < 0 the
+    softening before it, of filled rubber.
+    """
+
+    C10: float
+    C20: float
+    C30: float
+    bulk_modulus: float
+
+    @property
+    def shear_modulus(self) -> float:
+        """G = 2 C10, Pa."""
+        return 2.0 * self.C10
+
+    def parameters(self) -> dict[str, float]:
+        """C10, C20, C30 and K, Pa."""
+        return {"C10": self.C10, "C20": self.C20, "C30": self.C30, "K": self.bulk_modulus}
+
+    def energy(self, k: Kinematics, c: dict[str, Expr]) -> tuple[Expr, Expr]:
+        """See the class."""
+        x = k.J ** (-2.0 / 3.0) * k.I1 - 3.0
+        return x * (c["C10"] + x * (c["C20"] + x * c["C30"])), _volumetric(k, c)
+
+
+@dataclass(frozen=True, slots=True)
+class Ogden:
+    """W = Σ_p μ_p/α_p (λ̄₁^α_p + λ̄₂^α_p + λ̄₃^α_p − 3) + K/4 (J² − 1 − 2 ln J).
+
+    Ogden, Proc. R. Soc. Lond. A 326 (1972) 565, with his μ_p, in isochoric principal stretches λ̄. A
+    convention that writes 2 μ_i/α_i² instead has μ_i = μ_p α_p/2. See
+    :mod:`forms.bodies.principal_powers` for how stretches that coincide are treated.
+
+    Attributes:
+        mu: μ_p, Pa, of any sign.
+        alpha: α_p, as many, of any sign but not 0.
+        bulk_modulus: K, Pa.
+    """
+
+    mu: tuple[float, ...]
+    alpha: tuple[float, ...]
+    bulk_modulus: float
+
+    def __post_init__(self) -> None:
+        """Check that the lists go together; ValueError says how they do not."""
+        if not self.mu or len(self.mu) != len(self.alpha):
+            raise ValueError(f"{len(self.mu)} mu and {len(self.alpha)} alpha; as many are needed")
+        if 0.0 in self.alpha:
+            raise ValueError("an alpha is 0; its term would have no energy")
+
+    @property
+    def shear_modulus(self) -> float:
+        """G = Σ μ_p α_p/2, Pa."""
+        return 0.5 * sum(mu * alpha for mu, alpha in zip(self.mu, self.alpha, strict=True))
+
+    def parameters(self) -> dict[str, float]:
+        """mu1, alpha1, mu2, …, and K, Pa."""
+        found: dict[str, float] = {}
+        for number, (mu, alpha) in enumerate(zip(self.mu, self.alpha, strict=True), start=1):
+            found |= {f"mu{number}": mu, f"alpha{number}": alpha}
+        return found | {"K": self.bulk_modulus}
+
+    def energy(self, k: Kinematics, c: dict[str, Expr]) -> tuple[Expr, Expr]:
+        """See the class."""
+        numbers = range(1, len(self.mu) + 1)
+        terms = [(c[f"mu{n}"] / c[f"alpha{n}"], c[f"alpha{n}"]) for n in numbers]
+        return power_sum(k, terms), _volumetric(k, c)
+
+
+def _volumetric(k: Kinematics, c: dict[str, Expr]) -> Expr:
+    """K/4 (J² − 1 − 2 ln J), Simo & Taylor's."""
+    return 0.25 * c["K"] * (k.J**2 - 1.0 - 2.0 * ufl.ln(k.J))
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +200,7 @@ class Hencky:
 def _plane_deviator(plane: PlanePart, log_j: Expr) -> Expr:
     """|dev ln U|² of a deformation that does not tilt the normal of the plane."""
     excess = plane.I1 / (2.0 * plane.J) - 1.0
-    in_plane = 0.5 * (_squared_arcosh(excess) + ufl.ln(plane.J) ** 2)
+    in_plane = 0.5 * (squared_arcosh(excess) + ufl.ln(plane.J) ** 2)
     return in_plane + ufl.ln(plane.stretch) ** 2 - log_j**2 / 3.0
 
 
@@ -148,18 +226,3 @@ def _squared_logarithm(k: Kinematics) -> Expr:
         factor += 1.0 / (2 * n - 1)
         total = total + factor / n * power
     return total
-
-
-def _squared_arcosh(x: Expr) -> Expr:
-    """arcosh(1 + x)², analytic at x = 0 where arcosh itself is not.
-
-    Below x = 0.02 the Taylor series 2x − x²/3 + 4x³/45 − x⁴/35 + 16x⁵/1575 − 8x⁶/2079 is used (the
-    terms left out are below 1e-13 of the sum there); the other branch is given 0.02 instead, so
-    that it does not divide by zero.
-    """
-    series = x * (
-        2.0 + x * (-1 / 3 + x * (4 / 45 + x * (-1 / 35 + x * (16 / 1575 + x * (-8 / 2079)))))
-    )
-    large = ufl.conditional(ufl.gt(x, 0.02), x, 0.02)
-    exact = ufl.ln(1.0 + large + ufl.sqrt(large * (large + 2.0))) ** 2
-    return ufl.conditional(ufl.gt(x, 0.02), exact, series)

@@ -96,9 +96,8 @@ class PlasticSolid(Solid):
         self._elastic_law = PlasticPoints(_elastic(self.material), space)
         self.points = PointState(self._law.start(len(self.cells) * self.count))
         self._dissipated: Floats = np.zeros(2)
-        self._before: Floats = self._dissipated  # without the last committed step
         self._remade: Origin | None = None
-        self._adopted: Origin | None = None
+        self._adopted: Origin | None = None  # of a step that is still to be made again
         self._tangent_origin: Origin | None = None
 
     def _gradient(self, v: Any, identity: float = 0.0) -> Any:
@@ -136,14 +135,14 @@ class PlasticSolid(Solid):
             origin = self._remade or points.tangent_origin(u, dt)
             update = self._updated(F, origin, tangent=True)
             assert update.A is not None
-            self._put(self._moduli, update.A.reshape(len(F), -1))
+            self._put(self._moduli, update.A.reshape(len(F), self._width**2))
             self._tangent_origin = origin
             if found is None and origin.values is points.committed and origin.dt == dt:
-                found = self._keep(update, origin)
+                found = self._keep(F, update, origin)
         if found is None:
             F = self._deformation_gradients() if F is None else F
             origin = Origin(points.committed, dt)
-            found = self._keep(self._updated(F, origin), origin)
+            found = self._keep(F, self._updated(F, origin), origin)
         self._show(found)
         return found.valid
 
@@ -161,6 +160,8 @@ class PlasticSolid(Solid):
     def _deformation_gradients(self) -> Floats:
         """F (k, p) at the present displacement."""
         mesh = self._u.function_space.mesh
+        if not len(self.cells):
+            return np.empty((0, self._width))
         return cell_values(self._deformation, mesh, self.cells).reshape(-1, self._width)
 
     def _updated(
@@ -169,22 +170,22 @@ class PlasticSolid(Solid):
         law = law or self._law
         return law.update(F, origin.values, origin.dt, tangent, volumetric=not self._reduced)
 
-    def _evaluation(self, update: PlasticUpdate, origin: Origin) -> Evaluation:
+    def _evaluation(self, F: Floats, update: PlasticUpdate, origin: Origin) -> Evaluation:
         return Evaluation(
             u=self._u.x.array.copy(),
+            F=F,
             origin=origin,
             number=self.points.number,
             stress=update.P,
             values=update.state,
             elastic=update.elastic,
             dissipation=update.dissipation,
-            numerical=update.numerical,
             valid=update.valid,
         )
 
-    def _keep(self, update: PlasticUpdate, origin: Origin) -> Evaluation:
+    def _keep(self, F: Floats, update: PlasticUpdate, origin: Origin) -> Evaluation:
         """Make an update the trial."""
-        self.points.trial = self._evaluation(update, origin)
+        self.points.trial = self._evaluation(F, update, origin)
         return self.points.trial
 
     def _show(self, found: Evaluation) -> None:
@@ -201,19 +202,21 @@ class PlasticSolid(Solid):
         found = self.points.at(self._u.x.array)
         if found is None:
             origin = Origin(self.points.committed, math.inf)
-            update = self._updated(self._deformation_gradients(), origin)
-            found = self._evaluation(update, origin)
+            F = self._deformation_gradients()
+            update = self._updated(F, origin)
+            found = self._evaluation(F, update, origin)
         return found
 
     # -- history ------------------------------------------------------------------------------
 
     def commit(self) -> None:
         """See :meth:`forms.bodies.solid.Solid.commit`."""
-        done = self.points.commit()
-        if done is not None:
-            self._before = self._dissipated
-            parts = (done.dissipation, done.numerical)
-            self._dissipated = self._before + np.array([self._integral(p) for p in parts])
+        before = self.points.last
+        done = self.points.commit(self._u.x.array)
+        if done is not None and self._adopted is None:
+            parts = (done.dissipation, done.numerical(before))
+            self._dissipated = self._dissipated + [self._integral(part) for part in parts]
+        self._adopted = None
 
     def _integral(self, values: Floats) -> float:
         """Integral over this rank's part of the body of values (k,), by reference volume."""
@@ -233,7 +236,7 @@ class PlasticSolid(Solid):
     def history(self) -> PointHistory:
         """See :meth:`forms.bodies.solid.Solid.history`."""
         last = self.points.last
-        return PointHistory(None if last is None else last.origin, self._before)
+        return PointHistory(None if last is None else last.origin, self._dissipated)
 
     def cell_rows(self, values: Floats) -> Floats:
         """See :meth:`forms.bodies.solid.Solid.cell_rows`."""
@@ -247,7 +250,7 @@ class PlasticSolid(Solid):
         """See :meth:`forms.bodies.solid.Solid.adopt`."""
         origin = history.origin
         self.points.begin(None if origin is None else origin.values)
-        self._dissipated = self._before = np.asarray(history.dissipated, dtype=np.float64)
+        self._dissipated = np.asarray(history.dissipated, dtype=np.float64)
         self._adopted = origin
 
     def repeat_step(self) -> None:
@@ -277,6 +280,17 @@ class PlasticSolid(Solid):
         P = as_tensors(self._present().stress)
         sigma = P @ F.transpose(0, 2, 1) / np.linalg.det(F)[:, None, None]
         return sigma.reshape(len(self.cells), self.count, 3, 3)
+
+    def largest_flow(self) -> tuple[float, float]:
+        """Largest equivalent plastic strain of this rank, and its largest growth in one step.
+
+        Both of what was committed; the growth is that of the last step.
+        """
+        last = self.points.last
+        if last is None:
+            return 0.0, 0.0
+        now, before = last.values[:, -1], last.origin.values[:, -1]
+        return float(now.max(initial=0.0)), float((now - before).max(initial=0.0))
 
     def plastic_strain(self) -> Floats:
         """Equivalent plastic strain (c, q) at the points."""

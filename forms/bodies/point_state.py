@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+IN_PLANE = np.array([1.0, 0.0, 0.0, 1.0, 1.0])  # no deformation: 11, 12, 21, 22, 33
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,22 +36,42 @@ class Evaluation:
     """Material points at one displacement.
 
     Attributes:
-        u: (n,), m, local unknowns; origin: from where; number: of the committed values.
+        u: (n,), m, local unknowns; F: (k, p) deformation gradients there.
+        origin: from where; number: of the committed values.
         stress: (k, p), Pa, first Piola–Kirchhoff stress; values: (k, s), what is remembered.
-        elastic: (k,), J/m³, stored; dissipation: (k,), J/m³, since the origin; numerical: (k,) the
-            part of it that belongs to the length of the step.
+        elastic: (k,), J/m³, stored; dissipation: (k,), J/m³, since the origin.
         valid: whether all points could be evaluated; where not, all but the values are NaN.
     """
 
     u: Floats
+    F: Floats
     origin: Origin
     number: int
     stress: Floats
     values: Floats
     elastic: Floats
     dissipation: Floats
-    numerical: Floats
     valid: bool
+
+    def numerical(self, before: Evaluation | None) -> Floats:
+        """The part of the dissipation (k,), J/m³, that belongs to the length of the step.
+
+        External forces do work by the trapezoidal rule, so that of the stress is the mean of both
+        ends times the change of F. What that leaves beside the stored energy is less than the
+        dissipation by the stress at the end of the step. While a point flows all through a step
+        that is ½ Δσ_Y Δα; where it begins to flow within it is more, and falls with the step too.
+
+        Args:
+            before: what was committed before; None: undeformed points without stress.
+        """
+        stress, change, stored = self.stress, self.F, self.elastic
+        if before is None:
+            change = change - (np.eye(3).reshape(-1) if change.shape[1] == 9 else IN_PLANE)
+        else:
+            stress, change = stress + before.stress, change - before.F
+            stored = stored - before.elastic
+        work = 0.5 * np.einsum("kp,kp->k", stress, change)
+        return np.where(self.dissipation > 0.0, self.dissipation - (work - stored), 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +82,7 @@ class PointHistory:
 
     Attributes:
         origin: of the last committed step; None: there was none.
-        dissipated: (2,), J, of this rank before that step, and the numerical part of it.
+        dissipated: (2,), J, of this rank in all steps, and the numerical part of it.
     """
 
     origin: Origin | None
@@ -114,11 +135,16 @@ class PointState:
             return self.last.origin
         return Origin(self.committed, dt)
 
-    def commit(self) -> Evaluation | None:
-        """Start from the trial's values from now on; what was committed, None if nothing was."""
+    def commit(self, u: Floats) -> Evaluation | None:
+        """Start from the trial's values, at ``u`` (n,), m, from now on.
+
+        Returns:
+            What was committed; None where nothing was tried since the last time.
+        """
         done = self.trial
         if done is None:
             return None
+        assert np.array_equal(done.u, u, equal_nan=True), "what is committed is evaluated last"
         self.committed, self.last, self.trial = done.values, done, None
         self.number += 1
         return done

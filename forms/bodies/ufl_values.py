@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from ufl.corealg.map_dag import map_expr_dags
 from ufl.corealg.multifunction import MultiFunction
 
 Floats = NDArray[np.float64]
@@ -23,8 +22,28 @@ def values_of(expressions: Sequence[Any], arguments: Mapping[Any, Floats]) -> li
     Raises:
         NotImplementedError: there is something else in them; the message names it.
     """
-    found: list[Floats | float] = map_expr_dags(_Values(arguments), expressions, compress=False)
-    return found
+    rule, found = _Values(arguments), dict[int, Any]()
+    for expression in expressions:
+        _evaluate(expression, rule, found)
+    return [found[id(expression)] for expression in expressions]
+
+
+def _evaluate(expression: Any, rule: _Values, found: dict[int, Any]) -> None:
+    """Put the values of an expression and its parts into ``found``, by the parts' identity.
+
+    UFL's own traversal compares parts that look alike, which takes for ever where parts are used
+    many times.
+    """
+    waiting = [expression]
+    while waiting:
+        part = waiting[-1]
+        operands = part.ufl_operands
+        missing = [o for o in operands if id(o) not in found]
+        waiting += missing
+        if not missing:
+            waiting.pop()
+            if id(part) not in found:
+                found[id(part)] = rule(part, *(found[id(o)] for o in operands))
 
 
 class _Values(MultiFunction):

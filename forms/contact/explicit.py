@@ -22,6 +22,7 @@ from dataclasses import replace
 import numpy as np
 
 from forms.contact.carried import Carried
+from forms.contact.fading import fading
 from forms.contact.kinematics import relate
 from forms.contact.penalty import ContactTerm, carried_by
 from forms.contact.pressure import AveragedPressure
@@ -99,6 +100,7 @@ class ExplicitContact:
         points = surface.slave_positions(slave)
         nodes = surface.master_positions(self._values)
         averaged = isinstance(term.rule, AveragedPressure)
+        term.leave_to_others()
         projection = surface.project(points, nodes, fading=averaged)
         normal = term.rule.evaluate(projection, AS_IS, ROUNDOFF_DEPTH)
         if not term.active:
@@ -118,6 +120,7 @@ class ExplicitContact:
             response=response,
             dt=dt,
             carried=carried_by(surface, self._values),
+            faded=fading(projection, normal, surface.vertices, term.state),
         )
         return self.trial
 

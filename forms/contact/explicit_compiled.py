@@ -333,6 +333,8 @@ class CompiledContact(ExplicitContact):
             slip_length=arrays["length"],
             gap=arrays["gap_after"],
             area_ratio=trial.area_ratio,
+            share=self.term.state.share,
+            sunk=self.term.state.sunk,
             friction=trial.response.state,
             friction_traction=trial.response.traction,
         )
@@ -358,7 +360,12 @@ def explicit_contact(term: ContactTerm, compiled: bool = True) -> ExplicitContac
         return ExplicitTie(term)
     surface, target = term.surface, term.surface.target
     # The compiled loop takes the section's stretch as area ratio, which is wrong for rings.
-    straight = isinstance(target, FacetSurface) and target.shape.count == 2
-    straight = straight and not surface.axisymmetric
+    straight = (
+        isinstance(target, FacetSurface)
+        and target.shape.count == 2
+        and target.fade_length is None
+        and not surface.axisymmetric
+        and not term.neighbours
+    )
     code = library(SOURCE) if compiled and straight else None
     return ExplicitContact(term) if code is None else CompiledContact(term, code)

@@ -17,9 +17,11 @@ import numpy as np
 from petsc4py import PETSc
 
 from forms.contact.carried import Carried
+from forms.contact.fading import fading
 from forms.contact.kinematics import Anchor, ContactKinematics, relate
 from forms.contact.pressure import AveragedPressure, PressureKind, normal_rule
 from forms.contact.rim import rim_cover
+from forms.contact.shared_slave import Neighbour, brought_along, covered_by_others
 from forms.contact.state import (
     AS_IS,
     ContactMode,
@@ -32,7 +34,7 @@ from forms.friction.film import FilmThickness, film_thickness
 from forms.friction.law import FrictionLaw, FrictionResponse
 from geometry.surfaces.closest_point import solve_small
 from geometry.surfaces.facets import Floats, Ints, Longs, unit_normals
-from geometry.surfaces.projection import Projection
+from geometry.surfaces.projection import FacetSurface, Projection
 from geometry.surfaces.surface import QUADRATURE_DEGREE, ContactSurface, RigidMaster
 
 __all__ = ["AS_IS", "ContactMode", "ContactState", "ContactTerm", "ContactTrial"]
@@ -60,6 +62,7 @@ class ContactTerm:
         surface, law, film: of the pair; modulus: Pa, E*, or None.
         active: whether the surfaces feel each other; changed, as ``law`` may be, by :meth:`renew`.
         rule: from gaps to pressure, with the penalty; linearised: the tangent.
+        neighbours: other contacts with the same slave (:mod:`forms.contact.shared_slave`).
         tied: whether the surfaces are bonded (:mod:`forms.contact.tie`).
     """
 
@@ -92,6 +95,7 @@ class ContactTerm:
         """
         self.surface = surface
         self.law, self.active = law, True
+        self.neighbours: list[Neighbour] = []
         self.modulus = modulus
         self.rule = normal_rule(pressure, surface, penalty)
         self.linearised = PairTangent(surface, self.rule)
@@ -107,6 +111,8 @@ class ContactTerm:
             slip_length=np.zeros(q),
             gap=np.where(at.on_surface, at.gap, np.inf),
             area_ratio=np.ones(q),
+            share=np.where(at.on_surface, 1.0, 0.0),
+            sunk=np.zeros(q),
             friction=law.initial_state(q, surface.dim),
             friction_traction=np.zeros((q, surface.dim)),
         )
@@ -167,6 +173,7 @@ class ContactTerm:
         nodes = surface.master_positions(values)
         averaged = isinstance(self.rule, AveragedPressure)
         normals = surface.slave_normals(values) if averaged else None
+        self.leave_to_others()
         current = surface.project(points, nodes, mode.frozen_facets, normals, averaged)
         anchor = self.anchor(nodes)
         normal = self.rule.evaluate(current, mode)
@@ -189,7 +196,14 @@ class ContactTerm:
             anchor=anchor,
             of_point=surface.vertices.of_point,
             carried=carried_by(surface, values),
+            faded=fading(current, normal, surface.vertices, self.state),
         )
+
+    def leave_to_others(self) -> None:
+        """Find the area that other masters of the slave had at the last step; collective."""
+        if self.neighbours and isinstance(self.rule, AveragedPressure):
+            count = self.surface.vertices.count
+            self.rule.others = covered_by_others(self.neighbours, count)
 
     def cover_rim(
         self,
@@ -249,6 +263,11 @@ class ContactTerm:
 
         The committed state holds the elastic slip of the last step; the law sees it transported.
         """
+        brought = brought_along(self) if self.neighbours else None
+        state, elastic = self.state.friction, kinematics.elastic_slip
+        if brought is not None:
+            state, taken = brought
+            elastic = np.where((taken & (normal.pressure <= 0.0))[:, None], 0.0, elastic)
         cover: dict[str, Any] = {}
         if self._has_film:
             cover["film_cover"] = normal.cover
@@ -257,7 +276,7 @@ class ContactTerm:
             dt,
             normal.pressure,
             film,
-            replace(self.state.friction, elastic_slip=kinematics.elastic_slip),
+            replace(state, elastic_slip=elastic),
             area_ratio=self.state.area_ratio,
             rate_dependent=rate_dependent,
             **cover,
@@ -267,11 +286,14 @@ class ContactTerm:
         """Places of the last converged step on the master's current ``nodes`` (n, i), m."""
         state = self.state
         foot, tangents = self.surface.target.places(state.facet, state.xi, nodes)
-        return Anchor(
-            foot=foot,
-            slip_image=np.einsum("qb,qbi->qi", state.slip_components, tangents),
-            slip_length=state.slip_length,
-        )
+        image = np.einsum("qb,qbi->qi", state.slip_components, tangents)
+        brought = brought_along(self) if self.neighbours else None
+        if brought is None:
+            return Anchor(foot, image, state.slip_length)
+        before, taken = brought
+        image = np.where(taken[:, None], before.elastic_slip, image)
+        length = np.linalg.norm(before.elastic_slip, axis=1)
+        return Anchor(foot, image, np.where(taken, length, state.slip_length))
 
     def commit(self, trial: ContactTrial) -> None:
         """Make a converged trial the state that the next step starts from."""
@@ -281,15 +303,32 @@ class ContactTerm:
         covariant = np.einsum("qai,qi->qa", at.tangents, _on_facet(slip, at))
         self.state = ContactState(
             facet=at.facet,
-            xi=at.xi,
+            xi=self._anchored(trial, metric),
             slip_components=solve_small(metric, covariant),
             slip_length=np.linalg.norm(slip, axis=1),
             gap=np.where(at.on_surface, at.gap, np.inf),
             area_ratio=trial.area_ratio,
+            share=self.state.share if trial.faded is None else trial.faded.share,
+            sunk=self.state.sunk if trial.faded is None else trial.faded.sunk,
             friction=trial.response.state,
             friction_traction=trial.response.traction,
         )
         self._last = None
+
+    def _anchored(self, trial: ContactTrial, metric: Floats) -> Floats:
+        """Coordinates ξ (q, α) of the material places that the next slip is measured from.
+
+        A point over another master is opposite a place past the end of this one, as if its last
+        facet went on: when it comes over this master the whole way that it has made counts.
+        """
+        at, target = trial.projection, self.surface.target
+        if not self.neighbours or not isinstance(target, FacetSurface) or target.shape.degree > 1:
+            return at.xi
+        rows = np.nonzero(~at.on_surface & at.clamped)[0]
+        xi = at.xi.copy()
+        apart = np.einsum("qai,qi->qa", at.tangents, trial.position - at.foot)
+        xi[rows] += solve_small(metric[rows], apart[rows])
+        return xi
 
     def renew(self, active: bool | None = None, law: FrictionLaw | None = None) -> None:
         """Take what a stage or a program of time has changed, from the next evaluation on.

@@ -31,6 +31,7 @@ from geometry.surfaces.surface import ContactSurface
 
 PressureKind = Literal["averaged", "pointwise"]
 
+_NO_AREA = np.finfo(float).tiny  # instead of none at all
 TOUCHING = 1e-9  # gap, relative to a facet's size, up to which a point or a vertex touches
 
 
@@ -63,12 +64,18 @@ class NormalRule(Protocol):
 
 
 class AveragedPressure:
-    """Pressure from the mean gaps at the vertices of the slave facets."""
+    """Pressure from the mean gaps at the vertices of the slave facets.
+
+    Attributes:
+        others: (v,) area of the vertices that other masters have, see
+            :mod:`forms.contact.shared_slave`; None without any.
+    """
 
     def __init__(self, surface: ContactSurface, penalty: float | Floats) -> None:
         """Take the penalty, Pa/m: one number, or one for each vertex (v,)."""
         self.surface, self.vertices = surface, surface.vertices
         self.penalty = _expanded(penalty, self.vertices.count, "vertices")
+        self.others: Floats | None = None
 
     def evaluate(
         self, at: Projection, mode: ContactMode, least_depth: float = 0.0
@@ -78,7 +85,8 @@ class AveragedPressure:
         share = 1.0 if at.share is None else at.share
         weight = self.surface.slave.weight * np.where(at.on_surface, share, 0.0)
         gaps = vertices.sums(weight * np.where(at.on_surface, at.gap, 0.0))
-        gap, active, spring = self.at_vertices(gaps, vertices.sums(weight), mode, least_depth)
+        covered = vertices.sums(weight)
+        gap, active, spring = self.at_vertices(gaps, covered, mode, least_depth)
         closed = at.on_surface & active[vertices.of_point].any(axis=1)
         at_points = np.where(closed, share * vertices.at_points(spring), 0.0)
         return NormalContact(
@@ -88,7 +96,19 @@ class AveragedPressure:
             gap=gap,
             nodal_pressure=np.maximum(spring, 0.0),
             active=active,
+            area=self.area(covered),
+            grows=None if self.others is None else covered > vertices.area - self.others,
         )
+
+    def area(self, covered: Floats) -> Floats:
+        """a_A (v,) that gaps are averaged over: m_A, or what other masters leave of it.
+
+        Args:
+            covered: (v,) Σ_q w N_A of the points that have this master below them.
+        """
+        if self.others is None:
+            return self.vertices.area
+        return np.maximum(self.vertices.area - self.others, np.maximum(covered, _NO_AREA))
 
     def at_vertices(
         self, gaps: Floats, covered: Floats, mode: ContactMode, least_depth: float = 0.0
@@ -102,7 +122,7 @@ class AveragedPressure:
             least_depth: depth over facet length up to which there is no pressure.
         """
         length = self.vertices.length
-        gap: Floats = gaps / self.vertices.area
+        gap: Floats = gaps / self.area(covered)
         reach = np.maximum(TOUCHING * length, mode.adhesive_gap)
         active: Bools = (covered > 0.0) & (gap <= reach)
         depth = _depth(-gap, active, mode, least_depth * length)
@@ -112,6 +132,8 @@ class AveragedPressure:
         """See :class:`NormalRule`."""
         assert normal.nodal_pressure is not None
         density = 0.5 * normal.nodal_pressure**2 / (penalty_scale * self.penalty)
+        if normal.area is not None:
+            density = density * (normal.area / self.vertices.area)
         return float(self.surface.slave.weight @ self.vertices.at_points(density))
 
     def point_stiffness(self) -> Floats:

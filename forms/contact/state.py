@@ -59,6 +59,8 @@ class NormalContact:
             rim (:mod:`forms.contact.rim`); cover_slope: (q, k), 1/m, its derivatives for the gaps
             of the facet's vertices, None where nothing asks for them; rim: (v,) open vertices that
             it depends on.
+        area: (v,) that the gaps are averaged over; None: m_A. grows: (v,) where that is what the
+            master has below the vertex now; None: nowhere.
     """
 
     closed: Bools
@@ -70,6 +72,8 @@ class NormalContact:
     cover: Floats | float = 1.0
     cover_slope: Floats | None = None
     rim: Bools | None = None
+    area: Floats | None = None
+    grows: Bools | None = None
 
     def opened(self) -> NormalContact:
         """The same gaps of surfaces that do not feel each other."""
@@ -86,6 +90,20 @@ class NormalContact:
         return self.active if self.rim is None else self.active | self.rim
 
 
+@dataclass(frozen=True, slots=True)
+class Fading:
+    """The end of a master at the points.
+
+    Attributes:
+        share: (q,), σ, 0 with no master below; sunk: (q,), J/m², s g ≤ 0; lost: (q,), J/m², in the
+            step.
+    """
+
+    share: Floats
+    sunk: Floats
+    lost: Floats
+
+
 @dataclass(slots=True)
 class ContactState:
     """The history at the points: all that the next step knows of the converged ones.
@@ -95,6 +113,7 @@ class ContactState:
         slip_components: (q, α), e^α = τ^α·g_e on that facet; slip_length: (q,), m, L = |g_e|.
         gap: (q,), m; +inf where there was no projection on the surface.
         area_ratio: (q,) area ratio da/dA of the slave surface.
+        share: (q,) and sunk: (q,), J/m²: see :mod:`forms.contact.fading`.
         friction: the law's own state; friction_traction: (q, i), Pa, T.
     """
 
@@ -104,6 +123,8 @@ class ContactState:
     slip_length: Floats
     gap: Floats
     area_ratio: Floats
+    share: Floats
+    sunk: Floats
     friction: FrictionState
     friction_traction: Floats
 
@@ -124,6 +145,8 @@ class ContactTrial:
         carried: how the control points of a tool follow its unknowns; None: no tool.
         pull: (v, i), Pa, s_A of a tie, and moved: (n, i), m, the displacements it is of; None of
             others.
+        faded: (q,) and more of points at the end of the master; None point by point, of ties, and
+            of compiled contacts.
     """
 
     position: Floats
@@ -141,6 +164,7 @@ class ContactTrial:
     carried: Carried | None = None
     pull: Floats | None = None
     moved: Floats | None = None
+    faded: Fading | None = None
 
     def coupled(self) -> Bools:
         """Points (q,) whose gaps the tractions of some point depend on."""

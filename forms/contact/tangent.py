@@ -28,6 +28,7 @@ from forms.contact.pressure import AveragedPressure, NormalRule
 from forms.contact.state import ContactState, ContactTrial
 from forms.contact.vertex_rows import VertexRows, adding_up, completed
 from geometry.surfaces.facets import Bools, Floats, Ints, Longs
+from geometry.surfaces.rigid_pieces import left_of
 from geometry.surfaces.slave_normals import CHORDS
 from geometry.surfaces.surface import ContactSurface
 
@@ -86,7 +87,7 @@ class PairTangent:
         out -= r.d_traction_d_slip[take] @ v.d_slip
         out -= r.d_traction_d_elastic[take] @ v.d_elastic
         if trial.projection.share_slope is not None:
-            out += _fading(trial, take)[:, :, None] * v.d_xi[:, :1]
+            out += _per_share(trial, take)[:, :, None] * _share_variation(trial, take, v)[:, None]
         return out, v
 
     def point_blocks(self, state: ContactState, trial: ContactTrial) -> list[tuple[Longs, Floats]]:
@@ -231,7 +232,8 @@ class PairTangent:
         nodes = columns = self.surface.nodes
         if vertices.comm.size > 1:
             right, columns = self._completed(right)
-        left.data /= np.repeat(vertices.area, np.diff(left.indptr))
+        area = vertices.area if normal.area is None else normal.area
+        left.data /= np.repeat(area, np.diff(left.indptr))
         product = left.T.tocsr() @ right
         return Coupling(nodes, columns, product)
 
@@ -270,9 +272,9 @@ class PairTangent:
     ) -> scipy.sparse.csr_matrix:
         """R: Σ_q w N_A ∂(σ g)/∂u (v, m·i) of all points, with σ their share over the master."""
         at, every = trial.projection, np.nonzero(trial.coupled())[0]
-        fades = np.zeros(len(every), dtype=bool)
-        if at.share_slope is not None:
-            fades = at.share_slope[every] != 0.0
+        fades: Bools = np.zeros(len(every), dtype=bool)
+        if at.share is not None:
+            fades[:] = at.share[every] < 1.0
         if at.rays is not None:
             fades[:] = True
         plain, other = every[~fades], every[fades]
@@ -296,10 +298,18 @@ class PairTangent:
         change = v.d_gap
         if at.share is not None and at.share_slope is not None:
             change = at.share[take][:, None] * v.d_gap
-            change += (at.gap * at.share_slope)[take][:, None] * v.d_xi[:, 0]
+            change += at.gap[take][:, None] * _share_variation(trial, take, v)
         d_gap = change.reshape(len(take), rows.shape[1], self.surface.dim)
         share = self.surface.slave.weight[take][:, None] * self.surface.vertices.shape[take]
         values = np.einsum("pk,pmi->pkmi", share, np.einsum("prm,pri->pmi", rows, d_gap))
+        normal = trial.normal_contact
+        if normal.grows is not None and normal.gap is not None and at.share_slope is not None:
+            # Where a_A is what the master has, its change counts too: ∂g_A = (∂(σ g) − g_A ∂σ)/a_A.
+            of_share = np.einsum("pa,par->pr", at.share_slope[take], v.d_xi)
+            of_share = of_share.reshape(d_gap.shape)
+            mean = np.where(normal.grows, normal.gap, 0.0)[self.surface.vertices.of_point[take]]
+            less = np.einsum("prm,pri->pmi", rows, of_share)
+            values -= np.einsum("pk,pmi->pkmi", share * mean, less)
         return self._rows(take, at.facet[take], needs, at.rays is not None).matrix(values)
 
     def _completed(self, right: scipy.sparse.csr_matrix) -> tuple[scipy.sparse.csr_matrix, Longs]:
@@ -310,12 +320,30 @@ class PairTangent:
         return completed(right, vertices.shared, here, nodes, self.surface.dim, vertices.comm)
 
 
-def _fading(trial: ContactTrial, take: Longs) -> Floats:
-    """Change (p, i), Pa, of the traction for ξ as points run past the end of the master."""
+def _share_variation(trial: ContactTrial, take: Longs, v: Variations) -> Floats:
+    """∂σ/∂z (p, r·j) of the points' share over the master.
+
+    What depends on the ray's normal n does so relative to the master, which turns by b·m/|τ|, with
+    m its own normal: δσ = σ_,ξ δξ + σ_,n·(δn − J n b·m/|τ|), J a turn to the left.
+    """
+    at = trial.projection
+    assert at.share_slope is not None
+    out: Floats = np.einsum("pa,par->pr", at.share_slope[take], v.d_xi)
+    if at.share_turn is None:
+        return out
+    by_normal, tau = at.share_turn[take], at.tangents[take, 0]
+    out += np.einsum("pi,pir->pr", by_normal, v.d_normal)
+    turned = np.einsum("pi,pi->p", by_normal, left_of(at.normal[take]))
+    out[:, 2:4] -= (turned / np.einsum("pi,pi->p", tau, tau))[:, None] * left_of(tau)
+    return out
+
+
+def _per_share(trial: ContactTrial, take: Longs) -> Floats:
+    """∂t/∂σ (p, i), Pa: change of the traction with the share of a point over the master."""
     at, normal = trial.projection, trial.normal_contact
-    assert at.share is not None and at.share_slope is not None
-    slope = at.share_slope[take]
-    per_share = np.where(slope != 0.0, slope / np.where(slope != 0.0, at.share[take], 1.0), 0.0)
+    assert at.share is not None
+    share = at.share[take]
+    per_share = np.where(share > 0.0, 1.0 / np.where(share > 0.0, share, 1.0), 0.0)
     by_pressure = trial.kinematics.normal[take] - trial.response.d_traction_d_pressure[take]
     cover = np.broadcast_to(normal.cover, at.share.shape)[take]
     out: Floats = (per_share * normal.spring[take])[:, None] * by_pressure

@@ -17,7 +17,8 @@ enum law { LINEAR, VOCE, SWIFT, TABLE };
 enum rate { NO_RATE, JOHNSON_COOK, PERZYNA };
 
 /* Those of return_mapping.py and principal_axes.py. */
-static const double NEUTRAL = 1e-9, SMALL_STEP = 1e-9, ROUNDOFF = 1e-15, SERIES = 0.02;
+static const double NEUTRAL = 1e-9, STILL = 1e-11;
+static const double SMALL_STEP = 1e-9, ROUNDOFF = 1e-15, SERIES = 0.02;
 enum { ITERATIONS = 200 };
 
 typedef struct {
@@ -103,7 +104,8 @@ static double plastic_step(const Material *m, double trial, double alpha)
 {
     double stress, slope;
     yield_stress(m, alpha, &stress, &slope);
-    double over = fmax(trial - stress, 0.0), low = 0.0, high = over / (3.0 * m->shear);
+    double over = trial > (1.0 + STILL) * stress ? trial - stress : 0.0;
+    double low = 0.0, high = over / (3.0 * m->shear);
     double x = start(m, over, stress, slope);
     for (int i = 0; i < ITERATIONS && x > 0.0; ++i) {
         flow_stress(m, alpha, x, &stress, &slope);
@@ -324,7 +326,8 @@ INLINE void flow(const Material *m, const vec *logs, vec alpha, Flow *f)
     vec trial = 2.449489742783178 * m->shear * size, begin = yield_stresses(m, alpha);
     ivec flows = (ivec)(trial >= (1.0 - NEUTRAL) * begin);
     if (m->law == LINEAR && m->rate == NO_RATE) {
-        f->step = choose((ivec)(trial > begin), (trial - begin) / (three + modulus), all(0.0));
+        ivec over = (ivec)(trial > (1.0 + STILL) * begin);
+        f->step = choose(over, (trial - begin) / (three + modulus), all(0.0));
         slope = all(modulus);
         f->stress = end = begin + modulus * f->step;
     } else {

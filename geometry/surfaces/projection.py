@@ -12,8 +12,9 @@ import numpy as np
 import scipy.sparse
 
 from geometry.surfaces.closest_point import CORNER, INTERIOR, closest_points, stationary_points
+from geometry.surfaces.end_distance import EndDistance
 from geometry.surfaces.facet_search import TIE, FacetSearch
-from geometry.surfaces.facets import FacetShape, Floats, Ints, unit_normals
+from geometry.surfaces.facets import FacetShape, Floats, Ints, facet_shape, unit_normals
 from geometry.surfaces.rays import RaySearch
 from geometry.surfaces.slave_normals import PointNormals
 from geometry.surfaces.smoothing import smooth_patches
@@ -32,11 +33,17 @@ class FacetSurface:
     Attributes:
         facets: (f, a) node numbers; shape: of all facets, or of the smooth patches over them.
         stencil: (f, m) nodes that move each facet: its own, or those of its patch.
+        fade_length: m, way before an open end over which points fade; None: as each point asks.
         neighbours: (f, f) sparse; facets that share a corner, and each facet itself.
     """
 
     def __init__(
-        self, shape: FacetShape, facets: Ints, nodes: Floats, smoothing_angle: float | None = None
+        self,
+        shape: FacetShape,
+        facets: Ints,
+        nodes: Floats,
+        smoothing_angle: float | None = None,
+        fade_length: float | None = None,
     ) -> None:
         """Prepare the connectivity.
 
@@ -46,10 +53,11 @@ class FacetSurface:
             nodes: (n, i), m, reference.
             smoothing_angle: rad; the surface is made smooth but for sides where the normals
                 of neighbours differ by more. Without it the facets themselves are the surface.
+            fade_length: m, undeformed, way before an open end over which points fade.
 
         Raises:
             ValueError: more than two facets meet at a side, or two with opposite normals; or
-                facets that cannot be made smooth.
+                facets that cannot be made smooth; or a surface that would fade everywhere.
         """
         self.facets = np.asarray(facets, dtype=np.int32)
         self.shape, self.stencil = shape, self.facets
@@ -59,6 +67,14 @@ class FacetSurface:
             self.shape, self.stencil = patches.shape, patches.stencil
             self._extraction = patches.extraction
         self.search = FacetSearch(self.shape, self._controls(nodes))
+        self._connect(shape, nodes)
+        self.fade_length, self._undeformed = fade_length, nodes
+        self._fading_ends = self._open.copy()
+        self._joined = np.zeros_like(self._open)
+        self._measure_ends()
+
+    def _connect(self, shape: FacetShape, nodes: Floats) -> None:
+        """Find neighbours and open ends of facets of a shape on nodes (n, i), m, undeformed."""
         count = len(nodes)
         corners = self.facets[:, : shape.corners]
         self._around, self._corner = _facets_around(corners, count)
@@ -86,6 +102,27 @@ class FacetSurface:
         self.neighbours = (incidence @ incidence.T).tocsr()
         self.neighbours.data[:] = 1
 
+    def _measure_ends(self) -> None:
+        if self.fade_length is not None:
+            shape, nodes = facet_shape(self.shape.cell, 1), self._undeformed
+            ends = self._fading_ends
+            self._end = EndDistance(shape, self.facets, nodes, ends, self.fade_length)
+
+    def join(self, others: Floats, within: float) -> None:
+        """Let nothing fade at open ends, in the plane, that meet those of another surface.
+
+        Args:
+            others: (m, i), m, undeformed nodes of the other surface.
+            within: m, distance up to which ends meet.
+        """
+        if self.shape.directions == 2:
+            return
+        ends = np.nonzero(self._fading_ends)[0]
+        apart = np.linalg.norm(self._undeformed[ends][:, None] - others, axis=2)
+        self._fading_ends[ends[apart.min(axis=1) <= within]] = False
+        self._joined = self._open & ~self._fading_ends
+        self._measure_ends()
+
     def project(
         self,
         points: Floats,
@@ -111,6 +148,8 @@ class FacetSurface:
         """
         controls = self._controls(nodes)
         facet, xi, entity = self._closest(points, controls, frozen_facets)
+        if fading is not None and self._joined.any():
+            facet, xi, entity = self._go_on((facet, xi, entity), points, controls, fading)
         if rays is not None:
             assert self._rays is not None
             facet, xi, met = self._rays.hits(points, rays.normal, controls, facet, xi)
@@ -121,7 +160,46 @@ class FacetSurface:
             out.gap = np.einsum("qi,qi->q", points - out.foot, out.normal)
             out.on_surface, out.rays = met, rays
         self._fade(out, fading)
+        self._share_ends(out, fading)
         return out
+
+    def _go_on(
+        self, found: tuple[Ints, Floats, Ints], points: Floats, controls: Floats, reach: Floats
+    ) -> tuple[Ints, Floats, Ints]:
+        """Facets, ξ and entities of points just past an end where another surface begins.
+
+        Up to ``reach`` (q,), m, they lie as if the last facet went on.
+        """
+        facet, xi, entity = found
+        rows = np.nonzero(entity >= CORNER)[0]
+        rows = rows[self._joined[self.facets[facet[rows], entity[rows] - CORNER]]]
+        if not len(rows):
+            return found
+        there, known = stationary_points(self.shape, controls[facet[rows]], points[rows])
+        past = self.shape.excess(there) * self._length[facet[rows]]
+        near = known & (past <= reach[rows])
+        xi, entity = xi.copy(), entity.copy()
+        xi[rows[near]], entity[rows[near]] = there[near], INTERIOR
+        return facet, xi, entity
+
+    def _share_ends(self, out: Projection, reach: Floats | None) -> None:
+        """Let points pass from one surface to the next, over twice ``reach`` (q,), m."""
+        if reach is None or self.shape.directions == 2 or not self._joined.any():
+            return
+        ends = self._joined[self.facets[out.facet, :2]]
+        at = np.nonzero(ends.any(axis=1) & out.on_surface)[0]
+        length, xi = self._length[out.facet[at]], out.xi[at, 0]
+        per_length = 0.5 * length / np.minimum(reach[at], length)
+        inside = np.stack([xi, 1.0 - xi], axis=1) * per_length[:, None] + 0.5
+        inside = np.where(ends[at], inside, np.inf)
+        end = np.argmin(inside, axis=1)
+        share = np.clip(inside[np.arange(len(at)), end], 0.0, 1.0)
+        slope = np.where(end == 0, 1.0, -1.0) * per_length * ((share > 0.0) & (share < 1.0))
+        if out.share is None or out.share_slope is None:
+            out.share, out.share_slope = np.ones(len(reach)), np.zeros((len(reach), 1))
+        out.share_slope[at] *= share[:, None]
+        out.share_slope[at, 0] += out.share[at] * slope
+        out.share[at] *= share
 
     def _closest(
         self, points: Floats, controls: Floats, frozen_facets: Ints | None
@@ -153,9 +231,14 @@ class FacetSurface:
 
         A point that loses its force at once when it runs past the end may leave no equilibrium.
         """
-        if reach is None or self.shape.directions == 2:
+        if reach is None:
             return
-        open_ends = self._open[self.facets[out.facet, :2]]
+        if self.fade_length is not None:
+            out.share, out.share_slope = self._end.share(out.facet, out.xi)
+            return
+        if self.shape.directions == 2:
+            return
+        open_ends = self._fading_ends[self.facets[out.facet, :2]]
         at = np.nonzero(open_ends.any(axis=1) & out.on_surface)[0]
         if not len(at):
             return
@@ -166,9 +249,9 @@ class FacetSurface:
         end = np.argmin(way, axis=1)
         share = way[np.arange(len(at)), end]
         sign = np.where(end == 0, 1.0, -1.0)
-        out.share, out.share_slope = np.ones(len(reach)), np.zeros(len(reach))
+        out.share, out.share_slope = np.ones(len(reach)), np.zeros((len(reach), 1))
         out.share[at] = np.minimum(share, 1.0)
-        out.share_slope[at] = np.where(share < 1.0, sign * per_length, 0.0)
+        out.share_slope[at, 0] = np.where(share < 1.0, sign * per_length, 0.0)
 
     @property
     def has_kinks(self) -> bool:

@@ -99,10 +99,13 @@ class RigidSurface(ABC):
         stencil: (f, dim + 1) all control points, for each facet; neighbours: all facets are.
         has_kinks: whether facets in the plane meet at an angle.
         extent: (2, i), m, undeformed: least and largest coordinates, infinite where it is.
+        least_radius: m, of its tightest rounding, which a slave's facets should be shorter than;
+            infinite where none is round, and of meshed surfaces, whose facets say it.
         search: for candidate facets.
     """
 
     has_kinks: bool = False
+    least_radius: float = np.inf
     search: Search
 
     def __init__(self, facets: int, centre: Floats, size: float, extent: Floats) -> None:
@@ -187,6 +190,8 @@ class RigidSurface(ABC):
         out.normal = out.normal @ turn.T
         if out.curvature is not None:
             out.curvature = out.curvature @ turn.T
+        if out.share_turn is not None:
+            out.share_turn = out.share_turn @ turn.T
         if rays is not None:
             out.normal, out.rays = rays.normal, rays
         return out
@@ -241,11 +246,8 @@ class RigidShape(RigidSurface):
         """
         raise NotImplementedError(f"{type(self).__name__} has no kinks to be met along rays")
 
-    def shares(
-        self, feet: Feet, on_surface: Bools, reach: Floats
-    ) -> tuple[Floats | None, Floats | None]:
-        """See :class:`~geometry.surfaces.target.Projection`: of points ``reach`` (q,) from ends."""
-        return None, None
+    def fade(self, out: Projection, reach: Floats) -> None:
+        """Let points fade over the way ``reach`` (q,), m, up to where a line in the plane ends."""
 
     def _project(
         self,
@@ -270,13 +272,14 @@ class RigidShape(RigidSurface):
             clamped=np.zeros(len(points), dtype=bool),
             on_surface=met,
             curvature=at.curvature,
+            rays=rays,
         )
         if self.dim == 3:
             out.along = np.zeros_like(feet.xi) if feet.along is None else feet.along
         if feet.outward is not None:
             _clamp(out, points, feet.outward)
         if fading is not None:
-            out.share, out.share_slope = self.shares(feet, met, fading)
+            self.fade(out, fading)
         return out
 
 

@@ -38,6 +38,7 @@ class Circle(RigidShape):
         self.centre, self.radius = np.array(centre, dtype=np.float64), float(radius)
         self.sign = 1.0 if hollow else -1.0
         extent = np.stack([self.centre - self.radius, self.centre + self.radius])
+        self.least_radius = self.radius
         super().__init__(QUARTERS, self.centre, self.radius, extent)
 
     def closest(self, points: Floats, frozen_facets: Ints | None) -> Feet:

@@ -35,7 +35,7 @@ class Extruded(RigidShape):
         first = unit(first - (first @ axis) * axis, "the first direction of a section")
         self._frame = np.stack([first, np.cross(axis, first), axis])
         middle = section.control_points.mean(axis=0)
-        size = section.size
+        size, self.least_radius = section.size, section.least_radius
         centre = self.origin + middle @ self._frame[:2]
         super().__init__(len(section.stencil), centre, size, self._bounds(section.extent))
 

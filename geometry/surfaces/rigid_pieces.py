@@ -42,8 +42,13 @@ class Pieces:
     def length(self) -> Floats:
         """(p,), m."""
         chord = np.linalg.norm(self.end - self.start, axis=1)
-        radius = np.linalg.norm(self.start - self.centre, axis=1)
-        out: Floats = np.where(self.sweep == 0.0, chord, np.abs(self.sweep) * radius)
+        out: Floats = np.where(self.sweep == 0.0, chord, np.abs(self.sweep) * self.radius)
+        return out
+
+    @property
+    def radius(self) -> Floats:
+        """(p,), m, of arcs."""
+        out: Floats = np.linalg.norm(self.start - self.centre, axis=1)
         return out
 
     def reversed(self) -> Pieces:
@@ -97,55 +102,63 @@ class Pieces:
         tangent = np.where(round_one, omega * left_of(arm), way)
         return place, tangent, np.where(round_one, -(omega**2) * arm, 0.0)
 
-    def nearest(self, points: Floats) -> Floats:
-        """ξ (q, p) of the nearest places, as if all pieces went on as they are."""
-        way = self.end - self.start
-        apart = points[:, None] - self.start
-        straight = np.einsum("qpi,pi->qp", apart, way) / np.einsum("pi,pi->p", way, way)
-        return self._or_round(straight, points[:, None] - self.centre)
+    def nearest(self, points: Floats, piece: Ints) -> Floats:
+        """ξ (q,) of the nearest places on pieces (q,), as if all went on as they are."""
+        start = self.start[piece]
+        way = self.end[piece] - start
+        apart = points - start
+        straight = np.einsum("qi,qi->q", apart, way) / np.einsum("qi,qi->q", way, way)
+        return self._or_round(straight, points - self.centre[piece], piece)
 
-    def met(self, points: Floats, normals: Floats) -> Floats:
-        """ξ (q, p) where lines along the normals (q, i) meet pieces that face them; else NaN.
+    def met(self, points: Floats, normals: Floats, piece: Ints) -> Floats:
+        """ξ (q,) where lines along the normals (q, i) meet pieces (q,) that face them; else NaN.
 
         With t the normal turned right, t·(x − ȳ) = 0 and t·τ > 0. On an arc of radius R that is
         ȳ − M = h t − w n for ω > 0 and h t + w n for ω < 0, with h = t·(x − M) and h² + w² = R².
         """
-        way, along = self.end - self.start, -left_of(normals)
-        slope = along @ way.T
+        start, centre = self.start[piece], self.centre[piece]
+        way, along = self.end[piece] - start, -left_of(normals)
+        slope = np.einsum("qi,qi->q", along, way)
         steep = slope > GRAZING * np.linalg.norm(way, axis=1)
-        apart = np.einsum("qpi,qi->qp", points[:, None] - self.start, along)
+        apart = np.einsum("qi,qi->q", points - start, along)
         straight = np.where(steep, apart / np.where(steep, slope, 1.0), np.nan)
-        h = np.einsum("qpi,qi->qp", points[:, None] - self.centre, along)
-        squared = np.sum((self.start - self.centre) ** 2, axis=1)
+        h = np.einsum("qi,qi->q", points - centre, along)
+        squared = np.sum((start - centre) ** 2, axis=1)
         rest = squared - h**2
         steep = rest > GRAZING**2 * squared
-        w = -np.sign(self.sweep) * np.sqrt(np.where(steep, rest, 0.0))
-        arm = h[..., None] * along[:, None] + w[..., None] * normals[:, None]
-        return self._or_round(straight, np.where(steep[..., None], arm, np.nan))
+        w = -np.sign(self.sweep[piece]) * np.sqrt(np.where(steep, rest, 0.0))
+        arm = h[:, None] * along + w[:, None] * normals
+        return self._or_round(straight, np.where(steep[:, None], arm, np.nan), piece)
 
-    def _or_round(self, straight: Floats, arm: Floats) -> Floats:
-        """ξ (q, p) as given on straight pieces, and of the directions ``arm`` (q, p, i) on arcs.
+    def _or_round(self, straight: Floats, arm: Floats, piece: Ints) -> Floats:
+        """ξ (q,) as given on straight pieces, and of the directions ``arm`` (q, i) on arcs.
 
         By the angle from the middle, so that it jumps opposite to the arc.
         """
-        middle = turned(self.start - self.centre, 0.5 * self.sweep)
+        sweep = self.sweep[piece]
+        middle = turned(self.start[piece] - self.centre[piece], 0.5 * sweep)
         angle = np.arctan2(
-            np.einsum("pi,qpi->qp", left_of(middle), arm), np.einsum("pi,qpi->qp", middle, arm)
+            np.einsum("qi,qi->q", left_of(middle), arm), np.einsum("qi,qi->q", middle, arm)
         )
-        round_one = self.sweep != 0.0
-        out: Floats = np.where(
-            round_one, 0.5 + angle / np.where(round_one, self.sweep, 1.0), straight
-        )
+        round_one = sweep != 0.0
+        out: Floats = np.where(round_one, 0.5 + angle / np.where(round_one, sweep, 1.0), straight)
         return out
+
+    def spheres(self) -> tuple[Floats, Floats]:
+        """Centres (p, i) and radii (p,), m, that hold the pieces; infinite where one goes on."""
+        every = np.arange(len(self.sweep), dtype=np.int32)
+        centre = self.at(every, np.full(len(every), 0.5))[0]
+        endless = np.isinf(self.limits()).any(axis=1)
+        return centre, np.where(endless, np.inf, 0.5 * self.length)
 
     def bounds(self) -> Floats:
         """Least and largest coordinates (2, i), m, infinite where the line goes on without end."""
         places = [self.start, self.end]
-        radius = np.linalg.norm(self.start - self.centre, axis=1)[:, None]
-        every = np.arange(len(self.sweep))
+        radius = self.radius[:, None]
+        every = np.arange(len(self.sweep), dtype=np.int32)
         for side in ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)):
             there = self.centre + radius * np.array(side)
-            xi = self.nearest(there)[every, every]
+            xi = self.nearest(there, every)
             places.append(there[(self.sweep != 0.0) & (xi > 0.0) & (xi < 1.0)])
         known = np.concatenate(places)
         out = np.stack([known.min(axis=0), known.max(axis=0)])

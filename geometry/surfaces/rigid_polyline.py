@@ -7,10 +7,12 @@ the next with a continuous normal. At a sharp corner the normal is that from the
 point. With pressure that is averaged over facets, points beside a convex sharp corner are projected
 along the slave's normals instead, as on facets with kinks (:mod:`geometry.surfaces.rays`): closest
 points below a punch would be on its flank as soon as they are deeper than away from the corner.
+What looks at a flank that it only grazes fades (:mod:`geometry.surfaces.rigid_shares`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -19,12 +21,15 @@ import numpy as np
 from geometry.surfaces.rigid import Feet, Outline, Places, RigidShape
 from geometry.surfaces.rigid_fillets import filleted
 from geometry.surfaces.rigid_pieces import Pieces, left_of
+from geometry.surfaces.rigid_shares import LineEnds
 
 if TYPE_CHECKING:
-    from geometry.surfaces.facets import Bools, Floats, Ints
+    from geometry.surfaces.facets import Bools, Floats, Ints, Longs
+    from geometry.surfaces.target import Projection
 
 KINK = np.radians(3.0)  # turn of a sharp corner from which on it is a kink, as of facets
 OVERRUN = 1e-4  # ξ past a corner up to which a point may stay on its piece, as on facets
+AT_ONCE = 500_000  # pairs of points and pieces, for memory's sake
 _TIE = 1e-12  # distances closer than this, over the size, are equal
 
 
@@ -81,7 +86,9 @@ class Polyline(RigidShape):
         turns = pieces.turns()
         self._open, self._sharp = pieces.open_ends(), turns != 0.0
         self.has_kinks = bool(np.any(np.abs(turns) > KINK))
-        self._limits, self._length = pieces.limits(), pieces.length
+        self._limits, self._ends = pieces.limits(), LineEnds(pieces)
+        self._spheres = pieces.spheres()
+        self.least_radius = float(np.min(pieces.radius, where=pieces.sweep != 0.0, initial=np.inf))
         # At a corner between the normals of both pieces.
         out = left_of(pieces.directions())
         joint = out[:, 1] + np.roll(out[:, 0], -1, axis=0)
@@ -112,23 +119,45 @@ class Polyline(RigidShape):
         Of pieces equally close the first is taken, one that holds the point inside before one that
         holds it at its end.
         """
-        free = self.pieces.nearest(points)
-        xi = np.clip(free, *self._limits.T)
-        held, count = xi != free, free.shape[1]
-        distance = self._distances(points, xi)
-        tie = distance <= distance.min(axis=1, keepdims=True) + _TIE * self.size
-        rank = np.arange(count) + np.where(tie, np.where(held, count, 0), 2 * count)
-        facet = np.argmin(rank, axis=1).astype(np.int32)
-        rows = np.arange(len(points))
-        found, end = xi[rows, facet], (free > xi)[rows, facet].astype(np.int32)
-        held = held[rows, facet]
+        if not len(points):
+            return Feet(np.empty(0, dtype=np.int32), np.empty((0, 1)))
+        point, piece = self._candidates(points, _near)
+        free = self.pieces.nearest(points[point], piece)
+        xi = np.clip(free, *self._limits[piece].T)
+        distance = np.linalg.norm(points[point] - self.pieces.at(piece, xi)[0], axis=1)
+        start, count = np.searchsorted(point, np.arange(len(points))), len(self._limits)
+        tie = distance <= np.minimum.reduceat(distance, start)[point] + _TIE * self.size
+        rank = piece + np.where(tie, np.where(xi != free, count, 0), 2 * count)
+        best = np.nonzero(rank == np.minimum.reduceat(rank, start)[point])[0]
+        facet, found, held = piece[best], xi[best], (xi != free)[best]
+        end = (free > xi)[best].astype(np.int32)
         if frozen_facets is not None and self._sharp.any():
-            there = free[rows, frozen_facets]
+            there = self.pieces.nearest(points, frozen_facets)
             low, high = self._limits[frozen_facets].T
             stays = np.maximum(low - there, there - high) <= OVERRUN
             facet = np.where(stays, frozen_facets, facet)
             found, held = np.where(stays, there, found), held & ~stays
         return self._feet(facet, found, held, end)
+
+    def _candidates(
+        self, points: Floats, choose: Callable[[Floats, Floats, slice], Bools]
+    ) -> tuple[Longs, Ints]:
+        """Points and pieces (n,) to be looked at, sorted by point.
+
+        Args:
+            points: (q, i), m.
+            choose: (k, p), from the ways (k, p, i) of a slice of the points from the centres of
+                spheres round the pieces, and their radii (p,).
+        """
+        centre, radius = self._spheres
+        step = max(1, AT_ONCE // len(radius))
+        parts = []
+        for first in range(0, len(points), step):
+            here = slice(first, first + step)
+            row, piece = np.nonzero(choose(points[here, None] - centre, radius, here))
+            parts.append((row + first, piece.astype(np.int32)))
+        point, pieces = (np.concatenate(p) for p in zip(*parts, strict=True))
+        return point, pieces
 
     def _feet(self, facet: Ints, xi: Floats, held: Bools, end: Ints) -> Feet:
         """Closest points, ``held`` (q,) at an ``end`` (q,) of their pieces: clamped if it is one.
@@ -144,46 +173,42 @@ class Polyline(RigidShape):
             out.outward = np.where(clamped[:, None], self._outward[facet, end], np.nan)
         return out
 
-    def _distances(self, points: Floats, xi: Floats) -> Floats:
-        """Distances (q, p), m, of points from places ξ (q, p) of all pieces."""
-        count = xi.shape[1]
-        every = np.tile(np.arange(count, dtype=np.int32), len(points))
-        place = self.pieces.at(every, xi.reshape(-1))[0].reshape(*xi.shape, 2)
-        out: Floats = np.linalg.norm(points[:, None] - place, axis=2)
-        return out
-
     # -- along rays, and at the ends --------------------------------------------------------------
 
     def hits(self, points: Floats, normals: Floats, feet: Feet) -> tuple[Feet, Bools]:
         """See :class:`~geometry.surfaces.rigid.RigidShape`; the nearest hit of each ray."""
-        xi = self.pieces.met(points, normals)
-        low, high = self._limits.T
-        inside = (xi >= low - _TIE) & (xi <= high + _TIE)  # False of NaN
-        xi = np.clip(np.where(inside, xi, 0.0), low, high)
-        distance = np.where(inside, self._distances(points, xi), np.inf)
-        piece = np.argmin(distance, axis=1).astype(np.int32)
-        rows = np.arange(len(points))
-        met = inside[rows, piece]
-        facet = np.where(met, piece, feet.facet)
-        return Feet(facet, np.where(met[:, None], xi[rows, piece][:, None], feet.xi)), met
+        met = np.zeros(len(points), dtype=bool)
+        out = Feet(feet.facet.copy(), feet.xi.copy())
+        if not len(points):
+            return out, met
 
-    def shares(
-        self, feet: Feet, on_surface: Bools, reach: Floats
-    ) -> tuple[Floats | None, Floats | None]:
-        """See :class:`~geometry.surfaces.target.Projection`; as on facets."""
-        open_ends = self._open[feet.facet]
-        at = np.nonzero(open_ends.any(axis=1) & on_surface)[0]
-        if not len(at):
-            return None, None
-        length, xi = self._length[feet.facet[at]], feet.xi[at, 0]
-        way = np.where(open_ends[at], np.stack([xi, 1.0 - xi], axis=1), np.inf)
-        end = np.argmin(way, axis=1)
-        per_length = length / np.minimum(reach[at], length)
-        part = way[np.arange(len(at)), end] * per_length
-        share, slope = np.ones(len(reach)), np.zeros(len(reach))
-        share[at] = np.minimum(part, 1.0)
-        slope[at] = np.where(part < 1.0, np.where(end == 0, per_length, -per_length), 0.0)
-        return share, slope
+        def crossed(apart: Floats, radius: Floats, here: slice) -> Bools:
+            off: Floats = np.einsum("kpi,ki->kp", apart, left_of(normals[here]))
+            return np.abs(off) <= (1.0 + _TIE) * radius
+
+        point, piece = self._candidates(points, crossed)
+        xi = self.pieces.met(points[point], normals[point], piece)
+        low, high = self._limits[piece].T
+        inside = np.nonzero((xi >= low - _TIE) & (xi <= high + _TIE))[0]  # never NaN
+        point, piece = point[inside], piece[inside]
+        xi = np.clip(xi[inside], low[inside], high[inside])
+        distance = np.linalg.norm(points[point] - self.pieces.at(piece, xi)[0], axis=1)
+        order = np.lexsort((piece, distance, point))
+        rows, first = np.unique(point[order], return_index=True)
+        best = order[first]
+        out.facet[rows], out.xi[rows, 0], met[rows] = piece[best], xi[best], True
+        return out, met
+
+    def fade(self, out: Projection, reach: Floats) -> None:
+        """See :class:`~geometry.surfaces.rigid.RigidShape`; as on facets, and beside corners."""
+        piece, xi = out.facet, out.xi[:, 0]
+        if out.rays is None:
+            found = self._ends.of_closest(piece, xi, out.on_surface, reach)
+        else:
+            found = self._ends.along_rays(piece, xi, out.on_surface, reach, out.rays.normal)
+        if found is not None:
+            out.share, out.share_turn = found.share, found.turn
+            out.share_slope = found.slope[:, None]
 
     def outline(self, box: Floats, count: int = 64) -> Outline:
         """See :class:`~geometry.surfaces.rigid.RigidSurface`; a fillet has ``count`` per turn."""
@@ -196,8 +221,16 @@ class Polyline(RigidShape):
         far = float(np.linalg.norm(box[1] - box[0]) + np.linalg.norm(box.mean(0) - self._middle))
         for end, sign in ((0, -1.0), (-1, 1.0)):
             if pieces.continued[end]:
-                xi[end] += sign * far / self._length[end]
+                xi[end] += sign * far / pieces.length[end]
         number = np.arange(len(xi), dtype=np.int32)
         cells = np.stack([number, np.roll(number, -1)], axis=1)
         places = pieces.at(facet, xi)[0]
         return Outline(places, cells if pieces.closed else cells[:-1])
+
+
+def _near(apart: Floats, radius: Floats, here: slice) -> Bools:
+    """Pieces (k, p) whose spheres begin before the nearest one has ended."""
+    distance = np.linalg.norm(apart, axis=2)
+    reach = (distance + radius).min(axis=1, keepdims=True)
+    near: Bools = distance - radius <= (1.0 + _TIE) * reach
+    return near

@@ -35,6 +35,7 @@ class Sphere(RigidShape):
             raise ValueError(f"the radius of a sphere must be positive, not {radius:g}")
         self.centre, self.radius = np.array(centre, dtype=np.float64), float(radius)
         extent = np.stack([self.centre - self.radius, self.centre + self.radius])
+        self.least_radius = self.radius
         super().__init__(PATCHES, self.centre, self.radius, extent)
         self._frames = _frames(hollow)
 

@@ -102,6 +102,7 @@ class ContactSurface:
         quadrature_degree: int,
         axisymmetric: bool = False,
         smoothing_angle: float | None = None,
+        fade_length: float | None = None,
     ) -> None:
         """Collect both surfaces; collective.
 
@@ -114,11 +115,11 @@ class ContactSurface:
                 of whole rings, and forces totals.
             smoothing_angle: rad; a smooth master, but for sides where its facets' normals differ by
                 more. None: the facets as they are.
+            fade_length: m, way before an open end over which averaged pressure fades, if given.
 
         Raises:
-            ValueError: on every rank, if a surface has no facet or folds onto itself, the
-                displacement has another degree, the master cannot be made smooth, or a rigid one
-                is of another dimension.
+            ValueError: on every rank, if a surface has no facet or folds onto itself, the degree of
+                the displacement is another, or the master cannot be smooth or has another dim.
         """
         self.space = space
         self.dim = space.mesh.geometry.dim
@@ -128,7 +129,9 @@ class ContactSurface:
         self.facet_length = facet_length(space.mesh, slave_facets)
         if axisymmetric:
             self.slave.weight = 2.0 * np.pi * self.slave.position[:, 0] * self.slave.weight
-        self.master, self.target = _master_and_target(space, self.shape, master, smoothing_angle)
+        self.master, self.target = _master_and_target(
+            space, self.shape, master, smoothing_angle, fade_length
+        )
         self.vertices = slave_vertices(
             space,
             self.shape,
@@ -234,7 +237,7 @@ class ContactSurface:
             nodes: see above.
             frozen_facets: (q,) facets that the points do not leave for a neighbour at once.
             rays: normals of the slave at the points, to project along; None: closest points.
-            fading: whether points leave the end of a master in the plane bit by bit.
+            fading: whether points leave the end of a master bit by bit.
         """
         return self.target.project(
             points, nodes, frozen_facets, rays, self.slave.reach if fading else None
@@ -284,11 +287,13 @@ def _master_and_target(
     shape: FacetShape,
     master: NDArray[np.int32] | RigidMaster,
     smoothing_angle: float | None,
+    fade_length: float | None,
 ) -> tuple[MasterFacets | RigidMaster, Target]:
     """The master, and the search for the closest point on it; collective."""
     if not isinstance(master, RigidMaster):
         facets = _master_facets(space, shape, master)
-        return facets, FacetSurface(shape, facets.facets, facets.position, smoothing_angle)
+        ends = smoothing_angle, fade_length
+        return facets, FacetSurface(shape, facets.facets, facets.position, *ends)
     dim = space.mesh.geometry.dim
     if master.surface.dim != dim:
         raise ValueError(f"a rigid surface in {master.surface.dim} dimensions, a slave in {dim}")

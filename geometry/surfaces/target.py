@@ -34,8 +34,10 @@ class Projection:
         curvature: (q, α, β, i), m, current: ∂²ȳ/∂ξ^α∂ξ^β; None where all facets are flat.
         along: (q, α) reference direction of the edge that a clamped point can move along, zero at a
             corner; None in the plane, where there are corners only.
-        share: (q,) how much of each point counts: less than 1 only right beside the open end of a
-            master in the plane; share_slope: (q,) its derivative for ξ. None: 1 everywhere.
+        share: (q,) how much of each point counts: less than 1 only beside the open end of a master,
+            or where rays hardly face it; share_slope: (q, α) its derivatives for ξ. None: 1
+            everywhere. share_turn: (q, i) that for the ray's normal over a master that does not
+            turn; None: zero.
         rays: the slave's normals, where ȳ lies along them; None where it is the closest point.
     """
 
@@ -51,6 +53,7 @@ class Projection:
     along: Floats | None = None
     share: Floats | None = None
     share_slope: Floats | None = None
+    share_turn: Floats | None = None
     rays: PointNormals | None = None
 
     def of(self, take: Longs) -> Projection:
@@ -68,6 +71,7 @@ class Projection:
             None if self.along is None else self.along[take],
             None if self.share is None else self.share[take],
             None if self.share_slope is None else self.share_slope[take],
+            None if self.share_turn is None else self.share_turn[take],
             None if self.rays is None else self.rays.of(take),
         )
 

@@ -54,6 +54,8 @@ def test_commands_that_solve_nothing_load_no_solver(tmp_path, block):
         ["--version"],
         ["--help"],
         ["schema"],
+        ["materials"],
+        ["materials", "AA1050-O"],
         ["check", str(wrong)],
         ["plot", str(out)],
         ["plot", str(strip), "--animate"],

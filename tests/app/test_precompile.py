@@ -14,6 +14,7 @@ from app.case.case import Case
 from app.precompile import compile_forms
 from app.results.fields import StressField
 from geometry.compat import compiler_cache
+from tests.flowing import SOFT_METAL
 
 
 @pytest.fixture
@@ -54,4 +55,10 @@ def test_runs_compile_nothing_that_has_not_been_compiled(cache, block, film):
     for data in (*cases, triangles, full, ring, boxes, tetrahedra):
         model = build_model(Case.model_validate(data), MPI.COMM_SELF)
         StressField(model.problem.u, model.problem.solids).update()
+    for data in (full, ring, boxes):
+        data["bodies"]["aluminium"] = SOFT_METAL
+        model = build_model(Case.model_validate(data), MPI.COMM_SELF)
+        assert any(solid.flows for solid in model.problem.solids)
+        for solid in model.problem.solids:
+            solid.evaluate(tangent=True)
     assert compiled() == before

@@ -11,6 +11,8 @@ from mpi4py import MPI
 from app.build.contacts import contact_modulus, penalty_modulus
 from app.build.model import build_model
 from app.case.case import Case
+from forms.bodies.elastoplastic import ElastoPlastic
+from forms.bodies.hardening import Linear
 from forms.bodies.materials import Hencky, NeoHookean, oedometric_modulus, shear_and_bulk
 from forms.closed_forms import hertz_line
 
@@ -39,6 +41,15 @@ def test_penalty_modulus(ratio, expected):
     oedometric = 14.0 * (1.0 - ratio) / (1.0 - 2.0 * ratio)
     assert penalty_modulus(body, "pointwise") == pytest.approx(oedometric, rel=1e-9)
     assert oedometric_modulus(body) == pytest.approx(oedometric, rel=1e-9)
+
+
+@pytest.mark.parametrize("pressure", ["averaged", "pointwise"])
+def test_penalty_of_a_body_that_flows_knows_nothing_of_its_bulk(pressure):
+    """10 H with the hardness H = 3 σ_Y(0.2), below the elastic modulus that it had otherwise."""
+    for bulk in (68e9, 680e9):
+        metal = ElastoPlastic(26e9, bulk, Linear(30e6, 200e6))
+        assert penalty_modulus(metal, pressure) == pytest.approx(2.1e9)
+        assert penalty_modulus(metal.elastic, pressure) > 60e9
 
 
 @pytest.mark.parametrize("pressure", ["averaged", "pointwise"])

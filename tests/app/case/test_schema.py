@@ -30,11 +30,25 @@ DOCUMENTED = {
     "`block` under a sphere": ("RoundBlockSize",),
     "`cylinder` and the `upper` and `lower` of two cylinders": ("CylinderSize",),
     "`block`": ("FlatSize",),
-    "`[bodies.NAME]`": ("NeoHookeanBody", "HenckyBody", "MooneyRivlinBody"),
+    "`[bodies.NAME]`": (
+        *("NeoHookeanBody", "HenckyBody", "MooneyRivlinBody"),
+        *("YeohBody", "OgdenBody", "ElastoPlasticBody"),
+        *("NeoHookeanBodyFromLibrary", "MooneyRivlinBodyFromLibrary"),
+        "ElastoPlasticBodyFromLibrary",
+    ),
+    "`[bodies.NAME.hardening]`": (
+        *("LinearHardening", "VoceHardening", "SwiftHardening", "TableHardening"),
+    ),
+    "`[bodies.NAME.rate]`": ("JohnsonCookRate", "PerzynaRate"),
     "`[bodies.NAME.velocity]`": ("BodyVelocity",),
     "`[[contact]]`": ("Contact",),
     "`[contact.film]`": ("Film",),
     "`[contact.friction]`": ("FrictionMap", "Coulomb", "Stribeck", "OwnLaw", "Frictionless"),
+    "`[tools.NAME]`": (
+        *("PlaneTool", "CircleTool", "CylinderTool", "SphereTool", "PolylineTool", "MeshTool"),
+    ),
+    "`force` of a tool": ("ToolForce",),
+    "`rotation` of a tool": ("ToolRotation",),
     "`[[boundary]]`": ("Boundary",),
     "`displacement` and `velocity`": ("Displacement", "Velocity"),
     "`platen`": ("Platen",),
@@ -175,6 +189,16 @@ def test_a_mistake_is_found_at_its_key(block, old, new, place, schema):
     assert list(mistakes(schema, tomllib.loads(block), schema)) == []
     found = mistakes(schema, tomllib.loads(block.replace(old, new, 1)), schema)
     assert {".".join(map(str, keys)) for keys in found} == place
+
+
+def test_an_entry_of_the_library_needs_no_constants(block, schema):
+    case = tomllib.loads(block)
+    case["bodies"]["aluminium"] = {"material": "AA1050-O", "hardening": {"n": 0.3}}
+    assert list(mistakes(schema, case, schema)) == []
+    case["bodies"]["aluminium"] = {"material": "elastoplastic", "E": 7e10, "nu": 0.3}
+    assert list(mistakes(schema, case, schema)) == [("bodies", "aluminium", "hardening")]
+    case["bodies"]["aluminium"] = {"material": "AA1050-O", "C10": 1.0}
+    assert list(mistakes(schema, case, schema)) == [("bodies", "aluminium", "C10")]
 
 
 def test_a_preset_and_a_mesh_need_no_kind(block, film, schema):

@@ -120,6 +120,47 @@ def three_bodies(directory: Path) -> Data:
     }
 
 
+def pairs(directory: Path, **solver: Any) -> Data:
+    """A pad tied to a plate slides from one die to the next and off its end, ever less rubbed."""
+    bodies = {
+        "plate": Rectangle(0.0, 0.5e-3, 1e-3, 0.7e-3, (4, 1)),
+        "pad": Rectangle(0.0, 0.0, 1e-3, 0.5e-3, (6, 3)),
+        "left": Rectangle(-0.3e-3, -0.3e-3, 0.63e-3, 0.0, (5, 1)),
+        "right": Rectangle(0.63e-3, -0.3e-3, 1.2e-3, 0.0, (3, 1)),
+    }
+    mesh = directory / "mesh.msh"
+    write_msh(Rectangles(bodies), mesh)
+    soft = {"material": "neo-hookean", "E": "5 MPa", "nu": 0.3, "density": 1100}
+    factor = [["0 s", 1], ["1.5 s", 0.5], ["2 s", 0.8]]
+    travel, down = [["1 s", "0 mm"], ["2 s", "0.35 mm"]], [["0 s", 0], ["1 s", "-0.02 mm"]]
+    if solver:
+        factor, travel, down = (
+            [[f"{t[0]}us", v] for t, v in rows] for rows in (factor, travel, down)
+        )
+        travel[1][1], down[1][1] = "0.01 mm", "-2 um"
+        factor[1][0] = "1.5 us"
+    slides = {"slave": "pad_bottom", "friction_factor": factor, "fade_length": "0.15 mm"}
+    slides["friction"] = {"law": "coulomb", "mu": 0.3, "K_T": "1e11 Pa/m"}
+    held = {"x": 0, "y": 0}
+    return {
+        "geometry": {"mesh": str(mesh)},
+        "bodies": {"plate": soft | {"E": "50 MPa"}, "pad": soft, "left": soft, "right": soft},
+        "contact": [
+            {"slave": "pad_top", "master": "plate_bottom", "tied": True},
+            slides | {"master": "left_top"},
+            slides | {"master": "right_top", "stages": ["press", "slide"]},
+        ],
+        "boundary": [
+            {"surface": "plate_top", "displacement": {"x": travel, "y": down}},
+            {"surface": "left_bottom", "displacement": held},
+            {"surface": "right_bottom", "displacement": held},
+        ],
+        "stage": [one | {"duration": "1 us"} for one in STAGES] if solver else STAGES,
+        "output": {},
+        **({"solver": solver} if solver else {}),
+    }
+
+
 _TOP = {"surface": "top", "displacement": {"x": TRAVEL}}
 _SLOW = {"contact.0.film": {"thickness": "30 nm"}, "contact.0.friction": MAP}
 _ROUND = """
@@ -250,12 +291,14 @@ IMPLICIT: dict[str, Maker] = {
     ),
     "oblique": block(*_OBLIQUE[1:], stage=[*STAGES, _LET_GO | {"release": ["top"], "steps": 2}]),
     "three bodies": three_bodies,
+    "pairs": pairs,
     "pointwise": block(contact__0__pressure="pointwise"),
     "film": block(contact__0__film={"thickness": "30 nm"}, contact__0__friction=MAP),
     "space": plain(BOXES, _BOXES),
     "space by Krylov": plain(BOXES, _BOXES | _KRYLOV),
 }
 EXPLICIT: dict[str, Maker] = {
+    "pairs": lambda directory: pairs(directory, kind="explicit"),
     "film": plain(SLID, {**_THIN, "stage.1.steps": 4, "stage.1.duration": "4 us"}),
     "thrown": plain(THROWN, {**_FLUNG, "probe": PROBES}),
     "scaled": plain(THROWN, {**_FLUNG, "solver.mass_scaling": {"step": "0.2 us"}}),

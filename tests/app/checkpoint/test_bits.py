@@ -40,6 +40,7 @@ FIRST = (
     "implicit cut",
     "implicit frozen",
     "implicit boundaries by stage",
+    "implicit pairs",
     "implicit space by Krylov",
     "explicit thrown",
 )

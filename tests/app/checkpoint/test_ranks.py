@@ -25,6 +25,7 @@ CASES = {
     "oblique": (IMPLICIT["oblique"], TIGHT),
     "film": (IMPLICIT["film"], TIGHT),
     "space by Krylov": (IMPLICIT["space by Krylov"], KRYLOV),
+    "pairs": (IMPLICIT["pairs"], TIGHT),
     "thrown": (EXPLICIT["thrown"], {"kind": "explicit"}),
 }
 

@@ -106,19 +106,20 @@ def test_the_way_is_nearly_the_same_in_more_steps():
 
 @pytest.mark.parametrize("formulation", ["q1", "q1-sri"])
 def test_the_energies_add_up(formulation):
-    """Work by the trapezoidal rule misses the corner where flow begins: first order in the step."""
+    """What the steps add to the dissipation falls with them, and what is left with their square."""
     errors, numerical = [], []
     for count in (5, 10, 20):
         billet = Billet(formulation)
         _, _, balance = pressed(billet, np.linspace(0.0, 0.1, count + 1)[1:])
-        assert balance.plastic > 0.0 and balance.numerical > 0.0
         assert balance.strain == pytest.approx(billet.problem.strain_energy())
         errors.append(abs(balance.error) / balance.work)
         numerical.append(balance.numerical / balance.work)
-    assert errors[-1] < 0.02
-    for values in (errors, numerical):
-        for coarse, fine in pairwise(values):
-            assert coarse / fine == pytest.approx(2.0, rel=0.3)
+    spent = (balance.plastic - balance.numerical) / balance.work
+    assert errors[0] < 2e-3 and spent > 0.4
+    for coarse, fine in pairwise(errors):
+        assert coarse < 1e-7 or coarse / fine == pytest.approx(4.0, rel=0.15)
+    for coarse, fine in pairwise(numerical):
+        assert coarse / fine == pytest.approx(2.1, rel=0.15)
 
 
 def test_a_way_back_is_elastic_and_dissipates_nothing():

@@ -11,6 +11,8 @@ from forms.bodies.materials import (
     Hencky,
     MooneyRivlin,
     NeoHookean,
+    Ogden,
+    Yeoh,
     oedometric_modulus,
     shear_and_bulk,
 )
@@ -20,6 +22,8 @@ from tests.grid import grid
 MATERIALS = {
     "neo-hookean": NeoHookean(shear_modulus=1.3, bulk_modulus=4.0),
     "mooney-rivlin": MooneyRivlin(C10=0.5, C01=0.15, bulk_modulus=4.0),
+    "yeoh": Yeoh(C10=0.65, C20=-0.05, C30=0.02, bulk_modulus=4.0),
+    "ogden": Ogden(mu=(0.9, 0.02, -0.4), alpha=(1.3, 5.0, -2.5), bulk_modulus=4.0),
     "hencky": Hencky(shear_modulus=1.3, bulk_modulus=4.0),
 }
 
@@ -37,7 +41,22 @@ def mooney_rivlin(C, J):
     isochoric = C / J ** (2.0 / 3.0)
     first = np.trace(isochoric)
     second = 0.5 * (first**2 - np.trace(isochoric @ isochoric))
-    return 0.5 * (first - 3.0) + 0.15 * (second - 3.0) + 0.25 * 4.0 * (J**2 - 1.0 - 2.0 * np.log(J))
+    return 0.5 * (first - 3.0) + 0.15 * (second - 3.0) + volumetric(J)
+
+
+def volumetric(J):
+    return 0.25 * 4.0 * (J**2 - 1.0 - 2.0 * np.log(J))
+
+
+def yeoh(C, J):
+    x = np.trace(C) / J ** (2.0 / 3.0) - 3.0
+    return 0.65 * x - 0.05 * x**2 + 0.02 * x**3 + volumetric(J)
+
+
+def ogden(C, J):
+    stretches = np.sqrt(np.linalg.eigvalsh(C)) / J ** (1.0 / 3.0)
+    terms = zip((0.9, 0.02, -0.4), (1.3, 5.0, -2.5), strict=True)
+    return sum(m / a * (np.sum(stretches**a) - 3.0) for m, a in terms) + volumetric(J)
 
 
 def hencky(C, J):
@@ -46,7 +65,13 @@ def hencky(C, J):
     return 1.3 * deviator @ deviator + 0.5 * 4.0 * strain.sum() ** 2
 
 
-FORMULAS = {"neo-hookean": neo_hookean, "mooney-rivlin": mooney_rivlin, "hencky": hencky}
+FORMULAS = {
+    "neo-hookean": neo_hookean,
+    "mooney-rivlin": mooney_rivlin,
+    "yeoh": yeoh,
+    "ogden": ogden,
+    "hencky": hencky,
+}
 
 
 class Cell:
@@ -167,6 +192,21 @@ def test_volumetric_part_sees_the_volume_only(case):
     other = cell.energies([[1.5, 0.4], [0.3, 0.8]])  # the same determinant, 1.08
     assert one[1] == pytest.approx(other[1], rel=1e-12) and one[1] > 0.0
     assert abs(one[0] - other[0]) > 1e-2
+
+
+def test_ogden_of_one_square_is_neo_hookean_in_its_isochoric_part():
+    """μ/2 (λ̄₁² + λ̄₂² + λ̄₃² − 3) is C10 (Ī1 − 3): the convention of μ, and G = Σ μα/2."""
+    square, yeoh = Ogden((0.8,), (2.0,), 4.0), Yeoh(0.4, 0.0, 0.0, 4.0)
+    assert square.shear_modulus == yeoh.shear_modulus == 0.8
+    one, other = Cell(square), Cell(yeoh)
+    for F in some_gradients(5):
+        assert one.energy(F) == pytest.approx(other.energy(F), rel=1e-12)
+
+
+@pytest.mark.parametrize(("mu", "alpha"), [((), ()), ((1.0,), (1.0, 2.0)), ((1.0,), (0.0,))])
+def test_ogden_needs_pairs(mu, alpha):
+    with pytest.raises(ValueError, match="alpha"):
+        Ogden(mu, alpha, 1.0)
 
 
 def test_hencky_is_smooth_where_its_series_ends():

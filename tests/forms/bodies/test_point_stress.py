@@ -9,7 +9,7 @@ import ufl
 
 from forms.bodies.deformation import BodyPoints, centre_rows, rows_at
 from forms.bodies.kinematics import centre_kinematics
-from forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean
+from forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, Ogden, Yeoh
 from forms.bodies.point_stress import PointStress, log_strain, mean_pressure, von_mises
 from forms.bodies.solid import Solid
 from forms.bodies.ufl_values import values_of
@@ -17,7 +17,13 @@ from geometry.compat import cell_values
 from geometry.meshes.places import centre, places_in
 from tests.grid import grid
 
-MATERIALS = [NeoHookean(1.0, 4.0), MooneyRivlin(0.4, 0.15, 4.0), Hencky(1.0, 4.0)]
+MATERIALS = [
+    NeoHookean(1.0, 4.0),
+    MooneyRivlin(0.4, 0.15, 4.0),
+    Yeoh(0.5, -0.05, 0.02, 4.0),
+    Ogden((0.9, 0.02, -0.53), (1.3, 5.0, -2.5), 4.0),
+    Hencky(1.0, 4.0),
+]
 SECTIONS = {
     "plane-strain": ("quadrilateral", "q1"),
     "axisymmetric": ("quadrilateral", "q1-sri"),

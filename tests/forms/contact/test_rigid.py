@@ -36,6 +36,7 @@ SHAPES = {
     "segments": lambda: MeshSurface(STEP, LINE),
     "groove": lambda: Polyline(np.array([[-1.0, 0.1], [0.0, 0.0], [1.0, 0.07]])),
     "ridge": lambda: Polyline(np.array([[-1.0, -0.08], [0.0, 0.0], [1.0, -0.07]])),
+    "steep": lambda: Polyline(np.array([[0.25, 1.0], [0.0, 0.0], [-0.75, 0.0]])),
     "end": lambda: Polyline(np.array([[-1.0, 0.0], [0.0, 0.0]])),
     "smooth segments": lambda: MeshSurface(parabolas()[0], EIGHT, 1.0),
     "parabolas": lambda: MeshSurface(*parabolas()),
@@ -44,13 +45,16 @@ SHAPES = {
     "smooth quadrilaterals": lambda: MeshSurface(*hill(), 1.0),
 }
 DEEP = np.array([[-1.0, 0.5], [0.0, 0.0], [1.0, 0.4]])
-GROOVES = {
+CORNERS = {
+    "punch": lambda: Polyline(np.array([[1.0, 1.0], [1.0, 0.0], [-1.0, 0.0], [-1.0, 1.0]])),
     "deep groove": lambda: Polyline(DEEP),
     "long groove": lambda: Extruded(Polyline(DEEP), np.zeros(3), np.eye(3)[0], np.eye(3)[1]),
 }
 # Facet and ξ above which the block is put: near the ends of pieces, so that it lies on two.
 ABOVE = {
     "end": (0, 0.926),
+    "steep": (1, 0.08),
+    "punch": (1, 0.02),
     "smooth segments": (3, 0.6),
     "parabolas": (1, 0.9),
     "triangles": (12, 0.3),
@@ -167,7 +171,7 @@ class Scene:
 
 
 def prepared(name, friction, pressure="averaged"):
-    shape = (SHAPES | GROOVES)[name]()
+    shape = (SHAPES | CORNERS)[name]()
     shape.name = name
     scene = Scene(shape, friction, pressure)
     shift = np.array([0.01, -0.02, 0.015])[: scene.dim]
@@ -186,7 +190,7 @@ def test_tangent_against_differences(name, friction, pressure):
     assert np.count_nonzero(trial.response.regime == regime) >= 2
     assert np.count_nonzero(trial.pressure) >= 4
     pieces = len(np.unique(trial.projection.facet[trial.pressure > 0.0]))
-    assert pieces >= 2 or name in ("line", "plane", "sharp", "segments", "end")
+    assert pieces >= 2 or name in ("line", "plane", "sharp", "segments", "steep", "end")
     along_rays = scene.shape.has_kinks and pressure == "averaged"
     assert (trial.projection.rays is not None) == along_rays
     assert scene.error(*state) < 1e-8
@@ -207,6 +211,20 @@ def test_points_fade_at_the_end_of_a_polyline():
     at = scene.evaluate(scene.unknowns(*state)).projection
     assert np.any((at.share > 0.05) & (at.share < 0.95))
     assert not at.on_surface.all()
+
+
+@pytest.mark.parametrize("along_rays", [True, False])
+def test_the_corner_of_a_punch_presses_straight_along_rays_alone(along_rays):
+    """Closest points of a flat slave below it are on its flank, which presses sideways."""
+    scene, _ = prepared("punch", 0.0)
+    scene.shape.has_kinks = along_rays
+    scene = Scene(scene.shape, 0.0)
+    values = scene.unknowns(0.04, 0.0, np.zeros(2), 0.0, sway=0.0)
+    trial = scene.evaluate(values)
+    along, down = scene.frame @ scene.residual(values).reshape(-1, 2)[scene.tool].sum(axis=0)
+    assert down > 0.1 * PENALTY * 0.04 * WIDTH
+    assert not trial.projection.on_surface.all() or not along_rays
+    assert (abs(along) < 1e-12) if along_rays else (abs(along) > 0.02 * down)
 
 
 @pytest.mark.parametrize("name", SHAPES)

@@ -152,7 +152,7 @@ TERMS = {
     "gap along rays": (without("d_gap"), True, scene_of),
     "normal along rays": (without("d_normal"), True, scene_of),
     "chords": (without_chords, True, scene_of),
-    "fading traction": (without_function("_fading"), False, over_the_end),
+    "fading traction": (without_function("_per_share"), False, over_the_end),
     "fading gap": (with_plain_gaps, False, over_the_end),
     "fading film": (without_function("_film_per_cover"), False, over_the_end),
     "film at the rim": (without_function("_film_per_cover"), False, at_the_rim),

@@ -8,7 +8,8 @@ from mpi4py import MPI
 
 from geometry.compat import cell_nodes
 from geometry.generators.blocks import Blocks, PlacedBlock
-from geometry.meshes.mesh import bodies_sharing_nodes, generate
+from geometry.meshes.bonds import bodies_sharing_nodes
+from geometry.meshes.mesh import generate
 
 STRIP = PlacedBlock("strip", (0.0, 0.0), (4.0, 1.0), (4, 2), grading=(8.0, 1.0))
 PAD = PlacedBlock("soft pad", (1.0, 1.0), (3.0, 4.0), size=0.5)

@@ -27,7 +27,7 @@ def test_a_piece_leaves_as_far_as_its_point_comes_near_the_end():
     sign, length = np.where(x < 1.0, 1.0, -1.0), np.where(x < 1.0, 2.0, 0.5)
     edge = np.abs(expected - 1.0) < 1e-9
     slope = np.where(near, sign * length / 0.2, 0.0)
-    np.testing.assert_allclose(at.share_slope[near | ~edge], slope[near | ~edge], rtol=1e-12)
+    np.testing.assert_allclose(at.share_slope[near | ~edge, 0], slope[near | ~edge], rtol=1e-12)
 
 
 def test_a_piece_longer_than_the_last_facet_takes_all_of_that():
@@ -38,7 +38,7 @@ def test_of_a_single_facet_the_nearer_end_counts():
     nodes = np.array([[0.0, 0.0], [1.0, 0.0]])
     at = shares([0.1, 0.3, 0.8, 0.95], [0.4, 0.2, 0.4, 0.4], nodes)
     np.testing.assert_allclose(at.share, [0.25, 1.0, 0.5, 0.125], rtol=1e-12)
-    np.testing.assert_allclose(at.share_slope, [2.5, 0.0, -2.5, -2.5], rtol=1e-12)
+    np.testing.assert_allclose(at.share_slope[:, 0], [2.5, 0.0, -2.5, -2.5], rtol=1e-12)
 
 
 def test_lengths_are_those_of_the_undeformed_master():
@@ -51,7 +51,7 @@ def test_lengths_are_those_of_the_undeformed_master():
 def test_points_past_the_end_have_no_part_in_it():
     at = shares([-0.05, 0.05], 0.2)
     np.testing.assert_array_equal(at.on_surface, [False, True])
-    assert at.share[1] == pytest.approx(0.25) and at.share_slope[0] == 0.0
+    assert at.share[1] == pytest.approx(0.25) and at.share_slope[0, 0] == 0.0
 
 
 def test_where_nothing_ends_nothing_fades():

@@ -1,5 +1,8 @@
 """What all rigid shapes must do: closest points, derivatives, and being carried along."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -51,6 +54,10 @@ def test_tangents_and_curvature_are_derivatives(shape):
         np.testing.assert_allclose(curvature, bend, atol=1e-8)
     np.testing.assert_allclose(normals(at.tangents), at.normal, atol=1e-14)
     size = np.linalg.norm(at.tangents, axis=2) / shape.size
+    bend = 0.0 if at.curvature is None else np.linalg.norm(at.curvature[:, 0, 0], axis=1)
+    if shape.dim == 2:
+        tightest = (bend / np.linalg.norm(at.tangents[:, 0], axis=1) ** 2).max()
+        assert 1.0 / shape.least_radius == pytest.approx(tightest)
     assert size.min() > 0.05 and size.max() < 7.0
 
 
@@ -89,6 +96,16 @@ def test_nothing_changes_when_all_moves_as_one(name, theta, shift, seed):
     np.testing.assert_allclose(after.foot, shape.moved(before.foot, nodes), atol=1e-11)
 
 
+def test_shapes_need_neither_meshes_nor_solvers():
+    """A case may be checked where there is no DOLFINx."""
+    names = "circle", "extruded", "motion", "plane", "polyline", "sphere"
+    script = "".join(f"import geometry.surfaces.rigid_{name}\n" for name in names)
+    script += "import sys; print([m for m in ('basix', 'dolfinx', 'mpi4py') if m in sys.modules])"
+    command = [sys.executable, "-c", script]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
 def test_control_points_that_are_strained_are_refused(shape):
     with pytest.raises(ValueError, match="strained"):
         shape.project(around(shape), 1.01 * shape.control_points)
@@ -106,6 +123,12 @@ def test_extent_holds_what_is_drawn(shape):
     points = shape.outline(BOX[:, : shape.dim], 30).points
     low, high = shape.extent
     assert np.all(points >= low - 1e-12) and np.all(points <= high + 1e-12)
+
+
+def test_a_rank_without_points_has_none_to_project(shape):
+    at = shape.project(np.empty((0, shape.dim)), shape.control_points, fading=np.empty(0))
+    assert at.facet.shape == (0,) and at.gap.shape == (0,)
+    assert at.xi.shape == (0, shape.dim - 1) and at.tangents.shape == (0, shape.dim - 1, shape.dim)
 
 
 def from_point(points):

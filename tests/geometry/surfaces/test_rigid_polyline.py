@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from geometry.surfaces.facets import facet_shape
 from geometry.surfaces.projection import FacetSurface
 from geometry.surfaces.rigid import normals
-from geometry.surfaces.rigid_polyline import Polyline
+from geometry.surfaces.rigid_polyline import AT_ONCE, Polyline
 from geometry.surfaces.slave_normals import PointNormals
 from tests.geometry.surfaces.rigid_shapes import STEP, TRIANGLE, around, moved
 
@@ -131,6 +131,38 @@ def test_nothing_jumps_where_pieces_meet(s, height):
     assert np.abs(found.normal[1] - found.normal[0]).max() <= 60.0 * h
 
 
+@pytest.mark.parametrize("unit", [1e-6, 1e3])
+@pytest.mark.parametrize("radius", [0.0, 0.15])
+def test_nothing_depends_on_the_unit_of_length(unit, radius):
+    line, other = Polyline(STEP, radius), Polyline(unit * STEP, unit * radius)
+    points = around(line, 200)
+    ours, theirs = project(line, points), project(other, unit * points)
+    np.testing.assert_array_equal(ours.facet, theirs.facet)
+    np.testing.assert_array_equal(ours.clamped, theirs.clamped)
+    np.testing.assert_allclose(theirs.gap / unit, ours.gap, rtol=1e-9, atol=1e-14)
+
+
+def test_many_pieces_give_the_same_as_facets():
+    """More points and pieces than are looked at at once."""
+    x = np.linspace(-1.0, 1.0, 401)
+    wave = np.stack([x, 0.01 * np.cos(40.0 * x)], axis=1)
+    line, count = Polyline(wave), 4000
+    facets = np.stack([np.arange(400), np.arange(1, 401)], axis=1).astype(np.int32)
+    mesh = FacetSurface(facet_shape("interval", 1), facets, wave)
+    rng = np.random.default_rng(2)
+    points = np.stack([rng.uniform(-1.0, 1.0, count), rng.uniform(-0.1, 0.1, count)], axis=1)
+    assert count * 400 > AT_ONCE
+    ours, theirs = project(line, points), mesh.project(points, wave)
+    np.testing.assert_array_equal(ours.facet, theirs.facet)
+    np.testing.assert_allclose(ours.gap, theirs.gap, atol=1e-14)
+    rays = along(np.tile([0.05, 1.0], (count, 1)))
+    met = project(line, points, rays=rays)
+    on, inner = met.on_surface, np.abs(points[:, 0]) < 0.98
+    assert on[inner].all() and not on.all()
+    there = met.foot + met.gap[:, None] * met.normal
+    np.testing.assert_allclose(there[on], points[on], atol=1e-13)
+
+
 # -- the side of the material ---------------------------------------------------------------------
 
 
@@ -174,16 +206,18 @@ def test_sharp_corners_are_those_of_facets():
 
 
 def test_rays_and_shares_are_those_of_facets():
+    """Where all of them face the slave."""
+    step = STEP * [1.0, 0.25]
     facets = np.array([[0, 1], [1, 2], [2, 3], [3, 4]], dtype=np.int32)
-    mesh = FacetSurface(facet_shape("interval", 1), facets, STEP)
-    line = Polyline(STEP)
+    mesh = FacetSurface(facet_shape("interval", 1), facets, step)
+    line = Polyline(step)
     rng = np.random.default_rng(1)
     points = np.stack([rng.uniform(-1.2, 1.4, 200), np.zeros(200)], axis=1)
-    points[:, 1] = np.interp(points[:, 0], *STEP.T) + rng.uniform(-0.05, 0.1, 200)
+    points[:, 1] = np.interp(points[:, 0], *step.T) + rng.uniform(-0.05, 0.1, 200)
     rays = along(np.stack([rng.uniform(-0.1, 0.1, 200), np.ones(200)], axis=1))
-    reach = np.full(200, 0.2)
+    reach = np.full(200, 0.15)
     ours = line.project(points, line.control_points, rays=rays, fading=reach)
-    theirs = mesh.project(points, STEP, rays=rays, fading=reach)
+    theirs = mesh.project(points, step, rays=rays, fading=reach)
     met = theirs.on_surface
     np.testing.assert_array_equal(ours.on_surface, met)
     assert 100 < met.sum() < 200 and (theirs.share < 1.0).sum() > 10

@@ -1,0 +1,96 @@
+"""Up to which stretches an elastomer's energy is stable, before it is used.
+
+Drucker's condition of an incompressible, isotropic body: the second derivatives of its energy by
+the logarithmic stretches, ∂²W/∂ε_a∂ε_b, a, b = 1, 2 with ε₃ = −ε₁ − ε₂, are positive definite, so
+that more strain needs more stress.
+Polynomials and sums of powers fitted to a test can lose it within the range of another.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import basix.ufl
+import numpy as np
+import ufl
+from numpy.typing import NDArray
+from ufl.algorithms import expand_derivatives
+
+from forms.bodies.kinematics import PlanePart, plane_kinematics
+from forms.bodies.materials import Material
+from forms.bodies.ufl_values import values_of
+
+Floats = NDArray[np.float64]
+
+LARGEST = 2.0  # stretch, or its inverse, up to which is looked at
+STEPS = 400  # on the way there
+
+
+@dataclass(frozen=True, slots=True)
+class _Test:
+    """A homogeneous test.
+
+    Attributes:
+        words: what it is called.
+        ratio: ε₂/ε₁.
+        end: stretch λ₁ at which it ends.
+    """
+
+    words: str
+    ratio: float
+    end: float
+
+
+# Uniaxial compression is equibiaxial tension, planar tension is planar compression as well.
+TESTS = (
+    _Test("uniaxial tension", -0.5, LARGEST),
+    _Test("uniaxial compression", -0.5, 1.0 / LARGEST),
+    _Test("planar tension", 0.0, LARGEST),
+)
+
+
+def stability_limits(material: Material) -> dict[str, float]:
+    """Where a material is not stable within the stretches looked at.
+
+    Args:
+        material: strain energy; taken as incompressible.
+
+    Returns:
+        The stretch beyond which it is not, by test, such as {"uniaxial compression": 0.62}.
+    """
+    stiffness, found = _Stiffness(material), {}
+    for test in TESTS:
+        first = np.linspace(0.0, np.log(test.end), STEPS + 1)
+        unstable = stiffness.least(first, test.ratio * first) <= 0.0
+        if unstable.any():
+            found[test.words] = float(np.exp(first[np.argmax(unstable)]))
+    return found
+
+
+class _Stiffness:
+    """∂²W/∂ε_a∂ε_b of an incompressible body over the logarithmic stretches."""
+
+    def __init__(self, material: Material) -> None:
+        """Differentiate the energy in a plane that its normal stays across."""
+        domain = ufl.Mesh(basix.ufl.element("Lagrange", "interval", 1, shape=(1,)))
+        self._strains = [ufl.Constant(domain) for _ in range(2)]
+        e = [ufl.variable(strain) for strain in self._strains]
+        squares = [ufl.exp(2.0 * strain) for strain in e]
+        # The first two axes lie in the plane.
+        J = ufl.exp(e[0] + e[1])
+        plane = PlanePart(stretch=1.0 / J, J=J, I1=squares[0] + squares[1])
+        constants: dict[str, Any] = dict(material.parameters())
+        distortional, _ = material.energy(plane_kinematics(None, plane), constants)
+        self._second = [
+            expand_derivatives(ufl.diff(ufl.diff(distortional, e[a]), e[b]))
+            for a, b in ((0, 0), (0, 1), (1, 1))
+        ]
+
+    def least(self, first: Floats, second: Floats) -> Floats:
+        """The smallest eigenvalue (p,), Pa, at logarithmic stretches ε₁, ε₂ (p,)."""
+        found = values_of(self._second, dict(zip(self._strains, (first, second), strict=True)))
+        xx, xy, yy = (np.broadcast_to(value, len(first)) for value in found)
+        mean, half = 0.5 * (xx + yy), 0.5 * (xx - yy)
+        least: Floats = mean - np.hypot(half, xy)
+        return least

@@ -1,0 +1,65 @@
+"""Materials of a case as energies, and what is said of them before a run."""
+
+from __future__ import annotations
+
+import pytest
+from pydantic import TypeAdapter
+
+from app.build.solids import material_of, notes_on_materials
+from app.case.bodies import Body
+from forms.bodies.elastoplastic import ElastoPlastic
+from forms.bodies.hardening import JohnsonCook, Linear, Perzyna, Swift, Table, Voce
+from forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, Ogden, Yeoh
+
+BODY = TypeAdapter(Body)
+
+
+def made(**keys):
+    return material_of(BODY.validate_python(keys))
+
+
+def test_elastomers():
+    assert made(material="neo-hookean", G="1 MPa", K=2e9) == NeoHookean(1e6, 2e9)
+    assert made(material="hencky", G="1 MPa", K=2e9) == Hencky(1e6, 2e9)
+    assert made(material="mooney-rivlin", C10=2, C01=1, K=9) == MooneyRivlin(2.0, 1.0, 9.0)
+    assert made(material="yeoh", C10="1 kPa", C30=2, K=9) == Yeoh(1e3, 0.0, 2.0, 9.0)
+    ogden = made(material="ogden", mu=["1 MPa", "-2 kPa"], alpha=[1.3, -2], K="1 GPa")
+    assert ogden == Ogden((1e6, -2e3), (1.3, -2.0), 1e9)
+    assert ogden.shear_modulus == pytest.approx(0.5 * (1.3e6 + 4e3))
+
+
+@pytest.mark.parametrize(
+    ("table", "law"),
+    [
+        ({"law": "linear", "yield_stress": "30 MPa"}, Linear(30e6)),
+        (
+            {"law": "voce", "yield_stress": 3, "saturation_stress": 5, "exponent": 9, "modulus": 1},
+            Voce(3.0, 5.0, 9.0, 1.0),
+        ),
+        ({"law": "swift", "K": "1 kPa", "strain0": 0.01, "n": "20 %"}, Swift(1e3, 0.01, 0.2)),
+        ({"law": "table", "points": [[0, 3], ["10 %", "1 kPa"]]}, Table([(0, 3), (0.1, 1e3)])),
+    ],
+)
+def test_metals(table, law):
+    metal = made(material="elastoplastic", E=2.6, nu=0.3, hardening=table)
+    assert metal == ElastoPlastic(pytest.approx(1.0), pytest.approx(2.6 / 1.2), law)
+
+
+@pytest.mark.parametrize(
+    ("table", "rate"),
+    [
+        ({"law": "johnson-cook", "C": 0.02, "reference_rate": "1 1/ms"}, JohnsonCook(0.02, 1e3)),
+        ({"law": "perzyna", "reference_rate": 40, "exponent": 0.2}, Perzyna(40.0, 0.2)),
+    ],
+)
+def test_rates(table, rate):
+    hardening = {"law": "linear", "yield_stress": 1}
+    assert made(material="elastoplastic", G=1, K=2, hardening=hardening, rate=table).rate == rate
+
+
+def test_an_unstable_energy_is_noted():
+    good = BODY.validate_python({"material": "yeoh", "C10": 0.5, "K": 9})
+    bad = BODY.validate_python({"material": "yeoh", "C10": 0.5, "C20": -0.2, "C30": 0.01, "K": 9})
+    [note] = notes_on_materials({"good": good, "bad": bad})
+    assert note.startswith("bodies.bad: the yeoh energy")
+    assert "uniaxial tension beyond a stretch of 1.46, uniaxial compression beyond" in note

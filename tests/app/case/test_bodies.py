@@ -1,0 +1,81 @@
+"""Mistakes in the materials of a case: one clear line for each."""
+
+from __future__ import annotations
+
+import tomllib
+
+import pytest
+
+from app.case.reading import check_case
+from app.case.toml_writer import toml_text
+from tests.app.case.test_case import FILM_CASE
+
+YEOH = {"material": "yeoh", "C10": 1, "K": 9}
+OGDEN = {"material": "ogden", "mu": [1], "alpha": [2], "K": 1}
+METAL = {"material": "elastoplastic", "E": 7e10, "nu": 0.3}
+
+
+def flows(law, **keys):
+    return METAL | {"hardening": {"law": law, **keys}}
+
+
+def rated(law, **keys):
+    return flows("linear", yield_stress=1) | {"rate": {"law": law, **keys}}
+
+
+MISTAKES = [
+    ({"material": "steel"}, 'material = "steel": must be one of "neo-hookean", "hencky"'),
+    ({"material": "AA1050"}, 'no such material; did you mean "AA1050-O", "AA1100-O"'),
+    ({"material": "Mooney-Rivlin"}, 'no such material; did you mean "mooney-rivlin"'),
+    ({"material": "hencky", "library": "AA1050-O"}, 'library = "AA1050-O": is of material = "elas'),
+    ({"material": "PU-90A", "C10": 1}, 'key "C10" in bodies.aluminium does not go with'),
+    ({"material": "AA1050-O", "E": -1}, "bodies.aluminium.E = -1: must be > 0 Pa"),
+    ({"material": "AA1050-O", "hardening": {"q": 1}}, 'unknown key "q" in bodies.aluminium.hard'),
+    (YEOH | {"C10": 0}, "bodies.aluminium.C10 = 0: must be > 0 Pa"),
+    ({"material": "yeoh", "C10": 1}, "bodies.aluminium.K: missing; bulk modulus, in Pa"),
+    (YEOH | {"C40": 1}, 'unknown key "C40" in bodies.aluminium; did you mean "C'),
+    (OGDEN | {"mu": [1, 2]}, "alpha: has 1 entries and mu 2: must be as many"),
+    (OGDEN | {"alpha": [0]}, "bodies.aluminium.alpha.0 = 0: must not be 0"),
+    (OGDEN | {"alpha": [99]}, "bodies.aluminium.alpha.0 = 99: must be >= -30 and <= 30"),
+    (OGDEN | {"mu": []}, "bodies.aluminium.mu = []: must have at least 1 entry"),
+    (OGDEN | {"mu": 3}, "bodies.aluminium.mu = 3: must be an array"),
+    (OGDEN | {"mu": [-1]}, "half the sum of mu alpha, is -1 Pa: must be > 0 Pa"),
+    (OGDEN | {"mu": ["1 m"]}, 'bodies.aluminium.mu.0 = "1 m": "m" has the wrong dimension'),
+    (METAL, "bodies.aluminium.hardening: missing; yield stress over the plastic strain"),
+    (METAL | {"hardening": 3}, "bodies.aluminium.hardening = 3: must be a table"),
+    (METAL | {"hardening": {}}, 'bodies.aluminium.hardening.law: missing; one of "linear"'),
+    (flows("swft"), 'bodies.aluminium.hardening.law = "swft": must be one of "linear"'),
+    (flows("linear"), "hardening.yield_stress: missing; yield stress"),
+    (flows("linear", yield_stress=0), "hardening.yield_stress = 0: must be > 0 Pa"),
+    (flows("linear", yield_stress="-3 MPa"), 'yield_stress = "-3 MPa": must be > 0 Pa'),
+    (flows("linear", yield_stress=3, modulus=-1), "hardening.modulus = -1: must be >= 0 Pa"),
+    (flows("linear", yield_stress=3, n=1), '"n" in bodies.aluminium.hardening does not go with'),
+    (
+        flows("voce", yield_stress=3, saturation_stress=2, exponent=9),
+        "hardening.saturation_stress = 2.0: must be >= yield_stress = 3 Pa",
+    ),
+    (flows("swift", K=3, strain0=0.1, n=1.2), "hardening.n = 1.2: must be >= 0 and <= 1"),
+    (flows("swift", K=3, strain0=0, n=0.2), "hardening.strain0 = 0: must be > 0"),
+    (flows("table", points=[[0, 3], [0.1, 2]]), "points.1.1 = 2.0: must be >= 3 Pa, that of the"),
+    (flows("table", points=[[0, 3], [0, 4]]), "points.1.0 = 0: the plastic strain must increase"),
+    (flows("table", points=[[0.1, 3]]), "hardening.points.0.0 = 0.1: must be 0"),
+    (flows("table", points=3), "points = 3: must be a table of rows [[plastic strain, yield"),
+    (flows("table", points=[[0, 0]]), "hardening.points.0.1 = 0: must be > 0 Pa"),
+    (flows("table", points=[]), "hardening.points = []: a table needs at least one row"),
+    (rated("perzyna", exponent=0.2), "rate.reference_rate: missing; rate of plastic strain"),
+    (rated("perzyna", reference_rate=1, exponent=2), "rate.exponent = 2: must be > 0 and <= 1"),
+    (rated("johnson-cook", C=0), "rate.C = 0: must be > 0"),
+    (rated("cowper"), 'rate.law = "cowper": must be one of "johnson-cook", "perzyna"'),
+    ({"material": "elastoplastic", "E": 1} | {"hardening": {"law": "linear", "yield_stress": 1}},
+     "give E and nu, or G and K; found E"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("body", "expected"), MISTAKES, ids=[m[1][:40] for m in MISTAKES])
+def test_a_mistake_gives_one_clear_line(body, expected, case_file):
+    data = tomllib.loads(FILM_CASE)
+    data["bodies"]["aluminium"] = body
+    lines = check_case(case_file(toml_text(data)))
+    assert len(lines) == 1, lines
+    assert expected in lines[0]
+    assert "\n" not in lines[0] and "pydantic" not in lines[0] and len(lines[0]) < 320

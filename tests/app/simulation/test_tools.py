@@ -1,0 +1,230 @@
+"""Rigid tools in runs: against platens, closed forms, loads, explicit steps, units and ranks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from app.simulation.observer import Observer
+from tests.tool_cases import HEIGHT, WIDTH, block_case, block_mesh, circle, plane, run
+
+THICKNESS = 2e-3  # m, of the slab
+DRY = {"law": "coulomb", "mu": 0.3}
+# Nothing holds the block sideways but one side: it is compressed evenly.
+EVEN = [
+    {"surface": "bottom", "displacement": {"y": 0}},
+    {"surface": "left", "displacement": {"x": 0}},
+]
+
+
+@pytest.fixture(scope="module")
+def mesh(tmp_path_factory):
+    return block_mesh(tmp_path_factory.mktemp("block") / "block.msh")
+
+
+def last(simulation, tool="punch"):
+    """The last row of a tool, by column."""
+    columns = simulation.state.tools.columns
+    rows = [dict(zip(columns, row, strict=True)) for row in simulation.state.tools.rows]
+    return [row for row in rows if row["tool"] == tool][-1]
+
+
+def down(depth="-50 um", **more):
+    return {"y": [["0 s", "0 m"], ["1 s", depth]], **more}
+
+
+def pushed(force):
+    return {"y": [["0 s", "0 N"], ["1 s", force]]}
+
+
+def rolled(**rotation):
+    """A round tool pressed in and moved along by 0.2 mm, on a block that it rubs on."""
+    motion = down(x=[["1 s", "0 m"], ["2 s", "200 um"]])
+    return {
+        "tools": {"punch": circle(displacement=motion, rotation=rotation)},
+        "contact": [{"slave": "top", "master": "punch", "friction": DRY}],
+        "stage": [
+            {"name": "press", "duration": "1 s", "steps": 3},
+            {"name": "slide", "duration": "1 s", "steps": 5},
+        ],
+    }
+
+
+def test_a_plane_presses_as_a_platen_does(mesh):
+    """Where the pressure is even, the block is the same under the same force."""
+    anvil = plane(point=[0, 0], normal=[0, 1])
+    below = {"slave": "bottom", "master": "anvil", "friction": {"law": "frictionless"}}
+    above = {"slave": "top", "master": "punch", "friction": {"law": "frictionless"}}
+    left = {"surface": "left", "displacement": {"x": 0}}
+    tools = {"anvil": anvil, "punch": plane(displacement=down())}
+    exact = {"solver": {"tolerance": 1e-12}}
+    tool = run(block_case(mesh, boundary=[left], tools=tools, contact=[below, above], **exact))
+    driven, force = last(tool), last(tool)["force_y"]
+    assert force > 1.0
+    assert last(tool, "anvil")["force_y"] == pytest.approx(-force, rel=1e-9)
+    platen = {"direction": "y", "force": [["0 s", "0 N"], ["1 s", f"{force!r} N"]]}
+    boundary = [left, {"surface": "top", "platen": platen}]
+    tools = {"anvil": anvil}
+    pressed = run(block_case(mesh, boundary=boundary, tools=tools, contact=[below], **exact))
+    assert last(pressed, "anvil")["force_y"] == pytest.approx(-force, rel=1e-9)
+    ours, theirs = (s.state.motion.of_body("block", "displacement_y")[-1] for s in (tool, pressed))
+    assert ours == pytest.approx(theirs, rel=1e-9)
+    assert tool.rows[-1].strain_energy == pytest.approx(pressed.rows[-1].strain_energy, rel=1e-9)
+    # Beside the block there is the penetration of the penalty on both sides, and nothing else.
+    penalty = [term.penalty[0] for term in tool.model.problem.contacts]
+    depth = [force / (WIDTH * THICKNESS) / stiffness for stiffness in penalty]
+    assert driven["displacement_y"] == pytest.approx(2.0 * (ours + depth[0]) - sum(depth), rel=1e-9)
+
+
+def test_by_force_a_tool_comes_where_it_came_by_displacement(mesh):
+    for shape in (plane, circle):
+        tools = {"punch": shape(displacement=down())}
+        moved = last(run(block_case(mesh, tools=tools)))
+        # What drives it and what the block does to it are found in two ways.
+        assert moved["force_y"] == pytest.approx(-moved["driving_force_y"], rel=1e-12)
+        force = f"{moved['driving_force_y']!r} N"
+        loaded = last(run(block_case(mesh, tools={"punch": shape(force=pushed(force))})))
+        assert loaded["displacement_y"] == pytest.approx(-50e-6, rel=1e-6)
+        assert loaded["driving_force_y"] == pytest.approx(moved["driving_force_y"], rel=1e-12)
+        assert loaded["force_y"] == pytest.approx(moved["force_y"], rel=1e-7)
+
+
+def test_a_round_tool_on_a_thick_block_touches_as_hertz_says(tmp_path):
+    """Half width a of a line contact: a² = 4 F R/(π E*), F per thickness."""
+    mesh = block_mesh(tmp_path / "fine.msh", (40, 14), grading=4.0)
+    young, ratio, radius, force = 5e6, 0.4, 2e-3, 0.02
+    tools = {"punch": circle(radius, force=pushed(f"{-force} N"))}
+    stage = [{"name": "press", "duration": "1 s", "steps": 2}]
+    simulation = run(block_case(mesh, tools=tools, stage=stage))
+    modulus = young / (1.0 - ratio**2)
+    half = np.sqrt(4.0 * force / THICKNESS * radius / (np.pi * modulus))
+    assert half < 0.1 * HEIGHT
+    row = simulation.rows[-1]
+    assert row.contact_area / THICKNESS == pytest.approx(2.0 * half, rel=0.03)
+    pressure = simulation.model.problem.committed[0].nodal_pressure
+    assert pressure.max() == pytest.approx(2.0 * force / THICKNESS / (np.pi * half), rel=0.03)
+
+
+def test_a_free_roller_rolls_and_friction_gives_it_no_moment(mesh):
+    free = last(run(block_case(mesh, **rolled(moment=0))))
+    assert abs(free["moment_z"]) < 1e-8 * 0.3 * free["force_y"] * 2e-3
+    # It rolls clockwise, by the way it made but for the strain of the surface below.
+    assert free["rotation"] == pytest.approx(-200e-6 / 2e-3, rel=0.03)
+    # Turned by hand to where it came by itself, nothing is needed to hold it there.
+    angle = [["1 s", "0 rad"], ["2 s", f"{free['rotation']!r} rad"]]
+    held = last(run(block_case(mesh, **rolled(angle=angle))))
+    assert abs(held["driving_moment"]) < 0.02 * 0.3 * held["force_y"] * 2e-3
+    stuck = last(run(block_case(mesh, **rolled(rate=0))))
+    # A tool that does not turn slides: its friction is mu N, and turns it by that times R.
+    assert abs(stuck["moment_z"]) > 0.9 * 0.3 * stuck["force_y"] * 2e-3
+    assert stuck["moment_z"] == pytest.approx(-stuck["driving_moment"], rel=1e-9)
+    assert stuck["force_x"] < -0.2 * stuck["force_y"]
+
+
+def test_the_work_of_a_tool_is_balanced_turned_or_moved(mesh):
+    tables = rolled(angle=[["1 s", "0 rad"], ["2 s", "0.3 rad"]])
+    tables["stage"] = [{"name": "all", "duration": "2 s", "steps": 40}]
+    simulation = run(block_case(mesh, **tables))
+    row, columns = simulation.rows[-1], simulation.state.tools.columns
+    power = [r[columns.index("power")] for r in simulation.state.tools.rows]
+    assert sum(power) * 0.05 == pytest.approx(row.external_work, rel=0.1)
+    assert row.dissipation > 0.2 * row.external_work
+    assert abs(row.energy_error) < 0.02 * row.external_work
+    still = simulation.state.motion.force_balance(["all"])
+    assert still is not None and still < 1e-8
+
+
+def test_one_tool_is_the_master_of_two_pairs(tmp_path, mesh):
+    halves = block_mesh(tmp_path / "halves.msh", halves=True)
+    one = {"master": "punch", "friction": {"law": "frictionless"}}
+    pairs = [{"slave": "top", **one}, {"slave": "right top", **one}]
+    for tools in ({"punch": plane(displacement=down())}, {"punch": plane(force=pushed("-3 N"))}):
+        whole = last(run(block_case(mesh, boundary=EVEN, tools=tools)))
+        both = run(block_case(halves, boundary=EVEN, tools=tools, contact=pairs))
+        split = last(both)
+        assert split["force_y"] == pytest.approx(whole["force_y"], rel=1e-9)
+        assert split["displacement_y"] == pytest.approx(whole["displacement_y"], rel=1e-9)
+        forces = [m.force[1] * THICKNESS for m in both.state.resultants]
+        assert -sum(forces) == pytest.approx(split["force_y"], rel=1e-12)
+        assert forces[0] == pytest.approx(forces[1], rel=1e-6)
+
+
+@pytest.mark.parametrize("loaded", [False, True])
+def test_explicit_steps_come_to_the_implicit_state(mesh, loaded):
+    motion = {"displacement": down()}
+    slow = {
+        "displacement": {"y": {"table": [["0 s", "0 m"], ["1 ms", "-50 um"]], "ramp": "smooth"}}
+    }
+    if loaded:
+        motion = {"force": pushed("-0.5 N")}
+        table = [["0 s", "0 N"], ["1 ms", "-0.5 N"]]
+        slow = {"force": {"y": {"table": table, "ramp": "smooth"}}, "mass": "10 mg"}
+    still = last(run(block_case(mesh, tools={"punch": circle(**motion)})))
+    data = block_case(mesh, tools={"punch": circle(**slow)})
+    data["bodies"]["block"]["density"] = 1000
+    data["solver"] = {"kind": "explicit", "damping": "2e4 1/s"}
+    data["stage"] = [{"name": "all", "duration": "2.5 ms", "steps": 5}]
+    moved = run(data)
+    there = last(moved)
+    assert there["force_y"] == pytest.approx(still["force_y"], rel=1e-3)
+    assert there["displacement_y"] == pytest.approx(still["displacement_y"], rel=1e-3)
+    assert abs(moved.rows[-1].energy_error) < 0.01 * moved.rows[-1].external_work
+
+
+def test_units_of_length_and_stress_do_not_matter(tmp_path, mesh):
+    """The same numbers in mm and MPa as if they were m and Pa: the forces stay the same."""
+    large = block_mesh(tmp_path / "large.msh", scale=1e3)
+    plain = rolled(moment=0)
+    scaled = rolled(moment=0)
+    scaled["tools"]["punch"] = {
+        "shape": "circle",
+        "centre": [2.0, 3.0],
+        "radius": 2.0,
+        "displacement": {"y": [[0, 0], [1, -0.05]], "x": [[1, 0], [2, 0.2]]},
+        "rotation": {"moment": 0},
+    }
+    scaled["geometry"] = {"mesh": str(large), "thickness": 2.0}
+    scaled["bodies"] = {"block": {"material": "neo-hookean", "E": 5.0, "nu": 0.4}}
+    ours, theirs = last(run(block_case(mesh, **plain))), last(run(block_case(large, **scaled)))
+    assert theirs["force_y"] == pytest.approx(ours["force_y"], rel=1e-7)
+    assert theirs["force_x"] == pytest.approx(ours["force_x"], rel=1e-6)
+    assert theirs["rotation"] == pytest.approx(ours["rotation"], rel=1e-7)
+
+
+def test_a_tool_that_acts_in_some_stages_is_left_by_the_block(mesh):
+    tools = {"punch": plane(displacement=down(), stages=["press"])}
+    stages = [{"name": name, "duration": "1 s", "steps": 2} for name in ("press", "rest")]
+    simulation = run(block_case(mesh, tools=tools, stage=stages))
+    forces = [row.normal_force for row in simulation.rows]
+    assert forces[1] > 1.0
+    assert abs(forces[3]) < 1e-6
+
+
+def facts(comm, directory):
+    """A roller and a plane that a force moves, on a block: rows of tools and history."""
+    mesh = directory / "ranks.msh"
+    if comm.rank == 0:
+        block_mesh(mesh)
+    comm.barrier()
+    tables = rolled(moment=0)
+    tables["tools"]["wall"] = plane(point=[WIDTH, 0], normal=[-1, 0], force={"x": "-0.1 N"})
+    wall = {"slave": "right", "master": "wall", "friction": {"law": "frictionless"}}
+    tables["contact"].append(wall)
+    simulation = run(block_case(mesh, **tables), comm, Observer())
+    columns = simulation.state.tools.columns
+    rows = [row[4:] for row in simulation.state.tools.rows]
+    return {"columns": columns, "rows": rows, "work": [r.external_work for r in simulation.rows]}
+
+
+@pytest.mark.mpi(facts, 2, 3)
+def test_ranks_do_not_matter(on_ranks):
+    alone = on_ranks(facts, 1)
+    whole = np.array(alone["rows"])
+    size = np.abs(whole).max(axis=0)
+    assert size.min() > 0.0
+    for ranks in (2, 3):
+        found = on_ranks(facts, ranks)
+        apart = np.abs(np.array(found["rows"]) - whole) / size
+        # Loads are balanced to the tolerance of the solver.
+        assert apart.max() < 1e-6, (ranks, apart.max(axis=0))
+        np.testing.assert_allclose(found["work"], alone["work"], rtol=1e-6)

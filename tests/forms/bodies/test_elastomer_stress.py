@@ -1,0 +1,176 @@
+"""Stresses of Yeoh's and Ogden's bodies in homogeneous tests, against principal stresses by hand.
+
+Through real elements: the nodal forces of one cell give P. With G = Σ μα/2, and λ̄ = J^(−1/3) λ,
+Kirchhoff's principal stresses are τ_a = Σ μ_p (λ̄_a^α_p − mean) + K/2 (J² − 1) of Ogden, and
+τ_a = 2 W′(Ī1) (λ̄_a² − Ī1/3) + K/2 (J² − 1) of Yeoh.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+
+import dolfinx
+import numpy as np
+import pytest
+
+from forms.bodies.internal_force import GeneratedForce, InternalForce
+from forms.bodies.materials import Ogden, Yeoh
+from forms.bodies.point_stress import PointStress
+from forms.bodies.solid import DEGREE, Solid
+from tests.grid import grid
+
+K = 400.0
+YEOH = Yeoh(0.6, -0.03, 0.004, K)
+TRELOAR = Ogden((0.63, 0.0012, -0.01), (1.3, 5.0, -2.0), K)
+MATERIALS = {"yeoh": YEOH, "ogden": TRELOAR}
+SECTIONS = {"plane-strain": "quadrilateral", "axisymmetric": "quadrilateral", "3D": "hexahedron"}
+
+
+def kirchhoff(material, stretches):
+    """Principal Kirchhoff stresses (3,)."""
+    stretches = np.asarray(stretches, dtype=float)
+    J = stretches.prod()
+    bar = stretches / np.cbrt(J)
+    if isinstance(material, Yeoh):
+        x = np.sum(bar**2) - 3.0
+        slope = material.C10 + 2.0 * material.C20 * x + 3.0 * material.C30 * x**2
+        shear = 2.0 * slope * (bar**2 - np.mean(bar**2))
+    else:
+        pairs = zip(material.mu, material.alpha, strict=True)
+        shear = sum(mu * (bar**a - np.mean(bar**a)) for mu, a in pairs)
+    return shear + 0.5 * material.bulk_modulus * (J**2 - 1.0)
+
+
+class Cell:
+    """One cell: the unit square or cube."""
+
+    def __init__(self, material, section, formulation="q1"):
+        cell = SECTIONS[section]
+        self.dim = 3 if section == "3D" else 2
+        mesh = grid(cell, (1,) * self.dim)
+        space = ("Lagrange", DEGREE[formulation], (self.dim,))
+        self.u = dolfinx.fem.Function(dolfinx.fem.functionspace(mesh, space))
+        cells = np.zeros(1, np.int32)
+        self.solid = Solid("cell", self.u, cells, material, formulation, section=section)
+        self.where = self.u.function_space.tabulate_dof_coordinates()[:, : self.dim]
+
+    def deform(self, F):
+        self.u.x.array[:] = (self.where @ (np.asarray(F) - np.eye(self.dim)).T).reshape(-1)
+
+    def stress(self, F):
+        """P from the nodal forces, ∫ P dV = Σ f ⊗ X."""
+        self.deform(F)
+        parts = [dolfinx.fem.assemble_vector(part.residual).array for part in self.solid.forms]
+        return sum(parts).reshape(-1, self.dim).T @ self.where
+
+
+TESTS = {
+    "uniaxial": lambda s: (s, s**-0.5, s**-0.5),
+    "equibiaxial": lambda s: (s, s, s**-2.0),
+    "pure shear": lambda s: (s, 1.0 / s, 1.0),
+    "compressed": lambda s: (s, 0.97, 0.98),
+}
+
+
+@pytest.mark.parametrize("name", MATERIALS)
+@pytest.mark.parametrize("formulation", ["q1", "q1-sri", "q2"])
+def test_plane_strain(name, formulation):
+    """Stretched along turned axes, so that no component is zero."""
+    cell, material = Cell(MATERIALS[name], "plane-strain", formulation), MATERIALS[name]
+    angle = 0.4
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    for pair in ((1.6, 1.0 / 1.6), (0.5, 1.9), (1.0, 1.0), (1.0 + 1e-9, 1.0), (1.2, 1.2)):
+        tau = kirchhoff(material, (*pair, 1.0))[:2]
+        expected = turn @ np.diag(tau / np.array(pair)) @ turn.T
+        found = cell.stress(turn @ np.diag(pair) @ turn.T)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * material.bulk_modulus)
+        shear = np.ptp(np.linalg.eigvalsh(found @ turn @ np.diag(pair) @ turn.T))
+        assert shear == pytest.approx(abs(tau[0] - tau[1]), rel=1e-8, abs=1e-11)
+
+
+@pytest.mark.parametrize("name", MATERIALS)
+def test_space(name):
+    material = MATERIALS[name]
+    cell, turn = Cell(material, "3D"), np.linalg.qr(np.arange(9.0).reshape(3, 3) ** 2 - 3.0)[0]
+    for test, stretch in product(TESTS, (0.5, 0.8, 1.0, 1.0 + 1e-7, 1.3, 2.0, 3.0)):
+        stretches = np.array(TESTS[test](stretch))
+        tau = kirchhoff(material, stretches)
+        expected = turn @ np.diag(tau / stretches) @ turn.T
+        found = cell.stress(turn @ np.diag(stretches) @ turn.T)
+        scale = max(np.abs(expected).max(), 1e-3 * K)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8 * scale)
+
+
+@pytest.mark.parametrize("section", SECTIONS)
+@pytest.mark.parametrize("name", MATERIALS)
+def test_points(section, name):
+    """All three principal stresses, the hoop's and that across the plane too."""
+    material = MATERIALS[name]
+    stretches = np.array([TESTS[test](s) for test in TESTS for s in (0.6, 1.0, 2.5)])
+    if section == "plane-strain":
+        stretches[:, 2] = 1.0
+    F = np.stack([np.diag(row) for row in stretches])
+    found = PointStress(material, section).cauchy(F)
+    expected = np.stack([np.diag(kirchhoff(material, row) / row.prod()) for row in stretches])
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("name", MATERIALS)
+def test_a_ring_is_stretched_round_its_axis(name):
+    """Energy of a full disc at the hoop stretch, by the energy's closed form over its volume."""
+    material = MATERIALS[name]
+    cell = Cell(material, "axisymmetric", "q1-sri")
+    radial, axial = 1.15, 1.15**-2
+    cell.deform(np.diag([radial, axial]))
+    bar = np.array([radial, axial, radial])
+    if name == "yeoh":
+        x = np.sum(bar**2) - 3.0
+        density = np.polyval([material.C30, material.C20, material.C10, 0.0], x)
+    else:
+        pairs = zip(material.mu, material.alpha, strict=True)
+        density = sum(mu / a * (np.sum(bar**a) - 3.0) for mu, a in pairs)
+    assert cell.solid.strain_energy() == pytest.approx(np.pi * density, rel=1e-10)
+
+
+LONG = pytest.mark.long  # forms in space that no other test has, of many terms
+
+
+@pytest.mark.parametrize("name", MATERIALS)
+@pytest.mark.parametrize(
+    ("section", "formulation"),
+    [
+        ("plane-strain", "q1-sri"),
+        ("axisymmetric", "q1-sri"),
+        pytest.param("3D", "q1-sri", marks=LONG),
+        pytest.param("3D", "q2", marks=LONG),
+    ],
+)
+def test_tangent_is_the_derivative_of_the_forces(section, formulation, name):
+    """In a bent cell, where stretches differ from point to point, and undeformed."""
+    cell = Cell(MATERIALS[name], section, formulation)
+    rng, h = np.random.default_rng(3), 1e-6
+    for size in (0.0, 0.2):
+        at = size * rng.uniform(-1.0, 1.0, len(cell.u.x.array))
+        direction = rng.uniform(-1.0, 1.0, len(at))
+        forces = []
+        for step in (h, -h):
+            cell.u.x.array[:] = at + step * direction
+            parts = [dolfinx.fem.assemble_vector(p.residual).array for p in cell.solid.forms]
+            forces.append(sum(parts))
+        cell.u.x.array[:] = at
+        tangent = sum(dolfinx.fem.assemble_matrix(p.tangent).to_dense() for p in cell.solid.forms)
+        expected = (forces[0] - forces[1]) / (2.0 * h)
+        found = tangent @ direction
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-7 * np.abs(expected).max())
+        np.testing.assert_allclose(tangent, tangent.T, rtol=0, atol=1e-12 * np.abs(tangent).max())
+
+
+def test_explicit_steps_take_the_generated_forces():
+    cell = Cell(YEOH, "plane-strain", "q1-sri")
+    force = InternalForce(cell.u, [cell.solid])
+    assert not force.compiled and isinstance(force.parts[0], GeneratedForce)
+    cell.deform([[1.2, 0.1], [0.0, 0.9]])
+    out = np.zeros_like(cell.u.x.array)
+    assert force.evaluate(cell.u.x.array.copy(), out)
+    expected = sum(dolfinx.fem.assemble_vector(p.residual).array for p in cell.solid.forms)
+    np.testing.assert_allclose(out, expected, rtol=1e-13, atol=1e-13)
