@@ -288,7 +288,7 @@ def _refuse(problems: Sequence[str]) -> None:
 def mesh(
     case_file: Annotated[
         Path,
-        typer.Argument(metavar="CASE|FILE.geo", help="case file (TOML), or a drawing for gmsh"),
+        typer.Argument(metavar="CASE|FILE.geo|FILE.step", help="case file (TOML), or a drawing"),
     ],
     out: Annotated[
         Path | None,
@@ -303,75 +303,16 @@ def mesh(
         bool, typer.Option("--trust", help="let a drawing do more than draw (see tribox trust)")
     ] = False,
 ) -> None:
-    """Write a case's mesh (.msh) and a picture of it with its names, or the mesh of a drawing."""
-    if case_file.suffix == ".geo":
-        if not trust:
-            _see_that_it_only_draws(case_file)
-        _mesh_drawing(case_file, out or case_file.with_suffix(".msh"), overrides or [], force)
-        return
-    from mpi4py import MPI
+    """Write the mesh of a case or drawing (.msh) and a picture of it with its names."""
+    from app.run.mesh_files import write_case_mesh, write_drawing_mesh
+    from geometry.meshes.drawing import DRAWINGS
 
-    from app.build.mesh import make_mesh
-    from app.case.geometry import GeneratedGeometry
-    from app.case.reading import load_case
-    from app.results.directory import default_directory
-    from geometry.meshes.gmsh_model import write_msh
-    from geometry.pictures.plane import save_picture
-
-    case = load_case(case_file, overrides or [])
-    default = default_directory(case_file)
-    directory = out or default.with_name(default.name + "-mesh")
-    msh, picture = directory / "mesh.msh", directory / "mesh.png"
-    for path in (msh, picture):
-        if path.exists() and not force:
-            raise InputError(f"{path}: exists already; replace it with --force")
-    named = make_mesh(case, MPI.COMM_SELF)
-    directory.mkdir(parents=True, exist_ok=True)
-    if isinstance(case.geometry, GeneratedGeometry):
-        write_msh(case.geometry.shape(), msh)
-        print(f"wrote {msh}")
-    save_picture(named, picture, case.title)
-    print(f"wrote {picture}")
-
-
-def _see_that_it_only_draws(drawing: Path) -> None:
-    """Refuse a drawing that could do more, as gmsh's scripts can, if it is not to be trusted."""
-    from geometry.meshes.drawing_words import beyond_drawing, companion
-
-    try:
-        found = beyond_drawing(drawing.read_bytes().decode("latin-1"))
-    except OSError:
-        return  # said where it is read
-    what = f"{drawing}:{found.line}: {found.what}" if found else ""
-    if companion(drawing).exists():
-        what = str(companion(drawing))
-    if what:
-        from app.case.trust import require_trusted_file
-
-        said = f"{what} may do more than draw: gmsh can start programs and write files"
-        require_trusted_file(drawing, said)
-
-
-def _mesh_drawing(drawing: Path, path: Path, overrides: list[str], force: bool) -> None:
-    """Write the mesh of a drawing."""
-    from geometry.meshes.drawing import mesh_drawing
-    from geometry.meshes.gmsh_model import MeshError
-
-    if overrides:
-        raise InputError(f"--set {overrides[0]}: {drawing} is a drawing, not a case")
-    if path.suffix != ".msh":
-        raise InputError(f"--out {path}: name the mesh of a drawing as a file ending in .msh")
-    if path.exists() and not force:
-        raise InputError(f"{path}: exists already; replace it with --force")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        cells = mesh_drawing(drawing, path)
-    except MeshError as error:
-        raise InputError(str(error)) from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror or error})") from None
-    told = ", ".join(f"{name} {count}" for name, count in cells.items())
-    print(f"wrote {path} (cells: {told})")
+    if case_file.suffix.lower() in DRAWINGS:
+        if overrides:
+            raise InputError(f"--set {overrides[0]}: {case_file} is a drawing, not a case")
+        write_drawing_mesh(case_file, out, force, trust)
+    else:
+        write_case_mesh(case_file, overrides or [], out, force, trust)
 
 
 ANIMATIONS = ("gif", "mp4")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from forms.bodies.kinematics import Section
+    from forms.bodies.materials import Material
     from forms.bodies.solid import Formulation
     from geometry.meshes.gmsh_model import Shape
 
@@ -56,8 +57,6 @@ def _compile(group: _Group) -> Iterator[str]:
 
     from app.equilibrium.tangent import pattern_form
     from app.results.fields import StressField
-    from forms.bodies.elastoplastic import ElastoPlastic
-    from forms.bodies.hardening import Linear
     from forms.bodies.loads import (
         BodyForce,
         DeadTraction,
@@ -67,22 +66,18 @@ def _compile(group: _Group) -> Iterator[str]:
         reference_area,
     )
     from forms.bodies.lumped_mass import mass_form
-    from forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, Yeoh
     from forms.bodies.nodal_weights import body_form, surface_form
     from forms.bodies.plastic_solid import make_solid
     from geometry.meshes.mesh import generate
     from geometry.surfaces.slave_points import point_operator
 
-    metal = ElastoPlastic(1.0, 2.0, Linear(1.0))
-    mooney, yeoh = MooneyRivlin(0.4, 0.1, 2.0), Yeoh(0.5, 0.0, 0.0, 2.0)
-    materials = (NeoHookean(1.0, 2.0), mooney, yeoh, Hencky(1.0, 2.0), metal)
     # From gmsh, as every case: another mesh's coordinate element would give other forms.
     mesh = generate(_shape(group.cell), MPI.COMM_SELF).mesh
     dim = mesh.geometry.dim
     space = dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (dim,)))
     u = dolfinx.fem.Function(space)
     cells = np.arange(mesh.topology.index_map(dim).size_local, dtype=np.int32)
-    for material in materials:
+    for material in _materials():
         for formulation in group.formulations:
             solid = make_solid("sample", u, cells, material, formulation, section=group.section)
             StressField(u, [solid])
@@ -102,6 +97,21 @@ def _compile(group: _Group) -> Iterator[str]:
     for degree in group.degrees:
         point_operator(space, facets, degree)
     yield f"{group.cell} {group.section} loads and contact points"
+
+
+def _materials() -> tuple[Material, ...]:
+    """One of each kind; sums of powers (Ogden) are compiled when first used, by their length."""
+    from forms.bodies.elastoplastic import ElastoPlastic
+    from forms.bodies.hardening import Linear
+    from forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, Yeoh
+
+    return (
+        NeoHookean(1.0, 2.0),
+        MooneyRivlin(0.4, 0.1, 2.0),
+        Yeoh(0.5, 0.0, 0.0, 2.0),
+        Hencky(1.0, 2.0),
+        ElastoPlastic(1.0, 2.0, Linear(1.0)),
+    )
 
 
 def _shape(cell: str) -> Shape:

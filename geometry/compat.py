@@ -99,18 +99,23 @@ def model_to_mesh(
 
 
 def cell_nodes(mesh: dolfinx.mesh.Mesh) -> Ints:
-    """Rows (c, a) of ``mesh.geometry.x`` of the nodes of each local cell."""
+    """Rows (c, a) of ``mesh.geometry.x`` of the nodes of each local cell, corners first."""
     geometry = mesh.geometry
     nodes: Ints = geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap
     return nodes
 
 
 def entity_nodes(mesh: dolfinx.mesh.Mesh, dim: int, entities: Ints) -> Ints:
-    """Rows (e, a) of ``mesh.geometry.x`` of the corners of each local edge or face."""
+    """Rows (e, a) of ``mesh.geometry.x`` of the nodes of each local edge or face."""
     if not len(entities):  # 0.9 divides by their number
         return np.empty((0, dim + 1), dtype=np.int32)
     nodes: Ints = dolfinx.mesh.entities_to_geometry(mesh, dim, entities)
-    return nodes
+    return nodes  # of curved cells the corners come first
+
+
+def cell_order(mesh: dolfinx.mesh.Mesh) -> int:
+    """Degree of the polynomials that the cells' shape is of: 1 with straight edges."""
+    return int(mesh.geometry.cmap.degree)
 
 
 def facet_kind(mesh: dolfinx.mesh.Mesh) -> str:
@@ -162,6 +167,24 @@ def facet_submesh(mesh: dolfinx.mesh.Mesh, facets: Ints) -> tuple[dolfinx.mesh.M
     to_sub = np.full(facet_map.size_local + facet_map.num_ghosts, -1, dtype=np.int32)
     to_sub[entities] = np.arange(len(entities), dtype=np.int32)
     return sub, np.asarray(entities, dtype=np.int32), {sub: to_sub}
+
+
+def cell_submesh(mesh: dolfinx.mesh.Mesh, cells: Ints) -> tuple[dolfinx.mesh.Mesh, Ints]:
+    """A mesh of some of a mesh's cells; collective.
+
+    Args:
+        mesh: The mesh.
+        cells: Local cells that this process owns.
+
+    Returns:
+        The mesh of these cells, and the cell of ``mesh`` behind each of its local cells.
+    """
+    sub, entities = dolfinx.mesh.create_submesh(mesh, mesh.topology.dim, np.sort(cells))[:2]
+    if hasattr(entities, "sub_topology_to_topology"):
+        index = sub.topology.index_map(mesh.topology.dim)
+        local = np.arange(index.size_local + index.num_ghosts, dtype=np.int32)
+        entities = entities.sub_topology_to_topology(local, False)
+    return sub, np.asarray(entities, dtype=np.int32)
 
 
 def mixed_form(form: Any, relation: Any) -> dolfinx.fem.Form:

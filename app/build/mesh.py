@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path
 
 from mpi4py import MPI
 
 from app.build.boundary_conditions import ON_AXIS
 from app.case.case import Case
 from app.case.geometry import GeneratedGeometry
+from app.case.trust import require_drawing
 from app.case.validation import format_problem
 from app.errors import InputError
 from geometry.meshes.bonds import bonded_groups, surfaces_sharing_nodes
@@ -17,20 +17,24 @@ from geometry.meshes.gmsh_model import MeshError
 from geometry.meshes.mesh import NamedMesh, generate, read
 
 
-def make_mesh(case: Case, comm: MPI.Comm, carriers: Sequence[str] = ()) -> NamedMesh:
+def make_mesh(
+    case: Case, comm: MPI.Comm, carriers: Sequence[str] = (), trusted: bool = False
+) -> NamedMesh:
     """The case's mesh, generated or read, with every name the case uses; collective.
 
     Args:
         case: the case.
         comm: ranks that work together.
         carriers: names of cells that are added, which are no body's.
+        trusted: whether a drawing may do more than draw; if not, such a one is refused, unless it
+            lies in a directory that the user trusts.
 
     Raises:
         InputError: no such file, body or surface, or bodies that are glued together; the message
             names the case file.
     """
     try:
-        return _made_mesh(case, comm, carriers)
+        return _made_mesh(case, comm, carriers, trusted)
     except InputError as error:
         raise of_case(case, error) from None
 
@@ -42,16 +46,26 @@ def of_case(case: Case, error: InputError) -> InputError:
     return InputError(first, more)
 
 
-def _made_mesh(case: Case, comm: MPI.Comm, carriers: Sequence[str]) -> NamedMesh:
+def _made_mesh(case: Case, comm: MPI.Comm, carriers: Sequence[str], trusted: bool) -> NamedMesh:
     geometry = case.geometry
     shared = case.solver.partition == "contact"
     contacts = [(contact.slave, contact.master) for contact in case.contact] if shared else []
     try:
         if isinstance(geometry, GeneratedGeometry):
             return generate(geometry.shape(), comm, contacts, carriers)
-        scale = 1.0 if geometry.scale is None else geometry.scale
+        if geometry.is_drawing and geometry.meshed is None and not trusted:
+            require_drawing(geometry.mesh)
         try:
-            named = read(Path(geometry.mesh), comm, contacts, geometry.max_cells, carriers, scale)
+            named = read(
+                geometry.meshed or geometry.mesh,
+                comm,
+                contacts,
+                geometry.max_cells,
+                carriers,
+                geometry.unit,
+                _straight(case),
+                geometry.meshing(),
+            )
         except MeshError as error:
             raise MeshError(f"geometry.mesh: {error}") from None
         wrong = [*_name_problems(case, named), *_section_problems(case, named)]
@@ -62,6 +76,12 @@ def _made_mesh(case: Case, comm: MPI.Comm, carriers: Sequence[str]) -> NamedMesh
         raise InputError(str(error)) from None
     _check_surfaces(case, named)
     return named
+
+
+def _straight(case: Case) -> bool:
+    """Whether of second-order cells the corners alone are taken: first order is asked for."""
+    given = [body.formulation for body in case.bodies.values()]
+    return case.is_explicit or any(one not in (None, "q2") for one in given)
 
 
 def _name_problems(case: Case, named: NamedMesh) -> Iterator[str]:

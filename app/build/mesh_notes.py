@@ -70,7 +70,7 @@ def bonded_bodies(named: NamedMesh) -> Iterator[str]:
 
 def large_mesh(case: Case, named: NamedMesh) -> Iterator[str]:
     """A line on a mesh that was read without a scale and may not be in metres; collective."""
-    if isinstance(case.geometry, GeneratedGeometry) or case.geometry.scale is not None:
+    if isinstance(case.geometry, GeneratedGeometry) or case.geometry.says_unit:
         return
     x = named.mesh.geometry.x
     ends = np.concatenate([x.max(axis=0, initial=-np.inf), -x.min(axis=0, initial=np.inf)])

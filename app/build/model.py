@@ -135,8 +135,8 @@ def build_model(case: Case, comm: MPI.Comm, runs_code: bool = True) -> Model:
     Args:
         case: what to build.
         comm: ranks that work together.
-        runs_code: whether friction laws written in Python are run; a model without them cannot be
-            solved, only looked at.
+        runs_code: whether friction laws written in Python are run, and drawings that may do more
+            than draw; a model without laws cannot be solved, only looked at.
 
     Raises:
         InputError: the mesh, or a name in the case, does not fit, or numbers are out of range; the
@@ -150,7 +150,7 @@ def build_model(case: Case, comm: MPI.Comm, runs_code: bool = True) -> Model:
 
 @failures_as(InputError, "the case")
 def _built(case: Case, comm: MPI.Comm, runs_code: bool) -> Model:
-    named = make_mesh(case, comm, tuple(case.tools))
+    named = make_mesh(case, comm, tuple(case.tools), runs_code)
     section = case.geometry.section_in(named.mesh.geometry.dim)
     bodies = resolved_bodies(case.bodies, named)
     u = displacement_on(named, bodies)
@@ -241,6 +241,7 @@ def _notes(asked: Case, model: Model, contacts: Sequence[BuiltContact], loads: L
         *notes_on(case),
         *notes_on_tools(case),
         *notes_on_materials(case.bodies),
+        *named.notes,
         *locking_bodies(named, problem.solids, problem.space.element.basix_element.degree),
         *large_mesh(case, named),
         *many_cells(case, named),

@@ -37,7 +37,9 @@ def resolved_bodies(bodies: Bodies, named: NamedMesh) -> dict[str, Body]:
     cell = named.mesh.topology.cell_name()
     for name, reason in formulation_problems(bodies, cell):
         raise InputError(f"bodies.{name}.formulation: {reason}")
-    chosen = formulations(bodies, cell)
+    # On curved cells first order would not follow the surface that the integrals are over.
+    curved = named.order == 2
+    chosen = dict.fromkeys(bodies, "q2") if curved else formulations(bodies, cell)
     return {
         name: body.model_copy(update={"formulation": chosen[name]}) for name, body in bodies.items()
     }

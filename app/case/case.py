@@ -115,6 +115,11 @@ class Case(Model):
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Case) and self.__dict__ == other.__dict__
 
+    def with_mesh(self, path: Path) -> Case:
+        """The same case with the mesh that was made of its drawing."""
+        geometry = self.geometry.model_copy(update={"meshed": path})
+        return self.model_copy(update={"geometry": geometry})
+
     def sweep_cases(self) -> list[tuple[str, Case]]:
         """The cases of the sweep, each with a label such as "thickness=10nm".
 
@@ -394,6 +399,8 @@ def _rename_files(data: dict[str, Any], case: Case, files: Mapping[Path, str]) -
 
     if isinstance(case.geometry, MeshGeometry):
         data["geometry"]["mesh"] = renamed(case.geometry.mesh)
+        if case.geometry.meshed is not None:
+            data["geometry"]["meshed"] = renamed(case.geometry.meshed)
     for name, tool in case.tools.items():
         if isinstance(tool, MeshTool):
             data["tools"][name]["file"] = renamed(tool.file)

@@ -10,7 +10,8 @@ from pydantic import BeforeValidator, Field, ValidationInfo, field_serializer, f
 from pydantic_core import PydanticCustomError
 
 from app.case.quantities import Quantity
-from app.case.table import Count, Model, Place, Problem
+from app.case.table import MOST_ENTRIES, Count, Model, Place, Problem
+from geometry.meshes.drawing import DRAWINGS, STEP, Meshing
 
 if TYPE_CHECKING:
     from forms.bodies.kinematics import Section
@@ -32,6 +33,10 @@ MOST_CELLS = 5_000_000
 NO_SLAB = "goes with plane strain only: forces are those of the whole body"
 
 
+_DRAWINGS = "drawings only"
+Length = Annotated[float, Quantity("m", gt=0.0)]
+Point = Annotated[tuple[Annotated[float, Quantity("m")], ...], Field(min_length=2, max_length=3)]
+Spots = Annotated[tuple[Count | Point, ...], Field(min_length=1, max_length=MOST_ENTRIES)]
 UNITS = ("m", "mm", "um", "nm", "inch")
 """Units of coordinates that are offered; any other one of length can be given too."""
 
@@ -168,8 +173,37 @@ class MeshGeometry(Model):
 
     kind: Literal["file"] = Field(default="file", description="may be left out where mesh is given")
     mesh: Path = Field(
-        description="gmsh file (.msh), relative to the case file; the names of its physical "
-        "groups are those of bodies and surfaces"
+        description="gmsh file (.msh) or drawing (.geo, .step, .stp), relative to the case file; "
+        "the names of its physical groups are those of bodies and surfaces"
+    )
+    size: Length | None = Field(
+        default=None, description=f"largest element size; {_DRAWINGS}; default: the drawing's own"
+    )
+    sizes: dict[str, Length] | None = Field(
+        default=None,
+        description="element sizes by name: on a surface, growing away from it by a fifth of the "
+        f"distance, or all through a body; with size; {_DRAWINGS}",
+    )
+    order: Literal[1, 2] | None = Field(
+        default=None,
+        description=f"1: straight cells, 2: curved ones; {_DRAWINGS}; default: the drawing's own",
+    )
+    cell: Literal["triangle", "quadrilateral", "tetrahedron", "hexahedron"] | None = Field(
+        default=None, description=f"shape of the cells; {_DRAWINGS}; default: the drawing's own"
+    )
+    bodies: dict[str, Spots] | None = Field(
+        default=None,
+        description="names of volumes (in the plane faces): their numbers, or points in them, "
+        f"which tribox mesh shows; {_DRAWINGS}",
+    )
+    surfaces: dict[str, Spots] | None = Field(
+        default=None,
+        description=f"names of faces (in the plane curves): likewise, points on them; {_DRAWINGS}",
+    )
+    meshed: Path | None = Field(
+        default=None,
+        description="mesh that was made of the drawing and is read instead: in the case.toml of "
+        "results",
     )
     scale: Scale | None = Field(
         default=None,
@@ -184,6 +218,39 @@ class MeshGeometry(Model):
         default=None,
         description="thickness of the plane-strain slab for which forces are reported; default 1 m",
     )
+
+    @property
+    def is_drawing(self) -> bool:
+        """Whether the mesh is still to be made."""
+        return self.mesh.suffix.lower() in DRAWINGS
+
+    @property
+    def unit(self) -> float:
+        """Length of a unit of the coordinates, m; a STEP file says it itself."""
+        return 1.0 if self.scale is None else self.scale
+
+    @property
+    def says_unit(self) -> bool:
+        """Whether the unit of the coordinates is known."""
+        return self.scale is not None or self.mesh.suffix.lower() in STEP
+
+    def meshing(self) -> Meshing:
+        """How the drawing is meshed."""
+
+        def spots(parts: dict[str, Spots] | None) -> dict[str, list[int | list[float]]]:
+            return {
+                name: [s if isinstance(s, int) else [x / self.unit for x in s] for s in some]
+                for name, some in (parts or {}).items()
+            }
+
+        return Meshing(
+            None if self.size is None else self.size / self.unit,
+            {name: size / self.unit for name, size in (self.sizes or {}).items()},
+            self.order,
+            self.cell,
+            spots(self.bodies),
+            spots(self.surfaces),
+        )
 
     @property
     def slab(self) -> float:
@@ -215,7 +282,7 @@ class MeshGeometry(Model):
         thickness = self.slab if section == "plane-strain" else None
         return self.model_copy(update={"section": section, "thickness": thickness})
 
-    @field_validator("mesh", mode="before")
+    @field_validator("mesh", "meshed", mode="before")
     @classmethod
     def _find(cls, value: object, info: ValidationInfo) -> Path:
         """Make the path absolute, seen from the case file, and see that it is there.
@@ -234,11 +301,24 @@ class MeshGeometry(Model):
             raise PydanticCustomError("path", "no such file ({path})", {"path": str(path)})
         return path
 
-    @field_serializer("mesh")
-    def _as_text(self, value: Path) -> str:
-        return str(value)
+    @field_serializer("mesh", "meshed")
+    def _as_text(self, value: Path | None) -> str | None:
+        return None if value is None else str(value)
 
     def problems(self, place: Place) -> Iterator[Problem]:
-        """A slab without plane strain; no more can be said before the mesh is read."""
+        """Keys that do not go together; no more can be said before the mesh is read."""
         if self.section == "axisymmetric" and self.thickness is not None:
             yield Problem((*place, "thickness"), NO_SLAB, self.thickness)
+        for key in ("size", "sizes", "order", "cell", "bodies", "surfaces", "meshed"):
+            value = getattr(self, key)
+            if value is not None and not self.is_drawing:
+                reason = f"goes with a drawing ({', '.join(DRAWINGS)}), not with a mesh"
+                yield Problem((*place, key), reason)
+        if self.sizes and self.size is None:
+            yield Problem((*place, "size"), "missing; sizes needs the size everywhere else")
+        for name, size in (self.sizes or {}).items():
+            if self.size is not None and size > self.size:
+                reason = f"is larger than size = {self.size:g} m, the largest element size"
+                yield Problem((*place, "sizes", name), reason, size)
+        if self.mesh.suffix.lower() in STEP and self.scale is not None:
+            yield Problem((*place, "scale"), "a STEP file says its unit itself", self.scale)

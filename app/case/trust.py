@@ -15,7 +15,10 @@ from pathlib import Path
 
 from app.case.case import Case
 from app.case.friction import OwnLaw
+from app.case.geometry import MeshGeometry
 from app.errors import InputError
+from geometry.meshes.drawing import GEO
+from geometry.meshes.drawing_words import beyond_drawing, companion
 
 OTHERS = stat.S_IWGRP | stat.S_IWOTH
 
@@ -122,13 +125,49 @@ def require_trust(case: Case, case_file: Path, given: bool) -> bool:
         InputError: it does, and neither that was said nor are the case file and all files of code
             in directories that the user trusts.
     """
-    files = code_files(case)
-    if not files or given:
-        return bool(files)
+    files, drawings = code_files(case), drawings_of(case)
+    wild = [(one, said) for one in drawings if (said := beyond_drawing_in(one))]
+    if not (files or wild) or given:
+        return bool(files or wild)
+    for drawing, said in wild:
+        require_trusted_file(drawing, said)
+    if not files:
+        return True
     for path, (place, file) in ((case_file, files[0]), *((one[1], one) for one in files)):
         said = f'{place}.law = "python" makes this case code: {file} would be run'
         require_trusted_file(path, f"{case_file}: {said}")
     return True
+
+
+def drawings_of(case: Case) -> list[Path]:
+    """The drawings that the mesh of a case, or of a value of its sweep, is made of."""
+    parts = [case, *(part for _, part in case.sweep_cases())]
+    found = [part.geometry for part in parts if isinstance(part.geometry, MeshGeometry)]
+    return list(dict.fromkeys(g.mesh for g in found if g.is_drawing and g.meshed is None))
+
+
+def beyond_drawing_in(drawing: Path) -> str:
+    """What in a drawing may do more than draw, as a gmsh script can, in words; "" if nothing."""
+    if drawing.suffix.lower() not in GEO:
+        return ""
+    try:
+        found = beyond_drawing(drawing.read_bytes().decode("latin-1"))
+    except OSError:
+        return ""  # said where it is read
+    what = f"{drawing}:{found.line}: {found.what}" if found else ""
+    if companion(drawing).exists():
+        what = str(companion(drawing))
+    return what and f"{what} may do more than draw: gmsh can start programs and write files"
+
+
+def require_drawing(drawing: Path) -> None:
+    """See that a drawing only draws, or lies where the user trusts all.
+
+    Raises:
+        InputError: it may do more.
+    """
+    if said := beyond_drawing_in(drawing):
+        require_trusted_file(drawing, said)
 
 
 def require_trusted_file(path: Path, said: str) -> None:

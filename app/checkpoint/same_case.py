@@ -19,7 +19,8 @@ from app.results.status import end_of, given_keys_of
 # What may change: it has no part in the results, or only in how well equations are solved. Meshes
 # are compared by what is in them.
 FREE = (
-    *("title", "output", "probe", "geometry.mesh", "geometry.max_cells"),
+    *("title", "output", "probe", "geometry.mesh", "geometry.meshed"),
+    "geometry.max_cells",
     *("solver.tolerance", "solver.max_iterations", "solver.min_step_fraction"),
     *("solver.petsc", "solver.partition"),
 )

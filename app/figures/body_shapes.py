@@ -32,7 +32,11 @@ _SIDES = {
         *((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4)),
         *((1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
     ),
+    "triangle6": ((0, 1, 2), (2, 3, 4), (4, 5, 0)),  # of nodes round the cell
+    "quad9": ((0, 1, 2), (2, 3, 4), (4, 5, 6), (6, 7, 0)),
 }
+# Nodes round cells of second degree in the plane, as VTK numbers them.
+_ROUND = {"triangle6": [0, 3, 1, 4, 2, 5], "quad9": [0, 4, 1, 5, 2, 6, 3, 7]}
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,8 +46,8 @@ class Bodies:
     Attributes:
         names: of the bodies. dim: 2 or 3.
         position: (n, 3), m, current; reference: (n, 3), m, undeformed.
-        polygons: (f, a) nodes of the cells in the plane, of the outer facets in space.
-        edges: (e, 2) nodes of the sides round each body, in the plane; none in space.
+        polygons: (f, a) nodes round the cells in the plane, round the outer facets in space.
+        edges: (e, 2 or 3) nodes along the sides round each body, in the plane; none in space.
         body: (f,) of each polygon; edge_body: (e,).
         field: values (f,) of the polygons.
     """
@@ -85,6 +89,9 @@ def read_bodies(mesh: meshio.Mesh, names: Sequence[str], field: str) -> Bodies:
     moved = np.asarray(mesh.point_data["displacement"], dtype=np.float64)
     displacement[:, : moved.shape[1]] = moved
     dim = 3 if kinds[0] in ("tetra", "hexahedron") else 2
+    if dim == 2:
+        rounds = [_round(block) for block in mesh.cells]
+        kinds, cells = [kind for kind, _ in rounds], [nodes for _, nodes in rounds]
     sides, owner = _outer_sides(kinds, cells)
     if dim == 3:
         polygons, of, edges, edge_body = sides, owner, sides[:0, :2], body[:0]
@@ -117,6 +124,13 @@ def _corners(block: meshio.CellBlock) -> tuple[str, Ints]:
     raise ValueError(f"cells of kind {block.type} cannot be drawn")
 
 
+def _round(block: meshio.CellBlock) -> tuple[str, Ints]:
+    """Kind and nodes (c, a) round the cells of a block in the plane."""
+    if block.type in _ROUND:
+        return block.type, np.asarray(block.data, dtype=np.int64)[:, _ROUND[block.type]]
+    return _corners(block)
+
+
 def _padded(cells: Sequence[Ints]) -> Ints:
     """Corners of all blocks in one array; triangles among quadrilaterals repeat their last."""
     most = max(block.shape[1] for block in cells)
@@ -124,7 +138,12 @@ def _padded(cells: Sequence[Ints]) -> Ints:
 
 
 def _outer_sides(kinds: Sequence[str], cells: Sequence[Ints]) -> tuple[Ints, Ints]:
-    """Sides (f, a) of one cell only, and the cell (f,) that each is of."""
+    """Sides (f, a) of one cell only, and the cell (f,) that each is of.
+
+    Args:
+        kinds: of the blocks.
+        cells: their corners, or the nodes round curved ones.
+    """
     sides, owner, first = [], [], 0
     for kind, corners in zip(kinds, cells, strict=True):
         table = np.array(_SIDES[kind])

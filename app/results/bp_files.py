@@ -14,10 +14,12 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import dolfinx
+import numpy as np
 from mpi4py import MPI
 
 from app.results.fields import ContactPressureField, StressField
 from forms.bodies.solid import Solid
+from geometry.compat import cell_submesh
 from geometry.surfaces.facets import Floats
 from geometry.surfaces.surface import ContactSurface
 
@@ -53,6 +55,8 @@ class BpWriter:
         cells = [self._stress.stress, self._stress.von_mises, self._stress.pressure]
         if self._stress.flows:
             cells.append(self._stress.plastic_strain)
+        self._bodies = _BodiesAlone(u.function_space.mesh, solids)
+        nodes, cells = map(self._bodies.copies, (nodes, cells))
         self._directory, self._comm = directory, comm
         self._arrays = [function.x.array for function in (*nodes, *cells)]
         # The default engine writes garbage from a rank without cells; BP4 does not.
@@ -77,6 +81,7 @@ class BpWriter:
         self._stress.update()
         if self._contact is not None:
             self._contact.update(pressures)
+        self._bodies.update()
         self._see_room()
         for writer in self._writers:
             with _errors_of_the_system(self._comm.size):
@@ -108,6 +113,40 @@ class BpWriter:
         for writer in self._writers:
             with _errors_of_the_system(self._comm.size):
                 writer.close()
+
+
+class _BodiesAlone:
+    """Functions on the bodies' cells alone, where the mesh has carrier cells beside them."""
+
+    def __init__(self, mesh: dolfinx.mesh.Mesh, solids: Sequence[Solid]) -> None:
+        """Make a mesh of the bodies if there is need; collective."""
+        self._copies: list[tuple[dolfinx.fem.Function, dolfinx.fem.Function]] = []
+        self._mesh: dolfinx.mesh.Mesh | None = None
+        owned = mesh.topology.index_map(mesh.topology.dim).size_local
+        cells = np.unique(np.concatenate([solid.cells for solid in solids])) if solids else None
+        count = owned if cells is None else len(cells)
+        if mesh.comm.allreduce(count < owned, op=MPI.LOR):
+            assert cells is not None
+            self._mesh, self._cells = cell_submesh(mesh, cells.astype(np.int32))
+
+    def copies(self, functions: Sequence[dolfinx.fem.Function]) -> list[dolfinx.fem.Function]:
+        """Functions that :meth:`update` keeps equal to these; these themselves without need."""
+        if self._mesh is None:
+            return list(functions)
+        out = []
+        for function in functions:
+            element = function.function_space.ufl_element()
+            space = dolfinx.fem.functionspace(self._mesh, element)
+            out.append(dolfinx.fem.Function(space, name=function.name))
+            self._copies.append((function, out[-1]))
+        return out
+
+    def update(self) -> None:
+        """Copy the values."""
+        for whole, part in self._copies:
+            rows, there = (f.function_space.dofmap for f in (whole, part))
+            values = whole.x.array.reshape(-1, rows.index_map_bs)
+            part.x.array.reshape(-1, rows.index_map_bs)[there.list] = values[rows.list[self._cells]]
 
 
 @contextmanager

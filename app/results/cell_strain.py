@@ -35,7 +35,7 @@ class CellStrain:
         """Tabulate the shape functions.
 
         Args:
-            u: displacement, m, on straight cells.
+            u: displacement, m.
             section: what the mesh stands for.
         """
         space, topology = u.function_space, u.function_space.mesh.topology

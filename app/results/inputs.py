@@ -56,6 +56,8 @@ def input_files(case: Case) -> list[Path]:
     for one in (case, *(part for _, part in case.sweep_cases())):
         if isinstance(one.geometry, MeshGeometry):
             found[one.geometry.mesh] = None
+            if one.geometry.meshed is not None:
+                found[one.geometry.meshed] = None
         found |= dict.fromkeys(file for tool in one.tools.values() for file in tool.files)
         laws = [c.friction.file for c in one.contact if isinstance(c.friction, OwnLaw)]
         found |= dict.fromkeys(laws)

@@ -65,6 +65,7 @@ class Reporter(Observer):
         self._quiet = quiet
         self._pace = _Pace()
         self._progress = StagesProgress(case)
+        self._touching = bool(case.contact)
         self._bars: StageBars | None = None
         alone = "OMPI_COMM_WORLD_SIZE" not in os.environ
         terminal = self._console.file.isatty() and not self._console.is_dumb_terminal
@@ -106,16 +107,16 @@ class Reporter(Observer):
         here = self._progress.at(row.time, row.dt)
         if isinstance(result, Interval):
             if self._pace.is_due():
-                self._explicit_line(state, row, result)
+                self._explicit_line(row, result)
             return
         residual = f"residual {result.residuals[-1]:.1e}"
         self.say(
             f"step {row.step:4d}  {row.stage:<10s} t {time_text(row.time, row.dt)}  "
-            f"{_forces(state, row)}  "
+            f"{self._forces(row)}  "
             f"Newton {row.newton_iterations} ({residual})",
             always=False,
         )
-        self._tell(f"step {row.step}  {_forces(state, row)}  {residual}  {_cuts(here)}")
+        self._tell(f"step {row.step}  {self._forces(row)}  {residual}  {_cuts(here)}")
 
     def within(self, state: RunState, load_step: LoadStep, steps: int) -> None:
         """A line where no row has come for a while."""
@@ -130,16 +131,23 @@ class Reporter(Observer):
             )
             self._tell(f"time step {steps}, {speed:.0f} steps/s")
 
-    def _explicit_line(self, state: RunState, row: Row, interval: Interval) -> None:
+    def _explicit_line(self, row: Row, interval: Interval) -> None:
         speed = self._pace.speed(interval.total)
         ratio = f"E_kin/E_strain {interval.kinetic_ratio:.1e}"
         self.say(
             f"row {row.step:4d}  {row.stage:<10s} t {time_text(row.time, row.dt)}  "
-            f"{_forces(state, row)}  {ratio}  "
+            f"{self._forces(row)}  {ratio}  "
             f"time step {interval.total} of {interval.dt:.3g} s, {speed:.0f} steps/s",
             always=False,
         )
-        self._tell(f"row {row.step}  {_forces(state, row)}  {ratio}  {speed:.0f} steps/s")
+        self._tell(f"row {row.step}  {self._forces(row)}  {ratio}  {speed:.0f} steps/s")
+
+    def _forces(self, row: Row) -> str:
+        """Velocity and forces of a step, or the work where there is no contact."""
+        moving = f"V {row.velocity:.3g} m/s"
+        if not self._touching:
+            return f"{moving}  {_work(asdict(row))}"
+        return f"{moving}  N {row.normal_force:.5g} N  F_T {row.friction_force:.5g} N"
 
     def _tell(self, details: str) -> None:
         if self._bars is not None:
@@ -151,7 +159,7 @@ class Reporter(Observer):
         """One line of what the load step ended with."""
         how = "" if steady is None else (" steady:" if steady else " NOT steady:")
         pairs = state.last_of_pairs()
-        at_end = _at_end if pairs else _work
+        at_end = _at_end if self._touching else _work
         several = len(pairs) > 1
         whose = " all pairs together:" if several else ""
         viscosity = 0.0 if several else row.effective_viscosity
@@ -179,13 +187,6 @@ class Reporter(Observer):
         """Take the bars away."""
         if self._bars is not None:
             self._bars.close()
-
-
-def _forces(state: RunState, row: Row) -> str:
-    """Velocity and forces of a step, or the work where there is no contact."""
-    if not state.model.case.contact:
-        return f"V {row.velocity:.3g} m/s  {_work(asdict(row))}"
-    return f"V {row.velocity:.3g} m/s  N {row.normal_force:.5g} N  F_T {row.friction_force:.5g} N"
 
 
 def _work(values: Mapping[str, Any]) -> str:

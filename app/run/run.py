@@ -25,6 +25,7 @@ from app.results.recorder import Recorder
 from app.results.saving import Saving
 from app.results.status import check_may_begin_anew
 from app.run.interruption import Interruption
+from app.run.meshed import meshed
 from app.run.progress import Reporter, Together
 from app.simulation.explicit_stage import notes_on_steps
 from app.simulation.history import energy_gap
@@ -69,7 +70,9 @@ def run_case(
     on_first(comm, lambda: claim.take(resume or extend))
     try:
         found = _to_go_on(directory, extend, comm) if resume or extend else None
-        return _run_claimed(case, Opening(claim, found, resume, extend, inputs_of, quiet), comm)
+        opening = Opening(claim, found, resume, extend, inputs_of, quiet)
+        with meshed(case, directory if found else None, comm) as whole:
+            return _run_claimed(whole, opening, comm)
     finally:
         claim.release()
 

@@ -14,7 +14,8 @@ import numpy as np
 
 from forms.bodies.kinematics import Section
 from forms.bodies.solid import Solid
-from geometry.meshes.places import centre, corners, shape_functions
+from geometry.compat import cell_order
+from geometry.meshes.places import centre, nodes_of, shape_functions
 from geometry.surfaces.facets import Floats, Ints
 
 ON_AXIS = 1e-6  # radius over the cell's outer one up to which a point lies on the axis
@@ -62,14 +63,14 @@ def rows_at(space: dolfinx.fem.FunctionSpace, section: Section, cells: Ints, xi:
     """Rows at one point of each cell.
 
     Args:
-        space: of the displacement, on straight first-order cells.
+        space: of the displacement.
         section: what the mesh stands for.
         cells: (c,) local.
         xi: (c, α) reference coordinates, or (1, α) of the same point in every cell.
     """
     mesh = space.mesh
-    kind, X = mesh.topology.cell_name(), corners(mesh, cells)
-    geometry = shape_functions(kind, 1, 1, xi)
+    kind, X = mesh.topology.cell_name(), nodes_of(mesh, cells)
+    geometry = shape_functions(kind, cell_order(mesh), 1, xi)
     place = np.einsum("ca,cai->ci", _each(geometry[0], cells), X)
     edges = np.einsum("zca,cai->ciz", _each(geometry[1:], cells), X)
     degree = space.element.basix_element.degree
@@ -90,7 +91,7 @@ def centre_rows(space: dolfinx.fem.FunctionSpace, section: Section, cells: Ints)
     rows = rows_at(space, section, cells, centre(kind))
     if section != "axisymmetric" or not len(cells):
         return rows
-    X, table = corners(space.mesh, cells), shape_functions(kind, 1, 2, centre(kind))[:, 0]
+    X, table = nodes_of(space.mesh, cells), shape_functions(kind, 1, 2, centre(kind))[:, 0]
     # The order of basix: N, N_ξ, N_η, N_ξξ, N_ξη, N_ηη. Second derivatives of N along an edge of
     # the cell and across are those in the reference cell less what the edges themselves bend.
     second = table[[[3, 4], [4, 5]]]

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from geometry.meshes.mesh_arrays import CORNERS, DIMENSION, FACETS, MeshArrays, Part
-
-GMSH_TYPES = {"interval": 1, "triangle": 2, "quadrilateral": 3, "tetrahedron": 4, "hexahedron": 5}
+from geometry.meshes.elements import CORNERS, DIMENSION, FACETS, KINDS, NUMBERS
+from geometry.meshes.mesh_arrays import MeshArrays, Part
 
 _Tags = npt.NDArray[np.int64]
 _Elements = tuple[list[int], list[_Tags], list[_Tags]]
@@ -29,7 +28,8 @@ class ArrayModel:
         dim = arrays.dim
         self._position = arrays.position
         self._parts: dict[tuple[int, int], tuple[str, Part]] = {}
-        self._shapes = {dim: arrays.cell, dim - 1: FACETS[arrays.cell]}
+        shapes = {dim: arrays.cell, dim - 1: FACETS[arrays.cell]}
+        self._kinds = {d: NUMBERS[shape, arrays.order] for d, shape in shapes.items()}
         cells = {**arrays.bodies, **{f"carrier {k}": v for k, v in arrays.carriers.items()}}
         for d, parts in ((dim - 1, arrays.surfaces), (dim, cells)):
             self._parts |= {(d, part.tag): (name, part) for name, part in parts.items()}
@@ -54,19 +54,18 @@ class ArrayModel:
     def getElements(self, dim: int, tag: int = -1) -> _Elements:
         """Kind, numbers and flat nodes of the elements of one entity, or of a dimension."""
         parts = [part for key, (_, part) in self._parts.items() if key[0] == dim]
-        begins = np.cumsum([0, *(len(part.corners) for part in parts)])
+        begins = np.cumsum([0, *(len(part.nodes) for part in parts)])
         chosen = [
-            (1 + begin + np.arange(len(part.corners)), part.corners.reshape(-1) + 1)
+            (1 + begin + np.arange(len(part.nodes)), part.nodes.reshape(-1) + 1)
             for begin, part in zip(begins, parts, strict=False)
             if tag in (-1, part.tag)
         ]
         if not chosen:
             return [], [], []
         numbers, nodes = (np.concatenate(list(found)) for found in zip(*chosen, strict=True))
-        return [GMSH_TYPES[self._shapes[dim]]], [numbers], [nodes]
+        return [self._kinds[dim]], [numbers], [nodes]
 
     def getElementProperties(self, kind: int) -> tuple[str, int, int, int, list[float], int]:
         """Name, dimension, order, nodes, their local places (none here) and corners of a kind."""
-        shape = next(name for name, number in GMSH_TYPES.items() if number == kind)
-        corners = CORNERS[shape]
-        return shape, DIMENSION.get(shape, 1), 1, corners, [], corners
+        one = KINDS[kind]
+        return one.shape, DIMENSION[one.shape], one.order, one.nodes, [], CORNERS[one.shape]

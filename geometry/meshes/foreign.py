@@ -4,7 +4,7 @@ gmsh overwrites memory on some damaged files and ends the process it runs in. Th
 process only, and what the program gets to see are arrays that it has checked, or one line.
 
     python3 -m geometry.meshes.foreign read FILE MOST_CELLS
-    python3 -m geometry.meshes.foreign draw DRAWING FILE
+    python3 -m geometry.meshes.foreign draw DRAWING JSON
 
 write the arrays of a mesh file, or the number of cells of a drawing's bodies, to standard output.
 """
@@ -105,7 +105,7 @@ def _answer(task: str, source: str, last: str) -> bytes:
     """What a task leads to, as bytes."""
     if task == "read":
         return read_msh(Path(source), int(last)).packed()
-    return json.dumps(write_mesh_of(Path(source), Path(last))).encode()
+    return json.dumps(write_mesh_of(Path(source), last)).encode()
 
 
 def main(arguments: list[str]) -> int:

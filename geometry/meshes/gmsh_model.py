@@ -16,6 +16,8 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from geometry.meshes.elements import INCOMPLETE, KINDS, PYRAMIDS
+
 PLANE_TOLERANCE = 1e-9
 """Largest |z| of a plane mesh, relative to its size in the plane."""
 
@@ -25,7 +27,6 @@ LONGEST_NAME = 100
 FARTHEST = 1e30
 """Largest coordinate, m: the fourth power of a length is still a number."""
 
-_CELLS = {2: "triangle", 3: "quadrilateral", 4: "tetrahedron", 5: "hexahedron"}
 _ENTITY = {0: "point", 1: "curve", 2: "face", 3: "volume"}
 
 
@@ -41,14 +42,12 @@ class NamedGroups:
         dim: Dimension of the cells, 2 or 3.
         bodies: Physical tag of each named group of cells.
         surfaces: Physical tag of each named group of facets.
-        facet_counts: Number of facets of each named group of facets.
         groups: Dimension and entities of each named group of points, and in 3D of curves.
     """
 
     dim: int
     bodies: dict[str, int]
     surfaces: dict[str, int]
-    facet_counts: dict[str, int]
     groups: dict[str, tuple[int, list[int]]]
 
 
@@ -138,8 +137,8 @@ def named_groups(gmsh: ModuleType, source: str) -> NamedGroups:
 
     Raises:
         MeshError: If the model has no cells or no named groups, if a cell is in no body or an
-            entity in two groups, if cells are mixed, of higher order, folded or listed twice, or
-            if a plane mesh does not lie in z = 0.
+            entity in two groups, if cells are of a kind that cannot be read, folded or listed
+            twice, or if a plane mesh does not lie in z = 0.
     """
     dim = _cell_dimension(gmsh, source)
     groups = gmsh.model.getPhysicalGroups()
@@ -163,21 +162,20 @@ def named_groups(gmsh: ModuleType, source: str) -> NamedGroups:
     _check_cells(gmsh, dim, source)
     if dim == 2:
         _check_plane(gmsh, source)
-    kind = gmsh.model.mesh.getElementTypes(dim)[0]
-    corners = np.unique(np.asarray(gmsh.model.mesh.getElementsByType(kind)[1], dtype=np.int64))
-    counts = {
-        name: _check_facets(gmsh, dim, tag, name, source, corners) for name, tag in surfaces.items()
-    }
-    return NamedGroups(dim, bodies, surfaces, counts, others)
+    nodes = np.unique(np.concatenate(gmsh.model.mesh.getElements(dim)[2]).astype(np.int64))
+    for name, tag in surfaces.items():
+        _check_facets(gmsh, dim, tag, name, source, nodes)
+    return NamedGroups(dim, bodies, surfaces, others)
 
 
-def elements_of(gmsh: ModuleType, dim: int, tag: int) -> list[npt.NDArray[np.int64]]:
-    """Node tags (e, a) of a group's elements, for each of its entities; each has one kind only."""
-    rows = []
+def elements_of(gmsh: ModuleType, dim: int, tag: int) -> dict[int, npt.NDArray[np.int64]]:
+    """Node tags (e, a) of a group's elements, by gmsh's number of their kind."""
+    found: dict[int, list[npt.NDArray[np.int64]]] = {}
     for entity in gmsh.model.getEntitiesForPhysicalGroup(dim, tag):
         types, _, nodes = gmsh.model.mesh.getElements(dim, entity)
-        rows.append(_rows(gmsh, types[0], nodes[0]))
-    return rows
+        for kind, row in zip(types, nodes, strict=True):
+            found.setdefault(int(kind), []).append(_rows(gmsh, kind, row))
+    return {kind: np.concatenate(rows) for kind, rows in found.items()}
 
 
 def _other_groups(
@@ -276,30 +274,56 @@ def _check_coordinates(gmsh: ModuleType, source: str) -> None:
 
 
 def _check_cells(gmsh: ModuleType, dim: int, source: str) -> None:
-    """Cells must be of one kind, of first order, each listed once and not folded."""
-    types = gmsh.model.mesh.getElementTypes(dim)
+    """Cells must be of kinds that can be read, each listed once and not folded."""
+    types = [int(kind) for kind in gmsh.model.mesh.getElementTypes(dim)]
+    _check_kinds(gmsh, types, source)
+    for kind in types:
+        tags, nodes = gmsh.model.mesh.getElementsByType(kind)
+        repeated = _repeated(_rows(gmsh, kind, nodes))
+        if repeated:
+            raise MeshError(f"{source}: {repeated} cells are listed twice")
+        low = np.asarray(gmsh.model.mesh.getElementQualities(tags, "minDetJac"))
+        high = np.asarray(gmsh.model.mesh.getElementQualities(tags, "maxDetJac"))
+        # Cells numbered clockwise have two negative values: fine for DOLFINx.
+        folded = np.flatnonzero(~(np.sign(low) * np.sign(high) > 0.0))
+        if len(folded):
+            where = _middle_of(gmsh, tags[folded[0]])
+            raise MeshError(
+                f"{source}: {len(folded)} cells are folded or without extent, the first at {where}"
+            )
+
+
+def _check_kinds(gmsh: ModuleType, types: list[int], source: str) -> None:
+    """Kinds that can be read: all of first order, or one of second order with all its nodes."""
     described = ", ".join(gmsh.model.mesh.getElementProperties(t)[0] for t in types)
-    if any(gmsh.model.mesh.getElementProperties(t)[2] != 1 for t in types):
+    if PYRAMIDS & set(types):
         raise MeshError(
-            f"{source}: cells of higher order ({described}); only first order is read, with "
-            "straight edges (in gmsh: Mesh.ElementOrder = 1)"
+            f"{source}: cells are of the kind {described}; pyramids cannot be divided into "
+            "hexahedra: mesh bodies with tetrahedra or hexahedra that do not touch"
         )
-    if len(types) > 1:
-        raise MeshError(f"{source}: cells of several kinds ({described}); use one kind only")
-    if types[0] not in _CELLS:
+    if INCOMPLETE & set(types):
         raise MeshError(
-            f"{source}: cells are of the kind {described}; allowed are {', '.join(_CELLS.values())}"
+            f"{source}: second-order cells without all of their nodes ({described}); mesh it with "
+            "Mesh.SecondOrderIncomplete = 0"
         )
-    tags, nodes = gmsh.model.mesh.getElementsByType(types[0])
-    repeated = _repeated(_rows(gmsh, types[0], nodes))
-    if repeated:
-        raise MeshError(f"{source}: {repeated} cells are listed twice")
-    low = np.asarray(gmsh.model.mesh.getElementQualities(tags, "minDetJac"))
-    high = np.asarray(gmsh.model.mesh.getElementQualities(tags, "maxDetJac"))
-    # Cells numbered clockwise have two negative values: fine for DOLFINx.
-    folded = int(np.count_nonzero(~(np.sign(low) * np.sign(high) > 0.0)))
-    if folded:
-        raise MeshError(f"{source}: {folded} cells are folded or without extent")
+    orders = {gmsh.model.mesh.getElementProperties(t)[2] for t in types}
+    if max(orders) > 2 or not set(types) <= KINDS.keys():
+        raise MeshError(
+            f"{source}: cells of the kind {described}; first and second order are read (in gmsh: "
+            "Mesh.ElementOrder = 1 or 2)"
+        )
+    if max(orders) == 2 and len(types) > 1:
+        raise MeshError(
+            f"{source}: cells of several kinds ({described}), which have to be of first order (in "
+            "gmsh: Mesh.ElementOrder = 1)"
+        )
+
+
+def _middle_of(gmsh: ModuleType, cell: int) -> str:
+    """The place of a cell, as text."""
+    nodes = gmsh.model.mesh.getElement(cell)[1]
+    middle = np.mean([gmsh.model.mesh.getNode(node)[0] for node in nodes], axis=0)
+    return "(" + ", ".join(f"{value:.4g}" for value in middle) + ")"
 
 
 def _check_meshed(gmsh: ModuleType, dim: int, tag: int, what: str) -> None:
@@ -318,9 +342,9 @@ def _check_facets(
     tag: int,
     name: str,
     source: str,
-    corners: npt.NDArray[np.int64],
-) -> int:
-    """Facets of a surface must be of one kind, on cells and listed once; returns their number.
+    nodes: npt.NDArray[np.int64],
+) -> None:
+    """Facets of a surface must be on cells and listed once.
 
     Args:
         gmsh: The module.
@@ -328,30 +352,23 @@ def _check_facets(
         tag: Of the surface.
         name: Of the surface.
         source: Name of the model in messages.
-        corners: (n,) tags of the nodes of all cells, sorted.
+        nodes: (n,) tags of the nodes of all cells, sorted.
     """
     what = f"surface {name!r}"
     _check_meshed(gmsh, dim - 1, tag, f"{source}: {what}")
-    if any(
-        len(gmsh.model.mesh.getElementTypes(dim - 1, entity)) > 1
-        for entity in gmsh.model.getEntitiesForPhysicalGroup(dim - 1, tag)
-    ):
-        raise MeshError(f"{source}: {what} has facets of several kinds")
-    rows = elements_of(gmsh, dim - 1, tag)
-    if len({r.shape[1] for r in rows}) > 1:
-        raise MeshError(f"{source}: surface {name!r} has facets of several kinds")
-    facets = np.concatenate(rows)
-    # Nodes that are of no cell would make DOLFINx abort the program.
-    adrift = int(np.count_nonzero(~np.isin(facets, corners).all(axis=1)))
-    if adrift:
-        raise MeshError(
-            f"{source}: {adrift} of the {len(facets)} facets of surface {name!r} are not on the "
-            f"boundary of any cell; is their {_ENTITY[dim]} in a physical group?"
-        )
-    repeated = _repeated(facets)
-    if repeated:
-        raise MeshError(f"{source}: {repeated} facets of surface {name!r} are listed twice")
-    return len(facets)
+    blocks = elements_of(gmsh, dim - 1, tag)
+    total = sum(map(len, blocks.values()))
+    for facets in blocks.values():
+        # Nodes that are of no cell would make DOLFINx abort the program.
+        adrift = int(np.count_nonzero(~np.isin(facets, nodes).all(axis=1)))
+        if adrift:
+            raise MeshError(
+                f"{source}: {adrift} of the {total} facets of surface {name!r} are not on the "
+                f"boundary of any cell; is their {_ENTITY[dim]} in a physical group?"
+            )
+        repeated = _repeated(facets)
+        if repeated:
+            raise MeshError(f"{source}: {repeated} facets of surface {name!r} are listed twice")
 
 
 def _check_plane(gmsh: ModuleType, source: str) -> None:

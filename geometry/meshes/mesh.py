@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import dolfinx
 import numpy as np
@@ -20,10 +21,12 @@ from geometry.compat import (
 )
 from geometry.meshes import metis
 from geometry.meshes.array_model import ArrayModel
+from geometry.meshes.drawing import AS_DRAWN, DRAWINGS, Meshing, mesh_drawing
+from geometry.meshes.elements import CORNERS
 from geometry.meshes.extraction import arrays_of
 from geometry.meshes.gmsh_model import MeshError, Shape, gmsh_session
 from geometry.meshes.groups import Group, found_group
-from geometry.meshes.mesh_arrays import CORNERS, MeshArrays, unpacked
+from geometry.meshes.mesh_arrays import MeshArrays, unpacked
 from geometry.meshes.own_process import ask
 from geometry.meshes.partition import share_out
 
@@ -46,7 +49,8 @@ class NamedMesh:
     """A distributed mesh whose bodies and surfaces have names.
 
     Attributes:
-        mesh: The mesh, of straight first-order cells; coordinates in m, 2 in the plane, 3 in space.
+        mesh: The mesh, of one kind of cells; coordinates in m, 2 in the plane, 3 in space. Cells
+            are straight (order 1), or curved, of second order.
         cell_tags: The body's tag of every cell.
         facet_tags: The surface's tag of every facet on a named surface.
         bodies: Tag of each body.
@@ -54,6 +58,8 @@ class NamedMesh:
         groups: Named points and, in space, edges.
         carriers: Tag of each cell that is no body's, see `MeshArrays.with_carriers`. None of them
             is in an output or a sum over the bodies.
+        order: Of the cells, 1 or 2.
+        notes: What the reader did to the mesh, one line each.
     """
 
     mesh: dolfinx.mesh.Mesh
@@ -63,6 +69,8 @@ class NamedMesh:
     surfaces: dict[str, int]
     groups: dict[str, Group] = field(default_factory=dict)
     carriers: dict[str, int] = field(default_factory=dict)
+    order: int = 1
+    notes: tuple[str, ...] = ()
 
     def body_tag(self, name: str) -> int:
         """The tag of a body in ``cell_tags``.
@@ -185,6 +193,8 @@ class _Names:
     carriers: dict[str, int]
     facet_counts: dict[str, int]
     groups: dict[str, npt.NDArray[np.int64]]
+    order: int
+    notes: tuple[str, ...]
 
     @classmethod
     def of(cls, arrays: MeshArrays) -> _Names:
@@ -194,8 +204,10 @@ class _Names:
             {name: part.tag for name, part in arrays.bodies.items()},
             {name: part.tag for name, part in arrays.surfaces.items()},
             {name: part.tag for name, part in arrays.carriers.items()},
-            {name: len(part.corners) for name, part in arrays.surfaces.items()},
+            {name: len(part.nodes) for name, part in arrays.surfaces.items()},
             arrays.groups,
+            arrays.order,
+            arrays.notes,
         )
 
 
@@ -225,22 +237,28 @@ def read(
     most_cells: int = MOST_CELLS,
     carriers: Sequence[str] = (),
     scale: float = 1.0,
+    straight: bool = False,
+    how: Meshing = AS_DRAWN,
 ) -> NamedMesh:
-    """Read a gmsh file (``.msh``, version 2 or 4) on one process and distribute it; collective.
+    """Read a gmsh file, or mesh a drawing, on one process and distribute the mesh; collective.
 
-    gmsh reads it in a process of its own, which the first process starts.
+    gmsh does it in a process of its own, which the first process starts. (Whether a drawing may do
+    more than draw is for the caller to see to.)
 
     Every cell must be in a named physical group (a body); named groups of facets become surfaces,
-    and named points, or in space edges, become groups. Cells are triangles or quadrilaterals in the
-    plane z = 0, or tetrahedra or hexahedra, of first order and of one kind.
+    and named points, or in space edges, become groups. Cells are triangles and quadrilaterals in
+    the plane z = 0, or tetrahedra, hexahedra and prisms; where there are several kinds, or prisms,
+    all are divided into quadrilaterals or hexahedra. Cells of one kind may be of second order.
 
     Args:
-        path: The file.
+        path: The file: ``.msh`` of version 2 or 4, or a drawing.
         comm: Communicator of the mesh.
         contacts: As in ``generate``; names that the file does not have are ignored.
         most_cells: More are refused.
         carriers: As in ``generate``.
         scale: m, of a unit of the file's coordinates.
+        straight: Whether of second-order cells only the corners are taken.
+        how: A drawing is meshed.
 
     Returns:
         The mesh with the file's names.
@@ -250,7 +268,10 @@ def read(
     """
 
     def make() -> MeshArrays:
-        return _read(Path(path), most_cells).scaled(scale).with_carriers(carriers)
+        drawn = Path(path).suffix.lower() in DRAWINGS
+        found = _drawn(Path(path), how, most_cells) if drawn else _read(Path(path), most_cells)
+        arrays = found.scaled(scale)
+        return (arrays.straightened() if straight else arrays).with_carriers(carriers)
 
     return _load(make, str(path), comm, contacts)
 
@@ -270,10 +291,17 @@ def _load(
     partitioner = _partitioner(arrays, names, comm, contacts)
     mesh, cell_tags, facet_tags = model_to_mesh(model, comm, 0, names.dim, partitioner)
     mesh.topology.create_entities(names.dim - 1)
-    named = NamedMesh(mesh, cell_tags, facet_tags, names.bodies, names.surfaces)
-    named.carriers.update(names.carriers)
-    for name, corners in names.groups.items():
-        named.groups[name] = found_group(mesh, corners)
+    named = NamedMesh(
+        mesh,
+        cell_tags,
+        facet_tags,
+        names.bodies,
+        names.surfaces,
+        {name: found_group(mesh, corners) for name, corners in names.groups.items()},
+        names.carriers,
+        names.order,
+        names.notes,
+    )
     _check_facets_found(named, names, source)
     return named
 
@@ -288,6 +316,17 @@ def _generated(shape: Shape) -> MeshArrays:
             said = " ".join(str(error).split())
             raise MeshError(f"gmsh cannot mesh this geometry: {said}") from error
         return arrays_of(gmsh, source)
+
+
+def _drawn(drawing: Path, how: Meshing, most_cells: int) -> MeshArrays:
+    """The mesh of a drawing."""
+    with TemporaryDirectory() as directory:
+        path = Path(directory) / f"{drawing.stem}.msh"
+        mesh_drawing(drawing, path, how)
+        try:
+            return _read(path, most_cells)
+        except MeshError as error:
+            raise MeshError(str(error).replace(str(path), str(drawing))) from None
 
 
 def _read(path: Path, most_cells: int) -> MeshArrays:
@@ -321,10 +360,7 @@ def _partitioner(
 
     def parts_of(vertices: npt.NDArray[np.int64], parts: int) -> npt.NDArray[np.int32]:
         assert arrays is not None, "the cells are where the arrays are"
-        pairs = [
-            (arrays.surfaces[slave].corners, arrays.surfaces[master].corners)
-            for slave, master in known
-        ]
+        pairs = [(arrays.facets(slave), arrays.facets(master)) for slave, master in known]
         cells = vertices.reshape(-1, CORNERS[arrays.cell])
         return share_out(cells, arrays.position[:, : arrays.dim], pairs, parts)
 

@@ -15,29 +15,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from geometry.meshes.elements import CORNERS, DIMENSION, FACETS, PLACES, SECOND, nodes_of
 from geometry.meshes.gmsh_model import FARTHEST, MeshError
 
-CORNERS = {"interval": 2, "triangle": 3, "quadrilateral": 4, "tetrahedron": 4, "hexahedron": 8}
-"""Number of corners of a cell or facet."""
-
-FACETS = {
-    "triangle": "interval",
-    "quadrilateral": "interval",
-    "tetrahedron": "triangle",
-    "hexahedron": "quadrilateral",
-}
-"""Shape of a cell's facets."""
-
-DIMENSION = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
-
-# The corners of a cell of extent 1 around the origin, in gmsh's order.
-_CYCLE = ((-0.5, -0.5, 0.0), (0.5, -0.5, 0.0), (0.5, 0.5, 0.0), (-0.5, 0.5, 0.0))
-_SHAPES = {
-    "triangle": _CYCLE[:3],
-    "quadrilateral": _CYCLE,
-    "tetrahedron": ((-0.5,) * 3, (0.5, -0.5, -0.5), (-0.5, 0.5, -0.5), (-0.5, -0.5, 0.5)),
-    "hexahedron": tuple((x, y, z) for z in (-0.5, 0.5) for x, y, _ in _CYCLE),
-}
 CARRIER_SIZE = 0.1
 """Extent of a carrier cell over that of the mesh, in each direction."""
 
@@ -48,11 +28,11 @@ class Part:
 
     Attributes:
         tag: its number.
-        corners: (c, a) or (f, a) nodes of its cells or facets, in gmsh's order.
+        nodes: (c, a) or (f, a) nodes of its cells or facets, in gmsh's order: corners come first.
     """
 
     tag: int
-    corners: npt.NDArray[np.int64]
+    nodes: npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +46,8 @@ class MeshArrays:
         surfaces: facets by name.
         groups: nodes (e, 1) of points, or in space (e, 2) of edges, by name.
         carriers: one cell each by name, which is no body's: see `with_carriers`.
+        order: 1: cells are straight; 2: they are curved.
+        notes: what the reader did to it, one line each.
     """
 
     cell: str
@@ -74,6 +56,8 @@ class MeshArrays:
     surfaces: dict[str, Part]
     groups: dict[str, npt.NDArray[np.int64]] = field(default_factory=dict)
     carriers: dict[str, Part] = field(default_factory=dict)
+    order: int = 1
+    notes: tuple[str, ...] = ()
 
     @property
     def dim(self) -> int:
@@ -83,7 +67,36 @@ class MeshArrays:
     @property
     def cells(self) -> npt.NDArray[np.int64]:
         """Corners (c, a) of the cells of all bodies, one body after the other."""
-        return np.concatenate([body.corners for body in self.bodies.values()])
+        corners = CORNERS[self.cell]
+        return np.concatenate([body.nodes[:, :corners] for body in self.bodies.values()])
+
+    def facets(self, surface: str) -> npt.NDArray[np.int64]:
+        """Corners (f, a) of the facets of a surface."""
+        return self.surfaces[surface].nodes[:, : CORNERS[FACETS[self.cell]]]
+
+    def straightened(self) -> MeshArrays:
+        """With straight cells of first order, between the corners; without the other nodes."""
+        if self.order == 1:
+            return self
+        used = np.unique(self.cells)
+        number = np.full(len(self.position), -1, dtype=np.int64)
+        number[used] = np.arange(len(used))
+        bodies, surfaces = (
+            {name: Part(part.tag, number[part.nodes[:, :corners]]) for name, part in parts.items()}
+            for parts, corners in (
+                (self.bodies, CORNERS[self.cell]),
+                (self.surfaces, CORNERS[FACETS[self.cell]]),
+            )
+        )
+        note = "second-order cells: of first order here, without the nodes between the corners"
+        return replace(
+            self,
+            position=self.position[used],
+            bodies=bodies,
+            surfaces=surfaces,
+            order=1,
+            notes=(*self.notes, note),
+        )
 
     def scaled(self, factor: float) -> MeshArrays:
         """With all coordinates multiplied by a factor.
@@ -108,15 +121,27 @@ class MeshArrays:
         Args:
             names: of the cells.
         """
-        low, high = self.position.min(axis=0), self.position.max(axis=0)
-        shape = 0.5 * (low + high) + CARRIER_SIZE * (high - low) * np.array(_SHAPES[self.cell])
+        used = np.zeros(len(self.position), dtype=bool)
+        used[self.cells] = True
+        low, high = self.position[used].min(axis=0), self.position[used].max(axis=0)
+        places = np.array(PLACES[self.cell])
+        if self.order == 2:
+            means = [places[list(corners)].mean(axis=0) for corners in SECOND[self.cell]]
+            places = np.concatenate([places, means])
+        shape = 0.5 * (low + high) + CARRIER_SIZE * (high - low) * places
         count, corners = len(self.position), len(shape)
+        # Numbers that no cell uses, such as that of an arc's centre, come first: DOLFINx takes none
+        # from the number of nodes that are used on.
+        numbers = np.concatenate([np.nonzero(~used)[0], count + np.arange(corners * len(names))])
+        numbers = numbers[: corners * len(names)]
         first = 1 + max(part.tag for part in (*self.bodies.values(), *self.carriers.values()))
         added = {
-            name: Part(first + k, count + corners * k + np.arange(corners)[None])
+            name: Part(first + k, numbers[None, corners * k : corners * (k + 1)])
             for k, name in enumerate(names)
         }
-        position = np.concatenate([self.position, *[shape] * len(names)])
+        more = np.zeros((max(int(numbers.max(initial=-1)) + 1 - count, 0), 3))
+        position = np.concatenate([self.position, more])
+        position[numbers] = np.tile(shape, (len(names), 1))
         return replace(self, position=position, carriers={**self.carriers, **added})
 
     def packed(self) -> bytes:
@@ -124,13 +149,15 @@ class MeshArrays:
         parts = [*self.bodies.values(), *self.surfaces.values()]
         header = {
             "cell": self.cell,
+            "order": self.order,
+            "notes": self.notes,
             "bodies": [[name, part.tag] for name, part in self.bodies.items()],
             "surfaces": [[name, part.tag] for name, part in self.surfaces.items()],
             "groups": list(self.groups),
         }
         text = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
         stream = io.BytesIO()
-        arrays = {f"part{number}": part.corners for number, part in enumerate(parts)}
+        arrays = {f"part{number}": part.nodes for number, part in enumerate(parts)}
         arrays |= {f"group{number}": nodes for number, nodes in enumerate(self.groups.values())}
         np.savez(stream, header=text, position=self.position, **arrays)  # type: ignore[arg-type]
         return stream.getvalue()
@@ -161,6 +188,8 @@ def unpacked(data: bytes) -> MeshArrays:
                 dict(parts[:count]),
                 dict(parts[count:]),
                 groups,
+                order=int(header["order"]),
+                notes=tuple(map(str, header["notes"])),
             )
     except (ValueError, KeyError, TypeError, OSError, EOFError, zipfile.BadZipFile) as error:
         raise MeshError(f"the arrays of the mesh are damaged ({error})") from error
@@ -170,14 +199,14 @@ def unpacked(data: bytes) -> MeshArrays:
 
 def _check(mesh: MeshArrays) -> None:
     """See that shapes and numbers are possible."""
-    sound = mesh.cell in DIMENSION and bool(mesh.bodies)
+    sound = mesh.cell in FACETS and mesh.order in (1, 2) and bool(mesh.bodies)
     sound = sound and mesh.position.dtype == np.float64 and mesh.position.shape[1:] == (3,)
     sound = sound and bool(np.isfinite(mesh.position).all())
     if sound:
         facet = FACETS[mesh.cell]
         nodes = len(mesh.position)
         sound = all(
-            _is_sound(part, CORNERS[shape], nodes)
+            _is_sound(part, nodes_of(shape, mesh.order), nodes)
             for shape, parts in ((mesh.cell, mesh.bodies), (facet, mesh.surfaces))
             for part in parts.values()
         )
@@ -193,10 +222,10 @@ def _is_group(rows: npt.NDArray[np.int64], nodes: int) -> bool:
     return bool(rows.min() >= 0 and rows.max() < nodes)
 
 
-def _is_sound(part: Part, corners: int, nodes: int) -> bool:
+def _is_sound(part: Part, width: int, nodes: int) -> bool:
     """Whether elements exist and are made of so many of the nodes, each once."""
-    rows: Any = part.corners
-    if rows.dtype != np.int64 or rows.ndim != 2 or rows.shape[1] != corners or not len(rows):
+    rows: Any = part.nodes
+    if rows.dtype != np.int64 or rows.ndim != 2 or rows.shape[1] != width or not len(rows):
         return False
     if abs(part.tag) > np.iinfo(np.int32).max or rows.min() < 0 or rows.max() >= nodes:
         return False

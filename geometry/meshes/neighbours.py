@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from geometry.meshes.elements import SIDES
 from geometry.meshes.gmsh_model import MeshError
 from geometry.meshes.mesh_arrays import MeshArrays
 
@@ -16,20 +17,6 @@ Longs = npt.NDArray[np.int64]
 FLAT = 1e-14
 """Smallest extent of a cell: its determinant over the power of its longest side."""
 
-# Facets of gmsh's cells, seen from outside counter-clockwise.
-_FACETS = {
-    "triangle": ((0, 1), (1, 2), (2, 0)),
-    "quadrilateral": ((0, 1), (1, 2), (2, 3), (3, 0)),
-    "tetrahedron": ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)),
-    "hexahedron": (
-        (0, 3, 2, 1),
-        (4, 5, 6, 7),
-        (0, 1, 5, 4),
-        (1, 2, 6, 5),
-        (2, 3, 7, 6),
-        (3, 0, 4, 7),
-    ),
-}
 # Corners joined to the first one.
 _AROUND = {
     "triangle": (1, 2),
@@ -51,8 +38,8 @@ def check_neighbours(mesh: MeshArrays, source: str) -> None:
     """
     cells = mesh.cells
     sign = _orientation(mesh, cells, source)
-    facets = np.concatenate([cells[:, at] for at in _FACETS[mesh.cell]])
-    side = np.tile(sign, len(_FACETS[mesh.cell])) * _turn(facets)
+    facets = np.concatenate([cells[:, list(at)] for at in SIDES[mesh.cell]])
+    side = np.tile(sign, len(SIDES[mesh.cell])) * _turn(facets)
     order = np.lexsort(np.sort(facets, axis=1).T[::-1])
     same = np.sort(facets[order], axis=1)
     begins = np.flatnonzero(np.r_[True, (same[1:] != same[:-1]).any(axis=1)])

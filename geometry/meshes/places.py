@@ -13,7 +13,7 @@ import basix
 import dolfinx
 import numpy as np
 
-from geometry.compat import cell_nodes
+from geometry.compat import cell_nodes, cell_order
 from geometry.surfaces.facets import Bools, Floats, Ints, Longs
 
 INSIDE = 1e-6  # reference coordinates by which a point may lie outside a cell it is counted to
@@ -58,8 +58,8 @@ def _lagrange(cell: str, degree: int) -> basix.finite_element.FiniteElement:
     )
 
 
-def corners(mesh: dolfinx.mesh.Mesh, cells: Ints) -> Floats:
-    """Corners (c, a, i), m, of local cells."""
+def nodes_of(mesh: dolfinx.mesh.Mesh, cells: Ints) -> Floats:
+    """Nodes (c, a, i), m, of local cells, the corners first."""
     found: Floats = mesh.geometry.x[cell_nodes(mesh)[cells]][:, :, : mesh.geometry.dim]
     return found
 
@@ -76,12 +76,12 @@ def places_in(mesh: dolfinx.mesh.Mesh, cells: Ints, points: Floats) -> CellPlace
     What is found in a cell does not depend on the ranks: every rank has the same corners.
 
     Args:
-        mesh: of straight first-order cells.
+        mesh: the mesh.
         cells: (c,) local.
         points: (p, i), m.
     """
-    X = corners(mesh, cells)
-    low, high = X.min(axis=1), X.max(axis=1)
+    X = nodes_of(mesh, cells)
+    low, high = _boxes(X, cell_order(mesh))
     slack = INSIDE * (high - low).max(axis=1, initial=0.0)[:, None]
     near = [
         np.flatnonzero(np.all((low - slack <= x) & (x <= high + slack), axis=1)) for x in points
@@ -89,7 +89,7 @@ def places_in(mesh: dolfinx.mesh.Mesh, cells: Ints, points: Floats) -> CellPlace
     point = np.repeat(np.arange(len(points)), [len(n) for n in near])
     row = np.concatenate([*near, np.empty(0, dtype=np.int64)]).astype(np.int64)
     kind = mesh.topology.cell_name()
-    xi = _reference_coordinates(kind, X[row], points[point])
+    xi = _reference_coordinates(kind, cell_order(mesh), X[row], points[point])
     inside = _inside(kind, xi)
     return CellPlaces(point[inside], cells[row[inside]], xi[inside])
 
@@ -97,11 +97,11 @@ def places_in(mesh: dolfinx.mesh.Mesh, cells: Ints, points: Floats) -> CellPlace
 def nearest_place(mesh: dolfinx.mesh.Mesh, cells: Ints, point: Floats) -> tuple[float, Floats]:
     """Distance (m) of a point from local cells, and the place (i,) there that is nearest.
 
-    Infinite without cells. (Faces of hexahedra that are not flat count as their convex hull.)
+    Infinite without cells. (Cells that are not convex count as the convex hull of their nodes.)
     """
     best, place = np.inf, np.zeros_like(point)
-    X = corners(mesh, cells)
-    low, high = X.min(axis=1), X.max(axis=1)
+    X = nodes_of(mesh, cells)
+    low, high = _boxes(X, cell_order(mesh))
     bound = np.linalg.norm(np.maximum(np.maximum(low - point, point - high), 0.0), axis=1)
     here = np.zeros((1, 3))
     here[0, : len(point)] = point
@@ -116,12 +116,20 @@ def nearest_place(mesh: dolfinx.mesh.Mesh, cells: Ints, point: Floats) -> tuple[
     return best, place
 
 
-def _reference_coordinates(cell: str, X: Floats, points: Floats) -> Floats:
+def _boxes(X: Floats, order: int) -> tuple[Floats, Floats]:
+    """Lowest and highest corners (c, i) of boxes around cells with nodes (c, a, i)."""
+    low, high = X.min(axis=1), X.max(axis=1)
+    # A parabola leaves the box of its three nodes by an eighth of its size at most, in space twice.
+    bulge = 0.25 * (high - low) if order > 1 else np.zeros_like(low)
+    return low - bulge, high + bulge
+
+
+def _reference_coordinates(cell: str, order: int, X: Floats, points: Floats) -> Floats:
     """ξ (k, α) with Σ_a N_a(ξ) X_a = x, by Newton's method; not finite where there is none."""
     xi = np.repeat(centre(cell), len(points), axis=0)
     with np.errstate(all="ignore"):
         for _ in range(NEWTON_STEPS if len(points) else 0):
-            table = shape_functions(cell, 1, 1, xi)
+            table = shape_functions(cell, order, 1, xi)
             away = points - np.einsum("ka,kai->ki", table[0], X)
             edges = np.einsum("zka,kai->kiz", table[1:], X)
             flat = np.abs(np.linalg.det(edges)) == 0.0
@@ -129,7 +137,7 @@ def _reference_coordinates(cell: str, X: Floats, points: Floats) -> Floats:
             step = np.linalg.solve(edges, away[..., None])[..., 0]
             # Beyond these bounds the point is outside; a twisted map may have no way back.
             xi = np.clip(xi + step, -1.0, 2.0)
-            if np.all(np.abs(step) < 1e-13) or cell in _SIMPLICES:
+            if np.all(np.abs(step) < 1e-13) or (cell in _SIMPLICES and order == 1):
                 break
     return xi
 

@@ -13,9 +13,9 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from mpi4py import MPI
 
-from geometry.compat import cell_nodes, entity_nodes
+from geometry.compat import cell_nodes, cell_order, entity_nodes
 from geometry.meshes.mesh import NamedMesh
-from geometry.pictures.space import draw_space
+from geometry.pictures.space import CYCLIC, draw_space
 
 MAX_CELLS_OUTLINED = 200_000
 """Cells beyond which their edges are left out: they would only blacken the picture."""
@@ -31,8 +31,8 @@ class _Outline:
     """The drawn lines, in m: the cells of bodies and the segments of surfaces.
 
     Attributes:
-        cells: Corners of each body's cells in cyclic order, (c, corner, 2).
-        segments: Ends of each surface's facets, (f, 2, 2).
+        cells: Nodes of each body's cells in cyclic order, (c, node, 2).
+        segments: Nodes along each surface's facets, (f, node, 2).
         inwards: Unit vectors from each facet into its cell, (f, 2).
     """
 
@@ -108,25 +108,24 @@ def _local_outline(named: NamedMesh) -> _Outline:
     mesh.topology.create_connectivity(1, 2)
     to_cells = mesh.topology.connectivity(1, 2)
     x, nodes = mesh.geometry.x[:, :2], cell_nodes(mesh)
-    # DOLFINx numbers a quadrilateral's corners row by row, a polygon in cyclic order.
-    cyclic = [0, 1, 3, 2] if nodes.shape[1] == 4 else [0, 1, 2]
+    along = [0, 2, 1] if cell_order(mesh) == 2 else [0, 1]
     owned_cells, owned_facets = (mesh.topology.index_map(dim).size_local for dim in (2, 1))
     cells, segments, inwards = {}, {}, {}
     for name in named.bodies:
         own = named.cells(name)
-        cells[name] = x[nodes[own[own < owned_cells]][:, cyclic]]
+        cells[name] = x[nodes[own[own < owned_cells]][:, CYCLIC[nodes.shape[1]]]]
     for name in named.surfaces:
         facets = named.facets(name)
         facets = facets[facets < owned_facets]
         ends = entity_nodes(mesh, 1, facets)
         first = to_cells.array[to_cells.offsets[facets]]
-        segments[name] = x[ends]
+        segments[name] = x[ends[:, along]]
         inwards[name] = _inward(x[ends], x[nodes[first]].mean(axis=1))
     return _Outline(cells, segments, inwards)
 
 
 def _inward(segments: Points, centres: Points) -> Points:
-    """Unit normals (f, 2) of segments (f, 2, 2), on the side of the centres (f, 2)."""
+    """Unit normals (f, 2) of segments, ends first (f, ≥ 2, 2), on the side of centres (f, 2)."""
     along = segments[:, 1] - segments[:, 0]
     normal = np.column_stack([-along[:, 1], along[:, 0]])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
@@ -161,7 +160,7 @@ def _draw_bodies(axes: Any, outline: _Outline, factor: float) -> None:
     total = sum(len(c) for c in outline.cells.values())
     width = 0.0 if total > MAX_CELLS_OUTLINED else float(np.clip(20.0 / total**0.5, 0.05, 0.6))
     for k, (name, cells) in enumerate(outline.cells.items()):
-        kind = "quadrilaterals" if cells.shape[1] == 4 else "triangles"
+        kind = "quadrilaterals" if cells.shape[1] % 4 == 0 else "triangles"
         patches = PolyCollection(
             list(cells * factor),
             facecolor=colours[k % len(colours)],

@@ -14,11 +14,14 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-from geometry.compat import entity_nodes
+from geometry.compat import cell_order, entity_nodes
 from geometry.meshes.mesh import NamedMesh
 
 MAX_FACETS_OUTLINED = 20_000
 """Facets beyond which their edges are left out: they would only blacken the picture."""
+
+CYCLIC = {3: [0, 1, 2], 4: [0, 1, 3, 2], 6: [0, 5, 1, 3, 2, 4], 9: [0, 4, 1, 6, 3, 7, 2, 5]}
+"""Nodes round a polygon, by their number: DOLFINx numbers corners row by row, then the edges."""
 
 OTHERS = "other facets"
 
@@ -48,20 +51,18 @@ def outer_facets(named: NamedMesh) -> tuple[npt.NDArray[np.int32], npt.NDArray[n
 
 
 def facet_polygons(mesh: dolfinx.mesh.Mesh, facets: npt.NDArray[np.int32], x: Points) -> Points:
-    """Corners (f, a, 3) of facets in cyclic order, on nodes at ``x`` (n, 3).
+    """Nodes (f, a, 3) round facets, on nodes at ``x`` (n, 3).
 
     Args:
         mesh: The mesh, in space.
         facets: Local facets (f,).
         x: Position of each node of the geometry, for instance the current one.
     """
-    corners = 4 if mesh.topology.cell_name() == "hexahedron" else 3
+    around = (4 if mesh.topology.cell_name() == "hexahedron" else 3) * cell_order(mesh)
     if not len(facets):
-        return np.empty((0, corners, 3))
+        return np.empty((0, around, 3))
     nodes = entity_nodes(mesh, 2, facets)
-    # DOLFINx numbers a quadrilateral's corners row by row, a polygon in cyclic order.
-    cyclic = [0, 1, 3, 2] if corners == 4 else [0, 1, 2]
-    return np.asarray(x[nodes][:, cyclic], dtype=np.float64)
+    return np.asarray(x[nodes][:, CYCLIC[nodes.shape[1]]], dtype=np.float64)
 
 
 def add_facets(axes: Any, groups: Sequence[tuple[Points, str | tuple[float, ...]]]) -> None:

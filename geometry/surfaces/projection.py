@@ -70,6 +70,7 @@ class FacetSurface:
         self._connect(shape, nodes)
         self.fade_length, self._undeformed = fade_length, nodes
         self._fading_ends = self._open.copy()
+        self._joined = np.zeros_like(self._open)
         self._measure_ends()
 
     def _connect(self, shape: FacetShape, nodes: Floats) -> None:
@@ -119,6 +120,7 @@ class FacetSurface:
         ends = np.nonzero(self._fading_ends)[0]
         apart = np.linalg.norm(self._undeformed[ends][:, None] - others, axis=2)
         self._fading_ends[ends[apart.min(axis=1) <= within]] = False
+        self._joined = self._open & ~self._fading_ends
         self._measure_ends()
 
     def project(
@@ -146,6 +148,8 @@ class FacetSurface:
         """
         controls = self._controls(nodes)
         facet, xi, entity = self._closest(points, controls, frozen_facets)
+        if fading is not None and self._joined.any():
+            facet, xi, entity = self._go_on((facet, xi, entity), points, controls, fading)
         if rays is not None:
             assert self._rays is not None
             facet, xi, met = self._rays.hits(points, rays.normal, controls, facet, xi)
@@ -156,7 +160,46 @@ class FacetSurface:
             out.gap = np.einsum("qi,qi->q", points - out.foot, out.normal)
             out.on_surface, out.rays = met, rays
         self._fade(out, fading)
+        self._share_ends(out, fading)
         return out
+
+    def _go_on(
+        self, found: tuple[Ints, Floats, Ints], points: Floats, controls: Floats, reach: Floats
+    ) -> tuple[Ints, Floats, Ints]:
+        """Facets, ξ and entities of points just past an end where another surface begins.
+
+        Up to ``reach`` (q,), m, they lie as if the last facet went on.
+        """
+        facet, xi, entity = found
+        rows = np.nonzero(entity >= CORNER)[0]
+        rows = rows[self._joined[self.facets[facet[rows], entity[rows] - CORNER]]]
+        if not len(rows):
+            return found
+        there, known = stationary_points(self.shape, controls[facet[rows]], points[rows])
+        past = self.shape.excess(there) * self._length[facet[rows]]
+        near = known & (past <= reach[rows])
+        xi, entity = xi.copy(), entity.copy()
+        xi[rows[near]], entity[rows[near]] = there[near], INTERIOR
+        return facet, xi, entity
+
+    def _share_ends(self, out: Projection, reach: Floats | None) -> None:
+        """Let points pass from one surface to the next, over twice ``reach`` (q,), m."""
+        if reach is None or self.shape.directions == 2 or not self._joined.any():
+            return
+        ends = self._joined[self.facets[out.facet, :2]]
+        at = np.nonzero(ends.any(axis=1) & out.on_surface)[0]
+        length, xi = self._length[out.facet[at]], out.xi[at, 0]
+        per_length = 0.5 * length / np.minimum(reach[at], length)
+        inside = np.stack([xi, 1.0 - xi], axis=1) * per_length[:, None] + 0.5
+        inside = np.where(ends[at], inside, np.inf)
+        end = np.argmin(inside, axis=1)
+        share = np.clip(inside[np.arange(len(at)), end], 0.0, 1.0)
+        slope = np.where(end == 0, 1.0, -1.0) * per_length * ((share > 0.0) & (share < 1.0))
+        if out.share is None or out.share_slope is None:
+            out.share, out.share_slope = np.ones(len(reach)), np.zeros((len(reach), 1))
+        out.share_slope[at] *= share[:, None]
+        out.share_slope[at, 0] += out.share[at] * slope
+        out.share[at] *= share
 
     def _closest(
         self, points: Floats, controls: Floats, frozen_facets: Ints | None

@@ -78,8 +78,8 @@ def oedometric(nu: float) -> float:
 def test_the_penalty_follows_the_local_facets(pressure, nu, stiffness, monkeypatch):
     """K = factor · modulus/h with the length h of each facet, on a mesh drawn out along x."""
 
-    def drawn_out(case, comm, carriers=()):
-        named = make_mesh(case, comm)
+    def drawn_out(case, comm, *more):
+        named = make_mesh(case, comm, *more)
         x = named.mesh.geometry.x[:, 0]
         x += 0.7 / 4e3 * np.sin(4e3 * x)
         return named

@@ -48,7 +48,7 @@ MISTAKES = [
     ("bodies.aluminium.formulation=q3", 'formulation = "q3": must be "q1", "q1-sri" or "q2"'),
     ("bodies.aluminium={}", 'bodies.aluminium.material: missing; one of "neo-hookean", "hencky"'),
     ("bodies.elastomr.E=1", 'bodies.elastomr: no such body; did you mean "elastomer"?'),
-    ("geometry={}", 'geometry.kind: missing; one of "two-blocks", "cylinder-on-block"'),
+    ("geometry={}", 'geometry.kind: missing; one of "two-blocks", "blocks"'),
     ("geometry.kind=spheres", 'geometry.kind = "spheres": must be one of'),
     ("geometry.upper.elements=[3]", "geometry.upper.elements.1: missing entry"),
     ("geometry.lower.elements=[3, 2.5]", "elements.1 = 2.5: must be a whole number"),

@@ -79,7 +79,7 @@ DAMAGES = {
     "manifest binary": ("manifest.json", lambda path: path.write_bytes(b"\xff\x00")),
     "manifest deep": ("manifest.json", lambda path: path.write_text("[" * 100_000)),
     "manifest of another": ("manifest.json", _other),
-    "files a list": ("manifest.json", lambda path: path.write_text('{"format": 1, "files": []}')),
+    "files a list": ("manifest.json", lambda path: path.write_text('{"format": 2, "files": []}')),
 }  # fmt: skip
 
 
@@ -115,8 +115,8 @@ def test_another_format_is_refused_with_the_version_that_wrote_it(tmp_path):
     about = made.about | {"versions": {"tribox": "9.9"}}
     path = write_checkpoint(tmp_path, Checkpoint(about, made.tree, made.arrays), 2)
     manifest = json.loads((path / "manifest.json").read_text())
-    (path / "manifest.json").write_text(json.dumps(manifest | {"format": 2}))
-    with pytest.raises(InputError, match=r"of format 2, this version of tribox reads 1; .* \(9\.9"):
+    (path / "manifest.json").write_text(json.dumps(manifest | {"format": 99}))
+    with pytest.raises(InputError, match=r"of format 99, this version of tribox reads 2; .* \(9\.9"):
         latest(tmp_path)
 
 

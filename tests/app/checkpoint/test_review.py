@@ -128,7 +128,7 @@ def rewritten(path: Path, state: Any = None, arrays: dict[str, Any] | None = Non
 
 @pytest.mark.parametrize(
     "about",
-    ["[]", '{"format": 1}', "[" * 100_000, '{"format": 1, "files": []}', "\0"],
+    ["[]", '{"format": 2}', "[" * 100_000, '{"format": 2, "files": []}', "\0"],
     ids=["list", "nothing", "nested", "no files", "zero"],
 )
 def test_the_checkpoint_before_a_damaged_one_is_taken(done, tmp_path, about):

@@ -254,3 +254,48 @@ def test_a_bar_that_is_let_go_at_both_ends_is_free_of_stress_and_stays_about_whe
     assert rows[-1].strain_energy < 1e-12 * rows[1].strain_energy
     moved = of_surface(simulation, "top", "displacement_y")
     assert -0.1 * HEIGHT < moved[-1] < -0.01 * HEIGHT
+
+
+# -- explicit dynamics ----------------------------------------------------------------------------
+
+
+def test_explicit_dynamics_settles_where_the_implicit_solution_is():
+    """A traction, weight, a total force and a foundation at once, with all kinds' resultants."""
+    boundaries = [
+        SIDE,
+        {"surface": "top", "force": {"y": [[0, 0], [2e-5, -0.2]]}},
+        {"surface": "elastomer_right", "traction": {"y": [[0, 0], [2e-5, 5e4]]}},
+        {"surface": BOTTOM, "foundation": {"normal": 2e10, "tangential": 1e9}},
+    ]
+    gravity = {"y": [[0, 0], [2e-5, -5e4]]}
+    stages = [{"name": "all", "duration": 4e-4, "steps": 4}]
+    still = run(boundaries, stages, gravity=gravity)
+    relaxing = [stages[0] | {"relax": True}]
+    solver = {"kind": "explicit"}
+    moving = run(boundaries, relaxing, gravity=gravity, solver=solver)
+    for column, size in (("displacement_y", 1e-6), ("force_y", 0.1)):
+        for name in ("top", BOTTOM, "elastomer_right"):
+            expected = of_surface(still, name, column)[-1]
+            assert of_surface(moving, name, column)[-1] == pytest.approx(expected, abs=2e-4 * size)
+    assert abs(of_surface(still, BOTTOM, "displacement_y")[-1]) > 1e-6
+    row = moving.rows[-1]
+    assert abs(row.energy_error) < 1e-4 * abs(row.external_work)
+
+
+def test_a_support_that_lets_go_in_explicit_dynamics_leaves_its_momentum():
+    """A falling block that is caught in one stage and let go of again: forces are momentum."""
+    catch = {"surface": "top", "velocity": {"y": 0}, "stages": ["catch"]}
+    stages = [{"name": name, "duration": 2e-5, "steps": 1} for name in ("fall", "catch", "fall on")]
+    simulation = run([catch], stages, gravity={"y": -1e4}, solver={"kind": "explicit"})
+    forces = of_surface(simulation, "top", "force_y")
+    mass = 2000.0 * WIDTH * HEIGHT * THICKNESS
+    assert np.abs(forces[[0, 2]]).max() < 1e-9 * mass * 1e4
+    assert forces[1] > 0.1 * mass * 1e4
+    problem, stepper = simulation.model.problem, simulation.explicit.stepper
+    block = np.unique(problem.space.dofmap.list[simulation.model.named.cells("elastomer")])
+    carried = stepper.mass * stepper.whole_step_velocity
+    momentum = float(carried[2 * block + 1].sum()) * THICKNESS
+    upwards = forces[1] * 2e-5
+    # The mean force is that at the ends of steps: a step at either end of the stage is not exact.
+    assert momentum == pytest.approx(upwards - mass * 1e4 * 6e-5, rel=5e-3)
+    assert upwards > 0.3 * mass * 1e4 * 6e-5

@@ -106,8 +106,8 @@ def apart(monkeypatch):
     """Lets the upper body start some way (m) above the other."""
 
     def lift(gap: float) -> None:
-        def lifted(case, comm):
-            named = make_mesh(case, comm)
+        def lifted(case, comm, *more):
+            named = make_mesh(case, comm, *more)
             geometry = named.mesh.geometry
             geometry.x[np.unique(geometry.dofmap[named.cells("elastomer")]), 1] += gap
             return named

@@ -90,9 +90,9 @@ def scratch(tmp_path_factory):
     return tmp_path_factory.mktemp("dies")
 
 
-@pytest.mark.parametrize("junction", [0.0, 0.03, 0.13])
+@pytest.mark.parametrize("junction", [0.0, 0.03, 0.1, 0.13])
 def test_a_uniform_pressure_has_no_dip_at_the_junction(scratch, junction):
-    """At a vertex of the slave, near one, and within a facet; N by hand from a bar."""
+    """At a vertex of the slave, near one, at a point, and within a facet; N by hand from a bar."""
     simulation = solved(scratch, [(-1.3, junction), (junction, 1.3)])[0]
     values = contact_nodes(simulation.model).values
     first, second = (values["pressure"][values["pair"] == pair] for pair in (0, 1))
@@ -107,7 +107,7 @@ def test_a_uniform_pressure_has_no_dip_at_the_junction(scratch, junction):
         low, high = (stretch, high) if 0.5e-3 * (1 - stretch) + p / K > 0.05e-3 else (low, stretch)
     assert np.abs(pressure / p - 1.0).max() < 2e-3
     assert simulation.rows[-1].normal_force == pytest.approx(p * 2e-3, rel=5e-4)
-    assert simulation.rows[-1].contact_area == pytest.approx(2e-3, rel=1e-9)
+    assert simulation.rows[-1].contact_area == pytest.approx(2e-3, rel=1e-6)
 
 
 @lru_cache
@@ -125,7 +125,7 @@ def test_points_that_pass_bring_their_friction_along(scratch, friction):
         ("normal_force", 2e-3),
         ("friction_force", 5e-3),
         ("mu", 5e-3),
-        ("contact_area", 1e-9),
+        ("contact_area", 1e-6),  # the dies bulge into each other
         ("stick_fraction", 0.05),
         ("dissipation", 5e-3),
         ("interface_energy", 0.02),  # mean gaps of the divided facets are each their own

@@ -39,3 +39,20 @@ def test_tangent_where_it_fades_along_rays(monkeypatch):
     scene, x = leaving("Q4", "slip")
     assert scene.residual(x)[1].projection.rays is not None
     assert scene.error(x) < 1e-9
+
+
+@pytest.mark.parametrize("name", ["slip", "stick", "film"])
+def test_tangent_where_another_master_begins(name):
+    """Points past the end press by what is left of their share, which is not none."""
+    scene, x = leaving("Q4", name, length=None)
+    surface, term = scene.surface, scene.term
+    ends = surface.master.position[np.argmax(surface.master.position[:, 0])][None]
+    surface.slave.reach *= 4.0
+    surface.target.join(ends, 1e-6)
+    term.rule.others = 0.6 * surface.vertices.area
+    trial = scene.residual(x)[1]
+    at = trial.projection
+    past = at.on_surface & (surface.target.shape.excess(at.xi) > 0.0) & (at.share > 0.0)
+    grows = trial.normal_contact.grows & trial.normal_contact.active
+    assert past.any() and grows.any()
+    assert scene.error(x) < 1e-9

@@ -212,17 +212,9 @@ def two_groups():
     gmsh.model.mesh.generate(2)
 
 
-def mixed_cells():
-    left, right, _ = strip()
-    group(2, [left], "left")
-    group(2, [right], "right")
-    gmsh.model.mesh.setRecombine(2, right)
-    gmsh.model.mesh.generate(2)
-
-
-def second_order():
+def third_order():
     BLOCKS.build()
-    gmsh.model.mesh.setOrder(2)
+    gmsh.model.mesh.setOrder(3)
 
 
 def lifted():
@@ -352,8 +344,7 @@ def body_without_a_group():
         (forgotten_face, {"save_all": True}, "[0-9]+ cells are in no named body"),
         (two_groups, {}, "face 2 is in the physical groups 'all' and 'right'"),
         (two_groups, {"version": 2.2}, "face 2 is in the physical groups 'all' and 'right'"),
-        (mixed_cells, {}, "cells of several kinds .Triangle 3, Quadrilateral 4"),
-        (second_order, {}, "cells of higher order"),
+        (third_order, {}, "first and second order are read"),
         (inverted, {}, "at 1 facets both cells lie on the same side"),
         (three_on_an_edge, {}, "1 facets are those of more than two cells"),
         (flat, {}, "1 cells are folded or without extent"),
@@ -526,7 +517,7 @@ def test_bodies_in_space_that_share_nodes_are_found(msh, apart):
     assert bodies_sharing_nodes(named) == ({} if apart else {("lower", "upper"): between})
 
 
-def test_wedges_are_refused(msh):
+def test_wedges_are_divided(msh):
     def wedges():
         geo = gmsh.model.geo
         corners = [geo.addPoint(x, y, 0.0, 1.0) for x, y in ((0, 0), (1, 0), (0, 1))]
@@ -537,5 +528,6 @@ def test_wedges_are_refused(msh):
         group(3, [volume[1]], "body")
         gmsh.model.mesh.generate(3)
 
-    with pytest.raises(MeshError, match="cells are of the kind Prism 6; allowed are triangle"):
-        read(msh(wedges), MPI.COMM_SELF)
+    named = read(msh(wedges), MPI.COMM_SELF)
+    assert named.notes == ("cells (2 prisms): refined to 12 hexahedra",)
+    assert resultants(named) == pytest.approx({"body": 0.5})

@@ -136,7 +136,7 @@ def test_vertices_are_numbered_as_dolfinx_does():
     with gmsh_session("vertices") as gmsh:
         shape.build()
         arrays = arrays_of(gmsh, "vertices")
-    slave, top = (arrays.surfaces[name].corners for name in ("elastomer_contact", "top"))
+    slave, top = (arrays.surfaces[name].nodes for name in ("elastomer_contact", "top"))
     position = arrays.position
     assert slave.shape == top.shape == (64, 4)
     np.testing.assert_allclose(position[slave][:, :, 1], 0.0, atol=1e-12)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from geometry.meshes.places import centre, corners, nearest_place, places_in, shape_functions
+from geometry.meshes.places import centre, nearest_place, nodes_of, places_in, shape_functions
 from tests.grid import grid
 
 CELLS = ["triangle", "quadrilateral", "tetrahedron", "hexahedron"]
@@ -29,7 +29,7 @@ def test_a_point_is_where_its_shape_functions_say(cell):
     found = places_in(mesh, cells, points)
     assert np.array_equal(found.point, np.arange(40))  # each in one cell alone
     table = shape_functions(cell, 1, 0, found.xi)[0]
-    back = np.einsum("ka,kai->ki", table, corners(mesh, found.cell))
+    back = np.einsum("ka,kai->ki", table, nodes_of(mesh, found.cell))
     np.testing.assert_allclose(back, points[found.point], atol=1e-12)
 
 
@@ -38,7 +38,7 @@ def test_a_node_is_in_all_cells_around_it_and_a_point_outside_in_none(cell):
     mesh, cells = distorted(cell)
     dim = mesh.geometry.dim
     inner = np.array([0.62, 0.43, 0.55][:dim])
-    around = np.abs(corners(mesh, cells) - inner).max(axis=2).min(axis=1) < 1e-9
+    around = np.abs(nodes_of(mesh, cells) - inner).max(axis=2).min(axis=1) < 1e-9
     points = np.stack([inner, np.full(dim, 1.0 + 1e-4), np.full(dim, 1.0 + 1e-9)])
     found = places_in(mesh, cells, points)
     assert sorted(found.cell[found.point == 0]) == np.flatnonzero(around).tolist()
