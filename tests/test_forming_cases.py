@@ -73,3 +73,50 @@ def test_a_strip_drawn_through_a_die_takes_the_gap_and_the_work_of_its_flow():
     slab = double_shear * (1.0 + ratio) / ratio * (1.0 - 0.8**ratio)
     measured = pull[steady].mean() / (exit_height * thickness)
     assert slab < measured < 1.05 * (slab + 0.5 * double_shear * angle)
+
+
+def test_a_strip_between_pads_rubs_as_asperities_and_film_do_by_hand():
+    """Below V* the film carries alpha of the shear, above it all: mu N and eta V A/D by hand."""
+    done = reduced(
+        "strip-draw",
+        geometry__blocks__strip__elements="[64, 1]",
+        geometry__blocks__pad__elements="[30, 4]",
+        stage__1__velocities='["1e-5 m/s", "1e-3 m/s"]',
+    )
+    slow, fast = (
+        [row for row in done.rows if row.velocity == velocity][-1] for velocity in (1e-5, 1e-3)
+    )
+    alpha, mu, viscosity, film = 0.039, 0.1, 0.8, 10e-9
+    for row, share in ((slow, alpha), (fast, 1.0)):
+        sheared = row.contact_area * row.area_ratio
+        expected = (1.0 - share) * mu * row.normal_force
+        expected += share * viscosity * row.velocity / film * sheared
+        assert row.friction_force == pytest.approx(expected, rel=2e-3)
+        assert row.normal_force == pytest.approx(3e6 * 12e-3 * 50e-3, rel=1e-6)
+
+
+def rolled(rotation: str) -> tuple[Simulation, np.ndarray]:
+    """The roller on a coarse layer, and the rows of its last 2 mm."""
+    done = reduced(
+        "roller",
+        geometry__blocks__layer__elements="[38, 5]",
+        tools__roller__rotation=rotation,
+        stage__0__steps="10",
+        stage__1__duration='"5 s"',
+        stage__1__steps="25",
+    )
+    return done, np.array([row.time > 4.0 for row in done.rows])
+
+
+def test_a_roller_that_turns_freely_goes_without_resistance_and_a_locked_one_slides():
+    free, late = rolled("{ moment = 0 }")
+    normal = of_tool(free, "roller", "force_y")[late].mean()
+    assert abs(of_tool(free, "roller", "force_x")[late].mean()) < 5e-3 * normal
+    np.testing.assert_allclose(of_tool(free, "roller", "moment_z"), 0.0, atol=1e-8 * normal * 10e-3)
+    turned, way = (of_tool(free, "roller", name)[late] for name in ("rotation", "displacement_x"))
+    assert -10e-3 * np.polyfit(way, turned, 1)[0] == pytest.approx(1.0, abs=0.06)
+    locked, late = rolled("{ angle = 0 }")
+    rubbed = np.array([row.normal_force for row in locked.rows])[late]
+    moment = of_tool(locked, "roller", "moment_z")[late]
+    np.testing.assert_allclose(np.abs(moment), 0.3 * rubbed * 10e-3, rtol=2e-3)
+    assert np.abs(of_tool(locked, "roller", "force_x"))[late].min() > 0.28 * normal
