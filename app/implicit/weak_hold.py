@@ -56,6 +56,8 @@ class WeakHold:
     def floating(self, largest: float) -> list[str]:
         """The free bodies that no contact presses on, at the last evaluation; collective.
 
+        A tie holds a body as long as what it is tied to does not float itself.
+
         Args:
             largest: N, force of the run that contact forces are compared with.
         """
@@ -65,10 +67,17 @@ class WeakHold:
         pairs = zip(problem.contacts, problem.trials, strict=True)
         local = [float(term.surface.slave.weight @ trial.pressure) for term, trial in pairs]
         force = problem.comm.allreduce(np.array(local, dtype=float))
+        ties = [pair for pair, term in enumerate(problem.contacts) if term.tied and term.active]
+        holds = {pair for pair in range(len(force)) if force[pair] > SHARE * largest} - set(ties)
+        # A tie with one side on a free body has the other on a held one, or on a tool.
+        holds |= {pair for pair in ties if sum(pair in one for one in self.pairs) == 1}
+        for _ in ties:
+            held = {pair for one in self.pairs if holds & set(one) for pair in one}
+            holds |= held & set(ties)
         return [
             body.name
             for body, pairs_on in zip(self.bodies, self.pairs, strict=True)
-            if not any(force[pair] > SHARE * largest for pair in pairs_on)
+            if not holds & set(pairs_on)
         ]
 
     def is_loaded(self, largest: float) -> bool:

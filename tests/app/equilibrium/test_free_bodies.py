@@ -80,3 +80,19 @@ def test_rigid_motions_stretch_nothing(dim):
     apart = place[:, None] - place[None]
     moved = modes[:, None] - modes[None]
     assert np.abs(np.einsum("nmri,nmi->nmr", moved, apart)).max() < 1e-14
+
+
+def test_bonded_bodies_are_held_together_or_float_as_one():
+    """Two blocks that share nodes: a support of one is a support of both."""
+    mesh = dolfinx.mesh.create_rectangle(MPI.COMM_SELF, [[0.0, 0.0], [2 * SIZE, SIZE]], [2, 1])
+    u = dolfinx.fem.Function(dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (2,))))
+    cells = np.arange(mesh.topology.index_map(2).size_local, dtype=np.int32)
+    left = dolfinx.mesh.compute_midpoints(mesh, 2, cells)[:, 0] < SIZE
+    material = Hencky(1.0, 1.0)
+    parts = {"left": cells[left], "right": cells[~left]}
+    solids = [Solid(n, u, part, material, "q1", 1.0, None) for n, part in parts.items()]
+    [both] = free_bodies(Equilibrium(u, solids, [], [], []))
+    assert both.name == "left and right" and both.extent == pytest.approx(2 * SIZE)
+    at = dolfinx.mesh.locate_entities_boundary(mesh, 1, lambda x: np.isclose(x[0], 0.0))
+    held = [Prescribed.on(u, at, component) for component in (0, 1)]
+    assert free_bodies(Equilibrium(u, solids, [], held, [])) == []
