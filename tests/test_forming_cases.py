@@ -134,6 +134,7 @@ def test_upsetting_takes_the_force_of_the_slab_with_friction():
         assert row.friction_force <= 0.1 * row.normal_force * (1.0 + 1e-9)
 
 
+@pytest.mark.long
 def test_a_tube_fills_the_die_and_springs_back_by_little():
     done = reduced(
         "tube-bulge",
@@ -156,13 +157,14 @@ def test_a_tube_fills_the_die_and_springs_back_by_little():
     assert 0.0 < middle[end] - middle[-1] < 20e-6
 
 
+@pytest.mark.long
 def test_a_strip_pressed_by_a_pad_stays_bent_and_keeps_stresses_in_balance():
     done = reduced(
         "pad",
-        geometry__blocks__strip__elements="[40, 2]",
-        geometry__blocks__pad__elements="[28, 7]",
+        geometry__blocks__strip__elements="[32, 2]",
+        geometry__blocks__pad__elements="[20, 5]",
         contact__0__film__thickness='"180 nm"',
-        stage__1__steps="30",
+        stage__1__steps="20",
     )
     end = [row.stage for row in done.rows].index("lift") - 1
     down = done.state.motion.of_surface("pad_top", "force_y")
