@@ -11,7 +11,7 @@ from mpi4py import MPI
 from app.equilibrium.constraints import Platen
 from app.equilibrium.equilibrium import Equilibrium
 from app.equilibrium.slanted import SlantedPlaten
-from app.equilibrium.supports import body_nodes
+from app.equilibrium.supports import body_nodes, joined_groups
 from forms.bodies.loads import Foundation
 from forms.bodies.solid import Solid
 from geometry.surfaces.facets import Floats, Ints
@@ -21,10 +21,10 @@ SINGULAR = 1e-9  # least over largest eigenvalue of what supports do to rigid mo
 
 @dataclass(frozen=True, slots=True)
 class FreeBody:
-    """A body with a rigid motion that no support prevents.
+    """A body, or several that are bonded or tied, with a rigid motion that no support prevents.
 
     Attributes:
-        name: of the body; nodes: local nodes that this rank owns.
+        name: of the body, or names; nodes: local nodes that this rank owns.
         extent: m, its largest along an axis.
     """
 
@@ -37,17 +37,19 @@ def free_bodies(problem: Equilibrium) -> list[FreeBody]:
     """The bodies that the constraints at hand leave free, undeformed; collective.
 
     A platen under a given force keeps its surface from turning, springs and foundations hold.
+    Bodies that are bonded or tied hold one another: they are free together or not at all.
     """
-    return [body for solid in problem.solids if (body := _free(problem, solid)) is not None]
+    found = [_free(problem, group) for group in joined_groups(problem)]
+    return [body for body in found if body is not None]
 
 
-def _free(problem: Equilibrium, solid: Solid) -> FreeBody | None:
-    nodes = body_nodes(problem, solid.cells)
+def _free(problem: Equilibrium, group: Sequence[Solid]) -> FreeBody | None:
+    nodes = body_nodes(problem, np.concatenate([solid.cells for solid in group]))
     at = problem.space.tabulate_dof_coordinates()[nodes, : problem.dim]
     ends = np.stack([at.max(axis=0, initial=-np.inf), -at.min(axis=0, initial=np.inf)])
     problem.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
     extent, middle = float(ends.sum(axis=0).max()), 0.5 * (ends[0] - ends[1])
-    modes = rigid_motions((at - middle) / extent, solid.section == "axisymmetric")
+    modes = rigid_motions((at - middle) / extent, group[0].section == "axisymmetric")
     mine = nodes[:, None] * problem.dim + np.arange(problem.dim)
     beds = [load.held for load in problem.loads if isinstance(load, Foundation) and load.acts]
     resisted = np.isin(mine, np.concatenate([problem.constrained_dofs(), *beds]))
@@ -59,7 +61,7 @@ def _free(problem: Equilibrium, solid: Solid) -> FreeBody | None:
     values = np.linalg.eigvalsh(gram)
     count = problem.comm.allreduce(len(nodes))
     held = values[0] > SINGULAR * max(values[-1], 1.0 / max(count, 1))
-    return None if held else FreeBody(solid.name, nodes, extent)
+    return None if held else FreeBody(" and ".join(s.name for s in group), nodes, extent)
 
 
 def rigid_motions(place: Floats, axisymmetric: bool = False) -> Floats:

@@ -45,11 +45,14 @@ class WeakHold:
         self.shares = nodal_shares(self.problem) if self.bodies else np.empty(0)
 
     def _pairs_on(self, body: FreeBody) -> list[int]:
-        """Contacts with a surface on a body; collective."""
+        """Contacts with a surface on a body, but for ties, which make bodies one; collective."""
         problem = self.problem
         index_map = problem.space.dofmap.index_map
         mine = index_map.local_to_global(body.nodes.astype(np.int32))
-        here = [int(np.isin(mine, term.surface.nodes).any()) for term in problem.contacts]
+        here = [
+            int(not term.tied and np.isin(mine, term.surface.nodes).any())
+            for term in problem.contacts
+        ]
         ranks = problem.comm.allreduce(np.array(here, dtype=np.int64))
         return [int(pair) for pair in np.nonzero(ranks)[0]]
 
