@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from app.equilibrium.bonded import bonded_groups
 from app.equilibrium.constraints import Platen
 from app.equilibrium.equilibrium import Equilibrium
 from app.equilibrium.slanted import SlantedPlaten
-from app.equilibrium.supports import body_nodes
+from app.equilibrium.supports import body_nodes, joined_groups
 from forms.bodies.loads import Foundation
 from forms.bodies.solid import Solid
 from geometry.surfaces.facets import Floats, Ints
@@ -22,10 +21,10 @@ SINGULAR = 1e-9  # least over largest eigenvalue of what supports do to rigid mo
 
 @dataclass(frozen=True, slots=True)
 class FreeBody:
-    """A body, or bonded bodies, with a rigid motion that no support prevents.
+    """A body, or several that are bonded or tied, with a rigid motion that no support prevents.
 
     Attributes:
-        name: of the body, or names with "and"; nodes: local nodes that this rank owns.
+        name: of the body, or names; nodes: local nodes that this rank owns.
         extent: m, its largest along an axis.
     """
 
@@ -38,10 +37,10 @@ def free_bodies(problem: Equilibrium) -> list[FreeBody]:
     """The bodies that the constraints at hand leave free, undeformed; collective.
 
     A platen under a given force keeps its surface from turning, springs and foundations hold.
-    Bonded bodies are held together or not at all.
+    Bodies that are bonded or tied hold one another: they are free together or not at all.
     """
-    groups = bonded_groups(problem)
-    return [body for group in groups if (body := _free(problem, group)) is not None]
+    found = [_free(problem, group) for group in joined_groups(problem)]
+    return [body for body in found if body is not None]
 
 
 def _free(problem: Equilibrium, group: Sequence[Solid]) -> FreeBody | None:

@@ -111,6 +111,18 @@ def _loose_tools(problem: Equilibrium) -> Iterator[Loose]:
                 yield Loose((tool.name,), component, tool.node(int(slot)), "tool", turns)
 
 
+def joined_groups(problem: Equilibrium) -> list[list[Solid]]:
+    """All bodies, those together that are bonded or tied at present; collective."""
+    groups = bonded_groups(problem)
+    number = np.arange(len(groups))
+    for some in _tied(problem, groups):
+        number[np.isin(number, number[some])] = number[some].min()
+    joined: dict[int, list[Solid]] = {}
+    for at, group in zip(number.tolist(), groups, strict=True):
+        joined.setdefault(at, []).extend(group)
+    return list(joined.values())
+
+
 def _tied(problem: Equilibrium, groups: Sequence[Sequence[Solid]]) -> list[Ints]:
     """Numbers of the groups of bodies that ties hold together, tie by tie, repeated; collective."""
     ties = [term for term in problem.contacts if term.tied and term.active]

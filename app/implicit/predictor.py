@@ -278,7 +278,8 @@ class Predictor:
         self._kept, self._residual = self._residual, self._kept
 
     def _residual_norm(self, trial: PETSc.Vec, step: StepMode) -> float:
-        if not np.isfinite(trial.norm()):  # what a singular factor leaves: nothing to evaluate
+        # What a singular factor leaves: nothing to evaluate.
+        if not self.problem.rounding.is_within_reach(trial):
             return np.inf
         self.problem.residual(None, trial, self._residual, step)
         norm: float = self._residual.norm()

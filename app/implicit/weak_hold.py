@@ -45,11 +45,14 @@ class WeakHold:
         self.shares = nodal_shares(self.problem) if self.bodies else np.empty(0)
 
     def _pairs_on(self, body: FreeBody) -> list[int]:
-        """Contacts with a surface on a body; collective."""
+        """Contacts with a surface on a body, but for ties, which make bodies one; collective."""
         problem = self.problem
         index_map = problem.space.dofmap.index_map
         mine = index_map.local_to_global(body.nodes.astype(np.int32))
-        here = [int(np.isin(mine, term.surface.nodes).any()) for term in problem.contacts]
+        here = [
+            int(not term.tied and np.isin(mine, term.surface.nodes).any())
+            for term in problem.contacts
+        ]
         ranks = problem.comm.allreduce(np.array(here, dtype=np.int64))
         return [int(pair) for pair in np.nonzero(ranks)[0]]
 
@@ -64,8 +67,6 @@ class WeakHold:
     def floating(self, largest: float) -> list[str]:
         """The free bodies that no contact presses on, at the last evaluation; collective.
 
-        A tie holds a body as long as what it is tied to does not float itself.
-
         Args:
             largest: N, force of the run that contact forces are compared with.
         """
@@ -75,17 +76,10 @@ class WeakHold:
         pairs = zip(problem.contacts, problem.trials, strict=True)
         local = [float(term.surface.slave.weight @ trial.pressure) for term, trial in pairs]
         force = problem.comm.allreduce(np.array(local, dtype=float))
-        ties = [pair for pair, term in enumerate(problem.contacts) if term.tied and term.active]
-        holds = {pair for pair in range(len(force)) if force[pair] > SHARE * largest} - set(ties)
-        # A tie with one side on a free body has the other on a held one, or on a tool.
-        holds |= {pair for pair in ties if sum(pair in one for one in self.pairs) == 1}
-        for _ in ties:
-            held = {pair for one in self.pairs if holds & set(one) for pair in one}
-            holds |= held & set(ties)
         return [
             body.name
             for body, pairs_on in zip(self.bodies, self.pairs, strict=True)
-            if not holds & set(pairs_on)
+            if not any(force[pair] > SHARE * largest for pair in pairs_on)
         ]
 
     def is_loaded(self, largest: float) -> bool:
