@@ -13,6 +13,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from app.equilibrium.equilibrium import Equilibrium
+from app.equilibrium.free_bodies import supports_at_hand
 from app.equilibrium.snapshot import (
     Nodal,
     Snapshot,
@@ -102,12 +103,12 @@ class ImplicitStepper:
     def _find_loose_bodies(self) -> None:
         problem = self.problem
         self._bodies, self._weak = LooseBodies(problem), WeakHold(problem)
-        self._held = problem.constraints.controls
+        self._held = supports_at_hand(problem)
 
     def attempt(self, dt: float) -> StepResult:
         """Try a step of ``dt`` (s) under the loads that are set; commits nothing; collective."""
         problem, newton = self.problem, self.newton
-        if problem.constraints.controls != self._held:
+        if supports_at_hand(problem) != self._held:
             self._find_loose_bodies()
         step = StepMode.of_stage(dt, problem.contacts, self.rate_dependent)
         assembled = self.solver.assembled
