@@ -13,6 +13,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from app.equilibrium.equilibrium import Equilibrium
+from app.equilibrium.free_bodies import supports_at_hand
 from app.equilibrium.snapshot import (
     Nodal,
     Snapshot,
@@ -34,7 +35,6 @@ from app.implicit.newton import Newton
 from app.implicit.options import ImplicitOptions
 from app.implicit.predictor import Predictor
 from app.implicit.weak_hold import SHARE, WeakHold
-from forms.bodies.loads import Foundation
 
 __all__ = ["ImplicitOptions", "ImplicitStepper", "NotConvergedError", "StepResult"]
 
@@ -103,19 +103,12 @@ class ImplicitStepper:
     def _find_loose_bodies(self) -> None:
         problem = self.problem
         self._bodies, self._weak = LooseBodies(problem), WeakHold(problem)
-        self._held = self._holders()
-
-    def _holders(self) -> tuple[object, ...]:
-        """What decides which bodies are loose: supports, ties and foundations that act."""
-        problem = self.problem
-        ties = [term.active for term in problem.contacts if term.tied]
-        beds = [load.acts for load in problem.loads if isinstance(load, Foundation)]
-        return problem.constraints.controls, *ties, *beds
+        self._held = supports_at_hand(problem)
 
     def attempt(self, dt: float) -> StepResult:
         """Try a step of ``dt`` (s) under the loads that are set; commits nothing; collective."""
         problem, newton = self.problem, self.newton
-        if self._holders() != self._held:
+        if supports_at_hand(problem) != self._held:
             self._find_loose_bodies()
         step = StepMode.of_stage(dt, problem.contacts, self.rate_dependent)
         assembled = self.solver.assembled

@@ -15,6 +15,7 @@ import numpy as np
 from app.equilibrium.equilibrium import Equilibrium
 from app.equilibrium.free_bodies import FreeBody, free_bodies
 from app.equilibrium.holding_springs import HoldingSprings
+from app.equilibrium.pair_bodies import bodies_of
 from app.implicit.loose_bodies import nodal_shares
 from geometry.surfaces.facets import Floats
 
@@ -45,16 +46,14 @@ class WeakHold:
         self.shares = nodal_shares(self.problem) if self.bodies else np.empty(0)
 
     def _pairs_on(self, body: FreeBody) -> list[int]:
-        """Contacts with a surface on a body, but for ties, which make bodies one; collective."""
-        problem = self.problem
-        index_map = problem.space.dofmap.index_map
-        mine = index_map.local_to_global(body.nodes.astype(np.int32))
-        here = [
-            int(not term.tied and np.isin(mine, term.surface.nodes).any())
-            for term in problem.contacts
+        """Contacts of a body with something that it is not joined to; collective."""
+        names = body.joined.names
+        ends = [bodies_of(self.problem, term) for term in self.problem.contacts]
+        return [
+            pair
+            for pair, one in enumerate(ends)
+            if (one.slave.name in names) != (one.master.name in names)
         ]
-        ranks = problem.comm.allreduce(np.array(here, dtype=np.int64))
-        return [int(pair) for pair in np.nonzero(ranks)[0]]
 
     def adrift(self, largest: float) -> bool:
         """Whether a body has no contact at all, and no load; collective.
@@ -105,7 +104,8 @@ class WeakHold:
         """
         stiffness, dim = np.zeros_like(place), self.problem.dim
         for body in self.bodies:
-            each = SHARE * largest / body.extent * self.shares[body.nodes]
+            groups = len(body.joined.groups)  # each has shares that add up to one
+            each = SHARE * largest / (body.extent * groups) * self.shares[body.nodes]
             for component in range(dim):
                 stiffness[body.nodes * dim + component] += each
         return HoldingSprings(stiffness, place.copy(), weak=True)
