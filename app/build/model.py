@@ -23,6 +23,7 @@ from app.build.mesh_notes import (
 )
 from app.build.numbers import failures_as
 from app.build.probes import PointPlaces, place_probes
+from app.build.slips import notes_on_slips
 from app.build.solids import (
     displacement_on,
     make_solids,
@@ -32,7 +33,7 @@ from app.build.solids import (
 from app.build.supports import notes_on_supports
 from app.build.tools import make_tools, notes_on_tools
 from app.case.boundary import COMPONENTS
-from app.case.case import Case
+from app.case.case import Case, of_a_tool
 from app.case.stage import solver_of
 from app.equilibrium.equilibrium import Equilibrium
 from app.equilibrium.snapshot import Snapshot
@@ -192,7 +193,10 @@ def _loads(case: Case, named: NamedMesh, u: dolfinx.fem.Function, section: Secti
         InputError: they contradict each other, or do not go with the mesh.
     """
     loads = Loads(named, u, section, case.geometry.slab, case.stage)
-    for boundary in case.boundary:
+    for index, boundary in enumerate(case.boundary):
+        if boundary.surface in case.tools:  # whose names are not those of surfaces
+            name = boundary.surface
+            raise InputError(f'boundary.{index}.surface = "{name}": {of_a_tool(name)}')
         loads.add(boundary)
     if case.gravity is not None:
         density = {name: body.density for name, body in case.bodies.items()}
@@ -244,6 +248,7 @@ def _notes(asked: Case, model: Model, contacts: Sequence[BuiltContact], loads: L
         *named.notes,
         *locking_bodies(named, problem.solids, problem.space.element.basix_element.degree),
         *large_mesh(case, named),
+        *notes_on_slips(case, named),
         *many_cells(case, named),
         *bonded_bodies(named),
         *notes_on_ranks(asked, named),
