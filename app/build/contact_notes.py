@@ -6,11 +6,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from mpi4py import MPI
 
 from app.case.contact import Contact
 from app.case.friction import Coulomb, Friction, Frictionless, Stribeck
 from forms.bodies.materials import Material, oedometric_modulus
 from forms.contact.pressure import PressureKind
+from geometry.surfaces.projection import Projection
+from geometry.surfaces.surface import ContactSurface, RigidMaster
 
 CORNERED = 3.0  # length of master facets over that of slave facets from which these feel corners
 APART = 2.0  # distance over facet length from which bodies are said to start apart
@@ -84,21 +87,31 @@ def notes_on_surfaces(
 
 
 def note_on_radius(
-    place: str, contact: Contact, length: float, radius: float | None
+    place: str, contact: Contact, surface: ContactSurface, at: Projection, distance: float
 ) -> Iterator[str]:
-    """A line on slave facets too long to follow a round tool.
+    """A line on slave facets too long to follow the tightest rounding of a tool; collective.
+
+    Those count that are near the tool at the start, by half that radius beyond the nearest; where
+    nothing is above the tool yet, all.
 
     Args:
         place: of the contact in the case.
         contact: what the case says.
-        length: m, mean length of the slave facets.
-        radius: m, the smallest of the tool; None: it has none.
+        surface: the pair.
+        at: the slave's points on the master.
+        distance: m, of the surfaces; infinite where no point is above the tool.
     """
-    if radius is not None and length > ROUND * radius:
+    if not isinstance(surface.master, RigidMaster):
+        return
+    radius = surface.master.surface.least_radius
+    near = at.on_surface & (at.gap < distance + ROUND * radius) | np.isinf(distance)
+    local = float(np.max(surface.slave.facet_length, where=near, initial=0.0))
+    length = float(surface.space.mesh.comm.allreduce(local, op=MPI.MAX))
+    if length > ROUND * radius:
         yield (
-            f"{place}: the facets of the slave {contact.slave} are {length / radius:.2g} times as "
-            f"long as the smallest radius of {contact.master}, {radius:.3g} m, which they cannot "
-            "follow; refine the slave where it bends round"
+            f"{place}: the facets of the slave {contact.slave} are up to {length / radius:.2g} "
+            f"times as long as the smallest radius of {contact.master}, {radius:.3g} m, which they "
+            "cannot follow; refine the slave where it bends round"
         )
 
 

@@ -137,7 +137,7 @@ class ContactBuilder:
         notes = (
             *stiffer_slave(index, asked, self.named.body_of(asked.slave), *materials),
             *notes_on_surfaces(f"contact.{index}", asked, lengths, distance),
-            *note_on_radius(f"contact.{index}", asked, length, self._radius(asked)),
+            *note_on_radius(f"contact.{index}", asked, surface, at, distance),
             *note_on_idle_film(f"contact.{index}", asked),
             *note_on_corners(f"contact.{index}", asked, corners_of(asked, surface, at, distance)),
             *notes_on_penalty(index, factor, ratio, self.case.is_explicit, table.pressure),
@@ -223,11 +223,6 @@ class ContactBuilder:
         if contact.master in self.tools:
             return np.inf
         return facet_length(self.named.mesh, self.named.facets(contact.master))
-
-    def _radius(self, contact: Contact) -> float | None:
-        """Smallest radius of a tool, m; None without one."""
-        table = self.case.tools.get(contact.master)
-        return None if table is None else table.smallest_radius
 
     def _materials(self, index: int, contact: Contact) -> tuple[Material, ...]:
         """Materials of the bodies of slave and master; of the slave alone against a tool."""

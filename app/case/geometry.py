@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Protocol, Self
 
 from pydantic import BeforeValidator, Field, ValidationInfo, field_serializer, field_validator
-from pydantic_core import PydanticCustomError
 
+from app.case.named_file import found_file
 from app.case.quantities import Quantity
 from app.case.table import MOST_ENTRIES, Count, Model, Place, Problem
 from geometry.meshes.drawing import DRAWINGS, STEP, Meshing
@@ -289,17 +289,7 @@ class MeshGeometry(Model):
 
         A run that is over (``past``) no longer needs it.
         """
-        if not isinstance(value, str | Path) or not str(value):
-            raise PydanticCustomError("path", "must be the name of a mesh file, in quotes")
-        context = info.context or {}
-        try:
-            path = (Path(context.get("source") or "").parent / value).resolve()
-            found = path.is_file()
-        except (OSError, ValueError):  # a name that no file can have
-            raise PydanticCustomError("path", "is no name that a file can have") from None
-        if not found and not context.get("past"):
-            raise PydanticCustomError("path", "no such file ({path})", {"path": str(path)})
-        return path
+        return found_file(value, info.context or {}, "a mesh file")
 
     @field_serializer("mesh", "meshed")
     def _as_text(self, value: Path | None) -> str | None:

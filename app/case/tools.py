@@ -202,11 +202,6 @@ class Tool(Model):
         """Files that the tool is read from."""
         return ()
 
-    @property
-    def smallest_radius(self) -> float | None:
-        """Smallest radius of the surface, m; None for one without, and for facets."""
-        return getattr(self, "radius", None)
-
     def components(self) -> Iterator[tuple[str, str]]:
         """Components (x, y, z) that are given, each with the table that does it."""
         for key in ("displacement", "velocity", "force"):
@@ -393,14 +388,6 @@ class PolylineTool(Tool):
     def corners(self) -> int:
         """Number of corners that may be rounded."""
         return len(self.points) - (0 if self.closed else 2)
-
-    @property
-    def smallest_radius(self) -> float | None:
-        """See :class:`Tool`."""
-        radii = (
-            self.fillet_radius if isinstance(self.fillet_radius, tuple) else (self.fillet_radius,)
-        )
-        return min((radius for radius in radii if radius > 0.0), default=None)
 
     def positions(self) -> Iterator[tuple[str, Sequence[float]]]:
         """See :class:`Tool`."""

@@ -44,6 +44,9 @@ _KNOWN = {
         Column("pair", "pair"),
         Column("surface", "surface"),
         Column("body", "body"),
+        Column("tool", "tool"),
+        Column("rotation", "rotation θ", "rad"),
+        Column("driving_moment", "driving moment", "N m"),
         Column("slip_speed", "slip speed", "m/s"),
         Column("driven_displacement", "driven path", "m"),
         Column("tangential_force", "signed friction force", "N"),
@@ -64,6 +67,7 @@ _KINDS = {
     "velocity": ("velocity v_{}", "m/s"),
     "boundary_force": ("force of boundaries, {}", "N"),
     "contact_force": ("force of contacts, {}", "N"),
+    "driving_force": ("driving force, {}", "N"),
 }
 
 

@@ -72,6 +72,9 @@ def _tables(name: str, value: Any) -> Iterator[tuple[str, tuple[str | int, ...],
     if name == "bodies":
         for body, entries in value.items():
             yield f"Body {body}", (name, body), entries
+    elif name == "tools":
+        for tool, entries in value.items():
+            yield f"Tool {tool}", (name, tool), entries
     elif isinstance(value, list):
         word, called = _NAMED.get(name, (name, lambda table: table.get("name", "")))
         for index, entries in enumerate(value):

@@ -37,7 +37,7 @@ class RunPart:
     Attributes:
         label: of the value of a sweep, "" of a run alone.
         status: how it ended; warnings: said in it.
-        tables: of load steps, and of pairs, surfaces and bodies at their ends.
+        tables: of load steps, and of pairs, tools, surfaces and bodies at their ends.
         energy: whether energies add up; energies: table of them.
         pictures: its figures; cost: wall time; facts: sizes and versions.
     """
@@ -125,7 +125,9 @@ def _run_part(results: Results, label: str, title: str) -> RunPart:
         load_step_table(results.load_steps, len(results.case.contact)),
         None if ended else end_table(history, len(results.case.contact)),
     )
-    details = detail_tables(results.load_steps, results.contacts, results.surfaces, results.bodies)
+    details = detail_tables(
+        results.load_steps, results.contacts, results.surfaces, results.bodies, results.tools
+    )
     return RunPart(
         label,
         status_verdict(summary, results.unfinished),

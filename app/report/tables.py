@@ -39,6 +39,12 @@ _OF_A_BODY = (
     *(f"{kind}_force_{axis}" for kind in ("contact", "boundary") for axis in "xyz"),
     *_MOTION,
 )
+_OF_A_TOOL = (
+    *("tool", "label", *(f"displacement_{axis}" for axis in "xyz"), "rotation"),
+    *(f"{kind}_{axis}" for kind in ("force", "moment") for axis in "xyz"),
+    *(f"driving_force_{axis}" for axis in "xyz"),
+    "driving_moment",
+)
 _OF_NO_PAIR = ("label", "stage", "steady", "velocity", "time")
 _OF_ONE_PAIR = ("film_thickness", "effective_viscosity")  # their means over several say little
 _NONE_AT_0 = _OF_ONE_PAIR  # 0 stands for pairs without a film, and where nothing is driven
@@ -46,7 +52,7 @@ _FRICTION = ("friction_force", "tangential_force")  # in one unit, to be compare
 _OVER_DECADES = ("velocity", "effective_viscosity", "slip_speed")  # with their SI unit then
 MANY = 1e4  # largest over smallest
 MANY_ROWS = 12  # from which a table of details is folded
-_ALWAYS = ("label", "pair", "surface", "body", "time", "normal_force", "force_x", "force_y")
+_ALWAYS = ("label", "pair", "surface", "body", "tool", "time", "normal_force", "force_x", "force_y")
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,11 +113,16 @@ def _words(pairs: int) -> str:
 
 
 def detail_tables(
-    load_steps: DataFrame, contacts: DataFrame, surfaces: DataFrame, bodies: DataFrame
+    load_steps: DataFrame,
+    contacts: DataFrame,
+    surfaces: DataFrame,
+    bodies: DataFrame,
+    tools: DataFrame,
 ) -> list[Table]:
-    """Pairs, surfaces and bodies at the end of each load step, those that there are.
+    """Pairs, tools, surfaces and bodies at the end of each load step, those that there are.
 
-    Of one pair alone the table of load steps has told all.
+    Of one pair alone the table of load steps has told all. Of tools there is a table of the largest
+    values of all steps too.
     """
     if not contacts.empty and contacts["pair"].nunique() == 1:
         contacts = contacts.head(0)
@@ -119,10 +130,14 @@ def detail_tables(
         frame_table(_ends(frame, load_steps, first), names, caption)
         for frame, first, names, caption in (
             (contacts, "pair", _OF_A_PAIR, "Each pair at the end of each load step"),
+            (tools, "tool", _OF_A_TOOL, "Tools: force and moment of the bodies on them"),
             (surfaces, "surface", _OF_A_SURFACE, "Surfaces with a boundary: force on the body"),
             (bodies, "body", _OF_A_BODY, "Bodies: forces on them, and their centres"),
         )
     ]
+    peaks = [name for name in _OF_A_TOOL if name != "label"]
+    most = frame_table(_largest(tools, "tool"), peaks, "Tools: largest value of each over the run")
+    made.insert(2, most)
     tables = [table for table in made if table is not None]
     return [replace(t, folded=len(t.rows) > MANY_ROWS) for t in tables]
 
@@ -134,6 +149,18 @@ def _ends(frame: DataFrame, load_steps: DataFrame, first: str) -> DataFrame:
     found = frame.merge(load_steps[["step", "label"]], on="step", how="inner")
     order = {name: place for place, name in enumerate(dict.fromkeys(frame[first]))}
     return found.sort_values(first, key=lambda names: names.map(order), kind="stable")
+
+
+def _largest(frame: DataFrame, first: str) -> DataFrame:
+    """Of each name in a column the values that are largest in size, with their signs, of its rows.
+
+    They need not be of one step.
+    """
+    if frame.empty or first not in frame:
+        return frame.head(0)
+    parts = frame.groupby(first, sort=False)
+    numbers = frame.select_dtypes("number").columns
+    return parts[list(numbers)].agg(lambda one: one.loc[one.abs().idxmax()]).reset_index()
 
 
 def frame_table(

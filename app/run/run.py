@@ -27,6 +27,7 @@ from app.results.status import check_may_begin_anew
 from app.run.interruption import Interruption
 from app.run.meshed import meshed
 from app.run.progress import Reporter, Together
+from app.run.tool_lines import tool_lines
 from app.simulation.explicit_stage import notes_on_steps
 from app.simulation.history import energy_gap
 from app.simulation.observer import Observer
@@ -218,9 +219,10 @@ def _say_warnings(reporter: Reporter, recorder: Recorder) -> None:
 
 
 def _say_end(reporter: Reporter, simulation: Simulation, recorder: Recorder, quiet: bool) -> None:
-    """Warnings, figures of the run and the place of the results."""
+    """Warnings, figures of the run, its tools and the place of the results."""
     _say_warnings(reporter, recorder)
-    for line in (_closing_line(simulation), f"results in {recorder.directory}"):
+    closing = (_closing_line(simulation), *tool_lines(simulation.state))
+    for line in (*closing, f"results in {recorder.directory}"):
         reporter.say(line, always=not quiet)
 
 

@@ -23,10 +23,13 @@ from app.verify.contact import (
     mindlin_reversal,
 )
 from app.verify.curved import film_over_curve, film_over_sphere, pressed_curve
+from app.verify.flowing import considere, thick_tube
+from app.verify.flowing_bending import cook, pure_bending
 from app.verify.result import Check, Verification
 from app.verify.sliding import block_slide, film_sliding, friction_law, penalty
 from app.verify.space import isotropy, patch_space
 from app.verify.sphere import curved_sliding, hertz_point, sphere_twist
+from app.verify.upset import upset
 
 CASES: dict[str, Callable[[], Verification]] = {
     "friction-law": friction_law,
@@ -36,6 +39,11 @@ CASES: dict[str, Callable[[], Verification]] = {
     "block-compression": block_compression,
     "hertz-line": hertz_line,
     "hertz-two-cylinders": hertz_two_cylinders,
+    "considere": considere,
+    "thick-tube": thick_tube,
+    "upset": upset,
+    "springback": pure_bending,
+    "cook-membrane": cook,
     "film-over-curve": film_over_curve,
     "pressed-curve": pressed_curve,
     "cattaneo-mindlin": cattaneo_mindlin,

@@ -220,7 +220,7 @@ def generate(
         shape: The geometry.
         comm: Communicator of the mesh.
         contacts: Pairs whose slave facets are shared out evenly, like the cells; without any (or
-            without METIS) only the cells are.
+            without METIS) only the cells are. A master may be no surface of the mesh, but a tool.
         carriers: Names of cells that are added, see `MeshArrays.with_carriers`.
 
     Returns:
@@ -253,7 +253,7 @@ def read(
     Args:
         path: The file: ``.msh`` of version 2 or 4, or a drawing.
         comm: Communicator of the mesh.
-        contacts: As in ``generate``; names that the file does not have are ignored.
+        contacts: As in ``generate``; slaves that the file does not have are ignored.
         most_cells: More are refused.
         carriers: As in ``generate``.
         scale: m, of a unit of the file's coordinates.
@@ -354,17 +354,24 @@ def _partitioner(
     arrays: MeshArrays | None, names: _Names, comm: MPI.Comm, contacts: Contacts
 ) -> CellPartitioner | None:
     """Shares out cells and slave facets; None where DOLFINx's own is used; collective."""
-    known = [pair for pair in contacts if names.surfaces.keys() >= set(pair)]
+    known = [pair for pair in contacts if pair[0] in names.surfaces]
     if comm.size == 1 or not known or not comm.bcast(metis.is_available(), root=0):
         return None
 
     def parts_of(vertices: npt.NDArray[np.int64], parts: int) -> npt.NDArray[np.int32]:
         assert arrays is not None, "the cells are where the arrays are"
-        pairs = [(arrays.facets(slave), arrays.facets(master)) for slave, master in known]
+        pairs = [(arrays.facets(slave), _facets(arrays, master)) for slave, master in known]
         cells = vertices.reshape(-1, CORNERS[arrays.cell])
         return share_out(cells, arrays.position[:, : arrays.dim], pairs, parts)
 
     return cell_partitioner(parts_of)
+
+
+def _facets(arrays: MeshArrays, surface: str) -> npt.NDArray[np.int64]:
+    """Facets (f, v) of a surface; (0, v) of a tool, which is none of the mesh."""
+    if surface in arrays.surfaces:
+        return arrays.facets(surface)
+    return arrays.facets(next(iter(arrays.surfaces)))[:0]
 
 
 def _agreed(comm: MPI.Comm, names: _Names | None, problem: Exception | None) -> _Names:

@@ -20,7 +20,8 @@ from scipy.spatial import cKDTree
 from geometry.meshes import metis
 from geometry.surfaces.facets import Floats, Ints, Longs
 
-Pair = tuple[Longs, Longs]  # vertices (f, v) of the slave and of the master facets of a contact
+# Vertices (f, v) of the slave and of the master facets of a contact; of a tool (0, v).
+Pair = tuple[Longs, Longs]
 
 # An edge between touching cells: cutting one costs the tangent's entries of a slave and a master
 # facet, about as many as the exchange of a face between two cells.
@@ -34,7 +35,8 @@ def share_out(cells: Longs, position: Floats, contacts: Sequence[Pair], parts: i
     Args:
         cells: (c, v) vertices, rows of ``position``.
         position: (n, i) of all vertices.
-        contacts: facets of the pairs, each a face of one cell.
+        contacts: facets of the pairs, each a face of one cell; of a master that is no part of the
+            mesh there are none.
         parts: how many.
 
     Returns:
@@ -55,9 +57,13 @@ def share_out(cells: Longs, position: Floats, contacts: Sequence[Pair], parts: i
         (slaves, here), (masters, there) = (
             _cells_behind(facets, incidence, position) for facets in pair
         )
+        weight = np.bincount(slaves, minlength=len(cells)).astype(np.int32)
+        # Facets of no cell are reported later, by the surface's name; a slave of several masters
+        # is one weight to be balanced.
+        if len(slaves) and not any(np.array_equal(weight, other) for other in weights[1:]):
+            weights.append(weight)
         if not len(slaves) or not len(masters):
-            continue  # facets of no cell are reported later, by the surface's name
-        weights.append(np.bincount(slaves, minlength=len(cells)).astype(np.int32))
+            continue
         beside = masters[cKDTree(there).query(here)[1]]
         edges = np.full(len(slaves), TOUCHING, dtype=np.int32)
         joined = scipy.sparse.coo_matrix((edges, (slaves, beside)), shape=graph.shape)

@@ -212,6 +212,30 @@ def test_notes_name_tools_that_nothing_touches_and_facets_too_long(tmp_path):
     assert any("times as long as the smallest radius of punch" in note for note in notes)
 
 
+@pytest.mark.parametrize(
+    ("tool", "cells", "said"),
+    [
+        (circle(2e-4), (40, 8), False),  # fine in the middle only
+        (circle(2e-4), (20, 8), True),
+        (circle(2e-4, centre=[1e-4, 1.2e-3]), (40, 8), True),  # over the end of the block
+        (plane(), (4, 2), False),
+        (
+            {
+                "shape": "polyline",
+                "points": [[5e-3, 1e-3], [2e-3, 1e-3], [2e-3, 3e-3]],
+                "fillet_radius": 2e-4,
+            },
+            (20, 8),
+            True,
+        ),
+    ],
+)
+def test_only_facets_near_a_tool_need_to_follow_it(tmp_path, tool, cells, said):
+    mesh = block_mesh(tmp_path / "block.msh", cells, grading=2.0)
+    notes = build_model(case_of(block_case(mesh, tools={"punch": tool})), MPI.COMM_SELF).notes
+    assert any("times as long as the smallest radius of punch" in note for note in notes) is said
+
+
 def test_facets_of_a_file_are_turned_over_and_scaled(tmp_path):
     mesh = block_mesh(tmp_path / "block.msh", (4, 2))
     table = MeshTool(shape="mesh", file=mesh, surface="top", scale="mm", turned_over=True)

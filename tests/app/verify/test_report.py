@@ -50,6 +50,8 @@ def failed(found: Verification) -> set[str]:
 # Cases in space of tens of seconds; test_sphere.py runs them coarse.
 APART = {"hertz-point", "sphere-twist", "curved-sliding"}
 LONG = {
+    "cook-membrane",  # coarser in test_flowing.py
+    "springback",  # coarse in test_flowing.py
     "film-over-curve",  # one Poisson's ratio, fewer steps, in test_curved.py
     "film-over-sphere",
     "pressed-curve",  # coarser in test_curved.py

@@ -111,6 +111,27 @@ def test_each_contact_is_shared_out_for_itself(mesh):
         assert shares.max() <= 0.54 * shares.sum()
 
 
+def test_the_slave_of_a_tool_is_shared_out(mesh):
+    """A tool has no facets in the mesh; a second one on the same slave asks for nothing more."""
+    slave, none = mesh.facets[0], mesh.facets[1][:0]
+    found = mesh.shared_out(2, [(slave, none)])
+    shares = np.bincount(found[mesh.behind[0]], minlength=2)
+    assert shares.max() <= 0.54 * shares.sum()
+    np.testing.assert_array_equal(mesh.shared_out(2, [(slave, none), (slave, none)]), found)
+
+
+def slaves_of_a_tool(comm, directory):
+    """Slave facets that each rank owns, where the master is no surface of the mesh."""
+    named = generate(SHAPES["quadrilateral"], comm, [("elastomer_contact", "punch")], ["punch"])
+    owned = named.mesh.topology.index_map(1).size_local
+    return comm.allgather(int(np.count_nonzero(named.facets("elastomer_contact") < owned)))
+
+
+@pytest.mark.mpi(slaves_of_a_tool, 2)
+def test_ranks_share_the_slave_of_a_tool(on_ranks):
+    assert on_ranks(slaves_of_a_tool, 2) == [12, 12]
+
+
 def test_facets_of_no_cell_are_passed_over():
     """They are reported later, by name."""
     parts = Parts(SHAPES["triangle"])

@@ -1,0 +1,152 @@
+"""Metals that flow against closed forms: other elements, meshes and steps; checks that can fail."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from app.verify.flowing import (
+    FLOWS,
+    GROWTH,
+    INNER,
+    SATURATING,
+    SWIFT,
+    TUBE,
+    YOUNG,
+    drawn_bar,
+    metal,
+    quarter_of_tube,
+    tube_of_revolution,
+)
+from app.verify.flowing_bending import (
+    ANGLES,
+    POISSON,
+    PUBLISHED,
+    STRIPS,
+    THICKNESS,
+    limit,
+    membrane_tip,
+    springback,
+)
+from forms.closed_forms.bent_strip import Strip
+from forms.closed_forms.metal_bar import load_maximum, stress_at
+from forms.closed_forms.thick_tube import inner_pressure
+
+RIGID_VOLUME = metal(TUBE, poisson=0.4999)
+
+# -- thick tube -----------------------------------------------------------------------------------
+
+
+def test_a_tube_of_revolution_converges_to_the_closed_form():
+    errors = [tube_of_revolution(RIGID_VOLUME, n).error for n in (4, 8, 16)]
+    assert errors[2] < 1.5e-3
+    assert errors[0] > 2.5 * errors[1] > 6.0 * errors[2]
+
+
+def test_a_quarter_of_a_tube_meets_the_closed_form():
+    assert quarter_of_tube(RIGID_VOLUME, (6, 6)).error < 0.01
+
+
+def test_second_order_elements_meet_the_closed_form_where_metals_are_compressible():
+    found = quarter_of_tube(metal(TUBE), (4, 6), "q2")
+    np.testing.assert_allclose(found.pressure[FLOWS:], found.exact[FLOWS:], rtol=0.01)
+
+
+def test_a_tube_of_full_integration_locks():
+    """What the other formulations are for: the same mesh, far too stiff."""
+    pressures = np.array([30e6, 60e6])
+    assert quarter_of_tube(RIGID_VOLUME, (6, 6), "q1", pressures).error > 0.05
+
+
+def test_a_tube_in_few_steps_is_that_in_many():
+    """Flow in one direction: the step's size does not count."""
+    exact = [
+        inner_pressure(
+            float(g) * INNER, INNER, 2.0 * INNER, RIGID_VOLUME.shear_modulus, TUBE.stress
+        )
+        for g in GROWTH
+    ]
+    few = quarter_of_tube(RIGID_VOLUME, (6, 6), pressures=np.array(exact[FLOWS:]))
+    many = quarter_of_tube(RIGID_VOLUME, (6, 6), pressures=np.array(exact))
+    np.testing.assert_allclose(few.displacement, many.displacement[FLOWS:], rtol=2e-3)
+
+
+# -- drawn bars -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("formulation", ["q1", "q1-sri", "q2"])
+@pytest.mark.parametrize(
+    ("counts", "section"), [((2, 4), "axisymmetric"), ((1, 1, 1), "3D"), ((1, 2, 3), "3D")]
+)
+def test_a_bar_bears_most_where_considere_says(formulation, counts, section):
+    if formulation == "q2" and counts == (1, 2, 3):
+        counts = (1, 1, 2)
+    strains = np.array([0.04, 0.16, 0.19, 0.22])
+    bar = drawn_bar(SWIFT, counts, section, strains, formulation)
+    stretch, stress = load_maximum(YOUNG, SWIFT)
+    assert bar.maximum() == pytest.approx((stretch, stress), rel=5e-3)
+    np.testing.assert_allclose(bar.stress, stress_at(bar.stretch, YOUNG, SWIFT), rtol=1e-7)
+    assert bar.uneven < 1e-6
+
+
+def test_a_bar_drawn_in_one_step_bears_what_it_does_in_ten():
+    one = drawn_bar(SATURATING, (1, 1), "axisymmetric", np.array([0.2]))
+    ten = drawn_bar(SATURATING, (1, 1), "axisymmetric", np.linspace(0.02, 0.2, 10))
+    assert one.stress[-1] == pytest.approx(ten.stress[-1], rel=1e-8)
+
+
+# -- Cook's membrane ------------------------------------------------------------------------------
+
+
+def test_the_limit_of_a_geometric_series_is_found():
+    assert limit(np.array([9.0, 1.0, 2.0, 2.5])) == pytest.approx(3.0)
+
+
+def test_cooks_membrane_tends_to_the_published_range():
+    for kind, counts in (("q1-sri", (8, 16, 32)), ("q2", (4, 8, 16))):
+        tips = np.array([membrane_tip(n, kind)[0] for n in counts])
+        assert np.all(np.diff(tips) > 0.0) and tips[-1] < PUBLISHED[1]
+        assert limit(tips) == pytest.approx(np.mean(PUBLISHED), rel=0.02)
+
+
+def test_cooks_membrane_of_full_integration_locks():
+    full, reduced = (membrane_tip(8, kind)[0] for kind in ("q1", "q1-sri"))
+    assert full < 0.5 * reduced
+
+
+@pytest.mark.long
+def test_cooks_membrane_is_within_the_published_range_on_a_fine_mesh():
+    tips = np.array([membrane_tip(n, "q1-sri")[0] for n in (16, 32, 64)])
+    assert PUBLISHED[0] < limit(tips) < PUBLISHED[1]
+    assert tips[-1] == pytest.approx(PUBLISHED[0], rel=2e-3)
+
+
+def test_more_steps_change_cooks_membrane_in_first_order():
+    tips = [membrane_tip(8, "q1-sri", steps)[0] for steps in (5, 10, 20)]
+    assert tips[2] == pytest.approx(tips[1], rel=5e-3)
+    assert 1.4 < (tips[0] - tips[1]) / (tips[1] - tips[2]) < 3.0
+
+
+# -- springback -----------------------------------------------------------------------------------
+
+
+def lost(found, hardening):
+    """Error of 1 − K against fibres."""
+    curvature = found.curvature
+    exact = 1.0 - Strip(THICKNESS, YOUNG, POISSON, hardening.stress).bent(curvature)[1] / curvature
+    return (1.0 - found.ratio) / exact - 1.0
+
+
+@pytest.mark.parametrize("name", STRIPS)
+def test_springback_of_a_coarse_strip_meets_that_of_fibres(name):
+    found = springback(STRIPS[name], ANGLES[1], (8, 4))
+    assert abs(lost(found, STRIPS[name])) < 0.01
+    assert abs(found.left) < 1e-6
+
+
+def test_springback_with_selective_reduced_integration_needs_elements_as_long_as_high():
+    law = STRIPS["Voce"]
+    square, long = (
+        lost(springback(law, ANGLES[0], counts, "q1-sri", 10), law) for counts in ((64, 8), (8, 8))
+    )
+    assert abs(square) < 0.01 < abs(long)
