@@ -33,7 +33,7 @@ from app.build.solids import (
 from app.build.supports import notes_on_supports
 from app.build.tools import make_tools, notes_on_tools
 from app.case.boundary import COMPONENTS
-from app.case.case import Case, of_a_tool
+from app.case.case import Case
 from app.case.stage import solver_of
 from app.equilibrium.equilibrium import Equilibrium
 from app.equilibrium.snapshot import Snapshot
@@ -193,10 +193,7 @@ def _loads(case: Case, named: NamedMesh, u: dolfinx.fem.Function, section: Secti
         InputError: they contradict each other, or do not go with the mesh.
     """
     loads = Loads(named, u, section, case.geometry.slab, case.stage)
-    for index, boundary in enumerate(case.boundary):
-        if boundary.surface in case.tools:  # whose names are not those of surfaces
-            name = boundary.surface
-            raise InputError(f'boundary.{index}.surface = "{name}": {of_a_tool(name)}')
+    for boundary in case.boundary:
         loads.add(boundary)
     if case.gravity is not None:
         density = {name: body.density for name, body in case.bodies.items()}

@@ -44,7 +44,9 @@ def test_a_starter_runs_as_it_is(kind, tmp_path, tribox):
     out = tmp_path / "out"
     ran = tribox("run", case, "--out", out, "--set", "output.figures=false")
     assert ran.returncode == 0, ran.stderr
-    assert "warning" not in ran.stdout
+    # A strip touches an edge along a line, narrower than its facets.
+    expected = 2 if kind == "forming" else 0
+    assert ran.stdout.count("warning") == ran.stdout.count("slave facets wide") == expected
     summary = json.loads((out / "summary.json").read_text())
     steps = summary["load_steps"]
     assert steps[0]["label"] == ("bend" if kind == "forming" else "press")
