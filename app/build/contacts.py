@@ -25,6 +25,7 @@ from app.build.contact_notes import (
     notes_on_surfaces,
     stiffer_slave,
 )
+from app.build.facing import faces_away, facing_problem
 from app.case.case import Case
 from app.case.contact import Contact
 from app.case.friction import Coulomb, Friction, FrictionMap, OwnLaw, Stribeck
@@ -121,6 +122,10 @@ class ContactBuilder:
         length = surface.facet_length
         at = surface.project(surface.slave.position, surface.master.position)
         at_once = self.case.acts_in(asked, self.case.stage[0].name)
+        if at_once and faces_away(surface, at):
+            tool = self.case.tools.get(asked.master)
+            problem = facing_problem(asked.slave, asked.master, tool)
+            raise InputError(f"contact.{index}: {problem}")
         distance = _checked_distance(f"contact.{index}", asked, surface, at, at_once)
         table = resolved_contact(asked, softer, length, highest_pressure(self.case))
         law, film = self._law(index, table), table.film.film() if table.film else 0.0
@@ -405,7 +410,7 @@ def overlap(surface: ContactSurface, at: Projection) -> float:
 def _checked_distance(
     place: str, contact: Contact, surface: ContactSurface, at: Projection, at_once: bool
 ) -> float:
-    """Refuse surfaces that overlap, or face away from each other, before anything has moved.
+    """Refuse surfaces that overlap before anything has moved.
 
     Args:
         place: of the contact in the case.
@@ -425,8 +430,8 @@ def _checked_distance(
             "lower smoothing_angle"
         )
         raise InputError(
-            f"{place}: {contact.slave} starts {depth:.3g} m inside {contact.master} (or faces away "
-            "from it); the bodies may touch at the start, not overlap"
+            f"{place}: {contact.slave} starts {depth:.3g} m inside {contact.master}; the bodies "
+            "may touch at the start, not overlap"
             + (smooth if contact.smoothing_angle is not None else "")
         )
     nearest = float(np.min(np.abs(at.gap), where=at.on_surface, initial=np.inf))

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from mpi4py import MPI
 
 from app.build.boundary_conditions import ON_AXIS
-from app.case.case import Case
+from app.case.case import Case, of_a_tool
 from app.case.geometry import GeneratedGeometry
 from app.case.trust import require_drawing
 from app.case.validation import format_problem
@@ -94,7 +94,11 @@ def _name_problems(case: Case, named: NamedMesh) -> Iterator[str]:
         if contact.master not in case.tools:
             wanted.append((f"contact.{index}.master", named.surface_tag, contact.master))
     for index, boundary in enumerate(case.boundary):
-        wanted.append((f"boundary.{index}.surface", named.heed_place, boundary.surface))
+        surface = boundary.surface
+        if surface in case.tools and surface not in named.surfaces:
+            yield f'boundary.{index}.surface = "{surface}": {of_a_tool(surface)}'
+        else:
+            wanted.append((f"boundary.{index}.surface", named.heed_place, surface))
     for place, tag_of, name in wanted:
         try:
             tag_of(name)

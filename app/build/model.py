@@ -23,6 +23,7 @@ from app.build.mesh_notes import (
 )
 from app.build.numbers import failures_as
 from app.build.probes import PointPlaces, place_probes
+from app.build.slips import notes_on_slips
 from app.build.solids import (
     displacement_on,
     make_solids,
@@ -244,6 +245,7 @@ def _notes(asked: Case, model: Model, contacts: Sequence[BuiltContact], loads: L
         *named.notes,
         *locking_bodies(named, problem.solids, problem.space.element.basix_element.degree),
         *large_mesh(case, named),
+        *notes_on_slips(case, named),
         *many_cells(case, named),
         *bonded_bodies(named),
         *notes_on_ranks(asked, named),

@@ -339,7 +339,7 @@ class Case(Model):
         for place, name in named:
             if name not in geometry.named_surfaces:
                 reason = f"no such surface; {_hint(name, geometry.named_surfaces)}"
-                yield Problem(place, reason, name)
+                yield Problem(place, of_a_tool(name) if name in self.tools else reason, name)
 
     def _sweep_problems(self) -> Iterator[Problem]:
         """Each value must make a valid case, and a directory of its own."""
@@ -366,6 +366,11 @@ class Case(Model):
                     yield Problem(("sweep", "key"), problem.reason, self.sweep.key)
                     return
                 yield Problem(place, _seen_from(self.sweep.key, problem), value)
+
+
+def of_a_tool(name: str) -> str:
+    """Why a boundary cannot be that of a tool."""
+    return f"is a tool; what moves it stands in [tools.{name}]"
 
 
 def _seen_from(key: str, problem: Problem) -> str:

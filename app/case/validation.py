@@ -106,6 +106,8 @@ def _problems_of(detail: ErrorDetails, model: type[Model], data: object) -> Iter
     else:
         # What the library or a validator of ours has put together may hold braces of the writer's.
         reason = _REASONS[kind].format(**context) if kind in _REASONS else detail["msg"]
+        if kind == "too_short" and context["min_length"] > 1:
+            reason = reason.replace("entry", "entries")
         yield Problem((*place, *context.get("at", ())), reason, context.get("found", found))
 
 

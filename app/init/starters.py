@@ -15,7 +15,7 @@ HERE = Path(__file__).parent
 KINDS = {
     "two-blocks": "a block pressed on another and slid on a film, by a built-in generator",
     "own-mesh": "a pad on a plate, with a drawing for gmsh and its mesh",
-    "forming": "a round tool drawn along a pad on a plate: three bodies, two contacts",
+    "forming": "an aluminium strip bent over an edge by rigid tools, and its springback",
 }
 
 

@@ -22,6 +22,8 @@ BLOCK = (Path(__file__).parents[3] / "cases" / "block-slide.toml").read_text()
 ROUND = circle(displacement={"y": [["0 s", "0 m"], ["1 s", "-50 um"]]})
 LINE = {"shape": "polyline", "points": [[0, 1], [1, 1], [1, 2]]}
 
+ABOVE = {"shape": "polyline", "points": [[-1, 1e-3], [1, 1e-3]]}  # from left to right
+
 
 def mistakes(tools, contact=None, **more):
     """Lines on a case of two blocks with these tools; its contacts stay if none is given."""
@@ -113,6 +115,19 @@ def test_a_contact_names_a_tool_as_its_master(contact, line):
     assert line in found[0]
 
 
+def test_a_boundary_of_a_tool_is_told_where_its_motion_stands():
+    boundary = [{"surface": name, "displacement": {"y": 0}} for name in ("bottom", "punch")]
+    [line] = mistakes({"punch": ROUND}, boundary=boundary)
+    assert line == 'boundary.1.surface = "punch": is a tool; what moves it stands in [tools.punch]'
+
+
+def test_so_is_one_of_a_tool_on_a_mesh_that_is_read(tmp_path):
+    data = block_case(block_mesh(tmp_path / "block.msh", (2, 1)))
+    data["boundary"].append({"surface": "punch", "displacement": {"x": 0}})
+    with pytest.raises(InputError, match=r"boundary\.1\.surface = \"punch\": is a tool; what"):
+        build_model(case_of(data), MPI.COMM_SELF)
+
+
 def test_a_tie_to_a_tool_is_refused():
     tied = {"slave": "top", "master": "punch", "tied": True}
     data = tomllib.loads(BLOCK) | {"tools": on_punch(), "contact": [tied]}
@@ -166,6 +181,15 @@ def test_the_resolved_case_reads_back_to_the_same(tmp_path):
         (on_punch(centre=[0, 0, 0]), "tools.punch.centre = [0.0, 0.0, 0.0]: must have 2"),
         (on_punch(centre=[2e-3, 2e-3]), "contact.0: top starts 0.001 m inside punch"),
         ({"punch": {"shape": "mesh", "file": "", "surface": "tpo"}}, "did you mean 'top'?"),
+        ({"punch": plane(normal=[0, 1])}, "contact.0: top and punch face the same way"),
+        ({"punch": plane(normal=[0, 1])}, "its normal points out of it, towards the body"),
+        (on_punch(inside=True), "inside = true is for a body inside it"),
+        (on_punch(centre=[2e-3, -3e-3], inside=True), "contact.0: top starts 0.0"),
+        ({"punch": ABOVE}, "going along it, the body is on the left"),
+        (
+            {"punch": {"shape": "mesh", "file": "", "surface": "top", "turned_over": True}},
+            "turned_over = true turns it over",
+        ),
     ],
 )
 def test_what_the_mesh_shows_is_one_line_too(tmp_path, tools, line):

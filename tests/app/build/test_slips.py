@@ -1,0 +1,45 @@
+"""Notes on values that are hardly meant."""
+
+from __future__ import annotations
+
+import pytest
+from mpi4py import MPI
+
+from app.build.model import build_model
+from tests.tool_cases import block_case, block_mesh, case_of, plane
+
+METAL = {"material": "elastoplastic", "E": "70 GPa", "nu": 0.33}
+
+
+def notes(tmp_path, **tables):
+    mesh = block_mesh(tmp_path / "block.msh", (2, 1))
+    return build_model(case_of(block_case(mesh, **tables)), MPI.COMM_SELF).notes
+
+
+def down(way):
+    """A plane, and a side of the block, 4 mm wide, that go down by ``way``."""
+    program = {"displacement": {"y": [["0 s", "0 m"], ["1 s", way]]}}
+    sides = [{"surface": "bottom"} | program, {"surface": "left", "displacement": {"x": 0}}]
+    return {"tools": {"punch": plane(**program)}, "boundary": sides}
+
+
+def test_a_displacement_far_beyond_the_mesh_is_told(tmp_path):
+    found = [note for note in notes(tmp_path, **down(-20)) if "goes as far" in note]
+    assert [note.split(":")[0] for note in found] == [
+        "boundary.0.displacement.y",
+        "tools.punch.displacement.y",
+    ]
+    assert "as far as 20 m, 5e+03 times the extent of the mesh" in found[0]
+    assert not any("goes as far" in note for note in notes(tmp_path, **down("-40 mm")))
+
+
+@pytest.mark.parametrize(
+    ("stress", "said"),
+    [(100, "yields at 100 Pa, 1.4e-09 of"), ("10 GPa", "yields at 1e+10 Pa"), ("20 MPa", None)],
+)
+def test_a_yield_stress_out_of_proportion_is_told(tmp_path, stress, said):
+    hardening = {"law": "linear", "yield_stress": stress}
+    found = notes(tmp_path, bodies={"block": METAL | {"hardening": hardening}})
+    told = [note for note in found if "yields at" in note]
+    assert len(told) == (said is not None)
+    assert all(note.startswith(f"bodies.block: {said}") for note in told)
