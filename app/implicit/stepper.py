@@ -137,7 +137,7 @@ class ImplicitStepper:
         problem, newton, iterations, reason = self.problem, self.newton, 0, 0
         largest, self._trial_floating = newton.largest_force, ()
         may_float = bool(self._weak.bodies) and largest > problem.roundoff
-        if not (may_float and self._floating):
+        if not (may_float and (self._floating or self._weak.adrift(largest))):
             iterations, reason = self._tried(step, self._pressed)
             if reason > 0:
                 newton.evaluate(step)

@@ -53,6 +53,14 @@ class WeakHold:
         ranks = problem.comm.allreduce(np.array(here, dtype=np.int64))
         return [int(pair) for pair in np.nonzero(ranks)[0]]
 
+    def adrift(self, largest: float) -> bool:
+        """Whether a body has no contact at all, and no load; collective.
+
+        Args:
+            largest: N, force of the run that loads are compared with.
+        """
+        return any(not pairs for pairs in self.pairs) and not self.is_loaded(largest)
+
     def floating(self, largest: float) -> list[str]:
         """The free bodies that no contact presses on, at the last evaluation; collective.
 

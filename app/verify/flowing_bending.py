@@ -177,15 +177,20 @@ class BentStrip:
         force = self.stepper.problem.unbalanced
         return float(force[self.end[0].dofs] @ (c * y) - force[self.end[1].dofs] @ (s * y))
 
-    def curvature(self) -> float:
-        """Mean curvature of the half next to the middle, by undeformed length, 1/m."""
-        X, moved = self.body.X, self.body.moved
-        places = np.unique(np.round(X[:, 0], 12))
-        place = places[np.argmin(np.abs(places - 0.5 * SPAN))]
-        section = np.abs(X[:, 0] - place) < 1e-9
-        x = X[section] + moved[section]
-        slope = np.polyfit(x[:, 1], x[:, 0], 1)[0]
-        return float(np.arctan(slope) / place)
+
+def curvature(X: Floats, moved: Floats) -> float:
+    """Mean curvature of the quarter next to the middle, by undeformed length, 1/m.
+
+    Args:
+        X: (n, i), m, nodes of the half, undeformed, its middle at x = 0.
+        moved: (n, i), m, their displacements.
+    """
+    places = np.unique(np.round(X[:, 0], 12))
+    place = places[np.argmin(np.abs(places - 0.5 * SPAN))]
+    section = np.abs(X[:, 0] - place) < 1e-9
+    x = X[section] + moved[section]
+    slope = np.polyfit(x[:, 1], x[:, 0], 1)[0]
+    return float(np.arctan(slope) / place)
 
 
 def springback(
@@ -208,7 +213,7 @@ def springback(
     moment = 0.0
     for step in range(1, steps + 1):
         moment = strip.turn(angle * step / steps)
-    bent = strip.curvature()
+    bent = curvature(strip.body.X, strip.body.moved)
     stiffness = YOUNG * THICKNESS**3 / (12.0 * (1.0 - POISSON**2)) / SPAN
     at, left = angle, moment
     for share in (0.5, 0.5, *ALL):  # half of the way first: the plastic tangent leads astray
@@ -216,7 +221,8 @@ def springback(
             break
         at -= share * left / stiffness
         left = strip.turn(at)
-    return Springback(bent, strip.curvature(), moment, left / moment)
+    released = curvature(strip.body.X, strip.body.moved)
+    return Springback(bent, released, moment, left / moment)
 
 
 def pure_bending() -> Verification:
