@@ -163,7 +163,6 @@ def test_a_strip_pressed_by_a_pad_stays_bent_and_keeps_stresses_in_balance():
         "pad",
         geometry__blocks__strip__elements="[32, 2]",
         geometry__blocks__pad__elements="[20, 5]",
-        contact__0__film__thickness='"180 nm"',
         stage__1__steps="20",
     )
     end = [row.stage for row in done.rows].index("lift") - 1
