@@ -1,4 +1,4 @@
-"""The forming cases of ``cases/forming`` in reduced form: each runs, and obeys what is known by hand.
+"""Forming cases of ``cases/forming``, reduced: each runs, and obeys what is known by hand.
 
 Coarse meshes and few steps, so that forces are those of a coarse body; the pages in
 ``docs/forming`` have the numbers of the cases as they are.
@@ -15,7 +15,7 @@ from mpi4py import MPI
 from app.build.model import build_model
 from app.case.reading import load_case
 from app.results.recorder import force_balance
-from app.simulation.energy_balance import energy_gap
+from app.simulation.history import energy_gap
 from app.simulation.observer import Observer
 from app.simulation.simulation import Simulation
 from forms.bodies.hardening import Swift
@@ -62,7 +62,7 @@ def test_a_strip_drawn_through_a_die_takes_the_gap_and_the_work_of_its_flow():
         stage__3__duration='"0.05 s"',
     )
     steady = [number for number, row in enumerate(done.rows) if 3.5 < row.time < 5.5]
-    pull = -of_tool(done, "die", "force_x")
+    pull = of_tool(done, "die", "force_x")
     edge = done.state.motion.of_surface("strip_right", "force_x")
     np.testing.assert_allclose(edge, pull, atol=1e-6 * pull.max())
     thickness, exit_height, angle, mu = 50e-3, 0.8e-3, np.radians(10.0), 0.05
@@ -73,3 +73,105 @@ def test_a_strip_drawn_through_a_die_takes_the_gap_and_the_work_of_its_flow():
     slab = double_shear * (1.0 + ratio) / ratio * (1.0 - 0.8**ratio)
     measured = pull[steady].mean() / (exit_height * thickness)
     assert slab < measured < 1.05 * (slab + 0.5 * double_shear * angle)
+
+
+def test_a_strip_between_pads_rubs_as_asperities_and_film_do_by_hand():
+    """Below V* the film carries alpha of the shear, above it all: mu N and eta V A/D by hand."""
+    done = reduced(
+        "strip-draw",
+        geometry__blocks__strip__elements="[64, 1]",
+        geometry__blocks__pad__elements="[30, 4]",
+        stage__1__velocities='["1e-5 m/s", "1e-3 m/s"]',
+    )
+    slow, fast = (
+        [row for row in done.rows if row.velocity == velocity][-1] for velocity in (1e-5, 1e-3)
+    )
+    alpha, mu, viscosity, film = 0.039, 0.1, 0.8, 10e-9
+    for row, share in ((slow, alpha), (fast, 1.0)):
+        sheared = row.contact_area * row.area_ratio
+        expected = (1.0 - share) * mu * row.normal_force
+        expected += share * viscosity * row.velocity / film * sheared
+        assert row.friction_force == pytest.approx(expected, rel=2e-3)
+        assert row.normal_force == pytest.approx(3e6 * 12e-3 * 50e-3, rel=1e-6)
+
+
+def rolled(rotation: str) -> tuple[Simulation, np.ndarray]:
+    """The roller on a coarse layer, and the rows of its last 2 mm."""
+    done = reduced(
+        "roller",
+        geometry__blocks__layer__elements="[38, 5]",
+        tools__roller__rotation=rotation,
+        stage__0__steps="10",
+        stage__1__duration='"5 s"',
+        stage__1__steps="25",
+    )
+    return done, np.array([row.time > 4.0 for row in done.rows])
+
+
+def test_a_roller_that_turns_freely_goes_without_resistance_and_a_locked_one_slides():
+    free, late = rolled("{ moment = 0 }")
+    normal = of_tool(free, "roller", "force_y")[late].mean()
+    assert abs(of_tool(free, "roller", "force_x")[late].mean()) < 5e-3 * normal
+    np.testing.assert_allclose(of_tool(free, "roller", "moment_z"), 0.0, atol=1e-8 * normal * 10e-3)
+    turned, way = (of_tool(free, "roller", name)[late] for name in ("rotation", "displacement_x"))
+    assert -10e-3 * np.polyfit(way, turned, 1)[0] == pytest.approx(1.0, abs=0.06)
+    locked, late = rolled("{ angle = 0 }")
+    rubbed = np.array([row.normal_force for row in locked.rows])[late]
+    moment = of_tool(locked, "roller", "moment_z")[late]
+    np.testing.assert_allclose(np.abs(moment), 0.3 * rubbed * 10e-3, rtol=2e-3)
+    assert np.abs(of_tool(locked, "roller", "force_x"))[late].min() > 0.28 * normal
+
+
+def test_upsetting_takes_the_force_of_the_slab_with_friction():
+    """p = sigma_Y (1 + 2 mu R/(3 H)) in the mean, R and H (of both halves) as they are then."""
+    done = reduced("upsetting", geometry__blocks__billet__elements="[10, 8]", stage__0__steps="15")
+    for row in done.rows[3:]:
+        height = 7.5e-3 - 3e-3 * row.time
+        radius = 10e-3 * np.sqrt(7.5e-3 / height)
+        flow = 100e6 + 200e6 * np.log(7.5e-3 / height)
+        slab = np.pi * radius**2 * flow * (1.0 + 2.0 * 0.1 * radius / (3.0 * 2.0 * height))
+        assert row.normal_force == pytest.approx(slab, rel=0.03)
+        assert row.friction_force <= 0.1 * row.normal_force * (1.0 + 1e-9)
+
+
+@pytest.mark.long
+def test_a_tube_fills_the_die_and_springs_back_by_little():
+    done = reduced(
+        "tube-bulge",
+        geometry__blocks__tube__elements="[2, 36]",
+        geometry__blocks__plug__elements="[8, 18]",
+        stage__0__steps="10",
+        stage__1__steps="40",
+        stage__2__steps="15",
+    )
+    flowing = next(number for number, row in enumerate(done.rows) if row.plastic_dissipation > 0.0)
+    pressed = of_tool(done, "punch", "force_y") / (np.pi * 20e-3**2)
+    # A thick tube in plane strain yields first at p = sigma_0/sqrt(3) (1 - a²/b²).
+    first = Swift(139.3e6, 0.002, 0.2581).stress(np.zeros(1))[0] / np.sqrt(3.0)
+    first *= 1.0 - (20.0 / 21.5) ** 2
+    assert pressed[flowing - 1] < 1.1 * first
+    assert pressed[flowing] > 0.9 * first
+    middle = done.state.motion.of_surface("tube_bottom", "displacement_x")
+    end = np.array([row.stage for row in done.rows]).tolist().index("lift") - 1
+    assert 3.5e-3 < middle[end] < 4.0e-3  # the outside is at 25 mm, the wall has become thinner
+    assert 0.0 < middle[end] - middle[-1] < 20e-6
+
+
+@pytest.mark.long
+def test_a_strip_pressed_by_a_pad_stays_bent_and_keeps_stresses_in_balance():
+    done = reduced(
+        "pad",
+        geometry__blocks__strip__elements="[32, 2]",
+        geometry__blocks__pad__elements="[20, 5]",
+        contact__0__film__thickness='"180 nm"',
+        stage__1__steps="20",
+    )
+    end = [row.stage for row in done.rows].index("lift") - 1
+    down = done.state.motion.of_surface("pad_top", "force_y")
+    np.testing.assert_allclose(of_tool(done, "die", "force_y"), down, atol=1e-7 * abs(down).max())
+    stored = np.array([row.strain_energy for row in done.rows])
+    flowed = np.array([row.plastic_dissipation for row in done.rows])
+    assert flowed[-1] == pytest.approx(flowed[end], rel=0.05)
+    assert 0.0 < stored[-1] < 0.05 * stored[end]
+    sunk = done.state.motion.of_body("strip", "displacement_y")
+    assert sunk[-1] == pytest.approx(sunk[end], rel=0.1)

@@ -10,8 +10,8 @@ from mpi4py import MPI
 from app.build.boundary_conditions import Constraint, Loads
 from app.case.case import Case
 from app.case.stage import solver_of
-from app.equilibrium.bonded import bonded_groups
 from app.equilibrium.equilibrium import Equilibrium
+from app.equilibrium.joined_bodies import joined_bodies
 from app.equilibrium.prescribed import Prescribed
 from app.equilibrium.slanted import SlantedPlaten
 from app.equilibrium.supports import body_nodes
@@ -39,7 +39,9 @@ def drifting(case: Case, named: NamedMesh, problem: Equilibrium, loads: Loads) -
             tables = [b for b in case.boundary if b.surface == surface and b.foundation]
             if isinstance(load, Foundation) and any(b.acts_in(stage.name) for b in tables):
                 rows.append(rigid.rows(load.held))
-        for bodies in _bonded(case, named, problem, stage.name):
+        tied = [one.tied and case.acts_in(one, stage.name) for one in case.contact]
+        for joined in joined_bodies(problem, tied):
+            bodies = joined.names
             free = tuple(rigid.free(bodies, rows))
             if free and (bodies, free) not in said:
                 said.add((bodies, free))
@@ -67,30 +69,6 @@ def _touch(case: Case, named: NamedMesh, stage: str, body: str) -> bool:
         for surface in (one.slave, *([] if one.master in case.tools else [one.master]))
     }
     return any([body in named.bodies_of(surface) for surface in sorted(surfaces)])
-
-
-def _bonded(
-    case: Case, named: NamedMesh, problem: Equilibrium, stage: str
-) -> Iterator[tuple[str, ...]]:
-    """Bodies that common nodes, or ties of a stage, join, but for those on tools; collective."""
-    names = [solid.name for solid in problem.solids]
-    of = {name: {name} for name in names}
-    pairs = [(group[0].name, solid.name) for group in bonded_groups(problem) for solid in group]
-    anchored = set()
-    for contact in (one for one in case.contact if one.tied and case.acts_in(one, stage)):
-        ends = [contact.slave, *([] if contact.master in case.tools else [contact.master])]
-        bodies = [name for surface in ends for name in named.bodies_of(surface)]
-        anchored |= set(bodies) if len(ends) == 1 else set()
-        pairs += [(bodies[0], other) for other in bodies[1:]]
-    for a, b in pairs:
-        joined = of[a] | of[b]
-        of |= dict.fromkeys(joined, joined)
-    seen: set[str] = set()
-    for name in names:
-        if name not in seen:
-            seen |= of[name]
-            if not of[name] & anchored:
-                yield tuple(other for other in names if other in of[name])
 
 
 class RigidMotions:

@@ -8,13 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from app.equilibrium.bonded import bonded_groups
 from app.equilibrium.constraints import Platen
 from app.equilibrium.equilibrium import Equilibrium
+from app.equilibrium.joined_bodies import JoinedBodies, joined_bodies
 from app.equilibrium.slanted import SlantedPlaten
 from app.equilibrium.supports import body_nodes
 from forms.bodies.loads import Foundation
-from forms.bodies.solid import Solid
 from geometry.surfaces.facets import Floats, Ints
 
 SINGULAR = 1e-9  # least over largest eigenvalue of what supports do to rigid motions of a free body
@@ -22,35 +21,46 @@ SINGULAR = 1e-9  # least over largest eigenvalue of what supports do to rigid mo
 
 @dataclass(frozen=True, slots=True)
 class FreeBody:
-    """A body, or bonded bodies, with a rigid motion that no support prevents.
+    """A body, or several that are joined, with a rigid motion that no support prevents.
 
     Attributes:
-        name: of the body, or names with "and"; nodes: local nodes that this rank owns.
+        joined: the bodies; nodes: local nodes that this rank owns.
         extent: m, its largest along an axis.
     """
 
-    name: str
+    joined: JoinedBodies
     nodes: Ints
     extent: float
+
+    @property
+    def name(self) -> str:
+        """The name, or the names of joined bodies."""
+        return " and ".join(self.joined.names)
 
 
 def free_bodies(problem: Equilibrium) -> list[FreeBody]:
     """The bodies that the constraints at hand leave free, undeformed; collective.
 
-    A platen under a given force keeps its surface from turning, springs and foundations hold.
-    Bonded bodies are held together or not at all.
+    Bodies that common nodes or ties join are one, with what supports any of them. A platen under a
+    given force keeps its surface from turning, springs and foundations hold.
     """
-    groups = bonded_groups(problem)
-    return [body for group in groups if (body := _free(problem, group)) is not None]
+    return [body for one in joined_bodies(problem) if (body := _free(problem, one)) is not None]
 
 
-def _free(problem: Equilibrium, group: Sequence[Solid]) -> FreeBody | None:
-    nodes = body_nodes(problem, np.concatenate([solid.cells for solid in group]))
+def supports_at_hand(problem: Equilibrium) -> tuple[object, ...]:
+    """What :func:`free_bodies` depends on, and stages change; the same on all ranks."""
+    ties = tuple(term.active for term in problem.contacts if term.tied)
+    beds = tuple(load.acts for load in problem.loads if isinstance(load, Foundation))
+    return problem.constraints.controls, ties, beds
+
+
+def _free(problem: Equilibrium, joined: JoinedBodies) -> FreeBody | None:
+    nodes = body_nodes(problem, joined.cells)
     at = problem.space.tabulate_dof_coordinates()[nodes, : problem.dim]
     ends = np.stack([at.max(axis=0, initial=-np.inf), -at.min(axis=0, initial=np.inf)])
     problem.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
     extent, middle = float(ends.sum(axis=0).max()), 0.5 * (ends[0] - ends[1])
-    modes = rigid_motions((at - middle) / extent, group[0].section == "axisymmetric")
+    modes = rigid_motions((at - middle) / extent, joined.solids[0].section == "axisymmetric")
     mine = nodes[:, None] * problem.dim + np.arange(problem.dim)
     beds = [load.held for load in problem.loads if isinstance(load, Foundation) and load.acts]
     resisted = np.isin(mine, np.concatenate([problem.constrained_dofs(), *beds]))
@@ -62,7 +72,7 @@ def _free(problem: Equilibrium, group: Sequence[Solid]) -> FreeBody | None:
     values = np.linalg.eigvalsh(gram)
     count = problem.comm.allreduce(len(nodes))
     held = values[0] > SINGULAR * max(values[-1], 1.0 / max(count, 1))
-    return None if held else FreeBody(" and ".join(s.name for s in group), nodes, extent)
+    return None if held else FreeBody(joined, nodes, extent)
 
 
 def rigid_motions(place: Floats, axisymmetric: bool = False) -> Floats:

@@ -7,12 +7,14 @@ from collections.abc import Iterable
 import dolfinx
 import numpy as np
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from app.equilibrium.constraints import Constraints
 from forms.bodies.materials import oedometric_modulus
 from forms.bodies.solid import Solid
 from geometry.surfaces.facets import Floats, Ints
 
+FAR = 1e6  # displacement over the extent of the mesh from which on nothing is evaluated
 CARRIED = 1e-6  # residual over the force that the motion of bodies may leave at most
 
 
@@ -37,6 +39,7 @@ class RoundOff:
     def __init__(self, space: dolfinx.fem.FunctionSpace, solids: Iterable[Solid]) -> None:
         """Find b and s of each solid; collective."""
         self._comm, self._dim = space.mesh.comm, space.dofmap.index_map_bs
+        self._farthest = FAR * _extent(space.mesh)
         self.names: list[str] = []
         self._parts: list[tuple[Ints, Floats]] = []
         squares = []
@@ -45,6 +48,13 @@ class RoundOff:
             squares.append(solid.roundoff_force())
             self._parts.append(self._scaled_nodes(space, solid))
         self._at_rest: Floats = self._comm.allreduce(np.array(squares))
+
+    def is_within_reach(self, x: PETSc.Vec) -> bool:
+        """Whether displacements x, m, are numbers, and such that more than rounding is left.
+
+        Iterations that diverge would else come to rest where all forces are; collective.
+        """
+        return bool(x.norm(PETSc.NormType.NORM_INFINITY) < self._farthest)
 
     def _scaled_nodes(self, space: dolfinx.fem.FunctionSpace, solid: Solid) -> tuple[Ints, Floats]:
         """Owned nodes (n,) of a solid, and ε M s of each; collective."""
@@ -119,3 +129,11 @@ def worst_place(unbalanced: Floats, constraints: Constraints) -> tuple[float, ..
         mine = (float(free[at]), tuple(map(float, where)))
     place: tuple[float, ...] = max(unknowns.comm.allgather(mine))[1]
     return place
+
+
+def _extent(mesh: dolfinx.mesh.Mesh) -> float:
+    """Largest extent along an axis, m; collective."""
+    x = mesh.geometry.x
+    ends = np.stack([x.max(axis=0, initial=-np.inf), -x.min(axis=0, initial=np.inf)])
+    mesh.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
+    return float(ends.sum(axis=0).max())

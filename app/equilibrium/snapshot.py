@@ -104,7 +104,8 @@ def of_origin(body: int, solid: Solid, origin: Origin | None) -> Snapshot | None
         return None
     # JSON has no number for the endless step of points that do not feel time.
     dt = origin.dt if math.isfinite(origin.dt) else None
-    return {"values": InCells(body, solid.cell_rows(origin.values)), "dt": dt}
+    values = InCells(body, solid.cell_rows(origin.values))
+    return {"values": values, "dt": dt, "elastic": origin.elastic}
 
 
 def to_origin(solid: Solid, kept: Snapshot | None) -> Origin | None:
@@ -112,7 +113,7 @@ def to_origin(solid: Solid, kept: Snapshot | None) -> Origin | None:
     if kept is None:
         return None
     dt = math.inf if kept["dt"] is None else kept["dt"]
-    return Origin(solid.point_rows(kept["values"]), dt)
+    return Origin(solid.point_rows(kept["values"]), dt, kept["elastic"])
 
 
 def of_bodies(solids: Sequence[Solid]) -> list[Snapshot | None]:

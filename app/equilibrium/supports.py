@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,8 +10,8 @@ from mpi4py import MPI
 
 from app.equilibrium.bonded import bonded_groups
 from app.equilibrium.equilibrium import Equilibrium
+from app.equilibrium.joined_bodies import JoinedBodies, joined_bodies
 from forms.bodies.loads import Foundation
-from forms.bodies.solid import Solid
 from geometry.surfaces.facets import Bools, Ints
 
 
@@ -67,23 +67,29 @@ def loose_directions(problem: Equilibrium, supports: Ints | None = None) -> list
             displacement.
     """
     supports = problem.constrained_dofs() if supports is None else supports
-    groups = bonded_groups(problem)
-    cells = [np.concatenate([solid.cells for solid in group]) for group in groups]
-    nodes_of = [body_nodes(problem, some) for some in cells]
-    axes = np.arange(problem.dim)
-    here = [[np.isin(n * problem.dim + axis, supports).any() for axis in axes] for n in nodes_of]
-    held: Bools = np.zeros((len(groups), problem.dim), dtype=bool)
-    problem.comm.Allreduce(np.array(here, dtype=bool), held, op=MPI.LOR)
-    for some in _tied(problem, groups):  # as often as it takes to go from each group to each
-        held[some] |= held[some].any(axis=0)
+    loose = {
+        name: axes
+        for joined in joined_bodies(problem)
+        for axes in [_axes_of(problem, joined, supports)]
+        for name in joined.names
+    }
     found = []
-    for number, (group, nodes) in enumerate(zip(groups, nodes_of, strict=True)):
+    for group in bonded_groups(problem):
+        nodes = body_nodes(problem, np.concatenate([solid.cells for solid in group]))
         names = tuple(solid.name for solid in group)
-        loose = _loose_axes(problem, nodes, held[number])
         for axis in range(1 if group[0].section == "axisymmetric" else 0, problem.dim):
-            if loose[axis]:
+            if loose[names[0]][axis]:
                 found.append(Loose(names, axis, nodes))
     return [*found, *_loose_tools(problem)]
+
+
+def _axes_of(problem: Equilibrium, joined: JoinedBodies, supports: Ints) -> Bools:
+    """Axes (i,) that joined bodies can move along, unknowns ``supports`` being held; collective."""
+    nodes, dim = body_nodes(problem, joined.cells), problem.dim
+    here = [np.isin(nodes * dim + axis, supports).any() for axis in range(dim)]
+    held: Bools = np.zeros(dim, dtype=bool)
+    problem.comm.Allreduce(np.array(here, dtype=bool), held, op=MPI.LOR)
+    return _loose_axes(problem, nodes, held)
 
 
 def _loose_axes(problem: Equilibrium, nodes: Ints, held: Bools) -> Bools:
@@ -109,20 +115,6 @@ def _loose_tools(problem: Equilibrium) -> Iterator[Loose]:
             if not (turns and tool.idle):
                 component = 0 if turns else int(slot)
                 yield Loose((tool.name,), component, tool.node(int(slot)), "tool", turns)
-
-
-def _tied(problem: Equilibrium, groups: Sequence[Sequence[Solid]]) -> list[Ints]:
-    """Numbers of the groups of bodies that ties hold together, tie by tie, repeated; collective."""
-    ties = [term for term in problem.contacts if term.tied and term.active]
-    if not ties:
-        return []
-    dofmap = problem.space.dofmap
-    cells = [np.concatenate([solid.cells for solid in group]) for group in groups]
-    local = [np.unique(dofmap.list[some]).astype(np.int32) for some in cells]
-    mine = [dofmap.index_map.local_to_global(nodes) for nodes in local]
-    here = [[int(np.isin(nodes, t.surface.nodes).any()) for nodes in mine] for t in ties]
-    ranks = problem.comm.allreduce(np.array(here, dtype=np.int64))
-    return [np.nonzero(row)[0].astype(np.int32) for row in ranks] * len(groups)
 
 
 def body_nodes(problem: Equilibrium, cells: Ints) -> Ints:

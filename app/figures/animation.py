@@ -25,6 +25,8 @@ from app.figures.scenes import facets_seen
 from app.figures.space_bodies import View, draw_space, scene_of
 from app.figures.states import title_of
 from app.figures.style import CASE_STYLE
+from app.figures.tool_lines import draw_tools, tool_lines, with_room
+from app.figures.tool_surfaces import room_for, tool_triangles, veil_of
 from app.figures.tractions import pairs_shown, roundoff_of, without_roundoff
 
 if TYPE_CHECKING:
@@ -107,7 +109,10 @@ def _page(scale: ColourScale, states: list[Bodies], shape: float) -> tuple[Figur
 def _in_the_plane(
     results: Results, steps: list[int], states: list[Bodies], scale: ColourScale
 ) -> tuple[Figure, Callable[[int], None]]:
+    lines = [tool_lines(results, step) for step in steps]
+    drawn = [some for some in lines if some is not None]
     frame = frame_round(states, axis_names(results))
+    frame = with_room(frame, np.concatenate(drawn) if drawn else None)
     width, height = frame.high - frame.low
     figure, axes = _page(scale, states, 0.45 if frame.stretched else 0.75 * height / width)
     names, roundoff = pair_names(results), roundoff_of(results)
@@ -115,6 +120,7 @@ def _in_the_plane(
     def draw(number: int) -> None:
         axes.clear()
         draw_bodies(axes, states[number], scale, frame)
+        draw_tools(axes, lines[number], frame)
         if not names:
             return
         nodes = without_roundoff(results.contact(steps[number]), roundoff)
@@ -129,6 +135,9 @@ def _in_space(
 ) -> tuple[Figure, Callable[[int], None]]:
     low = np.min([state.position.min(axis=0) for state in states], axis=0)
     high = np.max([state.position.max(axis=0) for state in states], axis=0)
+    tools = [tool_triangles(results, step) for step in steps]
+    drawn = [some for some in tools if some is not None]
+    low, high = room_for(low, high, np.concatenate(drawn) if drawn else None)
     scenes = [scene_of(state, scale, low, high) for state in states]
     pictures = render(scenes)
     width, height = scenes[0].size
@@ -137,7 +146,8 @@ def _in_space(
     def draw(number: int) -> None:
         axes.clear()
         picture = None if pictures is None else pictures[number]
-        view = View(scenes[number], facets_seen(scenes[number]), picture)
+        scene = scenes[number]
+        view = View(scene, facets_seen(scene), picture, veil_of(scene, tools[number]))
         draw_space(axes, view, states[number].names)
 
     return figure, draw

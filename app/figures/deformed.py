@@ -168,6 +168,7 @@ def _fill_panels(
     panels[0].figure.supxlabel(words, fontsize=9)
     drawn = next((axes for axes in panels if axes.lines), None)
     if drawn is not None:
-        drawn.legend(
-            fontsize=8, loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=2, borderaxespad=0.1
+        # Outside of all panels: above a narrow one it would lie on the name of its pair.
+        drawn.figure.legend(
+            *drawn.get_legend_handles_labels(), fontsize=8, loc="outside upper right", ncols=2
         )

@@ -19,6 +19,7 @@ from app.figures.scenes import facets_seen
 from app.figures.space_bodies import View, draw_space, scene_of
 from app.figures.states import State
 from app.figures.style import CASE_STYLE, save
+from app.figures.tool_surfaces import room_for, tool_triangles, veil_of
 from app.figures.tractions import pairs_shown, roundoff_of, without_roundoff
 
 if TYPE_CHECKING:
@@ -39,13 +40,18 @@ def draw_states_in_space(
         figures: directory that exists.
     """
     scales = [colour_scale(one.field.values, one.field.unit) for one in drawn]
-    scenes = [scene_of(b, s) for b, s in zip(drawn, scales, strict=True)]
+    tools = [tool_triangles(results, state.step) for state in states]
+    frames = [
+        room_for(bodies.position.min(axis=0), bodies.position.max(axis=0), triangles)
+        for bodies, triangles in zip(drawn, tools, strict=True)
+    ]
+    scenes = [scene_of(b, s, *frame) for b, s, frame in zip(drawn, scales, frames, strict=True)]
     pictures = render(scenes)
     files = []
     with rc_context(CASE_STYLE):
         for number, (state, scene) in enumerate(zip(states, scenes, strict=True)):
             picture = None if pictures is None else pictures[number]
-            view = View(scene, facets_seen(scene), picture)
+            view = View(scene, facets_seen(scene), picture, veil_of(scene, tools[number]))
             figure = _figure(results, state, drawn[number], scales[number], view)
             files.append(figures / f"{state.name}.png")
             save(figure, files[-1])

@@ -91,7 +91,8 @@ def facets_seen(scene: Scene) -> NDArray[np.int64]:
             inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
             facet = np.repeat(part, len(weights))
             order = np.argsort(away)
-            order = order[inside[order] & (away[order] > nearest[at[order]])]
+            order = order[inside[order]]
+            order = order[away[order] > nearest[at[order]]]
             image[at[order]] = facet[order]  # of several for one pixel the last stays: the nearest
             nearest[at[order]] = away[order]
     return image.reshape(height, width)
@@ -109,18 +110,18 @@ def _weights(count: int, corners: int) -> Floats:
 
 def rendered(scene: Scene, seen: NDArray[np.int64]) -> NDArray[np.uint8]:
     """The picture (h, w, 3) of a scene, of what :func:`facets_seen` says, on white."""
-    shade = scene.colours * _brightness(scene)[:, None]
+    shade = scene.colours * brightness(scene)[:, None]
     picture = np.where(seen[..., None] >= 0, shade[seen], 1.0)
     body = np.where(seen >= 0, scene.body[seen], -1)
-    lines = _changes(seen) if len(scene.polygons) <= EDGES_SHOWN else np.zeros(seen.shape, bool)
+    lines = changes(seen) if len(scene.polygons) <= EDGES_SHOWN else np.zeros(seen.shape, bool)
     picture[lines & (seen >= 0)] *= EDGE
-    around = _changes(body)
+    around = changes(body)
     picture[around] = np.minimum(picture[around], OUTLINE)
     return np.rint(picture * 255.0).astype(np.uint8)
 
 
-def _brightness(scene: Scene) -> Floats:
-    """Of each facet (f,), by the angle between its normal and the light."""
+def brightness(scene: Scene) -> Floats:
+    """Brightness of each facet (f,), by the angle between its normal and the light."""
     corners = scene.position[scene.polygons]
     normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, -1] - corners[:, 1])
     length = np.linalg.norm(normal, axis=1)
@@ -129,7 +130,7 @@ def _brightness(scene: Scene) -> Floats:
     return AMBIENT + (1.0 - AMBIENT) * np.clip(towards, 0.0, 1.0)
 
 
-def _changes(values: NDArray[np.int64]) -> NDArray[np.bool_]:
+def changes(values: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Pixels whose value differs from that to the right or below."""
     out = np.zeros(values.shape, dtype=bool)
     out[:, :-1] |= values[:, :-1] != values[:, 1:]

@@ -25,11 +25,13 @@ class View:
     Attributes:
         scene: what is seen. seen: (h, w) the facet that each pixel shows.
         picture: (h, w, 3) as pyvista renders it; None: our own renderer.
+        veil: (h, w, 4) translucent tools over it; None without any.
     """
 
     scene: Scene
     seen: Ints
     picture: NDArray[np.uint8] | None
+    veil: Floats | None = None
 
     @property
     def shown(self) -> NDArray[np.uint8]:
@@ -61,7 +63,10 @@ def draw_space(axes: Axes, view: View, names: Sequence[str]) -> None:
     """Draw a rendered scene with the names of the bodies, a scale and the three directions."""
     scene = view.scene
     height, width = view.seen.shape
-    axes.imshow(view.shown, extent=(0.0, width, 0.0, height), interpolation="bilinear")
+    frame = (0.0, float(width), 0.0, float(height))
+    axes.imshow(view.shown, extent=frame, interpolation="bilinear")
+    if view.veil is not None:
+        axes.imshow(view.veil, extent=frame, interpolation="bilinear")
     axes.set_axis_off()
     body = np.where(view.seen >= 0, scene.body[view.seen], -1)
     for number, name in enumerate(names):

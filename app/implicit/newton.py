@@ -239,9 +239,9 @@ class Newton:
     # -- what SNES calls ----------------------------------------------------------------------
 
     def _function(self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
-        # Numbers that are not finite come from an inverted element or a singular matrix. SNES sees
-        # a norm that is none: the line search cuts, or the step fails.
-        if np.isfinite(x.norm()):
+        # Numbers that are not finite, or far away, come from an inverted element or a singular
+        # matrix. SNES sees a norm that is none: the line search cuts, or the step fails.
+        if self.problem.rounding.is_within_reach(x):
             self.problem.residual(snes, x, f, self._step)
         else:
             f.set(np.nan)

@@ -4,7 +4,8 @@ Where the loads continue in proportion, the path of the last converged states is
 polynomial that leaves the least residual, and corrected once with the tangent factorised last
 (a substitution, no factorisation). Where they do not, or where the path leads nowhere, one solve
 with the tangent at the last state carries the new prescribed displacements into the bodies; where
-that leaves much, a second one, without the stiffness of friction, lets them slide.
+that leaves much, a second one, without the stiffness of friction, lets them slide, and one
+without plastic flow lets bodies that flowed spring back.
 """
 
 from __future__ import annotations
@@ -68,7 +69,10 @@ class Predictor:
         ratio = self._proportion(drive)
         if ratio is None:
             self._carry(x, drive.constrained, trial, step)
-            return 1 + self._slide(x, drive.constrained, trial, step)
+            solved = 1 + self._slide(x, drive.constrained, trial, step)
+            if self._goes_on(drive):
+                return solved
+            return solved + self._unload(x, drive.constrained, trial, step)
         if ratio > 0.0 and len(self._path) > 1:
             self._continue(x, trial, ratio, step)
             if self._is_torn_off(trial, step):
@@ -138,6 +142,40 @@ class Predictor:
         self._carry(x, constrained, trial, gliding)
         if np.isfinite(left) and not self._residual_norm(trial, step) < left:
             trial.array[:] = held_fast
+        return 1
+
+    def _unload(self, x: PETSc.Vec, constrained: Floats, trial: PETSc.Vec, step: StepMode) -> int:
+        """Put the step of bodies that do not flow on into ``trial``, if that is far off.
+
+        The tangent at ``x`` is that of flow. Where a load is taken back the bodies answer
+        elastically, a hundred times as stiffly. The start that leaves less is kept.
+
+        Args:
+            x: last converged state.
+            constrained: increments of the prescribed displacements, m.
+            trial: the linear step with the tangent of flow.
+            step: duration and contact modes.
+
+        Returns:
+            The number of factorisations it took.
+        """
+        solids = [solid for solid in self.problem.solids if solid.flows]
+        if not solids:
+            return 0
+        left = self._residual_norm(trial, step)
+        if left <= FAR_OFF * self.problem.reference_force:
+            return 0
+        flowing = trial.array_r.copy()
+        x.copy(trial)
+        for solid in solids:
+            solid.unloading = True
+        try:
+            self._carry(x, constrained, trial, step)
+        finally:
+            for solid in solids:
+                solid.unloading = False
+        if np.isfinite(left) and not self._residual_norm(trial, step) < left:
+            trial.array[:] = flowing
         return 1
 
     def _rubbing(self) -> bool:
@@ -240,7 +278,8 @@ class Predictor:
         self._kept, self._residual = self._residual, self._kept
 
     def _residual_norm(self, trial: PETSc.Vec, step: StepMode) -> float:
-        if not np.isfinite(trial.norm()):  # what a singular factor leaves: nothing to evaluate
+        # What a singular factor leaves: nothing to evaluate.
+        if not self.problem.rounding.is_within_reach(trial):
             return np.inf
         self.problem.residual(None, trial, self._residual, step)
         norm: float = self._residual.norm()
@@ -287,6 +326,18 @@ class Predictor:
         same = bool(self._sum(np.array([missed @ missed]))[0] <= 1e-18 * max(now, before))
         same = same and bool(lag @ lag <= 1e-18)
         return ratio if same and ratio > 0.0 else None
+
+    def _goes_on(self, drive: Drive) -> bool:
+        """Whether ``drive`` leads on more than back, on the same supports; collective."""
+        last = self._drive
+        changed = last is None or not np.array_equal(last.dofs, drive.dofs)
+        if self._sum(np.array([float(changed)]))[0] or last is None:
+            return False
+        cross = float(self._sum(np.array([drive.constrained @ last.constrained]))[0])
+        if cross == 0.0:
+            weights = self._weights(drive)
+            cross = float((weights * drive.loads) @ (weights * last.loads))
+        return cross > 0.0
 
     def _weights(self, drive: Drive) -> Floats:
         """One over the size of each load's vector, and of the platens' forces: they have units."""

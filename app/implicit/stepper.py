@@ -13,6 +13,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from app.equilibrium.equilibrium import Equilibrium
+from app.equilibrium.free_bodies import supports_at_hand
 from app.equilibrium.snapshot import (
     Nodal,
     Snapshot,
@@ -102,12 +103,12 @@ class ImplicitStepper:
     def _find_loose_bodies(self) -> None:
         problem = self.problem
         self._bodies, self._weak = LooseBodies(problem), WeakHold(problem)
-        self._held = problem.constraints.controls
+        self._held = supports_at_hand(problem)
 
     def attempt(self, dt: float) -> StepResult:
         """Try a step of ``dt`` (s) under the loads that are set; commits nothing; collective."""
         problem, newton = self.problem, self.newton
-        if problem.constraints.controls != self._held:
+        if supports_at_hand(problem) != self._held:
             self._find_loose_bodies()
         step = StepMode.of_stage(dt, problem.contacts, self.rate_dependent)
         assembled = self.solver.assembled
@@ -137,7 +138,7 @@ class ImplicitStepper:
         problem, newton, iterations, reason = self.problem, self.newton, 0, 0
         largest, self._trial_floating = newton.largest_force, ()
         may_float = bool(self._weak.bodies) and largest > problem.roundoff
-        if not (may_float and self._floating):
+        if not (may_float and (self._floating or self._weak.adrift(largest))):
             iterations, reason = self._tried(step, self._pressed)
             if reason > 0:
                 newton.evaluate(step)

@@ -15,6 +15,7 @@ import numpy as np
 from app.equilibrium.equilibrium import Equilibrium
 from app.equilibrium.free_bodies import FreeBody, free_bodies
 from app.equilibrium.holding_springs import HoldingSprings
+from app.equilibrium.pair_bodies import bodies_of
 from app.implicit.loose_bodies import nodal_shares
 from geometry.surfaces.facets import Floats
 
@@ -45,18 +46,25 @@ class WeakHold:
         self.shares = nodal_shares(self.problem) if self.bodies else np.empty(0)
 
     def _pairs_on(self, body: FreeBody) -> list[int]:
-        """Contacts with a surface on a body; collective."""
-        problem = self.problem
-        index_map = problem.space.dofmap.index_map
-        mine = index_map.local_to_global(body.nodes.astype(np.int32))
-        here = [int(np.isin(mine, term.surface.nodes).any()) for term in problem.contacts]
-        ranks = problem.comm.allreduce(np.array(here, dtype=np.int64))
-        return [int(pair) for pair in np.nonzero(ranks)[0]]
+        """Contacts of a body with something that it is not joined to; collective."""
+        names = body.joined.names
+        ends = [bodies_of(self.problem, term) for term in self.problem.contacts]
+        return [
+            pair
+            for pair, one in enumerate(ends)
+            if (one.slave.name in names) != (one.master.name in names)
+        ]
+
+    def adrift(self, largest: float) -> bool:
+        """Whether a body has no contact at all, and no load; collective.
+
+        Args:
+            largest: N, force of the run that loads are compared with.
+        """
+        return any(not pairs for pairs in self.pairs) and not self.is_loaded(largest)
 
     def floating(self, largest: float) -> list[str]:
         """The free bodies that no contact presses on, at the last evaluation; collective.
-
-        A tie holds a body as long as what it is tied to does not float itself.
 
         Args:
             largest: N, force of the run that contact forces are compared with.
@@ -67,17 +75,10 @@ class WeakHold:
         pairs = zip(problem.contacts, problem.trials, strict=True)
         local = [float(term.surface.slave.weight @ trial.pressure) for term, trial in pairs]
         force = problem.comm.allreduce(np.array(local, dtype=float))
-        ties = [pair for pair, term in enumerate(problem.contacts) if term.tied and term.active]
-        holds = {pair for pair in range(len(force)) if force[pair] > SHARE * largest} - set(ties)
-        # A tie with one side on a free body has the other on a held one, or on a tool.
-        holds |= {pair for pair in ties if sum(pair in one for one in self.pairs) == 1}
-        for _ in ties:
-            held = {pair for one in self.pairs if holds & set(one) for pair in one}
-            holds |= held & set(ties)
         return [
             body.name
             for body, pairs_on in zip(self.bodies, self.pairs, strict=True)
-            if not holds & set(pairs_on)
+            if not any(force[pair] > SHARE * largest for pair in pairs_on)
         ]
 
     def is_loaded(self, largest: float) -> bool:
@@ -103,7 +104,8 @@ class WeakHold:
         """
         stiffness, dim = np.zeros_like(place), self.problem.dim
         for body in self.bodies:
-            each = SHARE * largest / body.extent * self.shares[body.nodes]
+            groups = len(body.joined.groups)  # each has shares that add up to one
+            each = SHARE * largest / (body.extent * groups) * self.shares[body.nodes]
             for component in range(dim):
                 stiffness[body.nodes * dim + component] += each
         return HoldingSprings(stiffness, place.copy(), weak=True)

@@ -162,11 +162,12 @@ def vector_integrals(term: ContactTerm, trial: ContactTrial) -> dict[str, Floats
     """
     weight, normal = term.surface.slave.weight, trial.kinematics.normal
     traction, load = trial.response.traction, weight * trial.pressure
+    pressed = trial.kinematics.closed if term.tied else trial.pressure > 0.0
     scalars = np.zeros(term.surface.dim)
     scalars[:2] = load.sum(), weight @ np.sqrt(_dot(traction, traction))
     out = {
         "force": weight @ trial.traction,
-        "normal": np.where(trial.pressure > 0.0, weight, 0.0) @ normal,
+        "normal": np.where(pressed, weight, 0.0) @ normal,
         "friction": weight @ traction,
         "scalars": scalars,
     }

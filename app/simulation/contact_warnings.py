@@ -19,7 +19,7 @@ vertices is summed over all.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -181,7 +181,9 @@ class ContactWarnings:
 
     Attributes:
         over_facet: of each pair the largest penetration over the local facet length.
-        over_approach: of each pair the mean penetration over the approach, at its largest force.
+        over_approach: of each pair the mean penetration over the approach, at its largest force;
+            of a tie the same ratio by energies, stored in it over those of the bodies, where it
+            stores most.
     """
 
     def __init__(self, problem: Equilibrium, resumed: Snapshot | None = None) -> None:
@@ -199,6 +201,7 @@ class ContactWarnings:
         self._deepest = [(0.0, 0.0, "", 0.0)] * count
         self._strongest: list[PairState | None] = [None] * count
         self._widest: list[PairState | None] = [None] * count
+        self._stored = [0.0] * count
         if resumed is not None:
             self._restore(resumed)
             return
@@ -227,9 +230,25 @@ class ContactWarnings:
             strongest, widest = self._strongest[index], self._widest[index]
             if strongest is None or state.force > strongest.force:
                 self._strongest[index] = state
-                self.over_approach[index] = _over(state.mean, approach)
+                if not terms[index].tied:
+                    self.over_approach[index] = _over(state.mean, approach)
             if widest is None or state.area > widest.area:
                 self._widest[index] = state
+        self._look_at_ties(trials, spent / thickness)
+
+    def _look_at_ties(self, trials: Sequence[ContactTrial], spent: float) -> None:
+        """Hold what ties store against ``spent``, J per unit thickness, of the bodies; collective.
+
+        Twice the energy of a tie is its force times its jump, in tension and shear too.
+        """
+        for index, (term, trial) in enumerate(zip(self._problem.contacts, trials, strict=True)):
+            if not term.tied:
+                continue
+            mine = term.interface_energy(trial) if term.active else 0.0
+            stored = self._problem.comm.allreduce(mine, op=MPI.SUM)
+            if stored > self._stored[index]:
+                self._stored[index] = stored
+                self.over_approach[index] = _over(2.0 * stored, spent)
 
     def snapshot(self) -> Snapshot:
         """What has been seen so far."""
@@ -237,6 +256,7 @@ class ContactWarnings:
             "by_force": self._by_force,
             "over": [self.over_facet, self.over_approach],
             "deepest": [list(one) for one in self._deepest],
+            "stored": self._stored,
             "strongest": [None if one is None else asdict(one) for one in self._strongest],
             "widest": [None if one is None else asdict(one) for one in self._widest],
         }
@@ -244,6 +264,7 @@ class ContactWarnings:
     def _restore(self, kept: Snapshot) -> None:
         self._by_force = list(kept["by_force"])
         self.over_facet, self.over_approach = map(list, kept["over"])
+        self._stored = list(kept["stored"])
         self._deepest = [(one[0], one[1], one[2], one[3]) for one in kept["deepest"]]
         self._strongest, self._widest = (
             [None if one is None else PairState(**one) for one in kept[name]]
@@ -279,6 +300,14 @@ class ContactWarnings:
                 f"contact.{index}: what is tied moves apart by up to {depth:.3g} m (time "
                 f"{time_text(time, dt)}, stage {stage}), {self.over_facet[index]:.2g} of the local "
                 "slave facet's length; raise the penalty (penalty_factor)"
+            )
+        share = self.over_approach[index]
+        if share > APPROACH:
+            yield (
+                f"contact.{index}: what is tied gives way by {share:.2g} of the deformation of the "
+                f"bodies: under prescribed displacements its force is about "
+                f"{100.0 * share / (1.0 + share):.2g} % too small; raise the penalty "
+                "(penalty_factor)"
             )
 
     @staticmethod

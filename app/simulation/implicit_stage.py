@@ -102,7 +102,7 @@ class ImplicitStage:
                     self._give_up(load_step, dt, result)
                 observer.cut(state, dt, result)
                 continue
-            self._take_resultants(load_step)
+            self._take_resultants(load_step, bool(result.floating))
             state.time, state.driven = start + end * load_step.dt, moved
             easy = result.iterations <= EASY_ITERATIONS
             result.iterations += at.wasted
@@ -111,8 +111,12 @@ class ImplicitStage:
             if easy:
                 at.piece = 2.0 * at.piece
 
-    def _take_resultants(self, load_step: LoadStep) -> None:
+    def _take_resultants(self, load_step: LoadStep, held: bool) -> None:
         """Contact resultants of a solved step, before it is committed; collective.
+
+        Args:
+            load_step: the load step at hand.
+            held: whether bodies that float are held by weak springs.
 
         Raises:
             SolutionError: a law fails, a number is not finite, or a body has been moved that
@@ -124,7 +128,7 @@ class ImplicitStage:
         wrong = not_finite(resultants)
         noise = problem.roundoff
         pressed = any(m.normal_force > noise for m in (*state.resultants, *resultants))
-        if wrong is None and not pressed:
+        if wrong is None and not pressed and not held:
             x, trial = self.stepper.x.array_r, self.stepper.trial.array_r
             loose = loose_directions(problem, sprung_dofs(problem))
             wrong = body_adrift(problem, loose, x, trial)

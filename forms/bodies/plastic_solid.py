@@ -132,12 +132,14 @@ class PlasticSolid(Solid):
         found, F = points.known(u, dt), None
         if tangent:
             F = self._deformation_gradients()
-            origin = self._remade or points.tangent_origin(u, dt)
-            update = self._updated(F, origin, tangent=True)
+            origin = self._remade or self._tangent_start(u, dt)
+            law = self._elastic_law if origin.elastic else self._law
+            update = self._updated(F, origin, tangent=True, law=law)
             assert update.A is not None
             self._put(self._moduli, update.A.reshape(len(F), self._width**2))
             self._tangent_origin = origin
-            if found is None and origin.values is points.committed and origin.dt == dt:
+            same = origin.values is points.committed and origin.dt == dt and not origin.elastic
+            if found is None and same:
                 found = self._keep(F, update, origin)
         if found is None:
             F = self._deformation_gradients() if F is None else F
@@ -145,6 +147,12 @@ class PlasticSolid(Solid):
             found = self._keep(F, self._updated(F, origin), origin)
         self._show(found)
         return found.valid
+
+    def _tangent_start(self, u: Floats, dt: float) -> Origin:
+        """From where the tangent at ``u`` (n,), m, is taken."""
+        if self.unloading:
+            return Origin(self.points.committed, dt, elastic=True)
+        return self.points.tangent_origin(u, dt)
 
     def evaluate_elastic(self) -> bool:
         """See :meth:`forms.bodies.solid.Solid.evaluate_elastic`."""

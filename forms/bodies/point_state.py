@@ -25,10 +25,12 @@ class Origin:
 
     Attributes:
         values: (k, s), committed; dt: s, duration of the step, infinite where rates do not count.
+        elastic: whether nothing flows on from there, as in the first moment of unloading.
     """
 
     values: Floats
     dt: float
+    elastic: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -114,13 +114,15 @@ class Solid:
     """A body: its cells, its material, and the compiled forms of its strain energy.
 
     Attributes:
-        flows: whether its material flows plastically.
+        flows: whether its material flows plastically; unloading: whether tangents are to be those
+            of points that do not flow on.
         cell: shape of the cells.
         forms: of each integral; carried: of the volumetric part of ``q1-sri``, what another
             pressure changes of its tangent; None in the other formulations.
     """
 
     flows = False
+    unloading = False
 
     def __init__(
         self,

@@ -64,3 +64,14 @@ def test_roundoff_is_what_newton_ends_at(section, moved):
         x.axpy(-1.0, step)
     assert norms[0] > 1e3
     assert 0.1 < np.median(norms[5:]) and max(norms[5:]) < 1.0, norms
+
+
+@pytest.mark.parametrize(
+    ("way", "reached"), [(0.0, True), (10.0, True), (1e9, False), (np.inf, False), (np.nan, False)]
+)
+def test_places_where_only_rounding_is_left_are_out_of_reach(way, reached):
+    """Divergent iterations had come to rest 5e9 m away, where rounding hid all forces."""
+    problem = squeezed("plane-strain", 0.0)
+    x = problem.new_vector()
+    x.array[1] = way
+    assert problem.rounding.is_within_reach(x) is reached

@@ -121,3 +121,19 @@ def test_picture_in_space(box, tmp_path, monkeypatch):
 def test_animation_in_space(box, tmp_path, monkeypatch):
     monkeypatch.setattr("app.figures.animation.render", lambda scenes: None)
     assert animate(box, tmp_path / "a.gif", "displacement_x") == 2
+
+
+def test_tools_are_in_pictures_of_space(box, tmp_path, monkeypatch):
+    """A plate that stands on the box hides nothing, but can be seen before it."""
+    square = 1e-3 * np.array(
+        [[0.2, 0.55, 0.2], [0.8, 0.55, 0.2], [0.8, 0.55, 0.8], [0.2, 0.55, 0.8]]
+    )
+    triangles = square[[[0, 1, 2], [0, 2, 3]]]
+    figures: list[Figure] = []
+    monkeypatch.setattr(deformed_space, "tool_triangles", lambda results, step: triangles)
+    monkeypatch.setattr(deformed_space, "render", lambda scenes: None)
+    monkeypatch.setattr(deformed_space, "save", lambda figure, path: figures.append(figure))
+    draw_deformed(box, tmp_path, "von_mises_stress")
+    [axes] = [axes for axes in figures[0].axes if axes.images]
+    _, veil = (np.asarray(image.get_array()) for image in axes.images)
+    assert 0.02 < (veil[..., 3] > 0.0).mean() < 0.3

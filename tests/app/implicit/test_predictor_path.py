@@ -38,6 +38,7 @@ class Known:
         self.trials: list[SimpleNamespace] = []
         self.direct, self.works, self.share, self.basin = True, True, 1.0, np.inf
         self.reference_force = np.inf
+        self.rounding = SimpleNamespace(is_within_reach=lambda x: bool(np.isfinite(x.norm())))
         self.seen: list[np.ndarray] = []
         self.solves = self.steps = 0
         self.x, self.trial = self.new_vector(), self.new_vector()

@@ -17,6 +17,7 @@ from mpi4py import MPI
 from app.build.model import build_model
 from app.build.supports import loose_directions
 from app.case.case import Case
+from app.equilibrium.pair_bodies import bodies_of
 from app.errors import SolutionError
 from app.implicit.stepper import StepResult
 from app.results import read
@@ -27,7 +28,7 @@ from app.simulation.failure_diagnosis import (
 )
 from app.simulation.implicit_stage import ImplicitStage
 from app.simulation.observer import Observer
-from app.simulation.pair_bodies import bodies_of, penalty_factor
+from app.simulation.pair_bodies import penalty_factor
 from app.simulation.simulation import Simulation
 from forms.bodies.materials import NeoHookean
 from forms.bodies.solid import Solid

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import tomllib
 
 import numpy as np
@@ -14,6 +15,7 @@ from app.case.reading import load_case
 from app.case.toml_writer import toml_text
 from app.errors import InputError
 from app.results.contact_nodes import contact_nodes
+from app.run.run import run_case
 from app.simulation.observer import Observer
 from app.simulation.simulation import Simulation
 
@@ -52,6 +54,7 @@ def test_a_uniform_tension_passes_through_meshes_that_do_not_match(block):
     assert -row["normal_force"] == pytest.approx(stress.mean() * 1e-3 * 1e-3, rel=1e-9)
     assert row["contact_area"] == pytest.approx(1e-6, rel=1e-9)
     assert row["stick_fraction"] == row["friction_force"] == 0.0
+    assert row["normal_resultant"] == pytest.approx(row["normal_force"], rel=1e-9)
     # Neo-Hooke without lateral strain and ν = 0: P = G (λ − 1/λ); bars and penalty carry the same.
     K = float(np.mean(model.problem.contacts[0].penalty))
 
@@ -109,6 +112,33 @@ def test_a_body_that_is_only_tied_is_supported(block):
     row = simulation.state.last_of_pairs()[0]
     assert row["normal_force"] == pytest.approx(-0.1, rel=0.05)
     assert not [n for n in simulation.model.notes if "only contact holds" in n]
+
+
+def test_what_is_tied_to_a_supported_body_does_not_float_until_the_tie_lets_go(block, tmp_path):
+    data = tied(block, stages=["press", "unload"])
+    steps = [["0 s", "0 MPa"], ["1 s", "0.1 MPa"], ["2 s", "0 MPa"]]
+    data["boundary"][1] = {"surface": "top", "platen": {"direction": "y", "pressure": steps}}
+    data["stage"] = [
+        {"name": name, "duration": "1 s", "steps": 1} for name in ("press", "unload", "apart")
+    ]
+    run_case(Case.model_validate(data), tmp_path / "out", quiet=True, comm=MPI.COMM_SELF)
+    (line,) = [s for s in (tmp_path / "out" / "log.txt").read_text().splitlines() if "floats" in s]
+    assert "elastomer floats in 1 steps" in line and "stage apart" in line
+
+
+def test_a_tie_that_costs_more_than_a_hundredth_of_the_force_says_so(block, tmp_path):
+    """Bars of 5 and 20 MPa in a row with the penalty: what it gives way by is known."""
+    data = tied(block, penalty="1e12 Pa/m")
+    data["boundary"][1]["displacement"]["y"] = [["0 s", "0 mm"], ["1 s", "0.01 mm"]]
+    run_case(Case.model_validate(data), tmp_path / "out", quiet=True, comm=MPI.COMM_SELF)
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["penetration_over_approach"] == [pytest.approx(1e-12 / 1.25e-10, rel=0.02)]
+    assert not [line for line in summary["warnings"] if "gives way" in line]
+    data["contact"][0]["penalty"] = "3e11 Pa/m"
+    run_case(Case.model_validate(data), tmp_path / "soft", quiet=True, comm=MPI.COMM_SELF)
+    soft = json.loads((tmp_path / "soft" / "summary.json").read_text())
+    assert soft["penetration_over_approach"] == [pytest.approx(1e-12 / 0.375e-10, rel=0.02)]
+    assert [line for line in soft["warnings"] if "gives way by 0.026 of the deform" in line]
 
 
 def test_a_tie_lets_go_in_a_later_stage(block):

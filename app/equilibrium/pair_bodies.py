@@ -1,0 +1,55 @@
+"""Which bodies a contact is between."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from app.equilibrium.equilibrium import Equilibrium
+from app.equilibrium.rigid_tool import RigidTool
+from forms.bodies.materials import oedometric_modulus
+from forms.bodies.solid import Solid
+from forms.contact.penalty import ContactTerm
+from geometry.surfaces.facets import Longs
+
+
+@dataclass(frozen=True, slots=True)
+class PairBodies:
+    """The bodies of one contact.
+
+    Attributes:
+        slave, master: the bodies whose surfaces they are; a master may be a tool.
+    """
+
+    slave: Solid
+    master: Solid | RigidTool
+
+    @property
+    def softer(self) -> Solid:
+        """The body that the penalty is compared with."""
+        if isinstance(self.master, RigidTool):
+            return self.slave
+        return min(self.slave, self.master, key=lambda solid: oedometric_modulus(solid.material))
+
+
+def bodies_of(problem: Equilibrium, term: ContactTerm) -> PairBodies:
+    """The bodies that a contact's surfaces belong to; collective."""
+    owners = [_nodes_of(problem, solid) for solid in problem.solids]
+    surface = term.surface
+
+    def owner(nodes: Longs) -> Solid:
+        counts = np.array([np.count_nonzero(np.isin(nodes, mine)) for mine in owners])
+        return problem.solids[int(np.argmax(problem.comm.allreduce(counts)))]
+
+    slave = owner(np.unique(surface.slave.nodes))
+    tools = [t for t in problem.tools if np.array_equal(t.nodes, surface.master.nodes)]
+    return PairBodies(slave, tools[0] if tools else owner(surface.master.nodes))
+
+
+def _nodes_of(problem: Equilibrium, solid: Solid) -> Longs:
+    """Global nodes of this rank's cells of a solid."""
+    dofmap = problem.space.dofmap
+    local = np.unique(dofmap.list[solid.cells]).astype(np.int32)
+    nodes: Longs = dofmap.index_map.local_to_global(local).astype(np.int64)
+    return nodes

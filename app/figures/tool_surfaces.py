@@ -1,0 +1,92 @@
+"""Rigid tools in pictures of space: translucent before what they hide, hidden by what is nearer.
+
+Axis letters: c triangles, a their corners, i space.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.colors import to_rgb
+from numpy.typing import NDArray
+
+from app.figures.scenes import EYE, RIGHT, UP, Scene, brightness, changes, facets_seen
+from app.figures.style import Floats
+from app.figures.tool_lines import COLOUR, ROOM
+
+if TYPE_CHECKING:
+    from app.results import Results
+
+VEIL, LINE = 0.35, 0.9  # opacity of a tool, and of the lines round what is seen of it
+PARTS = 16  # of the picture, that a triangle spans at most: larger ones are divided
+NEARER = 2e-3  # of the frame, that tools are moved to the eye, to be before what they touch
+
+
+def tool_triangles(results: Results, step: int) -> Floats | None:
+    """Triangles (c, a, i), m, of all tools at a step; None in a case without tools.
+
+    Raises:
+        InputError: nothing was written at this step.
+    """
+    if not results.case.tools:
+        return None
+    mesh = results.tool_outlines(step)
+    found: Floats = np.asarray(mesh.points[mesh.cells[0].data], dtype=np.float64)
+    return found
+
+
+def room_for(low: Floats, high: Floats, triangles: Floats | None) -> tuple[Floats, Floats]:
+    """Corners (i,), m, of a frame round bodies, with some room where there are tools."""
+    if triangles is None or not triangles.size:
+        return low, high
+    points, room = triangles.reshape(-1, 3), ROOM * float((high - low).max())
+    return (
+        np.minimum(low, np.maximum(points.min(axis=0), low - room)),
+        np.maximum(high, np.minimum(points.max(axis=0), high + room)),
+    )
+
+
+def veil_of(scene: Scene, triangles: Floats | None) -> Floats | None:
+    """Colours and opacity (h, w, 4) of the tools over the picture of a scene; None without any."""
+    if triangles is None:
+        return None
+    near = _in_window(scene, triangles) + NEARER * float((scene.high - scene.low).max()) * EYE
+    corners = scene.polygons.shape[1]
+    numbers = len(scene.position) + np.arange(near[..., 0].size).reshape(-1, 3)
+    added = numbers[:, [0, 1, 2, 2][:corners]]  # a triangle as a quadrilateral of no fourth side
+    both = replace(
+        scene,
+        position=np.concatenate([scene.position, near.reshape(-1, 3)]),
+        polygons=np.concatenate([scene.polygons, added]),
+    )
+    seen = facets_seen(both)
+    tool = seen >= len(scene.polygons)
+    out = np.zeros((*seen.shape, 4))
+    out[tool, :3] = np.array(to_rgb(COLOUR)) * brightness(both)[seen[tool], None]
+    out[tool, 3] = VEIL
+    out[changes(tool.astype(np.int64)), :] = (*to_rgb(COLOUR), LINE)
+    return out
+
+
+def _in_window(scene: Scene, triangles: Floats) -> Floats:
+    """What may be seen (c, a, i) of triangles, in parts that are small beside the picture."""
+    low, high = scene.window
+    plane, most = np.stack([RIGHT, UP]).T, float((high - low).max()) / PARTS
+    done = []
+    while len(triangles):
+        flat = triangles @ plane
+        inside = (flat.max(axis=1) >= low).all(axis=1) & (flat.min(axis=1) <= high).all(axis=1)
+        small: NDArray[np.bool_] = np.ptp(flat, axis=1).max(axis=1) <= most
+        done.append(triangles[inside & small])
+        triangles = _quartered(triangles[inside & ~small])
+    return np.concatenate(done) if done else triangles
+
+
+def _quartered(triangles: Floats) -> Floats:
+    """Four triangles (4 c, a, i) of each."""
+    a, b, c = np.moveaxis(triangles, 1, 0)
+    ab, bc, ca = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
+    parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+    return np.concatenate([np.stack(part, axis=1) for part in parts])
