@@ -46,7 +46,7 @@ def test_a_sheet_bent_by_a_bonded_punch_springs_back():
     middle = done.state.motion.of_surface("sheet middle", "displacement_y")
     end = [row.stage for row in done.rows].index("lift") - 1
     way = -middle[end]
-    assert 0.9 * 2e-3 < way < 2e-3  # the sleeve is compressed by the rest
+    assert 0.8 * 2e-3 < way < 2e-3  # the sleeve is compressed by the rest
     assert 0.05 * way < middle[-1] - middle[end] < 0.6 * way
     # All that is left of the work has flowed or is rubbed off, but for residual stresses.
     last, top = done.rows[-1], done.rows[end]
