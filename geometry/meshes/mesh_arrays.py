@@ -94,6 +94,7 @@ class MeshArrays:
             position=self.position[used],
             bodies=bodies,
             surfaces=surfaces,
+            groups={name: number[rows] for name, rows in self.groups.items()},
             order=1,
             notes=(*self.notes, note),
         )
@@ -122,7 +123,8 @@ class MeshArrays:
             names: of the cells.
         """
         used = np.zeros(len(self.position), dtype=bool)
-        used[self.cells] = True
+        for body in self.bodies.values():
+            used[body.nodes] = True
         low, high = self.position[used].min(axis=0), self.position[used].max(axis=0)
         places = np.array(PLACES[self.cell])
         if self.order == 2:

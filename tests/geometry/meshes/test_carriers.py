@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import dolfinx
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ from geometry.generators.two_blocks import Block, TwoBlocks
 from geometry.generators.two_boxes import Box, TwoBoxes
 from geometry.meshes.gmsh_model import MeshError
 from geometry.meshes.mesh import generate
+from geometry.meshes.mesh_arrays import MeshArrays, Part
 from geometry.pictures.space import outer_facets
 
 BLOCKS = TwoBlocks(Block(1.0, 0.5, (3, 2)), Block(2.0, 0.4, (4, 2)))
@@ -129,3 +132,36 @@ def test_nodes_that_no_cell_uses_are_taken_first():
     plain = generate(round_one, MPI.COMM_SELF)
     assert named.mesh.geometry.x.max() == plain.mesh.geometry.x.max()
     assert named.cell_count == plain.cell_count
+
+
+def second_order() -> MeshArrays:
+    """A curved triangle of six nodes beside a node that nothing uses, its named edge and corner."""
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    middles = 0.5 * (corners + corners[[1, 2, 0]])
+    nodes = np.concatenate([corners, middles, [[5.0, 5, 0]]])
+    return MeshArrays(
+        "triangle",
+        nodes,
+        {"body": Part(1, np.arange(6, dtype=np.int64)[None])},
+        {"edge": Part(2, np.array([[0, 1, 3]], dtype=np.int64))},
+        groups={"corner": np.array([[2]], dtype=np.int64)},
+        order=2,
+    )
+
+
+def test_carriers_leave_the_nodes_between_the_corners_alone():
+    arrays = second_order().with_carriers(NAMES)
+    np.testing.assert_array_equal(arrays.position[:6], second_order().position[:6])
+    carried = np.concatenate([arrays.carriers[name].nodes.ravel() for name in NAMES])
+    assert carried[0] == 6 and len(set(carried)) == 12 and set(carried).isdisjoint(range(6))
+
+
+def test_a_straightened_mesh_keeps_its_groups():
+    arrays = second_order()
+    moved = replace(arrays, position=arrays.position[::-1].copy())
+    for part in (*moved.bodies.values(), *moved.surfaces.values()):
+        part.nodes[:] = 6 - part.nodes
+    moved.groups["corner"][:] = 6 - moved.groups["corner"]
+    straight = moved.straightened()
+    assert straight.order == 1 and len(straight.position) == 3
+    np.testing.assert_array_equal(straight.position[straight.groups["corner"]][0, 0], [0, 1, 0])
