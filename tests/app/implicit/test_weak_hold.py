@@ -1,4 +1,4 @@
-"""Which free bodies float: those that neither contact nor a tie holds."""
+"""Which free bodies float: those that no contact presses on."""
 
 from __future__ import annotations
 
@@ -8,38 +8,33 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app.equilibrium.free_bodies import FreeBody
 from app.implicit.weak_hold import SHARE, WeakHold
 
 
-def hold(pairs: list[list[int]], contacts: list[tuple[bool, float]], active: bool = True):
-    """Free bodies a, b, ... on ``pairs``; of each contact whether it is tied, and its force, N."""
+def hold(pairs: list[list[int]], forces: list[float]) -> WeakHold:
+    """Free bodies a, b, ... on ``pairs``, and the forces, N, of the contacts."""
     slave = SimpleNamespace(slave=SimpleNamespace(weight=np.ones(1)))
-    terms = [SimpleNamespace(tied=tied, active=active, surface=slave) for tied, _ in contacts]
-    trials = [SimpleNamespace(pressure=np.array([force])) for _, force in contacts]
     made = object.__new__(WeakHold)
-    made.problem = SimpleNamespace(comm=MPI.COMM_SELF, contacts=terms, trials=trials)
-    made.bodies = [FreeBody(name, np.empty(0, dtype=int), 1.0) for name in "abc"[: len(pairs)]]
+    made.problem = SimpleNamespace(
+        comm=MPI.COMM_SELF,
+        contacts=[SimpleNamespace(surface=slave) for _ in forces],
+        trials=[SimpleNamespace(pressure=np.array([force])) for force in forces],
+    )
+    made.bodies = [SimpleNamespace(name=name) for name in "abc"[: len(pairs)]]
     made.pairs = pairs
     return made
 
 
 @pytest.mark.parametrize(
-    ("pairs", "contacts", "floating"),
+    ("pairs", "forces", "floating"),
     [
-        ([[0]], [(False, 1.0)], []),  # pressed on something
-        ([[0]], [(False, 0.5 * SHARE)], ["a"]),
-        ([[0]], [(True, 0.0)], []),  # tied to what is held, without force
-        ([[0]], [(True, -1.0)], []),  # ... and pulled
-        ([[0], [0]], [(True, -1.0)], ["a", "b"]),  # tied to each other alone
-        ([[0, 1], [1]], [(False, 1.0), (True, 0.0)], []),  # a is pressed, b tied to it
-        ([[0], [0, 1], [1, 2]], [(True, 0.0), (True, 0.0), (True, 0.0)], []),  # a chain to a wall
-        ([[0], [0, 1], [1]], [(True, 0.0), (True, 0.0)], ["a", "b", "c"]),
+        ([[0]], [1.0], []),
+        ([[0]], [2.0 * SHARE], []),
+        ([[0]], [0.5 * SHARE], ["a"]),  # points that touch by round-off hold nothing
+        ([[]], [1.0], ["a"]),
+        ([[0], [1]], [1.0, 0.0], ["b"]),
+        ([[0, 1]], [0.0, 1.0], []),
     ],
 )
-def test_a_body_floats_unless_contact_or_ties_hold_it(pairs, contacts, floating):
-    assert hold(pairs, contacts).floating(1.0) == floating
-
-
-def test_a_tie_that_has_let_go_holds_nothing():
-    assert hold([[0]], [(True, 0.0)], active=False).floating(1.0) == ["a"]
+def test_a_body_floats_unless_a_contact_presses_on_it(pairs, forces, floating):
+    assert hold(pairs, forces).floating(1.0) == floating
