@@ -336,7 +336,8 @@ def test_schema_is_json_with_all_tables(tribox):
     assert result.returncode == 0 and result.stderr == ""
     schema = json.loads(result.stdout)
     tables = {"title", "geometry", "bodies", "contact", "boundary", "stage"}
-    assert tables | {"probe", "solver", "output", "sweep"} == set(schema["properties"])
+    more = {"tools", "gravity", "probe", "solver", "output", "sweep"}
+    assert tables | more == set(schema["properties"])
     assert set(schema["required"]) == tables - {"title", "contact"}
 
 
