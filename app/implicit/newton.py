@@ -80,6 +80,7 @@ class Newton:
         problem, solver, options: what is solved, with which tangent, how well.
         trial: the unknowns; the start before, the solution after :meth:`solve`.
         residuals: residual norms of the last phase, relative to the reference force.
+        strayed: whether an iteration led too far away to be evaluated; reset by the caller.
         largest_force: N (N/m), largest reference force of a solution that was committed.
         snes: PETSc's solver.
     """
@@ -101,7 +102,7 @@ class Newton:
         self.residuals: list[float] = []
         self._residual = problem.new_vector()
         self._before = problem.new_vector()  # where the tangent was taken last
-        self.largest_force = 0.0
+        self.largest_force, self.strayed = 0.0, False
         self._step, self._phase, self._patient = DEFAULT_STEP, NEWTON_PHASES[0], False
         self._tolerance, self._limit = options.tolerance, options.max_iterations
         prefix = f"{PREFIX}{next(_numbers)}_"  # of its own: options must not reach the next run
@@ -244,6 +245,7 @@ class Newton:
         if self.problem.rounding.is_within_reach(x):
             self.problem.residual(snes, x, f, self._step)
         else:
+            self.strayed = True
             f.set(np.nan)
 
     def _jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, P: PETSc.Mat) -> None:

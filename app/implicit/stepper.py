@@ -55,6 +55,7 @@ class StepResult:
         residuals: residual norm after each iteration, relative to the reference force.
         floating: bodies that nothing presses on or supports; holding: force of the weak springs
             that hold them, over the largest force of the run (:mod:`app.implicit.weak_hold`).
+        strayed: whether an iteration led too far away to be evaluated.
     """
 
     converged: bool
@@ -64,6 +65,7 @@ class StepResult:
     residuals: list[float]
     floating: tuple[str, ...] = ()
     holding: float = 0.0
+    strayed: bool = False
 
 
 class ImplicitStepper:
@@ -111,7 +113,7 @@ class ImplicitStepper:
         if supports_at_hand(problem) != self._held:
             self._find_loose_bodies()
         step = StepMode.of_stage(dt, problem.contacts, self.rate_dependent)
-        assembled = self.solver.assembled
+        assembled, newton.strayed = self.solver.assembled, False
         iterations, reason, holding = self._solve(step)
         if reason > 0 and not problem.is_held_slightly():
             reason = PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH
@@ -127,6 +129,7 @@ class ImplicitStepper:
             residuals=newton.residuals,
             floating=self._trial_floating,
             holding=holding,
+            strayed=newton.strayed,
         )
 
     def _solve(self, step: StepMode) -> tuple[int, int, float]:

@@ -194,7 +194,7 @@ def _of_state(
     penalties = list(_of_penalties(problem))
     nearly = bool(result.residuals) and result.residuals[-1] <= KINKED
     edges = list(_of_edges(problem)) if nearly else []
-    supports = [] if penalties else list(_of_supports(problem, loose))
+    supports = [] if penalties else list(_of_supports(problem, loose, result.strayed))
     ends = list(_of_ends(problem))
     found = [*penalties, *supports, *ends, *_of_elements(problem, converged), *edges]
     yield from found or _of_weakening(problem)
@@ -227,13 +227,13 @@ def _slides_away(one: Loose, hold: Hold, load: float) -> bool:
     return bool(pushed and load != 0.0 and hold.limit > 0.0 and used > AT_LIMIT * hold.limit)
 
 
-def _of_supports(problem: Equilibrium, loose: Iterable[Loose]) -> Findings:
+def _of_supports(problem: Equilibrium, loose: Iterable[Loose], strayed: bool) -> Findings:
     """Bodies that nothing holds; or that a load drives into a contact which does not take it up."""
     tried, before = (
         problem.comm.allreduce(any(np.any(t.pressure > 0.0) for t in trials), op=MPI.LOR)
         for trials in (problem.trials, problem.committed)
     )
-    if tried and before:
+    if tried and before and not strayed:
         return
     for one in loose:
         driven = [i for i in range(len(problem.contacts)) if presses(problem, one, i)]

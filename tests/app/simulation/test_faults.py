@@ -116,7 +116,7 @@ def test_a_failed_value_of_a_sweep_leaves_the_others_collated(tribox, case_file,
             '"elastomer_left" and "top" share a node and both decide its displacement in x',
         ),
         ('master = "aluminium_contact"', 'master = "top"', "both on body elastomer"),
-        ('master = "aluminium_contact"', 'master = "bottom"', "inside bottom"),
+        ('master = "aluminium_contact"', 'master = "bottom"', "face the same way"),
     ],
 )
 def test_what_cannot_be_is_refused_before_the_run(case_file, block, old, new, expected):
