@@ -15,6 +15,7 @@ import dolfinx
 import dolfinx.fem.petsc
 import ffcx
 import numpy as np
+import ufl
 from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
@@ -96,6 +97,20 @@ def model_to_mesh(
         none = np.empty(0, dtype=np.int32)
         facet_tags = dolfinx.mesh.meshtags(mesh, mesh.topology.dim - 1, none, none)
     return mesh, cell_tags, facet_tags
+
+
+def mesh_of_cells(
+    comm: MPI.Comm, cells: NDArray[np.int64], position: NDArray[np.float64], element: Any
+) -> dolfinx.mesh.Mesh:
+    """A mesh from nodes (c, a) of cells and positions (n, i), m; collective.
+
+    Args:
+        comm: Communicator of the mesh.
+        cells: In DOLFINx's order of nodes.
+        position: Of the nodes.
+        element: Basix' element of the coordinates.
+    """
+    return dolfinx.mesh.create_mesh(comm, cells, x=position, e=ufl.Mesh(element))
 
 
 def cell_nodes(mesh: dolfinx.mesh.Mesh) -> Ints:

@@ -107,7 +107,8 @@ class RigidMotions:
         if isinstance(part, SlantedPlaten):
             dim = len(part.normal)
             dofs = dofs[::dim]
-            moved = np.einsum("i,mik->mk", part.normal, moved.reshape(len(dofs), dim, -1))
+            moved = moved.reshape(len(dofs), dim, moved.shape[1])  # a rank may have none
+            moved = np.einsum("i,mik->mk", part.normal, moved)
         if not isinstance(part, Prescribed) and not one.given(stage):
             # Its nodes move as one, but how far is free.
             comm = self._problem.comm

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import basix.ufl
 import dolfinx
 import numpy as np
-import ufl
 from mpi4py import MPI
 
 from app.equilibrium.constraints import Platen, Prescribed, component_dofs
@@ -20,7 +19,7 @@ from forms.bodies.loads import Load
 from forms.bodies.materials import Material
 from forms.bodies.plastic_solid import make_solid
 from forms.bodies.solid import DEGREE, Formulation
-from geometry.compat import cell_nodes
+from geometry.compat import cell_nodes, mesh_of_cells
 from geometry.surfaces.facets import Floats, Ints
 
 SIDES = (("left", "right"), ("bottom", "top"), ("back", "front"))
@@ -113,7 +112,7 @@ def _unit_grid(counts: Sequence[int]) -> dolfinx.mesh.Mesh:
     element = basix.ufl.element("Lagrange", cell, 1, lagrange_variant=variant, shape=(dim,))
     nodes = cell_nodes(made).astype(np.int64)
     places = made.geometry.x[:, :dim]
-    return dolfinx.mesh.create_mesh(MPI.COMM_SELF, nodes, x=places, e=ufl.Mesh(element))
+    return mesh_of_cells(MPI.COMM_SELF, nodes, places, element)
 
 
 def rectangle(low: tuple[float, ...], high: tuple[float, ...]) -> Callable[[Floats], Floats]:

@@ -36,6 +36,7 @@ class Known:
         self.loads: list[SimpleNamespace] = []
         self.nodal_loads: list[SimpleNamespace] = []
         self.trials: list[SimpleNamespace] = []
+        self.solids: list[SimpleNamespace] = []
         self.direct, self.works, self.share, self.basin = True, True, 1.0, np.inf
         self.reference_force = np.inf
         self.rounding = SimpleNamespace(is_within_reach=lambda x: bool(np.isfinite(x.norm())))
