@@ -27,12 +27,14 @@ def notes_on_ranks(case: Case, named: NamedMesh) -> Iterator[str]:
 
 
 def locking_bodies(named: NamedMesh, solids: Sequence[Solid], degree: int) -> Iterator[str]:
-    """A line on each body of linear elements that lock: where the volume hardly changes.
+    """A line on each body of elements that lock: where the volume hardly changes.
 
-    That is so of nearly incompressible bodies of triangles or tetrahedra, and of all that flow.
+    Linear triangles and tetrahedra do so in nearly incompressible bodies, and all linear elements
+    of full integration in those that flow; quadratic ones in those that are both.
     """
     cure = {"triangle": ("triangles", "quadrilateral"), "tetrahedron": ("tetrahedra", "hexahedron")}
     if degree > 1:
+        yield from _locking_quadratic(solids)
         return
     for solid in solids:
         if solid.flows and solid.carried is None:
@@ -52,6 +54,18 @@ def locking_bodies(named: NamedMesh, solids: Sequence[Solid], degree: int) -> It
             yield (
                 f"body {solid.name}: linear {plural} lock with K/G = {ratio:.3g} and are far too "
                 f'stiff; use cell = "{other}" with formulation = "q1-sri", or formulation = "q2"'
+            )
+
+
+def _locking_quadratic(solids: Sequence[Solid]) -> Iterator[str]:
+    for solid in solids:
+        ratio = solid.material.bulk_modulus / solid.material.shear_modulus
+        if solid.flows and ratio > LOCKING:
+            yield (
+                f"body {solid.name}: quadratic elements of full integration lock with K/G = "
+                f"{ratio:.3g} where it flows (29 % too stiff with six across a thick tube, 2.5 % "
+                'with twelve); use formulation = "q1-sri" on quadrilaterals or hexahedra, or a '
+                "lower nu"
             )
 
 
