@@ -35,7 +35,9 @@ def run(
 
 def numbers(directory: Path) -> list[int]:
     """Numbers of the checkpoints in a results directory, rising."""
-    return sorted(int(path.name) for path in (directory / "checkpoints").iterdir())
+    found = (path.name for path in (directory / "checkpoints").iterdir())
+    # One that is being written has another ending until it is whole; a kill may leave it.
+    return sorted(int(name) for name in found if name.isdigit())
 
 
 def state_of(directory: Path, number: int) -> dict[str, Any]:
