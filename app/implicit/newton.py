@@ -18,7 +18,7 @@ from app.equilibrium.snapshot import Snapshot
 from app.equilibrium.step_mode import DEFAULT_STEP, StepMode
 from app.implicit.linear_solver import LinearSolver, linear_options
 from app.implicit.options import ImplicitOptions
-from app.implicit.petsc_options import refusal
+from app.implicit.petsc_options import errors_as_raised, refusal
 
 PREFIX = "tribox_"
 _numbers = itertools.count()
@@ -225,7 +225,8 @@ class Newton:
         """
         iterations = 0
         for _ in range(1 if self.solver.direct else 2):
-            with self.problem.timer("linear solve"):  # the other parts take themselves out
+            # The other parts take themselves out.
+            with self.problem.timer("linear solve"), errors_as_raised():
                 self.snes.solve(None, self.trial)
             iterations += self.snes.getIterationNumber()
             if self.solver.forget_failure():
