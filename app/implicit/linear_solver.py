@@ -16,6 +16,9 @@ from app.equilibrium.equilibrium import Equilibrium
 from app.equilibrium.snapshot import Local, Snapshot
 from app.equilibrium.step_mode import DEFAULT_STEP, StepMode
 from app.implicit.assembly import Assembly
+from app.implicit.coupled_factor import DIRECT, CoupledFactor
+from app.implicit.linear_way import LinearWay
+from app.implicit.multigrid import KRYLOV, Multigrid, rigid_motions_of
 from app.implicit.petsc_options import refusal, silence, unused
 from geometry.surfaces.facets import Ints
 
@@ -24,28 +27,6 @@ Linear = Literal["auto", "direct", "krylov"]
 # n^1.5 operations in the plane and n^2 in space, and n log n and n^(4/3) words of memory. In space
 # both take the same time at about 10 000; beyond it the margin is for using a factor again.
 DIRECT_LIMIT = {2: 2_000_000, 3: 20_000}
-DIRECT: dict[str, str | float | bool] = {
-    "ksp_type": "preonly",
-    "pc_type": "lu",
-    "pc_factor_mat_solver_type": "mumps",
-}
-KRYLOV: dict[str, str | float | bool] = {
-    "ksp_type": "fgmres",
-    # Newton's method gains three digits an iteration where it converges: more would be wasted.
-    "ksp_rtol": 1e-3,
-    "ksp_max_it": 200,
-    "ksp_gmres_restart": 60,
-    "pc_type": "gamg",
-    # One symmetric sweep of Gauss-Seidel within each rank: it needs no bounds of eigenvalues,
-    # and did not fail at a Poisson's ratio of 0.49, where incomplete factorisation did.
-    "mg_levels_ksp_type": "richardson",
-    "mg_levels_ksp_max_it": 1,
-    "mg_levels_pc_type": "sor",
-}
-# Iterations, over those of the first solve with a preconditioner (at least FEW), from which it is
-# made from nothing: smoothed aggregation keeps its coarse spaces while the pattern stays, and
-# points that stuck may slip by now.
-WORN, FEW = 2, 10
 
 
 def linear_options(problem: Equilibrium, kind: Linear) -> dict[str, str | float | bool]:
@@ -77,20 +58,20 @@ class LinearSolver:
         self.matrix = problem.new_matrix(x)
         self.assembled = 0
         self._pattern = problem.pattern_changes
-        self._fresh: int | None = None  # iterations of the first solve with a new preconditioner
-        self._iterations = 0  # of the last solve before the run was resumed
         # What the matrix was made from when analysis or preconditioner began anew, and last.
         self._first: Assembly | None = None
         self._last: Assembly | None = None
         self._ksp: PETSc.KSP | None = None
-        self._near: PETSc.NullSpace | None = None
+        self._way: LinearWay | None = None
 
     def use(self, ksp: PETSc.KSP) -> None:
         """Solve with ``ksp``, whose operators this matrix becomes."""
         self._ksp = ksp
         ksp.setOperators(self.matrix)
-        if not self.direct:
-            self._near = self._near_nullspace()
+        if ksp.getType() == PETSc.KSP.Type.PREONLY:
+            self._way = CoupledFactor(ksp, self.matrix)
+        else:
+            self._way = Multigrid(ksp, self.matrix, rigid_motions_of(self.problem))
 
     def try_options(self, x: PETSc.Vec, prefix: str, names: Iterable[str]) -> None:
         """Set everything up at ``x``, as PETSc reads some options only then; collective.
@@ -113,27 +94,20 @@ class LinearSolver:
             kinds = f'ksp_type "{self.ksp.getType()}" and pc_type "{self.ksp.getPC().getType()}"'
             silence()
             raise ValueError(f"{', '.join(idle)}: not used by PETSc with {kinds}")
-        self.ksp.reset()  # the first factorisation of the run is that of its first tangent
+        self.way.renew()  # the first factorisation of the run is that of its first tangent
         self.ksp.setOperators(self.matrix)
         self.assembled, self._first, self._last = 0, None, None
 
     @property
     def direct(self) -> bool:
         """Whether a solve with the matrix at hand is a substitution: cheap beside a new matrix."""
-        return bool(self.ksp.getType() == PETSc.KSP.Type.PREONLY)
+        return self.way.direct
 
-    def _near_nullspace(self) -> PETSc.NullSpace:
-        """Rigid motions, orthonormal, for smoothed aggregation; collective.
-
-        Those of all bodies together serve each of them: smoothed aggregation restricts them to its
-        aggregates, which lie within a body.
-        """
-        problem = self.problem
-        nodes = problem.owned // problem.dim
-        position = problem.space.tabulate_dof_coordinates()[:nodes, : problem.dim]
-        coordinates = problem.new_vector()
-        coordinates.array[:] = position.reshape(-1)
-        return PETSc.NullSpace().createRigidBody(coordinates)
+    @property
+    def way(self) -> LinearWay:
+        """How systems are solved."""
+        assert self._way is not None, "use() comes first"
+        return self._way
 
     @property
     def ksp(self) -> PETSc.KSP:
@@ -195,7 +169,7 @@ class LinearSolver:
         """
         if self.ksp.getConvergedReason() >= 0:
             return True
-        self.ksp.reset()
+        self.way.renew()
         self.ksp.setOperators(self.matrix)
         self._first = None
         return False
@@ -207,25 +181,13 @@ class LinearSolver:
         by itself that the factorisation's analysis is out of date.
         """
         self.assembled += 1
-        if self._near is not None:
-            self.matrix.setNearNullSpace(self._near)
-        if self._pattern != self.problem.pattern_changes or self._worn():
+        if self._pattern != self.problem.pattern_changes or self.way.worn():
             self._pattern = self.problem.pattern_changes
-            self.ksp.reset()
-            self._fresh = self._first = None
+            self.way.renew()
+            self._first = None
         self._first = self._first or self._last
-        self.ksp.setOperators(self.matrix)
-        with self.problem.timer("factorisation" if self.direct else "preconditioner"):
-            self.ksp.setUp()
-
-    def _worn(self) -> bool:
-        """Whether the last solve took far more iterations than the preconditioner's first."""
-        last = self._last_iterations()
-        if self.direct or last == 0:
-            return False
-        if self._fresh is None:
-            self._fresh = max(last, FEW)
-        return last > WORN * self._fresh
+        with self.problem.timer(self.way.part):
+            self.way.set_up()
 
     # -- restart ------------------------------------------------------------------------------
 
@@ -243,8 +205,7 @@ class LinearSolver:
             "platens": [list(acting) for acting in self.problem.tangent.seen],
             "assembled": self.assembled,
             "patterns": self.problem.pattern_changes,
-            "fresh": self._fresh,
-            "iterations": self._last_iterations(),
+            "way": self.way.snapshot(),
         }
 
     def restore(self, kept: Snapshot) -> None:
@@ -257,13 +218,13 @@ class LinearSolver:
         self.problem.tangent.seen = [tuple(acting) for acting in kept["platens"]]
         self._restore_pattern(kept["windows"] or {})
         self._pattern = self.problem.tangent.pattern_changes = kept["patterns"]
-        self.ksp.reset()
+        self.way.renew()
         self._first = None
         for name in ("first", "last"):
             if kept[name] is not None:
                 self._restore_matrix(kept[name])
-        self.assembled, self._fresh = kept["assembled"], kept["fresh"]
-        self._iterations = kept["iterations"]
+        self.assembled = kept["assembled"]
+        self.way.restore(kept["way"])
 
     def _restore_pattern(self, kept: Snapshot) -> None:
         tangent = self.problem.tangent
@@ -276,10 +237,5 @@ class LinearSolver:
 
     def _restore_matrix(self, kept: Snapshot) -> None:
         assembly = Assembly.restored(self.problem, kept)
-        self._iterations = 0  # not worn
         with assembly.in_place(self.problem) as (x, before):
             self.assemble(x, assembly.step, before)
-
-    def _last_iterations(self) -> int:
-        """Iterations of the last solve, or of that before the run was resumed."""
-        return int(self.ksp.getIterationNumber()) or self._iterations
