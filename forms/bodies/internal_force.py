@@ -1,8 +1,8 @@
 """Internal forces and strain energy of all bodies, for explicit steps.
 
-Bodies of first-order plane cells and a material of :mod:`forms.bodies.materials` go through the
-compiled loop of ``plane_kernel.c``; all others through the forms that DOLFINx compiled for the
-implicit solution. Both give the same numbers to round-off.
+Bodies of first-order cells and most materials of :mod:`forms.bodies.materials` go through the
+compiled loops of ``plane_kernel.c`` and ``space_kernel.c``; all others through the forms that
+DOLFINx compiled for the implicit solution. Both give the same numbers to round-off.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from forms.bodies.materials import Hencky, Material, MooneyRivlin, NeoHookean
 from forms.bodies.solid import Solid
+from forms.bodies.space_force import force_in_space, is_in_space
 from forms.native.libraries import library
 from geometry.compat import packed_constants
 
@@ -187,6 +188,9 @@ class InternalForce:
             if code is not None and _is_plane(u.function_space, solid):
                 if len(solid.cells):
                     self.parts.append(_compiled(code, u.function_space, solid))
+            elif compiled and is_in_space(u.function_space, solid):
+                if len(solid.cells):
+                    self.parts.append(force_in_space(u.function_space, solid))
             else:
                 self.compiled = False
                 self.parts.append(GeneratedForce(solid, u))

@@ -9,10 +9,13 @@ from __future__ import annotations
 import ctypes
 from typing import Any
 
+import dolfinx
 import numpy as np
 from numpy.typing import NDArray
 
 from forms.bodies.materials import Hencky, Material, MooneyRivlin, NeoHookean
+from forms.bodies.solid import Solid
+from forms.native.libraries import library
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -117,6 +120,23 @@ class SpaceForce:
     def _padded(self, rows: NDArray[Any]) -> NDArray[Any]:
         """The last cell's row is repeated until the last block is full."""
         return np.concatenate([rows, rows[-1:].repeat(self._blocks * LANES - self._count, axis=0)])
+
+
+def is_in_space(space: dolfinx.fem.FunctionSpace, solid: Solid) -> bool:
+    """Whether the compiled loop covers the body's cells, element and material, and is there."""
+    mesh = space.mesh
+    corners = {"hexahedron": 8, "tetrahedron": 4}.get(mesh.topology.cell_name())
+    straight = mesh.geometry.cmap.degree == 1 and space.dofmap.dof_layout.num_dofs == corners
+    return straight and type(solid.material) in MATERIALS and library(SOURCE) is not None
+
+
+def force_in_space(space: dolfinx.fem.FunctionSpace, solid: Solid) -> SpaceForce:
+    """The compiled loop over a body's cells, for a body that :func:`is_in_space`."""
+    code = library(SOURCE)
+    assert code is not None
+    nodes = np.asarray(space.dofmap.list)[solid.cells]
+    position = space.tabulate_dof_coordinates()
+    return SpaceForce(code, nodes, position, solid.material, reduced=len(solid.forms) == 2)
 
 
 def coefficients(x: Floats) -> Floats:
