@@ -18,6 +18,7 @@ from petsc4py import PETSc
 from app.equilibrium.constraints import Constraints, Platen
 from app.equilibrium.contact_sparsity import BlockPlaces, ContactWindow, coupled_nodes, widened
 from app.equilibrium.holding_springs import HoldingSprings
+from app.equilibrium.kept_tangent import KeptTangent
 from app.equilibrium.slanted import room_of
 from app.equilibrium.timers import Stopwatch
 from forms.bodies.loads import Load
@@ -43,6 +44,7 @@ class Tangent:
         pattern_changes: how often the pattern was widened, when it was made included.
         windows: of each contact, what the pattern has room for; None before it is made.
         seen: which of the aligned platens have acted together, of all there is room for.
+        keeper: of the tangents of stiff bodies.
 
     With slanted platens what is assembled is a matrix of its own, which their equations make the
     tangent from.
@@ -58,6 +60,7 @@ class Tangent:
         """Begin without a matrix."""
         self.constraints = constraints
         self.solids, self.contacts, self.loads = solids, contacts, loads
+        self.keeper = KeptTangent(solids, contacts)
         self.pattern_changes = 0
         self._known_places: list[BlockPlaces] = []  # of blocks added lately
         self.windows: list[ContactWindow | None] = [None] * len(contacts)
@@ -69,6 +72,7 @@ class Tangent:
     def new_matrix(self, trials: Sequence[ContactTrial]) -> PETSc.Mat:
         """A matrix with room for solids, platens and these contacts; collective."""
         self.windows = [None] * len(self.contacts)
+        self.keeper.forget()
         self._raw, self.seen = None, []
         if self.constraints.aligned:
             self.seen = [tuple(platen.acts for platen in self.constraints.aligned)]
@@ -110,7 +114,8 @@ class Tangent:
             blocks = [group for term, trial in pairs for group in term.tangent(trial)]
             couplings = [term.coupling(trial) for term, trial in pairs]
         with timer("assembly"):
-            raw.zeroEntries()
+            self.keeper.decide()
+            self.keeper.begin(raw, (self.pattern_changes, self._mapped), self._add_solids)
             self._assemble_forms(raw, carried)
         with timer("contact"):
             for nodes, values in blocks:
@@ -157,11 +162,25 @@ class Tangent:
             A.setLGMap(*(self._plain_map if maps is None else (maps, maps)))
             self._mapped = acting
 
+    @property
+    def kept(self) -> tuple[bool, ...]:
+        """Of each solid, whether the last tangent is that of its undeformed state."""
+        return self.keeper.on
+
     def _assemble_forms(self, A: PETSc.Mat, carried: bool) -> None:
-        forms = [part.tangent for solid in self.solids for part in solid.forms]
+        """Add all but what is kept."""
+        solids = self.keeper.others
+        self._add_solids(A, solids)
+        forms = [load.tangent for load in self.loads if load.tangent is not None and load.acts]
         if carried:
-            forms += [s.carried.tangent for s in self.solids if s.carried is not None]
-        forms += [load.tangent for load in self.loads if load.tangent is not None and load.acts]
+            forms += [solid.carried.tangent for solid in solids if solid.carried is not None]
+        self._add_forms(A, forms)
+
+    def _add_solids(self, A: PETSc.Mat, solids: Sequence[Solid]) -> None:
+        """Add the tangents of solids at the displacement at hand."""
+        self._add_forms(A, [part.tangent for solid in solids for part in solid.forms])
+
+    def _add_forms(self, A: PETSc.Mat, forms: Sequence[dolfinx.fem.Form]) -> None:
         for form in forms:
             add_matrix(A, form, unrolled=bool(self.constraints.aligned))
 

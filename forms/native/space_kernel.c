@@ -140,6 +140,14 @@ INLINE void distort(enum material material, const double *c, vec J, vec r, vec I
     from_isochoric(x, y, a, r, second, s);
 }
 
+/* Whether the stress of a part of the energy takes a logarithm or a root of J. */
+INLINE int needs_volume(enum material material, enum part part)
+{
+    return material == NEO_HOOKEAN     ? part != DISTORTION
+           : material == MOONEY_RIVLIN ? part != VOLUME
+                                       : 1;
+}
+
 /* Adds the volumetric part of an energy. */
 INLINE void dilate(enum material material, const double *c, vec J, vec r, int energy, Slopes *s)
 {
@@ -168,7 +176,8 @@ typedef struct {
 } Law;
 
 /* What is found there: w |det G| dW/dg, w |det G| d^2W/dg^2, by the columns of g one after another,
- * and w |det G| W, which is added; cells with J <= 0 are marked in `bad`. */
+ * and w |det G| W, which is added; cells with J <= 0 are marked in `bad`. What takes a logarithm or a
+ * root of J is not a number there. */
 typedef struct {
     vec h[3][3], moduli[9][9], energy;
     ivec bad;
@@ -288,6 +297,10 @@ INLINE void at_point(const Law *law, const vec G[3][3], const vec g[3][3], int e
     }
     if (law->part != DISTORTION)
         dilate(law->material, law->c, J, r, energy, &s);
+    if (needs_volume(law->material, law->part)) {
+        s.J = (vec)((ivec)s.J | ~(ivec)(J > 0.0)); /* all bits set: not a number */
+        s.JJ = (vec)((ivec)s.JJ | ~(ivec)(J > 0.0));
+    }
     vec weight = law->weight * absolute(D);
     for (vec *value = &s.w; value <= &s.I22; ++value)
         *value *= weight;
@@ -306,8 +319,8 @@ INLINE void at_point(const Law *law, const vec G[3][3], const vec g[3][3], int e
         }
     if (second) {
         products(&s, whole, v[0][0], v[1][0], v[2][0], out->moduli);
-        curvatures(&s, distorts, whole, (s.J + law->excess * weight) * of_D, I1, A, g, v[1],
-                   out->moduli);
+        vec slope = distorts ? s.J : s.J + law->excess * weight;
+        curvatures(&s, distorts, whole, slope * of_D, I1, A, g, v[1], out->moduli);
     }
 }
 
@@ -449,33 +462,31 @@ INLINE void stiffen(int nodes, const vec moduli[9][9], const double dN[8][3], ve
 /* What a call works on. `node` (blocks, a, LANES), `edge` (blocks, 7, 3, LANES) the coefficients of
  * the reference positions; the last block repeats its last cell where there are fewer than LANES,
  * and counts `lanes_of_last`. Null where not wanted: `forces` and `values`, which are added to,
- * `total`, the energy; `excess` (blocks, LANES), what is added to dW/dJ of the volumetric part in
- * tangents. `place` (blocks, a, i, b, LANES): in `values`, the first of the three entries of a cell's
- * matrix in the row of (a, i) and the columns of b. */
+ * `total`, the energy; `excess` (cells), what is added to dW/dJ of the volumetric part in
+ * tangents. `start` (cells, a, i, b): in `values`, the first of the three entries of a cell's matrix
+ * in the row of (a, i) and the columns of b. */
 typedef struct {
     const double *c, *edge, *u, *excess;
     int64_t blocks, lanes_of_last;
-    const int32_t *node, *place;
+    const int32_t *node, *start;
     double *forces, *total, *values;
 } Work;
 
-/* Adds the entries of the upper blocks and their mirror images where they belong. */
-INLINE void insert(int nodes, int lanes, const int32_t *place, vec (*block)[3][3], double *values)
+/* Adds the matrices of a block's cells, of which the upper blocks (a <= b) are given, to `values`. */
+INLINE void insert(int nodes, int lanes, const int32_t *start, vec (*block)[3][3], double *values)
 {
 #pragma GCC unroll 1
-    for (int b = 0; b < nodes; ++b)
+    for (int l = 0; l < lanes; ++l)
 #pragma GCC unroll 1
-        for (int a = 0; a <= b; ++a, ++block)
-            for (int i = 0; i < 3; ++i) {
-                const int32_t *upper = place + ((3 * a + i) * nodes + b) * LANES;
-                const int32_t *lower = place + ((3 * b + i) * nodes + a) * LANES;
-                for (int l = 0; l < lanes; ++l)
+        for (int a = 0; a < nodes; ++a)
+            for (int i = 0; i < 3; ++i)
+#pragma GCC unroll 1
+                for (int b = 0; b < nodes; ++b) {
+                    double *at = values + *start++;
                     for (int j = 0; j < 3; ++j)
-                        values[upper[l] + j] += ((const double *)&(*block)[i][j])[l];
-                for (int l = 0; l < lanes && a < b; ++l)
-                    for (int j = 0; j < 3; ++j)
-                        values[lower[l] + j] += ((const double *)&(*block)[j][i])[l];
-            }
+                        at[j] += a <= b ? ((const double *)&block[b * (b + 1) / 2 + a][i][j])[l]
+                                        : ((const double *)&block[a * (a + 1) / 2 + b][j][i])[l];
+                }
 }
 
 /* All cells of one body; returns whether one is turned inside out. */
@@ -483,7 +494,7 @@ INLINE int over_cells(enum material material, enum shape shape, int reduced, int
                       int second, const Work *work)
 {
     const int nodes = shape == HEXAHEDRON ? 8 : 4, points = shape == HEXAHEDRON ? 8 + reduced : 1;
-    const int32_t *node = work->node, *place = work->place;
+    const int32_t *node = work->node, *start = work->start;
     const double *edge = work->edge;
     double sum = 0.0;
     Point at = {};
@@ -498,8 +509,8 @@ INLINE int over_cells(enum material material, enum shape shape, int reduced, int
                 e[m][i] += E[m][i];
         if (second)
             __builtin_memset(block, 0, sizeof block);
-        if (second && work->excess)
-            __builtin_memcpy(&law.excess, work->excess + n * LANES, sizeof(vec));
+        for (int l = 0; second && work->excess && l < lanes; ++l)
+            law.excess[l] = work->excess[n * LANES + l];
         at.energy = all(0.0);
 #pragma GCC unroll 1
         for (int point = 0; point < points; ++point) {
@@ -518,8 +529,8 @@ INLINE int over_cells(enum material material, enum shape shape, int reduced, int
             }
         }
         if (second) {
-            insert(nodes, lanes, place, block, work->values);
-            place += 3 * nodes * nodes * LANES;
+            insert(nodes, lanes, start, block, work->values);
+            start += lanes * nodes * 3 * nodes;
         } else if (energy) {
             for (int l = 0; l < lanes; ++l)
                 sum += at.energy[l];
