@@ -15,6 +15,7 @@ import ufl
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from app.equilibrium.bodies import Bodies
 from app.equilibrium.constraints import Constraints, Platen
 from app.equilibrium.contact_sparsity import BlockPlaces, ContactWindow, coupled_nodes, widened
 from app.equilibrium.holding_springs import HoldingSprings
@@ -40,7 +41,7 @@ class Tangent:
     """Makes the matrix and fills it.
 
     Attributes:
-        constraints: with the numbering of the unknowns; solids, contacts, loads: the parts.
+        constraints: with the numbering of the unknowns; bodies, contacts, loads: the parts.
         pattern_changes: how often the pattern was widened, when it was made included.
         windows: of each contact, what the pattern has room for; None before it is made.
         seen: which of the aligned platens have acted together, of all there is room for.
@@ -53,14 +54,14 @@ class Tangent:
     def __init__(
         self,
         constraints: Constraints,
-        solids: Sequence[Solid],
+        bodies: Bodies,
         contacts: Sequence[ContactTerm],
         loads: Sequence[Load],
     ) -> None:
         """Begin without a matrix."""
         self.constraints = constraints
-        self.solids, self.contacts, self.loads = solids, contacts, loads
-        self.keeper = KeptTangent(solids, contacts)
+        self.bodies, self.contacts, self.loads = bodies, contacts, loads
+        self.keeper = KeptTangent(bodies.solids, contacts)
         self.pattern_changes = 0
         self._known_places: list[BlockPlaces] = []  # of blocks added lately
         self.windows: list[ContactWindow | None] = [None] * len(contacts)
@@ -170,19 +171,17 @@ class Tangent:
     def _assemble_forms(self, A: PETSc.Mat, carried: bool) -> None:
         """Add all but what is kept."""
         solids = self.keeper.others
-        self._add_solids(A, solids)
-        forms = [load.tangent for load in self.loads if load.tangent is not None and load.acts]
-        if carried:
-            forms += [solid.carried.tangent for solid in solids if solid.carried is not None]
-        self._add_forms(A, forms)
+        self._add_solids(A, solids, carried)
+        for load in self.loads:
+            if load.tangent is not None and load.acts:
+                add_matrix(A, load.tangent, unrolled=bool(self.constraints.aligned))
 
-    def _add_solids(self, A: PETSc.Mat, solids: Sequence[Solid]) -> None:
+    def _add_solids(self, A: PETSc.Mat, solids: Sequence[Solid], carried: bool = False) -> None:
         """Add the tangents of solids at the displacement at hand."""
-        self._add_forms(A, [part.tangent for solid in solids for part in solid.forms])
-
-    def _add_forms(self, A: PETSc.Mat, forms: Sequence[dolfinx.fem.Form]) -> None:
-        for form in forms:
-            add_matrix(A, form, unrolled=bool(self.constraints.aligned))
+        pattern, unrolled = (self.pattern_changes, self._mapped), bool(self.constraints.aligned)
+        for solid in solids:
+            index = self.bodies.solids.index(solid)
+            self.bodies.add_tangent(A, index, pattern, carried, unrolled)
 
     def _add_blocks(
         self,
