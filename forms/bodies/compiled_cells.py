@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from forms.bodies.plane_cells import plane_cells
 from forms.bodies.solid import Solid
+from forms.bodies.space_cells import space_cells
 from geometry.surfaces.facets import Bools, Floats, Ints
 
 
@@ -63,4 +64,5 @@ def compiled_cells(space: dolfinx.fem.FunctionSpace, solid: Solid) -> CompiledCe
 
     All ranks get one, or none does, where all have a compiler.
     """
-    return plane_cells(space, solid)
+    in_space = solid.section == "3D"
+    return space_cells(space, solid) if in_space else plane_cells(space, solid)

@@ -10,6 +10,7 @@ import dolfinx
 import numpy as np
 from numpy.typing import NDArray
 
+from forms.bodies.lanes import LANES, in_lanes
 from forms.bodies.materials import Hencky, Material, MooneyRivlin, NeoHookean
 from forms.bodies.solid import Solid
 from forms.native.libraries import library
@@ -17,7 +18,6 @@ from geometry.surfaces.facets import Bools, Floats, Ints
 
 FORCES = "plane_kernel.c"
 TANGENT = "plane_tangent.c"
-LANES = 8  # cells that the loops take at a time
 _KINDS: dict[type, int] = {NeoHookean: 0, MooneyRivlin: 1, Hencky: 2}
 _POINTER = ctypes.c_void_p
 _CELLS: list[Any] = [ctypes.c_int, ctypes.c_int, _POINTER, ctypes.c_int64, ctypes.c_int]
@@ -48,7 +48,7 @@ class PlaneCells:
         count, corners = nodes.shape
         self.nodes = _right_handed(nodes, position)
         four = _four(self.nodes)
-        self._rows, self._edges = _in_lanes(four), _in_lanes(_edges(four, position))
+        self._rows, self._edges = in_lanes(four), in_lanes(_edges(four, position))
         blocks = len(self._rows)
         self._parameters = np.array(list(material.parameters().values()))
         self._result = np.zeros(1)
@@ -155,10 +155,3 @@ def _edges(four: Ints, position: Floats) -> Floats:
     x = position[four]
     edges = [x[:, 1] - x[:, 0], x[:, 2] - x[:, 0], x[:, 3] - x[:, 2] - x[:, 1] + x[:, 0]]
     return np.stack(edges, axis=1).reshape(len(four), 6)
-
-
-def _in_lanes(table: NDArray[Any]) -> NDArray[Any]:
-    """Rows (c, k) of the cells as (blocks, k, LANES), the last cell repeated to fill the last."""
-    missing = -len(table) % LANES
-    padded = np.concatenate([table, table[-1:].repeat(missing, axis=0)])
-    return np.ascontiguousarray(padded.reshape(-1, LANES, table.shape[1]).transpose(0, 2, 1))

@@ -21,6 +21,7 @@ from geometry.compat import compiler_cache
 SOURCES = (
     "plane_kernel.c",
     "plane_tangent.c",
+    "space_kernel.c",
     "plane_contact.c",
     "plastic_points.c",
     "cell_places.c",

@@ -21,18 +21,6 @@ INLINE int needs_volume(enum material material, enum part part)
                                        : 1;
 }
 
-/* x^(-1/3) for x > 0: a start from the exponent, then y <- y (4 - x y^3)/3. */
-INLINE vec inverse_cube_root(vec x)
-{
-    const uint64_t two52 = 0x4330000000000000ULL;
-    vec high = (vec)(((uvec)x >> 20) | two52) - 4503599627370496.0;
-    vec start = (1023.0 * 4.0 / 3.0 - 0.045) * 4294967296.0 - high * (1.0 / 3.0);
-    vec y = (vec)(((uvec)(start + 4503599627370496.0) - two52) << 20);
-    for (int i = 0; i < 5; ++i)
-        y = y * (4.0 / 3.0 - x * y * y * y * (1.0 / 3.0));
-    return y;
-}
-
 /* arcosh(1 + x)^2 and its derivative; a series below x = 0.02, where the function itself is
  * analytic but its formula is not. */
 INLINE void squared_arcosh(vec x, vec *value, vec *slope)
