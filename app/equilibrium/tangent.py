@@ -15,9 +15,11 @@ import ufl
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from app.equilibrium.bodies import Bodies
 from app.equilibrium.constraints import Constraints, Platen
 from app.equilibrium.contact_sparsity import BlockPlaces, ContactWindow, coupled_nodes, widened
 from app.equilibrium.holding_springs import HoldingSprings
+from app.equilibrium.kept_tangent import KeptTangent
 from app.equilibrium.slanted import room_of
 from app.equilibrium.timers import Stopwatch
 from forms.bodies.loads import Load
@@ -39,10 +41,11 @@ class Tangent:
     """Makes the matrix and fills it.
 
     Attributes:
-        constraints: with the numbering of the unknowns; solids, contacts, loads: the parts.
+        constraints: with the numbering of the unknowns; bodies, contacts, loads: the parts.
         pattern_changes: how often the pattern was widened, when it was made included.
         windows: of each contact, what the pattern has room for; None before it is made.
         seen: which of the aligned platens have acted together, of all there is room for.
+        keeper: of the tangents of stiff bodies.
 
     With slanted platens what is assembled is a matrix of its own, which their equations make the
     tangent from.
@@ -51,13 +54,14 @@ class Tangent:
     def __init__(
         self,
         constraints: Constraints,
-        solids: Sequence[Solid],
+        bodies: Bodies,
         contacts: Sequence[ContactTerm],
         loads: Sequence[Load],
     ) -> None:
         """Begin without a matrix."""
         self.constraints = constraints
-        self.solids, self.contacts, self.loads = solids, contacts, loads
+        self.bodies, self.contacts, self.loads = bodies, contacts, loads
+        self.keeper = KeptTangent(bodies.solids, contacts)
         self.pattern_changes = 0
         self._known_places: list[BlockPlaces] = []  # of blocks added lately
         self.windows: list[ContactWindow | None] = [None] * len(contacts)
@@ -69,6 +73,7 @@ class Tangent:
     def new_matrix(self, trials: Sequence[ContactTrial]) -> PETSc.Mat:
         """A matrix with room for solids, platens and these contacts; collective."""
         self.windows = [None] * len(self.contacts)
+        self.keeper.forget()
         self._raw, self.seen = None, []
         if self.constraints.aligned:
             self.seen = [tuple(platen.acts for platen in self.constraints.aligned)]
@@ -110,7 +115,8 @@ class Tangent:
             blocks = [group for term, trial in pairs for group in term.tangent(trial)]
             couplings = [term.coupling(trial) for term, trial in pairs]
         with timer("assembly"):
-            raw.zeroEntries()
+            self.keeper.decide()
+            self.keeper.begin(raw, (self.pattern_changes, self._mapped), self._add_solids)
             self._assemble_forms(raw, carried)
         with timer("contact"):
             for nodes, values in blocks:
@@ -157,13 +163,25 @@ class Tangent:
             A.setLGMap(*(self._plain_map if maps is None else (maps, maps)))
             self._mapped = acting
 
+    @property
+    def kept(self) -> tuple[bool, ...]:
+        """Of each solid, whether the last tangent is that of its undeformed state."""
+        return self.keeper.on
+
     def _assemble_forms(self, A: PETSc.Mat, carried: bool) -> None:
-        forms = [part.tangent for solid in self.solids for part in solid.forms]
-        if carried:
-            forms += [s.carried.tangent for s in self.solids if s.carried is not None]
-        forms += [load.tangent for load in self.loads if load.tangent is not None and load.acts]
-        for form in forms:
-            add_matrix(A, form, unrolled=bool(self.constraints.aligned))
+        """Add all but what is kept."""
+        solids = self.keeper.others
+        self._add_solids(A, solids, carried)
+        for load in self.loads:
+            if load.tangent is not None and load.acts:
+                add_matrix(A, load.tangent, unrolled=bool(self.constraints.aligned))
+
+    def _add_solids(self, A: PETSc.Mat, solids: Sequence[Solid], carried: bool = False) -> None:
+        """Add the tangents of solids at the displacement at hand."""
+        pattern, unrolled = (self.pattern_changes, self._mapped), bool(self.constraints.aligned)
+        for solid in solids:
+            index = self.bodies.solids.index(solid)
+            self.bodies.add_tangent(A, index, pattern, carried, unrolled)
 
     def _add_blocks(
         self,

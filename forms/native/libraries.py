@@ -18,7 +18,14 @@ from pathlib import Path
 
 from geometry.compat import compiler_cache
 
-SOURCES = ("plane_kernel.c", "plane_contact.c", "space_contact.c", "plastic_points.c")
+SOURCES = (
+    "plane_kernel.c",
+    "plane_tangent.c",
+    "plane_contact.c",
+    "space_contact.c",
+    "plastic_points.c",
+    "cell_places.c",
+)
 FLAGS = ("-std=gnu11", "-O3", "-fno-math-errno", "-fPIC", "-shared", "-w")
 
 
