@@ -23,6 +23,7 @@ SOURCES = (
     "plane_tangent.c",
     "space_kernel.c",
     "plane_contact.c",
+    "space_contact.c",
     "plastic_points.c",
     "cell_places.c",
 )
