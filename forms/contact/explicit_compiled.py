@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from forms.contact.explicit import ROUNDOFF_DEPTH, ExplicitContact
+from forms.contact.explicit import ExplicitContact
 from forms.contact.explicit_tie import ExplicitTie
 from forms.contact.kinematics import ContactKinematics
 from forms.contact.penalty import ContactTerm
-from forms.contact.pressure import TOUCHING, AveragedPressure
+from forms.contact.pressure import ROUNDOFF_DEPTH, TOUCHING, AveragedPressure
 from forms.contact.state import AS_IS, ContactState, ContactTrial, NormalContact
 from forms.contact.tie import TieTerm
 from forms.native.libraries import library
