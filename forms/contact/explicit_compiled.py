@@ -23,10 +23,10 @@ from forms.contact.compiled_pair import (
     PairArrays,
     check_layout,
 )
-from forms.contact.explicit import ROUNDOFF_DEPTH, ExplicitContact
+from forms.contact.explicit import ExplicitContact
 from forms.contact.explicit_tie import ExplicitTie
 from forms.contact.penalty import ContactTerm
-from forms.contact.pressure import TOUCHING, AveragedPressure
+from forms.contact.pressure import ROUNDOFF_DEPTH, TOUCHING, AveragedPressure
 from forms.contact.state import AS_IS, ContactState, ContactTrial, NormalContact
 from forms.contact.tie import TieTerm
 from forms.native.libraries import library

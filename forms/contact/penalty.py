@@ -19,7 +19,7 @@ from petsc4py import PETSc
 from forms.contact.carried import Carried
 from forms.contact.fading import fading
 from forms.contact.kinematics import Anchor, ContactKinematics, relate
-from forms.contact.pressure import AveragedPressure, PressureKind, normal_rule
+from forms.contact.pressure import ROUNDOFF_DEPTH, AveragedPressure, PressureKind, normal_rule
 from forms.contact.rim import rim_cover
 from forms.contact.shared_slave import Neighbour, brought_along, covered_by_others
 from forms.contact.state import (
@@ -176,7 +176,8 @@ class ContactTerm:
         self.leave_to_others()
         current = surface.project(points, nodes, mode.frozen_facets, normals, averaged)
         anchor = self.anchor(nodes)
-        normal = self.rule.evaluate(current, mode)
+        # Friction under the pressure of a rounded gap would tell at random where points stick.
+        normal = self.rule.evaluate(current, mode, ROUNDOFF_DEPTH)
         if not self.active:
             normal = normal.opened()
         kinematics = relate(points, current, anchor, normal.closed)
