@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 Floats = NDArray[np.float64]
+Longs = NDArray[np.int64]
 
 COLOURS = ("#1b6ca8", "#d1495b", "#2e8b57", "#8d5fa8", "#e08e1b", "#555555")
 COMPRESSION = 2  # of PNG files; 6, the default, takes a third longer for an eighth less
