@@ -111,32 +111,35 @@ def compare(job: Job, sides: tuple[Side, Side], repeat: int) -> Comparison:
         SolutionError: a run failed.
     """
     runs: tuple[list[Ran], list[Ran]] = ([], [])
+    by_clock = any(side.ranks > 1 for side in sides)
     for count in range(1, repeat + 1):
         for side, kept in zip(sides, runs, strict=True):
             tell = f"{job}, {side.name}: run {count} of {repeat}"
             print(tell, file=sys.stderr, flush=True)
-            kept.append(run_warm(job, side))
-    by_clock = any(side.ranks > 1 for side in sides)
+            kept.append(run_warm(job, side, not by_clock))
     first, second = (min(k, key=lambda r: r.cost.clock if by_clock else r.cost.cpu) for k in runs)
     return Comparison(job, first, second, force_difference(first, second), by_clock)
 
 
-def run_warm(job: Job, side: Side) -> Ran:
+def run_warm(job: Job, side: Side, probed: bool) -> Ran:
     """Run a job on one side, again where it has compiled a form or a kernel, which is kept."""
     for _ in range(TRIALS):
         started = time.time()
-        found = run(job, side)
+        found = run(job, side, probed)
         if not compiled_since(started):
             break
         print(f"{job}, {side.name}: something was compiled, so again", file=sys.stderr, flush=True)
     return found
 
 
-def run(job: Job, side: Side) -> Ran:
+def run(job: Job, side: Side, probed: bool) -> Ran:
     """Run a job on one side.
 
-    One rank runs under the probes of its tree; several run ``tribox run --np`` as it is, whose own
-    clock tells the parts.
+    Args:
+        job: what to run.
+        side: how.
+        probed: under the probes of the side's tree, on one rank; else ``tribox run`` as it is,
+            whose own clock tells the parts.
 
     Raises:
         SolutionError: the run failed.
@@ -144,13 +147,13 @@ def run(job: Job, side: Side) -> Ran:
     with tempfile.TemporaryDirectory() as scratch:
         report, results = Path(scratch) / "report.json", Path(scratch) / "results"
         words = [*job.words, *set_options(side.changes), "--out", str(results)]
-        if side.ranks == 1:
+        if probed:
             command = [str(PROBE), str(report), *words]
         else:
             command = ["-m", "app", "run", *words, "--np", str(side.ranks)]
         cost = run_python(command, f"{job}, {side.name}", side.tree)
         summary = json.loads((results / "summary.json").read_text(encoding="utf-8"))
-        if side.ranks == 1:
+        if probed:
             parts = json.loads(report.read_text(encoding="utf-8"))["seconds"]
         else:
             parts = {k: v for k, v in summary["seconds"].items() if k != "run"}

@@ -53,11 +53,7 @@ def forces(found: Comparison) -> str:
 
 
 def grouped(run: Ran) -> dict[str, float]:
-    """Seconds by part, some parts as one.
-
-    On several ranks the parts are those of the program's own clock; where its names differ from
-    those of the probes they stay as they are.
-    """
+    """Seconds by part, some parts as one; parts of the program's own clock stay as they are."""
     of = {part: name for name, parts in TOGETHER.items() for part in parts}
     sums: dict[str, float] = {}
     for part, seconds in run.parts.items():
