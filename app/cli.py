@@ -366,11 +366,31 @@ def bench(
         int | None, typer.Option(min=1, help="runs of each level; the fastest is shown")
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="replace files that are there")] = False,
+    overrides: Overrides = None,
+    against: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="compare with the tribox whose source tree this is"),
+    ] = None,
+    changes: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--with",
+            metavar="KEY=VALUE",
+            help="compare the case with itself so changed; may be repeated",
+        ),
+    ] = None,
+    np: Annotated[
+        int,
+        typer.Option(
+            "--np", min=1, help="MPI ranks of both runs; compare with one rank if nothing else"
+        ),
+    ] = 1,
 ) -> None:
-    """Measure where the CPU time of a case goes, level by level: about a minute by default."""
-    from app.bench.bench import run_bench
+    """Measure where the CPU time of a case goes, or compare two versions, level by level."""
+    from app.bench.bench import Options, run_bench
 
-    run_bench(what or [], case, out, repeat, force)
+    keys, changed = tuple(overrides or ()), tuple(changes or ())
+    run_bench(what or [], Options(case, out, repeat, force, keys, against, changed, np))
 
 
 @cli.command()
