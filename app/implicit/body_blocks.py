@@ -1,8 +1,8 @@
 """Direct solves of bodies in contact, body by body where one of them is far stiffer.
 
-Flexible GMRES on the whole tangent, preconditioned by a sweep over the bodies
-(:mod:`app.implicit.body_sweep`). Where no body can be kept the whole tangent is factorised, and so
-it is where GMRES does not get there: for that tangent, and for good where that happens often.
+Each body is solved for in turn (:mod:`app.implicit.body_by_body`). Where no body can be kept the
+whole tangent is factorised, and so it is where taking turns does not get there: for that tangent,
+and for good where that happens often.
 """
 
 from __future__ import annotations
@@ -14,17 +14,13 @@ from petsc4py import PETSc
 from app.equilibrium.equilibrium import Equilibrium
 from app.equilibrium.free_bodies import supports_at_hand
 from app.equilibrium.snapshot import Snapshot
-from app.implicit.body_sweep import BodySweep
+from app.implicit.body_by_body import BodyByBody
 from app.implicit.coupled_factor import DIRECT
 from app.implicit.factor import Factor
 from app.implicit.kept_bodies import kept_bodies
-from app.implicit.linear_way import petsc_kinds
+from app.implicit.linear_way import LEFT, petsc_kinds
 from forms.bodies.solid import Solid
 
-# One iteration leaves 1e-5 where a body is a thousand times stiffer, and Newton's method gains no
-# more than five digits an iteration.
-RTOL = 1e-3
-LIMIT = 6  # iterations: a factorisation of the whole takes as long
 # Solves that failed are weighed against those that did not: three in a row, or more than one in
 # five, are too many.
 FAILED, TOO_MANY = 5, 15
@@ -35,7 +31,6 @@ class BodyBlocks:
 
     Attributes:
         direct, part: see :class:`app.implicit.linear_way.LinearWay`.
-        solves, iterations: of GMRES, so far.
     """
 
     direct, part = True, "factorisation"
@@ -58,22 +53,15 @@ class BodyBlocks:
         pc.setType(PETSc.PC.Type.PYTHON)
         pc.setPythonContext(self)
         self._supports: tuple[object, ...] | None = None  # that the bodies were chosen for
-        self._sweep: BodySweep | None = None
+        self._bodies: BodyByBody | None = None
         self._whole: Factor | None = None  # of the tangent; None: it is solved by the bodies
         self._fallen = False  # whether that is so of the tangent at hand only
         self._given_up = False  # whether it is so for good
         self._chosen = False  # whether the bodies are
         self._works = False  # whether what was factorised last could be
-        self._failures = self.solves = self.iterations = 0
+        self._failures = 0
+        self._share = LEFT  # of forces that a solve may leave out of balance
         self._rest = problem.new_vector()
-        self._gmres = self._new_gmres()
-
-    def _new_gmres(self) -> PETSc.KSP:
-        gmres = PETSc.KSP().create(self._problem.comm)
-        gmres.setType(PETSc.KSP.Type.FGMRES)
-        gmres.setTolerances(rtol=RTOL, atol=0.0, max_it=LIMIT)
-        gmres.getPC().setType(PETSc.PC.Type.PYTHON)
-        return gmres
 
     def kinds(self) -> str:
         """See :class:`app.implicit.linear_way.LinearWay`."""
@@ -84,9 +72,9 @@ class BodyBlocks:
     def renew(self) -> None:
         """Forget all factorisations; collective."""
         self._drop_whole()
-        if self._sweep is not None:
-            self._sweep.destroy()
-        self._sweep, self._chosen = None, False
+        if self._bodies is not None:
+            self._bodies.destroy()
+        self._bodies, self._chosen = None, False
 
     def _drop_whole(self) -> None:
         if self._whole is not None:
@@ -99,8 +87,8 @@ class BodyBlocks:
         if self._fallen:
             self._drop_whole()
         self._given_up = self._given_up or self._failures >= TOO_MANY
-        if self._sweep is not None and not self._given_up:
-            self._works, anew = self._sweep.make(self._matrix, widened)
+        if self._bodies is not None and not self._given_up:
+            self._works, anew = self._bodies.make(self._matrix, widened)
         else:
             anew = self._whole is None or widened
             self._make_whole(anew)
@@ -121,12 +109,11 @@ class BodyBlocks:
         self._supports, self._chosen = supports, True
         bodies = kept_bodies(self._problem, self._stiff)
         if bodies is not None:
-            sweep = BodySweep(self._problem, bodies, self._prefix)
-            if sweep.works:
-                self._sweep = sweep
-                self._gmres.getPC().setPythonContext(sweep)
+            by_body = BodyByBody(self._problem, bodies, self._prefix)
+            if by_body.works:
+                self._bodies = by_body
             else:
-                sweep.destroy()
+                by_body.destroy()
         return True
 
     def _make_whole(self, anew: bool) -> None:
@@ -144,35 +131,33 @@ class BodyBlocks:
 
     # -- solution -----------------------------------------------------------------------------
 
+    def aim(self, share: float) -> None:
+        """See :class:`app.implicit.linear_way.LinearWay`."""
+        self._share = share
+
     def apply(self, pc: PETSc.PC, b: PETSc.Vec, x: PETSc.Vec) -> None:
         """Solve for ``x`` (m) with forces ``b`` (N); collective."""
         if self._whole is None and not self._solve_by_bodies(b, x):
             self._fall_back()
-        if self._whole is not None and not (self._works and self._whole.solve(b, x)):
+        if self._whole is not None and self._works:
+            x.array[:] = self._whole.solve(b.array_r)
+        elif self._whole is not None:
             pc.setFailedReason(PETSc.PC.FailedReason.SUBPC_ERROR)
 
     def _solve_by_bodies(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
-        """Solve by GMRES; returns whether that worked.
+        """Solve for one body after the other; returns whether that worked.
 
-        What is prescribed is put in beforehand: GMRES would meet it to its tolerance only, and
-        would add displacements to forces in its norms.
+        What is prescribed is put in beforehand: displacements are not to be added to forces in
+        norms.
         """
+        assert self._bodies is not None
         held = self._problem.constrained_dofs()
         b.copy(self._rest)
         self._rest.array[held] = 0.0
-        converged = self._works and self._iterate(x)
+        converged = self._works and self._bodies.solve(self._rest, x, self._share)
         self._failures = max(self._failures - 1, 0) if converged else self._failures + FAILED
         x.array[held] = b.array_r[held]
         return converged
-
-    def _iterate(self, x: PETSc.Vec) -> bool:
-        self._gmres.setOperators(self._matrix)
-        self._gmres.solve(self._rest, x)
-        self.solves += 1
-        self.iterations += self._gmres.getIterationNumber()
-        reason = int(self._gmres.getConvergedReason())
-        # Numbers that are not finite give no others by any method.
-        return reason > 0 or reason == PETSc.KSP.ConvergedReason.DIVERGED_NANORINF
 
     # -- restart ------------------------------------------------------------------------------
 

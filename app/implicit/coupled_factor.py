@@ -51,6 +51,9 @@ class CoupledFactor:
         self._ksp.setUp()
         return anew
 
+    def aim(self, share: float) -> None:
+        """Nothing to do: a substitution leaves next to nothing."""
+
     def snapshot(self) -> Snapshot:
         """Nothing: the factorisation is made again from its matrices."""
         return {}

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from petsc4py import PETSc
 
+from geometry.surfaces.facets import Floats
+
 
 class Factor:
     """The factorisation of a matrix whose values may change.
@@ -31,11 +33,7 @@ class Factor:
         if symmetric:
             matrix.setOption(PETSc.Mat.Option.SPD, True)
         self._ksp.setOperators(matrix)
-
-    def vectors(self) -> tuple[PETSc.Vec, PETSc.Vec]:
-        """New vectors for a right-hand side and a solution; collective."""
-        right, left = self._matrix.createVecs()
-        return left, right
+        self._solution, self._rhs = matrix.createVecs()
 
     def make(self) -> bool:
         """Factorise the matrix as it is now; returns whether it could be done; collective."""
@@ -43,10 +41,11 @@ class Factor:
         self._ksp.setUp()
         return int(self._ksp.getPC().getFailedReason()) == PETSc.PC.FailedReason.NOERROR
 
-    def solve(self, rhs: PETSc.Vec, solution: PETSc.Vec) -> bool:
-        """Solve with the factorisation; returns whether it worked; collective."""
-        self._ksp.solve(rhs, solution)
-        return int(self._ksp.getConvergedReason()) >= 0
+    def solve(self, rhs: Floats) -> Floats:
+        """The solution (n,) for a right-hand side (n,), owned rows each; collective."""
+        self._rhs.array[:] = rhs
+        self._ksp.solve(self._rhs, self._solution)
+        return self._solution.array_r
 
     def destroy(self) -> None:
         """Give the memory back; collective."""

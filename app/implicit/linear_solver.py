@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Literal
 
+import numpy as np
 from petsc4py import PETSc
 
 from app.equilibrium.equilibrium import Equilibrium
@@ -19,7 +20,7 @@ from app.implicit.assembly import Assembly
 from app.implicit.body_blocks import BodyBlocks
 from app.implicit.coupled_factor import DIRECT, CoupledFactor
 from app.implicit.kept_bodies import stiff_solids
-from app.implicit.linear_way import LinearWay
+from app.implicit.linear_way import LEFT, LinearWay
 from app.implicit.multigrid import KRYLOV, Multigrid, rigid_motions_of
 from app.implicit.petsc_options import refusal, silence, unused
 from geometry.surfaces.facets import Ints
@@ -29,6 +30,8 @@ Linear = Literal["auto", "direct", "krylov"]
 # n^1.5 operations in the plane and n^2 in space, and n log n and n^(4/3) words of memory. In space
 # both take the same time at about 10 000; beyond it the margin is for using a factor again.
 DIRECT_LIMIT = {2: 2_000_000, 3: 20_000}
+ENDING = 0.5  # what a linear solve may leave, over what Newton's method may leave in the end
+CLOSEST = 1e-8  # share of the forces that no linear solve has to get below
 
 
 def linear_options(problem: Equilibrium, kind: Linear) -> dict[str, str | float | bool]:
@@ -165,9 +168,14 @@ class LinearSolver:
 
     def solve(self, rhs: PETSc.Vec, solution: PETSc.Vec) -> bool:
         """Solve with the tangent assembled last; returns whether it worked."""
+        self.way.aim(LEFT)
         with self.problem.timer("linear solve"):
             self.ksp.solve(rhs, solution)
         return self.forget_failure()
+
+    def aim(self, share: float) -> None:
+        """Solve so well that ``share`` of the forces may do as what Newton's method leaves."""
+        self.way.aim(float(np.clip(ENDING * share, CLOSEST, LEFT)))
 
     def forget_failure(self) -> bool:
         """Drop a factorisation that failed, over which the next solve would stumble.

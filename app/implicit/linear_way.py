@@ -7,6 +7,9 @@ from typing import Protocol
 
 from app.equilibrium.snapshot import Snapshot
 
+LEFT = 1e-3
+"""Share of the forces that a solve may leave out of balance where nothing else is said."""
+
 
 class LinearWay(Protocol):
     """Solves with the tangent, and keeps what serves more than one of them.
@@ -36,6 +39,10 @@ class LinearWay(Protocol):
         Returns:
             Whether nothing of what was made for earlier matrices is in use.
         """
+        ...
+
+    def aim(self, share: float) -> None:
+        """Let the next solves leave at most this share of the forces, if they are iterative."""
         ...
 
     def snapshot(self) -> Snapshot:

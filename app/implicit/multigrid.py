@@ -73,6 +73,9 @@ class Multigrid:
         self._ksp.setUp()
         return anew
 
+    def aim(self, share: float) -> None:
+        """Nothing to do: the options say what is left."""
+
     def snapshot(self) -> Snapshot:
         """What tells whether the preconditioner is worn."""
         return {"fresh": self._fresh, "iterations": self._last_iterations()}

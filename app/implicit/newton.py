@@ -252,6 +252,7 @@ class Newton:
         if not self._reuse():
             self.solver.assemble(x, self._step, self._before)
             x.copy(self._before)
+        self.solver.aim(self._tolerance / max(self.residuals[-1], self._tolerance))
 
     def _reuse(self) -> bool:
         """Whether the tangent factorised last will do for an iteration that ends the step.

@@ -1,19 +1,21 @@
-r"""A preconditioner for bodies in contact: one body after the other.
+r"""Linear systems of bodies in contact, solved for one body after the other.
 
-With the unknowns k of stiff bodies on supports of their own, and s of all others, a symmetric sweep
-of Gauss-Seidel over the two blocks of the tangent A,
+With the unknowns k of stiff bodies on supports of their own, and s of all others, block
+Gauss-Seidel on the tangent A takes in turn
 
-.. math:: A_{ss} y_s = r_s, \quad K z_k = r_k - A_{ks} y_s, \quad A_{ss} z_s = r_s - A_{sk} z_k,
+.. math:: A_{ss} d_s = r_s, \quad K d_k = r_k, \quad r \leftarrow r - A d
 
-is a preconditioner of A (Saad, Iterative methods for sparse linear systems, 2nd ed., ch. 14).
+until little is left (Saad, Iterative methods for sparse linear systems, 2nd ed., 4.1.1).
 :math:`A_{ss}`, with the stiffness of its contacts, is factorised for each tangent; K, the stiff
-bodies undeformed and without contacts, once. The second solve takes the others along as the stiff
-bodies give way, so that what is left is of the order of the stiffness of the *others*, not of their
-contacts, over that of the stiff bodies. As contacts that move on couple other nodes of two bodies,
-the pattern of :math:`A_{ss}`, and with it the analysis of its factorisation, stays what it was.
+bodies undeformed and without contacts, once. Each solve leaves of the one before it about the
+stiffness of the others over that of the stiff bodies: where these are a thousand times stiffer two
+to four solves do. As contacts that move on couple other nodes of two bodies, the pattern of
+:math:`A_{ss}`, and with it the analysis of its factorisation, stays what it was.
 """
 
 from __future__ import annotations
+
+import itertools
 
 import numpy as np
 from mpi4py import MPI
@@ -22,11 +24,21 @@ from petsc4py import PETSc
 from app.equilibrium.equilibrium import Equilibrium
 from app.implicit.factor import Factor
 from app.implicit.kept_bodies import KeptBodies
-from geometry.surfaces.facets import Floats, Ints
+
+# A stiff body that is moved makes such forces that those of the others are nothing beside: they
+# have to follow once.
+LEAST = 3
+LIMIT = 12  # solves: the factorisation of the whole is no dearer than that
+HALF = 0.5  # of the forces of two solves before, that must not be left
 
 
-class BodySweep:
-    """The preconditioner, as PETSc asks for one in Python (``apply``)."""
+class BodyByBody:
+    """Keeps the factorisations, and solves with them.
+
+    Attributes:
+        works: whether the stiff bodies could be factorised.
+        solves: of one body, in all.
+    """
 
     def __init__(self, problem: Equilibrium, bodies: KeptBodies, prefix: str) -> None:
         """Factorise the stiff bodies; collective.
@@ -46,8 +58,9 @@ class BodySweep:
         self._block: PETSc.Mat | None = None  # of the other bodies, as it is factorised
         self._source: PETSc.Mat | None = None  # as it is taken out of the tangent
         self._factor: Factor | None = None
+        self._left, self._step = problem.new_vector(), problem.new_vector()
         self._image = problem.new_vector()
-        self._r_kept, self._z_kept = self._stiff.vectors()
+        self.solves = 0
 
     def make(self, matrix: PETSc.Mat, widened: bool) -> tuple[bool, bool]:
         """Factorise the other bodies' block of the tangent; collective.
@@ -91,28 +104,38 @@ class BodySweep:
         if self._factor is not None:
             self._factor.destroy()
         self._factor = Factor(self._block, self._prefix)
-        self._r_others, self._z_others = self._factor.vectors()
 
-    def apply(self, pc: PETSc.PC, r: PETSc.Vec, z: PETSc.Vec) -> None:
-        """One sweep, from ``r`` (N) to ``z`` (m); collective."""
+    def solve(self, b: PETSc.Vec, x: PETSc.Vec, share: float) -> bool:
+        """Solve with the tangent for ``x`` (m) until a share of the forces ``b`` (N) is left.
+
+        Collective.
+
+        Returns:
+            Whether it got there.
+        """
         assert self._matrix is not None and self._factor is not None
-        self._r_others.array[:] = r.array_r[self._others]
-        self._factor.solve(self._r_others, self._z_others)
-        first = self._z_others.array_r.copy()
-        self._image_of(first, self._others, z)
-        self._r_kept.array[:] = r.array_r[self._kept] - self._image.array_r[self._kept]
-        self._stiff.solve(self._r_kept, self._z_kept)
-        self._image_of(self._z_kept.array_r, self._kept, z)
-        self._r_others.array[:] = -self._image.array_r[self._others]
-        self._factor.solve(self._r_others, self._z_others)
-        z.array[self._others] = first + self._z_others.array_r
-
-    def _image_of(self, values: Floats, dofs: Ints, z: PETSc.Vec) -> None:
-        """Put ``values`` at owned unknowns into ``z``, zero elsewhere, and A z into ``_image``."""
-        assert self._matrix is not None
-        z.set(0.0)
-        z.array[dofs] = values
-        self._matrix.mult(z, self._image)
+        b.copy(self._left)
+        x.set(0.0)
+        norms = [b.norm()]
+        if not np.isfinite(norms[0]):
+            x.set(np.nan)
+            return True
+        parts = ((self._factor, self._others), (self._stiff, self._kept))
+        for factor, dofs in itertools.islice(itertools.cycle(parts), LIMIT):
+            self._step.set(0.0)
+            self._step.array[dofs] = factor.solve(self._left.array_r[dofs])
+            x.axpy(1.0, self._step)
+            self._matrix.mult(self._step, self._image)
+            self._left.axpy(-1.0, self._image)
+            self.solves += 1
+            norms.append(self._left.norm())
+            if len(norms) <= LEAST:
+                continue
+            if norms[-1] <= share * norms[0]:
+                return True
+            if not norms[-1] <= HALF * norms[-3]:
+                return False
+        return False
 
     def destroy(self) -> None:
         """Give the memory back; collective."""
