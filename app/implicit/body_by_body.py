@@ -28,7 +28,7 @@ from app.implicit.kept_bodies import KeptBodies
 # A stiff body that is moved makes such forces that those of the others are nothing beside: they
 # have to follow once.
 LEAST = 3
-LIMIT = 12  # solves: the factorisation of the whole is no dearer than that
+LIMIT = 9  # solves: the factorisation of the whole is no dearer than that
 HALF = 0.5  # of the forces of two solves before, that must not be left
 
 

@@ -26,7 +26,7 @@ from forms.contact.penalty import ContactTerm
 from geometry.compat import add_matrix
 from geometry.surfaces.facets import Bools, Ints
 
-STIFFER = 0.1
+STIFFER = 0.5
 """Largest stiffness of a contact over that of a facet's extent of a body that is kept."""
 
 
