@@ -10,14 +10,17 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Literal
 
+import numpy as np
 from petsc4py import PETSc
 
 from app.equilibrium.equilibrium import Equilibrium
 from app.equilibrium.snapshot import Local, Snapshot
 from app.equilibrium.step_mode import DEFAULT_STEP, StepMode
 from app.implicit.assembly import Assembly
+from app.implicit.body_blocks import BodyBlocks
 from app.implicit.coupled_factor import DIRECT, CoupledFactor
-from app.implicit.linear_way import LinearWay
+from app.implicit.kept_bodies import stiff_solids
+from app.implicit.linear_way import LEFT, LinearWay
 from app.implicit.multigrid import KRYLOV, Multigrid, rigid_motions_of
 from app.implicit.petsc_options import refusal, silence, unused
 from geometry.surfaces.facets import Ints
@@ -27,6 +30,8 @@ Linear = Literal["auto", "direct", "krylov"]
 # n^1.5 operations in the plane and n^2 in space, and n log n and n^(4/3) words of memory. In space
 # both take the same time at about 10 000; beyond it the margin is for using a factor again.
 DIRECT_LIMIT = {2: 2_000_000, 3: 20_000}
+ENDING = 0.5  # what a linear solve may leave, over what Newton's method may leave in the end
+CLOSEST = 1e-8  # share of the forces that no linear solve has to get below
 
 
 def linear_options(problem: Equilibrium, kind: Linear) -> dict[str, str | float | bool]:
@@ -64,14 +69,21 @@ class LinearSolver:
         self._ksp: PETSc.KSP | None = None
         self._way: LinearWay | None = None
 
-    def use(self, ksp: PETSc.KSP) -> None:
-        """Solve with ``ksp``, whose operators this matrix becomes."""
+    def use(self, ksp: PETSc.KSP, as_it_is: bool = False) -> None:
+        """Solve with ``ksp``, whose operators this matrix becomes; collective.
+
+        Args:
+            ksp: PETSc's solver.
+            as_it_is: whether the user has chosen how it solves.
+        """
         self._ksp = ksp
         ksp.setOperators(self.matrix)
-        if ksp.getType() == PETSc.KSP.Type.PREONLY:
-            self._way = CoupledFactor(ksp, self.matrix)
-        else:
+        if ksp.getType() != PETSc.KSP.Type.PREONLY:
             self._way = Multigrid(ksp, self.matrix, rigid_motions_of(self.problem))
+        elif not as_it_is and (stiff := stiff_solids(self.problem)):
+            self._way = BodyBlocks(ksp, self.matrix, self.problem, stiff)
+        else:
+            self._way = CoupledFactor(ksp, self.matrix)
 
     def try_options(self, x: PETSc.Vec, prefix: str, names: Iterable[str]) -> None:
         """Set everything up at ``x``, as PETSc reads some options only then; collective.
@@ -91,9 +103,8 @@ class LinearSolver:
             raise refusal(error) from None
         idle = unused(self.problem.comm, prefix, names)
         if idle:
-            kinds = f'ksp_type "{self.ksp.getType()}" and pc_type "{self.ksp.getPC().getType()}"'
             silence()
-            raise ValueError(f"{', '.join(idle)}: not used by PETSc with {kinds}")
+            raise ValueError(f"{', '.join(idle)}: not used by PETSc with {self.way.kinds()}")
         self.way.renew()  # the first factorisation of the run is that of its first tangent
         self.ksp.setOperators(self.matrix)
         self.assembled, self._first, self._last = 0, None, None
@@ -157,9 +168,14 @@ class LinearSolver:
 
     def solve(self, rhs: PETSc.Vec, solution: PETSc.Vec) -> bool:
         """Solve with the tangent assembled last; returns whether it worked."""
+        self.way.aim(LEFT)
         with self.problem.timer("linear solve"):
             self.ksp.solve(rhs, solution)
         return self.forget_failure()
+
+    def aim(self, share: float) -> None:
+        """Solve so well that ``share`` of the forces may do as what Newton's method leaves."""
+        self.way.aim(float(np.clip(ENDING * share, CLOSEST, LEFT)))
 
     def forget_failure(self) -> bool:
         """Drop a factorisation that failed, over which the next solve would stumble.
@@ -175,19 +191,13 @@ class LinearSolver:
         return False
 
     def _changed(self) -> None:
-        """Take note of new entries, and of a new pattern.
-
-        PETSc exchanges the matrix's inside on an addition with another pattern and does not see
-        by itself that the factorisation's analysis is out of date.
-        """
+        """Take note of new entries, and of a new pattern."""
         self.assembled += 1
-        if self._pattern != self.problem.pattern_changes or self.way.worn():
-            self._pattern = self.problem.pattern_changes
-            self.way.renew()
-            self._first = None
-        self._first = self._first or self._last
+        widened = self._pattern != self.problem.pattern_changes
+        self._pattern = self.problem.pattern_changes
         with self.problem.timer(self.way.part):
-            self.way.set_up()
+            if self.way.set_up(widened):
+                self._first = self._last
 
     # -- restart ------------------------------------------------------------------------------
 
@@ -219,12 +229,8 @@ class LinearSolver:
         self._restore_pattern(kept["windows"] or {})
         self._pattern = self.problem.tangent.pattern_changes = kept["patterns"]
         self.way.renew()
-        self._first = None
-        for name in ("first", "last"):
-            if kept[name] is not None:
-                self._restore_matrix(kept[name])
+        self.way.restore(kept["way"], lambda: self._restore_matrices(kept))
         self.assembled = kept["assembled"]
-        self.way.restore(kept["way"])
 
     def _restore_pattern(self, kept: Snapshot) -> None:
         tangent = self.problem.tangent
@@ -235,7 +241,9 @@ class LinearSolver:
                 tangent.windows[pair] = window.with_arrays(arrays)
         tangent.make_room(self.matrix)
 
-    def _restore_matrix(self, kept: Snapshot) -> None:
-        assembly = Assembly.restored(self.problem, kept)
-        with assembly.in_place(self.problem) as (x, before):
-            self.assemble(x, assembly.step, before)
+    def _restore_matrices(self, kept: Snapshot) -> None:
+        for name in ("first", "last"):
+            if kept[name] is not None:
+                assembly = Assembly.restored(self.problem, kept[name])
+                with assembly.in_place(self.problem) as (x, before):
+                    self.assemble(x, assembly.step, before)

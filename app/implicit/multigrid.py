@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from petsc4py import PETSc
 
 from app.equilibrium.equilibrium import Equilibrium
 from app.equilibrium.snapshot import Snapshot
+from app.implicit.linear_way import petsc_kinds
 
 KRYLOV: dict[str, str | float | bool] = {
     "ksp_type": "fgmres",
@@ -40,6 +43,11 @@ class Multigrid:
         self._ksp, self._matrix, self._near = ksp, matrix, near
         self._fresh: int | None = None  # iterations of the first solve with a new preconditioner
         self._iterations = 0  # of the last solve before the run was resumed
+        self._made = False
+
+    def kinds(self) -> str:
+        """See :class:`app.implicit.linear_way.LinearWay`."""
+        return petsc_kinds(self._ksp.getType(), self._ksp.getPC().getType())
 
     def worn(self) -> bool:
         """Whether the last solve took far more iterations than the preconditioner's first."""
@@ -53,20 +61,28 @@ class Multigrid:
     def renew(self) -> None:
         """Forget the preconditioner with its coarse spaces; collective."""
         self._ksp.reset()
-        self._fresh = None
+        self._fresh, self._made = None, False
 
-    def set_up(self) -> None:
-        """Make the preconditioner; collective."""
+    def set_up(self, widened: bool) -> bool:
+        """Make the preconditioner; see :class:`app.implicit.linear_way.LinearWay`; collective."""
+        if widened or self.worn():
+            self.renew()
+        anew, self._made = not self._made, True
         self._matrix.setNearNullSpace(self._near)
         self._ksp.setOperators(self._matrix)
         self._ksp.setUp()
+        return anew
+
+    def aim(self, share: float) -> None:
+        """Nothing to do: the options say what is left."""
 
     def snapshot(self) -> Snapshot:
         """What tells whether the preconditioner is worn."""
         return {"fresh": self._fresh, "iterations": self._last_iterations()}
 
-    def restore(self, kept: Snapshot) -> None:
-        """Go on from what :meth:`snapshot` has seen."""
+    def restore(self, kept: Snapshot, set_up: Callable[[], None]) -> None:
+        """See :class:`app.implicit.linear_way.LinearWay`."""
+        set_up()
         self._fresh, self._iterations = kept["fresh"], kept["iterations"]
 
     def _last_iterations(self) -> int:
