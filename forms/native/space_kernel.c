@@ -349,6 +349,9 @@ INLINE void coefficients(enum shape shape, const double *u, const int32_t *node,
         vec v[8];
         for (int a = 0; a < nodes; ++a)
             __builtin_memcpy(&v[a], at[a][i], sizeof(vec));
+        for (int a = 1; a < nodes; ++a) /* how far the cell has moved rounds nothing */
+            v[a] -= v[0];
+        v[0] = all(0.0);
         if (shape == HEXAHEDRON) {
             butterflies(v);
             for (int m = 1; m < 8; ++m)
@@ -357,7 +360,7 @@ INLINE void coefficients(enum shape shape, const double *u, const int32_t *node,
             for (int m = 1; m < 8; ++m)
                 e[m][i] = all(0.0);
             for (int a = 0; a < 3; ++a)
-                e[1 << a][i] = v[a + 1] - v[0];
+                e[1 << a][i] = v[a + 1];
         }
     }
 }
