@@ -13,8 +13,8 @@ import dolfinx
 import numpy as np
 from petsc4py import PETSc
 
-from app.equilibrium.cell_places import CellPlaces
-from app.equilibrium.matrix_values import is_direct, values_in_place
+from app.equilibrium.cell_places import CellPlaces, can_place
+from app.equilibrium.matrix_values import values_in_place
 from forms.bodies.compiled_cells import CompiledCells, compiled_cells
 from forms.bodies.solid import Solid
 from geometry.compat import add_matrix
@@ -89,7 +89,7 @@ class Bodies:
         """
         solid, cells = self.solids[index], self.cells[index]
         carrier = solid.carried if carried else None
-        if cells is not None and is_direct(A):
+        if cells is not None and can_place(A):
             excess = None if carrier is None else carrier.excess()
             self._add_cells(A, self._places(A, index, cells, pattern), excess)
             return

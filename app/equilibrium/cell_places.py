@@ -9,14 +9,23 @@ Axis letters: c cells, a and b corners, i and j space.
 
 from __future__ import annotations
 
+import ctypes
+
 import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from app.equilibrium.matrix_values import own_block, values_in_place
+from app.equilibrium.matrix_values import is_direct, own_block, values_in_place
+from forms.native.libraries import library
 from geometry.surfaces.facets import Bools, Floats, Ints
 
+SOURCE = "cell_places.c"
 Places = NDArray[np.int32]
+
+
+def can_place(A: PETSc.Mat) -> bool:
+    """Whether `CellPlaces` can be made for a matrix: its values are at hand, and a C compiler."""
+    return is_direct(A) and library(SOURCE) is not None
 
 
 class CellPlaces:
@@ -37,7 +46,7 @@ class CellPlaces:
         """Look the places up; not collective.
 
         Args:
-            A: the matrix, assembled, with the local to global map that is to be used.
+            A: a matrix that `can_place`, assembled, with the local to global map to be used.
             nodes: (c, a) local nodes of the cells, ghosts included.
             dim: unknowns per node.
         """
@@ -47,9 +56,8 @@ class CellPlaces:
         mine = (numbers >= first) & (numbers < end)
         in_order = numbers == numbers[..., :1] + np.arange(dim)
         self.inside: Bools = np.all(mine & in_order, axis=(1, 2))
-        indptr, columns = own_block(A).getRowIJ()
-        own = numbers[self.inside] - first
-        self.starts, there = _starts(indptr, columns, own)
+        own = (numbers[self.inside] - first).astype(np.int32)
+        self.starts, there = _starts(A, own)
         if not np.all(there):  # nothing that is ours: PETSc says what is missing
             self.inside[np.nonzero(self.inside)[0][~there]] = False
             self.starts = np.ascontiguousarray(self.starts[there])
@@ -76,21 +84,24 @@ class CellPlaces:
         self._outside.add(A, matrices)
 
 
-def _starts(indptr: Ints, columns: Ints, unknowns: NDArray[np.int64]) -> tuple[Places, Bools]:
+def _starts(A: PETSc.Mat, unknowns: NDArray[np.int32]) -> tuple[Places, Bools]:
     """Places (c, a, i, b) of the columns (b, 0) in the rows (a, i), and cells that have them all.
 
     Args:
-        indptr: ends of the rows of the pattern.
-        columns: its columns, in each row in ascending order.
-        unknowns: (c, a, i) rows, which are the columns too.
+        A: the matrix.
+        unknowns: (c, a, i) rows of :func:`own_block`, which are the columns too.
     """
-    width, dim = len(indptr), unknowns.shape[-1]
-    keys = np.repeat(np.arange(width - 1, dtype=np.int64), np.diff(indptr)) * width + columns
-    wanted = unknowns[:, :, :, None] * width + unknowns[:, None, None, :, 0]
-    found = np.searchsorted(keys, wanted)
-    there = np.append(keys, np.full(dim, -1))[found[..., None] + np.arange(dim)]
-    whole = np.all(there == wanted[..., None] + np.arange(dim), axis=(1, 2, 3, 4))
-    return found.astype(np.int32), whole
+    code = library(SOURCE)
+    assert code is not None
+    pattern = [np.ascontiguousarray(part, dtype=np.int32) for part in own_block(A).getRowIJ()]
+    starts = np.empty((*unknowns.shape, unknowns.shape[1]), dtype=np.int32)
+    there = np.empty(len(unknowns), dtype=bool)
+    arrays = (*pattern, unknowns, starts, there)
+    search = code.tribox_cell_places
+    search.argtypes = [ctypes.c_int64, ctypes.c_int, ctypes.c_int, *[ctypes.c_void_p] * 5]
+    search.restype = None
+    search(*unknowns.shape, *(array.ctypes.data for array in arrays))
+    return starts, there
 
 
 class _Sums:

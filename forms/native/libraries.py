@@ -24,6 +24,7 @@ SOURCES = (
     "space_kernel.c",
     "plane_contact.c",
     "plastic_points.c",
+    "cell_places.c",
 )
 FLAGS = ("-std=gnu11", "-O3", "-fno-math-errno", "-fPIC", "-shared", "-w")
 
