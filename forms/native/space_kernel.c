@@ -26,6 +26,19 @@ enum shape { HEXAHEDRON, TETRAHEDRON };
 #define TERMS 10 /* of the series for the logarithmic strain */
 #define GAUSS 0.57735026918962576451
 
+/* f_n = 1 + 1/3 + ... + 1/(2n - 1) of its terms, nothing beyond them. */
+static const double FACTORS[TERMS + 6] = {0.0,
+                                          1.0,
+                                          4.0 / 3,
+                                          23.0 / 15,
+                                          176.0 / 105,
+                                          563.0 / 315,
+                                          6508.0 / 3465,
+                                          88069.0 / 45045,
+                                          91072.0 / 45045,
+                                          1593269.0 / 765765,
+                                          31037876.0 / 14549535};
+
 /* The energy and its derivatives by J, I1 and I2. */
 typedef struct {
     vec w, J, I1, I2, JJ, J1, J2, I11, I12, I22;
@@ -51,23 +64,20 @@ INLINE void cross(const vec *a, const vec *b, vec *c)
 INLINE void squared_logarithm(vec x, vec y, int energy, int second, Slopes *s)
 {
     vec b = 1.0 / (x + y + 2.0), q = (x + y - 6.0) * b, t = (y - x) * b, o = t * t;
-    vec e1 = 2.0 * q + o, e2 = q * q + 2.0 * o, h[TERMS + 2], g[TERMS + 2];
-    vec A[4] = {}, B[7] = {};
-    double f = 0.0, factor[TERMS + 1];
-    for (int n = 1; n <= TERMS; ++n)
-        factor[n] = f += 1.0 / (2 * n - 1);
-    h[0] = h[1] = g[0] = g[1] = all(0.0); /* two before the first */
+    vec e1 = 2.0 * q + o, e2 = q * q + 2.0 * o, A[4] = {}, B[7] = {};
+    vec h = all(1.0), h1 = all(0.0), h2 = h1, g = h, g1 = h1, g2 = h1; /* and those before them */
+#pragma GCC unroll 1
     for (int m = 0; m < TERMS; ++m) {
-        h[m + 2] = m ? e1 * h[m + 1] - e2 * h[m] + (m > 2 ? o * h[m - 1] : all(0.0)) : all(1.0);
         for (int k = 1; k <= 3; ++k)
-            if (m + k <= TERMS)
-                A[k] += factor[m + k] * h[m + 2];
-        if (!second || m > TERMS - 2)
-            continue;
-        g[m + 2] = h[m + 2] + e1 * g[m + 1] - e2 * g[m] + (m > 2 ? o * g[m - 1] : all(0.0));
-        for (int k = 2; k <= 6; ++k)
-            if (m + k <= TERMS)
-                B[k] += factor[m + k] * g[m + 2];
+            A[k] += FACTORS[m + k] * h;
+        vec next = e1 * h - e2 * h1 + o * h2;
+        h2 = h1, h1 = h, h = next;
+        if (second) {
+            for (int k = 2; k <= 6; ++k)
+                B[k] += FACTORS[m + k] * g;
+            next = h + e1 * g - e2 * g1 + o * g2;
+            g2 = g1, g1 = g, g = next;
+        }
     }
     vec by_q = 2.0 * (A[1] - q * A[2]), by_o = A[1] - 2.0 * A[2] + A[3], by_t = 2.0 * t * by_o;
     vec q1 = 8.0 * b * b, t1 = -t * b;
@@ -75,11 +85,13 @@ INLINE void squared_logarithm(vec x, vec y, int energy, int second, Slopes *s)
     s->I1 = sum - difference;
     s->I2 = sum + difference;
     if (energy) {
-        vec p[TERMS + 1] = {all(3.0), e1, e1 * e1 - 2.0 * e2};
-        s->w = e1 + 0.5 * factor[2] * p[2];
-        for (int n = 3; n <= TERMS; ++n) {
-            p[n] = e1 * p[n - 1] - e2 * p[n - 2] + o * p[n - 3];
-            s->w += factor[n] / n * p[n];
+        vec p = e1, p1 = all(3.0), p2 = all(0.0); /* p_1, p_0, p_-1 and so on */
+        s->w = p;
+#pragma GCC unroll 1
+        for (int n = 2; n <= TERMS; ++n) {
+            vec next = e1 * p - e2 * (n > 2 ? p1 : all(2.0)) + o * p2;
+            p2 = p1, p1 = p, p = next;
+            s->w += FACTORS[n] / n * p;
         }
     }
     if (!second)
@@ -349,6 +361,9 @@ INLINE void coefficients(enum shape shape, const double *u, const int32_t *node,
         vec v[8];
         for (int a = 0; a < nodes; ++a)
             __builtin_memcpy(&v[a], at[a][i], sizeof(vec));
+        for (int a = 1; a < nodes; ++a) /* how far the cell has moved rounds nothing */
+            v[a] -= v[0];
+        v[0] = all(0.0);
         if (shape == HEXAHEDRON) {
             butterflies(v);
             for (int m = 1; m < 8; ++m)
@@ -357,7 +372,7 @@ INLINE void coefficients(enum shape shape, const double *u, const int32_t *node,
             for (int m = 1; m < 8; ++m)
                 e[m][i] = all(0.0);
             for (int a = 0; a < 3; ++a)
-                e[1 << a][i] = v[a + 1] - v[0];
+                e[1 << a][i] = v[a + 1];
         }
     }
 }
