@@ -23,6 +23,7 @@ SOURCES = (
     "plane_tangent.c",
     "plane_contact.c",
     "space_contact.c",
+    "contact_tangent.c",
     "plastic_points.c",
     "cell_places.c",
 )
