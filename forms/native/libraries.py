@@ -14,6 +14,7 @@ SOURCES = (
     "space_kernel.c",
     "plane_contact.c",
     "space_contact.c",
+    "contact_tangent.c",
     "plastic_points.c",
     "cell_places.c",
 )

@@ -270,6 +270,11 @@ class FacetSurface:
         out.share_slope[at, 0] = np.where(share < 1.0, sign * per_length, 0.0)
 
     @property
+    def extraction(self) -> Floats | None:
+        """Control points (f, c, m) of smooth patches from the nodes of their stencils, or None."""
+        return self._extraction
+
+    @property
     def connectivity(self) -> tuple[Ints, Ints, Ints, Ints, Bools]:
         """In space: how the facets hang together.
 
