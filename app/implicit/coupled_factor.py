@@ -26,9 +26,13 @@ class CoupledFactor:
         """Solve by ``ksp`` with ``matrix``."""
         self._ksp, self._matrix = ksp, matrix
 
-    def worn(self) -> bool:
-        """See :class:`app.implicit.linear_way.LinearWay`: never."""
-        return False
+    def worn(self, widened: bool) -> bool:
+        """See :class:`app.implicit.linear_way.LinearWay`: an analysis is of one pattern.
+
+        PETSc exchanges the matrix's inside on an addition with another pattern and does not see by
+        itself that the analysis is out of date.
+        """
+        return widened
 
     def renew(self) -> None:
         """Forget the factorisation with its analysis; collective."""

@@ -18,8 +18,12 @@ class LinearWay(Protocol):
     direct: bool
     part: str
 
-    def worn(self) -> bool:
-        """Whether all must be made anew for the next matrix, though its pattern has not changed."""
+    def worn(self, widened: bool) -> bool:
+        """Whether all must be made anew for the next matrix.
+
+        Args:
+            widened: whether its pattern has changed.
+        """
         ...
 
     def renew(self) -> None:
