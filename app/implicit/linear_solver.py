@@ -10,14 +10,17 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Literal
 
+import numpy as np
 from petsc4py import PETSc
 
 from app.equilibrium.equilibrium import Equilibrium
 from app.equilibrium.snapshot import Local, Snapshot
 from app.equilibrium.step_mode import DEFAULT_STEP, StepMode
 from app.implicit.assembly import Assembly
+from app.implicit.body_blocks import BodyBlocks
 from app.implicit.coupled_factor import DIRECT, CoupledFactor
-from app.implicit.linear_way import LinearWay
+from app.implicit.kept_bodies import stiff_solids
+from app.implicit.linear_way import LEFT, LinearWay
 from app.implicit.multigrid import KRYLOV, Multigrid, rigid_motions_of
 from app.implicit.petsc_options import refusal, silence, unused
 from geometry.surfaces.facets import Ints
@@ -27,6 +30,8 @@ Linear = Literal["auto", "direct", "krylov"]
 # n^1.5 operations in the plane and n^2 in space, and n log n and n^(4/3) words of memory. In space
 # both take the same time at about 10 000; beyond it the margin is for using a factor again.
 DIRECT_LIMIT = {2: 2_000_000, 3: 20_000}
+ENDING = 0.5  # what a linear solve may leave, over what Newton's method may leave in the end
+CLOSEST = 1e-8  # share of the forces that no linear solve has to get below
 
 
 def linear_options(problem: Equilibrium, kind: Linear) -> dict[str, str | float | bool]:
@@ -60,19 +65,26 @@ class LinearSolver:
         self._pattern = problem.pattern_changes
         # What the matrix was made from when analysis or preconditioner began anew, and last.
         self._first: Assembly | None = None
-        self._first_room: Snapshot = {}  # the pattern at that time
+        self._first_room: Snapshot = {}  # what it had room for at that time
         self._last: Assembly | None = None
         self._ksp: PETSc.KSP | None = None
         self._way: LinearWay | None = None
 
-    def use(self, ksp: PETSc.KSP) -> None:
-        """Solve with ``ksp``, whose operators this matrix becomes."""
+    def use(self, ksp: PETSc.KSP, as_it_is: bool = False) -> None:
+        """Solve with ``ksp``, whose operators this matrix becomes; collective.
+
+        Args:
+            ksp: PETSc's solver.
+            as_it_is: whether the user has chosen how it solves.
+        """
         self._ksp = ksp
         ksp.setOperators(self.matrix)
-        if ksp.getType() == PETSc.KSP.Type.PREONLY:
-            self._way = CoupledFactor(ksp, self.matrix)
-        else:
+        if ksp.getType() != PETSc.KSP.Type.PREONLY:
             self._way = Multigrid(ksp, self.matrix, rigid_motions_of(self.problem))
+        elif not as_it_is and (stiff := stiff_solids(self.problem)):
+            self._way = BodyBlocks(ksp, self.matrix, self.problem, stiff)
+        else:
+            self._way = CoupledFactor(ksp, self.matrix)
 
     def try_options(self, x: PETSc.Vec, prefix: str, names: Iterable[str]) -> None:
         """Set everything up at ``x``, as PETSc reads some options only then; collective.
@@ -92,9 +104,8 @@ class LinearSolver:
             raise refusal(error) from None
         idle = unused(self.problem.comm, prefix, names)
         if idle:
-            kinds = f'ksp_type "{self.ksp.getType()}" and pc_type "{self.ksp.getPC().getType()}"'
             silence()
-            raise ValueError(f"{', '.join(idle)}: not used by PETSc with {kinds}")
+            raise ValueError(f"{', '.join(idle)}: not used by PETSc with {self.way.kinds()}")
         self.way.renew()  # the first factorisation of the run is that of its first tangent
         self.ksp.setOperators(self.matrix)
         self.assembled, self._first, self._last = 0, None, None
@@ -158,9 +169,14 @@ class LinearSolver:
 
     def solve(self, rhs: PETSc.Vec, solution: PETSc.Vec) -> bool:
         """Solve with the tangent assembled last; returns whether it worked."""
+        self.way.aim(LEFT)
         with self.problem.timer("linear solve"):
             self.ksp.solve(rhs, solution)
         return self.forget_failure()
+
+    def aim(self, share: float) -> None:
+        """Solve so well that ``share`` of the forces may do as what Newton's method leaves."""
+        self.way.aim(float(np.clip(ENDING * share, CLOSEST, LEFT)))
 
     def forget_failure(self) -> bool:
         """Drop a factorisation that failed, over which the next solve would stumble.
@@ -178,17 +194,11 @@ class LinearSolver:
     def _changed(self) -> None:
         """Take note of new entries, and of a new pattern."""
         self.assembled += 1
-        widened, self._pattern = (
-            self._pattern != self.problem.pattern_changes,
-            self.problem.pattern_changes,
-        )
-        if self.way.worn(widened):
-            self.way.renew()
-            self._first = None
-        if self._first is None:
-            self._first, self._first_room = self._last, self._room()
+        widened = self._pattern != self.problem.pattern_changes
+        self._pattern = self.problem.pattern_changes
         with self.problem.timer(self.way.part):
-            self.way.set_up()
+            if self.way.set_up(widened):
+                self._first, self._first_room = self._last, self._room()
 
     # -- restart ------------------------------------------------------------------------------
 
@@ -224,23 +234,15 @@ class LinearSolver:
         the rest to the last one. Contacts and loads are left as they were; collective.
         """
         self.way.renew()
-        self._first = None
-        if kept["first"] is not None:
-            self._restore_room(kept["first_room"])
-            self._restore_matrix(kept["first"])
-        self._restore_room(kept["room"])
-        if kept["last"] is not None:
-            self._restore_matrix(kept["last"])
+        self._restore_room(kept["room"] if kept["first"] is None else kept["first_room"])
+        self._pattern = self.problem.pattern_changes
+        self.way.restore(kept["way"], lambda: self._restore_matrices(kept))
         self.assembled = kept["assembled"]
-        self.way.restore(kept["way"])
 
     def _restore_room(self, kept: Snapshot) -> None:
         """Give the matrix the room of :meth:`_room`."""
-        tangent = self.problem.tangent
-        if self._first is not None and tangent.pattern_changes == kept["patterns"]:
-            return  # that of the first matrix, whose analysis is to serve again
+        tangent, windows = self.problem.tangent, kept["windows"] or {}
         tangent.seen = [tuple(acting) for acting in kept["platens"]]
-        windows = kept["windows"] or {}
         for pair, window in enumerate(tangent.windows):
             ending = f"_{pair}"
             arrays = {k.removesuffix(ending): v for k, v in windows.items() if k.endswith(ending)}
@@ -248,8 +250,14 @@ class LinearSolver:
                 tangent.windows[pair] = window.with_arrays(arrays)
         tangent.make_room(self.matrix)
         tangent.pattern_changes = kept["patterns"]
-        if self._first is None:
-            self._pattern = kept["patterns"]
+
+    def _restore_matrices(self, kept: Snapshot) -> None:
+        if kept["first"] is not None:
+            self._restore_matrix(kept["first"])
+            if self.problem.pattern_changes != kept["room"]["patterns"]:
+                self._restore_room(kept["room"])
+        if kept["last"] is not None:
+            self._restore_matrix(kept["last"])
 
     def _restore_matrix(self, kept: Snapshot) -> None:
         assembly = Assembly.restored(self.problem, kept)

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Protocol
 
 from app.equilibrium.snapshot import Snapshot
+
+LEFT = 1e-3
+"""Share of the forces that a solve may leave out of balance where nothing else is said."""
 
 
 class LinearWay(Protocol):
@@ -18,26 +22,43 @@ class LinearWay(Protocol):
     direct: bool
     part: str
 
-    def worn(self, widened: bool) -> bool:
-        """Whether all must be made anew for the next matrix.
-
-        Args:
-            widened: whether its pattern has changed.
-        """
+    def kinds(self) -> str:
+        """PETSc's names of the solver, for messages."""
         ...
 
     def renew(self) -> None:
         """Forget all that was made for earlier matrices; collective."""
         ...
 
-    def set_up(self) -> None:
-        """Factorise the matrix, or make its preconditioner; collective."""
+    def set_up(self, widened: bool) -> bool:
+        """Factorise the matrix, or make its preconditioner; collective.
+
+        Args:
+            widened: whether its pattern is another than that of the last one.
+
+        Returns:
+            Whether nothing of what was made for earlier matrices is in use.
+        """
+        ...
+
+    def aim(self, share: float) -> None:
+        """Let the next solves leave at most this share of the forces, if they are iterative."""
         ...
 
     def snapshot(self) -> Snapshot:
         """What later solves depend on, beside the matrices that it was set up with."""
         ...
 
-    def restore(self, kept: Snapshot) -> None:
-        """Go on from what :meth:`snapshot` has seen, the matrices being set up again."""
+    def restore(self, kept: Snapshot, set_up: Callable[[], None]) -> None:
+        """Go on from what :meth:`snapshot` has seen; collective.
+
+        Args:
+            kept: what was seen.
+            set_up: sets up the first matrix since all was made anew, and the last one, again.
+        """
         ...
+
+
+def petsc_kinds(ksp: str, pc: str) -> str:
+    """How messages name a kind of solver and a kind of preconditioner."""
+    return f'ksp_type "{ksp}" and pc_type "{pc}"'

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from petsc4py import PETSc
 
 from app.equilibrium.equilibrium import Equilibrium
 from app.equilibrium.snapshot import Snapshot
+from app.implicit.linear_way import petsc_kinds
 
 KRYLOV: dict[str, str | float | bool] = {
     "ksp_type": "fgmres",
@@ -31,7 +34,7 @@ class Multigrid:
     Operator and finest smoother are those of the matrix at hand; the coarse spaces and their
     matrices are those of an earlier one until solves take too long. What changes from one tangent
     to the next is the contact, which the smoother sees; the bodies, for which there are coarse
-    spaces, hardly change. Neither does a wider pattern matter to them.
+    spaces, hardly change. Nor does a wider pattern matter to them.
 
     Attributes:
         direct, part: see :class:`app.implicit.linear_way.LinearWay`.
@@ -48,8 +51,12 @@ class Multigrid:
         self._iterations = 0  # of the last solve before the run was resumed
         self.made = 0
 
-    def worn(self, widened: bool) -> bool:
-        """Whether the last solve took too many iterations; the pattern does not matter."""
+    def kinds(self) -> str:
+        """See :class:`app.implicit.linear_way.LinearWay`."""
+        return petsc_kinds(self._ksp.getType(), self._ksp.getPC().getType())
+
+    def worn(self) -> bool:
+        """Whether the last solve with the preconditioner took too many iterations."""
         last = self._last_iterations()
         if last == 0 or not self._is_made:
             return False
@@ -62,24 +69,33 @@ class Multigrid:
         self._ksp.reset()
         self._is_made, self._fresh = False, None
 
-    def set_up(self) -> None:
-        """Make the preconditioner, if there is none; collective."""
+    def set_up(self, widened: bool) -> bool:
+        """Make the preconditioner if there is none that serves; collective.
+
+        See :class:`app.implicit.linear_way.LinearWay`.
+        """
+        if self.worn():
+            self.renew()
+        anew, self._is_made = not self._is_made, True
+        self.made += anew
         self._matrix.setNearNullSpace(self._near)
         self._ksp.setOperators(self._matrix)
         preconditioner = self._ksp.getPC()
-        preconditioner.setReusePreconditioner(self._is_made)
+        preconditioner.setReusePreconditioner(not anew)
         self._ksp.setUp()
-        if not self._is_made:
-            self.made += 1
-        self._is_made = True
         preconditioner.setReusePreconditioner(True)
+        return anew
+
+    def aim(self, share: float) -> None:
+        """Nothing to do: the options say what is left."""
 
     def snapshot(self) -> Snapshot:
         """What tells whether the preconditioner is worn."""
         return {"fresh": self._fresh, "iterations": self._last_iterations()}
 
-    def restore(self, kept: Snapshot) -> None:
-        """Go on from what :meth:`snapshot` has seen."""
+    def restore(self, kept: Snapshot, set_up: Callable[[], None]) -> None:
+        """See :class:`app.implicit.linear_way.LinearWay`."""
+        set_up()
         self._fresh, self._iterations = kept["fresh"], kept["iterations"]
 
     def _last_iterations(self) -> int:

@@ -8,6 +8,14 @@ from collections.abc import Iterable
 from mpi4py import MPI
 from petsc4py import PETSc
 
+OF_OTHERS = ("snes_", "mat_mumps_")
+"""How options begin that do not say how linear systems are solved."""
+
+
+def sets_solver(names: Iterable[str]) -> bool:
+    """Whether options, without prefix, say how linear systems are solved."""
+    return any(not name.startswith(OF_OTHERS) for name in names)
+
 
 def unused(comm: MPI.Comm, prefix: str, names: Iterable[str]) -> list[str]:
     """The options that no object of PETSc has asked for so far, on any rank; collective.
