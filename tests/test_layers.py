@@ -18,6 +18,7 @@ TOP = ("app", "forms", "geometry")
 # Lowest first. Rooms on one line do not know each other.
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("geometry.compat",),
+    ("geometry.native",),
     ("geometry.generators", "geometry.surfaces"),
     ("geometry.meshes",),
     ("geometry.pictures",),

@@ -20,15 +20,17 @@ from app.equilibrium.constraints import Constraints, Platen
 from app.equilibrium.contact_sparsity import BlockPlaces, ContactWindow, coupled_nodes, widened
 from app.equilibrium.holding_springs import HoldingSprings
 from app.equilibrium.kept_tangent import KeptTangent
+from app.equilibrium.matrix_values import is_direct, pattern_in_place, values_in_place
 from app.equilibrium.slanted import room_of
 from app.equilibrium.timers import Stopwatch
 from forms.bodies.loads import Load
 from forms.bodies.solid import Solid
+from forms.contact.compiled_tangent import Entries
 from forms.contact.penalty import ContactTerm
 from forms.contact.state import ContactTrial
 from forms.contact.tangent import Coupling
 from geometry.compat import add_matrix
-from geometry.surfaces.facets import Floats, Longs
+from geometry.surfaces.facets import Floats, Ints, Longs
 
 
 def pattern_form(space: dolfinx.fem.FunctionSpace) -> dolfinx.fem.Form:
@@ -111,19 +113,13 @@ class Tangent:
         with timer("contact"):
             self._keep_pattern(raw, trials, timer)
             self._renumber(raw)
-            pairs = list(zip(self.contacts, trials, strict=True))
-            blocks = [group for term, trial in pairs for group in term.tangent(trial)]
-            couplings = [term.coupling(trial) for term, trial in pairs]
         with timer("assembly"):
             self.keeper.decide()
             self.keeper.begin(raw, (self.pattern_changes, self._mapped), self._add_solids)
             self._assemble_forms(raw, carried)
         with timer("contact"):
-            for nodes, values in blocks:
-                self._add_blocks(raw, nodes, values)
-            for coupling in couplings:
-                if coupling is not None:
-                    self._add_coupling(raw, coupling)
+            for term, trial in zip(self.contacts, trials, strict=True):
+                self._add_contact(raw, term, trial)
             self.constraints.add_following_rows(raw)
             for springs in holding:
                 self.constraints.add_diagonal(raw, springs.stiffness)
@@ -182,6 +178,30 @@ class Tangent:
         for solid in solids:
             index = self.bodies.solids.index(solid)
             self.bodies.add_tangent(A, index, pattern, carried, unrolled)
+
+    def _add_contact(self, A: PETSc.Mat, term: ContactTerm, trial: ContactTrial) -> None:
+        """Add the tangent of one pair, in place where that can be; collective."""
+        if is_direct(A) and np.dtype(PETSc.IntType) == np.int32:
+            with pattern_in_place(A) as (indptr, indices), values_in_place(A) as values:
+                entries = Entries(indptr, indices, values, self._first_of)
+                blocks, couplings = term.add_tangent(trial, entries)
+        else:
+            blocks, couplings = term.add_tangent(trial, None)
+        for nodes, added in blocks:
+            self._add_blocks(A, nodes, added)
+        for coupling in couplings:
+            self._add_coupling(A, coupling)
+
+    def _first_of(self, nodes: Longs) -> Ints:
+        """Numbers (n,) of the first unknowns of nodes (n,) among this rank's own.
+
+        −1 of nodes of other ranks, and of those of which an unknown is sent to a platen's leader.
+        """
+        unknowns = self.constraints.unknowns
+        numbers = self.constraints.condensed(unknowns.of_nodes(nodes)) - unknowns.first
+        mine = (numbers[:, 0] >= 0) & (numbers[:, -1] < unknowns.owned)
+        mine &= np.all(numbers == numbers[:, :1] + np.arange(unknowns.dim), axis=1)
+        return np.where(mine, numbers[:, 0], -1).astype(np.int32)
 
     def _add_blocks(
         self,

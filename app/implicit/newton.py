@@ -18,7 +18,7 @@ from app.equilibrium.snapshot import Snapshot
 from app.equilibrium.step_mode import DEFAULT_STEP, StepMode
 from app.implicit.linear_solver import LinearSolver, linear_options
 from app.implicit.options import ImplicitOptions
-from app.implicit.petsc_options import refusal
+from app.implicit.petsc_options import errors_as_raised, refusal, sets_solver
 
 PREFIX = "tribox_"
 _numbers = itertools.count()
@@ -108,7 +108,7 @@ class Newton:
         prefix = f"{PREFIX}{next(_numbers)}_"  # of its own: options must not reach the next run
         self._petsc_options = PETSc.Options(prefix)
         self.snes = self._new_snes(prefix)
-        solver.use(self.snes.getKSP())
+        solver.use(self.snes.getKSP(), as_it_is=sets_solver(options.petsc))
         if options.petsc:
             solver.try_options(trial, prefix, options.petsc)
 
@@ -225,7 +225,8 @@ class Newton:
         """
         iterations = 0
         for _ in range(1 if self.solver.direct else 2):
-            with self.problem.timer("linear solve"):  # the other parts take themselves out
+            # The other parts take themselves out.
+            with self.problem.timer("linear solve"), errors_as_raised():
                 self.snes.solve(None, self.trial)
             iterations += self.snes.getIterationNumber()
             if self.solver.forget_failure():
@@ -252,6 +253,7 @@ class Newton:
         if not self._reuse():
             self.solver.assemble(x, self._step, self._before)
             x.copy(self._before)
+        self.solver.aim(self._tolerance / max(self.residuals[-1], self._tolerance))
 
     def _reuse(self) -> bool:
         """Whether the tangent factorised last will do for an iteration that ends the step.

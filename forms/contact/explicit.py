@@ -25,12 +25,10 @@ from forms.contact.carried import Carried
 from forms.contact.fading import fading
 from forms.contact.kinematics import relate
 from forms.contact.penalty import ContactTerm, carried_by
-from forms.contact.pressure import AveragedPressure
+from forms.contact.pressure import ROUNDOFF_DEPTH, AveragedPressure
 from forms.contact.state import AS_IS, ContactTrial
 from geometry.surfaces.exchange import NodalVector, SurfaceExchange
 from geometry.surfaces.facets import Floats, Longs
-
-ROUNDOFF_DEPTH = 1e-12  # penetration over a facet's length that may be round-off alone
 
 
 def _in_plane(n: Floats, v: Floats) -> Floats:

@@ -33,6 +33,7 @@ PressureKind = Literal["averaged", "pointwise"]
 
 _NO_AREA = np.finfo(float).tiny  # instead of none at all
 TOUCHING = 1e-9  # gap, relative to a facet's size, up to which a point or a vertex touches
+ROUNDOFF_DEPTH = 1e-12  # penetration over a facet's length that may be round-off alone
 
 
 class NormalRule(Protocol):

@@ -19,6 +19,7 @@ INTERIOR = -1  # entity of a closest point inside a facet; sides count from 0
 CORNER = 8  # entity of a corner: this plus its number
 SEAM = 1e-11  # reference distance past a seam up to which a point belongs to the facet itself
 _STEPS = 40
+_LAST = 1e-9  # step in ξ, where the Hessian is positive definite, after which nothing is left
 
 
 @dataclass(slots=True)
@@ -109,10 +110,14 @@ def stationary_points(shape: FacetShape, nodes: Floats, points: Floats) -> tuple
     for _ in range(_STEPS):
         at, y, x = xi[active], nodes[active], points[active]
         step, convex = _newton_step(shape, y, x, at)
-        new = at + _halved(shape, y, x, at, step)
-        xi[active] = new
         size = np.abs(step).max(axis=1)
-        done = (size < 1e-13) | ((size < 1e-9) & convex)
+        last = (size < _LAST) & convex
+        # The last step is taken whole: whether the distance grows by it is rounding alone.
+        rows = np.nonzero(~last)[0]
+        step[rows] = _halved(shape, y[rows], x[rows], at[rows], step[rows])
+        new = at + step
+        xi[active] = new
+        done = (size < 1e-13) | last
         found[active] = done & convex
         # Far outside the domain: the closest point is on a side.
         active = active[~done & (shape.excess(new) < 0.3) & np.any(new != at, axis=1)]
@@ -123,17 +128,22 @@ def stationary_points(shape: FacetShape, nodes: Floats, points: Floats) -> tuple
 
 def _nearest_sample(shape: FacetShape, nodes: Floats, points: Floats) -> Floats:
     """Reference coordinates (p, α) of the nearest of a lattice of samples; the middle of a flat."""
+    lattice = samples(shape)
     if shape.is_flat:
-        return np.repeat(shape.points[: shape.corners].mean(axis=0)[None], len(points), axis=0)
-    lattice = _lattice(shape)
+        return np.repeat(lattice, len(points), axis=0)
     places = np.einsum("sa,pai->psi", shape.values(lattice), nodes, optimize=True)
     apart = points[:, None] - places
     return lattice[np.argmin(np.einsum("psi,psi->ps", apart, apart), axis=1)].copy()
 
 
 @lru_cache
-def _lattice(shape: FacetShape) -> Floats:
-    """Samples (s, α), two intervals along each side, four on shapes of higher degree."""
+def samples(shape: FacetShape) -> Floats:
+    """Samples (s, α) to begin at, two intervals along each side, four on shapes of higher degree.
+
+    The middle of a flat facet, where one step leads to the stationary point.
+    """
+    if shape.is_flat:
+        return shape.points[: shape.corners].mean(axis=0)[None]
     steps = np.linspace(0.0, 1.0, min(2 * shape.degree, 4) + 1)
     grid = np.stack(np.meshgrid(*[steps] * shape.directions), axis=-1)
     xi = grid.reshape(-1, shape.directions)

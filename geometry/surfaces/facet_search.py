@@ -24,7 +24,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from geometry.surfaces.closest_point import closest_points
-from geometry.surfaces.facets import Bools, FacetShape, Floats, Ints
+from geometry.surfaces.compiled_facets import Candidates, CompiledFacets
+from geometry.surfaces.facets import Bools, FacetShape, Floats, Ints, Longs
 
 SLACK = {1: 1.0, 2: 0.5}  # over a typical facet's diameter, by the number of surface directions
 TIE = 1e-12  # distances closer than this, over the slack, are equal
@@ -35,14 +36,17 @@ _RATIO = 4.0  # of sphere radii within one tree
 class FacetSearch:
     """Pairs of points and facets among which the closest are, kept while little moves."""
 
-    def __init__(self, shape: FacetShape, facets: Floats) -> None:
+    def __init__(
+        self, shape: FacetShape, facets: Floats, code: CompiledFacets | None = None
+    ) -> None:
         """Store a typical size.
 
         Args:
             shape: of all facets.
             facets: (f, a, i), m, reference: their nodes.
+            code: the same facets compiled; None: numpy.
         """
-        self.shape = shape
+        self.shape, self._code = shape, code
         radius = self._spheres(facets)[1]
         self.slack = SLACK[shape.directions] * 2.0 * float(np.median(radius))
         self.searches = 0
@@ -60,19 +64,30 @@ class FacetSearch:
         Returns:
             The point (p,) and the facet (p,) of each pair; every point has at least one.
         """
+        among = self.candidates(points, facets)
+        near = among.beyond <= among.limit
+        point, facet = self._point[near], among.facet[near]
+        if among.alone is None:
+            return point, facet
+        point = np.concatenate([point, self._far])
+        facet = np.concatenate([facet, among.alone[self._far]])
+        order = np.argsort(point, kind="stable")
+        return point[order], facet[order]
+
+    def candidates(self, points: Floats, facets: Floats) -> Candidates:
+        """The same as :meth:`pairs`, by point."""
         motion = self._motion(points, facets)
         if not motion < 0.5 * self.slack:
             self.search(points, facets)
             motion = 0.0
+        alone = None
+        if len(self._far):
+            alone = np.full(len(points), -1, dtype=np.int32)
+            trees = self._trees(facets)
+            alone[self._far], _ = self._nearest(points[self._far], facets, trees)
         # A facet further than the closest by more than twice the motion since is not closest yet.
-        near = self._excess <= 2.0 * motion + TIE * self.slack
-        point, facet = self._point[near], self._facet[near]
-        if not len(self._far):
-            return point, facet
-        alone, _ = self._nearest(points[self._far], facets, self._trees(facets))
-        point, facet = np.concatenate([point, self._far]), np.concatenate([facet, alone])
-        order = np.argsort(point, kind="stable")
-        return point[order], facet[order]
+        limit = 2.0 * motion + TIE * self.slack
+        return Candidates(self._start, self._facet, self._excess, limit, alone)
 
     @property
     def searched_at(self) -> tuple[Floats, Floats] | None:
@@ -82,25 +97,31 @@ class FacetSearch:
     def search(self, points: Floats, facets: Floats) -> None:
         """Find the candidates of :meth:`pairs` anew, at these places."""
         self._point, self._facet, self._excess = self._search(points, facets)
+        self._start: Longs = np.searchsorted(self._point, np.arange(len(points) + 1))
         self._points, self._facets = points.copy(), facets.copy()
         self.searches += 1
 
     def table(self, points: Floats, facets: Floats) -> tuple[Ints, float]:
         """Candidates (q, k) of a new search, and how far, m, points and nodes together may move.
 
-        Rows with fewer facets repeat their first.
+        Rows with fewer facets repeat their first. Those of points that are far away in space hold
+        −1: they have the facet with the nearest centre, see :meth:`pairs`.
 
         Args:
             points: (q, i), m, current.
             facets: (f, a, i), m, current: nodes of all facets.
         """
+        far = self._far  # of the search that `pairs` goes on from
         point, facet, _ = self._search(points, facets)
+        self._far = far
         self.searches += 1
         start = np.searchsorted(point, np.arange(len(points)))
         count = np.bincount(point, minlength=len(points))
         column = np.arange(int(count.max(initial=1)))
         at = start[:, None] + np.where(column < count[:, None], column, 0)
-        return facet[at], 0.5 * self.slack
+        found = np.append(facet, np.int32(-1))[at]
+        found[count == 0] = -1
+        return found, 0.5 * self.slack
 
     def _motion(self, points: Floats, facets: Floats) -> float:
         """Bound, m, on the change of any distance since the last search; common shifts are free."""
@@ -167,6 +188,8 @@ class FacetSearch:
 
     def _distances(self, points: Floats, facets: Floats, point: Ints, facet: Ints) -> Floats:
         """Distances (p,), m, of pairs."""
+        if self._code is not None:
+            return self._code.distances(points, facets, point, facet)
         closest = closest_points(self.shape, facets[facet], points[point])
         out: Floats = np.sqrt(closest.squared)
         return out

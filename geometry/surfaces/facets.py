@@ -99,6 +99,11 @@ class FacetShape:
         """Bound on Σ_a |N_a|: how much further than its nodes a facet can lie or move."""
         return _LEBESGUE[self.cell, self.degree]
 
+    @property
+    def polynomials(self) -> tuple[Ints, Floats]:
+        """Powers (m, α) of the monomials Π_α (ξ^α)^m, and the shape functions' (m, a) in them."""
+        return self._powers, self._coefficients
+
     def values(self, xi: Floats) -> Floats:
         """Shape functions (p, a) at the reference coordinates ``xi`` (p, α)."""
         if self.count == 2:

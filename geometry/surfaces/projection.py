@@ -12,9 +12,17 @@ import numpy as np
 import scipy.sparse
 
 from geometry.surfaces.closest_point import CORNER, INTERIOR, closest_points, stationary_points
+from geometry.surfaces.compiled_facets import compiled_facets
 from geometry.surfaces.end_distance import EndDistance
 from geometry.surfaces.facet_search import TIE, FacetSearch
-from geometry.surfaces.facets import FacetShape, Floats, Ints, facet_shape, unit_normals
+from geometry.surfaces.facets import (
+    Bools,
+    FacetShape,
+    Floats,
+    Ints,
+    facet_shape,
+    unit_normals,
+)
 from geometry.surfaces.rays import RaySearch
 from geometry.surfaces.slave_normals import PointNormals
 from geometry.surfaces.smoothing import smooth_patches
@@ -44,6 +52,7 @@ class FacetSurface:
         nodes: Floats,
         smoothing_angle: float | None = None,
         fade_length: float | None = None,
+        compiled: bool = True,
     ) -> None:
         """Prepare the connectivity.
 
@@ -54,6 +63,7 @@ class FacetSurface:
             smoothing_angle: rad; the surface is made smooth but for sides where the normals
                 of neighbours differ by more. Without it the facets themselves are the surface.
             fade_length: m, undeformed, way before an open end over which points fade.
+            compiled: False for numpy throughout.
 
         Raises:
             ValueError: more than two facets meet at a side, or two with opposite normals; or
@@ -66,7 +76,8 @@ class FacetSurface:
             patches = smooth_patches(shape, self.facets, nodes, smoothing_angle)
             self.shape, self.stencil = patches.shape, patches.stencil
             self._extraction = patches.extraction
-        self.search = FacetSearch(self.shape, self._controls(nodes))
+        self._code = compiled_facets(self.shape, len(self.facets)) if compiled else None
+        self.search = FacetSearch(self.shape, self._controls(nodes), self._code)
         self._connect(shape, nodes)
         self.fade_length, self._undeformed = fade_length, nodes
         self._fading_ends = self._open.copy()
@@ -205,6 +216,11 @@ class FacetSurface:
         self, points: Floats, controls: Floats, frozen_facets: Ints | None
     ) -> tuple[Ints, Floats, Ints]:
         """Facets (q,), ξ (q, α) and entities (q,) of the closest points."""
+        tie = TIE * self.search.slack
+        if self._code is not None:
+            among = self.search.candidates(points, controls)
+            kept = None if frozen_facets is None else (frozen_facets, OVERRUN)
+            return self._code.closest(points, controls, among, tie, kept)
         point, facet = self.search.pairs(points, controls)
         if not len(points):
             empty = np.empty(0, dtype=np.int32)
@@ -213,9 +229,9 @@ class FacetSurface:
         start = np.searchsorted(point, np.arange(len(points)))
         distance = np.sqrt(pair.squared)
         least = np.minimum.reduceat(distance, start)
-        tie = distance <= least[point] + TIE * self.search.slack
+        near = distance <= least[point] + tie
         rank = facet.astype(np.int64) + np.where(pair.entity == INTERIOR, 0, len(self.facets))
-        rank = np.where(tie, rank, 2 * len(self.facets))
+        rank = np.where(near, rank, 2 * len(self.facets))
         best = np.nonzero(rank == np.minimum.reduceat(rank, start)[point])[0]
         facet, xi, entity = facet[best], pair.xi[best], pair.entity[best]
         if frozen_facets is not None:
@@ -254,6 +270,22 @@ class FacetSurface:
         out.share_slope[at, 0] = np.where(share < 1.0, sign * per_length, 0.0)
 
     @property
+    def extraction(self) -> Floats | None:
+        """Control points (f, c, m) of smooth patches from the nodes of their stencils, or None."""
+        return self._extraction
+
+    @property
+    def connectivity(self) -> tuple[Ints, Ints, Ints, Ints, Bools]:
+        """In space: how the facets hang together.
+
+        Returns:
+            Facets (n, v) around each node, −1 beyond, and which of their corners it is (n, v);
+            facets (f, s) across each side, −1 at an end, and which of their sides it is (f, s);
+            nodes (n,) at an open end.
+        """
+        return self._around, self._corner, self._across, self._across_side, self._open
+
+    @property
     def has_kinks(self) -> bool:
         """Whether facets of a master in the plane meet at an angle."""
         return self._rays is not None and self._rays.has_kinks
@@ -289,29 +321,39 @@ class FacetSurface:
         self, points: Floats, controls: Floats, facet: Ints, xi: Floats, entity: Ints
     ) -> Projection:
         """Geometry at the closest points on the chosen facets."""
-        mine = controls[facet]
-        foot = np.einsum("qa,qai->qi", self.shape.values(xi), mine)
-        tangents = np.einsum("qba,qai->qbi", self.shape.first(xi), mine)
-        normal = unit_normals(tangents)
+        foot, tangents, normal, gap, curvature = self._places(points, controls, facet, xi)
         out = Projection(
             facet=facet,
             xi=xi,
             foot=foot,
             normal=normal,
             tangents=tangents,
-            gap=np.einsum("qi,qi->q", points - foot, normal),
+            gap=gap,
             clamped=entity != INTERIOR,
             on_surface=np.ones(len(points), dtype=bool),
+            curvature=curvature,
         )
-        if not self.shape.is_flat:
-            second = self.shape.second(xi)
-            out.curvature = np.einsum("qbca,qai->qbci", second, mine)
         if self.shape.directions == 2:
             out.along = np.zeros_like(xi)
         at: Ints = np.nonzero(out.clamped)[0].astype(np.int32)
         if len(at):
             self._clamp(out, at, entity[at], points[at] - foot[at], controls)
         return out
+
+    def _places(
+        self, points: Floats, controls: Floats, facet: Ints, xi: Floats
+    ) -> tuple[Floats, Floats, Floats, Floats, Floats | None]:
+        """Positions, tangents, unit normals, gaps and second derivatives, as in `Projection`."""
+        if self._code is not None:
+            return self._code.places(points, controls, facet, xi)
+        mine = controls[facet]
+        foot = np.einsum("qa,qai->qi", self.shape.values(xi), mine)
+        tangents = np.einsum("qba,qai->qbi", self.shape.first(xi), mine)
+        normal = unit_normals(tangents)
+        gap = np.einsum("qi,qi->q", points - foot, normal)
+        if self.shape.is_flat:
+            return foot, tangents, normal, gap, None
+        return foot, tangents, normal, gap, np.einsum("qbca,qai->qbci", self.shape.second(xi), mine)
 
     def _clamp(
         self, out: Projection, at: Ints, entity: Ints, apart: Floats, controls: Floats

@@ -1,0 +1,21 @@
+"""The libraries of this directory's C sources."""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+from pathlib import Path
+
+from geometry.native.compiler import compiled
+
+SOURCES = ("closest_points.c",)
+
+
+@functools.cache
+def library(name: str) -> ctypes.CDLL | None:
+    """The compiled library of the source ``name``; None where it can be neither found nor made.
+
+    Args:
+        name: file name of a C source in this directory.
+    """
+    return compiled(Path(__file__).with_name(name))

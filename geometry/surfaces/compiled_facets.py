@@ -1,0 +1,261 @@
+"""Closest points of facets in C, by the source ``closest_points.c``; see :mod:`closest_point`.
+
+Axis letters: q slave points, p pairs of a point and a facet, f facets, a nodes of a facet, i space,
+α surface directions.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import dataclass
+from functools import lru_cache
+from math import comb
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geometry.native.libraries import library
+from geometry.surfaces.closest_point import samples
+from geometry.surfaces.facets import FacetShape, Floats, Ints, Longs, facet_shape
+
+SOURCE = "closest_points.c"
+
+
+def _fields(longs: str, pointers: str, doubles: str = "", more: str = "") -> list[tuple[str, Any]]:
+    kinds = ((longs, ctypes.c_int64), (pointers, ctypes.c_void_p), (doubles, ctypes.c_double))
+    return [
+        (name, kind) for names, kind in (*kinds, (more, ctypes.c_void_p)) for name in names.split()
+    ]
+
+
+class _Shape(ctypes.Structure):
+    """``Shape`` of the C source, like the next ones field by field in the same order."""
+
+    _fields_ = (
+        *_fields(
+            "directions triangle degree nodes samples",
+            "powers hull sampled sample side_nodes side_origin side_direction",
+        ),
+        *_fields("edge_samples", "edge_powers edge_sampled edge_sample"),
+    )
+
+
+class _Surface(ctypes.Structure):
+    _fields_ = (
+        ("shape", ctypes.c_void_p),
+        *_fields("facets stamp", "controls made"),
+    )
+
+
+class _Task(ctypes.Structure):
+    _fields_ = _fields(
+        "count",
+        "points start facet alone kept beyond",
+        "limit tie overrun",
+        "bound tried found xi entity",
+    )
+
+
+class _Geometry(ctypes.Structure):
+    _fields_ = _fields("count", "points facet xi foot tangents normal curvature gap")
+
+
+@dataclass(slots=True)
+class Candidates:
+    """Facets among which the closest of each point is.
+
+    Attributes:
+        start: (q + 1,) where the facets of each point begin in ``facet`` (p,) and ``beyond`` (p,),
+            m: what their distance exceeded the least one by when they were found.
+        limit: m; facets beyond it need not be looked at.
+        alone: (q,) the only facet of points far away, −1 for all others; None: there are none.
+    """
+
+    start: Longs
+    facet: Ints
+    beyond: Floats
+    limit: float
+    alone: Ints | None = None
+
+
+class CompiledFacets:
+    """All facets of one surface."""
+
+    def __init__(self, shape: FacetShape, facets: int, code: ctypes.CDLL) -> None:
+        """Lay out what the library works on.
+
+        Args:
+            shape: of all facets.
+            facets: how many there are.
+            code: the library of ``SOURCE``.
+        """
+        self.shape, self._code = shape, code
+        sizes = _sizes(code)
+        # Zeros that no one touches take no memory; nor are they written before a facet is needed.
+        self._made = np.zeros((facets, sizes["facet"] // 8))
+        self._tried = sizes["closest"] // 8
+        self._form, self._arrays = _form(shape)
+        self._surface = _Surface(ctypes.addressof(self._form), facets, 0, None, _at(self._made))
+
+    def closest(
+        self,
+        points: Floats,
+        controls: Floats,
+        among: Candidates,
+        tie: float,
+        kept: tuple[Ints, float] | None = None,
+    ) -> tuple[Ints, Floats, Ints]:
+        """Facets (q,), ξ (q, α) and entities (q,) of the closest points.
+
+        Of facets equally close the first is taken, one that holds the point inside before others.
+
+        Args:
+            points: (q, i), m.
+            controls: (f, a, i), m.
+            among: the facets to choose from.
+            tie: m, distances closer than this are equal.
+            kept: (q,) facets that points stay on whose stationary point is no more than so much,
+                in ξ, past an edge.
+        """
+        count = len(points)
+        facet, entity = np.empty(count, dtype=np.int32), np.empty(count, dtype=np.int32)
+        xi = np.empty((count, self.shape.directions))
+        longest = int(np.diff(among.start).max(initial=1))
+        keep = None if kept is None else _ints(kept[0])
+        inputs = (_floats(points), among.start, among.facet, among.alone, keep, among.beyond)
+        scratch = np.empty(longest), np.empty((longest, self._tried))
+        task = _Task(
+            count,
+            *map(_at, inputs),
+            *(among.limit, tie, 0.0 if kept is None else kept[1]),
+            *map(_at, (*scratch, facet, xi, entity)),
+        )
+        self._call("tribox_closest_points", controls, ctypes.byref(task))
+        return facet, xi, entity
+
+    def distances(self, points: Floats, controls: Floats, point: Ints, facet: Ints) -> Floats:
+        """Distances (p,), m, of pairs of a point and a facet; arguments as in :meth:`closest`."""
+        out = np.empty(len(point))
+        points, point, facet = _floats(points), _ints(point), _ints(facet)
+        arguments = (_at(points), _at(point), _at(facet), ctypes.c_int64(len(point)), _at(out))
+        self._call("tribox_distances", controls, *arguments)
+        return out
+
+    def places(
+        self, points: Floats, controls: Floats, facet: Ints, xi: Floats
+    ) -> tuple[Floats, Floats, Floats, Floats, Floats | None]:
+        """Positions (q, i), tangents (q, α, i), unit normals (q, i), gaps (q,), curvatures.
+
+        Args:
+            points: (q, i), m; the gap is their distance along the normal.
+            controls: (f, a, i), m.
+            facet: (q,), and xi (q, α): the places.
+            xi: see above.
+        """
+        count, directions = xi.shape
+        foot, normal = np.empty(points.shape), np.empty(points.shape)
+        tangents, gap = np.empty((count, directions, directions + 1)), np.empty(count)
+        bend = None
+        if not self.shape.is_flat:
+            bend = np.empty((count, directions, directions, directions + 1))
+        inputs = _floats(points), _ints(facet), _floats(xi)
+        task = _Geometry(count, *map(_at, (*inputs, foot, tangents, normal, bend, gap)))
+        self._call("tribox_places", controls, ctypes.byref(task))
+        return foot, tangents, normal, gap, bend
+
+    def _call(self, name: str, controls: Floats, *arguments: Any) -> None:
+        """Call a function of the library on the facets as they are now."""
+        controls = _floats(controls)
+        self._surface.stamp += 1
+        self._surface.controls = _at(controls)
+        function = getattr(self._code, name)
+        function.restype = None
+        function(ctypes.byref(self._surface), *arguments)
+
+
+def compiled_facets(shape: FacetShape, facets: int) -> CompiledFacets | None:
+    """The facets for the library, or None where it cannot be had.
+
+    Args:
+        shape: of all facets.
+        facets: how many there are.
+    """
+    code = library(SOURCE)
+    return None if code is None else CompiledFacets(shape, facets, code)
+
+
+def _at(array: NDArray[Any] | None) -> ctypes.c_void_p:
+    return ctypes.c_void_p(None if array is None else array.ctypes.data)
+
+
+def _floats(array: Floats) -> Floats:
+    return np.ascontiguousarray(array, dtype=np.float64)
+
+
+def _ints(array: NDArray[Any]) -> Ints:
+    return np.ascontiguousarray(array, dtype=np.int32)
+
+
+def _sizes(code: ctypes.CDLL) -> dict[str, int]:
+    """Bytes of a facet and of a result, once all structures were found to be of one size."""
+    sizes = (ctypes.c_int64 * 6)()
+    code.tribox_closest_sizes.restype = None
+    code.tribox_closest_sizes(sizes)
+    for theirs, ours in zip(sizes, (_Shape, _Surface, _Task, _Geometry), strict=False):
+        if theirs != ctypes.sizeof(ours):
+            raise RuntimeError(
+                f"{SOURCE}: its structure {ours.__name__[1:]} takes {theirs} bytes, the one of "
+                f"{__name__} {ctypes.sizeof(ours)}; both must list the same fields in one order"
+            )
+    return {"facet": sizes[4], "closest": sizes[5]}
+
+
+@lru_cache
+def _form(shape: FacetShape) -> tuple[_Shape, list[NDArray[Any]]]:
+    """The structure of a shape, and the arrays it points at."""
+    sides = shape.sides if shape.directions == 2 else ()
+    edge = facet_shape("interval", shape.degree)
+    lattice, along = samples(shape), samples(edge)
+    arrays: list[NDArray[Any]] = [
+        _powers(shape),
+        _hull(shape),
+        shape.values(lattice),
+        lattice,
+        np.array([side.nodes for side in sides], dtype=np.int32),
+        np.array([side.origin for side in sides]),
+        np.array([side.direction for side in sides]),
+        _powers(edge),
+        edge.values(along),
+        along,
+    ]
+    arrays = [np.ascontiguousarray(array) for array in arrays]
+    sizes = (shape.directions, shape.cell == "triangle", shape.degree, shape.count, len(lattice))
+    at = list(map(_at, arrays))
+    return _Shape(*sizes, *at[:7], len(along), *at[7:]), arrays
+
+
+def _powers(shape: FacetShape) -> Floats:
+    """Coefficients (k, a) of ξ^j η^k, j the faster and each up to the degree, from the nodes."""
+    width = shape.degree + 1
+    powers, coefficients = shape.polynomials
+    out = np.zeros((width**shape.directions, shape.count))
+    out[powers @ (width ** np.arange(shape.directions))] = coefficients
+    return out
+
+
+def _hull(shape: FacetShape) -> Floats:
+    """Control points (b, a) of the Bernstein polynomials, whose hull holds the facet."""
+    d, xi = shape.degree, shape.points
+    if shape.cell == "triangle":
+        third = 1.0 - xi.sum(axis=1)
+        values = [
+            comb(d, j) * comb(d - j, k) * xi[:, 0] ** j * xi[:, 1] ** k * third ** (d - j - k)
+            for j in range(d + 1)
+            for k in range(d + 1 - j)
+        ]
+    else:
+        one = [[comb(d, j) * x**j * (1.0 - x) ** (d - j) for j in range(d + 1)] for x in xi.T]
+        values = one[0] if len(one) == 1 else [a * b for a in one[0] for b in one[1]]
+    hull: Floats = np.linalg.inv(np.stack(values, axis=1)).astype(np.float64)
+    return hull
