@@ -1,10 +1,10 @@
 /* Closest points of facets: straight, triangular and quadrilateral ones of degree 1 to 3.
  *
  * The same steps as geometry/surfaces/closest_point.py and the choice among facets of
- * geometry/surfaces/projection.py, one point after another. A facet is the polynomial
- * sum c_jk xi^j eta^k from its first node, made when the first point asks for it. Facets whose box
- * lies further away than a facet already found are left out. Vectors have three components, in the
- * plane too.
+ * geometry/surfaces/projection.py, one point after another. A facet is a polynomial, made when the
+ * first point asks for it: sum c_jk xi^j eta^k from its first node, if of higher degree in xi - 1/2
+ * and eta - 1/2. Facets whose box lies further away than a facet already found are left out.
+ * Vectors have three components, in the plane too.
  */
 
 #include <math.h>
@@ -24,7 +24,7 @@ typedef struct {
 typedef struct {
     /* Surface directions; 1 for a triangle; degree; numbers of nodes and samples. */
     int64_t directions, triangle, degree, nodes, samples;
-    /* Coefficients (k, a) of the powers, xi's the faster; points (b, a) whose hull holds the facet;
+    /* Coefficients (k, a) of the products of powers, xi's the faster; points (b, a) whose hull holds the facet;
      * shape functions (s, a) at the samples, and these (s, alpha). */
     const double *powers, *hull, *sampled, *sample;
     /* Sides: nodes (e, a), begin and direction (e, alpha). */
@@ -147,7 +147,8 @@ static Vector unit(Vector v)
 /* Evaluate the polynomial c with n powers in each direction by Horner's rule. */
 INLINE void horner(const Vector *c, const int directions, const int n, const double *xi, Place *p)
 {
-    const double s = xi[0], t = directions == 2 ? xi[1] : 0.0;
+    const double middle = n == 2 ? 0.0 : 0.5;
+    const double s = xi[0] - middle, t = directions == 2 ? xi[1] - middle : 0.0;
     Place out = {0};
     for (int k = directions == 2 ? n - 1 : 0; k >= 0; --k) {
         Vector y = c[k * n + n - 1], d = {0}, h = {0};

@@ -185,7 +185,8 @@ def compiled_facets(shape: FacetShape, facets: int) -> CompiledFacets | None:
     return None if code is None else CompiledFacets(shape, facets, code)
 
 
-def _at(array: NDArray[Any] | None) -> ctypes.c_void_p:
+def _at(array: Any) -> ctypes.c_void_p:
+    """Where an array is; None is nowhere."""
     return ctypes.c_void_p(None if array is None else array.ctypes.data)
 
 
@@ -236,11 +237,16 @@ def _form(shape: FacetShape) -> tuple[_Shape, list[NDArray[Any]]]:
 
 
 def _powers(shape: FacetShape) -> Floats:
-    """Coefficients (k, a) of ξ^j η^k, j the faster and each up to the degree, from the nodes."""
+    """Coefficients (k, a) of the products of powers j, the faster, and k of ξ, from the nodes.
+
+    Those of higher degree of ξ − ½: about the middle of a facet they are far less sensitive to
+    rounding, while straight facets are exact at their first corner.
+    """
+    middle = 0.0 if shape.degree == 1 else 0.5
     width = shape.degree + 1
-    powers, coefficients = shape.polynomials
+    products = np.prod((shape.points[:, None] - middle) ** shape.powers, axis=2)
     out = np.zeros((width**shape.directions, shape.count))
-    out[powers @ (width ** np.arange(shape.directions))] = coefficients
+    out[shape.powers @ (width ** np.arange(shape.directions))] = np.linalg.inv(products)
     return out
 
 
