@@ -77,8 +77,9 @@ typedef struct {
     int32_t *entity;
 } Task;
 
-/* Geometry (q) at places xi of facets: position, tangents (q, alpha, i), normal, second
- * derivatives (q, alpha, beta, i; may be NULL), and the gap of the points along the normal. */
+/* Geometry (q) at places xi of facets: position, tangents (q, alpha, i), second derivatives
+ * (q, alpha, beta, i; may be NULL), and unless there are no points the normal and their gap along
+ * it. */
 typedef struct {
     int64_t count;
     const double *points;
@@ -551,12 +552,14 @@ void tribox_places(const Surface *s, const Geometry *g)
             store(g->tangents, q * directions + b, dim, p.d[b]);
         for (int64_t b = 0; g->curvature && b < directions * directions; ++b)
             store(g->curvature, q * directions * directions + b, dim, p.h[b - b / 2]);
+        store(g->foot, q, dim, plus(f->origin, 1.0, p.y));
+        if (!g->points)
+            continue;
         if (directions == 1)
             p.d[1] = (Vector){{0.0, 0.0, -1.0}}; /* the normal is the tangent turned left */
         Vector normal = cross(p.d[0], p.d[1]);
         normal = times(1.0 / sqrt(dot(normal, normal)), normal);
         store(g->normal, q, dim, normal);
-        store(g->foot, q, dim, plus(f->origin, 1.0, p.y));
         g->gap[q] = dot(less(from_origin(s, f, g->points, q), p.y), normal);
     }
 }

@@ -228,3 +228,14 @@ def test_structures_of_another_layout_are_refused(monkeypatch):
     monkeypatch.setattr(compiled, "_Task", Shorter)
     with pytest.raises(RuntimeError, match="the same fields in one order"):
         CompiledFacets(facet_shape("interval", 1), 3, library(compiled.SOURCE))
+
+
+@pytest.mark.parametrize("kind", SURFACES, ids=name)
+def test_places_of_the_last_step(sheet, kind):
+    ours, numpys, nodes = both(sheet, kind)
+    at = ours.project(around(nodes, 100, 0.05), nodes)
+    moved = nodes + 0.01 * np.sin(7.0 * nodes[:, ::-1])
+    for mine, theirs in zip(
+        ours.places(at.facet, at.xi, moved), numpys.places(at.facet, at.xi, moved), strict=True
+    ):
+        np.testing.assert_allclose(mine, theirs, rtol=0, atol=1e-12)
