@@ -157,8 +157,9 @@ class CompiledTangent:
     def forces(self, trial: ContactTrial) -> tuple[Floats, float]:
         """Residual (n, i), N, at the pair's nodes; the sum of squares of what each point adds."""
         at = trial.projection
-        varying = {"facet": at.facet, "xi": at.xi, "traction": trial.traction}
-        pair, _alive = self._pair(varying)
+        pair, _alive = self._pair(
+            {"facet": at.facet, "xi": at.xi, "traction": trial.traction},
+        )
         out = np.zeros((len(self.surface.nodes), 3))
         count = ctypes.c_int64(len(at.facet))
         squared = self._code.tribox_nodal_forces(ctypes.byref(pair), count, _at(out))
