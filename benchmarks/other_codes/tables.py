@@ -60,10 +60,15 @@ def forces(records: Mapping[str, Record], steps: Mapping[str, int]) -> Iterator[
     for one in records.values():
         cells = []
         for step in steps.values():
-            for axis in (1, 0):
-                mine, other = one.forces[step][axis], first.forces[step][axis]
-                scale = abs(first.forces[step][1])
-                share = f" ({100.0 * (mine - other) / abs(other):+.2f} %)"
-                small = abs(other) < 1e-6 * scale
-                cells.append("0" if small else f"{mine:.4f}{'' if one is first else share}")
+            size = first.forces[step][1]
+            pairs = [(one.forces[step][axis], first.forces[step][axis]) for axis in (1, 0)]
+            cells += [_cell(mine, other, size, one is first) for mine, other in pairs]
         yield f"| {one.code} | " + " | ".join(cells) + " |"
+
+
+def _cell(mine: float, other: float, size: float, alone: bool) -> str:
+    """A force, and how far it is from the first code's; one that is round-off is 0."""
+    if max(abs(mine), abs(other)) < 1e-6 * abs(size):
+        return "0"
+    apart = "" if alone or other == 0.0 else f" ({100.0 * (mine / other - 1.0):+.2f} %)"
+    return f"{mine:.4f}{apart}"
