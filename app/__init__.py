@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import sys
-from importlib.abc import MetaPathFinder
 
 __version__ = "0.1.0"
 
 
-class _PetscWithoutFiles(MetaPathFinder):
+class _PetscWithoutFiles:
     """Starts PETSc, when it is first imported, without options from files.
 
     It reads ``.petscrc`` and ``petscrc`` of the directory that it is started in, which may be that

@@ -42,10 +42,13 @@ GROUPS = (
 
 def compile_forms() -> Iterator[str]:
     """Compile the C sources and the forms of `GROUPS`; yields a line on each."""
-    from forms.native.libraries import SOURCES, library
+    import forms.native.libraries
+    import geometry.native.libraries
 
-    for source in SOURCES:
-        yield f"{source} " + ("compiled" if library(source) else "not compiled: no C compiler")
+    for libraries in (geometry.native.libraries, forms.native.libraries):
+        for source in libraries.SOURCES:
+            done = libraries.library(source) is not None
+            yield f"{source} " + ("compiled" if done else "not compiled: no C compiler")
     for group in GROUPS:
         yield from _compile(group)
 

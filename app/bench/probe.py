@@ -47,7 +47,7 @@ PROBES = {
     "app.equilibrium.tangent:Tangent._assemble_forms": "solid tangent",
     "app.equilibrium.equilibrium:Equilibrium.strain_energy": "solid residual",
     "geometry.surfaces.surface:ContactSurface.displacements": "kinematics",
-    "geometry.surfaces.facet_search:FacetSearch.pairs": "search",
+    "geometry.surfaces.facet_search:FacetSearch.candidates": "search",
     "geometry.surfaces.projection:FacetSurface.project": "projection",
     "forms.contact.penalty:relate": "kinematics",
     "forms.contact.penalty:ContactTerm.anchor": "kinematics",

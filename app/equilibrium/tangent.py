@@ -75,7 +75,6 @@ class Tangent:
     def new_matrix(self, trials: Sequence[ContactTrial]) -> PETSc.Mat:
         """A matrix with room for solids, platens and these contacts; collective."""
         self.windows = [None] * len(self.contacts)
-        self.keeper.forget()
         self._raw, self.seen = None, []
         if self.constraints.aligned:
             self.seen = [tuple(platen.acts for platen in self.constraints.aligned)]
@@ -266,6 +265,7 @@ class Tangent:
     def make_room(self, A: PETSc.Mat) -> None:
         """Give ``A`` zeros wherever solids, platens and the windows may add; collective."""
         self.pattern_changes += 1
+        self.keeper.forget()
         A = A if self._raw is None else self._raw
         extra = self._empty_like(A)
         for acting in self.seen or [()]:

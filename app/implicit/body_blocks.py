@@ -22,7 +22,7 @@ from app.implicit.linear_way import LEFT, petsc_kinds
 from forms.bodies.solid import Solid
 
 # Solves that failed are weighed against those that did not: three in a row, or more than one in
-# five, are too many.
+# six, are too many.
 FAILED, TOO_MANY = 5, 15
 
 

@@ -65,6 +65,7 @@ class LinearSolver:
         self._pattern = problem.pattern_changes
         # What the matrix was made from when analysis or preconditioner began anew, and last.
         self._first: Assembly | None = None
+        self._first_room: Snapshot = {}  # what it had room for at that time
         self._last: Assembly | None = None
         self._ksp: PETSc.KSP | None = None
         self._way: LinearWay | None = None
@@ -197,53 +198,68 @@ class LinearSolver:
         self._pattern = self.problem.pattern_changes
         with self.problem.timer(self.way.part):
             if self.way.set_up(widened):
-                self._first = self._last
+                self._first, self._first_room = self._last, self._room()
 
     # -- restart ------------------------------------------------------------------------------
 
     def snapshot(self) -> Snapshot:
         """What the factorisation or preconditioner at hand was made from."""
         first = None if self._first is self._last or self._first is None else self._first
+        return {
+            "first": None if first is None else first.snapshot(self.problem),
+            "first_room": None if first is None else self._first_room,
+            "last": None if self._last is None else self._last.snapshot(self.problem),
+            "room": self._room(),
+            "assembled": self.assembled,
+            "way": self.way.snapshot(),
+        }
+
+    def _room(self) -> Snapshot:
+        """What the matrix has room for at present; it only grows."""
+        tangent = self.problem.tangent
         windows: dict[str, Ints] = {}
-        for pair, window in enumerate(self.problem.tangent.windows):
+        for pair, window in enumerate(tangent.windows):
             arrays = {} if window is None else window.arrays()
             windows |= {f"{name}_{pair}": values for name, values in arrays.items()}
         return {
-            "first": None if first is None else first.snapshot(self.problem),
-            "last": None if self._last is None else self._last.snapshot(self.problem),
             "windows": Local(windows),
-            "platens": [list(acting) for acting in self.problem.tangent.seen],
-            "assembled": self.assembled,
-            "patterns": self.problem.pattern_changes,
-            "way": self.way.snapshot(),
+            "platens": [list(acting) for acting in tangent.seen],
+            "patterns": tangent.pattern_changes,
         }
 
     def restore(self, kept: Snapshot) -> None:
         """Make the matrices again that :meth:`snapshot` has seen, with all that PETSc keeps.
 
-        A direct solver's analysis and a preconditioner's coarse spaces belong to the first matrix
-        with the present pattern, the rest to the last one. Contacts and loads are left as they
-        were; collective.
+        A direct solver's analysis and a preconditioner's coarse spaces belong to the first matrix,
+        the rest to the last one. Contacts and loads are left as they were; collective.
         """
-        self.problem.tangent.seen = [tuple(acting) for acting in kept["platens"]]
-        self._restore_pattern(kept["windows"] or {})
-        self._pattern = self.problem.tangent.pattern_changes = kept["patterns"]
         self.way.renew()
+        self._restore_room(kept["room"] if kept["first"] is None else kept["first_room"])
+        self._pattern = self.problem.pattern_changes
         self.way.restore(kept["way"], lambda: self._restore_matrices(kept))
         self.assembled = kept["assembled"]
 
-    def _restore_pattern(self, kept: Snapshot) -> None:
-        tangent = self.problem.tangent
+    def _restore_room(self, kept: Snapshot) -> None:
+        """Give the matrix the room of :meth:`_room`."""
+        tangent, windows = self.problem.tangent, kept["windows"] or {}
+        tangent.seen = [tuple(acting) for acting in kept["platens"]]
         for pair, window in enumerate(tangent.windows):
             ending = f"_{pair}"
-            arrays = {k.removesuffix(ending): v for k, v in kept.items() if k.endswith(ending)}
+            arrays = {k.removesuffix(ending): v for k, v in windows.items() if k.endswith(ending)}
             if window is not None and arrays:
                 tangent.windows[pair] = window.with_arrays(arrays)
         tangent.make_room(self.matrix)
+        tangent.pattern_changes = kept["patterns"]
 
     def _restore_matrices(self, kept: Snapshot) -> None:
-        for name in ("first", "last"):
-            if kept[name] is not None:
-                assembly = Assembly.restored(self.problem, kept[name])
-                with assembly.in_place(self.problem) as (x, before):
-                    self.assemble(x, assembly.step, before)
+        if kept["first"] is not None:
+            self._restore_matrix(kept["first"])
+            if self.problem.pattern_changes != kept["room"]["patterns"]:
+                self._restore_room(kept["room"])
+        if kept["last"] is not None:
+            self._restore_matrix(kept["last"])
+
+    def _restore_matrix(self, kept: Snapshot) -> None:
+        assembly = Assembly.restored(self.problem, kept)
+        with assembly.in_place(self.problem) as (x, before):
+            self.assemble(x, assembly.step, before)

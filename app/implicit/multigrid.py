@@ -23,17 +23,22 @@ KRYLOV: dict[str, str | float | bool] = {
     "mg_levels_ksp_max_it": 1,
     "mg_levels_pc_type": "sor",
 }
-# Iterations, over those of the first solve with a preconditioner (at least FEW), from which it is
-# made from nothing: smoothed aggregation keeps its coarse spaces while the pattern stays, and
-# points that stuck may slip by now.
-WORN, FEW = 2, 10
+# A solve that takes more than MANY iterations, and more than WORN times as many as the first with
+# the preconditioner, has the next one made anew: that costs as much as some 35 iterations.
+MANY, WORN = 30, 1.5
 
 
 class Multigrid:
-    """An iterative solver, whatever its options are: a new preconditioner for each matrix.
+    """An iterative solver, whatever its options are, whose preconditioner is kept.
+
+    Operator and finest smoother are those of the matrix at hand; the coarse spaces and their
+    matrices are those of an earlier one until solves take too long. What changes from one tangent
+    to the next is the contact, which the smoother sees; the bodies, for which there are coarse
+    spaces, hardly change. Nor does a wider pattern matter to them.
 
     Attributes:
         direct, part: see :class:`app.implicit.linear_way.LinearWay`.
+        made: how often the preconditioner was made.
     """
 
     direct, part = False, "preconditioner"
@@ -41,36 +46,44 @@ class Multigrid:
     def __init__(self, ksp: PETSc.KSP, matrix: PETSc.Mat, near: PETSc.NullSpace) -> None:
         """Solve by ``ksp`` with ``matrix``, whose near-nullspace is ``near``."""
         self._ksp, self._matrix, self._near = ksp, matrix, near
-        self._fresh: int | None = None  # iterations of the first solve with a new preconditioner
+        self._is_made = False
+        self._fresh: int | None = None  # iterations of the first solve with the preconditioner
         self._iterations = 0  # of the last solve before the run was resumed
-        self._made = False
+        self.made = 0
 
     def kinds(self) -> str:
         """See :class:`app.implicit.linear_way.LinearWay`."""
         return petsc_kinds(self._ksp.getType(), self._ksp.getPC().getType())
 
     def worn(self) -> bool:
-        """Whether the last solve took far more iterations than the preconditioner's first."""
+        """Whether the last solve with the preconditioner took too many iterations."""
         last = self._last_iterations()
-        if last == 0:
+        if last == 0 or not self._is_made:
             return False
         if self._fresh is None:
-            self._fresh = max(last, FEW)
-        return last > WORN * self._fresh
+            self._fresh = last
+        return last > max(MANY, WORN * self._fresh)
 
     def renew(self) -> None:
         """Forget the preconditioner with its coarse spaces; collective."""
         self._ksp.reset()
-        self._fresh, self._made = None, False
+        self._is_made, self._fresh = False, None
 
     def set_up(self, widened: bool) -> bool:
-        """Make the preconditioner; see :class:`app.implicit.linear_way.LinearWay`; collective."""
-        if widened or self.worn():
+        """Make the preconditioner if there is none that serves; collective.
+
+        See :class:`app.implicit.linear_way.LinearWay`.
+        """
+        if self.worn():
             self.renew()
-        anew, self._made = not self._made, True
+        anew, self._is_made = not self._is_made, True
+        self.made += anew
         self._matrix.setNearNullSpace(self._near)
         self._ksp.setOperators(self._matrix)
+        preconditioner = self._ksp.getPC()
+        preconditioner.setReusePreconditioner(not anew)
         self._ksp.setUp()
+        preconditioner.setReusePreconditioner(True)
         return anew
 
     def aim(self, share: float) -> None:

@@ -135,7 +135,22 @@ class Newton:
             snes.getKSP().getPC().setFromOptions()
         except PETSc.Error as error:
             raise refusal(error) from None
+        if snes.getKSP().getType() != PETSc.KSP.Type.PREONLY:
+            self._leave_preconditioner(snes)
         return snes
+
+    def _leave_preconditioner(self, snes: PETSc.SNES) -> None:
+        """Let only the linear solver decide when its preconditioner is made anew.
+
+        SNES sets that with each tangent. With a lag of −2 it asks for it with the next tangent,
+        here one that nothing is put into, and never again.
+        """
+        self._petsc_options["snes_lag_preconditioner"] = -2
+        snes.setFromOptions()
+        del self._petsc_options["snes_lag_preconditioner"]  # read again, it would ask again
+        snes.setJacobian(lambda *_: None, self.solver.matrix)
+        snes.computeJacobian(self.trial, self.solver.matrix)
+        snes.setJacobian(self._jacobian, self.solver.matrix)
 
     # -- solution -----------------------------------------------------------------------------
 

@@ -19,14 +19,15 @@ from pathlib import Path
 import getfem as gf
 import numpy as np
 
-TOP, BOTTOM, CONTACT = 1, 2, 3
+TOP, BOTTOM = 1, 2
+# Line search by way: of GetFEM's the one that takes the fewest iterations.
+SEARCH: dict[str, list] = {"penalty": ["lsearch", "basic"], "multipliers": []}
 RELEASE = 0.2  # mm, how far apart surfaces may be to be looked at
 ENERGY = "0.5*G{k}*(Norm_sqr(F{k}) - 3) - G{k}*log(Det(F{k})) + 0.5*L{k}*sqr(log(Det(F{k})))"
 NORMAL = "Transformed_unit_vector(Grad_u1, Normal)"
 SLIP = "(u1 - Interpolate(u2,pair) - w1 + Interpolate(w2,pair))"
 GAP = f"((Interpolate(X,pair) + Interpolate(u2,pair) - X - u1).{NORMAL})"
 TRACTION = f"Coulomb_friction_coupled_projection(kept, {NORMAL}, ratio*{SLIP}, {GAP}, mu, r)"
-# The same of two sides: normals of the slave only.
 
 
 def mesh_of(box: dict) -> gf.Mesh:
@@ -113,27 +114,24 @@ class Blocks:
             brick, points, TOP, "u2", "w2"
         )
 
-    def step(self, x: float, y: float, solver: str) -> int:
-        """Move the top, N, to (x, y) in mm and solve; returns the Newton iterations."""
+    def step(self, x: float, y: float, like_the_last: bool) -> int:
+        """Move the top to (x, y), mm, and solve; returns the Newton iterations.
+
+        The start is what the last step went on to where this one is like it, else where it ended.
+        """
         model = self.model
         now = [model.variable(f"u{k}") for k in (1, 2)]
         before = [model.variable(f"w{k}") for k in (1, 2)]
         for k in (1, 2):
-            # As the steps are equal, the next is likely to go on as the last.
             model.set_variable(f"w{k}", now[k - 1])
-            model.set_variable(f"u{k}", 2.0 * now[k - 1] - before[k - 1])
+            if like_the_last:
+                model.set_variable(f"u{k}", 2.0 * now[k - 1] - before[k - 1])
         model.set_variable("held1", np.array([x, y, 0.0]))
-        options = ["max_res", self.limit(), "max_iter", 60, "lsolver", solver]
-        count, converged = model.solve(*options, *self.search)
+        limit = ["max_res", self.problem["tolerance"], "max_iter", 60]
+        count, converged = model.solve(*limit, "lsolver", "mumps", *SEARCH[self.way])
         if not converged:
             raise SystemExit(f"getfem: the step to {x:g}, {y:g} mm has not converged")
         return int(count)
-
-    def limit(self) -> float:
-        """Largest residual, which GetFEM takes relative to the forces that act."""
-        return self.problem["tolerance"]
-
-    search: list = []
 
     def forces(self) -> list[float]:
         """Force of the upper box on the lower along x, y and z, N."""
@@ -141,9 +139,7 @@ class Blocks:
             terms = [f"force({i})" for i in (1, 2, 3)]
         else:
             terms = [f"Interpolate_filter(pair, ({TRACTION})({i}), 1)" for i in (1, 2, 3)]
-        return [
-            -float(gf.asm_generic(self.contact, 0, term, BOTTOM, self.model)) for term in terms
-        ]
+        return [-float(gf.asm_generic(self.contact, 0, term, BOTTOM, self.model)) for term in terms]
 
     def commit(self) -> None:
         """Keep what the next step starts from."""
@@ -160,13 +156,15 @@ def main() -> None:
     problem = json.loads(Path(source).read_text())
     started = time.process_time()
     blocks = Blocks(problem, way)
-    rows = []
+    rows: list = []
     for x, y in problem["steps"]:
-        count = blocks.step(x, y, "mumps")
+        like_the_last = len(rows) not in (0, problem["press_steps"])
+        count = blocks.step(x, y, like_the_last)
         rows.append({"x": x, "y": y, "forces": blocks.forces(), "iterations": count})
         print(f"{time.process_time() - started:8.2f} s", rows[-1], flush=True)
         blocks.commit()
-    Path(report).write_text(json.dumps({"steps": rows, "dofs": int(blocks.model.nbdof())}))
+    facts = {"dofs": int(blocks.model.nbdof()), "steps": rows}
+    Path(report).write_text(json.dumps(facts))
 
 
 if __name__ == "__main__":

@@ -47,9 +47,7 @@ class Box:
         for k in range(self.counts[2]):
             for j in range(self.counts[1]):
                 for i in range(self.counts[0]):
-                    yield tuple(
-                        self.node(i + a, j + b, k + c) for c in (0, 1) for a, b in corners
-                    )
+                    yield tuple(self.node(i + a, j + b, k + c) for c in (0, 1) for a, b in corners)
 
     def layer(self, j: int) -> list[int]:
         """Numbers of the nodes at one height."""

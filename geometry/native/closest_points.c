@@ -1,10 +1,10 @@
 /* Closest points of facets: straight, triangular and quadrilateral ones of degree 1 to 3.
  *
  * The same steps as geometry/surfaces/closest_point.py and the choice among facets of
- * geometry/surfaces/projection.py, one point after another. A facet is the polynomial
- * sum c_jk xi^j eta^k from its first node, made when the first point asks for it. Facets whose box
- * lies further away than a facet already found are left out. Vectors have three components, in the
- * plane too.
+ * geometry/surfaces/projection.py, one point after another. A facet is a polynomial, made when the
+ * first point asks for it: sum c_jk xi^j eta^k from its first node, if of higher degree in xi - 1/2
+ * and eta - 1/2. Facets whose box lies further away than a facet already found are left out.
+ * Vectors have three components, in the plane too.
  */
 
 #include <math.h>
@@ -24,7 +24,7 @@ typedef struct {
 typedef struct {
     /* Surface directions; 1 for a triangle; degree; numbers of nodes and samples. */
     int64_t directions, triangle, degree, nodes, samples;
-    /* Coefficients (k, a) of the powers, xi's the faster; points (b, a) whose hull holds the facet;
+    /* Coefficients (k, a) of the products of powers, xi's the faster; points (b, a) whose hull holds the facet;
      * shape functions (s, a) at the samples, and these (s, alpha). */
     const double *powers, *hull, *sampled, *sample;
     /* Sides: nodes (e, a), begin and direction (e, alpha). */
@@ -77,8 +77,9 @@ typedef struct {
     int32_t *entity;
 } Task;
 
-/* Geometry (q) at places xi of facets: position, tangents (q, alpha, i), normal, second
- * derivatives (q, alpha, beta, i; may be NULL), and the gap of the points along the normal. */
+/* Geometry (q) at places xi of facets: position, tangents (q, alpha, i), second derivatives
+ * (q, alpha, beta, i; may be NULL), and unless there are no points the normal and their gap along
+ * it. */
 typedef struct {
     int64_t count;
     const double *points;
@@ -147,7 +148,8 @@ static Vector unit(Vector v)
 /* Evaluate the polynomial c with n powers in each direction by Horner's rule. */
 INLINE void horner(const Vector *c, const int directions, const int n, const double *xi, Place *p)
 {
-    const double s = xi[0], t = directions == 2 ? xi[1] : 0.0;
+    const double middle = n == 2 ? 0.0 : 0.5;
+    const double s = xi[0] - middle, t = directions == 2 ? xi[1] - middle : 0.0;
     Place out = {0};
     for (int k = directions == 2 ? n - 1 : 0; k >= 0; --k) {
         Vector y = c[k * n + n - 1], d = {0}, h = {0};
@@ -550,12 +552,14 @@ void tribox_places(const Surface *s, const Geometry *g)
             store(g->tangents, q * directions + b, dim, p.d[b]);
         for (int64_t b = 0; g->curvature && b < directions * directions; ++b)
             store(g->curvature, q * directions * directions + b, dim, p.h[b - b / 2]);
+        store(g->foot, q, dim, plus(f->origin, 1.0, p.y));
+        if (!g->points)
+            continue;
         if (directions == 1)
             p.d[1] = (Vector){{0.0, 0.0, -1.0}}; /* the normal is the tangent turned left */
         Vector normal = cross(p.d[0], p.d[1]);
         normal = times(1.0 / sqrt(dot(normal, normal)), normal);
         store(g->normal, q, dim, normal);
-        store(g->foot, q, dim, plus(f->origin, 1.0, p.y));
         g->gap[q] = dot(less(from_origin(s, f, g->points, q), p.y), normal);
     }
 }

@@ -142,7 +142,7 @@ class CompiledFacets:
         self._call("tribox_distances", controls, *arguments)
         return out
 
-    def places(
+    def geometry(
         self, points: Floats, controls: Floats, facet: Ints, xi: Floats
     ) -> tuple[Floats, Floats, Floats, Floats, Floats | None]:
         """Positions (q, i), tangents (q, α, i), unit normals (q, i), gaps (q,), curvatures.
@@ -154,15 +154,31 @@ class CompiledFacets:
             xi: see above.
         """
         count, directions = xi.shape
-        foot, normal = np.empty(points.shape), np.empty(points.shape)
-        tangents, gap = np.empty((count, directions, directions + 1)), np.empty(count)
-        bend = None
+        normal, gap, bend = np.empty(points.shape), np.empty(count), None
         if not self.shape.is_flat:
             bend = np.empty((count, directions, directions, directions + 1))
-        inputs = _floats(points), _ints(facet), _floats(xi)
-        task = _Geometry(count, *map(_at, (*inputs, foot, tangents, normal, bend, gap)))
-        self._call("tribox_places", controls, ctypes.byref(task))
+        foot, tangents = self._evaluate(controls, facet, xi, _floats(points), (normal, bend, gap))
         return foot, tangents, normal, gap, bend
+
+    def places(self, controls: Floats, facet: Ints, xi: Floats) -> tuple[Floats, Floats]:
+        """Positions (q, i) and tangents (q, α, i) alone, see :meth:`geometry`."""
+        return self._evaluate(controls, facet, xi, None, (None, None, None))
+
+    def _evaluate(
+        self,
+        controls: Floats,
+        facet: Ints,
+        xi: Floats,
+        points: Floats | None,
+        more: tuple[Floats | None, Floats | None, Floats | None],
+    ) -> tuple[Floats, Floats]:
+        count, directions = xi.shape
+        foot = np.empty((count, directions + 1))
+        tangents = np.empty((count, directions, directions + 1))
+        facet, xi = _ints(facet), _floats(xi)
+        task = _Geometry(count, *map(_at, (points, facet, xi, foot, tangents, *more)))
+        self._call("tribox_places", controls, ctypes.byref(task))
+        return foot, tangents
 
     def _call(self, name: str, controls: Floats, *arguments: Any) -> None:
         """Call a function of the library on the facets as they are now."""
@@ -185,7 +201,8 @@ def compiled_facets(shape: FacetShape, facets: int) -> CompiledFacets | None:
     return None if code is None else CompiledFacets(shape, facets, code)
 
 
-def _at(array: NDArray[Any] | None) -> ctypes.c_void_p:
+def _at(array: Any) -> ctypes.c_void_p:
+    """Where an array is; None is nowhere."""
     return ctypes.c_void_p(None if array is None else array.ctypes.data)
 
 
@@ -236,11 +253,16 @@ def _form(shape: FacetShape) -> tuple[_Shape, list[NDArray[Any]]]:
 
 
 def _powers(shape: FacetShape) -> Floats:
-    """Coefficients (k, a) of ξ^j η^k, j the faster and each up to the degree, from the nodes."""
+    """Coefficients (k, a) of the products of powers j, the faster, and k of ξ, from the nodes.
+
+    Those of higher degree of ξ − ½: about the middle of a facet they are far less sensitive to
+    rounding, while straight facets are exact at their first corner.
+    """
+    middle = 0.0 if shape.degree == 1 else 0.5
     width = shape.degree + 1
-    powers, coefficients = shape.polynomials
+    products = np.prod((shape.points[:, None] - middle) ** shape.powers, axis=2)
     out = np.zeros((width**shape.directions, shape.count))
-    out[powers @ (width ** np.arange(shape.directions))] = coefficients
+    out[shape.powers @ (width ** np.arange(shape.directions))] = np.linalg.inv(products)
     return out
 
 

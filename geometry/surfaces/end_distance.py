@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse
-from scipy.sparse.csgraph import dijkstra
 
 from geometry.surfaces.facets import Bools, FacetShape, Floats, Ints, facet_shape
 
@@ -69,6 +68,8 @@ class EndDistance:
 
 def _along(corners: Ints, nodes: Floats, is_open: Bools) -> Floats:
     """Way (n,), m, along segments to the nearest open end."""
+    from scipy.sparse.csgraph import dijkstra
+
     length = np.linalg.norm(nodes[corners[:, 1]] - nodes[corners[:, 0]], axis=1)
     size = (len(nodes), len(nodes))
     graph = scipy.sparse.csr_matrix((length, (corners[:, 0], corners[:, 1])), shape=size)

@@ -100,9 +100,14 @@ class FacetShape:
         return _LEBESGUE[self.cell, self.degree]
 
     @property
-    def polynomials(self) -> tuple[Ints, Floats]:
-        """Powers (m, α) of the monomials Π_α (ξ^α)^m, and the shape functions' (m, a) in them."""
-        return self._powers, self._coefficients
+    def powers(self) -> Ints:
+        """Powers (m, α) of the monomials Π_α (ξ^α)^m that the shape functions are made of."""
+        return self._powers
+
+    @property
+    def coefficients(self) -> Floats:
+        """Coefficients (m, a) of these monomials in the shape functions."""
+        return self._coefficients
 
     def values(self, xi: Floats) -> Floats:
         """Shape functions (p, a) at the reference coordinates ``xi`` (p, α)."""

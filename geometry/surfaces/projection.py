@@ -296,6 +296,8 @@ class FacetSurface:
 
     def places(self, facet: Ints, xi: Floats, nodes: Floats) -> tuple[Floats, Floats]:
         """Points ȳ (q, i) and tangents (q, α, i) of material places, on current nodes (n, i)."""
+        if self._code is not None:
+            return self._code.places(self._controls(nodes), facet, xi)
         moved = nodes[self.stencil[facet]]
         foot = np.einsum("qm,qmi->qi", self.weights(facet, xi), moved)
         return foot, np.einsum("qbm,qmi->qbi", self.slopes(facet, xi), moved)
@@ -321,7 +323,7 @@ class FacetSurface:
         self, points: Floats, controls: Floats, facet: Ints, xi: Floats, entity: Ints
     ) -> Projection:
         """Geometry at the closest points on the chosen facets."""
-        foot, tangents, normal, gap, curvature = self._places(points, controls, facet, xi)
+        foot, tangents, normal, gap, curvature = self._geometry(points, controls, facet, xi)
         out = Projection(
             facet=facet,
             xi=xi,
@@ -340,12 +342,12 @@ class FacetSurface:
             self._clamp(out, at, entity[at], points[at] - foot[at], controls)
         return out
 
-    def _places(
+    def _geometry(
         self, points: Floats, controls: Floats, facet: Ints, xi: Floats
     ) -> tuple[Floats, Floats, Floats, Floats, Floats | None]:
         """Positions, tangents, unit normals, gaps and second derivatives, as in `Projection`."""
         if self._code is not None:
-            return self._code.places(points, controls, facet, xi)
+            return self._code.geometry(points, controls, facet, xi)
         mine = controls[facet]
         foot = np.einsum("qa,qai->qi", self.shape.values(xi), mine)
         tangents = np.einsum("qba,qai->qbi", self.shape.first(xi), mine)

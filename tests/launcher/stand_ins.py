@@ -19,6 +19,7 @@ COPIES = [
 SOURCES = (
     "forms/bodies/solid.py",
     "forms/native/plane_kernel.c",
+    "geometry/native/closest_points.c",
     "geometry/meshes/mesh.py",
     "app/__init__.py",
     "app/errors.py",

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import forms.native.libraries
+import geometry.native.compiler
 from forms.bodies.internal_force import GeneratedForce, InternalForce
 from forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean
 from forms.bodies.plane_cells import PlaneCells
@@ -121,7 +122,7 @@ def test_two_bodies_add_up(pair):
 
 def test_without_a_compiler_the_generated_kernel_serves(monkeypatch, tmp_path):
     """An empty cache that cannot be written, and no compiler on the path."""
-    monkeypatch.setattr(forms.native.libraries, "_caches", lambda: (tmp_path / "none",))
+    monkeypatch.setattr(geometry.native.compiler, "_caches", lambda: (tmp_path / "none",))
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.delenv("CC", raising=False)
     forms.native.libraries.library.cache_clear()
@@ -134,7 +135,7 @@ def test_without_a_compiler_the_generated_kernel_serves(monkeypatch, tmp_path):
 
 
 def test_a_library_is_compiled_once_and_a_broken_one_again(monkeypatch, tmp_path):
-    monkeypatch.setattr(forms.native.libraries, "_caches", lambda: (tmp_path / "cache",))
+    monkeypatch.setattr(geometry.native.compiler, "_caches", lambda: (tmp_path / "cache",))
     forms.native.libraries.library.cache_clear()
     try:
         assert forms.native.libraries.library("plane_contact.c") is not None
@@ -146,7 +147,7 @@ def test_a_library_is_compiled_once_and_a_broken_one_again(monkeypatch, tmp_path
         broken = tmp_path / "other" / built.name
         broken.parent.mkdir()
         broken.write_bytes(b"half a library")
-        monkeypatch.setattr(forms.native.libraries, "_caches", lambda: (tmp_path / "other",))
+        monkeypatch.setattr(geometry.native.compiler, "_caches", lambda: (tmp_path / "other",))
         forms.native.libraries.library.cache_clear()
         assert forms.native.libraries.library("plane_contact.c") is not None
         assert broken.stat().st_size > 1000
@@ -158,7 +159,7 @@ def test_libraries_of_strangers_are_not_loaded(monkeypatch, tmp_path):
     directory = tmp_path / "cache"
     directory.mkdir()
     os.chown(directory, 4242, -1) if os.getuid() == 0 else pytest.skip("needs root")
-    monkeypatch.setattr(forms.native.libraries, "_caches", lambda: (directory,))
+    monkeypatch.setattr(geometry.native.compiler, "_caches", lambda: (directory,))
     forms.native.libraries.library.cache_clear()
     try:
         assert forms.native.libraries.library("plane_contact.c") is None
