@@ -19,7 +19,7 @@
 
 #include "lanes.h"
 
-enum material { NEO_HOOKEAN, MOONEY_RIVLIN, HENCKY };
+enum material { NEO_HOOKEAN, MOONEY_RIVLIN, HENCKY, YEOH };
 enum part { WHOLE, DISTORTION, VOLUME };
 enum shape { HEXAHEDRON, TETRAHEDRON };
 
@@ -144,6 +144,12 @@ INLINE void distort(enum material material, const double *c, vec J, vec r, vec I
         s->I2 = all(c[1]);
         if (energy)
             s->w = c[0] * (x - 3.0) + c[1] * (y - 3.0);
+    } else if (material == YEOH) { /* c: C10, C20, C30, K */
+        vec z = x - 3.0;
+        s->I1 = c[0] + z * (2.0 * c[1] + z * (3.0 * c[2]));
+        s->I11 = 2.0 * c[1] + z * (6.0 * c[2]);
+        if (energy)
+            s->w = z * (c[0] + z * (c[1] + z * c[2]));
     } else { /* c: G, K */
         squared_logarithm(x, y, energy, second, s);
         for (vec *value = &s->w; value <= &s->I22; ++value)
@@ -155,19 +161,18 @@ INLINE void distort(enum material material, const double *c, vec J, vec r, vec I
 /* Whether the stress of a part of the energy takes a logarithm or a root of J. */
 INLINE int needs_volume(enum material material, enum part part)
 {
-    return material == NEO_HOOKEAN     ? part != DISTORTION
-           : material == MOONEY_RIVLIN ? part != VOLUME
-                                       : 1;
+    return material == NEO_HOOKEAN ? part != DISTORTION : material == HENCKY || part != VOLUME;
 }
 
 /* Adds the volumetric part of an energy. */
 INLINE void dilate(enum material material, const double *c, vec J, vec r, int energy, Slopes *s)
 {
-    if (material == MOONEY_RIVLIN) {
-        s->J += 0.5 * c[2] * (J - r);
-        s->JJ += 0.5 * c[2] * (1.0 + r * r);
+    if (material == MOONEY_RIVLIN || material == YEOH) {
+        const double K = material == YEOH ? c[3] : c[2];
+        s->J += 0.5 * K * (J - r);
+        s->JJ += 0.5 * K * (1.0 + r * r);
         if (energy)
-            s->w += 0.25 * c[2] * (J * J - 1.0 - 2.0 * logarithm(J));
+            s->w += 0.25 * K * (J * J - 1.0 - 2.0 * logarithm(J));
         return;
     }
     vec l = logarithm(J);
