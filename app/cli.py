@@ -6,10 +6,9 @@ import json
 import os
 import platform
 import sys
-from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any
 
 # Typer loads rich, and with it a reader of Markdown, for help texts that this program does not
 # have. A tenth of a second is saved where it does not find it; the rest of the program does.
@@ -25,11 +24,10 @@ if _rich is not None:
 from app.errors import InputError, Interrupted  # noqa: E402
 from app.run.cache import ensure_cache  # noqa: E402
 from app.run.ending import end_interrupted, end_with, ranks_around  # noqa: E402
+from app.run.process import lasting_imports  # noqa: E402
 
 if TYPE_CHECKING:
     from click import Context
-
-    from app.case.case import Case
 
 
 class _Stopped(Exception):
@@ -164,83 +162,22 @@ def run(
     inputs_of: Annotated[Path | None, typer.Option("--inputs-of", hidden=True)] = None,
 ) -> None:
     """Run a case, or every value of its sweep, and write results and figures."""
-    from app.case.reading import load_case
-    from app.case.trust import require_trust
-    from app.checkpoint.same_case import is_whole
-    from app.results.status import is_done
+    with lasting_imports():
+        from app.run.command import RunOptions, run_command
 
-    if force and (resume or extend):
-        raise InputError("--force begins anew, --resume and --extend go on: give one of them")
-    case = load_case(case_file, overrides or [])
-    passed_on = [*_set_options(overrides), *["--trust"] * require_trust(case, case_file, trust)]
-    directory = _results_directory(out, case_file, case, resume or extend)
-    ranks = ranks_around()
-    if case.sweep is not None and part is None:
-        from app.run.sweep_runs import SweepOptions, run_sweep
-
-        options = SweepOptions(passed_on, np, force, jobs, resume, extend)
-        return run_sweep(case, case_file, directory, options, ranks)
-    if part is not None:
-        case = _one_part(case, part)
-    if resume and not extend and is_done(directory):
-        is_whole(directory, case)
-        return print(f"{directory}: the run is done; --extend goes on past its end")
-    if np > 1 and ranks == 1:
-        passed_on += ["--force"] * force + ["--resume"] * resume + ["--extend"] * extend
-        named = {"--part": part, "--inputs-of": inputs_of}
-        passed_on += [str(w) for n, v in named.items() if v is not None for w in (n, v)]
-        _run_on_ranks(np, case_file, directory, passed_on)
-    from app.run.run import run_case
-
-    run_case(case, directory, force=force, inputs_of=inputs_of, resume=resume, extend=extend)
+    given = overrides or []
+    _end(
+        run_command(
+            case_file,
+            RunOptions(out, given, np, force, jobs, part, trust, resume, extend, inputs_of),
+        )
+    )
 
 
-def _results_directory(out: Path | None, case_file: Path, case: Case, goes_on: bool) -> Path:
-    """Where the results go; not where they would be cleared with what the run is made from."""
-    from app.results.directory import checkpoint_numbers, default_directory
-
-    directory = out or default_directory(case_file)
-    swept = case.sweep is not None
-    begun = (directory / "case.toml").exists() if swept else checkpoint_numbers(directory)
-    if not (goes_on and begun):  # else nothing is cleared
-        _keep_inputs(directory, case_file, case)
-    return directory
-
-
-def _run_on_ranks(np: int, case_file: Path, directory: Path, options: list[str]) -> NoReturn:
-    """Have several ranks run a case, and end with their exit code."""
-    from app.results.claim import check_not_in_use
-    from app.results.directory import check_free
-    from app.results.earlier_sweep import sweep_labels
-    from app.run.ranks import run_on_ranks
-
-    check_not_in_use(directory)
-    if not {"--resume", "--extend"} & set(options):
-        check_free(directory, "--force" in options, sweep_labels(directory))
-    raise typer.Exit(run_on_ranks(np, ["run", str(case_file), "--out", str(directory), *options]))
-
-
-def _keep_inputs(directory: Path, case_file: Path, case: Case) -> None:
-    """Refuse a results directory that holds what the run is made from: it would be cleared."""
-    from app.results.inputs import input_files
-
-    for path in (case_file, *input_files(case)):
-        if directory.resolve() in path.resolve().parents:
-            raise InputError(
-                f"{directory}: holds {path.name}, which the run reads; name another directory for "
-                "the results with --out"
-            )
-
-
-def _one_part(case: Case, part: int) -> Case:
-    parts = case.sweep_cases()
-    if part >= len(parts):
-        raise InputError(f"--part {part}: the sweep has {len(parts)} values, counted from 0")
-    return parts[part][1]
-
-
-def _set_options(overrides: list[str] | None) -> list[str]:
-    return [word for item in overrides or [] for word in ("--set", item)]
+def _end(code: int) -> None:
+    """End with an exit code, unless that is 0."""
+    if code:
+        raise typer.Exit(code)
 
 
 @cli.command()
@@ -254,34 +191,9 @@ def check(
     trust: Trust = False,
 ) -> None:
     """Check a case file without running it, nor code that it names; every problem is one line."""
-    from app.case.reading import check_case, load_case
+    from app.run.check import run_check
 
-    if problems := check_case(case_file, overrides or []):
-        _refuse(problems)
-    from app.run.building import notes_on_sweep
-
-    case = load_case(case_file, overrides or [])
-    if law:
-        from app.case.trust import require_trust
-
-        require_trust(case, case_file, trust)
-    notes, problems = notes_on_sweep(case, runs_code=law)
-    if problems:
-        _refuse([f"tribox: {line}" for line in problems])
-    for note in notes:
-        print(f"note: {note}")
-    if law:
-        from app.run.law_check import check_laws
-
-        check_laws([part for _, part in case.sweep_cases()] or [case])
-    runs = len(case.sweep.values) if case.sweep is not None else 1
-    print(f"{case_file}: correct ({runs} run{'s' * (runs > 1)}, {len(case.stage)} stages)")
-
-
-def _refuse(problems: Sequence[str]) -> None:
-    for line in problems:
-        print(line, file=sys.stderr)
-    raise typer.Exit(2)
+    _end(run_check(case_file, overrides or [], law, trust))
 
 
 @cli.command()
@@ -346,22 +258,9 @@ def plot(
     """Draw the figures of a results directory again from its files, or those of a sweep's runs."""
     if animate is not None and animate not in ANIMATIONS:
         raise InputError(f"--animate={animate}: must be gif or mp4")
-    from app.figures.run_figures import draw_figures
-    from app.results import read
+    from app.figures.redraw import redraw
 
-    results = read(directory)
-    for one in [results, *results.parts.values()]:
-        if one.unfinished:
-            print(f"note: {one.directory}: the run {one.unfinished}")
-        draw_figures(one, field)
-        if animate is not None and one.case.sweep is None:
-            from app.figures.animation import animate as write_animation
-            from app.figures.field_values import named_after
-
-            path = one.directory / "figures" / f"{named_after('animation', field)}.{animate}"
-            frames = write_animation(one, path, field)
-            print(f"{path}: {frames} frames")
-    print(f"figures in {directory / 'figures'}")
+    redraw(directory, field, animate)
 
 
 @cli.command()
@@ -467,11 +366,31 @@ def bench(
         int | None, typer.Option(min=1, help="runs of each level; the fastest is shown")
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="replace files that are there")] = False,
+    overrides: Overrides = None,
+    against: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="compare with the tribox whose source tree this is"),
+    ] = None,
+    changes: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--with",
+            metavar="KEY=VALUE",
+            help="compare the case with itself so changed; may be repeated",
+        ),
+    ] = None,
+    np: Annotated[
+        int,
+        typer.Option(
+            "--np", min=1, help="MPI ranks of both runs; compare with one rank if nothing else"
+        ),
+    ] = 1,
 ) -> None:
-    """Measure where the CPU time of a case goes, level by level: about a minute by default."""
-    from app.bench.bench import run_bench
+    """Measure where the CPU time of a case goes, or compare two versions, level by level."""
+    from app.bench.bench import Options, run_bench
 
-    run_bench(what or [], case, out, repeat, force)
+    keys, changed = tuple(overrides or ()), tuple(changes or ())
+    run_bench(what or [], Options(case, out, repeat, force, keys, against, changed, np))
 
 
 @cli.command()

@@ -110,7 +110,7 @@ class Account(Observer):
     """What the steps of a run took; prints and keeps a line of numbers after each of them.
 
     Attributes:
-        start: processor time at the start, s; ready: when the steps began; wall: by the clock.
+        start: processor time at the start, s; begun: when the steps began; wall: by the clock.
         newton, tangents, rejected: iterations, tangents made, attempts that failed.
         iterations: of the linear solver, by solve.
         lines: numbers after each step; seconds and memory are lists over the ranks.
@@ -118,7 +118,7 @@ class Account(Observer):
 
     label: dict[str, Any]
     start: float = field(default_factory=time.process_time)
-    ready: float = 0.0
+    begun: float = 0.0
     wall: float = 0.0
     newton: int = 0
     tangents: int = 0
@@ -128,7 +128,7 @@ class Account(Observer):
 
     def begin(self) -> None:
         """Begin with the steps."""
-        self.ready, self.wall = time.process_time(), time.perf_counter()
+        self.begun, self.wall = time.process_time(), time.perf_counter()
 
     def monitor(self, ksp: PETSc.KSP, iteration: int, norm: float) -> None:
         """Count an iteration of the linear solver."""
@@ -157,7 +157,7 @@ class Account(Observer):
         problem, now = state.model.problem, time.process_time()
         parts = {part: problem.timer.seconds.get(part, 0.0) for part in PARTS}
         return {
-            "seconds": {"set-up": self.ready - self.start, "steps": now - self.ready, **parts},
+            "seconds": {"set-up": self.begun - self.start, "steps": now - self.begun, **parts},
             "wall": time.perf_counter() - self.wall,
             "memory": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / MEBIBYTE,
             "owned": problem.owned,

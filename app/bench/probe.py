@@ -43,7 +43,7 @@ FRAME = {
 }
 # The same inside an attempt at a step.
 PROBES = {
-    "app.equilibrium.equilibrium:Equilibrium._assembled": "solid residual",
+    "app.equilibrium.equilibrium:Equilibrium._gathered": "solid residual",
     "app.equilibrium.tangent:Tangent._assemble_forms": "solid tangent",
     "app.equilibrium.equilibrium:Equilibrium.strain_energy": "solid residual",
     "geometry.surfaces.surface:ContactSurface.displacements": "kinematics",

@@ -7,7 +7,7 @@ What is prescribed is in :mod:`app.equilibrium.constraints`, the matrix in
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import dolfinx
@@ -15,6 +15,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from app.equilibrium.bodies import Bodies
 from app.equilibrium.constraints import Constraints, Platen, Prescribed, Unknowns
 from app.equilibrium.holding_springs import HoldingSprings
 from app.equilibrium.idle_tools import (
@@ -52,7 +53,7 @@ class Equilibrium:
             reactions included.
         reference_force: N per unit thickness, what residual norms are compared with: the largest of
             contact forces, reactions and loads at the last evaluation.
-        solids, contacts, loads, nodal_loads, tools: the parts.
+        solids, contacts, loads, nodal_loads, tools: the parts; bodies: the solids' equations.
         turning: holds the angles of tools that no moment drives; None: there are none.
         unknowns: their numbering; constraints: what is prescribed; tangent: the matrix.
         timer: seconds by part.
@@ -77,7 +78,8 @@ class Equilibrium:
         self.tools = list(tools)
         self.unknowns = Unknowns(u.function_space)
         self.constraints = Constraints(self.unknowns, prescribed, platens)
-        self.tangent = Tangent(self.constraints, self.solids, self.contacts, self.loads)
+        self.bodies = Bodies(u, self.solids)
+        self.tangent = Tangent(self.constraints, self.bodies, self.contacts, self.loads)
         self.timer = Stopwatch()
         self.trials: list[ContactTrial] = []
         self.committed: list[ContactTrial] = []
@@ -170,7 +172,7 @@ class Equilibrium:
     def strain_energy(self) -> float:
         """Strain energy of all bodies at the displacement spread last, J/m; collective."""
         if self._strain_energy is None:
-            local = sum(solid.strain_energy() for solid in self.solids)
+            local = self.bodies.strain_energy()
             self._strain_energy = float(self.comm.allreduce(local, op=MPI.SUM))
         return self._strain_energy
 
@@ -208,7 +210,7 @@ class Equilibrium:
         self.spread(x)
         with self.timer("assembly"):
             self._evaluate_solids(step)
-            f.array[:] = self._assembled([p.residual for s in self.solids for p in s.forms])
+            f.array[:] = self._gathered(self.bodies.add_forces)
             outside = self.load_forces()
             f.array[:] -= outside
         with self.timer("contact"):
@@ -222,11 +224,10 @@ class Equilibrium:
         )
         self.constraints.constrain_residual(f.array, x.array_r)
 
-    def _assembled(self, forms: Sequence[dolfinx.fem.Form]) -> Floats:
-        """Sum of linear forms at the owned unknowns; collective."""
+    def _gathered(self, add: Callable[[Floats], None]) -> Floats:
+        """What all ranks ``add`` at the owned unknowns; collective."""
         self._work.array[:] = 0.0
-        for form in forms:
-            dolfinx.fem.assemble_vector(self._work.array, form)
+        add(self._work.array)
         self._work.scatter_reverse(dolfinx.la.InsertMode.add)
         mine: Floats = self._work.array[: self.owned].copy()
         return mine
@@ -244,20 +245,25 @@ class Equilibrium:
         """Add the contact residuals to ``f``; returns the norm of this rank's, squared."""
         squared = 0.0
         for term, trial in zip(self.contacts, self.trials, strict=True):
-            nodes, values = term.nodal_forces(trial)
+            nodes, values, of_points = term.forces_at_nodes(trial)
             f.setValues(
                 self.unknowns.of_nodes(nodes).reshape(-1),
                 values.reshape(-1),
                 addv=PETSc.InsertMode.ADD_VALUES,
             )
-            squared += float(np.sum(values**2))
+            squared += of_points
         f.assemble()
         return squared
 
     def load_forces(self) -> Floats:
         """Owned part of the loads' forces on the bodies at the last state, N/m; collective."""
         acting = [load.residual for load in self.loads if load.acts]
-        forces = -self._assembled(acting) if acting else np.zeros(self.owned)
+
+        def add(out: Floats) -> None:
+            for form in acting:
+                dolfinx.fem.assemble_vector(out, form)
+
+        forces = -self._gathered(add) if acting else np.zeros(self.owned)
         for load in self.nodal_loads:
             load.add_to(forces)
         return forces

@@ -15,18 +15,22 @@ import ufl
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from app.equilibrium.bodies import Bodies
 from app.equilibrium.constraints import Constraints, Platen
 from app.equilibrium.contact_sparsity import BlockPlaces, ContactWindow, coupled_nodes, widened
 from app.equilibrium.holding_springs import HoldingSprings
+from app.equilibrium.kept_tangent import KeptTangent
+from app.equilibrium.matrix_values import is_direct, pattern_in_place, values_in_place
 from app.equilibrium.slanted import room_of
 from app.equilibrium.timers import Stopwatch
 from forms.bodies.loads import Load
 from forms.bodies.solid import Solid
+from forms.contact.compiled_tangent import Entries
 from forms.contact.penalty import ContactTerm
 from forms.contact.state import ContactTrial
 from forms.contact.tangent import Coupling
 from geometry.compat import add_matrix
-from geometry.surfaces.facets import Floats, Longs
+from geometry.surfaces.facets import Floats, Ints, Longs
 
 
 def pattern_form(space: dolfinx.fem.FunctionSpace) -> dolfinx.fem.Form:
@@ -39,10 +43,11 @@ class Tangent:
     """Makes the matrix and fills it.
 
     Attributes:
-        constraints: with the numbering of the unknowns; solids, contacts, loads: the parts.
+        constraints: with the numbering of the unknowns; bodies, contacts, loads: the parts.
         pattern_changes: how often the pattern was widened, when it was made included.
         windows: of each contact, what the pattern has room for; None before it is made.
         seen: which of the aligned platens have acted together, of all there is room for.
+        keeper: of the tangents of stiff bodies.
 
     With slanted platens what is assembled is a matrix of its own, which their equations make the
     tangent from.
@@ -51,13 +56,14 @@ class Tangent:
     def __init__(
         self,
         constraints: Constraints,
-        solids: Sequence[Solid],
+        bodies: Bodies,
         contacts: Sequence[ContactTerm],
         loads: Sequence[Load],
     ) -> None:
         """Begin without a matrix."""
         self.constraints = constraints
-        self.solids, self.contacts, self.loads = solids, contacts, loads
+        self.bodies, self.contacts, self.loads = bodies, contacts, loads
+        self.keeper = KeptTangent(bodies.solids, contacts)
         self.pattern_changes = 0
         self._known_places: list[BlockPlaces] = []  # of blocks added lately
         self.windows: list[ContactWindow | None] = [None] * len(contacts)
@@ -106,18 +112,13 @@ class Tangent:
         with timer("contact"):
             self._keep_pattern(raw, trials, timer)
             self._renumber(raw)
-            pairs = list(zip(self.contacts, trials, strict=True))
-            blocks = [group for term, trial in pairs for group in term.tangent(trial)]
-            couplings = [term.coupling(trial) for term, trial in pairs]
         with timer("assembly"):
-            raw.zeroEntries()
+            self.keeper.decide()
+            self.keeper.begin(raw, (self.pattern_changes, self._mapped), self._add_solids)
             self._assemble_forms(raw, carried)
         with timer("contact"):
-            for nodes, values in blocks:
-                self._add_blocks(raw, nodes, values)
-            for coupling in couplings:
-                if coupling is not None:
-                    self._add_coupling(raw, coupling)
+            for term, trial in zip(self.contacts, trials, strict=True):
+                self._add_contact(raw, term, trial)
             self.constraints.add_following_rows(raw)
             for springs in holding:
                 self.constraints.add_diagonal(raw, springs.stiffness)
@@ -157,13 +158,49 @@ class Tangent:
             A.setLGMap(*(self._plain_map if maps is None else (maps, maps)))
             self._mapped = acting
 
+    @property
+    def kept(self) -> tuple[bool, ...]:
+        """Of each solid, whether the last tangent is that of its undeformed state."""
+        return self.keeper.on
+
     def _assemble_forms(self, A: PETSc.Mat, carried: bool) -> None:
-        forms = [part.tangent for solid in self.solids for part in solid.forms]
-        if carried:
-            forms += [s.carried.tangent for s in self.solids if s.carried is not None]
-        forms += [load.tangent for load in self.loads if load.tangent is not None and load.acts]
-        for form in forms:
-            add_matrix(A, form, unrolled=bool(self.constraints.aligned))
+        """Add all but what is kept."""
+        solids = self.keeper.others
+        self._add_solids(A, solids, carried)
+        for load in self.loads:
+            if load.tangent is not None and load.acts:
+                add_matrix(A, load.tangent, unrolled=bool(self.constraints.aligned))
+
+    def _add_solids(self, A: PETSc.Mat, solids: Sequence[Solid], carried: bool = False) -> None:
+        """Add the tangents of solids at the displacement at hand."""
+        pattern, unrolled = (self.pattern_changes, self._mapped), bool(self.constraints.aligned)
+        for solid in solids:
+            index = self.bodies.solids.index(solid)
+            self.bodies.add_tangent(A, index, pattern, carried, unrolled)
+
+    def _add_contact(self, A: PETSc.Mat, term: ContactTerm, trial: ContactTrial) -> None:
+        """Add the tangent of one pair, in place where that can be; collective."""
+        if is_direct(A) and np.dtype(PETSc.IntType) == np.int32:
+            with pattern_in_place(A) as (indptr, indices), values_in_place(A) as values:
+                entries = Entries(indptr, indices, values, self._first_of)
+                blocks, couplings = term.add_tangent(trial, entries)
+        else:
+            blocks, couplings = term.add_tangent(trial, None)
+        for nodes, added in blocks:
+            self._add_blocks(A, nodes, added)
+        for coupling in couplings:
+            self._add_coupling(A, coupling)
+
+    def _first_of(self, nodes: Longs) -> Ints:
+        """Numbers (n,) of the first unknowns of nodes (n,) among this rank's own.
+
+        −1 of nodes of other ranks, and of those of which an unknown is sent to a platen's leader.
+        """
+        unknowns = self.constraints.unknowns
+        numbers = self.constraints.condensed(unknowns.of_nodes(nodes)) - unknowns.first
+        mine = (numbers[:, 0] >= 0) & (numbers[:, -1] < unknowns.owned)
+        mine &= np.all(numbers == numbers[:, :1] + np.arange(unknowns.dim), axis=1)
+        return np.where(mine, numbers[:, 0], -1).astype(np.int32)
 
     def _add_blocks(
         self,
@@ -228,6 +265,7 @@ class Tangent:
     def make_room(self, A: PETSc.Mat) -> None:
         """Give ``A`` zeros wherever solids, platens and the windows may add; collective."""
         self.pattern_changes += 1
+        self.keeper.forget()
         A = A if self._raw is None else self._raw
         extra = self._empty_like(A)
         for acting in self.seen or [()]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,6 +14,7 @@ from app.figures.units import fitting
 
 if TYPE_CHECKING:
     from app.results import Results
+    from app.results.table import Table
 
 # Time per step of one stage over that of another from which on time would hide one of them.
 UNEVEN = 30.0
@@ -73,9 +74,8 @@ def abscissa_of(results: Results) -> Abscissa:
     would hide that at all others. Else time; but where the stages differ so much in time per step
     that one could not be seen, time without the stages that it has no effect in, or steps.
     """
-    history = results.history
-    time = history["time"].to_numpy(dtype=np.float64)
-    driven = history["driven_displacement"].to_numpy(dtype=np.float64)
+    history = results.table("history")
+    time, driven = history["time"], history["driven_displacement"]
     path = np.cumsum(np.abs(np.diff(driven, prepend=0.0)))
     if any(stage.velocities for stage in results.case.stage) and path[-1] > 0.0:
         unit = fitting(path, "m")
@@ -84,34 +84,34 @@ def abscissa_of(results: Results) -> Abscissa:
         unit = fitting(time, "s")
         return _made(results, unit.of(time), TIME.label(unit.name))
     idle = _idle_rows(results)
-    if 0 < idle < len(time) and not _uneven(history[idle:], time[idle:] - time[idle - 1]):
-        since = time - time[idle - 1]
+    since = time - time[max(idle - 1, 0)]
+    if 0 < idle < len(time) and not _uneven(history.rows(slice(idle, None)), since[idle:]):
         since[:idle] = np.linspace(-SQUEEZED * since[-1], 0.0, idle + 1)[1:]
         unit = fitting(since, "s")
         before = ", ".join(dict.fromkeys(history["stage"][:idle]))
         label = f"time since the end of {before}, which is not to scale ({unit.name})"
         return _made(results, unit.of(since), label)
-    steps = history["step"].to_numpy(dtype=np.float64)
-    return _made(results, steps, STEP.name)
+    return _made(results, history["step"], STEP.name)
 
 
 def _idle_rows(results: Results) -> int:
     """Number of rows at the beginning in stages that time has no effect in."""
     idle = {stage.name for stage in results.case.stage if not stage.rate_dependent}
-    counts = np.array([stage not in idle for stage in results.history["stage"]])
+    counts = np.array([stage not in idle for stage in results.table("history")["stage"]])
     return int(np.argmax(counts)) if counts.any() else 0
 
 
-def _uneven(history: Any, time: Floats) -> bool:
+def _uneven(history: Table, time: Floats) -> bool:
     """Whether the time of a step in one stage is far from that in another."""
-    ends = history.assign(_time=time).groupby("stage", sort=False)["_time"].agg(["last", "size"])
-    lengths = np.diff(ends["last"].to_numpy(), prepend=0.0) / ends["size"].to_numpy()
+    of = [np.flatnonzero(history["stage"] == name) for name in dict.fromkeys(history["stage"])]
+    ends, counts = time[[rows[-1] for rows in of]], np.array([len(rows) for rows in of])
+    lengths = np.diff(ends, prepend=0.0) / counts
     lengths = lengths[lengths > 0.0]
     return bool(len(lengths) > 1 and lengths.max() > UNEVEN * lengths.min())
 
 
 def _made(results: Results, values: Floats, label: str) -> Abscissa:
-    history = results.history
+    history = results.table("history")
     several = {stage.name for stage in results.case.stage if stage.velocities}
     keys = list(zip(history["stage"], history["velocity"], strict=True))
     begins = [i for i, key in enumerate(keys) if i == 0 or key != keys[i - 1]]

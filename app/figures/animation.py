@@ -65,7 +65,8 @@ def animate(results: Results, path: Path, field: str) -> int:
             f"{results.directory}: {len(steps)} field output{'s' * (len(steps) != 1)}; an "
             "animation needs two or more (output.fields_every)"
         )
-    states = [read_bodies(results.fields(step), body_names(results), field) for step in steps]
+    names = body_names(results)
+    states = [read_bodies(results.grid("fields", step), names, field) for step in steps]
     scale = colour_scale(np.concatenate([s.field.values for s in states]), states[0].field.unit)
     rate = int(np.clip(len(steps) / SECONDS, SLOWEST, FASTEST))
     writer: AbstractMovieWriter = (
@@ -123,7 +124,7 @@ def _in_the_plane(
         draw_tools(axes, lines[number], frame)
         if not names:
             return
-        nodes = without_roundoff(results.contact(steps[number]), roundoff)
+        nodes = without_roundoff(results.grid("contact", steps[number]), roundoff)
         shown = pairs_shown(nodes, len(names), MOST_PAIRS)
         draw_slaves(axes, nodes, {k: names[k] for k in shown}, frame.unit)
 

@@ -16,8 +16,7 @@ from app.figures.field_values import CellField, cell_field
 from app.figures.style import Floats
 
 if TYPE_CHECKING:
-    import meshio
-
+    from app.results.vtu_reading import CellBlock, Grid
 Ints = NDArray[np.int64]
 
 # Corners of a cell, by the beginning of what meshio calls it; those of any degree come first.
@@ -67,7 +66,7 @@ class Bodies:
         return self.position[self.polygons[of], : self.dim] * factor
 
 
-def read_bodies(mesh: meshio.Mesh, names: Sequence[str], field: str) -> Bodies:
+def read_bodies(mesh: Grid, names: Sequence[str], field: str) -> Bodies:
     """Polygons of a mesh of a field file.
 
     Args:
@@ -107,14 +106,14 @@ def read_bodies(mesh: meshio.Mesh, names: Sequence[str], field: str) -> Bodies:
     )  # fmt: skip
 
 
-def _body(mesh: meshio.Mesh, cells: Sequence[Ints]) -> Sequence[Ints]:
+def _body(mesh: Grid, cells: Sequence[Ints]) -> Sequence[Ints]:
     """Numbers of the bodies, block by block; one body where the file does not say."""
     if "body" in mesh.cell_data:
         return list(mesh.cell_data["body"])
     return [np.zeros(len(block), dtype=np.int64) for block in cells]
 
 
-def _corners(block: meshio.CellBlock) -> tuple[str, Ints]:
+def _corners(block: CellBlock) -> tuple[str, Ints]:
     """Kind and corners (c, a) of a block of cells of any degree."""
     kind = block.type.removeprefix(_LAGRANGE).lower().replace("quadrilateral", "quad")
     kind = kind.replace("tetrahedron", "tetra")
@@ -124,7 +123,7 @@ def _corners(block: meshio.CellBlock) -> tuple[str, Ints]:
     raise ValueError(f"cells of kind {block.type} cannot be drawn")
 
 
-def _round(block: meshio.CellBlock) -> tuple[str, Ints]:
+def _round(block: CellBlock) -> tuple[str, Ints]:
     """Kind and nodes (c, a) round the cells of a block in the plane."""
     if block.type in _ROUND:
         return block.type, np.asarray(block.data, dtype=np.int64)[:, _ROUND[block.type]]

@@ -31,9 +31,8 @@ from app.figures.tractions import draw_tractions, pairs_shown, roundoff_of, with
 from app.figures.units import fitting
 
 if TYPE_CHECKING:
-    import meshio
-
     from app.results import Results
+    from app.results.vtu_reading import Grid
 
 MOST_PAIRS = 8  # pairs with a panel of their own
 IN_ONE_COLUMN = 2
@@ -57,7 +56,7 @@ def draw_deformed(results: Results, figures: Path, field: str) -> list[Path]:
     if not states:
         return []
     names = body_names(results)
-    drawn = [read_bodies(results.fields(state.step), names, field) for state in states]
+    drawn = [read_bodies(results.grid("fields", state.step), names, field) for state in states]
     if drawn[0].dim == 3:
         return draw_states_in_space(results, states, drawn, figures)
     files = []
@@ -72,8 +71,8 @@ def draw_deformed(results: Results, figures: Path, field: str) -> list[Path]:
 
 def _figure(results: Results, state: State, bodies: Bodies) -> Figure:
     """The bodies, and below or beside them the tractions of each pair."""
-    nodes = without_roundoff(results.contact(state.step), roundoff_of(results))
-    points = results.contact_points(state.step)
+    nodes = without_roundoff(results.grid("contact", state.step), roundoff_of(results))
+    points = results.grid("contact_points", state.step)
     lines = tool_lines(results, state.step)
     frame = with_room(frame_round([bodies], axis_names(results)), lines)
     names = pair_names(results)
@@ -148,8 +147,8 @@ def _layout(frame: Frame, pairs: int, closer: bool) -> tuple[Figure, Axes, Axes 
 
 def _fill_panels(
     panels: list[Axes],
-    nodes: meshio.Mesh,
-    points: meshio.Mesh | None,
+    nodes: Grid,
+    points: Grid | None,
     pairs: Mapping[int, str],
     total: int,
 ) -> None:

@@ -68,7 +68,7 @@ def _figure(
         _draw_bodies(figure, view, bodies, scale)
         figure.suptitle(heading(results, state.title), fontsize=9)
         return figure
-    nodes = without_roundoff(results.contact(state.step), roundoff_of(results))
+    nodes = without_roundoff(results.grid("contact", state.step), roundoff_of(results))
     pairs = {k: names[k] for k in pairs_shown(nodes, len(names), MOST_PAIRS)}
     columns = 1 if len(pairs) == 1 else 2
     rows = -(-len(pairs) // columns)

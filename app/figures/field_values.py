@@ -17,8 +17,7 @@ from app.figures.symbols import FIELDS
 from app.figures.units import Unit, fitting
 
 if TYPE_CHECKING:
-    import meshio
-
+    from app.results.vtu_reading import Grid
 DEFAULT_FIELD = "von_mises_stress"
 VECTOR, TENSOR = ("x", "y", "z"), tuple(i + j for i in "xyz" for j in "xyz")
 # Corners are singular: the largest stress is that of one cell, and says how fine the mesh is.
@@ -56,7 +55,7 @@ def named_after(stem: str, field: str) -> str:
     return f"{first}-{plain}{dash}{rest}"
 
 
-def cell_field(mesh: meshio.Mesh, cells: Sequence[NDArray[np.int64]], name: str) -> CellField:
+def cell_field(mesh: Grid, cells: Sequence[NDArray[np.int64]], name: str) -> CellField:
     """An array of a mesh, one number for each cell: of nodes the mean over the corners.
 
     Args:
@@ -84,7 +83,7 @@ def cell_field(mesh: meshio.Mesh, cells: Sequence[NDArray[np.int64]], name: str)
     return CellField(scalar, label + suffix, "" if known is None else known.unit, name)
 
 
-def _split(mesh: meshio.Mesh, name: str) -> tuple[str, str]:
+def _split(mesh: Grid, name: str) -> tuple[str, str]:
     """The array a name means, and the component; "" for all of it."""
     arrays = {**mesh.point_data, **mesh.cell_data}
     if name in arrays:

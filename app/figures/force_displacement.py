@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,10 +12,9 @@ from matplotlib.figure import Figure
 from app.figures.style import COLOURS
 from app.figures.symbols import DISPLACEMENT, MOMENT, REACTION, TIME
 from app.figures.units import fitting
+from app.results.table import Table, joined
 
 if TYPE_CHECKING:
-    from pandas import DataFrame
-
     from app.results import Results
 
 MOST_PANELS = 8
@@ -41,31 +40,30 @@ class Curve:
     y_unit: str
 
 
-def moved_parts(results: Results) -> DataFrame:
+def moved_parts(results: Results) -> Table:
     """Rows of the surfaces, and of tools with what drives them as the force on them."""
-    import pandas as pd
-
-    tools = results.tools
-    if tools.empty:
-        return results.surfaces
+    tools = results.table("tools")
+    if not len(tools):
+        return results.table("surfaces")
     driving = {f"driving_force_{i}": f"force_{i}" for i in "xyz" if f"force_{i}" in tools}
-    tools = tools.drop(columns=list(driving.values())).rename(columns=driving | {"tool": "surface"})
-    return pd.concat([results.surfaces, tools], ignore_index=True)
+    names = driving | {"tool": "surface"}
+    kept = {k: v for k, v in tools.columns.items() if k not in driving.values()}
+    return joined(results.table("surfaces"), Table({names.get(k, k): v for k, v in kept.items()}))
 
 
-def curves_of(results: Results, table: DataFrame) -> list[Curve]:
+def curves_of(results: Results, table: Table) -> list[Curve]:
     """What moves, each in the directions that it moves in; moments of what is turned.
 
     Args:
         results: of a run.
         table: of :func:`moved_parts`.
     """
-    if table.empty:
+    if not len(table):
         return []
     letters = [i for i in "xyz" if f"displacement_{i}" in table]
     names = list(dict.fromkeys(table["surface"]))
     travel = {
-        (name, i): float(np.ptp(table.loc[table["surface"] == name, f"displacement_{i}"]))
+        (name, i): float(np.ptp(table.where("surface", name)[f"displacement_{i}"]))
         for name in names
         for i in letters
     }
@@ -93,10 +91,10 @@ def curves_of(results: Results, table: DataFrame) -> list[Curve]:
     return curves[:MOST_PANELS]
 
 
-def _largest(table: Any, column: str, surface: str | None = None) -> float:
+def _largest(table: Table, column: str, surface: str | None = None) -> float:
     """Largest amount in a column, of one surface or of all."""
-    rows = table if surface is None else table[table["surface"] == surface]
-    return float(np.max(np.abs(rows[column].to_numpy(dtype=np.float64)), initial=0.0))
+    rows = table if surface is None else table.where("surface", surface)
+    return float(np.max(np.abs(rows[column]), initial=0.0))
 
 
 def force_displacement_figure(results: Results) -> Figure | None:
@@ -120,12 +118,12 @@ def force_displacement_figure(results: Results) -> Figure | None:
     return figure
 
 
-def _draw(axes: Axes, curve: Curve, surfaces: Any) -> None:
-    table = surfaces[surfaces["surface"] == curve.surface]
+def _draw(axes: Axes, curve: Curve, surfaces: Table) -> None:
+    table = surfaces.where("surface", curve.surface)
     x_unit, y_unit = fitting(table[curve.x], curve.x_unit), fitting(table[curve.y], curve.y_unit)
     x, y = x_unit.of(table[curve.x]), y_unit.of(table[curve.y])
     stages = list(dict.fromkeys(table["stage"]))
-    of = table["stage"].to_numpy()
+    of = table["stage"]
     for number, stage in enumerate(stages):
         rows = np.flatnonzero(of == stage)
         # With the last point of the stage before, so that the curve has no gaps.

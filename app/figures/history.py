@@ -10,13 +10,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from app.figures.abscissa import abscissa_of
-from app.figures.style import COLOURS, Floats, thin_log_ticks
+from app.figures.style import COLOURS, Floats, Longs, thin_log_ticks
 from app.figures.symbols import ENERGY, FRICTION_FORCE, NORMAL_FORCE, RATIO
 from app.figures.units import Unit, fitting
-from app.results.directory import TEXT_COLUMNS
 
 if TYPE_CHECKING:
     from app.results import Results
+    from app.results.table import Table
 
 MOST_PAIRS = 12  # with a line of their own
 DECADES = 100.0  # largest over smallest value from which on an axis is logarithmic
@@ -26,7 +26,7 @@ LEAST = 1e-10  # of the largest: smaller friction is rounding
 
 def forces_figure(results: Results) -> Figure:
     """Normal force, friction force and their ratio, of each pair where there are several."""
-    history = results.history
+    history = results.table("history")
     at = abscissa_of(results)
     count = 3 if history["friction_force"].any() else 1  # without friction it has no panels
     figure = Figure(figsize=(7.5, 1.2 + 2.0 * count), layout="constrained")
@@ -35,9 +35,7 @@ def forces_figure(results: Results) -> Figure:
     lines = list(_lines(results))
     for label, colour, width, rows, table in lines:
         x = at.values[rows]
-        normal, friction = (
-            table[name].to_numpy(dtype=np.float64) for name in ("normal_force", "friction_force")
-        )
+        normal, friction = table["normal_force"], table["friction_force"]
         shown = forces[0].of(normal), forces[1].of(friction), _over(friction, normal)
         style: dict[str, Any] = {"color": colour, "lw": width, "label": label}
         style |= {"marker": "."} if len(x) < 3 else {}
@@ -61,14 +59,14 @@ def forces_figure(results: Results) -> Figure:
     return figure
 
 
-def _lines(results: Results) -> Iterator[tuple[str, str, float, Any, Any]]:
+def _lines(results: Results) -> Iterator[tuple[str, str, float, Longs, Table]]:
     """Label, colour, width, rows of the history and table of each line.
 
     Of several pairs all together, then each; of one pair alone the history.
     """
-    history = results.history
-    contacts = results.contacts
-    names = [] if contacts.empty else list(dict.fromkeys(contacts["pair"]))
+    history = results.table("history")
+    contacts = results.table("contacts")
+    names = list(dict.fromkeys(contacts["pair"])) if len(contacts) else []
     whole = np.arange(len(history)), history
     if len(names) < 2:
         yield (str(names[0]) if names else "contact", COLOURS[0], 1.4, *whole)
@@ -76,7 +74,7 @@ def _lines(results: Results) -> Iterator[tuple[str, str, float, Any, Any]]:
     yield ("all pairs", "0.25", 1.4, *whole)
     place = {int(step): k for k, step in enumerate(history["step"])}
     for number, name in enumerate(names[:MOST_PAIRS]):
-        table = contacts[(contacts["pair"] == name) & contacts["step"].isin(list(place))]
+        table = contacts.where("pair", name).where("step", *place)
         rows = np.array([place[int(step)] for step in table["step"]], dtype=np.int64)
         yield (str(name), COLOURS[number % len(COLOURS)], 1.1, rows, table)
 
@@ -90,12 +88,11 @@ def _over(friction: Floats, normal: Floats) -> Floats:
     return out
 
 
-def _draw_resultant(panels: Sequence[Axes], at: Floats, history: Any, unit: Unit) -> None:
+def _draw_resultant(panels: Sequence[Axes], at: Floats, history: Table, unit: Unit) -> None:
     """The signed resultant of the friction, where it says more than the sum of its amounts."""
     if "tangential_force" not in history:
         return
-    signed = history["tangential_force"].to_numpy(dtype=np.float64)
-    whole = history["friction_force"].to_numpy(dtype=np.float64)
+    signed, whole = history["tangential_force"], history["friction_force"]
     largest = float(np.max(whole, initial=0.0))
     unlike = np.abs(np.abs(signed) - whole) > 0.02 * largest
     if unlike.any() or (signed < -NOUGHT * largest).any():
@@ -104,11 +101,9 @@ def _draw_resultant(panels: Sequence[Axes], at: Floats, history: Any, unit: Unit
             axes.plot(at, unit.of(signed), color="0.55", lw=0.9, ls="--", label=label)
 
 
-def _fit_scales(panels: Sequence[Axes], history: Any) -> None:
+def _fit_scales(panels: Sequence[Axes], history: Table) -> None:
     """Friction on logarithmic scales where it spans decades while surfaces are driven."""
-    moving = history["velocity"].to_numpy(dtype=np.float64) != 0.0
-    friction = history["friction_force"].to_numpy(dtype=np.float64)
-    log = spans_decades(friction[moving])
+    log = spans_decades(history["friction_force"][history["velocity"] != 0.0])
     for axes in panels:
         values = np.concatenate([np.asarray(line.get_ydata(), np.float64) for line in axes.lines])
         values = values[np.isfinite(values)]
@@ -134,11 +129,11 @@ def energies_figure(results: Results) -> Figure:
     """Where the work of the run went; from nothing on, unless bodies moved at the beginning."""
     figure = Figure(figsize=(7, 4.4), layout="constrained")
     axes = figure.subplots()
-    at, table = abscissa_of(results), results.history
+    at, table = abscissa_of(results), results.table("history")
     parts, error = _energies(table)
     supplied = np.sum(list(parts.values()), axis=0) + error
     largest = float(np.max(np.abs(supplied))) or 1.0
-    apart = np.abs(supplied - table["external_work"].to_numpy(dtype=np.float64))
+    apart = np.abs(supplied - table["external_work"])
     moving_first = bool(apart.max() > 1e-9 * largest)
     first = [] if moving_first else [0.0]
     x = np.concatenate([[at.begin] * len(first), at.values])
@@ -160,10 +155,9 @@ def energies_figure(results: Results) -> Figure:
     return figure
 
 
-def _energies(table: Any) -> tuple[dict[str, Floats], Floats]:
+def _energies(table: Table) -> tuple[dict[str, Floats], Floats]:
     """What the work went into, J, by name, and what is not accounted for; each (n,)."""
-    column = {name: values.to_numpy(dtype=np.float64) for name, values in table.items()
-              if name not in TEXT_COLUMNS}  # fmt: skip
+    column = table.columns
     flow = column.get("plastic_dissipation", 0.0)  # results of before there was any have none
     parts = {
         "strain": column["strain_energy"],

@@ -16,6 +16,7 @@ from app.figures.units import fitting
 
 if TYPE_CHECKING:
     from app.results import Results
+    from app.results.table import Table
 
 
 def draw_phases(results: Results, figures: Path) -> list[Path]:
@@ -26,16 +27,16 @@ def draw_phases(results: Results, figures: Path) -> list[Path]:
     Returns:
         The files.
     """
-    case, table = results.case, results.surfaces
+    case, table = results.case, results.table("surfaces")
     sprung = [(b.surface, b.spring.direction) for b in case.boundary if b.spring is not None]
     stages = [
         stage.name for stage in case.stage if solver_of(stage, case.solver.kind) == "explicit"
     ]
-    if not sprung or table.empty:
+    if not sprung or not len(table):
         return []
     files = []
     for surface, axis in sprung:
-        rows = table[(table["surface"] == surface) & table["stage"].isin(stages)]
+        rows = table.where("surface", surface).where("stage", *stages)
         if len(rows):
             picture = "phase.png" if len(sprung) == 1 else f"phase-{surface}_{axis}.png"
             files.append(figures / picture)
@@ -43,7 +44,7 @@ def draw_phases(results: Results, figures: Path) -> list[Path]:
     return files
 
 
-def phase_figure(rows: Any, surface: str, axis: str) -> Figure:
+def phase_figure(rows: Table, surface: str, axis: str) -> Figure:
     """The force on a sprung surface over time, and its velocity against that force.
 
     Args:
@@ -51,10 +52,7 @@ def phase_figure(rows: Any, surface: str, axis: str) -> Figure:
         surface: its name.
         axis: direction of the spring.
     """
-    time, force, speed = (
-        rows[name].to_numpy(dtype=np.float64)
-        for name in ("time", f"force_{axis}", f"velocity_{axis}")
-    )
+    time, force, speed = (rows[name] for name in ("time", f"force_{axis}", f"velocity_{axis}"))
     times, forces, speeds = fitting(np.ptp(time), "s"), fitting(force, "N"), fitting(speed, "m/s")
     figure = Figure(figsize=(10, 4), layout="constrained")
     left, right = figure.subplots(1, 2)

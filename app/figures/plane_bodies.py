@@ -18,8 +18,7 @@ from app.figures.tractions import facets_of, line_starts
 from app.figures.units import Unit, fitting
 
 if TYPE_CHECKING:
-    import meshio
-
+    from app.results.vtu_reading import Grid
 SLENDER = 6.0  # extent over extent from which on the shorter one is stretched
 SMALL = 0.15  # extent of what is pressed over that of the bodies, below which it is seen close up
 CELLS_OUTLINED = 4000
@@ -65,7 +64,7 @@ def frame_round(states: Sequence[Bodies], names: tuple[str, str]) -> Frame:
     return Frame(low, high, fitting([extent.max()], "m"), stretched, names)
 
 
-def close_up(frame: Frame, nodes: meshio.Mesh) -> Frame | None:
+def close_up(frame: Frame, nodes: Grid) -> Frame | None:
     """A frame round what is pressed, where it would hardly be seen among the bodies; else None.
 
     Args:
@@ -180,7 +179,7 @@ def pair_colour(pair: int) -> str:
 
 
 def draw_slaves(
-    axes: Axes, nodes: meshio.Mesh, pairs: Mapping[int, str], unit: Unit
+    axes: Axes, nodes: Grid, pairs: Mapping[int, str], unit: Unit
 ) -> list[LineCollection]:
     """Mark where each pair is pressed, and with a dot where its arc length begins.
 

@@ -26,8 +26,7 @@ from app.figures.tractions import Ints, facets_of, write_no_load
 from app.figures.units import Unit, fitting
 
 if TYPE_CHECKING:
-    import meshio
-
+    from app.results.vtu_reading import Grid
 SMALL = 0.5  # extent of what is pressed over the slave's, below which only that is shown
 ARROWS = 250  # friction tractions drawn, about
 
@@ -47,7 +46,7 @@ class Plan:
     facets: Ints
 
 
-def seen_along_normal(nodes: meshio.Mesh, pair: int) -> Plan:
+def seen_along_normal(nodes: Grid, pair: int) -> Plan:
     """A slave in the plane across its mean normal, where it is pressed (all of it if nowhere).
 
     The normal is that of the slave, out of its body, turned towards the viewer where it has to be:
@@ -88,9 +87,7 @@ def _direction(vector: Floats) -> str:
     return "along (" + ", ".join(f"{v:.2g}" for v in vector) + ")"
 
 
-def draw_pairs(
-    figure: Any, panels: Sequence[Axes], nodes: meshio.Mesh, pairs: Mapping[int, str]
-) -> None:
+def draw_pairs(figure: Any, panels: Sequence[Axes], nodes: Grid, pairs: Mapping[int, str]) -> None:
     """Pressure and friction of each pair, in the same colours in all panels."""
     pressure = np.asarray(nodes.point_data["pressure"], dtype=np.float64)
     stress = fitting(pressure, "Pa")
@@ -111,7 +108,7 @@ def draw_pairs(
 
 
 def draw_pressure(
-    axes: Axes, nodes: meshio.Mesh, plan: Plan, unit: Unit, stress: Unit, top: float
+    axes: Axes, nodes: Grid, plan: Plan, unit: Unit, stress: Unit, top: float
 ) -> None:
     """Pressure on a slave where half or more of a node's surroundings touches; else its facets.
 
@@ -137,7 +134,7 @@ def draw_pressure(
     _limit(axes, place[np.unique(facets)], place[pressed])
 
 
-def touching(nodes: meshio.Mesh, facets: Ints, place: Floats) -> Path:
+def touching(nodes: Grid, facets: Ints, place: Floats) -> Path:
     """Outline of where half or more of a node's surroundings touches.
 
     Args:
@@ -173,7 +170,7 @@ def _limit(axes: Axes, whole: Floats, pressed: Floats) -> None:
     axes.set(xlim=(left, right), ylim=(low, high))
 
 
-def draw_friction(axes: Axes, nodes: meshio.Mesh, plan: Plan, unit: Unit) -> None:
+def draw_friction(axes: Axes, nodes: Grid, plan: Plan, unit: Unit) -> None:
     """Arrows of the friction on the master, where there is some."""
     vectors = nodes.point_data.get("friction_traction")
     if vectors is None:

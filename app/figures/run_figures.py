@@ -24,6 +24,7 @@ from app.results.reading import files_of_one_run
 if TYPE_CHECKING:
     from app.case.case import Case
     from app.results import Results
+    from app.results.table import Table
 
 
 def draw_figures(results: Results, field: str = DEFAULT_FIELD) -> list[Path]:
@@ -52,7 +53,7 @@ def draw_figures(results: Results, field: str = DEFAULT_FIELD) -> list[Path]:
 
 def _draw_run(results: Results, figures: Path) -> list[Path]:
     """The figures of the tables of a run; none before its first step."""
-    if results.history.empty:
+    if not len(results.table("history")):
         return []
     drawn: dict[str, Figure | None] = {
         "history.png": forces_figure(results) if results.case.contact else None,
@@ -61,7 +62,7 @@ def _draw_run(results: Results, figures: Path) -> list[Path]:
         "stribeck.png": stribeck_figure(series_of(results)),
     }
     files = _saved(drawn, figures) + draw_phases(results, figures)
-    steady = _steady_rows(results.load_steps)
+    steady = _steady_rows(results.table("load_steps"))
     if steady and _has_film(results.case):
         files += draw_steady([steady_series(results.case, steady)], figures)
     return files
@@ -85,7 +86,7 @@ def _draw_sweep(results: Results, figures: Path) -> list[Path]:
     series = [
         steady_series(single, steady, label)
         for label, single, part in found
-        if _has_film(single) and (steady := _steady_rows(part.load_steps))
+        if _has_film(single) and (steady := _steady_rows(part.table("load_steps")))
     ]
     return files + (draw_steady(series, figures) if series else [])
 
@@ -103,12 +104,9 @@ def _has_film(case: Case) -> bool:
     return bool(case.contact) and isinstance(case.contact[0].friction, FrictionMap)
 
 
-def _steady_rows(load_steps: Any) -> list[dict[str, Any]]:
+def _steady_rows(load_steps: Table) -> list[dict[str, Any]]:
     """The ends of velocities that were held until steady, or were to be."""
-    if load_steps.empty:
-        return []
-    rows: list[dict[str, Any]] = load_steps[load_steps["steady"] >= 0].to_dict("records")
-    return rows
+    return [row for row in load_steps.records() if row["steady"] >= 0.0]
 
 
 def _series_label(case: Case, label: str) -> str:

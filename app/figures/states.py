@@ -14,6 +14,7 @@ from app.simulation.time_text import time_text
 
 if TYPE_CHECKING:
     from app.results import Results
+    from app.results.table import Table
 
 AS_HIGH = 0.999  # share of the largest normal force from which on a load counts as the highest
 HIGHEST = "highest load"
@@ -47,10 +48,10 @@ def states_to_draw(results: Results) -> list[State]:
     outputs = np.asarray(results.steps, dtype=np.int64)
     if not len(outputs):
         return []
-    history = results.history
+    history = results.table("history")
     last = int(outputs[-1])
     names, notes = {last: "deformed"}, {last: [ENDINGS.get(results.summary.get("status", ""), "")]}
-    ends = [] if history.empty else _stage_ends(history)
+    ends = _stage_ends(history) if len(history) else []
     for number, (stage, end) in enumerate(ends[:-1], 1):
         step = _nearest(outputs, end)
         names.setdefault(step, f"deformed-{number}-{_as_name(stage)}")
@@ -70,26 +71,25 @@ def title_of(results: Results, step: int) -> str:
     return _title(results, step, [])
 
 
-def _stage_ends(history: Any) -> list[tuple[str, int]]:
+def _stage_ends(history: Table) -> list[tuple[str, int]]:
     """Each stage with its last step, in order."""
-    last = history.groupby("stage", sort=False)["step"].last()
-    return [(str(stage), int(step)) for stage, step in last.items()]
+    return [(str(stage), int(rows["step"][-1])) for stage, rows in history.parts("stage")]
 
 
-def _highest(history: Any, drawn: list[int], outputs: Any) -> tuple[int, str] | None:
+def _highest(history: Table, drawn: list[int], outputs: Any) -> tuple[int, str] | None:
     """The output at the highest load and what to say of it.
 
     None where nothing is pressed, and where no other picture shows a lower load than one that is
     drawn.
     """
-    if history.empty or "normal_force" not in history:
+    if not len(history) or "normal_force" not in history:
         return None
-    force = history["normal_force"].to_numpy(dtype=np.float64)
-    steps = history["step"].to_numpy(dtype=np.int64)
+    force = history["normal_force"]
+    steps = history["step"].astype(np.int64)
     largest = float(np.nanmax(force))
     if not largest > 0.0:
         return None
-    high = set(steps[force >= AS_HIGH * largest].tolist())
+    high = {int(step) for step in steps[force >= AS_HIGH * largest]}
     shown = [step for step in drawn if step in high]
     if shown:
         return (shown[0], HIGHEST) if len(shown) == 1 < len(drawn) else None
@@ -114,10 +114,11 @@ def _as_name(text: str) -> str:
 def _title(results: Results, step: int, notes: list[str]) -> str:
     """Stage, velocity, time and step, then what is special."""
     words = [note for note in notes if note]
-    row = _row(results.history, step)
+    history = results.table("history")
+    row = _row(history, step)
     if row is None:
         return "; ".join([f"step {step}", *words])
-    total = int(results.history["step"].iloc[-1])
+    total = int(history["step"][-1])
     velocity, time = float(row.get("velocity", 0.0)), float(row["time"])
     moving = f" at {fitting([velocity], 'm/s').text(velocity)}" if velocity else ""
     when = time_text(time, float(row.get("dt", 0.0)))
@@ -125,9 +126,7 @@ def _title(results: Results, step: int, notes: list[str]) -> str:
     return "; ".join([said, *words])
 
 
-def _row(history: Any, step: int) -> Mapping[str, Any] | None:
+def _row(history: Table, step: int) -> Mapping[str, Any] | None:
     """The row of a step in the history."""
-    if history.empty:
-        return None
-    found = history[history["step"] == step]
-    return None if found.empty else dict(found.iloc[0])
+    found = history.where("step", step).records() if len(history) else []
+    return found[0] if found else None

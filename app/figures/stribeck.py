@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -19,6 +19,7 @@ from app.figures.units import fitting
 if TYPE_CHECKING:
     from app.case.case import Case
     from app.results import Results
+    from app.results.table import Table
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,22 +46,23 @@ def series_of(results: Results, label: str = "") -> list[StribeckSeries]:
         results: of a run.
         label: of the run, before the name of the pair.
     """
-    ends = results.load_steps
-    if ends.empty or "velocity" not in ends:
+    ends = results.table("load_steps")
+    if "velocity" not in ends:
         return []
-    ends = ends[ends["velocity"] != 0.0]
-    if ends["velocity"].abs().nunique() < 2:
+    ends = ends.rows(ends["velocity"] != 0.0)
+    if len(np.unique(np.abs(ends["velocity"]))) < 2:
         return []
     settled = np.array([value not in (False, 0) for value in ends["steady"]])
-    contacts = results.contacts
-    names = [] if contacts.empty else list(dict.fromkeys(contacts["pair"]))
+    contacts = results.table("contacts")
+    names = list(dict.fromkeys(contacts["pair"])) if len(contacts) else []
     if len(names) < 2:
         return [_series(label, ends, ends["velocity"], settled, _viscosity(results.case, 0))]
     found = []
     for number, name in enumerate(names):
-        own = contacts[contacts["pair"] == name].set_index("step")
-        there = ends["step"].isin(own.index).to_numpy()
-        rows = own.loc[ends["step"][there]]
+        own = contacts.where("pair", name)
+        place = {step: row for row, step in enumerate(own["step"].tolist())}
+        there = np.isin(ends["step"], own["step"])
+        rows = own.rows(np.array([place[step] for step in ends["step"][there].tolist()], np.int64))
         words = f"{label}, {name}" if label else str(name)
         viscosity = _viscosity(results.case, number)
         found.append(_series(words, rows, ends["velocity"][there], settled[there], viscosity))
@@ -75,12 +77,10 @@ def _viscosity(case: Case, pair: int) -> float:
 
 
 def _series(
-    label: str, rows: Any, velocity: Any, settled: NDArray[np.bool_], viscosity: float
+    label: str, rows: Table, velocity: Floats, settled: NDArray[np.bool_], viscosity: float
 ) -> StribeckSeries:
-    speed = np.abs(np.asarray(velocity, dtype=np.float64))
-    normal = rows["normal_force"].to_numpy(dtype=np.float64)
-    friction = rows["friction_force"].to_numpy(dtype=np.float64)
-    area = rows["contact_area"].to_numpy(dtype=np.float64)
+    speed, normal = np.abs(velocity), rows["normal_force"]
+    friction, area = rows["friction_force"], rows["contact_area"]
     order = np.argsort(speed, kind="stable")
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = np.where(normal > 0.0, friction / normal, np.nan)

@@ -98,17 +98,16 @@ class SweepLine:
 
 def sweep_lines(results: Results, swept: SweptValues) -> list[SweepLine]:
     """One line for each stage or velocity that at least one run has come to."""
-    table = results.sweep
-    table = table[table["label"].isin(list(swept.places))]
+    table = results.table("sweep").where("label", *swept.places)
     lines = []
-    for (stage, velocity), rows in table.groupby(["stage", "velocity"], sort=False):
+    for stage, velocity in dict.fromkeys(zip(table["stage"], table["velocity"], strict=True)):
+        rows = table.where("stage", stage).where("velocity", velocity)
         at = np.array([swept.places[label] for label in rows["label"]])
         order = np.argsort(at, kind="stable")
         speed = fitting([velocity], "m/s").text(velocity)
         name = f"{stage}, {speed}" if velocity else str(stage)
         normal, friction, steady = (
-            rows[column].to_numpy(dtype=np.float64)[order]
-            for column in ("normal_force", "friction_force", "steady")
+            rows[column][order] for column in ("normal_force", "friction_force", "steady")
         )
         lines.append(SweepLine(name, at[order], normal, friction, steady == 0))
     return lines
@@ -125,7 +124,7 @@ def _chosen(lines: list[SweepLine]) -> list[SweepLine]:
 def sweep_figure(results: Results) -> Figure | None:
     """Normal force, friction force and their ratio over the swept value; None without any row."""
     sweep = results.case.sweep
-    if sweep is None or results.sweep.empty:
+    if sweep is None or not len(results.table("sweep")):
         return None
     swept = swept_values(sweep.key, sweep.labels, sweep.values)
     found = sweep_lines(results, swept)

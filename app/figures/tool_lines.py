@@ -28,7 +28,7 @@ def tool_lines(results: Results, step: int) -> Floats | None:
     """
     if not results.case.tools:
         return None
-    mesh = results.tool_outlines(step)
+    mesh = results.grid("tools", step)
     lines: Floats = np.asarray(mesh.points[mesh.cells[0].data][..., :2], dtype=np.float64)
     return lines
 

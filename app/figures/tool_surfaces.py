@@ -32,7 +32,7 @@ def tool_triangles(results: Results, step: int) -> Floats | None:
     """
     if not results.case.tools:
         return None
-    mesh = results.tool_outlines(step)
+    mesh = results.grid("tools", step)
     found: Floats = np.asarray(mesh.points[mesh.cells[0].data], dtype=np.float64)
     return found
 

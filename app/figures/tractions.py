@@ -19,9 +19,8 @@ from app.figures.units import Unit
 from geometry.surfaces.ordering import chains
 
 if TYPE_CHECKING:
-    import meshio
-
     from app.results import Results
+    from app.results.vtu_reading import Grid
 
 Ints = NDArray[np.int64]
 
@@ -131,14 +130,14 @@ def arc_of_points(line: Line, nodes: Floats, points: Floats) -> Floats:
     return out
 
 
-def facets_of(mesh: meshio.Mesh, pair: int) -> Ints:
+def facets_of(mesh: Grid, pair: int) -> Ints:
     """Facets (f, a) of a pair in a contact file, in all its blocks."""
     of = np.rint(np.asarray(mesh.point_data["pair"], dtype=np.float64)).astype(np.int64)
     blocks = [np.asarray(block.data, dtype=np.int64) for block in mesh.cells]
     return np.concatenate([block[of[block[:, 0]] == pair] for block in blocks])
 
 
-def pairs_shown(nodes: meshio.Mesh, count: int, most: int) -> list[int]:
+def pairs_shown(nodes: Grid, count: int, most: int) -> list[int]:
     """Numbers of the pairs to show: all, or those that carry most; in their order.
 
     Args:
@@ -155,15 +154,15 @@ def pairs_shown(nodes: meshio.Mesh, count: int, most: int) -> list[int]:
 
 def roundoff_of(results: Results) -> float:
     """Pressure, Pa, below which there is none: far below the largest N/A of any step and pair."""
-    table = results.history if results.contacts.empty else results.contacts
-    if table.empty or not {"normal_force", "contact_area"} <= set(table.columns):
+    table = results.table("contacts" if len(results.table("contacts")) else "history")
+    if not len(table) or not {"normal_force", "contact_area"} <= table.columns.keys():
         return 0.0
-    force, area = (table[name].to_numpy(np.float64) for name in ("normal_force", "contact_area"))
+    force, area = table["normal_force"], table["contact_area"]
     touching = area > 0.0
     return NO_LOAD * float(np.max(np.abs(force[touching]) / area[touching], initial=0.0))
 
 
-def without_roundoff(nodes: meshio.Mesh, roundoff: float) -> meshio.Mesh:
+def without_roundoff(nodes: Grid, roundoff: float) -> Grid:
     """The contact file with no traction at all at nodes whose pressure is round-off.
 
     Args:
@@ -187,8 +186,8 @@ def write_no_load(axes: Axes) -> None:
 
 def draw_tractions(
     axes: Axes,
-    nodes: meshio.Mesh,
-    points: meshio.Mesh | None,
+    nodes: Grid,
+    points: Grid | None,
     pair: int,
     length: Unit,
     stress: Unit,
@@ -241,7 +240,7 @@ def _show_pressed(axes: Axes, line: Line, pressure: Floats, length: Unit) -> Non
     axes.set_xlim(length.factor * (at.min() - margin), length.factor * (at.max() + margin))
 
 
-def line_starts(nodes: meshio.Mesh, pairs: Sequence[int]) -> dict[int, Floats]:
+def line_starts(nodes: Grid, pairs: Sequence[int]) -> dict[int, Floats]:
     """Current place (i,), m, of the point where the arc length of each pair begins."""
     reference = np.asarray(nodes.point_data["reference"], dtype=np.float64)[:, :2]
     pressed = np.asarray(nodes.point_data["pressure"]) > 0.0

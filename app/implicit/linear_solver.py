@@ -10,12 +10,18 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Literal
 
+import numpy as np
 from petsc4py import PETSc
 
 from app.equilibrium.equilibrium import Equilibrium
 from app.equilibrium.snapshot import Local, Snapshot
 from app.equilibrium.step_mode import DEFAULT_STEP, StepMode
 from app.implicit.assembly import Assembly
+from app.implicit.body_blocks import BodyBlocks
+from app.implicit.coupled_factor import DIRECT, CoupledFactor
+from app.implicit.kept_bodies import stiff_solids
+from app.implicit.linear_way import LEFT, LinearWay
+from app.implicit.multigrid import KRYLOV, Multigrid, rigid_motions_of
 from app.implicit.petsc_options import refusal, silence, unused
 from geometry.surfaces.facets import Ints
 
@@ -24,28 +30,8 @@ Linear = Literal["auto", "direct", "krylov"]
 # n^1.5 operations in the plane and n^2 in space, and n log n and n^(4/3) words of memory. In space
 # both take the same time at about 10 000; beyond it the margin is for using a factor again.
 DIRECT_LIMIT = {2: 2_000_000, 3: 20_000}
-DIRECT: dict[str, str | float | bool] = {
-    "ksp_type": "preonly",
-    "pc_type": "lu",
-    "pc_factor_mat_solver_type": "mumps",
-}
-KRYLOV: dict[str, str | float | bool] = {
-    "ksp_type": "fgmres",
-    # Newton's method gains three digits an iteration where it converges: more would be wasted.
-    "ksp_rtol": 1e-3,
-    "ksp_max_it": 200,
-    "ksp_gmres_restart": 60,
-    "pc_type": "gamg",
-    # One symmetric sweep of Gauss-Seidel within each rank: it needs no bounds of eigenvalues,
-    # and did not fail at a Poisson's ratio of 0.49, where incomplete factorisation did.
-    "mg_levels_ksp_type": "richardson",
-    "mg_levels_ksp_max_it": 1,
-    "mg_levels_pc_type": "sor",
-}
-# Iterations, over those of the first solve with a preconditioner (at least FEW), from which it is
-# made from nothing: smoothed aggregation keeps its coarse spaces while the pattern stays, and
-# points that stuck may slip by now.
-WORN, FEW = 2, 10
+ENDING = 0.5  # what a linear solve may leave, over what Newton's method may leave in the end
+CLOSEST = 1e-8  # share of the forces that no linear solve has to get below
 
 
 def linear_options(problem: Equilibrium, kind: Linear) -> dict[str, str | float | bool]:
@@ -77,20 +63,28 @@ class LinearSolver:
         self.matrix = problem.new_matrix(x)
         self.assembled = 0
         self._pattern = problem.pattern_changes
-        self._fresh: int | None = None  # iterations of the first solve with a new preconditioner
-        self._iterations = 0  # of the last solve before the run was resumed
         # What the matrix was made from when analysis or preconditioner began anew, and last.
         self._first: Assembly | None = None
+        self._first_room: Snapshot = {}  # what it had room for at that time
         self._last: Assembly | None = None
         self._ksp: PETSc.KSP | None = None
-        self._near: PETSc.NullSpace | None = None
+        self._way: LinearWay | None = None
 
-    def use(self, ksp: PETSc.KSP) -> None:
-        """Solve with ``ksp``, whose operators this matrix becomes."""
+    def use(self, ksp: PETSc.KSP, as_it_is: bool = False) -> None:
+        """Solve with ``ksp``, whose operators this matrix becomes; collective.
+
+        Args:
+            ksp: PETSc's solver.
+            as_it_is: whether the user has chosen how it solves.
+        """
         self._ksp = ksp
         ksp.setOperators(self.matrix)
-        if not self.direct:
-            self._near = self._near_nullspace()
+        if ksp.getType() != PETSc.KSP.Type.PREONLY:
+            self._way = Multigrid(ksp, self.matrix, rigid_motions_of(self.problem))
+        elif not as_it_is and (stiff := stiff_solids(self.problem)):
+            self._way = BodyBlocks(ksp, self.matrix, self.problem, stiff)
+        else:
+            self._way = CoupledFactor(ksp, self.matrix)
 
     def try_options(self, x: PETSc.Vec, prefix: str, names: Iterable[str]) -> None:
         """Set everything up at ``x``, as PETSc reads some options only then; collective.
@@ -110,30 +104,22 @@ class LinearSolver:
             raise refusal(error) from None
         idle = unused(self.problem.comm, prefix, names)
         if idle:
-            kinds = f'ksp_type "{self.ksp.getType()}" and pc_type "{self.ksp.getPC().getType()}"'
             silence()
-            raise ValueError(f"{', '.join(idle)}: not used by PETSc with {kinds}")
-        self.ksp.reset()  # the first factorisation of the run is that of its first tangent
+            raise ValueError(f"{', '.join(idle)}: not used by PETSc with {self.way.kinds()}")
+        self.way.renew()  # the first factorisation of the run is that of its first tangent
         self.ksp.setOperators(self.matrix)
         self.assembled, self._first, self._last = 0, None, None
 
     @property
     def direct(self) -> bool:
         """Whether a solve with the matrix at hand is a substitution: cheap beside a new matrix."""
-        return bool(self.ksp.getType() == PETSc.KSP.Type.PREONLY)
+        return self.way.direct
 
-    def _near_nullspace(self) -> PETSc.NullSpace:
-        """Rigid motions, orthonormal, for smoothed aggregation; collective.
-
-        Those of all bodies together serve each of them: smoothed aggregation restricts them to its
-        aggregates, which lie within a body.
-        """
-        problem = self.problem
-        nodes = problem.owned // problem.dim
-        position = problem.space.tabulate_dof_coordinates()[:nodes, : problem.dim]
-        coordinates = problem.new_vector()
-        coordinates.array[:] = position.reshape(-1)
-        return PETSc.NullSpace().createRigidBody(coordinates)
+    @property
+    def way(self) -> LinearWay:
+        """How systems are solved."""
+        assert self._way is not None, "use() comes first"
+        return self._way
 
     @property
     def ksp(self) -> PETSc.KSP:
@@ -183,9 +169,14 @@ class LinearSolver:
 
     def solve(self, rhs: PETSc.Vec, solution: PETSc.Vec) -> bool:
         """Solve with the tangent assembled last; returns whether it worked."""
+        self.way.aim(LEFT)
         with self.problem.timer("linear solve"):
             self.ksp.solve(rhs, solution)
         return self.forget_failure()
+
+    def aim(self, share: float) -> None:
+        """Solve so well that ``share`` of the forces may do as what Newton's method leaves."""
+        self.way.aim(float(np.clip(ENDING * share, CLOSEST, LEFT)))
 
     def forget_failure(self) -> bool:
         """Drop a factorisation that failed, over which the next solve would stumble.
@@ -195,91 +186,80 @@ class LinearSolver:
         """
         if self.ksp.getConvergedReason() >= 0:
             return True
-        self.ksp.reset()
+        self.way.renew()
         self.ksp.setOperators(self.matrix)
         self._first = None
         return False
 
     def _changed(self) -> None:
-        """Take note of new entries, and of a new pattern.
-
-        PETSc exchanges the matrix's inside on an addition with another pattern and does not see
-        by itself that the factorisation's analysis is out of date.
-        """
+        """Take note of new entries, and of a new pattern."""
         self.assembled += 1
-        if self._near is not None:
-            self.matrix.setNearNullSpace(self._near)
-        if self._pattern != self.problem.pattern_changes or self._worn():
-            self._pattern = self.problem.pattern_changes
-            self.ksp.reset()
-            self._fresh = self._first = None
-        self._first = self._first or self._last
-        self.ksp.setOperators(self.matrix)
-        with self.problem.timer("factorisation" if self.direct else "preconditioner"):
-            self.ksp.setUp()
-
-    def _worn(self) -> bool:
-        """Whether the last solve took far more iterations than the preconditioner's first."""
-        last = self._last_iterations()
-        if self.direct or last == 0:
-            return False
-        if self._fresh is None:
-            self._fresh = max(last, FEW)
-        return last > WORN * self._fresh
+        widened = self._pattern != self.problem.pattern_changes
+        self._pattern = self.problem.pattern_changes
+        with self.problem.timer(self.way.part):
+            if self.way.set_up(widened):
+                self._first, self._first_room = self._last, self._room()
 
     # -- restart ------------------------------------------------------------------------------
 
     def snapshot(self) -> Snapshot:
         """What the factorisation or preconditioner at hand was made from."""
         first = None if self._first is self._last or self._first is None else self._first
+        return {
+            "first": None if first is None else first.snapshot(self.problem),
+            "first_room": None if first is None else self._first_room,
+            "last": None if self._last is None else self._last.snapshot(self.problem),
+            "room": self._room(),
+            "assembled": self.assembled,
+            "way": self.way.snapshot(),
+        }
+
+    def _room(self) -> Snapshot:
+        """What the matrix has room for at present; it only grows."""
+        tangent = self.problem.tangent
         windows: dict[str, Ints] = {}
-        for pair, window in enumerate(self.problem.tangent.windows):
+        for pair, window in enumerate(tangent.windows):
             arrays = {} if window is None else window.arrays()
             windows |= {f"{name}_{pair}": values for name, values in arrays.items()}
         return {
-            "first": None if first is None else first.snapshot(self.problem),
-            "last": None if self._last is None else self._last.snapshot(self.problem),
             "windows": Local(windows),
-            "platens": [list(acting) for acting in self.problem.tangent.seen],
-            "assembled": self.assembled,
-            "patterns": self.problem.pattern_changes,
-            "fresh": self._fresh,
-            "iterations": self._last_iterations(),
+            "platens": [list(acting) for acting in tangent.seen],
+            "patterns": tangent.pattern_changes,
         }
 
     def restore(self, kept: Snapshot) -> None:
         """Make the matrices again that :meth:`snapshot` has seen, with all that PETSc keeps.
 
-        A direct solver's analysis and a preconditioner's coarse spaces belong to the first matrix
-        with the present pattern, the rest to the last one. Contacts and loads are left as they
-        were; collective.
+        A direct solver's analysis and a preconditioner's coarse spaces belong to the first matrix,
+        the rest to the last one. Contacts and loads are left as they were; collective.
         """
-        self.problem.tangent.seen = [tuple(acting) for acting in kept["platens"]]
-        self._restore_pattern(kept["windows"] or {})
-        self._pattern = self.problem.tangent.pattern_changes = kept["patterns"]
-        self.ksp.reset()
-        self._first = None
-        for name in ("first", "last"):
-            if kept[name] is not None:
-                self._restore_matrix(kept[name])
-        self.assembled, self._fresh = kept["assembled"], kept["fresh"]
-        self._iterations = kept["iterations"]
+        self.way.renew()
+        self._restore_room(kept["room"] if kept["first"] is None else kept["first_room"])
+        self._pattern = self.problem.pattern_changes
+        self.way.restore(kept["way"], lambda: self._restore_matrices(kept))
+        self.assembled = kept["assembled"]
 
-    def _restore_pattern(self, kept: Snapshot) -> None:
-        tangent = self.problem.tangent
+    def _restore_room(self, kept: Snapshot) -> None:
+        """Give the matrix the room of :meth:`_room`."""
+        tangent, windows = self.problem.tangent, kept["windows"] or {}
+        tangent.seen = [tuple(acting) for acting in kept["platens"]]
         for pair, window in enumerate(tangent.windows):
             ending = f"_{pair}"
-            arrays = {k.removesuffix(ending): v for k, v in kept.items() if k.endswith(ending)}
+            arrays = {k.removesuffix(ending): v for k, v in windows.items() if k.endswith(ending)}
             if window is not None and arrays:
                 tangent.windows[pair] = window.with_arrays(arrays)
         tangent.make_room(self.matrix)
+        tangent.pattern_changes = kept["patterns"]
+
+    def _restore_matrices(self, kept: Snapshot) -> None:
+        if kept["first"] is not None:
+            self._restore_matrix(kept["first"])
+            if self.problem.pattern_changes != kept["room"]["patterns"]:
+                self._restore_room(kept["room"])
+        if kept["last"] is not None:
+            self._restore_matrix(kept["last"])
 
     def _restore_matrix(self, kept: Snapshot) -> None:
         assembly = Assembly.restored(self.problem, kept)
-        self._iterations = 0  # not worn
         with assembly.in_place(self.problem) as (x, before):
             self.assemble(x, assembly.step, before)
-
-    def _last_iterations(self) -> int:
-        """Iterations of the last solve, or of that before the run was resumed."""
-        return int(self.ksp.getIterationNumber()) or self._iterations

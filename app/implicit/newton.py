@@ -18,7 +18,7 @@ from app.equilibrium.snapshot import Snapshot
 from app.equilibrium.step_mode import DEFAULT_STEP, StepMode
 from app.implicit.linear_solver import LinearSolver, linear_options
 from app.implicit.options import ImplicitOptions
-from app.implicit.petsc_options import refusal
+from app.implicit.petsc_options import errors_as_raised, refusal, sets_solver
 
 PREFIX = "tribox_"
 _numbers = itertools.count()
@@ -108,7 +108,7 @@ class Newton:
         prefix = f"{PREFIX}{next(_numbers)}_"  # of its own: options must not reach the next run
         self._petsc_options = PETSc.Options(prefix)
         self.snes = self._new_snes(prefix)
-        solver.use(self.snes.getKSP())
+        solver.use(self.snes.getKSP(), as_it_is=sets_solver(options.petsc))
         if options.petsc:
             solver.try_options(trial, prefix, options.petsc)
 
@@ -135,7 +135,22 @@ class Newton:
             snes.getKSP().getPC().setFromOptions()
         except PETSc.Error as error:
             raise refusal(error) from None
+        if snes.getKSP().getType() != PETSc.KSP.Type.PREONLY:
+            self._leave_preconditioner(snes)
         return snes
+
+    def _leave_preconditioner(self, snes: PETSc.SNES) -> None:
+        """Let only the linear solver decide when its preconditioner is made anew.
+
+        SNES sets that with each tangent. With a lag of −2 it asks for it with the next tangent,
+        here one that nothing is put into, and never again.
+        """
+        self._petsc_options["snes_lag_preconditioner"] = -2
+        snes.setFromOptions()
+        del self._petsc_options["snes_lag_preconditioner"]  # read again, it would ask again
+        snes.setJacobian(lambda *_: None, self.solver.matrix)
+        snes.computeJacobian(self.trial, self.solver.matrix)
+        snes.setJacobian(self._jacobian, self.solver.matrix)
 
     # -- solution -----------------------------------------------------------------------------
 
@@ -225,7 +240,8 @@ class Newton:
         """
         iterations = 0
         for _ in range(1 if self.solver.direct else 2):
-            with self.problem.timer("linear solve"):  # the other parts take themselves out
+            # The other parts take themselves out.
+            with self.problem.timer("linear solve"), errors_as_raised():
                 self.snes.solve(None, self.trial)
             iterations += self.snes.getIterationNumber()
             if self.solver.forget_failure():
@@ -252,6 +268,7 @@ class Newton:
         if not self._reuse():
             self.solver.assemble(x, self._step, self._before)
             x.copy(self._before)
+        self.solver.aim(self._tolerance / max(self.residuals[-1], self._tolerance))
 
     def _reuse(self) -> bool:
         """Whether the tangent factorised last will do for an iteration that ends the step.

@@ -19,7 +19,6 @@ import stat
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from functools import cached_property
-from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
@@ -30,8 +29,9 @@ from app.case.case import Case
 from app.case.reading import load_past_case
 from app.case.solver import LABEL, LONGEST_LABEL
 from app.errors import InputError
-from app.results.directory import TEXT_COLUMNS
 from app.results.lock import owner_of
+from app.results.table import Table
+from app.results.vtu_reading import Grid, UnknownVtuError, read_vtu
 
 if TYPE_CHECKING:
     import meshio
@@ -145,42 +145,42 @@ class Results:
     @cached_property
     def history(self) -> DataFrame:
         """One row a step: the contact of all pairs together, energies, iterations."""
-        return self._table("history")
+        return _frame(self.table("history"))
 
     @cached_property
     def contacts(self) -> DataFrame:
         """One row a step and pair."""
-        return self._table("contacts")
+        return _frame(self.table("contacts"))
 
     @cached_property
     def surfaces(self) -> DataFrame:
         """One row a step and surface with a boundary: motion, force and moment."""
-        return self._table("surfaces")
+        return _frame(self.table("surfaces"))
 
     @cached_property
     def bodies(self) -> DataFrame:
         """One row a step and body: motion and contact force."""
-        return self._table("bodies")
+        return _frame(self.table("bodies"))
 
     @cached_property
     def tools(self) -> DataFrame:
         """One row a step and rigid tool: motion, forces and moments."""
-        return self._table("tools")
+        return _frame(self.table("tools"))
 
     @cached_property
     def probes(self) -> DataFrame:
         """One row a step and point of the probes that are points or lines."""
-        return self._table("probes")
+        return _frame(self.table("probes"))
 
     @cached_property
     def body_probes(self) -> DataFrame:
         """One row a step and probe that is a body."""
-        return self._table("body_probes")
+        return _frame(self.table("body_probes"))
 
     @cached_property
     def contact_probes(self) -> DataFrame:
         """One row a step and point of the probes along slave surfaces."""
-        return self._table("contact_probes")
+        return _frame(self.table("contact_probes"))
 
     @cached_property
     def load_steps(self) -> DataFrame:
@@ -188,22 +188,12 @@ class Results:
 
         ``steady`` is 1 if the velocity was held until steady, 0 if not, −1 where nobody asked.
         """
-        path = self.directory / "summary.json"
-        try:
-            rows = [r | {"steady": STEADY[r["steady"]]} for r in self.summary.get("load_steps", [])]
-        except (KeyError, TypeError):
-            raise InputError(
-                f"{path}: is no summary of tribox (a load step has no steady true, false or null)"
-            ) from None
-        frame = _frame(rows, path)
-        if rows:
-            _check_columns(frame, ("label", "step", "stage"), path)
-        return frame
+        return _frame(self.table("load_steps"))
 
     @cached_property
     def sweep(self) -> DataFrame:
         """One row for each stage or velocity of each run of a sweep."""
-        return self._table("sweep")
+        return _frame(self.table("sweep"))
 
     @cached_property
     def parts(self) -> dict[str, Results]:
@@ -222,26 +212,56 @@ class Results:
         found = {label: self.directory / label for label in labels}
         return {k: Results(path) for k, path in found.items() if (path / "case.toml").is_file()}
 
-    def _table(self, name: str) -> DataFrame:
-        import pandas as pd
+    def table(self, name: str) -> Table:
+        """A table as plain columns, which need no pandas.
 
+        Args:
+            name: of one of the data frames above, such as "history".
+
+        Raises:
+            InputError: the file is cut off or not a table.
+        """
+        if name not in self._tables:
+            made = self._load_steps() if name == "load_steps" else self._read_table(name)
+            self._tables[name] = made
+        return self._tables[name]
+
+    @cached_property
+    def _tables(self) -> dict[str, Table]:
+        return {}
+
+    def _load_steps(self) -> Table:
+        path = self.directory / "summary.json"
+        try:
+            rows = [r | {"steady": STEADY[r["steady"]]} for r in self.summary.get("load_steps", [])]
+        except (KeyError, TypeError):
+            raise InputError(
+                f"{path}: is no summary of tribox (a load step has no steady true, false or null)"
+            ) from None
+        try:
+            found = Table.from_records(rows)
+        except ValueError:
+            raise InputError(f"{path}: {CUT_OFF} a table of tribox") from None
+        if rows:
+            _check_columns(found, ("label", "step", "stage"), path)
+        return found
+
+    def _read_table(self, name: str) -> Table:
         path = self.directory / f"{name}.csv"
         if not path.exists():
-            return pd.DataFrame()
+            return Table()
         text = _text(path, "a table")
         if self.unfinished:  # its last row may be in the middle of being written
             text = text[: text.rfind("\n") + 1]
         try:
-            rows = pd.read_csv(StringIO(text), dtype=str, keep_default_na=False)
-        except ValueError:  # also pandas' own errors
+            found = Table.from_csv(text)
+        except ValueError:
             raise InputError(f"{path}: {CUT_OFF} a table of tribox") from None
-        # Of rows that are longer than the header pandas takes the first column for names of rows.
-        if not text.endswith("\n") or not isinstance(rows.index, pd.RangeIndex):
+        if not text.endswith("\n"):
             raise InputError(f"{path}: {CUT_OFF} a table of tribox")
-        frame = _frame(rows, path)
         needed = (*STEP_COLUMNS, *NAME_COLUMNS.get(name, ()))
-        _check_columns(frame, SWEEP_COLUMNS if name == "sweep" else needed, path)
-        return frame
+        _check_columns(found, SWEEP_COLUMNS if name == "sweep" else needed, path)
+        return found
 
     # -- fields -------------------------------------------------------------------------------
 
@@ -290,14 +310,26 @@ class Results:
         return self._mesh("tools", step)
 
     def _mesh(self, name: str, step: int) -> meshio.Mesh:
-        import meshio
-
         path = self._file(name, step)
-        try:
-            _see_file(path)
-            return meshio.vtu.read(path)
-        except Exception:  # whatever its XML parser, base64, zlib and numpy raise
-            raise InputError(f"{path}: {CUT_OFF} a file of tribox") from None
+        with _whole(path):
+            return _read_by_meshio(path)
+
+    def grid(self, name: str, step: int = LAST) -> Grid | meshio.Mesh:
+        """The same as a grid like such a mesh, which needs no meshio unless others wrote it.
+
+        Args:
+            name: "fields", "contact", "contact_points" or "tools".
+            step: as of :meth:`fields`.
+
+        Raises:
+            InputError: as :meth:`fields`.
+        """
+        path = self._file(name, step)
+        with _whole(path):
+            try:
+                return read_vtu(path)
+            except UnknownVtuError:
+                return _read_by_meshio(path)
 
     def _file(self, name: str, step: int) -> Path:
         """The file of a step.
@@ -330,6 +362,26 @@ class Results:
         """The files of a series by their steps."""
         found = self.directory.glob(f"{name}/*.vtu")
         return {int(p.stem): p for p in found if p.stem.isdecimal()}
+
+
+@contextmanager
+def _whole(path: Path) -> Iterator[None]:
+    """Read a grid inside.
+
+    Raises:
+        InputError: it is none, or cut off.
+    """
+    try:
+        _see_file(path)
+        yield
+    except Exception:  # whatever the XML parser, base64, zlib and numpy raise
+        raise InputError(f"{path}: {CUT_OFF} a file of tribox") from None
+
+
+def _read_by_meshio(path: Path) -> meshio.Mesh:
+    import meshio
+
+    return meshio.vtu.read(path)
 
 
 def _is_label(text: str) -> bool:
@@ -397,32 +449,19 @@ def _index(path: Path) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         raise InputError(f"{path}: {CUT_OFF} an index of tribox") from None
 
 
-def _check_columns(frame: DataFrame, names: Iterable[str], path: Path) -> None:
+def _check_columns(table: Table, names: Iterable[str], path: Path) -> None:
     """See that a table has columns.
 
     Raises:
         InputError: it lacks one, so that it is some other table.
     """
-    missing = next((name for name in names if name not in frame.columns), None)
+    missing = next((name for name in names if name not in table), None)
     if missing is not None:
         raise InputError(f"{path}: is no table of tribox (it has no column {missing})")
 
 
-def _frame(rows: Any, path: Path) -> DataFrame:
-    """Rows as a data frame: text columns as text, the others as floats.
-
-    Raises:
-        InputError: a number is missing or is none.
-    """
+def _frame(table: Table) -> DataFrame:
+    """A table as a data frame."""
     import pandas as pd
 
-    frame = pd.DataFrame(rows)
-    kinds = {name: str if name in TEXT_COLUMNS else float for name in frame.columns}
-    if "value" in frame and pd.to_numeric(frame["value"], errors="coerce").isna().any():
-        kinds["value"] = str  # what is swept are texts
-    if frame.isna().to_numpy().any():
-        raise InputError(f"{path}: {CUT_OFF} a table of tribox")
-    try:
-        return frame.astype(kinds)
-    except (TypeError, ValueError, OverflowError):
-        raise InputError(f"{path}: {CUT_OFF} a table of tribox") from None
+    return pd.DataFrame(table.columns)

@@ -8,9 +8,7 @@ import time
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
-
-from rich.console import Console
+from typing import TYPE_CHECKING, Any
 
 from app.build.load_steps import LoadStep
 from app.case.case import Case
@@ -18,13 +16,17 @@ from app.implicit.stepper import StepResult
 from app.results.saving import Saving
 from app.run.log import Log
 from app.run.process import drop_output
-from app.run.stage_bars import StageBars
 from app.run.stage_progress import StageProgress, StagesProgress
 from app.simulation.failure_diagnosis import reason_of
 from app.simulation.history import Row
 from app.simulation.observer import Interval, Observer
 from app.simulation.run_state import RunState
 from app.simulation.time_text import time_text
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from app.run.stage_bars import StageBars
 
 LINE_EVERY = 2.0  # s between two lines on an explicit run
 
@@ -56,20 +58,24 @@ class Reporter(Observer):
             case: that is run.
             saving: keeps errors of writing the log.
             quiet: print warnings and results only.
-            console: where lines are printed; default: standard output.
+            console: where lines are printed; default: standard output, plainly where that is no
+                terminal.
             resumed: whether the log goes on with one that is there.
         """
         self.saving = saving
         self._log = Log(log, saving, resumed)
-        self._console = console or Console(highlight=False, soft_wrap=True)
+        self._console = console or _terminal()
         self._quiet = quiet
         self._pace = _Pace()
         self._progress = StagesProgress(case)
         self._touching = bool(case.contact)
         self._bars: StageBars | None = None
         alone = "OMPI_COMM_WORLD_SIZE" not in os.environ
-        terminal = self._console.file.isatty() and not self._console.is_dumb_terminal
-        if terminal and alone and not quiet:
+        if self._console is None or not alone or quiet:
+            return
+        if self._console.file.isatty() and not self._console.is_dumb_terminal:
+            from app.run.stage_bars import StageBars
+
             self._bars = StageBars(self._progress, self._console)
 
     def go_on(self, state: RunState, ends: Iterable[tuple[float, float]], steps: int) -> None:
@@ -92,6 +98,9 @@ class Reporter(Observer):
 
     def _print(self, line: str) -> None:
         try:
+            if self._console is None:
+                print(line, flush=True)
+                return
             self._console.print(line, markup=False)
             if not self._console.is_terminal:
                 sys.stdout.flush()
@@ -187,6 +196,15 @@ class Reporter(Observer):
         """Take the bars away."""
         if self._bars is not None:
             self._bars.close()
+
+
+def _terminal() -> Console | None:
+    """Standard output if it is a terminal; rich, which writes on one, takes long to load."""
+    if sys.stdout is None or not sys.stdout.isatty():
+        return None
+    from rich.console import Console
+
+    return Console(highlight=False, soft_wrap=True)
 
 
 def _work(values: Mapping[str, Any]) -> str:

@@ -90,6 +90,13 @@ class CarriedPressure:
         values = self._excess.x.array
         values[~np.isfinite(values)] = 0.0
 
+    def excess(self) -> Floats:
+        """The pressures found last less those of the present volumes (c,), Pa, of the cells."""
+        found: Floats = self._excess.x.array[
+            self._excess.function_space.dofmap.list[self._cells, 0]
+        ]
+        return found
+
 
 def _derivatives(
     u: dolfinx.fem.Function, section: Section, volumetric: Volumetric

@@ -1,36 +1,25 @@
-"""Internal forces and strain energy of all bodies, for explicit steps.
+"""Internal forces and strain energy of all bodies.
 
-Bodies of first-order plane cells and a material of :mod:`forms.bodies.materials` go through the
-compiled loop of ``plane_kernel.c``; all others through the forms that DOLFINx compiled for the
-implicit solution. Both give the same numbers to round-off.
+Bodies that a compiled loop covers (:mod:`forms.bodies.compiled_cells`) go through it; all others
+through the forms that DOLFINx compiled. Both give the same numbers to round-off.
 """
 
 from __future__ import annotations
 
-import ctypes
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, Protocol
+from typing import Protocol
 
 import dolfinx
 import numpy as np
 from numpy.typing import NDArray
 
-from forms.bodies.materials import Hencky, Material, MooneyRivlin, NeoHookean
+from forms.bodies.compiled_cells import compiled_cells
 from forms.bodies.solid import Solid
-from forms.native.libraries import library
 from geometry.compat import packed_constants
 
 Floats = NDArray[np.float64]
-Ints = NDArray[np.int32]
-
-SOURCE = "plane_kernel.c"
-LANES = 8  # cells that the compiled loop takes at a time
-_KINDS: dict[type, int] = {NeoHookean: 0, MooneyRivlin: 1, Hencky: 2}
-_POINTER = ctypes.c_void_p
-_SIGNATURE: list[Any] = [ctypes.c_int, ctypes.c_int, _POINTER, ctypes.c_int64, ctypes.c_int]
-_SIGNATURE += [_POINTER] * 4
 
 
 class BodyForce(Protocol):
@@ -88,86 +77,11 @@ class GeneratedForce:
             values[:] = before
 
 
-class CompiledForce:
-    """A body's forces by the compiled loop over plane cells, ``LANES`` at a time."""
-
-    def __init__(
-        self,
-        code: ctypes.CDLL,
-        nodes: Ints,
-        position: Floats,
-        material: Material,
-        reduced: bool,
-    ) -> None:
-        """Arrange the cells for the loop.
-
-        Args:
-            code: the library of ``SOURCE``.
-            nodes: (c, a) nodes of each cell, a = 3 for triangles, 4 for quadrilaterals in
-                DOLFINx's order.
-            position: (n, i), m, reference position of the nodes.
-            material: its strain energy.
-            reduced: whether the volumetric part is taken at the centre.
-        """
-        count, corners = nodes.shape
-        self._kind = 2 if corners == 3 else int(reduced)
-        self._material = _KINDS[type(material)]
-        self._parameters = np.array(list(material.parameters().values()))
-        self._blocks = -(-count // LANES)
-        self._last = count - (self._blocks - 1) * LANES
-        four, edges = _right_handed(nodes, position, self._blocks * LANES)
-        self._nodes, self._edges = _in_lanes(four), _in_lanes(edges)
-        self._forces, self._energy = code.tribox_plane_forces, code.tribox_plane_energy
-        for function in (self._forces, self._energy):
-            function.argtypes, function.restype = _SIGNATURE, ctypes.c_int
-        self._result = np.zeros(1)
-        self._arguments = (
-            self._material,
-            self._kind,
-            self._parameters.ctypes.data,
-            self._blocks,
-            self._last,
-            self._nodes.ctypes.data,
-            self._edges.ctypes.data,
-        )
-
-    def add(self, u: Floats, out: Floats, dt: float | None) -> bool:
-        """See ``BodyForce.add``."""
-        return self._forces(*self._arguments, u.ctypes.data, out.ctypes.data) == 0
-
-    def energy(self, u: Floats) -> float:
-        """See ``BodyForce.energy``; infinite where a cell is inverted."""
-        bad = self._energy(*self._arguments, u.ctypes.data, self._result.ctypes.data)
-        return float(np.inf if bad else self._result[0])
-
-
-def _right_handed(nodes: Ints, position: Floats, rows: int) -> tuple[Ints, Floats]:
-    """Four nodes (rows, 4) of each cell and its edges (rows, 6), m, as the loop takes them.
-
-    Triangles repeat their third node; the last cell is repeated up to the number of ``rows``.
-    """
-    count, corners = nodes.shape
-    padded = np.concatenate([nodes, nodes[-1:].repeat(rows - count, axis=0)])
-    four = padded[:, [0, 1, 2, 3 if corners == 4 else 2]].astype(np.int32)
-    x = position[four]
-    along, up = x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]
-    turned = along[:, 0] * up[:, 1] - along[:, 1] * up[:, 0] < 0.0
-    four[turned, 1:3] = four[turned, 2:0:-1]
-    x = position[four]
-    edges = [x[:, 1] - x[:, 0], x[:, 2] - x[:, 0], x[:, 3] - x[:, 2] - x[:, 1] + x[:, 0]]
-    return four, np.stack(edges, axis=1).reshape(rows, 6)
-
-
-def _in_lanes(table: NDArray[Any]) -> NDArray[Any]:
-    """Rows (c, k) of the cells as (blocks, k, LANES)."""
-    return np.ascontiguousarray(table.reshape(-1, LANES, table.shape[1]).transpose(0, 2, 1))
-
-
 class InternalForce:
     """Internal forces of all bodies on the nodes of this rank, ghosts included.
 
     Attributes:
-        parts: one for each body with cells on this rank; compiled: whether all use the fast loop.
+        parts: one for each body; compiled: whether all use a compiled loop.
     """
 
     def __init__(
@@ -181,12 +95,11 @@ class InternalForce:
             compiled: False for the generated kernels throughout.
         """
         self.parts: list[BodyForce] = []
-        code = library(SOURCE) if compiled else None
         self.compiled = True
         for solid in solids:
-            if code is not None and _is_plane(u.function_space, solid):
-                if len(solid.cells):
-                    self.parts.append(_compiled(code, u.function_space, solid))
+            cells = compiled_cells(u.function_space, solid) if compiled else None
+            if cells is not None:
+                self.parts.append(cells)
             else:
                 self.compiled = False
                 self.parts.append(GeneratedForce(solid, u))
@@ -212,23 +125,3 @@ class InternalForce:
     def energy(self, u: Floats) -> float:
         """This rank's strain energy at ``u``, J per unit thickness."""
         return sum(part.energy(u) for part in self.parts)
-
-
-def _is_plane(space: dolfinx.fem.FunctionSpace, solid: Solid) -> bool:
-    """Whether the compiled loop covers the body's cells, element and material."""
-    mesh = space.mesh
-    plane = solid.section == "plane-strain"
-    corners = mesh.topology.cell_type in (
-        dolfinx.mesh.CellType.quadrilateral,
-        dolfinx.mesh.CellType.triangle,
-    )
-    linear = space.dofmap.dof_layout.num_dofs == (
-        4 if mesh.topology.cell_type == dolfinx.mesh.CellType.quadrilateral else 3
-    )
-    return plane and corners and linear and type(solid.material) in _KINDS
-
-
-def _compiled(code: ctypes.CDLL, space: dolfinx.fem.FunctionSpace, solid: Solid) -> CompiledForce:
-    position = space.tabulate_dof_coordinates()[:, :2]
-    nodes = np.asarray(space.dofmap.list)[solid.cells]
-    return CompiledForce(code, nodes, position, solid.material, reduced=len(solid.forms) == 2)

@@ -172,6 +172,11 @@ class Solid:
         self.forms = self._energy_forms(reduced)
         self.carried = self._carried() if reduced else None
 
+    @property
+    def displacement(self) -> dolfinx.fem.Function:
+        """The displacement, m, that the forms are evaluated at."""
+        return self._u
+
     def _energy_forms(self, reduced: bool) -> list[CompiledForms]:
         """The forms of the strain energy; ``reduced``: the volumetric part by itself."""
         u = self._u

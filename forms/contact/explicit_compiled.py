@@ -1,7 +1,7 @@
-"""An explicit contact pair in the plane whose geometry and loads are compiled.
+"""An explicit contact pair, in the plane or in space, whose geometry and loads are compiled.
 
 The friction law stays the one of numpy, and so does the way from the gaps at the slave's vertices
-to their pressures; everything else is two passes over the points in ``plane_contact.c``. Two sets
+to their pressures; everything else is two passes over the points in ``contact_pair.h``. Two sets
 of arrays take turns, so that a step allocates almost nothing and the results of the step before
 stay readable.
 """
@@ -15,9 +15,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from forms.contact.compiled_pair import (
+    BEFORE,
+    FACET_NOTES,
+    FAR_NOTES,
+    SOURCES,
+    PairArrays,
+    check_layout,
+)
 from forms.contact.explicit import ExplicitContact
 from forms.contact.explicit_tie import ExplicitTie
-from forms.contact.kinematics import ContactKinematics
 from forms.contact.penalty import ContactTerm
 from forms.contact.pressure import ROUNDOFF_DEPTH, TOUCHING, AveragedPressure
 from forms.contact.state import AS_IS, ContactState, ContactTrial, NormalContact
@@ -26,105 +33,8 @@ from forms.native.libraries import library
 from geometry.surfaces.exchange import NodalVector
 from geometry.surfaces.facet_search import TIE
 from geometry.surfaces.facets import Floats, Ints
-from geometry.surfaces.projection import FacetSurface, Projection
+from geometry.surfaces.projection import FacetSurface
 from geometry.surfaces.surface import MasterFacets
-
-SOURCE = "plane_contact.c"
-_LONGS = ("points", "corners", "candidates", "nodes", "first_master", "vertices", "averaged")
-_DOUBLES = ("touching", "roundoff", "slack", "tie")
-_INPUTS = (
-    *("weight", "shape", "slope", "reference", "direction", "rows"),
-    *("master", "facets", "previous", "next"),
-    *("penalty", "reach", "of_point", "vertex_shape", "sums", "nodal_pressure", "active"),
-    *("candidate", "searched_points", "searched_nodes", "values", "load"),
-    *("facet_before", "xi_before", "component_before", "length_before"),
-)
-_VECTORS = ("position", "foot", "normal", "tangent", "slip", "elastic", "traction", "friction")
-_RESULTS = (
-    *("current", "position", "area_ratio", "xi", "foot", "normal", "tangent", "gap", "slip"),
-    *("elastic", "pressure", "traction", "component", "length", "gap_after", "friction"),
-    *("viscous", "work", "share", "facet", "clamped", "on_surface", "closed"),
-)
-_FILM = ("tau", "film", "dry", "compliance")
-
-
-class _Pair(ctypes.Structure):
-    """``Pair`` of the C source, field by field in the same order."""
-
-    _fields_ = (
-        *((name, ctypes.c_int64) for name in _LONGS),
-        *((name, ctypes.c_double) for name in _DOUBLES),
-        *((name, ctypes.c_void_p) for name in (*_INPUTS, *_RESULTS, *_FILM)),
-    )
-
-
-def check_layout(code: ctypes.CDLL, structure: type[ctypes.Structure] = _Pair) -> None:
-    """Compare a structure with that of the compiled library.
-
-    Args:
-        code: the library of ``SOURCE``.
-        structure: what its functions will be given.
-
-    Raises:
-        RuntimeError: they are not of one size, so that fields would be taken for one another.
-    """
-    code.tribox_pair_size.argtypes, code.tribox_pair_size.restype = [], ctypes.c_int64
-    theirs, ours = code.tribox_pair_size(), ctypes.sizeof(structure)
-    if theirs != ours:
-        raise RuntimeError(
-            f"{SOURCE}: its structure Pair takes {theirs} bytes, the one of {__name__} {ours}; "
-            "both must list the same fields in the same order"
-        )
-
-
-class _Buffers:
-    """One of the two sets of results, and the structure that points at them."""
-
-    def __init__(self, points: int, nodes: int) -> None:
-        self.arrays: dict[str, NDArray[Any]] = {"current": np.zeros((nodes, 2))}
-        for name in _RESULTS[1:]:
-            shape = (points, 2) if name in _VECTORS else (points,)
-            kind: type = np.float64
-            if name == "facet":
-                kind = np.int32
-            elif name in ("clamped", "on_surface", "closed"):
-                kind = np.bool_
-            self.arrays[name] = np.zeros(shape, dtype=kind)
-        self.pair = _Pair()
-        self.at = ctypes.byref(self.pair)
-        for name, array in self.arrays.items():
-            self.point(name, array)
-
-    def point(self, name: str, array: NDArray[Any]) -> None:
-        """Point the structure's field at an array, which the caller must keep alive."""
-        assert array.flags.c_contiguous
-        setattr(self.pair, name, array.ctypes.data)
-
-    def projection(self) -> Projection:
-        """The arrays as a projection."""
-        a = self.arrays
-        return Projection(
-            facet=a["facet"],
-            xi=a["xi"][:, None],
-            foot=a["foot"],
-            normal=a["normal"],
-            tangents=a["tangent"][:, None, :],
-            gap=a["gap"],
-            clamped=a["clamped"],
-            on_surface=a["on_surface"],
-            share=a["share"] if self.pair.averaged else None,
-        )
-
-    def kinematics(self) -> ContactKinematics:
-        """The arrays as kinematics without variations."""
-        a = self.arrays
-        return ContactKinematics(
-            normal=a["normal"],
-            gap=a["gap"],
-            closed=a["closed"],
-            slip=a["slip"],
-            elastic_slip=a["elastic"],
-        )
 
 
 class CompiledContact(ExplicitContact):
@@ -134,8 +44,8 @@ class CompiledContact(ExplicitContact):
         """Lay out the arrays; collective.
 
         Args:
-            term: the pair, in the plane.
-            code: the library of ``SOURCE``.
+            term: the pair.
+            code: the library of its source in ``SOURCES``.
         """
         check_layout(code)
         super().__init__(term)
@@ -150,7 +60,7 @@ class CompiledContact(ExplicitContact):
         self._load = np.zeros_like(self._values)
         self._inputs = {n: np.ascontiguousarray(a) for n, a in self._input_arrays().items()}
         q, n = len(term.surface.slave.weight), len(term.surface.master.nodes)
-        self._sets = [_Buffers(q, n), _Buffers(q, n)]
+        self._sets = [PairArrays(q, n, term.surface.dim) for _ in range(2)]
         for mine, other in (self._sets, self._sets[::-1]):
             self._connect(mine, other)
         self._turn = 0
@@ -161,18 +71,16 @@ class CompiledContact(ExplicitContact):
         surface = self.term.surface
         slave, master, vertices = surface.slave, surface.master, surface.vertices
         assert isinstance(master, MasterFacets)
-        q, n = len(slave.weight), len(master.nodes)
+        q, n, dim = len(slave.weight), len(master.nodes), surface.dim
         return {
             "weight": slave.weight,
             "shape": slave.shape,
-            "slope": slave.shape_derivative[:, 0],
+            "slope": slave.shape_derivative,
             "reference": slave.position,
-            "direction": slave.tangents[:, 0],
+            "direction": slave.tangents,
             "rows": self.exchange.slave_rows.astype(np.int64),
             "master": master.position,
             "facets": master.facets.astype(np.int32),
-            "previous": _facet_at(master.facets[:, 1], n),
-            "next": _facet_at(master.facets[:, 0], n),
             "penalty": self.term.rule.point_stiffness(),
             "reach": slave.reach,
             "of_point": vertices.of_point.astype(np.int64),
@@ -182,40 +90,46 @@ class CompiledContact(ExplicitContact):
             "active": np.zeros(vertices.count, dtype=np.bool_),
             "values": self._values,
             "load": self._load,
-            "searched_points": np.full((q, 2), np.inf),
-            "searched_nodes": np.full((n, 2), np.inf),
+            "searched_points": np.full((q, dim), np.inf),
+            "searched_nodes": np.full((n, dim), np.inf),
             "tau": self.film_traction,
             "film": self.film,
             "dry": self._dry,
             "compliance": self.compliance,
             "candidate": np.zeros((q, 1), dtype=np.int32),
+            **_neighbours(surface.target, master, q),
         }
 
-    def _connect(self, mine: _Buffers, other: _Buffers) -> None:
+    def _connect(self, mine: PairArrays, other: PairArrays) -> None:
         """Make one set start from the state that the other one holds."""
         pair, surface = mine.pair, self.term.surface
         pair.points, pair.corners = self._inputs["shape"].shape
+        pair.facet_count, pair.facet_nodes = self._inputs["facets"].shape
         pair.nodes, pair.first_master = len(surface.master.nodes), self.exchange.first_master
         pair.vertices = surface.vertices.count
+        pair.facet_vertices = self._inputs["of_point"].shape[1]
         pair.averaged = isinstance(self.term.rule, AveragedPressure)
         pair.touching, pair.roundoff = TOUCHING, ROUNDOFF_DEPTH
         pair.candidates, pair.tie = 1, TIE * surface.target.search.slack
         for name, array in self._inputs.items():
             mine.point(name, array)
-        names = {"facet": "facet", "xi": "xi", "component": "component", "length": "length"}
-        for state, result in names.items():
-            mine.point(f"{state}_before", other.arrays[result])
+        if "around" in self._inputs:
+            pair.around_most = self._inputs["around"].shape[1]
+        for before, result in BEFORE.items():
+            mine.point(before, other.arrays[result])
 
-    def _take_over(self, other: _Buffers) -> None:
+    def _take_over(self, other: PairArrays) -> None:
         """Copy the term's state into the arrays that the next step reads, unless it is there."""
         state = self.term.state
         if state is self._adopted:
             return
         for name, value in (
             ("facet", state.facet),
-            ("xi", state.xi[:, 0]),
-            ("component", state.slip_components[:, 0]),
+            ("xi", state.xi),
+            ("component", state.slip_components),
             ("length", state.slip_length),
+            ("present", state.share),
+            ("sunk", state.sunk),
         ):
             other.arrays[name][:] = value
         self._adopted = state
@@ -247,17 +161,19 @@ class CompiledContact(ExplicitContact):
             traction=arrays["traction"],
             response=response,
             dt=dt,
+            faded=now.fading(),
         )
         return self.trial
 
-    def _press(self, now: _Buffers) -> NormalContact:
+    def _press(self, now: PairArrays) -> NormalContact:
         """Pressure of the points that have been projected, and their kinematics; collective."""
         rule, inputs, arrays = self.term.rule, self._inputs, now.arrays
         gap = nodal = active = None
         if isinstance(rule, AveragedPressure):
             gaps, covered = rule.vertices.total(inputs["sums"])
             gap, active, nodal = rule.at_vertices(gaps, covered, AS_IS, ROUNDOFF_DEPTH)
-            inputs["nodal_pressure"][:], inputs["active"][:] = nodal, active
+            inputs["nodal_pressure"][:] = nodal if self.term.active else 0.0
+            inputs["active"][:] = active & self.term.active
         self._code.tribox_pair_relate(now.at)
         pressure = arrays["pressure"]
         normal = NormalContact(arrays["closed"], pressure, pressure, gap, nodal, active)
@@ -280,6 +196,8 @@ class CompiledContact(ExplicitContact):
         self._inputs["candidate"] = np.ascontiguousarray(found, dtype=np.int32)
         self._inputs["searched_points"][:] = points
         self._inputs["searched_nodes"][:] = nodes
+        if "far_notes" in self._inputs:
+            self._inputs["far_notes"][:] = -1.0
         for one in self._sets:
             one.pair.candidates, one.pair.slack = found.shape[1], slack
             one.point("candidate", self._inputs["candidate"])
@@ -328,18 +246,38 @@ class CompiledContact(ExplicitContact):
         self._code.tribox_pair_commit(self._sets[self._turn].at, elastic.ctypes.data)
         self._adopted = ContactState(
             facet=arrays["facet"],
-            xi=arrays["xi"][:, None],
-            slip_components=arrays["component"][:, None],
+            xi=arrays["xi"],
+            slip_components=arrays["component"],
             slip_length=arrays["length"],
             gap=arrays["gap_after"],
             area_ratio=trial.area_ratio,
-            share=self.term.state.share,
-            sunk=self.term.state.sunk,
+            share=arrays["present"] if trial.faded else self.term.state.share,
+            sunk=arrays["sunk"] if trial.faded else self.term.state.sunk,
             friction=trial.response.state,
             friction_traction=trial.response.traction,
         )
         self.term.adopt(self._adopted)
         self._turn = 1 - self._turn
+
+
+def _neighbours(target: Any, master: MasterFacets, points: int) -> dict[str, NDArray[Any]]:
+    """How the master's facets hang together, by the fields of the structure."""
+    if target.shape.directions == 1:
+        n = len(master.nodes)
+        return {
+            "previous": _facet_at(master.facets[:, 1], n),
+            "next": _facet_at(master.facets[:, 0], n),
+        }
+    around, corner, across, side, is_open = target.connectivity
+    return {
+        "around": around,
+        "around_corner": corner,
+        "across": across,
+        "across_side": side,
+        "open": is_open,
+        "facet_notes": np.zeros((len(master.facets), FACET_NOTES)),
+        "far_notes": np.full((points, FAR_NOTES), -1.0),
+    }
 
 
 def _facet_at(corner: Ints, nodes: int) -> Ints:
@@ -360,12 +298,12 @@ def explicit_contact(term: ContactTerm, compiled: bool = True) -> ExplicitContac
         return ExplicitTie(term)
     surface, target = term.surface, term.surface.target
     # The compiled loop takes the section's stretch as area ratio, which is wrong for rings.
-    straight = (
+    known = (
         isinstance(target, FacetSurface)
-        and target.shape.count == 2
+        and target.shape.degree == 1
         and target.fade_length is None
         and not surface.axisymmetric
         and not term.neighbours
     )
-    code = library(SOURCE) if compiled and straight else None
+    code = library(SOURCES[surface.dim]) if compiled and known else None
     return ExplicitContact(term) if code is None else CompiledContact(term, code)

@@ -17,6 +17,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from forms.contact.carried import Carried
+from forms.contact.compiled_tangent import Entries, compiled_tangent
 from forms.contact.fading import fading
 from forms.contact.kinematics import Anchor, ContactKinematics, relate
 from forms.contact.pressure import ROUNDOFF_DEPTH, AveragedPressure, PressureKind, normal_rule
@@ -61,7 +62,8 @@ class ContactTerm:
         state: the committed :class:`ContactState`; changed by :meth:`commit` only.
         surface, law, film: of the pair; modulus: Pa, E*, or None.
         active: whether the surfaces feel each other; changed, as ``law`` may be, by :meth:`renew`.
-        rule: from gaps to pressure, with the penalty; linearised: the tangent.
+        rule: from gaps to pressure, with the penalty; linearised: the tangent; compiled: loops for
+            it, None without.
         neighbours: other contacts with the same slave (:mod:`forms.contact.shared_slave`).
         tied: whether the surfaces are bonded (:mod:`forms.contact.tie`).
     """
@@ -99,6 +101,7 @@ class ContactTerm:
         self.modulus = modulus
         self.rule = normal_rule(pressure, surface, penalty)
         self.linearised = PairTangent(surface, self.rule)
+        self.compiled = compiled_tangent(surface)
         q = len(surface.slave.weight)
         self.film = film_thickness(film)
         self.film.at(np.zeros(q))  # Refuses a field that is not one of these points.
@@ -286,7 +289,8 @@ class ContactTerm:
     def anchor(self, nodes: Floats) -> Anchor:
         """Places of the last converged step on the master's current ``nodes`` (n, i), m."""
         state = self.state
-        foot, tangents = self.surface.target.places(state.facet, state.xi, nodes)
+        master = self.surface.target if self.compiled is None else self.compiled
+        foot, tangents = master.places(state.facet, state.xi, nodes)
         image = np.einsum("qb,qbi->qi", state.slip_components, tangents)
         brought = brought_along(self) if self.neighbours else None
         if brought is None:
@@ -363,6 +367,32 @@ class ContactTerm:
         shape = np.concatenate([slave.shape, -master], axis=1)
         nodes = np.concatenate([slave.nodes, self.surface.master_nodes(at.facet)], axis=1)
         return nodes, shape[:, :, None] * force[:, None, :]
+
+    def forces_at_nodes(self, trial: ContactTrial) -> tuple[Longs, Floats, float]:
+        """The residual summed up at global nodes, (n,) and (n, i), N per unit thickness.
+
+        The third is the sum of the squares of what each point adds. A node may occur twice.
+        """
+        if self.compiled is not None and not self.tied:
+            return self.surface.nodes, *self.compiled.forces(trial)
+        nodes, values = self.nodal_forces(trial)
+        squared = float(np.sum(values**2))
+        return nodes.reshape(-1), values.reshape(-1, self.surface.dim), squared
+
+    def add_tangent(
+        self, trial: ContactTrial, entries: Entries | None
+    ) -> tuple[list[tuple[Longs, Floats]], list[Coupling]]:
+        """Add the tangent to a part of a matrix as far as loops can; the rest; collective.
+
+        Args:
+            trial: whose tangent is to be added.
+            entries: part of the matrix; None: nothing is added.
+        """
+        compiled = self.compiled if trial.projection.share_slope is None else None
+        if entries is None or compiled is None or self.tied:
+            coupling = self.coupling(trial)
+            return self.tangent(trial), [] if coupling is None else [coupling]
+        return compiled.add(self.linearised, self.state, trial, entries)
 
     def tangent(self, trial: ContactTrial) -> list[tuple[Longs, Floats]]:
         """See :meth:`forms.contact.tangent.PairTangent.point_blocks`."""

@@ -26,27 +26,16 @@ import scipy.sparse
 from forms.contact.kinematics import Variations, vary
 from forms.contact.pressure import AveragedPressure, NormalRule
 from forms.contact.state import ContactState, ContactTrial
-from forms.contact.vertex_rows import VertexRows, adding_up, completed
+from forms.contact.vertex_rows import Coupling, VertexRows, adding_up, completed
 from geometry.surfaces.facets import Bools, Floats, Ints, Longs
 from geometry.surfaces.rigid_pieces import left_of
 from geometry.surfaces.slave_normals import CHORDS
 from geometry.surfaces.surface import ContactSurface
 
+__all__ = ["Coupling", "PairTangent"]
+
 # Entries of point blocks that must be saved for a second group of them to pay for its overhead.
 WORTH_FOLDING = 50_000
-
-
-@dataclass(frozen=True, slots=True)
-class Coupling:
-    """A sparse part of the tangent between nodes of the pair.
-
-    Attributes:
-        rows, columns: global nodes; matrix: their unknowns, (rows · i, columns · i).
-    """
-
-    rows: Longs
-    columns: Longs
-    matrix: scipy.sparse.csr_matrix
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +86,12 @@ class PairTangent:
         the master facet of the last step need its nodes once only, so there may be two groups of
         blocks. Open points contribute nothing and are left out.
         """
-        take = np.nonzero(trial.kinematics.closed)[0]
+        return self.blocks_of(state, trial, np.nonzero(trial.kinematics.closed)[0])
+
+    def blocks_of(
+        self, state: ContactState, trial: ContactTrial, take: Longs
+    ) -> list[tuple[Longs, Floats]]:
+        """The same of some closed points ``take`` (p,)."""
         if trial.carried is not None:
             return self._tool_blocks(state, trial, take) if len(take) else []
         size = self.surface.target.stencil.shape[1] * self.surface.dim
@@ -109,7 +103,7 @@ class PairTangent:
         parts = [(take[stayed], True), (take[~stayed], False)]
         return [
             _added_up(
-                self._point_facets(state, trial, part), *self._blocks(state, trial, part, folded)
+                self.point_facets(state, trial, part), *self._blocks(state, trial, part, folded)
             )
             for part, folded in parts
             if len(part)
@@ -160,7 +154,7 @@ class PairTangent:
         blocks = -(left.reshape(q, m * dim * dim, coordinates) @ rows)
         return places, blocks.reshape(q, m, dim, dim, m).transpose(0, 1, 2, 4, 3)
 
-    def _point_facets(self, state: ContactState, trial: ContactTrial, take: Longs) -> Longs:
+    def point_facets(self, state: ContactState, trial: ContactTrial, take: Longs) -> Longs:
         """Number (p,) of the facets that a point couples: its own, the present and the last."""
         masters = np.int64(len(self.surface.target.stencil))
         slave, before = self.surface.slave.facet[take], state.facet[take]
@@ -213,16 +207,7 @@ class PairTangent:
             return None
         assert normal.active is not None
         vertices, take = rule.vertices, np.nonzero(trial.kinematics.closed)[0]
-        direction = trial.kinematics.normal[take]
-        by_pressure = direction - trial.response.d_traction_d_pressure[take]
-        stiffness = np.where(normal.active, trial.penalty_scale * rule.penalty, 0.0)
-        share = vertices.shape[take] * stiffness[vertices.of_point[take]]
-        if trial.projection.share is not None:
-            share *= trial.projection.share[take][:, None]
-        by_gap = share[:, :, None] * by_pressure[:, None, :]
-        if normal.cover_slope is not None:
-            film = _film_per_cover(trial, take)
-            by_gap += normal.cover_slope[take][:, :, None] * film[:, None, :]
+        by_gap = self.left_vectors(trial, take)
         needs = normal.needs()
         left = self._vertex_rows(trial, take, by_gap, needs)
         right = self._gap_rows(state, trial, needs)
@@ -232,10 +217,30 @@ class PairTangent:
         nodes = columns = self.surface.nodes
         if vertices.comm.size > 1:
             right, columns = self._completed(right)
-        area = vertices.area if normal.area is None else normal.area
-        left.data /= np.repeat(area, np.diff(left.indptr))
+        left.data /= np.repeat(self.area_of(trial), np.diff(left.indptr))
         product = left.T.tocsr() @ right
         return Coupling(nodes, columns, product)
+
+    def area_of(self, trial: ContactTrial) -> Floats:
+        """Area (v,) that the gaps of the vertices are averaged over."""
+        area = trial.normal_contact.area
+        return self.surface.vertices.area if area is None else area
+
+    def left_vectors(self, trial: ContactTrial, take: Longs) -> Floats:
+        """Vectors d (p, k, i), Pa/m, of L at closed points ``take`` (p,); L_A = Σ_q w G_aᵀ d_A."""
+        rule, normal = self.rule, trial.normal_contact
+        assert isinstance(rule, AveragedPressure) and normal.active is not None
+        vertices, direction = rule.vertices, trial.kinematics.normal[take]
+        by_pressure = direction - trial.response.d_traction_d_pressure[take]
+        stiffness = np.where(normal.active, trial.penalty_scale * rule.penalty, 0.0)
+        share = vertices.shape[take] * stiffness[vertices.of_point[take]]
+        if trial.projection.share is not None:
+            share *= trial.projection.share[take][:, None]
+        by_gap: Floats = share[:, :, None] * by_pressure[:, None, :]
+        if normal.cover_slope is not None:
+            film = _film_per_cover(trial, take)
+            by_gap += normal.cover_slope[take][:, :, None] * film[:, None, :]
+        return by_gap
 
     def _vertex_rows(
         self, trial: ContactTrial, take: Longs, along: Floats, active: Bools

@@ -7,11 +7,26 @@ when points change their master facets, or vertices open and close: it is worth 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import scipy.sparse
 from mpi4py import MPI
 
 from geometry.surfaces.facets import Bools, Floats, Ints, Longs
+
+
+@dataclass(frozen=True, slots=True)
+class Coupling:
+    """A sparse part of the tangent between nodes of the pair.
+
+    Attributes:
+        rows, columns: global nodes; matrix: their unknowns, (rows · i, columns · i).
+    """
+
+    rows: Longs
+    columns: Longs
+    matrix: scipy.sparse.csr_matrix
 
 
 def adding_up(key: Longs) -> tuple[Longs, scipy.sparse.csr_matrix]:

@@ -71,6 +71,18 @@ INLINE vec exponential(vec x)
     return (vec)((uvec)y + bits);
 }
 
+/* x^(-1/3) for x > 0: a start from the exponent, then y <- y (4 - x y^3)/3. */
+INLINE vec inverse_cube_root(vec x)
+{
+    const uint64_t two52 = 0x4330000000000000ULL;
+    vec high = (vec)(((uvec)x >> 20) | two52) - 4503599627370496.0;
+    vec start = (1023.0 * 4.0 / 3.0 - 0.045) * 4294967296.0 - high * (1.0 / 3.0);
+    vec y = (vec)(((uvec)(start + 4503599627370496.0) - two52) << 20);
+    for (int i = 0; i < 5; ++i)
+        y = y * (4.0 / 3.0 - x * y * y * y * (1.0 / 3.0));
+    return y;
+}
+
 INLINE vec square_root(vec x)
 {
     for (int l = 0; l < LANES; ++l)

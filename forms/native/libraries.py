@@ -8,7 +8,16 @@ from pathlib import Path
 
 from geometry.native.compiler import compiled
 
-SOURCES = ("plane_kernel.c", "plane_contact.c", "plastic_points.c")
+SOURCES = (
+    "plane_kernel.c",
+    "plane_tangent.c",
+    "space_kernel.c",
+    "plane_contact.c",
+    "space_contact.c",
+    "contact_tangent.c",
+    "plastic_points.c",
+    "cell_places.c",
+)
 
 
 @functools.cache

@@ -1,107 +1,18 @@
 /* Internal forces and strain energy of plane-strain bodies, eight cells at a time.
  *
- * In parent coordinates xi the deformation gradient is F = g G^-1, with the columns of g and G the
- * derivatives of the current and of the reference position. The energies are functions of
- * I = |F|^2 and J = det F alone, so that the first Piola stress is P = p F + q cof F with
- * p = 2 dW/dI and q = dW/dJ. As cof F cof G = cof g, the nodal forces are
+ * With p = 2 dW/dI and q = dW/dJ (plane_cells.h) the first Piola stress is P = p F + q cof F. As
+ * cof F cof G = cof g, the nodal forces are
  *
  *     f_a = sum over points of w (p g A + q cof g) dN_a/dxi,   A = det G G^-1 G^-T,
  *
  * which takes one division per point, and one logarithm where the energy has one.
- *
- * A cell is stored by the differences of its nodes' reference positions, the displacements are
- * gathered: strains far below the spacing of the coordinates' own round-off are not lost.
  */
 
-#include "lanes.h"
-
-enum material { NEO_HOOKEAN, MOONEY_RIVLIN, HENCKY };
-enum part { WHOLE, DISTORTION, VOLUME };
-
-/* x^(-1/3) for x > 0: a start from the exponent, then y <- y (4 - x y^3)/3. */
-INLINE vec inverse_cube_root(vec x)
-{
-    const uint64_t two52 = 0x4330000000000000ULL;
-    vec high = (vec)(((uvec)x >> 20) | two52) - 4503599627370496.0;
-    vec start = (1023.0 * 4.0 / 3.0 - 0.045) * 4294967296.0 - high * (1.0 / 3.0);
-    vec y = (vec)(((uvec)(start + 4503599627370496.0) - two52) << 20);
-    for (int i = 0; i < 5; ++i)
-        y = y * (4.0 / 3.0 - x * y * y * y * (1.0 / 3.0));
-    return y;
-}
-
-/* arcosh(1 + x)^2 and its derivative; a series below x = 0.02, where the function itself is
- * analytic but its formula is not. */
-INLINE void squared_arcosh(vec x, vec *value, vec *slope)
-{
-    const double c[] = {2.0, -1.0 / 3, 4.0 / 45, -1.0 / 35, 16.0 / 1575, -8.0 / 2079};
-    vec v = all(c[5]), d = all(6.0 * c[5]);
-    for (int i = 4; i >= 0; --i) {
-        v = v * x + c[i];
-        d = d * x + (i + 1) * c[i];
-    }
-    *value = v * x;
-    *slope = d;
-    ivec large = (ivec)(x > 0.02);
-    if (any(large)) {
-        vec safe = choose(large, x, all(0.02)), root = safe * (safe + 2.0);
-        for (int l = 0; l < LANES; ++l)
-            root[l] = __builtin_sqrt(root[l]);
-        vec a = logarithm(1.0 + safe + root);
-        *value = choose(large, a * a, *value);
-        *slope = choose(large, 2.0 * a / root, *slope);
-    }
-}
-
-/* p = 2 dW/dI, q = dW/dJ and W of a part of the energy, with I = |F|^2 in the plane; `r` is 1/J. */
-INLINE void derive(enum material material, enum part part, const double *c, vec I, vec J, vec r,
-                   vec *p, vec *q, vec *w)
-{
-    const int d = part != VOLUME, v = part != DISTORTION;
-    if (material == NEO_HOOKEAN) { /* c: G, Lambda */
-        vec l = v || w ? logarithm(J) : all(0.0);
-        *p = all(d ? c[0] : 0.0);
-        *q = ((v ? c[1] * l : all(0.0)) - (d ? c[0] : 0.0)) * r;
-        if (w)
-            *w = (d ? c[0] * (0.5 * (I - 2.0) - l) : all(0.0)) + (v ? 0.5 * c[1] * l * l : all(0.0));
-    } else if (material == MOONEY_RIVLIN) { /* c: C10, C01, K */
-        *p = *q = all(0.0);
-        if (w)
-            *w = all(0.0);
-        if (d) {
-            vec y = inverse_cube_root(J), j = y * y, a = c[0] * j, b = c[1] * j * j;
-            vec I1 = I + 1.0, I2 = I + J * J;
-            *p = 2.0 * (a + b);
-            *q = 2.0 * b * J - (2.0 / 3.0) * r * (a * I1 + 2.0 * b * I2);
-            if (w)
-                *w = a * I1 - 3.0 * c[0] + b * I2 - 3.0 * c[1];
-        }
-        if (v) {
-            *q += 0.5 * c[2] * (J - r);
-            if (w)
-                *w += 0.25 * c[2] * (J * J - 1.0 - 2.0 * logarithm(J));
-        }
-    } else { /* c: G, K */
-        vec l = logarithm(J);
-        double k = (d ? c[0] / 3.0 : 0.0) + (v ? c[1] : 0.0);
-        *p = all(0.0);
-        *q = k * l;
-        if (w)
-            *w = 0.5 * k * l * l;
-        if (d) {
-            vec value, slope, y = 0.5 * I * r;
-            squared_arcosh(y - 1.0, &value, &slope);
-            *p = (0.5 * c[0]) * slope * r;
-            *q -= (0.5 * c[0]) * slope * y;
-            if (w)
-                *w += (0.5 * c[0]) * value;
-        }
-        *q *= r;
-    }
-}
+#include "plane_cells.h"
 
 /* A point of a cell: from the columns of G and g to h = p g A + q cof g (columns), times the weight;
- * the energy is added to `energy`. Cells with J <= 0 are marked in `bad`. */
+ * the energy is added to `energy`. Cells with J <= 0 are marked in `bad`, and `h` is no number there
+ * if the stress takes a logarithm or a root of J. */
 INLINE void at_point(enum material material, enum part part, const double *c, double weight,
                      const vec G[2][2], const vec g[2][2], vec h[2][2], vec *energy, ivec *bad)
 {
@@ -120,9 +31,12 @@ INLINE void at_point(enum material material, enum part part, const double *c, do
         }
         I *= of_D;
     }
-    *bad |= ~(ivec)(J > 0.0);
+    ivec inverted = ~(ivec)(J > 0.0);
+    *bad |= inverted;
     derive(material, part, c, I, J, r, &p, &q, energy ? &w : 0);
     q *= weight;
+    if (needs_volume(material, part))
+        q = (vec)((ivec)q | inverted); /* all bits set: not a number */
     h[0][0] = q * g[1][1];
     h[0][1] = -q * g[1][0];
     h[1][0] = -q * g[0][1];
@@ -138,39 +52,12 @@ INLINE void at_point(enum material material, enum part part, const double *c, do
         *energy += weight * D * w;
 }
 
-/* Differences of a nodal vector over four nodes: along xi, along eta, and the mixed one. */
-INLINE void differences(const double *u, const int32_t *node, vec e[3][2])
-{
-    double at[4][2][LANES];
-    for (int a = 0; a < 4; ++a)
-        for (int l = 0; l < LANES; ++l)
-            for (int i = 0; i < 2; ++i)
-                at[a][i][l] = u[2 * (int64_t)node[a * LANES + l] + i];
-    for (int i = 0; i < 2; ++i) {
-        vec v[4];
-        for (int a = 0; a < 4; ++a)
-            __builtin_memcpy(&v[a], at[a][i], sizeof(vec));
-        e[0][i] = v[1] - v[0];
-        e[1][i] = v[2] - v[0];
-        e[2][i] = (v[3] - v[2]) - e[0][i];
-    }
-}
-
 INLINE void scatter(const int32_t *node, int nodes, int lanes, vec force[][2], double *f)
 {
     for (int a = 0; a < nodes; ++a)
         for (int l = 0; l < lanes; ++l)
             for (int i = 0; i < 2; ++i)
                 f[2 * (int64_t)node[a * LANES + l] + i] += force[a][i][l];
-}
-
-/* The columns of G or g at (xi, eta) from the differences. */
-INLINE void columns(const vec e[3][2], double xi, double eta, vec g[2][2])
-{
-    for (int i = 0; i < 2; ++i) {
-        g[0][i] = e[0][i] + eta * e[2][i];
-        g[1][i] = e[1][i] + xi * e[2][i];
-    }
 }
 
 INLINE void quadrilateral(enum material material, int reduced, const double *c, const vec E[3][2],

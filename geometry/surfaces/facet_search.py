@@ -104,19 +104,24 @@ class FacetSearch:
     def table(self, points: Floats, facets: Floats) -> tuple[Ints, float]:
         """Candidates (q, k) of a new search, and how far, m, points and nodes together may move.
 
-        Rows with fewer facets repeat their first.
+        Rows with fewer facets repeat their first. Those of points that are far away in space hold
+        −1: they have the facet with the nearest centre, see :meth:`pairs`.
 
         Args:
             points: (q, i), m, current.
             facets: (f, a, i), m, current: nodes of all facets.
         """
+        far = self._far  # of the search that `pairs` goes on from
         point, facet, _ = self._search(points, facets)
+        self._far = far
         self.searches += 1
         start = np.searchsorted(point, np.arange(len(points)))
         count = np.bincount(point, minlength=len(points))
         column = np.arange(int(count.max(initial=1)))
         at = start[:, None] + np.where(column < count[:, None], column, 0)
-        return facet[at], 0.5 * self.slack
+        found = np.append(facet, np.int32(-1))[at]
+        found[count == 0] = -1
+        return found, 0.5 * self.slack
 
     def _motion(self, points: Floats, facets: Floats) -> float:
         """Bound, m, on the change of any distance since the last search; common shifts are free."""

@@ -15,7 +15,14 @@ from geometry.surfaces.closest_point import CORNER, INTERIOR, closest_points, st
 from geometry.surfaces.compiled_facets import compiled_facets
 from geometry.surfaces.end_distance import EndDistance
 from geometry.surfaces.facet_search import TIE, FacetSearch
-from geometry.surfaces.facets import FacetShape, Floats, Ints, facet_shape, unit_normals
+from geometry.surfaces.facets import (
+    Bools,
+    FacetShape,
+    Floats,
+    Ints,
+    facet_shape,
+    unit_normals,
+)
 from geometry.surfaces.rays import RaySearch
 from geometry.surfaces.slave_normals import PointNormals
 from geometry.surfaces.smoothing import smooth_patches
@@ -261,6 +268,22 @@ class FacetSurface:
         out.share, out.share_slope = np.ones(len(reach)), np.zeros((len(reach), 1))
         out.share[at] = np.minimum(share, 1.0)
         out.share_slope[at, 0] = np.where(share < 1.0, sign * per_length, 0.0)
+
+    @property
+    def extraction(self) -> Floats | None:
+        """Control points (f, c, m) of smooth patches from the nodes of their stencils, or None."""
+        return self._extraction
+
+    @property
+    def connectivity(self) -> tuple[Ints, Ints, Ints, Ints, Bools]:
+        """In space: how the facets hang together.
+
+        Returns:
+            Facets (n, v) around each node, −1 beyond, and which of their corners it is (n, v);
+            facets (f, s) across each side, −1 at an end, and which of their sides it is (f, s);
+            nodes (n,) at an open end.
+        """
+        return self._around, self._corner, self._across, self._across_side, self._open
 
     @property
     def has_kinks(self) -> bool:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,13 +12,12 @@ import pytest
 from app.bench import bench
 from app.bench import law as bench_law
 from app.bench import probe as bench_probe
-from app.bench.bench import Job, jobs_of, level_options, measure, run_bench
+from app.bench.bench import Options, measure, run_bench
+from app.bench.jobs import Job
 from app.bench.probe import Probe
 from app.bench.tables import CONTACT, PARTS, Measured, tables
-from app.case.reading import load_case
 from app.errors import InputError, SolutionError
 
-ROOT = Path(__file__).parents[3]
 SHORT = ["stage.0.steps=2", "stage.1.steps=8", "output.figures=true"]
 
 
@@ -59,39 +57,12 @@ def cells(lines: list[str], row: str) -> list[str]:
     return [cell.strip() for cell in line.strip("|").split("|")][1:]
 
 
-def test_a_level_refines_both_blocks():
-    case = load_case(ROOT / "cases" / "block-slide.toml")
-    assert level_options(case, 1) == []
-    assert level_options(case, 2) == [
-        *("--set", "geometry.upper.elements=[80, 40]"),
-        *("--set", "geometry.lower.elements=[122, 30]"),
-    ]
-
-
-def test_a_level_divides_a_given_size(block, case_file):
-    text = block.replace("elements = [10, 5]", 'size = "0.1 mm"')
-    path = case_file(text)
-    options = level_options(load_case(path), 4)
-    refined = load_case(path, options[1::2])
-    assert refined.geometry.upper.size == pytest.approx(2.5e-5)
-    assert refined.geometry.lower.elements == (60, 16)
-
-
-def test_levels_and_values_of_a_sweep_are_runs_of_their_own():
-    path = ROOT / "cases" / "sfa.toml"
-    jobs = list(jobs_of(path, (1, 2)))
-    labels = [label for label, _ in load_case(path).sweep_cases()]
-    assert [(job.name, job.level) for job in jobs] == [(n, k) for k in (1, 2) for n in labels]
-    assert jobs[1].words == (str(path), "--part", "1")
-    assert jobs[-1].words[1] == "--set" and jobs[-1].words[-2:] == ("--part", f"{len(labels) - 1}")
-
-
 def test_without_words_levels_one_two_and_four_of_block_slide_run(monkeypatch, capsys):
     asked = []
     monkeypatch.setattr(
         bench, "fastest", lambda job, n: asked.append((job, n)) or made_up(job.level)
     )
-    run_bench([], None, None, None, False)
+    run_bench([], Options())
     assert [(job.name, job.level, count) for job, count in asked] == [
         ("block-slide", 1, 3),
         ("block-slide", 2, 3),
@@ -106,35 +77,25 @@ def test_without_words_levels_one_two_and_four_of_block_slide_run(monkeypatch, c
 )
 def test_a_word_that_is_no_level_is_refused(words, found):
     with pytest.raises(InputError, match=re.escape(f"{found} is neither a mesh level (1 to 64)")):
-        run_bench(words, None, None, None, False)
+        run_bench(words, Options())
 
 
 def test_the_law_stands_alone():
     with pytest.raises(InputError, match="bench law: stands alone"):
-        run_bench(["law", "2"], None, None, None, False)
-    with pytest.raises(InputError, match="takes neither --case nor --repeat"):
-        run_bench(["law"], None, None, 2, False)
+        run_bench(["law", "2"], Options())
+    with pytest.raises(InputError, match="bench law: does not take --np"):
+        run_bench(["law"], Options(ranks=2))
 
 
 def test_files_that_are_there_are_kept(tmp_path):
     (tmp_path / "bench.md").write_text("mine", encoding="utf-8")
     with pytest.raises(InputError, match="exists already"):
-        run_bench(["1"], None, tmp_path, None, False)
-
-
-def test_a_mesh_from_a_file_cannot_be_refined(block, case_file, tmp_path):
-    head, _, rest = block.partition("[geometry]")
-    text = head + '[geometry]\nkind = "file"\nmesh = "m.msh"\n' + rest[rest.index("[bodies") :]
-    (tmp_path / "m.msh").write_text("", encoding="utf-8")
-    with pytest.raises(
-        InputError, match=r'level 2 needs geometry\.kind = "two-blocks", found "file"'
-    ):
-        level_options(load_case(case_file(text)), 2)
+        run_bench(["1"], Options(out=tmp_path))
 
 
 def test_report_is_written(monkeypatch, tmp_path):
     monkeypatch.setattr(bench, "fastest", lambda job, n: made_up(job.level))
-    run_bench(["1", "2"], None, tmp_path / "new", 1, False)
+    run_bench(["1", "2"], Options(out=tmp_path / "new", repeat=1))
     found = json.loads((tmp_path / "new" / "bench.json").read_text(encoding="utf-8"))
     assert [run["level"] for run in found["runs"]] == [1, 2]
     assert found["runs"][0]["seconds"]["law"] == 0.5 / len(CONTACT)

@@ -351,13 +351,16 @@ def without_part_of_solids(part):
         whole = Tangent._assemble_forms
 
         def less(self, A, carried):
-            kept = [list(solid.forms) for solid in self.solids]
-            for solid in self.solids:
+            solids, cells = self.bodies.solids, self.bodies.cells
+            kept = [list(solid.forms) for solid in solids]
+            self.bodies.cells = [None] * len(solids)  # a compiled loop has all parts or none
+            for solid in solids:
                 solid.forms = [] if part is None else [solid.forms[1 - part]]
             try:
                 whole(self, A, carried)
             finally:
-                for solid, all_forms in zip(self.solids, kept, strict=True):
+                self.bodies.cells = cells
+                for solid, all_forms in zip(solids, kept, strict=True):
                     solid.forms = all_forms
 
         patch.setattr(Tangent, "_assemble_forms", less)

@@ -11,7 +11,7 @@ from mpi4py import MPI
 from app.case.reading import check_case
 from app.equilibrium.constraints import Prescribed
 from app.equilibrium.equilibrium import Equilibrium
-from app.explicit.stepper import ExplicitStepper
+from app.explicit.stepper import ExplicitOptions, ExplicitStepper
 from app.simulation.contact_resultants import measure_contact
 from app.simulation.interval_averages import IntervalAverages
 from forms.bodies.materials import NeoHookean
@@ -27,7 +27,7 @@ SOFT = NeoHookean(shear_modulus=1.0, bulk_modulus=5.0)
 WAY = np.array([0.6, 0.8, 0.0])
 
 
-def dragged(shape):
+def dragged(shape, formulation="q1"):
     """Two boxes, pressed and dragged by the top in ``WAY``."""
     scene = Scene(shape, CoulombLaw(CoulombParameters(mu=0.3, K_T=60.0)))
     cells = np.arange(scene.space.mesh.topology.index_map(3).size_local, dtype=np.int32)
@@ -36,19 +36,27 @@ def dragged(shape):
     for height in (-0.5, 0.5):
         at = np.nonzero(np.isclose(scene.where[:, 2], height))[0]
         held += [Prescribed((3 * at + i).astype(np.int32), 0.0) for i in range(3)]
-    solid = Solid("both", u, cells, SOFT, "q1", density=1.0)
+    solid = Solid("both", u, cells, SOFT, formulation, density=1.0)
     return scene, held[3:], Equilibrium(u, [solid], [scene.term], held)
 
 
-@pytest.mark.parametrize("shape", ["hex8", "tet4"])
-def test_the_stable_step_of_generated_kernels(shape):
+def drive(top, step):
+    """Move the top to where it is in a step: down, and in ``WAY``."""
+    move = [*(0.05 * step / 80 * WAY[:2]), -(GAP + 0.03 * min(step / 20, 1.0))]
+    for part, value in zip(top, move, strict=True):
+        part.value = value
+
+
+@pytest.mark.parametrize(("shape", "compiled"), [("hex8", False), ("hex8", True), ("tet4", True)])
+def test_the_stable_step(shape, compiled):
     """It is that of the assembled stiffness, and looking for it moves nothing."""
     _, _, problem = dragged(shape)
     u = problem.u.x.array
     u[:] = 1e-2 * np.sin(np.arange(len(u)))
     u[problem.constrained_dofs()] = 0.0
     before = u.copy()
-    stepper = ExplicitStepper(problem)
+    stepper = ExplicitStepper(problem, ExplicitOptions(compiled=compiled))
+    assert stepper.internal.compiled == compiled
     found = stepper.estimate().elements
     np.testing.assert_array_equal(u, before)
     matrices = [dolfinx.fem.assemble_matrix(part.tangent) for part in problem.solids[0].forms]
@@ -61,6 +69,24 @@ def test_the_stable_step_of_generated_kernels(shape):
     assert found <= 2.0 / np.sqrt(values[-1])
 
 
+@pytest.mark.parametrize(("shape", "formulation"), [("hex8", "q1-sri"), ("tet4", "q1")])
+def test_the_compiled_loop_makes_the_same_history(shape, formulation):
+    """As the generated kernels, to round-off, while boxes meet and slide."""
+    ends, dt = [], None
+    for compiled in (False, True):
+        _, top, problem = dragged(shape, formulation)
+        stepper = ExplicitStepper(problem, ExplicitOptions(compiled=compiled))
+        dt = dt or 0.5 * stepper.stable_step()
+        for step in range(80):
+            drive(top, step)
+            stepper.advance(dt)
+        pressure, energy = problem.trials[0].pressure, np.array([stepper.kinetic_energy()])
+        ends.append([problem.u.x.array.copy(), pressure, energy])
+    for generated, found in zip(*ends, strict=True):
+        assert np.abs(generated).max() > 0.0
+        np.testing.assert_allclose(found, generated, rtol=0, atol=1e-12 * np.abs(generated).max())
+
+
 @pytest.mark.parametrize("shape", ["hex8", "tet4"])
 def test_rows_hold_mean_vectors(shape):
     """Force, friction and twist of an interval are means over its steps."""
@@ -70,9 +96,7 @@ def test_rows_hold_mean_vectors(shape):
     averages, sums, normals = IntervalAverages(stepper), [], []
     weight = scene.surface.slave.weight
     for step in range(80):
-        move = [*(0.05 * step / 80 * WAY[:2]), -(GAP + 0.03 * min(step / 20, 1.0))]
-        for part, value in zip(top, move, strict=True):
-            part.value = value
+        drive(top, step)
         stepper.advance(dt)
         averages.enter(dt)
         trial = problem.trials[0]

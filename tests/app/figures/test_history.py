@@ -70,7 +70,8 @@ def test_forces_and_ratio_of_each_pair_and_of_all(strip):
 
 def test_one_pair_has_its_name_and_the_signed_resultant(tmp_path):
     results = read(write_strip(tmp_path / "out"))
-    results.contacts = results.contacts[results.contacts["pair"] == PAIRS[0]]
+    contacts = results.table("contacts")
+    contacts.columns = contacts.where("pair", PAIRS[0]).columns
     friction = forces_figure(results).axes[1]
     assert set(lines_of(friction)) == {PAIRS[0], "resultant of the friction, signed"}
     assert lines_of(friction)["resultant of the friction, signed"].tolist() == [1.0] * 5

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from app.figures.states import states_to_draw
@@ -37,7 +38,8 @@ def test_a_step_without_output_gives_way_to_the_nearest(tmp_path):
 @pytest.mark.parametrize(("last", "said"), [(10.0, 0), (9.995, 0), (9.9, 1)])
 def test_the_highest_load_is_told_where_other_pictures_show_less(tmp_path, last, said):
     results = read(write_strip(tmp_path / "out"))
-    results.history["normal_force"] = [5.0, 10.0, 10.0, 10.0, last]
+    force = np.array([5.0, 10.0, 10.0, 10.0, last])
+    results.table("history").columns["normal_force"] = force
     titles = {state.name: state.title for state in states_to_draw(results)}
     assert set(titles) == {"deformed-1-press", "deformed"}
     assert sum("highest load" in title for title in titles.values()) == said

@@ -10,6 +10,7 @@ import pytest
 import app.implicit.newton
 import app.implicit.predictor
 from app.equilibrium.constraints import Platen
+from app.equilibrium.step_mode import StepMode
 from app.implicit.options import ImplicitOptions
 from app.implicit.predictor import Predictor
 from app.implicit.stepper import ImplicitStepper
@@ -141,3 +142,18 @@ def test_platen_moves_as_one_under_the_force_given(pair):
         assert problem.unbalanced[bottom[1].dofs].sum() == pytest.approx(-force, rel=1e-9)
         heights.append(moved[0])
     assert heights[1] < heights[0] < -0.01
+
+
+@pytest.mark.parametrize("kind", [KeyboardInterrupt, FloatingPointError])
+@pytest.mark.parametrize("within", ["residual", "jacobian"])
+def test_what_comes_up_within_petsc_is_raised_as_it_is(pair, monkeypatch, kind, within):
+    def rises(*args, **options):
+        raise kind("in the middle")
+
+    blocks = pair()
+    problem = blocks.problem(None, prescribed=[blocks.held("top", 0), blocks.held("bottom", 0)])
+    problem.prescribed[0].value = 0.1
+    newton = ImplicitStepper(problem).newton
+    monkeypatch.setattr(problem, within, rises)
+    with pytest.raises(kind, match="in the middle"):
+        newton.solve(StepMode())

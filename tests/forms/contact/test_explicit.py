@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from forms.contact import explicit_compiled
+from forms.contact import compiled_pair, explicit_compiled
 from forms.contact.explicit import ExplicitContact
 from forms.contact.explicit_compiled import CompiledContact, explicit_contact
 from forms.contact.penalty import ContactTerm
@@ -364,12 +364,12 @@ def test_a_structure_that_is_not_that_of_the_compiled_loop_is_refused(pair, monk
     """One field less in Python than in C: every later pointer would be taken for another."""
 
     class Short(ctypes.Structure):
-        _fields_ = explicit_compiled._Pair._fields_[:-1]
+        _fields_ = compiled_pair.PairStructure._fields_[:-1]
 
-    code = library(explicit_compiled.SOURCE)
-    explicit_compiled.check_layout(code)
+    code = library(compiled_pair.SOURCES[2])
+    compiled_pair.check_layout(code)
     with pytest.raises(RuntimeError, match="same fields in the same order") as error:
-        explicit_compiled.check_layout(code, Short)
+        compiled_pair.check_layout(code, Short)
     assert f"{ctypes.sizeof(Short)};" in str(error.value)
     assert f"{ctypes.sizeof(Short) + 8} bytes" in str(error.value)
     made = []

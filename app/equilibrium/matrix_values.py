@@ -1,0 +1,88 @@
+"""The values of an assembled matrix where they lie, to be changed in place.
+
+petsc4py gives copies of them only. What it leaves out is called in PETSc's own library, which
+petsc4py has loaded.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from petsc4py import PETSc
+
+from geometry.surfaces.facets import Floats, Ints
+
+_SIGNATURE: list[Any] = [ctypes.c_void_p, ctypes.POINTER(ctypes.POINTER(ctypes.c_double))]
+_PLAIN = 0, 0, 0  # counted from zero, not made symmetric, not compressed
+_DIRECT = {PETSc.Mat.Type.SEQAIJ, PETSc.Mat.Type.MPIAIJ}
+
+
+@functools.cache
+def _petsc() -> ctypes.CDLL | None:
+    """PETSc's library; None where the functions needed are not found in it."""
+    try:
+        found = ctypes.CDLL(PETSc.__file__)  # a search there goes on in what it is linked to
+        for function in (found.MatSeqAIJGetArray, found.MatSeqAIJRestoreArray):
+            function.argtypes, function.restype = _SIGNATURE, ctypes.c_int
+        for function in (found.MatGetRowIJ, found.MatRestoreRowIJ):
+            function.argtypes = [ctypes.c_void_p, *3 * [ctypes.c_int32], *4 * [ctypes.c_void_p]]
+            function.restype = ctypes.c_int
+    except (OSError, AttributeError):
+        return None
+    return found
+
+
+def is_direct(A: PETSc.Mat) -> bool:
+    """Whether `values_in_place` can be used with a matrix."""
+    real = np.dtype(PETSc.ScalarType) == np.float64
+    return real and A.getType() in _DIRECT and _petsc() is not None
+
+
+def own_block(A: PETSc.Mat) -> PETSc.Mat:
+    """The part of ``A`` with this rank's rows and columns, not a copy; on one rank all of it."""
+    return A.getDiagonalBlock() if A.getType() == PETSc.Mat.Type.MPIAIJ else A
+
+
+@contextmanager
+def values_in_place(A: PETSc.Mat) -> Iterator[Floats]:
+    """Within a ``with`` block the values of :func:`own_block`, in the order of its rows.
+
+    Args:
+        A: a matrix that :func:`is_direct`, assembled since its pattern was made.
+    """
+    petsc, block, first = _petsc(), own_block(A), ctypes.POINTER(ctypes.c_double)()
+    assert petsc is not None
+    if petsc.MatSeqAIJGetArray(block.handle, ctypes.byref(first)):
+        raise PETSc.Error("the values of the matrix cannot be had")
+    count = int(block.getInfo(PETSc.Mat.InfoType.LOCAL)["nz_used"])
+    try:
+        yield np.ctypeslib.as_array(first, shape=(count,)) if count else np.empty(0)
+    finally:
+        petsc.MatSeqAIJRestoreArray(block.handle, ctypes.byref(first))
+
+
+@contextmanager
+def pattern_in_place(A: PETSc.Mat) -> Iterator[tuple[Ints, Ints]]:
+    """Within a ``with`` block the pattern of :func:`own_block`: ends of rows, and columns.
+
+    Args:
+        A: as in :func:`values_in_place`, with numbers of 32 bits.
+    """
+    petsc, block = _petsc(), own_block(A)
+    assert petsc is not None and np.dtype(PETSc.IntType) == np.int32
+    size, done = ctypes.c_int32(), ctypes.c_int()
+    ends, columns = (ctypes.POINTER(ctypes.c_int32)() for _ in range(2))
+    found = (*map(ctypes.byref, (size, ends, columns, done)),)
+    if petsc.MatGetRowIJ(block.handle, *_PLAIN, *found) or not done.value:
+        raise PETSc.Error("the pattern of the matrix cannot be had")
+    try:
+        indptr = np.ctypeslib.as_array(ends, shape=(size.value + 1,))
+        count = int(indptr[-1])
+        yield indptr, np.ctypeslib.as_array(columns, (count,)) if count else np.empty(0, np.int32)
+    finally:
+        petsc.MatRestoreRowIJ(block.handle, *_PLAIN, *found)

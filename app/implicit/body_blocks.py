@@ -1,0 +1,178 @@
+"""Direct solves of bodies in contact, body by body where one of them is far stiffer.
+
+Each body is solved for in turn (:mod:`app.implicit.body_by_body`). Where no body can be kept the
+whole tangent is factorised, and so it is where taking turns does not get there: for that tangent,
+and for good where that happens often.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from petsc4py import PETSc
+
+from app.equilibrium.equilibrium import Equilibrium
+from app.equilibrium.free_bodies import supports_at_hand
+from app.equilibrium.snapshot import Snapshot
+from app.implicit.body_by_body import BodyByBody
+from app.implicit.coupled_factor import DIRECT
+from app.implicit.factor import Factor
+from app.implicit.kept_bodies import kept_bodies
+from app.implicit.linear_way import LEFT, petsc_kinds
+from forms.bodies.solid import Solid
+
+# Solves that failed are weighed against those that did not: three in a row, or more than one in
+# six, are too many.
+FAILED, TOO_MANY = 5, 15
+
+
+class BodyBlocks:
+    """Solves with the tangent; what PETSc asks of a preconditioner in Python (``apply``).
+
+    Attributes:
+        direct, part: see :class:`app.implicit.linear_way.LinearWay`.
+    """
+
+    direct, part = True, "factorisation"
+
+    def __init__(
+        self, ksp: PETSc.KSP, matrix: PETSc.Mat, problem: Equilibrium, stiff: Sequence[Solid]
+    ) -> None:
+        """Solve by ``ksp``, which leaves all to this object; collective.
+
+        Args:
+            ksp: PETSc's solver, of type "preonly".
+            matrix: the tangent.
+            problem: that it is the tangent of.
+            stiff: bodies that may be kept.
+        """
+        self._ksp, self._matrix, self._problem, self._stiff = ksp, matrix, problem, stiff
+        self._prefix = ksp.getOptionsPrefix() or ""
+        PETSc.Options(self._prefix)["pc_type"] = PETSc.PC.Type.PYTHON
+        pc = ksp.getPC()
+        pc.setType(PETSc.PC.Type.PYTHON)
+        pc.setPythonContext(self)
+        self._supports: tuple[object, ...] | None = None  # that the bodies were chosen for
+        self._bodies: BodyByBody | None = None
+        self._whole: Factor | None = None  # of the tangent; None: it is solved by the bodies
+        self._fallen = False  # whether that is so of the tangent at hand only
+        self._given_up = False  # whether it is so for good
+        self._chosen = False  # whether the bodies are
+        self._works = False  # whether what was factorised last could be
+        self._failures = 0
+        self._share = LEFT  # of forces that a solve may leave out of balance
+        self._rest = problem.new_vector()
+
+    def kinds(self) -> str:
+        """See :class:`app.implicit.linear_way.LinearWay`."""
+        return petsc_kinds(str(DIRECT["ksp_type"]), str(DIRECT["pc_type"]))
+
+    # -- factorisations -----------------------------------------------------------------------
+
+    def renew(self) -> None:
+        """Forget all factorisations; collective."""
+        self._drop_whole()
+        if self._bodies is not None:
+            self._bodies.destroy()
+        self._bodies, self._chosen = None, False
+
+    def _drop_whole(self) -> None:
+        if self._whole is not None:
+            self._whole.destroy()
+        self._whole, self._fallen = None, False
+
+    def set_up(self, widened: bool) -> bool:
+        """Factorise; see :class:`app.implicit.linear_way.LinearWay`; collective."""
+        chosen = self._choose()
+        if self._fallen:
+            self._drop_whole()
+        self._given_up = self._given_up or self._failures >= TOO_MANY
+        if self._bodies is not None and not self._given_up:
+            self._works, anew = self._bodies.make(self._matrix, widened)
+        else:
+            anew = self._whole is None or widened
+            self._make_whole(anew)
+        self._ksp.setOperators(self._matrix)
+        self._ksp.getPC().setFailedReason(PETSc.PC.FailedReason.NOERROR)
+        self._ksp.setUp()
+        return anew or chosen
+
+    def _choose(self) -> bool:
+        """Choose the bodies that are kept, if that is to be done anew; returns whether it was."""
+        supports = supports_at_hand(self._problem)
+        same = supports == self._supports
+        if same and self._chosen:
+            return False
+        self.renew()
+        if not same and self._supports is not None:
+            self._failures, self._given_up = 0, False
+        self._supports, self._chosen = supports, True
+        bodies = kept_bodies(self._problem, self._stiff)
+        if bodies is not None:
+            by_body = BodyByBody(self._problem, bodies, self._prefix)
+            if by_body.works:
+                self._bodies = by_body
+            else:
+                by_body.destroy()
+        return True
+
+    def _make_whole(self, anew: bool) -> None:
+        """Factorise the whole tangent, ``anew`` with its analysis."""
+        if anew:
+            self._drop_whole()
+            self._whole = Factor(self._matrix, self._prefix)
+        assert self._whole is not None
+        self._works = self._whole.make()
+
+    def _fall_back(self) -> None:
+        """Factorise the whole of the tangent that is at hand, and of no other."""
+        self._make_whole(anew=True)
+        self._fallen = True
+
+    # -- solution -----------------------------------------------------------------------------
+
+    def aim(self, share: float) -> None:
+        """See :class:`app.implicit.linear_way.LinearWay`."""
+        self._share = share
+
+    def apply(self, pc: PETSc.PC, b: PETSc.Vec, x: PETSc.Vec) -> None:
+        """Solve for ``x`` (m) with forces ``b`` (N); collective."""
+        if self._whole is None and not self._solve_by_bodies(b, x):
+            self._fall_back()
+        if self._whole is not None and self._works:
+            x.array[:] = self._whole.solve(b.array_r)
+        elif self._whole is not None:
+            pc.setFailedReason(PETSc.PC.FailedReason.SUBPC_ERROR)
+
+    def _solve_by_bodies(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
+        """Solve for one body after the other; returns whether that worked.
+
+        What is prescribed is put in beforehand: displacements are not to be added to forces in
+        norms.
+        """
+        assert self._bodies is not None
+        held = self._problem.constrained_dofs()
+        b.copy(self._rest)
+        self._rest.array[held] = 0.0
+        converged = self._works and self._bodies.solve(self._rest, x, self._share)
+        self._failures = max(self._failures - 1, 0) if converged else self._failures + FAILED
+        x.array[held] = b.array_r[held]
+        return converged
+
+    # -- restart ------------------------------------------------------------------------------
+
+    def snapshot(self) -> Snapshot:
+        """See :class:`app.implicit.linear_way.LinearWay`."""
+        return {
+            "failures": self._failures,
+            "given_up": self._given_up,
+            "fallen": self._fallen,
+        }
+
+    def restore(self, kept: Snapshot, set_up: Callable[[], None]) -> None:
+        """See :class:`app.implicit.linear_way.LinearWay`."""
+        self._supports, self._failures, self._given_up = None, 0, kept["given_up"]
+        set_up()
+        self._failures = kept["failures"]
+        if kept["fallen"]:
+            self._fall_back()

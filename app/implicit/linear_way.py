@@ -1,0 +1,64 @@
+"""What a way to solve linear systems with the tangent offers to :class:`LinearSolver`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+from app.equilibrium.snapshot import Snapshot
+
+LEFT = 1e-3
+"""Share of the forces that a solve may leave out of balance where nothing else is said."""
+
+
+class LinearWay(Protocol):
+    """Solves with the tangent, and keeps what serves more than one of them.
+
+    Attributes:
+        direct: whether a solve with the matrix at hand is cheap beside a new matrix.
+        part: what setting up is called where seconds are counted.
+    """
+
+    direct: bool
+    part: str
+
+    def kinds(self) -> str:
+        """PETSc's names of the solver, for messages."""
+        ...
+
+    def renew(self) -> None:
+        """Forget all that was made for earlier matrices; collective."""
+        ...
+
+    def set_up(self, widened: bool) -> bool:
+        """Factorise the matrix, or make its preconditioner; collective.
+
+        Args:
+            widened: whether its pattern is another than that of the last one.
+
+        Returns:
+            Whether nothing of what was made for earlier matrices is in use.
+        """
+        ...
+
+    def aim(self, share: float) -> None:
+        """Let the next solves leave at most this share of the forces, if they are iterative."""
+        ...
+
+    def snapshot(self) -> Snapshot:
+        """What later solves depend on, beside the matrices that it was set up with."""
+        ...
+
+    def restore(self, kept: Snapshot, set_up: Callable[[], None]) -> None:
+        """Go on from what :meth:`snapshot` has seen; collective.
+
+        Args:
+            kept: what was seen.
+            set_up: sets up the first matrix since all was made anew, and the last one, again.
+        """
+        ...
+
+
+def petsc_kinds(ksp: str, pc: str) -> str:
+    """How messages name a kind of solver and a kind of preconditioner."""
+    return f'ksp_type "{ksp}" and pc_type "{pc}"'

@@ -1,0 +1,50 @@
+"""What ``tribox check`` does: every problem of a case file is a line, without running it."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from app.case.reading import check_case, load_case
+from app.case.trust import require_trust
+
+
+def run_check(case_file: Path, overrides: Sequence[str], law: bool, trust: bool) -> int:
+    """Check a case file and print what is found.
+
+    Args:
+        case_file: the case.
+        overrides: keys that are changed.
+        law: try the friction laws too, also those in Python.
+        trust: run the Python that the case names.
+
+    Returns:
+        The exit code.
+    """
+    if problems := check_case(case_file, overrides):
+        return _refused(problems)
+    from app.run.building import notes_on_sweep
+
+    case = load_case(case_file, overrides)
+    if law:
+        require_trust(case, case_file, trust)
+    notes, problems = notes_on_sweep(case, runs_code=law)
+    if problems:
+        return _refused([f"tribox: {line}" for line in problems])
+    for note in notes:
+        print(f"note: {note}")
+    if law:
+        from app.run.law_check import check_laws
+
+        check_laws([part for _, part in case.sweep_cases()] or [case])
+    runs = len(case.sweep.values) if case.sweep is not None else 1
+    print(f"{case_file}: correct ({runs} run{'s' * (runs > 1)}, {len(case.stage)} stages)")
+    return 0
+
+
+def _refused(problems: Sequence[str]) -> int:
+    """Print what is wrong; the exit code for it."""
+    for line in problems:
+        print(line, file=sys.stderr)
+    return 2

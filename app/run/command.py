@@ -1,0 +1,151 @@
+"""What ``tribox run`` does with its options: one case, one value of a sweep, or all of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from app.case.case import Case
+from app.case.reading import load_case
+from app.case.trust import require_trust
+from app.checkpoint.same_case import is_whole
+from app.errors import InputError
+from app.results.claim import check_not_in_use
+from app.results.directory import check_free, checkpoint_numbers, default_directory
+from app.results.earlier_sweep import sweep_labels
+from app.results.inputs import input_files
+from app.results.status import is_done
+from app.run.ending import ranks_around
+from app.run.process import lasting_imports
+from app.run.ranks import run_on_ranks
+
+
+@dataclass(frozen=True, slots=True)
+class RunOptions:
+    """The options of ``tribox run``.
+
+    Attributes:
+        out: results directory; None: by the name of the case.
+        overrides: "KEY=VALUE" texts that change the case.
+        ranks: MPI ranks to run on; force: replace results that are there.
+        jobs: runs of a sweep at a time; None: as many as the cores allow.
+        part: the only value of the sweep that is run, counted from 0; None: all.
+        trust: run the Python that the case names.
+        resume: go on from the last checkpoint; extend: the same, and past the end.
+        inputs_of: results directory of the sweep, whose copies of mesh and laws are linked.
+    """
+
+    out: Path | None
+    overrides: list[str]
+    ranks: int
+    force: bool
+    jobs: int | None
+    part: int | None
+    trust: bool
+    resume: bool
+    extend: bool
+    inputs_of: Path | None
+
+    def for_ranks(self) -> list[str]:
+        """Words of the command line that each rank of one case gets too."""
+        flags = {"--force": self.force, "--resume": self.resume, "--extend": self.extend}
+        named = {"--part": self.part, "--inputs-of": self.inputs_of}
+        words = [name for name, given in flags.items() if given]
+        return words + [str(w) for n, v in named.items() if v is not None for w in (n, v)]
+
+
+def run_command(case_file: Path, options: RunOptions) -> int:
+    """Run a case, or every value of its sweep, and write results and figures.
+
+    Args:
+        case_file: the case.
+        options: of the command line.
+
+    Returns:
+        The exit code.
+
+    Raises:
+        TriboxError: as of :func:`app.run.run_case`; or the options do not go together.
+    """
+    if options.force and (options.resume or options.extend):
+        raise InputError("--force begins anew, --resume and --extend go on: give one of them")
+    case = load_case(case_file, options.overrides)
+    changes = [word for item in options.overrides for word in ("--set", item)]
+    changes += ["--trust"] * require_trust(case, case_file, options.trust)
+    directory = _results_directory(case, case_file, options)
+    if case.sweep is not None and options.part is None:
+        _run_sweep(case, case_file, directory, options, changes)
+        return 0
+    if options.part is not None:
+        case = _one_part(case, options.part)
+    if options.resume and not options.extend and is_done(directory):
+        is_whole(directory, case)
+        print(f"{directory}: the run is done; --extend goes on past its end")
+        return 0
+    if options.ranks > 1 and ranks_around() == 1:
+        return _run_on_ranks(case_file, directory, options, changes)
+    _run_here(case, directory, options)
+    return 0
+
+
+def _results_directory(case: Case, case_file: Path, options: RunOptions) -> Path:
+    """Where the results go; not where they would be cleared with what the run is made from."""
+    directory = options.out or default_directory(case_file)
+    swept = case.sweep is not None
+    begun = (directory / "case.toml").exists() if swept else checkpoint_numbers(directory)
+    if not ((options.resume or options.extend) and begun):  # else nothing is cleared
+        _keep_inputs(directory, case_file, case)
+    return directory
+
+
+def _keep_inputs(directory: Path, case_file: Path, case: Case) -> None:
+    """Refuse a results directory that holds what the run is made from: it would be cleared."""
+    for path in (case_file, *input_files(case)):
+        if directory.resolve() in path.resolve().parents:
+            raise InputError(
+                f"{directory}: holds {path.name}, which the run reads; name another directory for "
+                "the results with --out"
+            )
+
+
+def _one_part(case: Case, part: int) -> Case:
+    """The case of one value of the sweep."""
+    parts = case.sweep_cases()
+    if part >= len(parts):
+        raise InputError(f"--part {part}: the sweep has {len(parts)} values, counted from 0")
+    return parts[part][1]
+
+
+def _run_sweep(
+    case: Case, case_file: Path, directory: Path, options: RunOptions, changes: list[str]
+) -> None:
+    """Run every value of a sweep."""
+    from app.run.sweep_runs import SweepOptions, run_sweep
+
+    asked = SweepOptions(
+        changes, options.ranks, options.force, options.jobs, options.resume, options.extend
+    )
+    run_sweep(case, case_file, directory, asked, ranks_around())
+
+
+def _run_on_ranks(case_file: Path, directory: Path, options: RunOptions, changes: list[str]) -> int:
+    """Have several ranks run a case; their exit code."""
+    check_not_in_use(directory)
+    if not (options.resume or options.extend):
+        check_free(directory, options.force, sweep_labels(directory))
+    words = ["run", str(case_file), "--out", str(directory), *changes, *options.for_ranks()]
+    return run_on_ranks(options.ranks, words)
+
+
+def _run_here(case: Case, directory: Path, options: RunOptions) -> None:
+    """Run one case in this process, which may be one of several ranks."""
+    with lasting_imports():
+        from app.run.run import run_case
+    run_case(
+        case,
+        directory,
+        force=options.force,
+        inputs_of=options.inputs_of,
+        resume=options.resume,
+        extend=options.extend,
+    )

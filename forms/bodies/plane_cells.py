@@ -1,0 +1,157 @@
+"""First-order cells in plane strain: forces, energy and tangent by the compiled loops."""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import dataclass
+from typing import Any
+
+import dolfinx
+import numpy as np
+from numpy.typing import NDArray
+
+from forms.bodies.lanes import LANES, in_lanes
+from forms.bodies.materials import Hencky, Material, MooneyRivlin, NeoHookean
+from forms.bodies.solid import Solid
+from forms.native.libraries import library
+from geometry.surfaces.facets import Bools, Floats, Ints
+
+FORCES = "plane_kernel.c"
+TANGENT = "plane_tangent.c"
+_KINDS: dict[type, int] = {NeoHookean: 0, MooneyRivlin: 1, Hencky: 2}
+_POINTER = ctypes.c_void_p
+_CELLS: list[Any] = [ctypes.c_int, ctypes.c_int, _POINTER, ctypes.c_int64, ctypes.c_int]
+_CELLS += [_POINTER] * 3
+
+
+class PlaneCells:
+    """Cells of one body by the compiled loops, ``LANES`` at a time.
+
+    See :class:`forms.bodies.compiled_cells.CompiledCells`.
+    """
+
+    def __init__(
+        self, code: PlaneCode, nodes: Ints, position: Floats, material: Material, reduced: bool
+    ) -> None:
+        """Arrange the cells for the loops.
+
+        Args:
+            code: the loops.
+            nodes: (c, a) local nodes of each cell, a = 3 for triangles, 4 for quadrilaterals in
+                DOLFINx's order.
+            position: (n, i), m, reference position of the nodes.
+            material: its strain energy.
+            reduced: whether the volumetric part is taken at the centre.
+        """
+        self._code, self._position = code, position
+        self._material, self._reduced = material, reduced
+        count, corners = nodes.shape
+        self.nodes = _right_handed(nodes, position)
+        four = _four(self.nodes)
+        self._rows, self._edges = in_lanes(four), in_lanes(_edges(four, position))
+        blocks = len(self._rows)
+        self._parameters = np.array(list(material.parameters().values()))
+        self._result = np.zeros(1)
+        self._arguments = (
+            _KINDS[type(material)],
+            2 if corners == 3 else int(reduced),
+            self._parameters.ctypes.data,
+            blocks,
+            count - (blocks - 1) * LANES,
+            self._rows.ctypes.data,
+            self._edges.ctypes.data,
+        )
+
+    def part(self, take: Bools) -> PlaneCells:
+        """See ``CompiledCells.part``."""
+        return PlaneCells(
+            self._code, self.nodes[take], self._position, self._material, self._reduced
+        )
+
+    def add(self, u: Floats, out: Floats, dt: float | None) -> bool:
+        """See ``CompiledCells.add``."""
+        bad: int = self._code.forces(*self._arguments, u.ctypes.data, out.ctypes.data)
+        return bad == 0
+
+    def energy(self, u: Floats) -> float:
+        """See ``CompiledCells.energy``."""
+        bad = self._code.energy(*self._arguments, u.ctypes.data, self._result.ctypes.data)
+        return float(np.inf if bad else self._result[0])
+
+    def add_tangent(
+        self, u: Floats, values: Floats, starts: NDArray[np.int32], excess: Floats | None = None
+    ) -> None:
+        """See ``CompiledCells.add_tangent``."""
+        assert starts.flags.c_contiguous and starts.dtype == np.int32
+        assert starts.shape[:2] == self.nodes.shape
+        more = None if excess is None else np.ascontiguousarray(excess)
+        self._code.tangent(
+            *self._arguments,
+            u.ctypes.data,
+            None if more is None else more.ctypes.data,
+            starts.ctypes.data,
+            values.ctypes.data,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class PlaneCode:
+    """The compiled loops over plane cells."""
+
+    forces: Any
+    energy: Any
+    tangent: Any
+
+
+def _plane_code() -> PlaneCode | None:
+    """The loops; None without a compiler."""
+    loops, tangents = library(FORCES), library(TANGENT)
+    if loops is None or tangents is None:
+        return None
+    code = PlaneCode(
+        loops.tribox_plane_forces, loops.tribox_plane_energy, tangents.tribox_plane_tangent
+    )
+    for function in (code.forces, code.energy):
+        function.argtypes, function.restype = [*_CELLS, _POINTER], ctypes.c_int
+    code.tangent.argtypes, code.tangent.restype = _CELLS + [_POINTER] * 3, None
+    return code
+
+
+def plane_cells(space: dolfinx.fem.FunctionSpace, solid: Solid) -> PlaneCells | None:
+    """The loops for a body; None where they do not cover its cells, element or material."""
+    mesh = space.mesh
+    corners = {
+        dolfinx.mesh.CellType.quadrilateral: 4,
+        dolfinx.mesh.CellType.triangle: 3,
+    }.get(mesh.topology.cell_type)
+    linear = space.dofmap.dof_layout.num_dofs == corners
+    if solid.section != "plane-strain" or not linear or type(solid.material) not in _KINDS:
+        return None
+    code = _plane_code()
+    if code is None:
+        return None
+    position = space.tabulate_dof_coordinates()[:, :2]
+    nodes = np.asarray(space.dofmap.list)[solid.cells]
+    return PlaneCells(code, nodes, position, solid.material, reduced=len(solid.forms) == 2)
+
+
+def _right_handed(nodes: Ints, position: Floats) -> Ints:
+    """Nodes (c, a) of each cell, those of clockwise cells turned round."""
+    x = position[nodes]
+    along, up = x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]
+    turned = along[:, 0] * up[:, 1] - along[:, 1] * up[:, 0] < 0.0
+    out = nodes.astype(np.int32)
+    out[turned, 1:3] = out[turned, 2:0:-1]
+    return out
+
+
+def _four(nodes: Ints) -> Ints:
+    """Nodes (c, 4) as the loops take them: triangles repeat their third one."""
+    return nodes[:, [0, 1, 2, 3 if nodes.shape[1] == 4 else 2]]
+
+
+def _edges(four: Ints, position: Floats) -> Floats:
+    """Edges (c, 6), m, along both directions of a cell, and the mixed difference."""
+    x = position[four]
+    edges = [x[:, 1] - x[:, 0], x[:, 2] - x[:, 0], x[:, 3] - x[:, 2] - x[:, 1] + x[:, 0]]
+    return np.stack(edges, axis=1).reshape(len(four), 6)

@@ -1,0 +1,405 @@
+"""The compiled loops of a pair in space: its forces, and its tangent added where it belongs.
+
+Axis letters: q, p points, g groups of points that touch the same facets, k vertices of a slave
+facet, m nodes that move a point, i space, v vertices, n nodes.
+
+What the loops compute is that of :mod:`forms.contact.kinematics` and :mod:`forms.contact.tangent`;
+those do what the loops leave: rows and columns that are not in the matrix at hand as a whole.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import scipy.sparse
+from numpy.typing import NDArray
+
+from forms.contact.pressure import AveragedPressure
+from forms.contact.state import ContactState, ContactTrial
+from forms.contact.vertex_rows import Coupling, completed
+from forms.native.libraries import library
+from geometry.surfaces.facets import Bools, Floats, Ints, Longs
+from geometry.surfaces.projection import FacetSurface
+from geometry.surfaces.surface import ContactSurface, MasterFacets
+
+if TYPE_CHECKING:
+    from forms.contact.tangent import PairTangent
+
+SOURCE = "contact_tangent.c"
+_SHAPES, _MOVERS, _CORNERS = 16, 64, 9  # most that the loops have room for
+_LONGS = ("monomials", "shapes", "movers", "corners", "first_master", "vertices")
+_MASTER = ("powers", "coefficients", "extraction", "stencil")
+_SLAVE = ("weight", "shape", "slave_rows")
+_TRIAL = (
+    *("facet", "xi", "normal", "tangents", "gap", "curvature", "clamped", "along"),
+    *("position", "foot", "spring", "pressure_slope", "traction", "by_slip", "by_elastic"),
+    "by_pressure",
+)
+_STATE = ("facet_before", "xi_before", "components", "anchor", "image", "slip_length")
+
+Blocks = list[tuple[Longs, Floats]]
+
+
+class _Pair(ctypes.Structure):
+    """``Pair`` of the C source, field by field in the same order."""
+
+    _fields_ = (
+        *((name, ctypes.c_int64) for name in _LONGS),
+        *((name, ctypes.c_void_p) for name in (*_MASTER, *_SLAVE, *_TRIAL, *_STATE)),
+    )
+
+
+class _Entries(ctypes.Structure):
+    _fields_ = tuple(
+        (name, ctypes.c_void_p)
+        for name in ("indptr", "indices", "values", "row_first", "column_first")
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Entries:
+    """The part of a matrix that contacts may add to in place: rows and columns of one rank.
+
+    Attributes:
+        indptr, indices: its pattern, columns in ascending order; values: its values, N/m.
+        first: from global nodes (n,) to the numbers (n,) int32 of their first unknowns in it; −1 of
+            nodes that are not in it with all their unknowns, one after the other.
+    """
+
+    indptr: Ints
+    indices: Ints
+    values: Floats
+    first: Callable[[Longs], Ints]
+
+
+@dataclass(frozen=True, slots=True)
+class _Rows:
+    """Rows of vertices against nodes: entries (e, i) of row v from ``indptr[v]`` on."""
+
+    indptr: Longs
+    node: Longs
+    data: Floats
+
+    def matrix(self, columns: int) -> scipy.sparse.csr_matrix:
+        """The same with a column for each unknown of so many nodes."""
+        data = self.data[:, None, :]
+        shape = (len(self.indptr) - 1, data.shape[2] * columns)
+        return scipy.sparse.bsr_matrix((data, self.node, self.indptr), shape=shape).tocsr()
+
+
+@dataclass(frozen=True, slots=True)
+class _Groups:
+    """Points ``take`` (p,) by groups: ``group`` (p,), and a point of each group (g,)."""
+
+    take: Longs
+    group: Longs
+    point: Longs
+
+    @classmethod
+    def of(cls, take: Longs, key: Longs) -> _Groups:
+        """Points with the same ``key`` (p,) make up a group."""
+        _, first, group = np.unique(key, return_index=True, return_inverse=True)
+        return cls(take, group.reshape(-1).astype(np.int64), take[first])
+
+
+class CompiledTangent:
+    """The loops for one pair."""
+
+    def __init__(self, surface: ContactSurface, code: ctypes.CDLL) -> None:
+        """Lay out what does not change.
+
+        Args:
+            surface: of the pair, see :func:`compiled_tangent`.
+            code: the library of ``SOURCE``.
+        """
+        self.surface, self._code = surface, code
+        code.tribox_tangent_pair_size.restype = ctypes.c_int64
+        if code.tribox_tangent_pair_size() != ctypes.sizeof(_Pair):
+            raise RuntimeError(f"{SOURCE}: its structure Pair is not that of {__name__}")
+        code.tribox_nodal_forces.restype = ctypes.c_double
+        target, slave = surface.target, surface.slave
+        assert isinstance(target, FacetSurface)
+        powers, coefficients = target.shape.polynomials
+        self._fixed: dict[str, NDArray[Any] | None] = {
+            "powers": _packed(powers, np.int32),
+            "coefficients": _packed(coefficients),
+            "extraction": _packed(target.extraction),
+            "stencil": _packed(target.stencil, np.int32),
+            "weight": _packed(slave.weight),
+            "shape": _packed(slave.shape),
+            "slave_rows": _packed(surface.slave_rows, np.int64),
+        }
+        self._sizes = {
+            "monomials": len(powers),
+            "shapes": target.shape.count,
+            "movers": target.stencil.shape[1],
+            "corners": slave.shape.shape[1],
+            "first_master": surface.first_master,
+            "vertices": surface.vertices.of_point.shape[1],
+        }
+        self._of_point = _packed(surface.vertices.of_point, np.int64)
+
+    # -- forces -------------------------------------------------------------------------------
+
+    def places(self, facet: Ints, xi: Floats, nodes: Floats) -> tuple[Floats, Floats]:
+        """See :meth:`geometry.surfaces.target.Target.places`."""
+        count = len(facet)
+        foot, tangents = np.empty((count, 3)), np.empty((count, 2, 3))
+        kept = _packed(facet, np.int32), _packed(xi), _packed(nodes), foot, tangents
+        pair, _alive = self._pair({})
+        self._code.tribox_places(ctypes.byref(pair), ctypes.c_int64(count), *map(_at, kept))
+        return foot, tangents
+
+    def forces(self, trial: ContactTrial) -> tuple[Floats, float]:
+        """Residual (n, i), N, at the pair's nodes; the sum of squares of what each point adds."""
+        at = trial.projection
+        varying = {"facet": at.facet, "xi": at.xi, "traction": trial.traction}
+        pair, _alive = self._pair(varying)
+        out = np.zeros((len(self.surface.nodes), 3))
+        count = ctypes.c_int64(len(at.facet))
+        squared = self._code.tribox_nodal_forces(ctypes.byref(pair), count, _at(out))
+        return out, float(squared)
+
+    # -- tangent ------------------------------------------------------------------------------
+
+    def add(
+        self, tangent: PairTangent, state: ContactState, trial: ContactTrial, entries: Entries
+    ) -> tuple[Blocks, list[Coupling]]:
+        """Add the tangent to a part of a matrix; collective.
+
+        Args:
+            tangent: of the pair, which does what is left.
+            state: of the last step.
+            trial: whose tangent is to be added.
+            entries: the part of the matrix.
+
+        Returns:
+            What is not in that part: blocks of points, and couplings.
+
+        Raises:
+            RuntimeError: the matrix has no room for an entry.
+        """
+        first = _packed(entries.first(self.surface.nodes), np.int32)
+        closed = np.nonzero(trial.kinematics.closed)[0]
+        pair, _alive = self._pair(self._varying(tangent, state, trial))
+        groups = _Groups.of(closed, tangent.point_facets(state, trial, closed))
+        blocks = self._add_points(tangent, state, trial, entries, first, pair, groups)
+        rule = tangent.rule
+        if not isinstance(rule, AveragedPressure):
+            return blocks, []
+        needs = trial.normal_contact.needs()
+        places = self._vertex_places(pair, groups, needs)
+        left = self._vertex_rows(pair, groups, places, tangent.left_vectors(trial, closed))
+        coupled = np.nonzero(trial.coupled())[0]
+        if len(coupled) != len(closed):
+            groups = _Groups.of(coupled, tangent.point_facets(state, trial, coupled))
+            places = self._vertex_places(pair, groups, needs)
+        normal = trial.kinematics.normal[coupled]
+        along = self.surface.vertices.shape[coupled][:, :, None] * normal[:, None, :]
+        right = self._vertex_rows(pair, groups, places, along)
+        area = tangent.area_of(trial)
+        return blocks, self._add_product(left, right, area, entries, first)
+
+    def _varying(
+        self, tangent: PairTangent, state: ContactState, trial: ContactTrial
+    ) -> dict[str, NDArray[Any] | None]:
+        """Fields of the structure that belong to a trial and the state before it."""
+        at, response, anchor = trial.projection, trial.response, trial.anchor
+        assert anchor is not None
+        slope = None
+        if not isinstance(tangent.rule, AveragedPressure):
+            slope = -trial.penalty_scale * tangent.rule.penalty
+        return {
+            "facet": at.facet,
+            "xi": at.xi,
+            "normal": at.normal,
+            "tangents": at.tangents,
+            "gap": at.gap,
+            "curvature": at.curvature,
+            "clamped": at.clamped,
+            "along": at.along,
+            "position": trial.position,
+            "foot": at.foot,
+            "spring": trial.normal_contact.spring,
+            "pressure_slope": slope,
+            "traction": trial.traction,
+            "by_slip": response.d_traction_d_slip,
+            "by_elastic": response.d_traction_d_elastic,
+            "by_pressure": response.d_traction_d_pressure,
+            "facet_before": state.facet,
+            "xi_before": state.xi,
+            "components": state.slip_components,
+            "anchor": anchor.foot,
+            "image": anchor.slip_image,
+            "slip_length": anchor.slip_length,
+        }
+
+    def _pair(
+        self, varying: dict[str, NDArray[Any] | None]
+    ) -> tuple[_Pair, list[NDArray[Any] | None]]:
+        """The structure with some fields, and the arrays that must live as long as it does."""
+        kinds = {"facet": np.int32, "facet_before": np.int32, "clamped": np.uint8}
+        arrays = dict(self._fixed)
+        for name, array in varying.items():
+            arrays[name] = _packed(array, kinds.get(name, np.float64))
+        pair = _Pair(**self._sizes)
+        for name, array in arrays.items():
+            setattr(pair, name, None if array is None else array.ctypes.data)
+        return pair, list(arrays.values())
+
+    def _add_points(
+        self,
+        tangent: PairTangent,
+        state: ContactState,
+        trial: ContactTrial,
+        entries: Entries,
+        first: Ints,
+        pair: _Pair,
+        groups: _Groups,
+    ) -> Blocks:
+        """Add the blocks of the groups whose nodes are all in the matrix; those of the others."""
+        surface, point = self.surface, groups.point
+        stencil, start = self._fixed["stencil"], surface.first_master
+        assert stencil is not None
+        nodes = [surface.slave_rows[point]]
+        nodes += [start + stencil[f[point]] for f in (trial.projection.facet, state.facet)]
+        inside = np.all(first[np.concatenate(nodes, axis=1)] >= 0, axis=1)
+        here = inside[groups.group]
+        order = np.argsort(groups.group[here], kind="stable")
+        points = np.ascontiguousarray(groups.take[here][order])
+        count = np.bincount(groups.group[here], minlength=len(point))[inside]
+        ends = np.append(0, np.cumsum(count)).astype(np.int64)
+        width = self._sizes["corners"] + 2 * self._sizes["movers"]
+        scratch = np.empty(9 * width**2)
+        made, _kept = _entries(entries, first, first)
+        arguments = _at(ends), _at(points), _at(scratch)
+        _require_room(
+            self._code.tribox_add_point_blocks(
+                ctypes.byref(pair), ctypes.byref(made), ctypes.c_int64(len(count)), *arguments
+            )
+        )
+        return tangent.blocks_of(state, trial, groups.take[~here])
+
+    def _vertex_places(self, pair: _Pair, groups: _Groups, needs: Bools) -> tuple[Any, ...]:
+        """Row ends (v + 1,), nodes (e,) and the place (g, k, m) of the groups' entries."""
+        k, size = self._sizes["vertices"], self._sizes["corners"] + self._sizes["movers"]
+        count, nodes, g = len(needs), len(self.surface.nodes), len(groups.point)
+        indptr, node = np.empty(count + 1, dtype=np.int64), np.empty(g * k * size, dtype=np.int64)
+        place = np.empty((g, k, size), dtype=np.int32)
+        scratch = [np.empty(length, dtype=np.int64) for length in (nodes, count + 1, g * k)]
+        point, needed = _packed(groups.point, np.int64), _packed(needs, np.uint8)
+        self._code.tribox_vertex_places(
+            *(ctypes.byref(pair), ctypes.c_int64(g), _at(point), _at(self._of_point), _at(needed)),
+            *(ctypes.c_int64(count), ctypes.c_int64(nodes), *map(_at, scratch)),
+            *(_at(indptr), _at(node), _at(place)),
+        )
+        return indptr, node[: indptr[-1]], place
+
+    def _vertex_rows(
+        self, pair: _Pair, groups: _Groups, places: tuple[Any, ...], along: Floats
+    ) -> _Rows:
+        """Σ_q w G_aᵀ d_A of the groups' points and vectors d (p, k, i)."""
+        indptr, node, place = places
+        data = np.zeros((len(node), 3))
+        take, along = _packed(groups.take, np.int64), _packed(along)
+        arrays = take, groups.group, place, along, data
+        count = ctypes.c_int64(len(take))
+        self._code.tribox_vertex_rows(ctypes.byref(pair), count, *map(_at, arrays))
+        return _Rows(indptr, node, data)
+
+    def _add_product(
+        self, left: _Rows, right: _Rows, area: Floats, entries: Entries, first: Ints
+    ) -> list[Coupling]:
+        """Add Σ_A L_A R_Aᵀ/m_A to the matrix; what is not in it; collective."""
+        vertices, nodes = self.surface.vertices, self.surface.nodes
+        columns, of_column = nodes, first
+        if vertices.comm.size > 1:
+            right, columns = self._completed(right)
+            of_column = _packed(entries.first(columns), np.int32)
+        made, _kept = _entries(entries, first, of_column)
+        counts = len(nodes) + 1, len(left.node), len(left.node), len(columns), len(columns)
+        scratch = [np.empty(count, dtype=np.int64) for count in counts]
+        sums, area = np.empty((len(columns), 3, 3)), _packed(area)
+        _require_room(
+            self._code.tribox_add_product(
+                *(ctypes.byref(made), ctypes.c_int64(vertices.count), _at(area)),
+                *(ctypes.c_int64(len(nodes)), *map(_at, (left.indptr, left.node, left.data))),
+                *(ctypes.c_int64(len(columns)), *map(_at, (right.indptr, right.node, right.data))),
+                *(*map(_at, scratch), _at(sums)),
+            )
+        )
+        outside = first < 0, of_column < 0
+        if not (outside[0][left.node].any() or outside[1][right.node].any()):
+            return []
+        whole = left.matrix(len(nodes)), right.matrix(len(columns))
+        whole[0].data /= np.repeat(area, np.diff(whole[0].indptr))
+        return _outside(whole, (nodes, columns), outside)
+
+    def _completed(self, right: _Rows) -> tuple[_Rows, Longs]:
+        """R with the other ranks' parts of shared vertices, and its columns' nodes; collective."""
+        surface, vertices = self.surface, self.surface.vertices
+        here = np.zeros(vertices.count, dtype=bool)
+        here[vertices.of_point] = True
+        matrix = right.matrix(len(surface.nodes))
+        whole, columns = completed(
+            matrix, vertices.shared, here, surface.nodes, surface.dim, vertices.comm
+        )
+        blocks = whole.tobsr(blocksize=(1, surface.dim))
+        indptr, node = (_packed(a, np.int64) for a in (blocks.indptr, blocks.indices))
+        return _Rows(indptr, node, _packed(blocks.data.reshape(-1, surface.dim))), columns
+
+
+def _outside(
+    whole: tuple[scipy.sparse.csr_matrix, scipy.sparse.csr_matrix],
+    nodes: tuple[Longs, Longs],
+    outside: tuple[Bools, Bools],
+) -> list[Coupling]:
+    """The parts of LᵀR in rows, or else in columns, of nodes outside."""
+    (left, right), (rows, columns), (row_out, column_out) = whole, nodes, outside
+    by_row, by_column = np.repeat(row_out, 3), np.repeat(column_out, 3)
+    left, right = left.tocsc(), right.tocsc()
+    return [
+        Coupling(rows[row_out], columns, (left[:, by_row].T @ right).tocsr()),
+        Coupling(
+            rows[~row_out],
+            columns[column_out],
+            (left[:, ~by_row].T @ right[:, by_column]).tocsr(),
+        ),
+    ]
+
+
+def _packed(array: Any, kind: Any = np.float64) -> Any:
+    """An array as the loops read it, copied only where it is not; None stays None."""
+    return None if array is None else np.ascontiguousarray(array, dtype=kind)
+
+
+def _at(array: NDArray[Any]) -> ctypes.c_void_p:
+    return ctypes.c_void_p(array.ctypes.data)
+
+
+def _entries(entries: Entries, rows: Ints, columns: Ints) -> tuple[_Entries, tuple[Any, ...]]:
+    """The structure, and the arrays that must live as long as it does."""
+    arrays = entries.indptr, entries.indices, entries.values, rows, columns
+    return _Entries(*(array.ctypes.data for array in arrays)), arrays
+
+
+def _require_room(failed: int) -> None:
+    if failed:
+        raise RuntimeError("contact: an entry of the tangent is not in the matrix's pattern")
+
+
+def compiled_tangent(surface: ContactSurface) -> CompiledTangent | None:
+    """The loops for a pair; None in the plane, over rigid surfaces, and without a compiler."""
+    target = surface.target
+    if surface.dim != 3 or not isinstance(target, FacetSurface):
+        return None
+    sizes = target.shape.count, target.stencil.shape[1], surface.slave.shape.shape[1]
+    fits = all(a <= b for a, b in zip(sizes, (_SHAPES, _MOVERS, _CORNERS), strict=True))
+    if not fits or not isinstance(surface.master, MasterFacets):
+        return None
+    code = library(SOURCE)
+    return None if code is None else CompiledTangent(surface, code)

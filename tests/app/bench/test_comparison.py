@@ -1,0 +1,239 @@
+"""Two sides of a comparison: how they run, what is read from them, and the tables."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+from pathlib import Path
+
+import pytest
+
+from app.bench import comparison
+from app.bench.bench import Options, run_bench
+from app.bench.comparison import (
+    Comparison,
+    Difference,
+    Ran,
+    compare,
+    compiled_since,
+    force_difference,
+    run_warm,
+)
+from app.bench.comparison_tables import all_jobs, in_order, job_table
+from app.bench.jobs import Job
+from app.bench.process import ROOT, Cost
+from app.bench.sides import Side
+from app.errors import InputError
+
+JOB = Job("short", 1, ("short.toml",))
+SIDES = (Side("old"), Side("new"))
+SHORT = ("stage.0.steps=2", "stage.1.steps=3", "output.figures=false")
+OTHER_MAIN = """
+import sys, time
+if sys.argv[1] == "run":
+    sys.argv += ["--set", "contact.0.friction.mu=0.1"]
+    end = time.process_time() + 1.0
+    while time.process_time() < end:
+        pass
+"""
+
+
+def ran(side: str = "old", cpu: float = 2.0, clock: float = 3.0, **changes) -> Ran:
+    history = changes.pop("history", None) or rows()
+    counts = dict.fromkeys(("dofs", "steps", "attempts", "iterations", "tangents"), 10)
+    parts = {"imports": 0.5, "search": 0.25, "law": 0.25, "time integration": 0.1}
+    values = counts | {"parts": parts, "history": history} | changes
+    return Ran(side, Cost(cpu, clock), **values)
+
+
+def rows(**columns: list[float]) -> list[dict[str, float]]:
+    values = {"normal_force": [1.0, 2.0], "force_z": [0.0, 1e-15], "energy": [5.0, 6.0]} | columns
+    return [
+        {"step": float(i + 1), "time": 0.1 * i} | {name: v[i] for name, v in values.items()}
+        for i in range(len(values["normal_force"]))
+    ]
+
+
+def difference(**columns: list[float]) -> Difference:
+    return force_difference(ran(), ran(history=rows(**columns)))
+
+
+def cells(lines: list[str], row: str) -> list[str]:
+    (line,) = [line for line in lines if line.startswith(f"| {row} |")]
+    return [cell.strip() for cell in line.strip("|").split("|")][1:]
+
+
+# --- forces ---------------------------------------------------------------------------------------
+
+
+def test_forces_are_compared_with_the_largest_of_their_column():
+    assert difference() == Difference(0.0, "normal_force, row 1")
+    found = difference(normal_force=[1.0 + 2e-6, 2.0])
+    assert found.worst == pytest.approx(1e-6) and found.where == "normal_force, row 1"
+
+
+def test_energies_are_no_forces():
+    assert difference(energy=[50.0, 6.0]).worst == 0.0
+
+
+def test_round_off_of_a_force_that_vanishes_is_small():
+    assert difference(force_z=[1e-15, 0.0]).worst == pytest.approx(5e-13)
+    # No round-off, however small beside the others.
+    assert difference(force_z=[4e-5, 0.0]).worst == pytest.approx(4e-5 / 2e-3)
+
+
+def test_histories_of_other_steps_cannot_be_compared():
+    longer = ran(history=rows(normal_force=[1.0, 2.0, 3.0], force_z=[0.0] * 3, energy=[0.0] * 3))
+    assert force_difference(ran(), longer) == Difference(math.inf, "2 and 3 rows")
+    late = rows()
+    late[1]["time"] = 0.2
+    assert force_difference(ran(), ran(history=late)).worst == math.inf
+
+
+def test_a_force_that_is_no_number_differs():
+    assert difference(normal_force=[math.nan, 2.0]).worst == math.inf
+
+
+def test_a_history_without_forces_is_an_error():
+    bare = ran(history=[{"step": 1.0, "time": 0.0}])
+    with pytest.raises(InputError, match="no column of forces"):
+        force_difference(bare, bare)
+
+
+# --- runs -----------------------------------------------------------------------------------------
+
+
+def test_sides_run_in_turn_and_the_fastest_of_each_counts(monkeypatch):
+    costs = iter([(3.0, 1.0), (9.0, 1.0), (2.0, 4.0), (8.0, 0.5)])
+    order = []
+
+    def fake(job: Job, side: Side, probed: bool) -> Ran:
+        order.append((side.name, probed))
+        return ran(side.name, *next(costs))
+
+    monkeypatch.setattr(comparison, "run_warm", fake)
+    found = compare(JOB, SIDES, 2)
+    assert order == [("old", True), ("new", True)] * 2
+    assert (found.first.cost.cpu, found.second.cost.cpu) == (2.0, 8.0)
+
+
+def test_on_ranks_the_clock_counts_and_nothing_is_probed(monkeypatch):
+    costs = iter([(3.0, 1.0), (9.0, 1.0), (2.0, 4.0), (8.0, 0.5)])
+    probes = []
+
+    def fake(job: Job, side: Side, probed: bool) -> Ran:
+        probes.append(probed)
+        return ran(side.name, *next(costs))
+
+    monkeypatch.setattr(comparison, "run_warm", fake)
+    found = compare(JOB, (Side("1 rank"), Side("2 ranks", ranks=2)), 2)
+    assert probes == [False] * 4 and found.by_clock
+    assert (found.first.cost.clock, found.second.cost.clock) == (1.0, 0.5)
+
+
+def test_a_run_that_compiled_something_is_made_again(monkeypatch):
+    compiled = iter([True, False])
+    costs = iter([9.0, 1.0])
+    monkeypatch.setattr(comparison, "compiled_since", lambda started: next(compiled))
+    monkeypatch.setattr(comparison, "run", lambda *_: ran(cpu=next(costs)))
+    assert run_warm(JOB, SIDES[0], True).cost.cpu == 1.0
+
+
+def test_what_is_compiled_is_seen(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(comparison.tempfile, "gettempdir", lambda: str(tmp_path / "none"))
+    cache = tmp_path / "fenics"
+    cache.mkdir()
+    assert not compiled_since(0.0)
+    library = cache / "form.so"
+    library.touch()
+    written = library.stat().st_mtime
+    assert compiled_since(written - 1.0) and not compiled_since(written)
+
+
+def test_several_ranks_run_the_program_as_it_is(monkeypatch):
+    asked = []
+
+    def fake(words: list[str], name: str, tree: Path) -> Cost:
+        asked.append((words, tree))
+        results = Path(words[words.index("--out") + 1])
+        results.mkdir()
+        keys = ("dofs", "steps", "attempts", "newton_iterations", "factorisations")
+        summary = dict.fromkeys(keys, 7) | {"seconds": {"run": 2.0, "contact": 1.0}}
+        (results / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
+        (results / "history.csv").write_text("step,time,normal_force\n1,0.5,2\n")
+        return Cost(4.0, 2.0)
+
+    monkeypatch.setattr(comparison, "run_python", fake)
+    side = Side("2 ranks", ROOT / "elsewhere", 2, ("a=1",))
+    found = comparison.run(JOB, side, False)
+    ((words, tree),) = asked
+    assert words[:4] == ["-m", "app", "run", "short.toml"] and words[-2:] == ["--np", "2"]
+    assert words[4:6] == ["--set", "a=1"] and tree == side.tree
+    assert found.parts == {"contact": 1.0} and found.iterations == 7
+    assert found.history == [{"step": 1.0, "time": 0.5, "normal_force": 2.0}]
+
+
+@pytest.fixture(scope="module")
+def other_tree(tmp_path_factory) -> Path:
+    """A copy of this tree whose runs burn a second and have half the friction."""
+    tree = tmp_path_factory.mktemp("other") / "tree"
+    for name in ("app", "forms", "geometry"):
+        shutil.copytree(ROOT / name, tree / name, ignore=shutil.ignore_patterns("__pycache__"))
+    main = tree / "app" / "__main__.py"
+    text = main.read_text(encoding="utf-8")
+    future = "from __future__ import annotations\n"
+    assert future in text
+    main.write_text(text.replace(future, future + OTHER_MAIN), encoding="utf-8")
+    return tree
+
+
+@pytest.mark.long
+def test_the_other_tree_is_what_runs_and_is_probed(other_tree, block, case_file, tmp_path):
+    out = tmp_path / "bench"
+    options = Options(case_file(block), out, 1, overrides=SHORT, against=other_tree)
+    run_bench(["1"], options)
+    (found,) = json.loads((out / "bench.json").read_text(encoding="utf-8"))["comparisons"]
+    old, new = found["sides"]
+    assert old["cpu"] > new["cpu"] + 0.5
+    # Half the friction force, and by so much less than all of it.
+    worst, where = found["forces"]
+    assert 0.4 < worst < 0.7 and where.startswith(("friction", "tangential", "force_x"))
+    for side in (old, new):
+        assert side["steps"] == 5 and side["iterations"] >= 5
+        assert {"imports", "set-up", "projection", "solve", "output"} <= side["seconds"].keys()
+    text = (out / "bench.md").read_text(encoding="utf-8")
+    assert f"**{new['cpu'] / old['cpu']:.3f}**" in text
+
+
+# --- tables ---------------------------------------------------------------------------------------
+
+
+def test_tables_divide_the_second_by_the_first():
+    second = ran("new", 1.0, 6.0, iterations=11, parts={"imports": 0.5, "projection": 0.1})
+    found = Comparison(JOB, ran(), second, Difference(1e-12, "drag, row 3"), False)
+    lines = list(job_table(found))
+    assert lines[0] == "| short, level 1 | old | new | new / old |"
+    assert cells(lines, "command, CPU (s)") == ["2.00", "1.00", "**0.500**"]
+    assert cells(lines, "command, clock (s)") == ["3.00", "6.00", "**2.000**"]
+    assert cells(lines, "Newton iterations") == ["10", "11", "1.100"]
+    assert cells(lines, "largest difference of the forces")[-1] == "1.0e-12 (drag, row 3)"
+    assert cells(lines, "contact, CPU (s)") == ["0.500", "0.100", "0.20"]
+    assert cells(lines, "time integration, CPU (s)") == ["0.100", "0.000", "0.00"]
+    (row,) = list(all_jobs([found]))[2:]
+    assert "| 10 | 2.00 | 1.00 | **0.500** | 3.00 | 6.00 | **2.000** | 10 → 11 |" in row
+
+
+def test_a_ratio_to_nothing_is_left_out():
+    none = ran(iterations=0, parts={"imports": 0.001})
+    lines = list(job_table(Comparison(JOB, none, none, Difference(0.0, ""), True)))
+    assert cells(lines, "Newton iterations") == ["0", "0", "–"]
+    assert cells(lines, "imports, clock (s)")[-1] == "–"
+    assert cells(lines, "largest difference of the forces")[-1] == "the same"
+
+
+def test_parts_that_nobody_knows_are_shown_last():
+    assert in_order(["checkpoints", "output", "contact", "imports"]) == [
+        *("imports", "contact", "output", "checkpoints")
+    ]

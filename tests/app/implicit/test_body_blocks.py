@@ -1,0 +1,289 @@
+"""Solving for one body after the other gives what a factorisation of the whole gives."""
+
+import tomllib
+
+import numpy as np
+import pytest
+import scipy.sparse
+import scipy.sparse.linalg
+from mpi4py import MPI
+
+from app.build.model import build_model
+from app.case.case import Case
+from app.equilibrium.constraints import Platen, component_dofs
+from app.equilibrium.equilibrium import Equilibrium
+from app.implicit import body_blocks, body_by_body
+from app.implicit.body_blocks import FAILED, TOO_MANY, BodyBlocks
+from app.implicit.body_by_body import BodyByBody
+from app.implicit.coupled_factor import CoupledFactor
+from app.implicit.kept_bodies import kept_bodies, stiff_solids, young_modulus
+from app.simulation.observer import Observer
+from app.simulation.simulation import Simulation
+from forms.bodies.materials import NeoHookean
+from forms.contact.penalty import ContactTerm
+from tests.app.checkpoint.going_on import as_killed, case_of, numbers, run, state_of, unlike
+from tests.app.checkpoint.small_cases import COARSE, STAGES, changed
+from tests.app.conftest import BLOCK
+from tests.app.equilibrium.test_equilibrium import coulomb
+from tests.app.implicit.test_linear_solver import new_solver
+from tests.conftest import SOFT
+
+METAL = NeoHookean(shear_modulus=3000.0, bulk_modulus=8000.0)
+
+
+def sunk(blocks, lower=METAL, upper=SOFT, held=("top", "bottom"), penalty=50.0, **parts):
+    """Two blocks with Coulomb friction, held on some surfaces, and a state in which they touch."""
+    prescribed = [blocks.held(name, axis) for name in held for axis in (0, 1)]
+    term = ContactTerm(blocks.surface(), coulomb(0.3), penalty)
+    problem = Equilibrium(
+        blocks.u, blocks.solids(upper, lower), [term], prescribed=prescribed, **parts
+    )
+    x = blocks.displaced(
+        lambda X: np.stack([0.02 + 0.01 * X[:, 1], -0.02 - 0.01 * X[:, 1]], axis=1),
+        lambda X: 1e-5 * X,
+    )
+    return problem, x
+
+
+def forces(problem, seed=0):
+    """Noise: forces, and displacements where these are prescribed."""
+    out = problem.new_vector()
+    out.array[:] = np.random.default_rng(seed).normal(size=problem.owned)
+    return out
+
+
+def exact(matrix, rhs):
+    indptr, columns, values = matrix.getValuesCSR()
+    whole = scipy.sparse.csc_matrix(scipy.sparse.csr_matrix((values, columns, indptr)))
+    return scipy.sparse.linalg.spsolve(whole, rhs.array_r)
+
+
+def assembled(problem, x):
+    solver = new_solver(problem)
+    solver.assemble(x)
+    return solver
+
+
+@pytest.mark.parametrize("softer", [2000.0, 100.0])
+def test_the_increments_are_those_of_the_whole(pair, softer):
+    """To the share of the forces that is asked for, and exactly where they are prescribed."""
+    stiff = NeoHookean(softer * 1.5, softer * 4.0)
+    problem, x = sunk(pair(), stiff)
+    solver = assembled(problem, x)
+    assert isinstance(solver.way, BodyBlocks)
+    rhs, found, left = forces(problem), problem.new_vector(), problem.new_vector()
+    wanted, errors = exact(solver.matrix, rhs), []
+    held = problem.constrained_dofs()
+    free = np.delete(rhs.array_r, held)
+    for share in (1e-2, 1e-8):
+        solver.way.aim(share)
+        solver.ksp.solve(rhs, found)
+        assert solver.ksp.getConvergedReason() > 0
+        solver.matrix.mult(found, left)
+        left.axpy(-1.0, rhs)
+        assert left.norm() <= 1.01 * share * np.linalg.norm(free)
+        np.testing.assert_array_equal(found.array_r[held], rhs.array_r[held])
+        errors.append(np.linalg.norm(found.array_r - wanted) / np.linalg.norm(wanted))
+    assert errors[1] < 1e-5 and errors[1] < 1e-2 * errors[0]
+    assert solver.way._whole is None
+
+
+def test_a_stiff_body_that_is_moved_takes_the_other_along(pair):
+    """What moves it is so large that the forces of the soft body are nothing beside it."""
+    problem, x = sunk(pair(), upper=METAL, lower=SOFT)
+    solver = assembled(problem, x)
+    rhs, increment = problem.new_vector(), problem.new_vector()
+    top = problem.prescribed[1].dofs
+    increment.array[top] = -0.01
+    assert solver.solve_from(x, rhs, increment)
+    assert solver.way._whole is None
+    wanted = exact(solver.matrix, rhs)
+    soft = pair().nodes("aluminium")
+    moved = increment.array_r.reshape(-1, 2)[soft]
+    assert np.abs(moved).max() > 1e-3
+    np.testing.assert_allclose(moved, wanted.reshape(-1, 2)[soft], atol=0.03 * np.abs(moved).max())
+
+
+def test_the_stiff_body_is_factorised_once_and_the_other_analysed_once(pair, monkeypatch):
+    """The contact moves on to other facets: the pattern of the whole changes, but not theirs."""
+    blocks = pair("quadrilateral", (6, 2), (40, 2))
+    problem, _ = sunk(blocks)
+    solver = new_solver(problem)
+    seen, make = [], BodyByBody.make
+
+    def watched(self, matrix, widened):
+        works, anew = make(self, matrix, widened)
+        seen.append((id(self), widened, anew))
+        return works, anew
+
+    monkeypatch.setattr(BodyByBody, "make", watched)
+    rhs, found = forces(problem), problem.new_vector()
+    solver.way.aim(1e-10)
+    for way in (0.0, 0.2, 0.4):
+        x = blocks.displaced(lambda X, way=way: np.tile([way, -0.02], (len(X), 1)), np.zeros_like)
+        solver.assemble(x)
+        solver.way.aim(1e-10)
+        solver.ksp.solve(rhs, found)
+        np.testing.assert_allclose(found.array_r, exact(solver.matrix, rhs), atol=1e-7)
+    assert len({body for body, _, _ in seen}) == 1
+    assert [anew for _, _, anew in seen] == [True, False, False]
+    assert any(widened for _, widened, _ in seen[1:])
+
+
+# -- conditions -----------------------------------------------------------------------------------
+
+
+def names(problem):
+    kept = kept_bodies(problem, stiff_solids(problem))
+    return None if kept is None else tuple(solid.name for solid in kept.solids)
+
+
+def test_young_modulus_of_a_material():
+    E, nu = 70e9, 0.33
+    metal = NeoHookean(E / (2.0 * (1.0 + nu)), E / (3.0 * (1.0 - 2.0 * nu)))
+    assert young_modulus(metal) == pytest.approx(E, rel=1e-14)
+
+
+def test_a_body_is_kept_where_it_is_stiff_and_held(pair):
+    blocks = pair()
+    assert names(sunk(blocks)[0]) == ("aluminium",)
+    assert names(sunk(blocks, upper=METAL, lower=SOFT)[0]) == ("elastomer",)
+    # Contact stiffness times the length of a facet, 50/6, over Young's modulus.
+    assert names(sunk(blocks, lower=NeoHookean(3.0, 8.0))[0]) is None
+    # Nothing but the other body holds it.
+    assert names(sunk(blocks, held=("top",))[0]) is None
+    # Both would be: contacts that are so soft do not tell which is the soft one.
+    assert names(sunk(blocks, upper=METAL)[0]) is None
+
+
+def test_supports_that_leave_a_motion_keep_nothing(pair):
+    blocks = pair()
+    problem, _ = sunk(blocks)
+    across = problem.prescribed[2:]  # x and y of the bottom
+    for part in across:
+        part.acts = False
+        assert names(problem) is None
+        part.acts = True
+    assert names(problem) == ("aluminium",)
+
+
+@pytest.mark.parametrize(("displacement", "kept"), [(None, None), (0.0, ("aluminium",))])
+def test_a_body_under_a_platen_with_a_force_is_not_kept(pair, displacement, kept):
+    blocks = pair()
+    dofs = component_dofs(blocks.u.function_space, blocks.named.facets("aluminium_contact"), 1)
+    platen = Platen(dofs, force=-1.0, displacement=displacement)
+    problem, _ = sunk(blocks, platens=[platen])
+    assert names(problem) == kept
+
+
+def test_what_the_user_chooses_is_left_to_petsc(pair):
+    """Unless his options are MUMPS's, or of Newton's method."""
+    data = tomllib.loads(BLOCK)
+    ways = {}
+    for key, value in {"pc_type": "lu", "mat_mumps_icntl_14": 40, "snes_max_it": 30}.items():
+        data["solver"] = {"petsc": {key: value}}
+        sim = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
+        ways[key] = type(sim.stepper.solver.way)
+        assert sim.stepper.solver.direct
+    assert list(ways.values()) == [CoupledFactor, BodyBlocks, BodyBlocks]
+
+
+# -- where it does not work -----------------------------------------------------------------------
+
+
+def failing(monkeypatch, calls):
+    """Let the solves by bodies with these numbers fail; returns the numbers of all of them."""
+    seen, solve = [], BodyByBody.solve
+
+    def sometimes(self, b, x, share):
+        seen.append(len(seen))
+        return solve(self, b, x, share) and seen[-1] not in calls
+
+    monkeypatch.setattr(BodyByBody, "solve", sometimes)
+    return seen
+
+
+def test_a_solve_that_fails_is_made_with_a_factorisation_of_the_whole(pair, monkeypatch):
+    problem, x = sunk(pair())
+    solver = assembled(problem, x)
+    seen = failing(monkeypatch, {0})
+    found, rhs = problem.new_vector(), forces(problem)
+    for _ in range(2):  # the second finds the factorisation there
+        solver.ksp.solve(rhs, found)
+        np.testing.assert_allclose(found.array_r, exact(solver.matrix, rhs), atol=1e-9)
+    assert len(seen) == 1
+    solver.assemble(x)
+    solver.ksp.solve(rhs, found)
+    assert len(seen) == 2 and solver.way._whole is None
+
+
+def test_what_fails_often_is_given_up_until_the_supports_change(pair, monkeypatch):
+    problem, x = sunk(pair())
+    solver = assembled(problem, x)
+    seen = failing(monkeypatch, range(100))
+    found, rhs = problem.new_vector(), forces(problem)
+    for _ in range(6):
+        solver.assemble(x)
+        solver.ksp.solve(rhs, found)
+    assert len(seen) == -(-TOO_MANY // FAILED)
+    np.testing.assert_allclose(found.array_r, exact(solver.matrix, rhs), atol=1e-9)
+    problem.prescribed[0].acts = False
+    solver.assemble(x)
+    solver.ksp.solve(rhs, found)
+    assert len(seen) == -(-TOO_MANY // FAILED) + 1
+
+
+def test_a_singular_tangent_is_told_and_forgotten(pair):
+    """A body that nothing holds and nothing touches."""
+    problem, x = sunk(pair(gap=0.5), held=("bottom",))
+    solver = assembled(problem, problem.new_vector())
+    assert isinstance(solver.way, BodyBlocks)
+    found, rhs = problem.new_vector(), forces(problem)
+    solver.matrix.zeroRowsColumns(np.arange(4, dtype=np.int32), 0.0)
+    solver.way.set_up(False)
+    solver.ksp.solve(rhs, found)
+    assert not solver.forget_failure()
+    held, x = sunk(pair())
+    again = assembled(held, x)
+    again.ksp.solve(forces(held), found)
+    assert again.ksp.getConvergedReason() > 0
+
+
+# -- whole runs -----------------------------------------------------------------------------------
+
+
+def simulated(keys):
+    sim = Simulation(build_model(Case.model_validate(changed(BLOCK, keys)), MPI.COMM_SELF))
+    sim.run(Observer())
+    return sim
+
+
+def test_a_run_is_that_with_the_whole_factorised():
+    """Rows to round-off of the tolerance, and no iteration more."""
+    tight = {"solver": {"tolerance": 1e-10}}
+    ours = simulated(tight)
+    whole = simulated({"solver": {"tolerance": 1e-10, "petsc": {"pc_type": "lu"}}})
+    assert isinstance(ours.stepper.solver.way, BodyBlocks)
+    assert isinstance(whole.stepper.solver.way, CoupledFactor)
+    for a, b in zip(ours.rows, whole.rows, strict=True):
+        assert a.normal_force == pytest.approx(b.normal_force, rel=1e-9)
+        assert a.tangential_force == pytest.approx(b.tangential_force, rel=1e-9, abs=1e-9)
+    spent = [sum(row.newton_iterations for row in sim.rows) for sim in (ours, whole)]
+    assert spent[0] <= spent[1] + 1
+
+
+@pytest.mark.parametrize("patience", [TOO_MANY, 10**6])
+def test_a_run_that_falls_back_goes_on_as_if_nothing_had_been(tmp_path, monkeypatch, patience):
+    """Byte by byte: from where the whole is factorised for good, or for some tangents only."""
+    monkeypatch.setattr(body_by_body, "LIMIT", 3)
+    monkeypatch.setattr(body_blocks, "TOO_MANY", patience)
+    case = case_of(changed(BLOCK, COARSE | {"stage": STAGES}))
+    run(case, tmp_path / "whole")
+    written = numbers(tmp_path / "whole")
+    states = [state_of(tmp_path / "whole", n)["simulation"]["runner"] for n in written]
+    ways = [state["solver"]["way"] for state in states]
+    assert ways[-1]["given_up"] is (patience == TOO_MANY)
+    place = [way["given_up"] or way["fallen"] for way in ways].index(True)
+    directory = as_killed(tmp_path / "whole", tmp_path / "out", written[place])
+    run(case, directory, resume=True)
+    assert unlike(tmp_path / "whole", directory) == []

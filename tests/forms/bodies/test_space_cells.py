@@ -1,0 +1,228 @@
+"""The compiled loop over cells in space against what DOLFINx assembles, to round-off."""
+
+from __future__ import annotations
+
+import dolfinx
+import numpy as np
+import pytest
+
+from forms.bodies.compiled_cells import compiled_cells
+from forms.bodies.internal_force import GeneratedForce, InternalForce
+from forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, Yeoh, shear_and_bulk
+from forms.bodies.solid import Solid
+from forms.bodies.space_cells import SpaceCells
+from geometry.compat import cell_nodes
+from tests.grid import coordinate_element, grid
+
+MATERIALS = {
+    "neo-hookean": NeoHookean(1.0, 5.0),
+    "mooney-rivlin": MooneyRivlin(0.4, 0.1, 5.0),
+    "hencky": Hencky(1.0, 5.0),
+}
+INCOMPRESSIBLE = {
+    "neo-hookean": NeoHookean(*shear_and_bulk(1.0, 0.499)),
+    "mooney-rivlin": MooneyRivlin(0.4, 0.1, 500.0),
+    "hencky": Hencky(*shear_and_bulk(1.0, 0.499)),
+}
+KINDS = [("hexahedron", "q1"), ("hexahedron", "q1-sri"), ("tetrahedron", "q1")]
+GRADIENT = np.array([[0.3, 0.25, 0.1], [-0.4, -0.2, 0.2], [0.1, -0.3, 0.4]])
+TURN = np.array([[0.0, -0.8, 0.6], [1.0, 0.0, 0.0], [0.0, 0.6, 0.8]])
+
+
+def on_all(comm, mesh):
+    """A mesh that one rank has, over all ranks."""
+    cells, x = cell_nodes(mesh).astype(np.int64), mesh.geometry.x
+    if comm.rank > 0:
+        cells, x = cells[:0], x[:0]
+    return dolfinx.mesh.create_mesh(comm, cells, x=x, e=coordinate_element("hexahedron", 3))
+
+
+def body(cell, material, formulation, distortion=0.15, comm=None):
+    """A displacement on a distorted mesh, and the body on all of it; nine hexahedra."""
+    mesh = grid(cell, (3, 1, 3), [1.0, 0.4, 0.8])
+    mesh = mesh if comm is None else on_all(comm, mesh)
+    x = mesh.geometry.x
+    x += distortion / 3.0 * np.sin(np.array([7.0, 11.0, 13.0]) * x[:, [1, 2, 0]] + x)
+    u = dolfinx.fem.Function(dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (3,))))
+    count = mesh.topology.index_map(3).size_local
+    return u, Solid("body", u, np.arange(count, dtype=np.int32), material, formulation)
+
+
+def deform(u, size, turned=False):
+    """A stretch with a ripple, both of the given size, that curves the faces of the cells.
+
+    ``turned``: the whole body is turned too, by a finite rotation.
+    """
+    where = u.function_space.tabulate_dof_coordinates()
+    ripple = np.sin(9.0 * where[:, [2, 0, 1]] + 5.0 * where) * np.array([1.0, -0.7, 0.8])
+    moved = where + size * (where @ GRADIENT.T + 0.06 * ripple)
+    u.x.array[:] = ((moved @ TURN.T if turned else moved) - where).reshape(-1)
+
+
+def cells_of(u, solid):
+    cells = compiled_cells(u.function_space, solid)
+    assert isinstance(cells, SpaceCells)
+    return cells
+
+
+def dense(u, forms):
+    """The matrix (n, n) of bilinear forms."""
+    return sum(dolfinx.fem.assemble_matrix(form).to_scipy().toarray() for form in forms)
+
+
+def summed(u, cells, excess=None):
+    """The same by the compiled loop, from element matrices that lie one after the other."""
+    shape = (*cells.nodes.shape, 3, cells.nodes.shape[1])
+    starts = 3 * np.arange(np.prod(shape), dtype=np.int32).reshape(shape)
+    values = np.zeros((*shape, 3))
+    cells.add_tangent(u.x.array, values, starts, excess)
+    at = (3 * cells.nodes[..., None] + np.arange(3)).reshape(len(values), 3 * cells.nodes.shape[1])
+    total = np.zeros((len(u.x.array),) * 2)
+    np.add.at(total, (at[:, :, None], at[:, None, :]), values.reshape(*at.shape, at.shape[1]))
+    return total
+
+
+def compare(u, solid):
+    """Forces, energy and tangent of the loop and of the forms."""
+    cells, slow = cells_of(u, solid), GeneratedForce(solid, u)
+    mine, theirs = np.ones_like(u.x.array), np.ones_like(u.x.array)
+    assert cells.add(u.x.array, mine, None) and slow.add(u.x.array, theirs, None)
+    stiffness = dense(u, [part.tangent for part in solid.forms])
+    # What rounds F is an error of the stress of the modulus times 1e-16.
+    rounding = 2e-15 * np.abs(stiffness).max()  # the body is 1 m long
+    largest = np.abs(theirs - 1.0).max()
+    np.testing.assert_allclose(mine, theirs, rtol=0, atol=max(1e-12 * largest, rounding))
+    energy = slow.energy(u.x.array)
+    assert cells.energy(u.x.array) == pytest.approx(energy, rel=1e-12, abs=rounding)
+    found = summed(u, cells)
+    np.testing.assert_allclose(found, stiffness, rtol=0, atol=1e-14 * np.abs(stiffness).max())
+    return largest / np.abs(stiffness).max()
+
+
+@pytest.mark.parametrize(("cell", "formulation"), KINDS)
+@pytest.mark.parametrize("name", MATERIALS)
+def test_forces_energy_and_tangent_are_those_of_the_forms(name, cell, formulation):
+    """Small, large, turned; nearly incompressible. Of nine cells a block is full, one is not."""
+    u, solid = body(cell, MATERIALS[name], formulation)
+    for size, turned in ((0.7, False), (0.7, True), (1e-2, True), (1e-5, False)):
+        deform(u, size, turned)
+        assert compare(u, solid) > 1e-4 * size
+    for key, value in INCOMPRESSIBLE[name].parameters().items():
+        solid._constants[key].value = value
+    solid.material = INCOMPRESSIBLE[name]
+    for size in (0.5, 1e-2):
+        deform(u, size, turned=True)
+        compare(u, solid)
+
+
+@pytest.mark.parametrize("name", MATERIALS)
+def test_large_strains_and_equal_stretches(name):
+    """Far beyond where the logarithm's series is exact, and where principal axes are not unique."""
+    u, solid = body("hexahedron", MATERIALS[name], "q1", distortion=0.0)
+    where = u.function_space.tabulate_dof_coordinates()
+    uniaxial = np.diag([2.5, 0.7, 0.7]) - np.eye(3)
+    for gradient in (uniaxial, -0.3 * np.eye(3), uniaxial + 0.9 * GRADIENT):
+        u.x.array[:] = (where @ gradient.T).reshape(-1)
+        compare(u, solid)
+
+
+def test_a_cell_by_hand():
+    """Simple shear of a unit cube, neo-Hookean: P = G (F − F⁻ᵀ) on its faces, W = G γ²/2."""
+    shear, gamma = 2.0, 0.3
+    mesh = grid("hexahedron", (1, 1, 1), [1.0, 1.0, 1.0])
+    u = dolfinx.fem.Function(dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (3,))))
+    where = u.function_space.tabulate_dof_coordinates()
+    u.x.array[0::3] = gamma * where[:, 1]
+    for formulation in ("q1", "q1-sri"):
+        solid = Solid("cube", u, np.array([0], np.int32), NeoHookean(shear, 9.0), formulation)
+        cells, force = cells_of(u, solid), np.zeros_like(u.x.array)
+        assert cells.add(u.x.array, force, None)
+        P = shear * gamma * np.array([[0, 1, 0], [1, 0, 0], [0, 0, 0]])
+        outward = 2.0 * where - 1.0  # a quarter of each of the three faces at a corner
+        np.testing.assert_allclose(force.reshape(-1, 3), 0.25 * outward @ P.T, atol=1e-15)
+        assert cells.energy(u.x.array) == pytest.approx(0.5 * shear * gamma**2, rel=1e-14)
+
+
+@pytest.mark.parametrize("name", MATERIALS)
+def test_carried_pressures(name):
+    u, solid = body("hexahedron", INCOMPRESSIBLE[name], "q1-sri")
+    deform(u, 0.1)
+    before = u.x.array + 0.01 * np.random.default_rng(8).uniform(-1, 1, len(u.x.array))
+    solid.carried.carry(before)
+    wanted = dense(u, [*(part.tangent for part in solid.forms), solid.carried.tangent])
+    found = summed(u, cells_of(u, solid), solid.carried.excess())
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-14 * np.abs(wanted).max())
+    plain = summed(u, cells_of(u, solid))
+    assert np.abs(found - plain).max() > 1e-4 * np.abs(plain).max()
+
+
+@pytest.mark.parametrize(("cell", "formulation"), KINDS)
+def test_parts_add_up_to_the_whole(cell, formulation):
+    u, solid = body(cell, MATERIALS["hencky"], formulation)
+    deform(u, 0.1)
+    cells = cells_of(u, solid)
+    take = np.arange(len(cells.nodes)) % 5 < 2
+    halves = [summed(u, cells.part(mask)) for mask in (take, ~take, np.zeros_like(take))]
+    assert not halves[2].any()
+    whole = summed(u, cells)
+    np.testing.assert_allclose(halves[0] + halves[1], whole, rtol=0, atol=1e-15 * whole.max())
+
+
+@pytest.mark.parametrize("formulation", ["q1", "q1-sri"])
+@pytest.mark.parametrize("name", MATERIALS)
+@pytest.mark.parametrize("depth", [0.8, 4.0])
+def test_what_is_no_number_in_an_inverted_cell(name, formulation, depth):
+    """The centre is inverted too, or not.
+
+    Where the forms have a finite residual the loop has it too: iterates pass through there.
+    """
+    u, solid = body("hexahedron", MATERIALS[name], formulation, distortion=0.0)
+    deform(u, 0.1)
+    where = u.function_space.tabulate_dof_coordinates()
+    corner = int(np.argmax(where.sum(axis=1)))
+    u.x.array[3 * corner : 3 * corner + 3] = -depth * np.array([1.0 / 3.0, 0.4, 0.8 / 3.0])
+    cells, mine, theirs = cells_of(u, solid), np.zeros_like(u.x.array), np.zeros_like(u.x.array)
+    assert not cells.add(u.x.array, mine, None)
+    assert cells.energy(u.x.array) == np.inf
+    for part in solid.forms:
+        dolfinx.fem.assemble_vector(theirs, part.residual)
+    largest = np.nanmax(np.abs(theirs))
+    np.testing.assert_allclose(mine, theirs, rtol=0, atol=1e-13 * largest, equal_nan=True)
+    finite = np.isfinite(dense(u, [part.tangent for part in solid.forms])).all()
+    assert np.isfinite(summed(u, cells)).all() == finite
+    u.x.array[3 * corner] = np.nan
+    assert not cells.add(u.x.array, mine, None)
+
+
+def test_what_the_loop_does_not_cover():
+    """Curved cells, quadratic elements, other materials go through the forms."""
+    u, _ = body("hexahedron", MATERIALS["hencky"], "q1")
+    cells = np.arange(9, dtype=np.int32)
+    yeoh = Solid("body", u, cells, Yeoh(0.5, -0.01, 0.001, 5.0), "q1")
+    assert compiled_cells(u.function_space, yeoh) is None
+    quadratic = dolfinx.fem.functionspace(u.function_space.mesh, ("Lagrange", 2, (3,)))
+    solid = Solid("body", dolfinx.fem.Function(quadratic), cells, MATERIALS["hencky"], "q2")
+    assert compiled_cells(quadratic, solid) is None
+
+
+def forces_by_place(comm, directory):
+    """Norm and moment of all nodal forces, and the energy, on the ranks of ``comm``."""
+    u, solid = body("hexahedron", MATERIALS["hencky"], "q1-sri", comm=comm)
+    deform(u, 0.3)
+    u.x.scatter_forward()
+    internal, force = InternalForce(u, [solid]), dolfinx.fem.Function(u.function_space)
+    assert internal.compiled and internal.evaluate(u.x.array, force.x.array)
+    force.x.scatter_reverse(dolfinx.la.InsertMode.add)
+    owned = u.function_space.dofmap.index_map.size_local
+    f = force.x.array[: 3 * owned].reshape(-1, 3)
+    x = u.function_space.tabulate_dof_coordinates()[:owned]
+    sums = [np.sum(f**2), np.sum(f * np.sin(5.0 * x)), internal.energy(u.x.array)]
+    return comm.allreduce(np.array(sums)).tolist()
+
+
+@pytest.mark.mpi(forces_by_place, 2, 3)
+def test_forces_do_not_depend_on_the_ranks(on_ranks):
+    alone = on_ranks(forces_by_place, 1)
+    assert 0.0 not in alone
+    for ranks in (2, 3):
+        np.testing.assert_allclose(on_ranks(forces_by_place, ranks), alone, rtol=1e-12)
