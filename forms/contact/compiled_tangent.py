@@ -145,15 +145,6 @@ class CompiledTangent:
 
     # -- forces -------------------------------------------------------------------------------
 
-    def places(self, facet: Ints, xi: Floats, nodes: Floats) -> tuple[Floats, Floats]:
-        """See :meth:`geometry.surfaces.target.Target.places`."""
-        count = len(facet)
-        foot, tangents = np.empty((count, 3)), np.empty((count, 2, 3))
-        kept = _packed(facet, np.int32), _packed(xi), _packed(nodes), foot, tangents
-        pair, _alive = self._pair({})
-        self._code.tribox_places(ctypes.byref(pair), ctypes.c_int64(count), *map(_at, kept))
-        return foot, tangents
-
     def forces(self, trial: ContactTrial) -> tuple[Floats, float]:
         """Residual (n, i), N, at the pair's nodes; the sum of squares of what each point adds."""
         at = trial.projection
