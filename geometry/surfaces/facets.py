@@ -104,6 +104,11 @@ class FacetShape:
         """Powers (m, α) of the monomials Π_α (ξ^α)^m that the shape functions are made of."""
         return self._powers
 
+    @property
+    def coefficients(self) -> Floats:
+        """Coefficients (m, a) of these monomials in the shape functions."""
+        return self._coefficients
+
     def values(self, xi: Floats) -> Floats:
         """Shape functions (p, a) at the reference coordinates ``xi`` (p, α)."""
         if self.count == 2:
