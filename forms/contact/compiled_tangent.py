@@ -124,9 +124,10 @@ class CompiledTangent:
         target, slave = surface.target, surface.slave
         assert isinstance(target, FacetSurface)
         shape = target.shape
+        powers, coefficients = shape.polynomials
         self._fixed: dict[str, NDArray[Any] | None] = {
-            "powers": _packed(shape.powers, np.int32),
-            "coefficients": _packed(shape.coefficients),
+            "powers": _packed(powers, np.int32),
+            "coefficients": _packed(coefficients),
             "extraction": _packed(target.extraction),
             "stencil": _packed(target.stencil, np.int32),
             "weight": _packed(slave.weight),
@@ -134,7 +135,7 @@ class CompiledTangent:
             "slave_rows": _packed(surface.slave_rows, np.int64),
         }
         self._sizes = {
-            "monomials": len(shape.powers),
+            "monomials": len(powers),
             "shapes": shape.count,
             "movers": target.stencil.shape[1],
             "corners": slave.shape.shape[1],
