@@ -116,7 +116,7 @@ def draw_bodies(
     axes.add_collection(cells)
     if len(bodies.polygons) < CELLS_OUTLINED:
         sides = bodies.position[_sides(bodies.polygons), :2] * factor
-        axes.add_patch(_as_one_path(sides))
+        axes.add_artist(_as_one_path(sides))  # as a patch its limits would be sought bit by bit
     around = bodies.position[bodies.edges, :2] * factor
     axes.add_collection(LineCollection(list(around), colors="0.25", linewidths=0.8))
     _set_frame(axes, frame)
