@@ -152,7 +152,7 @@ def plane_cells(space: dolfinx.fem.FunctionSpace, solid: Solid) -> PlaneCells | 
 def _points(space: dolfinx.fem.FunctionSpace, solid: Solid) -> Floats:
     """Table (c, p·(3 a + 1)) of the points of the cells of a ring.
 
-    Of each point the gradients (a, j), 1/m, of the shape functions, these over the radius (a), 1/m,
+    Of each point the gradients (j, a), 1/m, of the shape functions, these over the radius (a), 1/m,
     and the weight, m³. The last point of ``q1-sri`` is the centre.
     """
     section, cells = solid.section, solid.cells
@@ -167,7 +167,7 @@ def _points(space: dolfinx.fem.FunctionSpace, solid: Solid) -> Floats:
         gradients = np.einsum("cza,czj->caj", rows.slopes, rows.inverse)
         hoop = rows.values / rows.place[:, :1]
         around = 2.0 * np.pi * rows.place[:, 0] * rows.volume * weight
-        out += [gradients.reshape(len(cells), -1), hoop, around[:, None]]
+        out += [gradients[:, :, 0], gradients[:, :, 1], hoop, around[:, None]]
     return np.concatenate(out, axis=1)
 
 

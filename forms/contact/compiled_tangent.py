@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 SOURCE = "contact_tangent.c"
 _SHAPES, _MOVERS, _CORNERS = 16, 64, 9  # most that the loops have room for
-_LONGS = ("monomials", "shapes", "movers", "corners", "first_master", "vertices")
+_LONGS = ("shapes", "movers", "corners", "first_master", "vertices")
 _MASTER = ("powers", "coefficients", "extraction", "stencil")
 _SLAVE = ("weight", "shape", "slave_rows")
 _TRIAL = (
@@ -123,8 +123,7 @@ class CompiledTangent:
         code.tribox_nodal_forces.restype = ctypes.c_double
         target, slave = surface.target, surface.slave
         assert isinstance(target, FacetSurface)
-        shape = target.shape
-        powers, coefficients = shape.polynomials
+        powers, coefficients = target.shape.polynomials
         self._fixed: dict[str, NDArray[Any] | None] = {
             "powers": _packed(powers, np.int32),
             "coefficients": _packed(coefficients),
@@ -135,8 +134,7 @@ class CompiledTangent:
             "slave_rows": _packed(surface.slave_rows, np.int64),
         }
         self._sizes = {
-            "monomials": len(powers),
-            "shapes": shape.count,
+            "shapes": target.shape.count,
             "movers": target.stencil.shape[1],
             "corners": slave.shape.shape[1],
             "first_master": surface.first_master,

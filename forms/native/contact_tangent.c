@@ -25,8 +25,8 @@
 #define ALL 15
 
 typedef struct {
-    int64_t monomials, shapes, movers, corners, first_master, vertices;
-    /* Master: powers (k, 2), coefficients (k, c), control points from nodes (f, c, m) or none;
+    int64_t shapes, movers, corners, first_master, vertices;
+    /* Master: powers (c, 2) of monomials and coefficients (c, c), control points from nodes (f, c, m) or none;
      * nodes that move the facets (f, m). */
     const int32_t *powers;
     const double *coefficients, *extraction;
@@ -64,7 +64,8 @@ int64_t tribox_tangent_pair_size(void)
 /* -- master facets -------------------------------------------------------------------------- */
 
 /* Shares w (m) of the nodes of a facet's stencil in the place xi, and their slopes (2, m). */
-INLINE void shares_at(const Pair *p, int32_t facet, const double *xi, double *w, double s[2][MOVERS])
+INLINE void shares(const Pair *p, int64_t shapes, int64_t movers, int32_t facet, const double *xi,
+                   double *w, double s[2][MOVERS])
 {
     double x[2][4], dx[2][4], value[3][SHAPES] = {{0.0}};
     for (int b = 0; b < 2; ++b) {
@@ -72,17 +73,16 @@ INLINE void shares_at(const Pair *p, int32_t facet, const double *xi, double *w,
         for (int e = 1; e < 4; ++e)
             x[b][e] = x[b][e - 1] * xi[b], dx[b][e] = e * x[b][e - 1];
     }
-    for (int64_t k = 0; k < p->monomials; ++k) {
+    for (int64_t k = 0; k < shapes; ++k) {
         const int e = p->powers[2 * k], f = p->powers[2 * k + 1];
         double plain = x[0][e] * x[1][f], one = dx[0][e] * x[1][f], two = x[0][e] * dx[1][f];
-        const double *c = p->coefficients + k * p->shapes;
-        for (int64_t a = 0; a < p->shapes; ++a) {
+        const double *c = p->coefficients + k * shapes;
+        for (int64_t a = 0; a < shapes; ++a) {
             value[0][a] += plain * c[a];
             value[1][a] += one * c[a];
             value[2][a] += two * c[a];
         }
     }
-    const int64_t movers = p->movers;
     if (!p->extraction) {
         for (int64_t m = 0; m < movers; ++m)
             w[m] = value[0][m], s[0][m] = value[1][m], s[1][m] = value[2][m];
@@ -90,14 +90,25 @@ INLINE void shares_at(const Pair *p, int32_t facet, const double *xi, double *w,
     }
     for (int64_t m = 0; m < movers; ++m)
         w[m] = s[0][m] = s[1][m] = 0.0;
-    for (int64_t a = 0; a < p->shapes; ++a) {
-        const double *e = p->extraction + (facet * p->shapes + a) * movers;
+    for (int64_t a = 0; a < shapes; ++a) {
+        const double *e = p->extraction + (facet * shapes + a) * movers;
         for (int64_t m = 0; m < movers; ++m) {
             w[m] += value[0][a] * e[m];
             s[0][m] += value[1][a] * e[m];
             s[1][m] += value[2][a] * e[m];
         }
     }
+}
+
+/* The same, with sizes that the compiler knows where they are common. */
+INLINE void shares_at(const Pair *p, int32_t facet, const double *xi, double *w, double s[2][MOVERS])
+{
+    if (p->shapes == 4 && p->movers == 4)
+        shares(p, 4, 4, facet, xi, w, s);
+    else if (p->shapes == 16 && p->movers == 16)
+        shares(p, 16, 16, facet, xi, w, s);
+    else
+        shares(p, p->shapes, p->movers, facet, xi, w, s);
 }
 
 /* -- variation of one point ------------------------------------------------------------------ */
@@ -264,10 +275,9 @@ INLINE void vary_traction(const Pair *p, int64_t q, double out[DIM][ALL], double
 /* -- blocks of groups of points -------------------------------------------------------------- */
 
 /* Add -G^T C G of a point to the block (a + m, i, n, j) of its group, which has `width` nodes. */
-INLINE void add_point(const Pair *p, int64_t q, int64_t width, double *block)
+INLINE void add_point_of(const Pair *p, int64_t q, int64_t a, int64_t m, int folded, double *block)
 {
-    const int64_t a = p->corners, m = p->movers, size = DIM * width, now = DIM * (a + m);
-    const int folded = width == a + m;
+    const int64_t size = DIM * (a + m + (folded ? 0 : m)), now = DIM * (a + m);
     double w[MOVERS], s[2][MOVERS], before[MOVERS], slope[2][MOVERS];
     double dt[DIM][ALL], d_xi[2][NOW], v[DIM][WIDTH], e[2][WIDTH], f[WIDTH];
     const double *shape = p->shape + a * q, *parts = p->components + 2 * q;
@@ -318,6 +328,18 @@ INLINE void add_point(const Pair *p, int64_t q, int64_t width, double *block)
                 row[l] += force * f[l];
         }
     }
+}
+
+/* The same, with sizes that the compiler knows where they are common. */
+INLINE void add_point(const Pair *p, int64_t q, int64_t width, double *block)
+{
+    const int64_t a = p->corners, m = p->movers;
+    if (a == 4 && m == 4 && width == 8)
+        add_point_of(p, q, 4, 4, 1, block);
+    else if (a == 4 && m == 16 && width == 20)
+        add_point_of(p, q, 4, 16, 1, block);
+    else
+        add_point_of(p, q, a, m, width == a + m, block);
 }
 
 /* Place of a column in a row from the place `low` on, -1 where there is none: in steps that double,

@@ -2,7 +2,7 @@
  * time.
  *
  * The energies are functions of I = |F|^2 and J = det F of the in-plane F and of the hoop stretch s.
- * Each point of a cell has a table: the gradients B (a, j) of the nodes' shape functions, those over
+ * Each point of a cell has a table: the gradients B (j, a) of the nodes' shape functions, those over
  * the radius H (a), and its weight w. With u the displacements of the nodes
  *
  *     F = 1 + sum of u_a (x) B_a,   s = 1 + sum of H_a u_a,x,
@@ -103,7 +103,7 @@ INLINE struct point at_point(int nodes, const vec *table, const vec u[4][2])
     for (int a = 0; a < nodes; ++a) {
         for (int i = 0; i < 2; ++i)
             for (int j = 0; j < 2; ++j)
-                at.F[i][j] += u[a][i] * table[2 * a + j];
+                at.F[i][j] += u[a][i] * table[j * nodes + a];
         at.s += u[a][0] * table[2 * nodes + a];
     }
     at.cof[0][0] = at.F[1][1], at.cof[0][1] = -at.F[1][0];
@@ -123,7 +123,7 @@ INLINE void add_forces(int nodes, const vec *table, const struct point *at,
         vec first = (w->p * at->F[i][0] + w->q * at->cof[i][0]) * weight;
         vec second = (w->p * at->F[i][1] + w->q * at->cof[i][1]) * weight;
         for (int a = 0; a < nodes; ++a)
-            force[a][i] += first * table[2 * a] + second * table[2 * a + 1];
+            force[a][i] += first * table[a] + second * table[nodes + a];
     }
     for (int a = 0; a < nodes; ++a)
         force[a][0] += w->s * weight * table[2 * nodes + a];
@@ -155,8 +155,8 @@ INLINE void add_matrix(int nodes, const vec *table, const struct point *at,
             vec t[2][2], hoop = all(0.0);
             for (int i = 0; i < 2; ++i)
                 for (int j = 0; j < 2; ++j)
-                    t[i][j] = M[i][j][k][0] * table[2 * b] + M[i][j][k][1] * table[2 * b + 1];
-            hoop = S[k][0] * table[2 * b] + S[k][1] * table[2 * b + 1];
+                    t[i][j] = M[i][j][k][0] * table[b] + M[i][j][k][1] * table[nodes + b];
+            hoop = S[k][0] * table[b] + S[k][1] * table[nodes + b];
             if (k == 0) {
                 for (int i = 0; i < 2; ++i)
                     for (int j = 0; j < 2; ++j)
@@ -165,7 +165,7 @@ INLINE void add_matrix(int nodes, const vec *table, const struct point *at,
             }
             for (int a = 0; a < nodes; ++a) {
                 for (int i = 0; i < 2; ++i)
-                    matrix[a][i][b][k] += t[i][0] * table[2 * a] + t[i][1] * table[2 * a + 1];
+                    matrix[a][i][b][k] += t[i][0] * table[a] + t[i][1] * table[nodes + a];
                 matrix[a][0][b][k] += hoop * table[2 * nodes + a];
             }
         }

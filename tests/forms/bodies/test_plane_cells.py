@@ -12,6 +12,8 @@ from forms.bodies.plane_cells import PlaneCells
 from forms.bodies.solid import Solid
 from tests.forms.bodies.test_internal_force import KINDS, MATERIALS, RINGS, body, stretched
 
+SECTIONS = [("plane-strain", "triangle", "q1"), ("axisymmetric", "quadrilateral", "q1-sri")]
+
 
 def assembled(u, forms):
     """The matrix (n, n) of bilinear forms."""
@@ -124,6 +126,16 @@ def no_number(name, formulation, depth, section):
     np.testing.assert_allclose(mine, theirs, rtol=0, atol=1e-13 * largest, equal_nan=True)
     wanted, found = assembled(u, [part.tangent for part in solid.forms]), summed(u, cells)
     assert np.isfinite(found).all() == np.isfinite(wanted).all()
+
+
+@pytest.mark.parametrize(("section", "cell", "formulation"), SECTIONS)
+def test_a_rank_without_cells_of_a_body(section, cell, formulation):
+    material, none = MATERIALS["hencky"], np.empty(0, dtype=np.int32)
+    u, _ = body(cell, material, formulation, section=section)
+    cells = cells_of(u, Solid("none", u, none, material, formulation, section=section))
+    force = np.zeros_like(u.x.array)
+    assert cells.add(u.x.array, force, None) and not force.any()
+    assert cells.energy(u.x.array) == 0.0 and not summed(u, cells).any()
 
 
 @pytest.mark.parametrize("name", MATERIALS)

@@ -157,6 +157,21 @@ def test_a_cell_by_hand():
         assert cells.energy(u.x.array) == pytest.approx(0.5 * shear * gamma**2, rel=1e-14)
 
 
+@pytest.mark.parametrize("formulation", ["q1", "q1-sri"])
+@pytest.mark.parametrize("name", MATERIALS)
+def test_the_energy_of_small_strains(name, formulation):
+    """Simple shear by 1e-7 of a body that has moved far: G γ²/2, though F is 1 + 1e-7.
+
+    The energy by the forms is wrong by a percent there.
+    """
+    u, solid = body("hexahedron", MATERIALS[name], formulation)
+    where = u.function_space.tabulate_dof_coordinates()
+    u.x.array[:] = (np.array([1.0, 0.0, 0.0]) * 1e-7 * (where[:, 1:2] + 1e3)).reshape(-1)
+    volume = dolfinx.fem.form(1.0 * ufl.dx(u.function_space.mesh))
+    expected = 0.5e-14 * solid.material.shear_modulus * dolfinx.fem.assemble_scalar(volume)
+    assert cells_of(u, solid).energy(u.x.array) == pytest.approx(expected, rel=1e-8)
+
+
 @pytest.mark.parametrize("name", MATERIALS)
 def test_carried_pressures(name):
     u, solid = body("hexahedron", INCOMPRESSIBLE[name], "q1-sri")
