@@ -184,14 +184,16 @@ class BlockPlaces:
         entries = start[:, :, None] + axes
         self.columns = np.empty(self.indptr[-1], dtype=np.int64)
         self.columns[entries] = (distinct[column][:, None] * dim + axes)[:, None, :]
-        # (q, m, n, i, j), as the pairs have them, to (q, m, i, n, j).
-        shape = (*key.shape, dim, dim)
-        self._entry = entries[place.reshape(-1)].reshape(shape).transpose(0, 1, 3, 2, 4).reshape(-1)
+        self._entries, self._pair = entries, place.reshape(key.shape)
+        self._entry: Longs | None = None  # of each number of the blocks; a pattern needs none
 
     def add_up(self, blocks: Floats | None) -> Floats:
         """Values of the matrix's entries from blocks (q, m, i, n, j); None: zeros."""
         if blocks is None:
             return np.zeros(len(self.columns))
+        if self._entry is None:
+            # (q, m, n, i, j), as the pairs have them, to (q, m, i, n, j).
+            self._entry = self._entries[self._pair].transpose(0, 1, 3, 2, 4).reshape(-1)
         summed = np.bincount(self._entry, blocks.reshape(-1), len(self.columns))
         return np.asarray(summed, dtype=np.float64)
 
