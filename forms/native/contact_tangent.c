@@ -26,8 +26,8 @@
 
 typedef struct {
     int64_t shapes, movers, corners, first_master, vertices;
-    /* Master: powers (c, 2) of monomials and coefficients (c, c), control points from nodes (f, c, m) or none;
-     * nodes that move the facets (f, m). */
+    /* Master: powers (c, 2) of monomials and coefficients (c, c); control points from nodes
+     * (f, c, m) or none; nodes that move the facets (f, m). */
     const int32_t *powers;
     const double *coefficients, *extraction;
     const int32_t *stencil;
