@@ -14,7 +14,6 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.equilibrium.cell_places import CellPlaces, can_place
-from app.equilibrium.matrix_values import values_in_place
 from forms.bodies.compiled_cells import CompiledCells, compiled_cells
 from forms.bodies.solid import Solid
 from geometry.compat import add_matrix
@@ -117,7 +116,7 @@ class Bodies:
         inner = outer = None
         if excess is not None:
             inner, outer = excess[places.inside], excess[~places.inside]
-        with values_in_place(A) as values:
+        with places.values(A) as values:
             placed.inside.add_tangent(u, values, places.starts, inner)
         matrices = np.zeros((*places.dense.shape, self._dim))
         placed.outside.add_tangent(u, matrices, places.dense, outer)

@@ -10,6 +10,8 @@ Axis letters: c cells, a and b corners, i and j space.
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +42,7 @@ class CellPlaces:
         starts: (cells inside, a, i, b) int32, place among the values of that block of the first of
             the values in the row of (a, i) and the columns of (b, j); the others follow it.
         dense: the same for the cells that are not inside, in an array (cells outside, a, i, b, j).
+        count: number of values in that block.
     """
 
     def __init__(self, A: PETSc.Mat, nodes: Ints, dim: int) -> None:
@@ -57,7 +60,7 @@ class CellPlaces:
         in_order = numbers == numbers[..., :1] + np.arange(dim)
         self.inside: Bools = np.all(mine & in_order, axis=(1, 2))
         own = (numbers[self.inside] - first).astype(np.int32)
-        self.starts, there = _starts(A, own)
+        self.starts, there, self.count = _starts(A, own)
         if not np.all(there):  # nothing that is ours: PETSc says what is missing
             self.inside[np.nonzero(self.inside)[0][~there]] = False
             self.starts = np.ascontiguousarray(self.starts[there])
@@ -72,20 +75,34 @@ class CellPlaces:
         This is what a compiled loop does at once: `starts` and `dense` are made for those.
         """
         dim = matrices.shape[-1]
-        with values_in_place(A) as values:
+        with self.values(A) as values:
             places = self.starts[..., None] + np.arange(dim)
             values += np.bincount(
                 places.reshape(-1), matrices[self.inside].reshape(-1), minlength=len(values)
             )
         self.add_outside(A, matrices[~self.inside])
 
+    @contextmanager
+    def values(self, A: PETSc.Mat) -> Iterator[Floats]:
+        """Within a ``with`` block the values of ``A`` that `starts` are places in.
+
+        Raises:
+            ValueError: the matrix has another pattern than the one the places are for.
+        """
+        with values_in_place(A) as values:
+            if len(values) != self.count:
+                raise ValueError(f"{len(values)} values in a matrix, places for {self.count}")
+            yield values
+
     def add_outside(self, A: PETSc.Mat, matrices: Floats) -> None:
         """Add the element matrices (cells outside, a, i, b, j) that are not inside."""
         self._outside.add(A, matrices)
 
 
-def _starts(A: PETSc.Mat, unknowns: NDArray[np.int32]) -> tuple[Places, Bools]:
-    """Places (c, a, i, b) of the columns (b, 0) in the rows (a, i), and cells that have them all.
+def _starts(A: PETSc.Mat, unknowns: NDArray[np.int32]) -> tuple[Places, Bools, int]:
+    """Places (c, a, i, b) of the columns (b, 0) in the rows (a, i); cells that have them all.
+
+    And the number of values there are.
 
     Args:
         A: the matrix.
@@ -101,7 +118,7 @@ def _starts(A: PETSc.Mat, unknowns: NDArray[np.int32]) -> tuple[Places, Bools]:
     search.argtypes = [ctypes.c_int64, ctypes.c_int, ctypes.c_int, *[ctypes.c_void_p] * 5]
     search.restype = None
     search(*unknowns.shape, *(array.ctypes.data for array in arrays))
-    return starts, there
+    return starts, there, int(pattern[0][-1])
 
 
 class _Sums:

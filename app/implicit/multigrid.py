@@ -57,8 +57,8 @@ class Multigrid:
 
     def worn(self) -> bool:
         """Whether the last solve with the preconditioner took too many iterations."""
-        last = self._last_iterations()
-        if last == 0 or not self._is_made:
+        last = self._last_iterations() if self._is_made else 0
+        if last == 0:
             return False
         if self._fresh is None:
             self._fresh = last

@@ -24,7 +24,7 @@ from app.results.directory import written_whole
 Array = NDArray[Any]
 
 BLOCK = 1 << 15  # bytes compressed at a time; what VTK itself takes
-# Of the digits of results little repeats: to look for more than runs of one byte takes twice as long
+# Of the digits of results little repeats: to look for more than runs of a byte takes twice as long
 # and makes files a seventh smaller.
 LEVEL, STRATEGY = 1, zlib.Z_RLE
 _TYPES = {"f4": "Float32", "f8": "Float64", "i4": "Int32", "i8": "Int64", "u1": "UInt8"}

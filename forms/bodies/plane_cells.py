@@ -1,4 +1,7 @@
-"""First-order cells in plane strain: forces, energy and tangent by the compiled loops."""
+"""First-order cells in the plane: forces, energy and tangent by the compiled loops.
+
+In plane strain, and in half sections of bodies of revolution.
+"""
 
 from __future__ import annotations
 
@@ -6,10 +9,12 @@ import ctypes
 from dataclasses import dataclass
 from typing import Any
 
+import basix
 import dolfinx
 import numpy as np
 from numpy.typing import NDArray
 
+from forms.bodies.deformation import centre_rows, rows_at
 from forms.bodies.lanes import LANES, in_lanes
 from forms.bodies.materials import Hencky, Material, MooneyRivlin, NeoHookean
 from forms.bodies.solid import Solid
@@ -18,6 +23,7 @@ from geometry.surfaces.facets import Bools, Floats, Ints
 
 FORCES = "plane_kernel.c"
 TANGENT = "plane_tangent.c"
+RING = "ring_cells.c"
 _KINDS: dict[type, int] = {NeoHookean: 0, MooneyRivlin: 1, Hencky: 2}
 _POINTER = ctypes.c_void_p
 _CELLS: list[Any] = [ctypes.c_int, ctypes.c_int, _POINTER, ctypes.c_int64, ctypes.c_int]
@@ -31,24 +37,23 @@ class PlaneCells:
     """
 
     def __init__(
-        self, code: PlaneCode, nodes: Ints, position: Floats, material: Material, reduced: bool
+        self, code: PlaneCode, nodes: Ints, table: Floats, material: Material, reduced: bool
     ) -> None:
         """Arrange the cells for the loops.
 
         Args:
             code: the loops.
-            nodes: (c, a) local nodes of each cell, a = 3 for triangles, 4 for quadrilaterals in
-                DOLFINx's order.
-            position: (n, i), m, reference position of the nodes.
+            nodes: (c, a) int32, local nodes of each cell, a = 3 for triangles, 4 for quadrilaterals
+                in DOLFINx's order.
+            table: (c, k) what the loops need of the geometry of each cell.
             material: its strain energy.
             reduced: whether the volumetric part is taken at the centre.
         """
-        self._code, self._position = code, position
+        self._code, self._table = code, table
         self._material, self._reduced = material, reduced
         count, corners = nodes.shape
-        self.nodes = _right_handed(nodes, position)
-        four = _four(self.nodes)
-        self._rows, self._edges = in_lanes(four), in_lanes(_edges(four, position))
+        self.nodes = nodes
+        self._rows, self._tables = in_lanes(_four(nodes)), in_lanes(table)
         blocks = len(self._rows)
         self._parameters = np.array(list(material.parameters().values()))
         self._result = np.zeros(1)
@@ -59,13 +64,13 @@ class PlaneCells:
             blocks,
             count - (blocks - 1) * LANES,
             self._rows.ctypes.data,
-            self._edges.ctypes.data,
+            self._tables.ctypes.data,
         )
 
     def part(self, take: Bools) -> PlaneCells:
         """See ``CompiledCells.part``."""
         return PlaneCells(
-            self._code, self.nodes[take], self._position, self._material, self._reduced
+            self._code, self.nodes[take], self._table[take], self._material, self._reduced
         )
 
     def add(self, u: Floats, out: Floats, dt: float | None) -> bool:
@@ -103,17 +108,20 @@ class PlaneCode:
     tangent: Any
 
 
-def _plane_code() -> PlaneCode | None:
+def _code(ring: bool) -> PlaneCode | None:
     """The loops; None without a compiler."""
-    loops, tangents = library(FORCES), library(TANGENT)
+    loops, tangents = library(RING if ring else FORCES), library(RING if ring else TANGENT)
     if loops is None or tangents is None:
         return None
+    kind = "ring" if ring else "plane"
     code = PlaneCode(
-        loops.tribox_plane_forces, loops.tribox_plane_energy, tangents.tribox_plane_tangent
+        getattr(loops, f"tribox_{kind}_forces"),
+        getattr(loops, f"tribox_{kind}_energy"),
+        getattr(tangents, f"tribox_{kind}_tangent"),
     )
     for function in (code.forces, code.energy):
         function.argtypes, function.restype = [*_CELLS, _POINTER], ctypes.c_int
-    code.tangent.argtypes, code.tangent.restype = _CELLS + [_POINTER] * 3, None
+    code.tangent.argtypes, code.tangent.restype = _CELLS + [_POINTER] * 3, ctypes.c_int
     return code
 
 
@@ -125,14 +133,42 @@ def plane_cells(space: dolfinx.fem.FunctionSpace, solid: Solid) -> PlaneCells | 
         dolfinx.mesh.CellType.triangle: 3,
     }.get(mesh.topology.cell_type)
     linear = space.dofmap.dof_layout.num_dofs == corners
-    if solid.section != "plane-strain" or not linear or type(solid.material) not in _KINDS:
+    if not linear or type(solid.material) not in _KINDS:
         return None
-    code = _plane_code()
+    ring = solid.section == "axisymmetric"
+    code = _code(ring)
     if code is None:
         return None
-    position = space.tabulate_dof_coordinates()[:, :2]
-    nodes = np.asarray(space.dofmap.list)[solid.cells]
-    return PlaneCells(code, nodes, position, solid.material, reduced=len(solid.forms) == 2)
+    nodes = np.asarray(space.dofmap.list, dtype=np.int32)[solid.cells]
+    if ring:
+        table = _points(space, solid)
+    else:
+        position = space.tabulate_dof_coordinates()[:, :2]
+        nodes = _right_handed(nodes, position)
+        table = _edges(_four(nodes), position)
+    return PlaneCells(code, nodes, table, solid.material, reduced=len(solid.forms) == 2)
+
+
+def _points(space: dolfinx.fem.FunctionSpace, solid: Solid) -> Floats:
+    """Table (c, p·(3 a + 1)) of the points of the cells of a ring.
+
+    Of each point the gradients (j, a), 1/m, of the shape functions, these over the radius (a), 1/m,
+    and the weight, m³. The last point of ``q1-sri`` is the centre.
+    """
+    section, cells = solid.section, solid.cells
+    kind = basix.CellType[space.mesh.topology.cell_name()]
+    points, weights = basix.make_quadrature(kind, solid.full_degree)
+    every = [rows_at(space, section, cells, x[None]) for x in points]
+    if len(solid.forms) == 2:
+        every.append(centre_rows(space, section, cells))
+        weights = np.append(weights, 1.0)
+    out = []
+    for rows, weight in zip(every, weights, strict=True):
+        gradients = np.einsum("cza,czj->caj", rows.slopes, rows.inverse)
+        hoop = rows.values / rows.place[:, :1]
+        around = 2.0 * np.pi * rows.place[:, 0] * rows.volume * weight
+        out += [gradients[:, :, 0], gradients[:, :, 1], hoop, around[:, None]]
+    return np.concatenate(out, axis=1)
 
 
 def _right_handed(nodes: Ints, position: Floats) -> Ints:

@@ -123,10 +123,10 @@ class CompiledTangent:
         code.tribox_nodal_forces.restype = ctypes.c_double
         target, slave = surface.target, surface.slave
         assert isinstance(target, FacetSurface)
-        shape = target.shape
+        powers, coefficients = target.shape.polynomials
         self._fixed: dict[str, NDArray[Any] | None] = {
-            "powers": _packed(shape.powers, np.int32),
-            "coefficients": _packed(shape.coefficients),
+            "powers": _packed(powers, np.int32),
+            "coefficients": _packed(coefficients),
             "extraction": _packed(target.extraction),
             "stencil": _packed(target.stencil, np.int32),
             "weight": _packed(slave.weight),
@@ -134,7 +134,7 @@ class CompiledTangent:
             "slave_rows": _packed(surface.slave_rows, np.int64),
         }
         self._sizes = {
-            "shapes": shape.count,
+            "shapes": target.shape.count,
             "movers": target.stencil.shape[1],
             "corners": slave.shape.shape[1],
             "first_master": surface.first_master,

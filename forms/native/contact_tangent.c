@@ -219,7 +219,8 @@ INLINE void vary_in_plane(const double *n, const double *v, double d_n[DIM][NOW]
 }
 
 /* Weight times the variation of the traction (i, ALL), and d_xi (2, NOW). */
-static EXPORT void vary_traction(const Pair *p, int64_t q, double out[DIM][ALL], double d_xi[2][NOW])
+static EXPORT void vary_traction(const Pair *p, int64_t q, double out[DIM][ALL],
+                                 double d_xi[2][NOW])
 {
     const double *n = p->normal + DIM * q, *tau[2] = {p->tangents + 6 * q, p->tangents + 6 * q + 3};
     const double *image = p->image + DIM * q, *anchor = p->anchor + DIM * q;
@@ -252,14 +253,16 @@ static EXPORT void vary_traction(const Pair *p, int64_t q, double out[DIM][ALL],
     /* The elastic slip keeps its length. */
     double length = sqrt(dot(v, v)), kept = p->slip_length[q];
     double scale = length > 0.0 && kept > 0.0 ? kept / length : 0.0;
-    double safe = scale > 0.0 ? 1.0 / length : 1.0, way[DIM] = {v[0] * safe, v[1] * safe, v[2] * safe};
+    double safe = scale > 0.0 ? 1.0 / length : 1.0;
+    const double way[DIM] = {v[0] * safe, v[1] * safe, v[2] * safe};
     for (int r = 0; r < ALL; ++r) {
         double along = way[0] * elastic[0][r] + way[1] * elastic[1][r] + way[2] * elastic[2][r];
         for (int i = 0; i < DIM; ++i)
             elastic[i][r] = scale * (elastic[i][r] - way[i] * along);
     }
     for (int i = 0; i < DIM; ++i) {
-        const double *by_slip = p->by_slip + 9 * q + 3 * i, *by_elastic = p->by_elastic + 9 * q + 3 * i;
+        const double *by_slip = p->by_slip + 9 * q + 3 * i;
+        const double *by_elastic = p->by_elastic + 9 * q + 3 * i;
         for (int r = 0; r < ALL; ++r) {
             double sum = r < NOW ? p->spring[q] * d_n[i][r] : 0.0;
             for (int j = 0; j < DIM; ++j)

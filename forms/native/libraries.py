@@ -11,6 +11,7 @@ from geometry.native.compiler import compiled
 SOURCES = (
     "plane_kernel.c",
     "plane_tangent.c",
+    "ring_cells.c",
     "space_kernel.c",
     "plane_contact.c",
     "space_contact.c",

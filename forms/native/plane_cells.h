@@ -134,3 +134,19 @@ INLINE void columns(const vec e[3][2], double xi, double eta, vec g[2][2])
         g[1][i] = e[1][i] + xi * e[2][i];
     }
 }
+
+/* Adds the matrices of a block's cells to `values`: those of the row (a, i) and the node b of a
+ * cell from start (a, i, b) on. Returns the starts of the next block. */
+INLINE const int32_t *scatter_matrix(const int32_t *start, int nodes, int lanes,
+                                     vec matrix[4][2][4][2], double *values)
+{
+    for (int l = 0; l < lanes; ++l)
+        for (int a = 0; a < nodes; ++a)
+            for (int i = 0; i < 2; ++i)
+                for (int b = 0; b < nodes; ++b) {
+                    double *at = values + *start++;
+                    at[0] += matrix[a][i][b][0][l];
+                    at[1] += matrix[a][i][b][1][l];
+                }
+    return start;
+}

@@ -182,21 +182,6 @@ INLINE void triangle(enum material material, const double *c, const vec E[3][2],
         }
 }
 
-/* Adds the matrices of a block's cells to `values`: those of the row (a, i) and the node b of a
- * cell from start (a, i, b) on. */
-INLINE void scatter(const int32_t *start, int nodes, int lanes, vec matrix[4][2][4][2],
-                    double *values)
-{
-    for (int l = 0; l < lanes; ++l)
-        for (int a = 0; a < nodes; ++a)
-            for (int i = 0; i < 2; ++i)
-                for (int b = 0; b < nodes; ++b) {
-                    double *at = values + *start++;
-                    at[0] += matrix[a][i][b][0][l];
-                    at[1] += matrix[a][i][b][1][l];
-                }
-}
-
 /* All cells of one body; `node` and `edge` as in plane_kernel.c, `excess` (cells) is added to the
  * volumetric pressures unless it is null, `start` (cells, a, i, b). */
 INLINE void over_cells(enum material material, int triangles, int reduced, const double *c,
@@ -218,16 +203,15 @@ INLINE void over_cells(enum material material, int triangles, int reduced, const
             triangle(material, c, E, e, matrix);
         else
             quadrilateral(material, reduced, c, E, e, more, matrix);
-        scatter(start, nodes, lanes, matrix, values);
-        start += (int64_t)lanes * nodes * 2 * nodes;
+        start = scatter_matrix(start, nodes, lanes, matrix, values);
     }
 }
 
 /* Adds the tangent to `values`; material and kind as in plane_kernel.c. */
-EXPORT void tribox_plane_tangent(int material, int kind, const double *c, int64_t blocks,
-                                 int lanes_of_last, const int32_t *node, const double *edge,
-                                 const double *u, const double *excess, const int32_t *start,
-                                 double *values)
+EXPORT int tribox_plane_tangent(int material, int kind, const double *c, int64_t blocks,
+                                int lanes_of_last, const int32_t *node, const double *edge,
+                                const double *u, const double *excess, const int32_t *start,
+                                double *values)
 {
 #define LOOP(material, triangles, reduced)                                                         \
     over_cells(material, triangles, reduced, c, blocks, lanes_of_last, node, edge, u, excess,      \
@@ -243,4 +227,5 @@ EXPORT void tribox_plane_tangent(int material, int kind, const double *c, int64_
     case 7: LOOP(HENCKY, 0, 1); break;
     default: LOOP(HENCKY, 1, 0);
     }
+    return 0;
 }

@@ -278,9 +278,10 @@ def _powers(shape: FacetShape) -> Floats:
     """
     middle = 0.0 if shape.degree == 1 else 0.5
     width = shape.degree + 1
-    products = np.prod((shape.points[:, None] - middle) ** shape.powers, axis=2)
+    powers = shape.polynomials[0]
+    products = np.prod((shape.points[:, None] - middle) ** powers, axis=2)
     out = np.zeros((width**shape.directions, shape.count))
-    out[shape.powers @ (width ** np.arange(shape.directions))] = np.linalg.inv(products)
+    out[powers @ (width ** np.arange(shape.directions))] = np.linalg.inv(products)
     return out
 
 

@@ -22,16 +22,21 @@ MATERIALS = {
     "hencky": Hencky(1.0, 5.0),
 }
 KINDS = [("quadrilateral", "q1"), ("quadrilateral", "q1-sri"), ("triangle", "q1")]
+# Material, cell and formulation of rings; the forms of most are in the image.
+RINGS = [(name, "quadrilateral", "q1-sri") for name in MATERIALS]
+RINGS += [("hencky", "quadrilateral", "q1"), ("mooney-rivlin", "triangle", "q1")]
 
 
-def body(cell, material, formulation, cells=(5, 3), distortion=0.15):
-    """A displacement on a distorted mesh, and the body on all of it."""
+def body(cell, material, formulation, cells=(5, 3), distortion=0.15, section=None):
+    """A displacement on a distorted mesh, and the body on all of it; rings have a hole."""
     mesh = grid(cell, cells, [1.0, 0.7])
     x = mesh.geometry.x
     x[:, :2] += distortion / max(cells) * np.random.default_rng(3).uniform(-1, 1, (len(x), 2))
+    if section == "axisymmetric":
+        x[:, 0] += 0.3
     u = dolfinx.fem.Function(dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (2,))))
-    count = mesh.topology.index_map(2).size_local
-    return u, Solid("body", u, np.arange(count, dtype=np.int32), material, formulation)
+    all_cells = np.arange(mesh.topology.index_map(2).size_local, dtype=np.int32)
+    return u, Solid("body", u, all_cells, material, formulation, section=section)
 
 
 def stretched(u, size, seed=0):
@@ -47,7 +52,17 @@ def stretched(u, size, seed=0):
 @pytest.mark.parametrize("name", MATERIALS)
 def test_compiled_forces_are_those_of_the_generated_kernel(name, cell, formulation, size):
     """15 cells: one block of eight is full, the last one is not."""
-    u, solid = body(cell, MATERIALS[name], formulation)
+    same_forces(*body(cell, MATERIALS[name], formulation), size)
+
+
+@pytest.mark.parametrize("size", [0.1, 1e-4])
+@pytest.mark.parametrize(("name", "cell", "formulation"), RINGS)
+def test_forces_of_rings(name, cell, formulation, size):
+    same_forces(*body(cell, MATERIALS[name], formulation, section="axisymmetric"), size)
+
+
+def same_forces(u, solid, size):
+    """Compare forces and energy of both ways."""
     stretched(u, size)
     fast, slow = InternalForce(u, [solid]), InternalForce(u, [solid], compiled=False)
     assert fast.compiled and isinstance(fast.parts[0], PlaneCells)

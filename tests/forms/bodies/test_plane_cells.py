@@ -9,7 +9,10 @@ import pytest
 
 from forms.bodies.compiled_cells import compiled_cells
 from forms.bodies.plane_cells import PlaneCells
-from tests.forms.bodies.test_internal_force import KINDS, MATERIALS, body, stretched
+from forms.bodies.solid import Solid
+from tests.forms.bodies.test_internal_force import KINDS, MATERIALS, RINGS, body, stretched
+
+SECTIONS = [("plane-strain", "triangle", "q1"), ("axisymmetric", "quadrilateral", "q1-sri")]
 
 
 def assembled(u, forms):
@@ -45,7 +48,17 @@ def cells_of(u, solid):
 @pytest.mark.parametrize("name", MATERIALS)
 def test_compiled_tangent_is_that_of_the_generated_kernel(name, cell, formulation, size):
     """At the largest size some cells of a block of eight are beyond the logarithm's series."""
-    u, solid = body(cell, MATERIALS[name], formulation)
+    same_tangent(*body(cell, MATERIALS[name], formulation), size)
+
+
+@pytest.mark.parametrize("size", [0.1, 1e-4])
+@pytest.mark.parametrize(("name", "cell", "formulation"), RINGS)
+def test_tangent_of_rings(name, cell, formulation, size):
+    same_tangent(*body(cell, MATERIALS[name], formulation, section="axisymmetric"), size)
+
+
+def same_tangent(u, solid, size):
+    """Compare the tangent of both ways."""
     stretched(u, size)
     wanted = assembled(u, [part.tangent for part in solid.forms])
     found = summed(u, cells_of(u, solid))
@@ -53,9 +66,10 @@ def test_compiled_tangent_is_that_of_the_generated_kernel(name, cell, formulatio
     np.testing.assert_allclose(found, found.T, rtol=0, atol=1e-14 * np.abs(wanted).max())
 
 
+@pytest.mark.parametrize("section", ["plane-strain", "axisymmetric"])
 @pytest.mark.parametrize("name", MATERIALS)
-def test_carried_pressures(name):
-    u, solid = body("quadrilateral", MATERIALS[name], "q1-sri")
+def test_carried_pressures(name, section):
+    u, solid = body("quadrilateral", MATERIALS[name], "q1-sri", section=section)
     stretched(u, 0.1)
     before = u.x.array + 0.01 * np.random.default_rng(8).uniform(-1, 1, len(u.x.array))
     solid.carried.carry(before)
@@ -66,9 +80,12 @@ def test_carried_pressures(name):
     assert np.abs(found - plain).max() > 1e-4 * np.abs(plain).max()
 
 
-@pytest.mark.parametrize(("cell", "formulation"), KINDS)
-def test_parts_add_up_to_the_whole(cell, formulation):
-    u, solid = body(cell, MATERIALS["hencky"], formulation)
+@pytest.mark.parametrize(
+    ("section", "cell", "formulation"),
+    [*(("plane-strain", *kind) for kind in KINDS), ("axisymmetric", "quadrilateral", "q1-sri")],
+)
+def test_parts_add_up_to_the_whole(section, cell, formulation):
+    u, solid = body(cell, MATERIALS["hencky"], formulation, section=section)
     stretched(u, 0.1)
     cells = cells_of(u, solid)
     take = np.random.default_rng(1).uniform(size=len(cells.nodes)) < 0.4
@@ -82,11 +99,21 @@ def test_parts_add_up_to_the_whole(cell, formulation):
 @pytest.mark.parametrize("name", MATERIALS)
 @pytest.mark.parametrize("depth", [0.8, 1.3])
 def test_what_is_no_number_in_an_inverted_cell(name, formulation, depth):
+    no_number(name, formulation, depth, "plane-strain")
+
+
+@pytest.mark.parametrize("name", MATERIALS)
+def test_what_is_no_number_in_an_inverted_ring(name):
+    no_number(name, "q1-sri", 0.8, "axisymmetric")
+    no_number(name, "q1-sri", 1.3, "axisymmetric")
+
+
+def no_number(name, formulation, depth, section):
     """The centre is inverted too, or not.
 
     Where the forms have a finite residual the loop has it too: iterates pass through there.
     """
-    u, solid = body("quadrilateral", MATERIALS[name], formulation, distortion=0.0)
+    u, solid = body("quadrilateral", MATERIALS[name], formulation, distortion=0.0, section=section)
     stretched(u, 1e-3)
     x = u.function_space.tabulate_dof_coordinates()[:, :2]
     corner = int(np.argmax(x.sum(axis=1)))
@@ -99,3 +126,56 @@ def test_what_is_no_number_in_an_inverted_cell(name, formulation, depth):
     np.testing.assert_allclose(mine, theirs, rtol=0, atol=1e-13 * largest, equal_nan=True)
     wanted, found = assembled(u, [part.tangent for part in solid.forms]), summed(u, cells)
     assert np.isfinite(found).all() == np.isfinite(wanted).all()
+
+
+@pytest.mark.parametrize(("section", "cell", "formulation"), SECTIONS)
+def test_a_rank_without_cells_of_a_body(section, cell, formulation):
+    material, none = MATERIALS["hencky"], np.empty(0, dtype=np.int32)
+    u, _ = body(cell, material, formulation, section=section)
+    cells = cells_of(u, Solid("none", u, none, material, formulation, section=section))
+    force = np.zeros_like(u.x.array)
+    assert cells.add(u.x.array, force, None) and not force.any()
+    assert cells.energy(u.x.array) == 0.0 and not summed(u, cells).any()
+
+
+@pytest.mark.parametrize("name", MATERIALS)
+def test_a_disc_that_is_pressed(name):
+    """Energy and forces up to the axis by hand: a homogeneous deformation of a solid of revolution.
+
+    The work of the nodal forces along the deformation is the derivative of the energy by it.
+    """
+    u, solid = body("quadrilateral", MATERIALS[name], "q1-sri", distortion=0.0)
+    solid = Solid("disc", u, solid.cells, MATERIALS[name], "q1-sri", section="axisymmetric")
+    where = u.function_space.tabulate_dof_coordinates()[:, :2]
+    cells, stretch = cells_of(u, solid), np.array([1.15, 0.8])
+
+    def energy(at):
+        u.x.array[:] = (where * (at - 1.0)).reshape(-1)
+        return cells.energy(u.x.array)
+
+    density = by_hand(name, stretch[0], stretch[1], stretch[0])
+    assert energy(stretch) == pytest.approx(np.pi * 0.7 * density, rel=1e-12)
+    forces = np.zeros_like(u.x.array)
+    assert cells.add(u.x.array, forces, None)
+    for axis in (0, 1):
+        change = 1e-5 * np.eye(2)[axis]
+        slope = (energy(stretch + change) - energy(stretch - change)) / 2e-5
+        work = forces.reshape(-1, 2)[:, axis] @ where[:, axis]
+        assert work == pytest.approx(slope, rel=1e-8, abs=1e-9)
+
+
+def by_hand(name, *stretches):
+    """Strain energy of three principal stretches, J/m³."""
+    a, J = np.array(stretches), np.prod(stretches)
+    if name == "neo-hookean":
+        G, L = MATERIALS[name].parameters().values()
+        return 0.5 * G * ((a**2).sum() - 3.0) - G * np.log(J) + 0.5 * L * np.log(J) ** 2
+    if name == "mooney-rivlin":
+        one, two, K = MATERIALS[name].parameters().values()
+        b = a / np.cbrt(J)
+        inverse = (b**-2.0).sum() - 3.0
+        volume = 0.25 * K * (J**2 - 1.0 - 2.0 * np.log(J))
+        return one * ((b**2).sum() - 3.0) + two * inverse + volume
+    G, K = MATERIALS[name].parameters().values()
+    h = np.log(a)
+    return G * ((h - h.mean()) ** 2).sum() + 0.5 * K * np.log(J) ** 2
