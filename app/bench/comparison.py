@@ -26,7 +26,7 @@ from app.results.directory import read_table
 PROBE = ROOT / "app" / "bench" / "tree_probe.py"
 TRIALS = 3  # of a run that compiles something the first time
 # A force that is less than this share of the largest is compared with that share: it is round-off.
-SMALL = 1e-3
+SMALL = 1e-2
 Table = list[dict[str, Any]]
 
 
@@ -69,7 +69,7 @@ class Difference:
     """How far the forces of two histories are apart.
 
     Attributes:
-        worst: over the largest in the column, or over a thousandth of the largest of all forces
+        worst: over the largest in the column, or over a hundredth of the largest of all forces
             where that is more; infinite where the histories cannot be compared.
         where: column and row, or why they cannot be compared.
     """

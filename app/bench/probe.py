@@ -25,6 +25,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from app.equilibrium.timers import Stopwatch
+from app.run.late_modules import load_late
+from app.run.process import lasting_imports
 
 if TYPE_CHECKING:
     from app.simulation.simulation import Simulation
@@ -181,10 +183,12 @@ def install(probe: Probe) -> list[Simulation]:
 
 def measure(case: Sequence[str]) -> dict[str, Any]:
     """Run ``tribox run`` with the words ``case`` and return what the report holds."""
-    from app.equilibrium.petsc_events import events
-
     probe = Probe()
-    made = install(probe)
+    load_late()  # as the program itself begins
+    with lasting_imports():
+        from app.equilibrium.petsc_events import events
+
+        made = install(probe)
     probe.seconds["imports"] = time.process_time()
     with probe.watch("imports"), events(EVENTS, probe.begin, probe.end):
         _run_program(["run", *case])

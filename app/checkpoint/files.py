@@ -21,7 +21,7 @@ from app.equilibrium.snapshot import Array
 from app.errors import InputError
 from app.results.directory import CHECKPOINTS, checkpoint_numbers
 
-FORMAT = 3
+FORMAT = 2
 INSTEAD = "; the one before it is taken"  # of one that is damaged
 # What reading something else than was written may end in.
 DAMAGE = (

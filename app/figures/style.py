@@ -92,11 +92,19 @@ def _cut(page: Pixels, margin: int) -> Pixels | None:
 
 
 def _look_for_ticks_once(figure: Figure) -> None:
-    """Spare axes without minor ticks the search for those that coincide with major ones."""
+    """Spare axes of the plane what needs all of their ticks again and changes no pixel.
+
+    That is the search for minor ticks that coincide with major ones where there are none, and the
+    extent of the line along an axis whose labels lie further out.
+    """
     for axes in figure.axes:
-        for axis in (axes.xaxis, axes.yaxis):
+        for axis, sides in ((axes.xaxis, ("bottom", "top")), (axes.yaxis, ("left", "right"))):
             if isinstance(axis.get_minor_locator(), NullLocator):
                 axis.remove_overlapping_locs = False
+            labelled = axis.get_tick_params("major")
+            for side in sides:
+                if side in axes.spines and labelled.get(f"label{side}", False):
+                    axes.spines[side].set_in_layout(False)
 
 
 def thin_log_ticks(axes: Axes) -> None:

@@ -24,6 +24,7 @@ from petsc4py import PETSc
 from app.equilibrium.equilibrium import Equilibrium
 from app.implicit.factor import Factor
 from app.implicit.kept_bodies import KeptBodies
+from geometry.surfaces.facets import Ints
 
 # A stiff body that is moved makes such forces that those of the others are nothing beside: they
 # have to follow once.
@@ -52,8 +53,11 @@ class BodyByBody:
         self._stiff = Factor(bodies.tangent(problem), prefix, symmetric=True)
         self.works = self._stiff.make()
         self._kept, self._others = bodies.dofs, bodies.others
-        rows = self._others + problem.first
-        self._rows = PETSc.IS().createGeneral(rows, comm=problem.comm)
+        self._first = problem.first
+        self._rows = self._global(self._others, problem.comm)
+        # Of the stiff bodies the rows that contacts couple to the others.
+        self._coupling: PETSc.Mat | None = None
+        self._touched_rows: PETSc.IS | None = None
         self._matrix: PETSc.Mat | None = None
         self._block: PETSc.Mat | None = None  # of the other bodies, as it is factorised
         self._source: PETSc.Mat | None = None  # as it is taken out of the tangent
@@ -61,6 +65,10 @@ class BodyByBody:
         self._left, self._step = problem.new_vector(), problem.new_vector()
         self._image = problem.new_vector()
         self.solves = 0
+
+    def _global(self, dofs: Ints, comm: MPI.Comm) -> PETSc.IS:
+        """Owned local unknowns as PETSc numbers them; collective."""
+        return PETSc.IS().createGeneral(dofs + self._first, comm=comm)
 
     def make(self, matrix: PETSc.Mat, widened: bool) -> tuple[bool, bool]:
         """Factorise the other bodies' block of the tangent; collective.
@@ -74,6 +82,7 @@ class BodyByBody:
         """
         self._matrix = matrix
         anew = self._extract(matrix, widened)
+        self._couple(matrix, widened)
         if anew:
             self._analyse()
         assert self._factor is not None
@@ -99,6 +108,24 @@ class BodyByBody:
             source.copy(block, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
         return False
 
+    def _couple(self, matrix: PETSc.Mat, widened: bool) -> None:
+        """Take out what the other bodies do to the stiff ones: the few rows that are not empty."""
+        if self._coupling is not None and not widened:
+            matrix.createSubMatrix(self._touched_rows, self._rows, self._coupling)
+            return
+        comm = matrix.comm.tompi4py()
+        kept = self._global(self._kept, comm)
+        every = matrix.createSubMatrix(kept, self._rows)
+        self._touched = self._kept[np.diff(every.getValuesCSR()[0]) > 0]
+        for old in (self._coupling, self._touched_rows):
+            if old is not None:
+                old.destroy()
+        self._touched_rows = self._global(self._touched, comm)
+        self._coupling = matrix.createSubMatrix(self._touched_rows, self._rows)
+        self._felt = self._coupling.createVecLeft()
+        for part in (every, kept):
+            part.destroy()
+
     def _analyse(self) -> None:
         assert self._block is not None
         if self._factor is not None:
@@ -120,13 +147,9 @@ class BodyByBody:
         if not np.isfinite(norms[0]):
             x.set(np.nan)
             return True
-        parts = ((self._factor, self._others), (self._stiff, self._kept))
-        for factor, dofs in itertools.islice(itertools.cycle(parts), LIMIT):
-            self._step.set(0.0)
-            self._step.array[dofs] = factor.solve(self._left.array_r[dofs])
-            x.axpy(1.0, self._step)
-            self._matrix.mult(self._step, self._image)
-            self._left.axpy(-1.0, self._image)
+        moves = (self._move_others, self._move_kept)
+        for move in itertools.islice(itertools.cycle(moves), LIMIT):
+            move(x)
             self.solves += 1
             norms.append(self._left.norm())
             if len(norms) <= LEAST:
@@ -137,9 +160,26 @@ class BodyByBody:
                 return False
         return False
 
+    def _move_others(self, x: PETSc.Vec) -> None:
+        """Solve for the other bodies: the stiff ones feel it by few unknowns only."""
+        assert self._factor is not None and self._coupling is not None
+        x.array[self._others] += self._factor.solve(self._left.array_r[self._others])
+        self._coupling.mult(self._factor.solution, self._felt)
+        self._left.array[self._others] = 0.0
+        self._left.array[self._touched] -= self._felt.array_r
+
+    def _move_kept(self, x: PETSc.Vec) -> None:
+        """Solve for the stiff bodies, whose tangent may be another than the one that is kept."""
+        assert self._matrix is not None
+        self._step.set(0.0)
+        self._step.array[self._kept] = self._stiff.solve(self._left.array_r[self._kept])
+        x.axpy(1.0, self._step)
+        self._matrix.mult(self._step, self._image)
+        self._left.axpy(-1.0, self._image)
+
     def destroy(self) -> None:
         """Give the memory back; collective."""
-        for part in (self._factor, self._stiff, self._source, self._block, self._rows):
+        for part in (self._factor, self._stiff, self._source, self._block, self._coupling):
             if part is not None:
                 part.destroy()
 

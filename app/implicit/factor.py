@@ -12,6 +12,9 @@ class Factor:
 
     The analysis is made once, from the matrix as it is first; each change of its values is followed
     by a numeric factorisation.
+
+    Attributes:
+        solution: the last one.
     """
 
     def __init__(self, matrix: PETSc.Mat, prefix: str, symmetric: bool = False) -> None:
@@ -33,7 +36,7 @@ class Factor:
         if symmetric:
             matrix.setOption(PETSc.Mat.Option.SPD, True)
         self._ksp.setOperators(matrix)
-        self._solution, self._rhs = matrix.createVecs()
+        self.solution, self._rhs = matrix.createVecs()
 
     def make(self) -> bool:
         """Factorise the matrix as it is now; returns whether it could be done; collective."""
@@ -44,8 +47,8 @@ class Factor:
     def solve(self, rhs: Floats) -> Floats:
         """The solution (n,) for a right-hand side (n,), owned rows each; collective."""
         self._rhs.array[:] = rhs
-        self._ksp.solve(self._rhs, self._solution)
-        return self._solution.array_r
+        self._ksp.solve(self._rhs, self.solution)
+        return self.solution.array_r
 
     def destroy(self) -> None:
         """Give the memory back; collective."""

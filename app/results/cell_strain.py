@@ -47,7 +47,41 @@ class CellStrain:
     def evaluate(self) -> Strain:
         """The measures at the present displacement."""
         F = self._rows.deformation(self._u.x.array.reshape(-1, self._dim)[self._nodes])
-        squares, axes = np.linalg.eigh(F @ F.transpose(0, 2, 1))
-        logs = 0.5 * np.log(squares)
-        strain = (axes * logs[:, None]) @ axes.transpose(0, 2, 1)
-        return Strain(np.linalg.det(F), np.sqrt(squares[:, -1]), strain)
+        return strain_in_plane(F) if self._dim == 2 else strain_in_space(F)
+
+
+def strain_in_space(F: Floats) -> Strain:
+    """The measures of deformation gradients (c, 3, 3)."""
+    squares, axes = np.linalg.eigh(F @ F.transpose(0, 2, 1))
+    logs = 0.5 * np.log(squares)
+    strain = (axes * logs[:, None]) @ axes.transpose(0, 2, 1)
+    return Strain(np.linalg.det(F), np.sqrt(squares[:, -1]), strain)
+
+
+def strain_in_plane(F: Floats) -> Strain:
+    """The same where x_3 is a principal direction: F_13 = F_23 = F_31 = F_32 = 0.
+
+    B = F Fᵀ has in the plane the eigenvalues λ² = m ± r, with m = tr B/2 and
+    r² = ((B_11 − B_22)/2)² + B_12², and, as (B − m I)² = r² I there,
+
+        ln B = ½ (ln λ_1² + ln λ_2²) I + (ln λ_1² − ln λ_2²)/(2 r) (B − m I).
+
+    The quotient is ln(1 + 2 r/λ_2²)/(2 r), which tends to 1/λ_2²; the smaller eigenvalue is
+    (det F)²/λ_1², without cancellation.
+    """
+    rows = F[:, :2, :2]
+    B11, B22 = (rows[:, i, 0] ** 2 + rows[:, i, 1] ** 2 for i in range(2))
+    B12 = (rows[:, 0] * rows[:, 1]).sum(axis=1)
+    area = rows[:, 0, 0] * rows[:, 1, 1] - rows[:, 0, 1] * rows[:, 1, 0]
+    half, r = 0.5 * (B11 - B22), np.hypot(0.5 * (B11 - B22), B12)
+    most = 0.5 * (B11 + B22) + r
+    least = area**2 / most
+    twice = np.maximum(2.0 * r, np.finfo(float).tiny)
+    slope = 0.5 * np.log1p(twice / least) / twice
+    mean = 0.5 * np.log(np.abs(area))
+    out = np.zeros_like(F)
+    out[:, 0, 0], out[:, 1, 1] = mean + slope * half, mean - slope * half
+    out[:, 0, 1] = out[:, 1, 0] = slope * B12
+    out[:, 2, 2] = np.log(np.abs(F[:, 2, 2]))
+    stretch = np.maximum(np.sqrt(most), np.abs(F[:, 2, 2]))
+    return Strain(area * F[:, 2, 2], stretch, out)

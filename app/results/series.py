@@ -8,7 +8,7 @@ from pathlib import Path
 
 from app.results.directory import Place, write_text
 
-SHARE = 0.05  # of the time that may go into rewriting the index
+SHARE = 0.01  # of the time that may go into rewriting the index
 
 
 class Series:

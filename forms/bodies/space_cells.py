@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forms.bodies.lanes import LANES, in_lanes
-from forms.bodies.materials import Hencky, Material, MooneyRivlin, NeoHookean
+from forms.bodies.materials import Hencky, Material, MooneyRivlin, NeoHookean, Yeoh
 from forms.bodies.solid import Solid
 from forms.native.libraries import library
 from geometry.surfaces.facets import Bools, Floats, Ints
 
 SOURCE = "space_kernel.c"
-_KINDS: dict[type, int] = {NeoHookean: 0, MooneyRivlin: 1, Hencky: 2}
+_KINDS: dict[type, int] = {NeoHookean: 0, MooneyRivlin: 1, Hencky: 2, Yeoh: 3}
 _CORNERS = {
     dolfinx.mesh.CellType.hexahedron: 8,
     dolfinx.mesh.CellType.tetrahedron: 4,

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 SOURCE = "contact_tangent.c"
 _SHAPES, _MOVERS, _CORNERS = 16, 64, 9  # most that the loops have room for
-_LONGS = ("monomials", "shapes", "movers", "corners", "first_master", "vertices")
+_LONGS = ("shapes", "movers", "corners", "first_master", "vertices")
 _MASTER = ("powers", "coefficients", "extraction", "stencil")
 _SLAVE = ("weight", "shape", "slave_rows")
 _TRIAL = (
@@ -123,10 +123,10 @@ class CompiledTangent:
         code.tribox_nodal_forces.restype = ctypes.c_double
         target, slave = surface.target, surface.slave
         assert isinstance(target, FacetSurface)
-        shape = target.shape
+        powers, coefficients = target.shape.polynomials
         self._fixed: dict[str, NDArray[Any] | None] = {
-            "powers": _packed(shape.powers, np.int32),
-            "coefficients": _packed(shape.coefficients),
+            "powers": _packed(powers, np.int32),
+            "coefficients": _packed(coefficients),
             "extraction": _packed(target.extraction),
             "stencil": _packed(target.stencil, np.int32),
             "weight": _packed(slave.weight),
@@ -134,8 +134,7 @@ class CompiledTangent:
             "slave_rows": _packed(surface.slave_rows, np.int64),
         }
         self._sizes = {
-            "monomials": len(shape.powers),
-            "shapes": shape.count,
+            "shapes": target.shape.count,
             "movers": target.stencil.shape[1],
             "corners": slave.shape.shape[1],
             "first_master": surface.first_master,
@@ -144,15 +143,6 @@ class CompiledTangent:
         self._of_point = _packed(surface.vertices.of_point, np.int64)
 
     # -- forces -------------------------------------------------------------------------------
-
-    def places(self, facet: Ints, xi: Floats, nodes: Floats) -> tuple[Floats, Floats]:
-        """See :meth:`geometry.surfaces.target.Target.places`."""
-        count = len(facet)
-        foot, tangents = np.empty((count, 3)), np.empty((count, 2, 3))
-        kept = _packed(facet, np.int32), _packed(xi), _packed(nodes), foot, tangents
-        pair, _alive = self._pair({})
-        self._code.tribox_places(ctypes.byref(pair), ctypes.c_int64(count), *map(_at, kept))
-        return foot, tangents
 
     def forces(self, trial: ContactTrial) -> tuple[Floats, float]:
         """Residual (n, i), N, at the pair's nodes; the sum of squares of what each point adds."""
@@ -324,12 +314,14 @@ class CompiledTangent:
         made, _kept = _entries(entries, first, of_column)
         counts = len(nodes) + 1, len(left.node), len(left.node), len(columns), len(columns)
         scratch = [np.empty(count, dtype=np.int64) for count in counts]
-        sums, area = np.empty((len(columns), 3, 3)), _packed(area)
+        sums, area = np.empty((len(columns), 3, 4)), _packed(area)
+        padded = np.zeros((len(right.node), 4))
+        padded[:, :3] = right.data
         _require_room(
             self._code.tribox_add_product(
                 *(ctypes.byref(made), ctypes.c_int64(vertices.count), _at(area)),
                 *(ctypes.c_int64(len(nodes)), *map(_at, (left.indptr, left.node, left.data))),
-                *(ctypes.c_int64(len(columns)), *map(_at, (right.indptr, right.node, right.data))),
+                *(ctypes.c_int64(len(columns)), *map(_at, (right.indptr, right.node, padded))),
                 *(*map(_at, scratch), _at(sums)),
             )
         )

@@ -289,8 +289,7 @@ class ContactTerm:
     def anchor(self, nodes: Floats) -> Anchor:
         """Places of the last converged step on the master's current ``nodes`` (n, i), m."""
         state = self.state
-        master = self.surface.target if self.compiled is None else self.compiled
-        foot, tangents = master.places(state.facet, state.xi, nodes)
+        foot, tangents = self.surface.target.places(state.facet, state.xi, nodes)
         image = np.einsum("qb,qbi->qi", state.slip_components, tangents)
         brought = brought_along(self) if self.neighbours else None
         if brought is None:

@@ -155,10 +155,14 @@ class PairTangent:
         return places, blocks.reshape(q, m, dim, dim, m).transpose(0, 1, 2, 4, 3)
 
     def point_facets(self, state: ContactState, trial: ContactTrial, take: Longs) -> Longs:
-        """Number (p,) of the facets that a point couples: its own, the present and the last."""
+        """Number (p,) of the facets that a point couples: the present, the last and its own.
+
+        Points with the same two master facets have numbers one after the other.
+        """
         masters = np.int64(len(self.surface.target.stencil))
         slave, before = self.surface.slave.facet[take], state.facet[take]
-        return (slave * masters + trial.projection.facet[take]) * masters + before
+        slaves = np.int64(self.surface.slave.facet.max(initial=0)) + 1
+        return (trial.projection.facet[take] * masters + before) * slaves + slave
 
     def generalised_rows(
         self, state: ContactState, trial: ContactTrial, take: Longs

@@ -25,9 +25,9 @@
 #define ALL 15
 
 typedef struct {
-    int64_t monomials, shapes, movers, corners, first_master, vertices;
-    /* Master: powers (k, 2), coefficients (k, c), control points from nodes (f, c, m) or none;
-     * nodes that move the facets (f, m). */
+    int64_t shapes, movers, corners, first_master, vertices;
+    /* Master: powers (c, 2) of monomials and coefficients (c, c); control points from nodes
+     * (f, c, m) or none; nodes that move the facets (f, m). */
     const int32_t *powers;
     const double *coefficients, *extraction;
     const int32_t *stencil;
@@ -64,7 +64,8 @@ int64_t tribox_tangent_pair_size(void)
 /* -- master facets -------------------------------------------------------------------------- */
 
 /* Shares w (m) of the nodes of a facet's stencil in the place xi, and their slopes (2, m). */
-INLINE void shares_at(const Pair *p, int32_t facet, const double *xi, double *w, double s[2][MOVERS])
+INLINE void shares(const Pair *p, int64_t shapes, int64_t movers, int32_t facet, const double *xi,
+                   double *w, double s[2][MOVERS])
 {
     double x[2][4], dx[2][4], value[3][SHAPES] = {{0.0}};
     for (int b = 0; b < 2; ++b) {
@@ -72,17 +73,16 @@ INLINE void shares_at(const Pair *p, int32_t facet, const double *xi, double *w,
         for (int e = 1; e < 4; ++e)
             x[b][e] = x[b][e - 1] * xi[b], dx[b][e] = e * x[b][e - 1];
     }
-    for (int64_t k = 0; k < p->monomials; ++k) {
+    for (int64_t k = 0; k < shapes; ++k) {
         const int e = p->powers[2 * k], f = p->powers[2 * k + 1];
         double plain = x[0][e] * x[1][f], one = dx[0][e] * x[1][f], two = x[0][e] * dx[1][f];
-        const double *c = p->coefficients + k * p->shapes;
-        for (int64_t a = 0; a < p->shapes; ++a) {
+        const double *c = p->coefficients + k * shapes;
+        for (int64_t a = 0; a < shapes; ++a) {
             value[0][a] += plain * c[a];
             value[1][a] += one * c[a];
             value[2][a] += two * c[a];
         }
     }
-    const int64_t movers = p->movers;
     if (!p->extraction) {
         for (int64_t m = 0; m < movers; ++m)
             w[m] = value[0][m], s[0][m] = value[1][m], s[1][m] = value[2][m];
@@ -90,14 +90,26 @@ INLINE void shares_at(const Pair *p, int32_t facet, const double *xi, double *w,
     }
     for (int64_t m = 0; m < movers; ++m)
         w[m] = s[0][m] = s[1][m] = 0.0;
-    for (int64_t a = 0; a < p->shapes; ++a) {
-        const double *e = p->extraction + (facet * p->shapes + a) * movers;
+    for (int64_t a = 0; a < shapes; ++a) {
+        const double *e = p->extraction + (facet * shapes + a) * movers;
         for (int64_t m = 0; m < movers; ++m) {
             w[m] += value[0][a] * e[m];
             s[0][m] += value[1][a] * e[m];
             s[1][m] += value[2][a] * e[m];
         }
     }
+}
+
+/* The same, with sizes that the compiler knows where they are common. */
+static EXPORT void shares_at(const Pair *p, int32_t facet, const double *xi, double *w,
+                             double s[2][MOVERS])
+{
+    if (p->shapes == 4 && p->movers == 4)
+        shares(p, 4, 4, facet, xi, w, s);
+    else if (p->shapes == 16 && p->movers == 16)
+        shares(p, 16, 16, facet, xi, w, s);
+    else
+        shares(p, p->shapes, p->movers, facet, xi, w, s);
 }
 
 /* -- variation of one point ------------------------------------------------------------------ */
@@ -192,7 +204,8 @@ INLINE void vary_clamped(const Pair *p, int64_t q, double d_xi[2][NOW], double d
 }
 
 /* The part of the variation (i, NOW) of (I - n n) v that comes from the normal. */
-INLINE void vary_in_plane(const double *n, const double *v, double d_n[DIM][NOW], double out[DIM][ALL])
+INLINE void vary_in_plane(const double *n, const double *v, double d_n[DIM][NOW],
+                          double out[DIM][ALL])
 {
     double across = dot(n, v);
     for (int r = 0; r < NOW; ++r) {
@@ -206,7 +219,8 @@ INLINE void vary_in_plane(const double *n, const double *v, double d_n[DIM][NOW]
 }
 
 /* Weight times the variation of the traction (i, ALL), and d_xi (2, NOW). */
-INLINE void vary_traction(const Pair *p, int64_t q, double out[DIM][ALL], double d_xi[2][NOW])
+static EXPORT void vary_traction(const Pair *p, int64_t q, double out[DIM][ALL],
+                                 double d_xi[2][NOW])
 {
     const double *n = p->normal + DIM * q, *tau[2] = {p->tangents + 6 * q, p->tangents + 6 * q + 3};
     const double *image = p->image + DIM * q, *anchor = p->anchor + DIM * q;
@@ -239,14 +253,16 @@ INLINE void vary_traction(const Pair *p, int64_t q, double out[DIM][ALL], double
     /* The elastic slip keeps its length. */
     double length = sqrt(dot(v, v)), kept = p->slip_length[q];
     double scale = length > 0.0 && kept > 0.0 ? kept / length : 0.0;
-    double safe = scale > 0.0 ? 1.0 / length : 1.0, way[DIM] = {v[0] * safe, v[1] * safe, v[2] * safe};
+    double safe = scale > 0.0 ? 1.0 / length : 1.0;
+    const double way[DIM] = {v[0] * safe, v[1] * safe, v[2] * safe};
     for (int r = 0; r < ALL; ++r) {
         double along = way[0] * elastic[0][r] + way[1] * elastic[1][r] + way[2] * elastic[2][r];
         for (int i = 0; i < DIM; ++i)
             elastic[i][r] = scale * (elastic[i][r] - way[i] * along);
     }
     for (int i = 0; i < DIM; ++i) {
-        const double *by_slip = p->by_slip + 9 * q + 3 * i, *by_elastic = p->by_elastic + 9 * q + 3 * i;
+        const double *by_slip = p->by_slip + 9 * q + 3 * i;
+        const double *by_elastic = p->by_elastic + 9 * q + 3 * i;
         for (int r = 0; r < ALL; ++r) {
             double sum = r < NOW ? p->spring[q] * d_n[i][r] : 0.0;
             for (int j = 0; j < DIM; ++j)
@@ -264,10 +280,9 @@ INLINE void vary_traction(const Pair *p, int64_t q, double out[DIM][ALL], double
 /* -- blocks of groups of points -------------------------------------------------------------- */
 
 /* Add -G^T C G of a point to the block (a + m, i, n, j) of its group, which has `width` nodes. */
-INLINE void add_point(const Pair *p, int64_t q, int64_t width, double *block)
+INLINE void add_point_of(const Pair *p, int64_t q, int64_t a, int64_t m, int folded, double *block)
 {
-    const int64_t a = p->corners, m = p->movers, size = DIM * width, now = DIM * (a + m);
-    const int folded = width == a + m;
+    const int64_t size = DIM * (a + m + (folded ? 0 : m)), now = DIM * (a + m);
     double w[MOVERS], s[2][MOVERS], before[MOVERS], slope[2][MOVERS];
     double dt[DIM][ALL], d_xi[2][NOW], v[DIM][WIDTH], e[2][WIDTH], f[WIDTH];
     const double *shape = p->shape + a * q, *parts = p->components + 2 * q;
@@ -320,10 +335,27 @@ INLINE void add_point(const Pair *p, int64_t q, int64_t width, double *block)
     }
 }
 
-/* Place of a column in a row, -1 where there is none. */
-INLINE int32_t place_of(const Entries *e, int32_t row, int32_t column)
+/* The same, with sizes that the compiler knows where they are common. */
+static EXPORT void add_point(const Pair *p, int64_t q, int64_t width, double *block)
 {
-    int32_t low = e->indptr[row], size = e->indptr[row + 1] - low;
+    const int64_t a = p->corners, m = p->movers;
+    if (a == 4 && m == 4 && width == 8)
+        add_point_of(p, q, 4, 4, 1, block);
+    else if (a == 4 && m == 16 && width == 20)
+        add_point_of(p, q, 4, 16, 1, block);
+    else
+        add_point_of(p, q, a, m, width == a + m, block);
+}
+
+/* Place of a column in a row from the place `low` on, -1 where there is none: in steps that double,
+ * for columns asked for one after the other are not far apart. */
+INLINE int32_t place_from(const Entries *e, int32_t low, int32_t end, int32_t column)
+{
+    int32_t size = 1;
+    while (low + size < end && e->indices[low + size] <= column)
+        low += size, size *= 2;
+    if (size > end - low)
+        size = end - low;
     while (size > 1) {
         int32_t half = size / 2;
         low += e->indices[low + half] <= column ? half : 0;
@@ -332,51 +364,100 @@ INLINE int32_t place_of(const Entries *e, int32_t row, int32_t column)
     return size == 1 && e->indices[low] == column ? low : -1;
 }
 
-/* Add the numbers (i, j) of a row node and a column node; `step` from row to row. Returns 1 where
- * the matrix has no room for them. */
-INLINE int add_numbers(const Entries *e, int32_t row, int32_t column, const double *x, int64_t step)
+/* Add the numbers (i, j) of a row node and a column node, looked for from the place `from` on;
+ * `step` from row to row. Returns the place, -1 where the matrix has no room for them. */
+INLINE int32_t add_numbers(const Entries *e, int32_t row, int32_t column, int32_t from,
+                           const double *x, int64_t step)
 {
-    int32_t place = place_of(e, row, column), offset = place - e->indptr[row];
+    const int32_t first = place_from(e, from, e->indptr[row + 1], column);
     for (int i = 0; i < DIM; ++i) {
+        int32_t place = first, end = e->indptr[row + i + 1];
         if (i) { /* most rows of a node have the same columns */
-            place = e->indptr[row + i] + offset;
-            if (place + 2 >= e->indptr[row + i + 1] || e->indices[place] != column)
-                place = place_of(e, row + i, column);
+            place = e->indptr[row + i] + first - e->indptr[row];
+            if (place + 2 >= end || e->indices[place] != column)
+                place = place_from(e, e->indptr[row + i], end, column);
         }
-        if (place < 0 || place + 2 >= e->indptr[row + i + 1] || e->indices[place + 2] != column + 2)
-            return 1;
+        if (place < 0 || place + 2 >= end || e->indices[place + 2] != column + 2)
+            return -1;
         for (int j = 0; j < DIM; ++j)
             e->values[place + j] += x[i * step + j];
+    }
+    return first;
+}
+
+/* Add rows [low, high) of a block, columns of the nodes in `sorted` (count). */
+INLINE int add_rows(const Entries *e, const int64_t *nodes, int64_t low, int64_t high,
+                    const int64_t *sorted, int64_t count, const double *block, int64_t width)
+{
+    for (int64_t k = low; k < high; ++k) {
+        const int32_t row = e->row_first[nodes[k]];
+        int32_t from = e->indptr[row];
+        for (int64_t l = 0; l < count; ++l) {
+            const int64_t n = sorted[l];
+            const double *x = block + DIM * k * DIM * width + DIM * n;
+            from = add_numbers(e, row, e->column_first[nodes[n]], from, x, DIM * width);
+            if (from < 0)
+                return 1;
+        }
     }
     return 0;
 }
 
+/* Numbers low, low + 1, ... below high, by the columns of their nodes. */
+INLINE void sort_columns(const Entries *e, const int64_t *nodes, int64_t low, int64_t high,
+                         int64_t *sorted)
+{
+    for (int64_t n = low; n < high; ++n) {
+        int64_t at = n - low;
+        const int32_t column = e->column_first[nodes[n]];
+        for (; at > 0 && e->column_first[nodes[sorted[at - 1]]] > column; --at)
+            sorted[at] = sorted[at - 1];
+        sorted[at] = n;
+    }
+}
+
 /* The blocks of groups of points: group g has the points order[start[g]] ..., of one slave facet,
- * one present master facet and one of the last step. `block` is scratch. Returns 1 where the matrix
- * has no room. */
-EXPORT int tribox_add_point_blocks(const Pair *p, const Entries *e, int64_t groups,
+ * one present master facet and one of the last step. What couples the nodes of the master is added
+ * when the last of the groups with the same two facets, one after the other, is done. `block` is
+ * scratch. Returns 1 where the matrix has no room. */
+int tribox_add_point_blocks(const Pair *p, const Entries *e, int64_t groups,
                                    const int64_t *start, const int64_t *order, double *block)
 {
-    int64_t nodes[CORNERS + 2 * MOVERS];
+    const int64_t a = p->corners, rows = a + p->movers;
+    int64_t nodes[CORNERS + 2 * MOVERS], sorted[CORNERS + 2 * MOVERS], every[CORNERS + 2 * MOVERS];
+    int32_t now = -1, last = -1;
     for (int64_t g = 0; g < groups; ++g) {
-        const int64_t q = order[start[g]], rows = p->corners + p->movers;
-        const int64_t width = rows + (p->facet[q] == p->facet_before[q] ? 0 : p->movers);
-        memset(block, 0, sizeof(double) * DIM * rows * DIM * width);
+        const int64_t q = order[start[g]];
+        const int new = p->facet[q] != now || p->facet_before[q] != last;
+        now = p->facet[q], last = p->facet_before[q];
+        const int64_t width = rows + (now == last ? 0 : p->movers), size = DIM * width;
+        for (int64_t k = 0; k < a; ++k)
+            nodes[k] = p->slave_rows[a * q + k];
+        if (new) {
+            memset(block, 0, sizeof(double) * DIM * rows * size);
+            for (int64_t k = 0; k < p->movers; ++k) {
+                nodes[a + k] = p->first_master + p->stencil[p->movers * now + k];
+                nodes[rows + k] = p->first_master + p->stencil[p->movers * last + k];
+            }
+            sort_columns(e, nodes, a, width, sorted);
+        } else {
+            memset(block, 0, sizeof(double) * DIM * a * size);
+            for (int64_t k = DIM * a; k < DIM * rows; ++k)
+                memset(block + k * size, 0, sizeof(double) * DIM * a);
+        }
         for (int64_t k = start[g]; k < start[g + 1]; ++k)
             add_point(p, order[k], width, block);
-        for (int64_t k = 0; k < p->corners; ++k)
-            nodes[k] = p->slave_rows[p->corners * q + k];
-        for (int64_t k = 0; k < p->movers; ++k) {
-            nodes[p->corners + k] = p->first_master + p->stencil[p->movers * p->facet[q] + k];
-            nodes[rows + k] = p->first_master + p->stencil[p->movers * p->facet_before[q] + k];
-        }
-        for (int64_t k = 0; k < rows; ++k)
-            for (int64_t n = 0; n < width; ++n) {
-                const double *x = block + DIM * k * DIM * width + DIM * n;
-                int32_t row = e->row_first[nodes[k]], column = e->column_first[nodes[n]];
-                if (add_numbers(e, row, column, x, DIM * width))
-                    return 1;
-            }
+        sort_columns(e, nodes, 0, width, every);
+        if (add_rows(e, nodes, 0, a, every, width, block, width))
+            return 1;
+        sort_columns(e, nodes, 0, a, every);
+        if (add_rows(e, nodes, a, rows, every, a, block, width))
+            return 1;
+        const int64_t next = g + 1 < groups ? order[start[g + 1]] : -1;
+        if (next >= 0 && p->facet[next] == now && p->facet_before[next] == last)
+            continue;
+        if (add_rows(e, nodes, a, rows, sorted, width - a, block, width))
+            return 1;
     }
     return 0;
 }
@@ -428,7 +509,7 @@ void tribox_vertex_places(const Pair *p, int64_t groups, const int64_t *point,
 }
 
 /* Add w G_a^T d_k of points, with vectors d (p, k, i), to the entries (…, i) of the vertices. */
-EXPORT void tribox_vertex_rows(const Pair *p, int64_t points, const int64_t *take,
+void tribox_vertex_rows(const Pair *p, int64_t points, const int64_t *take,
                                const int64_t *group, const int32_t *place, const double *along,
                                double *data)
 {
@@ -451,10 +532,12 @@ EXPORT void tribox_vertex_rows(const Pair *p, int64_t points, const int64_t *tak
     }
 }
 
-/* Add sum_A L_A R_A^T / m_A. L and R have rows of vertices A with entries at nodes; `area` (v);
- * `by_node` (rows + 1), `vertex` and `entry` (entries of L) scratch, and of the columns `seen`,
- * `touched` and sums (i, j). Nodes that are not in the matrix are left out. Returns 1 where it has
- * no room. */
+typedef double four __attribute__((vector_size(32), aligned(8)));
+
+/* Add sum_A L_A R_A^T / m_A. L and R have rows of vertices A with entries (…, i) at nodes, R with
+ * a zero after each three; `area` (v); `by_node` (rows + 1), `vertex` and `entry` (entries of L)
+ * scratch, and of the columns `seen`, `touched` and sums (i, j and a zero). Nodes that are not in
+ * the matrix are left out. Returns 1 where it has no room. */
 EXPORT int tribox_add_product(const Entries *e, int64_t vertices, const double *area,
                               int64_t rows, const int64_t *left, const int64_t *left_node,
                               const double *left_data, int64_t columns, const int64_t *right,
@@ -483,21 +566,23 @@ EXPORT int tribox_add_product(const Entries *e, int64_t vertices, const double *
             const double one = over * l[0], two = over * l[1], three = over * l[2];
             for (int64_t k = right[v]; k < right[v + 1]; ++k) {
                 const int64_t column = right_node[k];
-                const double *r = right_data + DIM * k;
-                double *x = sum + DIM * DIM * column;
                 if (seen[column] != n) {
                     seen[column] = n;
                     touched[count++] = column;
-                    memset(x, 0, sizeof(double) * DIM * DIM);
+                    memset(sum + 4 * DIM * column, 0, sizeof(double) * 4 * DIM);
                 }
-                for (int j = 0; j < DIM; ++j)
-                    x[j] += one * r[j], x[3 + j] += two * r[j], x[6 + j] += three * r[j];
+            }
+            for (int64_t k = right[v]; k < right[v + 1]; ++k) {
+                const four r = *(const four *)(right_data + 4 * k);
+                four *x = (four *)(sum + 4 * DIM * right_node[k]);
+                x[0] += one * r, x[1] += two * r, x[2] += three * r;
             }
         }
         for (int64_t k = 0; k < count; ++k) {
             const int32_t column = e->column_first[touched[k]];
-            if (column >= 0
-                && add_numbers(e, e->row_first[n], column, sum + DIM * DIM * touched[k], DIM))
+            const int32_t row = e->row_first[n];
+            const double *x = sum + 4 * DIM * touched[k];
+            if (column >= 0 && add_numbers(e, row, column, e->indptr[row], x, 4) < 0)
                 return 1;
         }
     }
@@ -508,7 +593,7 @@ EXPORT int tribox_add_product(const Entries *e, int64_t vertices, const double *
 
 /* Add the residual -G^T (w t) of all points to the pair's nodes (…, i); returns the sum of the
  * squares of what each point adds. */
-EXPORT double tribox_nodal_forces(const Pair *p, int64_t points, double *out)
+double tribox_nodal_forces(const Pair *p, int64_t points, double *out)
 {
     double squared = 0.0;
     for (int64_t q = 0; q < points; ++q) {
@@ -534,24 +619,4 @@ EXPORT double tribox_nodal_forces(const Pair *p, int64_t points, double *out)
         squared += shares * weight * weight * dot(t, t);
     }
     return squared;
-}
-
-/* Places (q, i) and tangents (q, 2, i) of material places on the current nodes (n, i). */
-EXPORT void tribox_places(const Pair *p, int64_t points, const int32_t *facet, const double *xi,
-                          const double *nodes, double *foot, double *tangents)
-{
-    for (int64_t q = 0; q < points; ++q) {
-        double w[MOVERS], s[2][MOVERS], y[3][DIM] = {{0.0}};
-        shares_at(p, facet[q], xi + 2 * q, w, s);
-        for (int64_t m = 0; m < p->movers; ++m) {
-            const double *x = nodes + DIM * p->stencil[p->movers * facet[q] + m];
-            for (int i = 0; i < DIM; ++i) {
-                y[0][i] += w[m] * x[i];
-                y[1][i] += s[0][m] * x[i];
-                y[2][i] += s[1][m] * x[i];
-            }
-        }
-        memcpy(foot + DIM * q, y[0], sizeof y[0]);
-        memcpy(tangents + 2 * DIM * q, y[1], 2 * sizeof y[0]);
-    }
 }

@@ -19,7 +19,7 @@
 
 #include "lanes.h"
 
-enum material { NEO_HOOKEAN, MOONEY_RIVLIN, HENCKY };
+enum material { NEO_HOOKEAN, MOONEY_RIVLIN, HENCKY, YEOH };
 enum part { WHOLE, DISTORTION, VOLUME };
 enum shape { HEXAHEDRON, TETRAHEDRON };
 
@@ -39,9 +39,9 @@ static const double FACTORS[TERMS + 6] = {0.0,
                                           1593269.0 / 765765,
                                           31037876.0 / 14549535};
 
-/* The energy and its derivatives by J, I1 and I2. */
+/* Derivatives of the energy by J, I1 and I2. */
 typedef struct {
-    vec w, J, I1, I2, JJ, J1, J2, I11, I12, I22;
+    vec J, I1, I2, JJ, J1, J2, I11, I12, I22;
 } Slopes;
 
 INLINE vec dot(const vec *a, const vec *b)
@@ -58,10 +58,10 @@ INLINE void cross(const vec *a, const vec *b, vec *c)
 
 /* Of the series S = sum over n of f_n/n tr Z^2n, f_n = 1 + 1/3 + ... + 1/(2n - 1), that materials.py
  * takes for |dev ln U|^2: derivatives by the isochoric invariants x and y, in the places of I1 and
- * I2, and S itself in that of w. The derivatives of a power sum by the elementary symmetric
+ * I2. The derivatives of a power sum by the elementary symmetric
  * polynomials e_k are complete ones, dp_n/de_k = -(-1)^k n h_(n-k), and those of h_m are
  * -(-1)^k g_(m-k) with sum g_m s^m = (sum h_m s^m)^2. */
-INLINE void squared_logarithm(vec x, vec y, int energy, int second, Slopes *s)
+INLINE void squared_logarithm(vec x, vec y, int second, Slopes *s)
 {
     vec b = 1.0 / (x + y + 2.0), q = (x + y - 6.0) * b, t = (y - x) * b, o = t * t;
     vec e1 = 2.0 * q + o, e2 = q * q + 2.0 * o, A[4] = {}, B[7] = {};
@@ -84,16 +84,6 @@ INLINE void squared_logarithm(vec x, vec y, int energy, int second, Slopes *s)
     vec sum = by_q * q1 + by_t * t1, difference = by_t * b; /* by x + y and by y - x */
     s->I1 = sum - difference;
     s->I2 = sum + difference;
-    if (energy) {
-        vec p = e1, p1 = all(3.0), p2 = all(0.0); /* p_1, p_0, p_-1 and so on */
-        s->w = p;
-#pragma GCC unroll 1
-        for (int n = 2; n <= TERMS; ++n) {
-            vec next = e1 * p - e2 * (n > 2 ? p1 : all(2.0)) + o * p2;
-            p2 = p1, p1 = p, p = next;
-            s->w += FACTORS[n] / n * p;
-        }
-    }
     if (!second)
         return;
     vec qq = 4.0 * (B[2] - q * (2.0 * B[3] - q * B[4])) - 2.0 * A[2];
@@ -128,25 +118,25 @@ INLINE void from_isochoric(vec x, vec y, vec a, vec r, int second, Slopes *s)
 
 /* The distortional part of an energy; `r` is 1/J. */
 INLINE void distort(enum material material, const double *c, vec J, vec r, vec I1, vec I2,
-                    int energy, int second, Slopes *s)
+                    int second, Slopes *s)
 {
     if (material == NEO_HOOKEAN) { /* c: G, Lambda */
         s->I1 = all(0.5 * c[0]);
         s->J = -c[0] * r;
         s->JJ = c[0] * r * r;
-        if (energy)
-            s->w = c[0] * (0.5 * (I1 - 3.0) - logarithm(J));
         return;
     }
     vec root = inverse_cube_root(J), a = root * root, x = a * I1, y = a * a * I2;
     if (material == MOONEY_RIVLIN) { /* c: C10, C01, K */
         s->I1 = all(c[0]);
         s->I2 = all(c[1]);
-        if (energy)
-            s->w = c[0] * (x - 3.0) + c[1] * (y - 3.0);
+    } else if (material == YEOH) { /* c: C10, C20, C30, K */
+        vec z = x - 3.0;
+        s->I1 = c[0] + z * (2.0 * c[1] + z * (3.0 * c[2]));
+        s->I11 = 2.0 * c[1] + z * (6.0 * c[2]);
     } else { /* c: G, K */
-        squared_logarithm(x, y, energy, second, s);
-        for (vec *value = &s->w; value <= &s->I22; ++value)
+        squared_logarithm(x, y, second, s);
+        for (vec *value = &s->I1; value <= &s->I22; ++value)
             *value *= c[0];
     }
     from_isochoric(x, y, a, r, second, s);
@@ -155,26 +145,65 @@ INLINE void distort(enum material material, const double *c, vec J, vec r, vec I
 /* Whether the stress of a part of the energy takes a logarithm or a root of J. */
 INLINE int needs_volume(enum material material, enum part part)
 {
-    return material == NEO_HOOKEAN     ? part != DISTORTION
-           : material == MOONEY_RIVLIN ? part != VOLUME
-                                       : 1;
+    return material == NEO_HOOKEAN ? part != DISTORTION : material == HENCKY || part != VOLUME;
 }
 
 /* Adds the volumetric part of an energy. */
-INLINE void dilate(enum material material, const double *c, vec J, vec r, int energy, Slopes *s)
+INLINE void dilate(enum material material, const double *c, vec J, vec r, Slopes *s)
 {
-    if (material == MOONEY_RIVLIN) {
-        s->J += 0.5 * c[2] * (J - r);
-        s->JJ += 0.5 * c[2] * (1.0 + r * r);
-        if (energy)
-            s->w += 0.25 * c[2] * (J * J - 1.0 - 2.0 * logarithm(J));
+    if (material == MOONEY_RIVLIN || material == YEOH) {
+        const double K = material == YEOH ? c[3] : c[2];
+        s->J += 0.5 * K * (J - r);
+        s->JJ += 0.5 * K * (1.0 + r * r);
         return;
     }
     vec l = logarithm(J);
     s->J += c[1] * l * r;
     s->JJ += c[1] * (1.0 - l) * r * r;
-    if (energy)
-        s->w += 0.5 * c[1] * l * l;
+}
+
+/* ln(1 + x) and e^x - 1 for x near 0 too (Kahan's quotients). */
+INLINE vec logarithm_from_one(vec x)
+{
+    vec w = 1.0 + x;
+    ivec same = (ivec)(w == 1.0);
+    return choose(same, x, x * logarithm(w) / choose(same, all(1.0), w - 1.0));
+}
+
+INLINE vec exponential_from_one(vec x)
+{
+    vec w = exponential(x);
+    ivec same = (ivec)(w == 1.0);
+    return choose(same, x, x * (w - 1.0) / choose(same, all(1.0), logarithm(w)));
+}
+
+/* The energy from I1 - 3, I2 - 3 and J^2 - 1. */
+INLINE vec stored(enum material material, enum part part, const double *c, vec I1, vec I2, vec JJ)
+{
+    const int simo_taylor = material == MOONEY_RIVLIN || material == YEOH;
+    vec l = 0.5 * logarithm_from_one(JJ), w = all(0.0);
+    if (part != DISTORTION)
+        w = simo_taylor ? 0.25 * c[material == YEOH ? 3 : 2] * (JJ - 2.0 * l) : 0.5 * c[1] * l * l;
+    if (part == VOLUME)
+        return w;
+    if (material == NEO_HOOKEAN)
+        return w + c[0] * (0.5 * I1 - l);
+    vec a = exponential_from_one((-2.0 / 3.0) * l); /* J^(-2/3) - 1; its square is J^(-4/3) */
+    vec x = I1 + a * (I1 + 3.0), y = I2 + a * (a + 2.0) * (I2 + 3.0);
+    if (material == MOONEY_RIVLIN)
+        return w + c[0] * x + c[1] * y;
+    if (material == YEOH)
+        return w + x * (c[0] + x * (c[1] + x * c[2]));
+    vec b = 1.0 / (x + y + 8.0), q = (x + y) * b, t = (y - x) * b, o = t * t;
+    vec e1 = 2.0 * q + o, e2 = q * q + 2.0 * o;
+    vec p = e1, p1 = all(3.0), p2 = all(0.0), sum = p; /* p_1, p_0, p_-1 and so on */
+#pragma GCC unroll 1
+    for (int n = 2; n <= TERMS; ++n) {
+        vec next = e1 * p - e2 * (n > 2 ? p1 : all(2.0)) + o * p2;
+        p2 = p1, p1 = p, p = next;
+        sum += FACTORS[n] / n * p;
+    }
+    return w + c[0] * sum;
 }
 
 /* What holds at a point: w, what is added to dW/dJ of the volumetric part in moduli, what is wanted.
@@ -187,11 +216,11 @@ typedef struct {
     vec excess;
 } Law;
 
-/* What is found there: w |det G| dW/dg, w |det G| d^2W/dg^2, by the columns of g one after another,
- * and w |det G| W, which is added; cells with J <= 0 are marked in `bad`. What takes a logarithm or a
- * root of J is not a number there. */
+/* What is found there: w |det G| dW/dg and w |det G| d^2W/dg^2, by the columns of g one after
+ * another; cells with J <= 0 are marked in `bad`. What takes a logarithm or a root of J is not a
+ * number there. */
 typedef struct {
-    vec h[3][3], moduli[9][9], energy;
+    vec h[3][3], moduli[9][9];
     ivec bad;
 } Point;
 
@@ -283,8 +312,7 @@ INLINE void curvatures(const Slopes *s, int distorts, int whole, vec slope, vec 
 }
 
 /* The point of the columns G and g. */
-INLINE void at_point(const Law *law, const vec G[3][3], const vec g[3][3], int energy, int second,
-                     Point *out)
+INLINE void at_point(const Law *law, const vec G[3][3], const vec g[3][3], int second, Point *out)
 {
     const int distorts = law->part != VOLUME, whole = distorts && law->material != NEO_HOOKEAN;
     vec N[3][3], A[3][3], v[3][3][3], I1 = all(0.0), I2 = all(0.0);
@@ -305,21 +333,17 @@ INLINE void at_point(const Law *law, const vec G[3][3], const vec g[3][3], int e
         }
         if (whole)
             I2 = second_invariant(G, g, v[0], of_D * of_D, v[2]);
-        distort(law->material, law->c, J, r, I1, I2, energy, second, &s);
+        distort(law->material, law->c, J, r, I1, I2, second, &s);
     }
     if (law->part != DISTORTION)
-        dilate(law->material, law->c, J, r, energy, &s);
+        dilate(law->material, law->c, J, r, &s);
     if (needs_volume(law->material, law->part)) {
         s.J = (vec)((ivec)s.J | ~(ivec)(J > 0.0)); /* all bits set: not a number */
         s.JJ = (vec)((ivec)s.JJ | ~(ivec)(J > 0.0));
     }
     vec weight = law->weight * absolute(D);
-    for (vec *value = &s.w; value <= &s.I22; ++value)
+    for (vec *value = &s.J; value <= &s.I22; ++value)
         *value *= weight;
-    if (energy) {
-        out->energy += s.w;
-        return;
-    }
     for (int a = 0; a < 3; ++a)
         for (int i = 0; i < 3; ++i) {
             v[0][a][i] *= of_D;
@@ -334,6 +358,35 @@ INLINE void at_point(const Law *law, const vec G[3][3], const vec g[3][3], int e
         vec slope = distorts ? s.J : s.J + law->excess * weight;
         curvatures(&s, distorts, whole, slope * of_D, I1, A, g, v[1], out->moduli);
     }
+}
+
+/* w |det G| W of the point of the columns G and g = G + d, from E = (C - I)/2: of small strains too it
+ * has the digits that d has. With eps = (G^T d + d^T G + d^T d)/2 the invariants of E are those of
+ * A eps. */
+INLINE vec energy_at(const Law *law, const vec G[3][3], const vec d[3][3], ivec *bad)
+{
+    vec N[3][3], n[3], g[3][3], eps[3][3], E[3][3];
+    cofactors(G, N);
+    vec D = dot(G[0], N[0]), scale = 1.0 / (D * D);
+    for (int a = 0; a < 3; ++a)
+        for (int i = 0; i < 3; ++i)
+            g[a][i] = G[a][i] + d[a][i];
+    cross(g[1], g[2], n);
+    *bad |= ~(ivec)(dot(g[0], n) * D > 0.0);
+    for (int a = 0; a < 3; ++a)
+        for (int b = 0; b < 3; ++b)
+            eps[a][b] = 0.5 * (dot(G[a], d[b]) + dot(d[a], G[b]) + dot(d[a], d[b]));
+    for (int a = 0; a < 3; ++a)
+        for (int b = 0; b < 3; ++b)
+            E[a][b] = scale * (dot(N[a], N[0]) * eps[0][b] + dot(N[a], N[1]) * eps[1][b] +
+                               dot(N[a], N[2]) * eps[2][b]);
+    cross(E[1], E[2], n);
+    vec first = E[0][0] + E[1][1] + E[2][2], third = dot(E[0], n);
+    vec second = E[0][0] * E[1][1] - E[0][1] * E[1][0] + E[1][1] * E[2][2] - E[1][2] * E[2][1] +
+                 E[2][2] * E[0][0] - E[2][0] * E[0][2];
+    return law->weight * absolute(D) *
+           stored(law->material, law->part, law->c, 2.0 * first, 4.0 * (first + second),
+                  2.0 * first + 4.0 * second + 8.0 * third);
 }
 
 /* Sums and differences of eight values over the first, second and third bit of their number. */
@@ -515,18 +568,17 @@ INLINE int over_cells(enum material material, enum shape shape, int reduced, int
     Point at = {};
     for (int64_t n = 0; n < work->blocks; ++n, node += nodes * LANES, edge += 21 * LANES) {
         const int lanes = n + 1 < work->blocks ? LANES : (int)work->lanes_of_last;
-        vec E[8][3], e[8][3], force[8][3] = {}, block[36][3][3];
+        vec E[8][3], e[8][3], force[8][3] = {}, block[36][3][3], total = all(0.0);
         Law law = {material, WHOLE, work->c};
         coefficients(shape, work->u, node, e);
         __builtin_memcpy(E[1], edge, 21 * sizeof(vec));
-        for (int m = 1; m < 8; ++m)
+        for (int m = 1; m < 8 && !energy; ++m)
             for (int i = 0; i < 3; ++i)
                 e[m][i] += E[m][i];
         if (second)
             __builtin_memset(block, 0, sizeof block);
         for (int l = 0; second && work->excess && l < lanes; ++l)
             law.excess[l] = work->excess[n * LANES + l];
-        at.energy = all(0.0);
 #pragma GCC unroll 1
         for (int point = 0; point < points; ++point) {
             vec G[3][3], g[3][3];
@@ -535,11 +587,15 @@ INLINE int over_cells(enum material material, enum shape shape, int reduced, int
             law.weight = place_of(shape, point, x);
             columns(E, x, G);
             columns(e, x, g);
-            at_point(&law, G, g, energy, second, &at);
+            if (energy) {
+                total += energy_at(&law, G, g, &at.bad); /* g without G */
+                continue;
+            }
+            at_point(&law, G, g, second, &at);
             if (second) {
                 gradients(shape, x, dN);
                 stiffen(nodes, at.moduli, dN, block);
-            } else if (!energy) {
+            } else {
                 collect(at.h, x, force);
             }
         }
@@ -548,7 +604,7 @@ INLINE int over_cells(enum material material, enum shape shape, int reduced, int
             start += lanes * nodes * 3 * nodes;
         } else if (energy) {
             for (int l = 0; l < lanes; ++l)
-                sum += at.energy[l];
+                sum += total[l];
         } else {
             scatter(shape, node, lanes, force, work->forces);
         }

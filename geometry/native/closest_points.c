@@ -484,6 +484,27 @@ static double attempt(const Surface *s, const Task *t, int64_t q, int32_t facet,
     return sqrt(out->squared);
 }
 
+/* The least distance of a point from its facets. The bounds of those that may be as close become
+ * their distances, the others infinite; or with `kept` all bounds stay. */
+static double nearest(const Surface *s, const Task *t, int64_t q, const int32_t *facet,
+                      int64_t count, int64_t first, int kept)
+{
+    double least = attempt(s, t, q, facet[first], t->tried + first);
+    if (!kept)
+        t->bound[first] = least;
+    for (int64_t k = 0; k < count; ++k) {
+        if (k == first)
+            continue;
+        /* The bounds are rounded too. */
+        int close = t->bound[k] <= (least + t->tie) * (1.0 + 1e-9);
+        double distance = close ? attempt(s, t, q, facet[k], t->tried + k) : INFINITY;
+        if (!kept)
+            t->bound[k] = distance;
+        least = fmin(least, distance);
+    }
+    return least;
+}
+
 /* Of facets equally close the first, one that holds the point inside before all others. */
 static void choose(const Surface *s, const Task *t, int64_t q)
 {
@@ -496,19 +517,7 @@ static void choose(const Surface *s, const Task *t, int64_t q)
         count = 1;
     }
     const int64_t first = bounds(s, t, q, facet, beyond, count);
-    double least = attempt(s, t, q, facet[first], t->tried + first);
-    t->bound[first] = least;
-    for (int64_t k = 0; k < count; ++k) {
-        if (k == first)
-            continue;
-        /* The bounds are rounded too. */
-        if (t->bound[k] <= (least + t->tie) * (1.0 + 1e-9)) {
-            t->bound[k] = attempt(s, t, q, facet[k], t->tried + k);
-            least = fmin(least, t->bound[k]);
-        } else {
-            t->bound[k] = INFINITY;
-        }
-    }
+    const double least = nearest(s, t, q, facet, count, first, 0);
     int64_t best = first, best_rank = INT64_MAX;
     for (int64_t k = 0; k < count; ++k) {
         if (!(t->bound[k] <= least + t->tie))
@@ -520,6 +529,21 @@ static void choose(const Surface *s, const Task *t, int64_t q)
         }
     }
     write(s, t, q, facet[best], t->tried + best);
+}
+
+/* By how much the distance of each facet in a point's list exceeds the least one, at least. */
+void tribox_beyond(const Surface *s, const Task *t, double *beyond)
+{
+    for (int64_t q = 0; q < t->count; ++q) {
+        const int32_t *facet = t->facet + t->start[q];
+        int64_t count = t->start[q + 1] - t->start[q];
+        if (count == 0)
+            continue;
+        int64_t first = bounds(s, t, q, facet, 0, count);
+        double least = nearest(s, t, q, facet, count, first, 1);
+        for (int64_t k = 0; k < count; ++k)
+            beyond[t->start[q] + k] = t->bound[k] - least;
+    }
 }
 
 void tribox_closest_points(const Surface *s, const Task *t)

@@ -121,18 +121,36 @@ class CompiledFacets:
         count = len(points)
         facet, entity = np.empty(count, dtype=np.int32), np.empty(count, dtype=np.int32)
         xi = np.empty((count, self.shape.directions))
-        longest = int(np.diff(among.start).max(initial=1))
-        keep = None if kept is None else _ints(kept[0])
+        keep, past = (None, 0.0) if kept is None else (_ints(kept[0]), kept[1])
         inputs = (_floats(points), among.start, among.facet, among.alone, keep, among.beyond)
-        scratch = np.empty(longest), np.empty((longest, self._tried))
-        task = _Task(
-            count,
-            *map(_at, inputs),
-            *(among.limit, tie, 0.0 if kept is None else kept[1]),
-            *map(_at, (*scratch, facet, xi, entity)),
-        )
+        scratch = self._scratch(among.start)
+        numbers = (among.limit, tie, past)
+        task = _Task(count, *map(_at, inputs), *numbers, *map(_at, (*scratch, facet, xi, entity)))
         self._call("tribox_closest_points", controls, ctypes.byref(task))
         return facet, xi, entity
+
+    def beyond(self, points: Floats, controls: Floats, start: Longs, facet: Ints) -> Floats:
+        """What the distances (p,) of facets exceed the least of their point's by at least, m.
+
+        Args:
+            points: (q, i), m.
+            controls: (f, a, i), m.
+            start: (q + 1,) where the facets of each point begin in ``facet`` (p,).
+            facet: see above.
+        """
+        out = np.zeros(len(facet))
+        points, facet = _floats(points), _ints(facet)
+        scratch = self._scratch(start)
+        inputs = (points, start, facet, None, None, None)
+        nothing = (None, None, None)
+        task = _Task(len(points), *map(_at, inputs), 0.0, 0.0, 0.0, *map(_at, (*scratch, *nothing)))
+        self._call("tribox_beyond", controls, ctypes.byref(task), _at(out))
+        return out
+
+    def _scratch(self, start: Longs) -> tuple[Floats, Floats]:
+        """Room for a bound and a result of each facet of the longest list."""
+        longest = int(np.diff(start).max(initial=1))
+        return np.empty(longest), np.empty((longest, self._tried))
 
     def distances(self, points: Floats, controls: Floats, point: Ints, facet: Ints) -> Floats:
         """Distances (p,), m, of pairs of a point and a facet; arguments as in :meth:`closest`."""
@@ -260,9 +278,10 @@ def _powers(shape: FacetShape) -> Floats:
     """
     middle = 0.0 if shape.degree == 1 else 0.5
     width = shape.degree + 1
-    products = np.prod((shape.points[:, None] - middle) ** shape.powers, axis=2)
+    powers = shape.polynomials[0]
+    products = np.prod((shape.points[:, None] - middle) ** powers, axis=2)
     out = np.zeros((width**shape.directions, shape.count))
-    out[shape.powers @ (width ** np.arange(shape.directions))] = np.linalg.inv(products)
+    out[powers @ (width ** np.arange(shape.directions))] = np.linalg.inv(products)
     return out
 
 

@@ -156,6 +156,8 @@ class FacetSearch:
         bound = np.linalg.norm(points[point] - centre[facet], axis=1) - radius[facet]
         keep = bound <= least[point] + self.slack
         point, facet = point[keep], facet[keep]
+        if self._code is not None:
+            return self._kept(points, facets, point, facet)
         distance = self._distances(points, facets, point, facet)
         # From these distances alone: the same pair rounds otherwise among others, and far from the
         # origin by more than a tie, so that a point might keep no facet at all.
@@ -165,6 +167,18 @@ class FacetSearch:
         keep = np.nonzero(excess <= self.slack)[0]
         order = keep[np.lexsort((facet[keep], point[keep]))]
         return point[order], facet[order], excess[order]
+
+    def _kept(
+        self, points: Floats, facets: Floats, point: Ints, facet: Ints
+    ) -> tuple[Ints, Ints, Floats]:
+        """Pairs to be kept, sorted by point, and lower bounds of what they exceed the least by."""
+        assert self._code is not None
+        order = np.lexsort((facet, point))
+        point, facet = point[order], facet[order]
+        start = np.searchsorted(point, np.arange(len(points) + 1))
+        excess = self._code.beyond(points, facets, start, facet)
+        keep = np.nonzero(excess <= self.slack)[0]
+        return point[keep], facet[keep], excess[keep]
 
     def _trees(self, facets: Floats) -> list[tuple[cKDTree, Ints]]:
         """k-d trees of the centres of facets of about one size, and which facets these are."""

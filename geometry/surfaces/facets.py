@@ -100,9 +100,9 @@ class FacetShape:
         return _LEBESGUE[self.cell, self.degree]
 
     @property
-    def powers(self) -> Ints:
-        """Powers (m, α) of the monomials Π_α (ξ^α)^m that the shape functions are made of."""
-        return self._powers
+    def polynomials(self) -> tuple[Ints, Floats]:
+        """Powers (m, α) of the monomials Π_α (ξ^α)^m, and the shape functions' (m, a) in them."""
+        return self._powers, self._coefficients
 
     @property
     def coefficients(self) -> Floats:

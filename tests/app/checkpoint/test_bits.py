@@ -75,6 +75,7 @@ def places(name: str) -> list[Any]:
         "implicit cut": (0.4, 0.6),
         "implicit boundaries by stage": (0.3, 0.85),
         "implicit frozen": (0.7, 1.0),
+        "implicit space by Krylov": (0.2, 0.85),
         "explicit film": (0.0, 0.65),
     }
     shares = own.get(name, (0.2, 0.65))
@@ -107,6 +108,9 @@ def test_the_cases_are_in_the_middle_of_what_they_are_named_for(went):
     _, frozen = went("implicit frozen")
     step = state_of(frozen, numbers(frozen)[int(0.7 * 3)])["simulation"]["runner"]["solver"]
     assert '"frozen_facets": {' in json.dumps(step)
+    _, krylov = went("implicit space by Krylov")
+    solver = state_of(krylov, numbers(krylov)[int(0.85 * 6)])["simulation"]["runner"]["solver"]
+    assert solver["first_room"]["patterns"] < solver["room"]["patterns"]
     _, thrown = went("explicit thrown")
     assert any(position_of(thrown, number)["within"] for number in numbers(thrown))
     for name in FIRST:

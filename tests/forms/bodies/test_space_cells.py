@@ -2,13 +2,25 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
+import basix.ufl
 import dolfinx
 import numpy as np
 import pytest
+import ufl
+from mpi4py import MPI
 
 from forms.bodies.compiled_cells import compiled_cells
 from forms.bodies.internal_force import GeneratedForce, InternalForce
-from forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, Yeoh, shear_and_bulk
+from forms.bodies.materials import (
+    Hencky,
+    MooneyRivlin,
+    NeoHookean,
+    Ogden,
+    Yeoh,
+    shear_and_bulk,
+)
 from forms.bodies.solid import Solid
 from forms.bodies.space_cells import SpaceCells
 from geometry.compat import cell_nodes
@@ -18,11 +30,13 @@ MATERIALS = {
     "neo-hookean": NeoHookean(1.0, 5.0),
     "mooney-rivlin": MooneyRivlin(0.4, 0.1, 5.0),
     "hencky": Hencky(1.0, 5.0),
+    "yeoh": Yeoh(0.5, -0.04, 0.02, 5.0),
 }
 INCOMPRESSIBLE = {
     "neo-hookean": NeoHookean(*shear_and_bulk(1.0, 0.499)),
     "mooney-rivlin": MooneyRivlin(0.4, 0.1, 500.0),
     "hencky": Hencky(*shear_and_bulk(1.0, 0.499)),
+    "yeoh": Yeoh(0.5, -0.04, 0.02, 500.0),
 }
 KINDS = [("hexahedron", "q1"), ("hexahedron", "q1-sri"), ("tetrahedron", "q1")]
 GRADIENT = np.array([[0.3, 0.25, 0.1], [-0.4, -0.2, 0.2], [0.1, -0.3, 0.4]])
@@ -143,6 +157,21 @@ def test_a_cell_by_hand():
         assert cells.energy(u.x.array) == pytest.approx(0.5 * shear * gamma**2, rel=1e-14)
 
 
+@pytest.mark.parametrize("formulation", ["q1", "q1-sri"])
+@pytest.mark.parametrize("name", MATERIALS)
+def test_the_energy_of_small_strains(name, formulation):
+    """Simple shear by 1e-7 of a body that has moved far: G γ²/2, though F is 1 + 1e-7.
+
+    The energy by the forms is wrong by a percent there.
+    """
+    u, solid = body("hexahedron", MATERIALS[name], formulation)
+    where = u.function_space.tabulate_dof_coordinates()
+    u.x.array[:] = (np.array([1.0, 0.0, 0.0]) * 1e-7 * (where[:, 1:2] + 1e3)).reshape(-1)
+    volume = dolfinx.fem.form(1.0 * ufl.dx(u.function_space.mesh))
+    expected = 0.5e-14 * solid.material.shear_modulus * dolfinx.fem.assemble_scalar(volume)
+    assert cells_of(u, solid).energy(u.x.array) == pytest.approx(expected, rel=1e-8)
+
+
 @pytest.mark.parametrize("name", MATERIALS)
 def test_carried_pressures(name):
     u, solid = body("hexahedron", INCOMPRESSIBLE[name], "q1-sri")
@@ -195,14 +224,27 @@ def test_what_is_no_number_in_an_inverted_cell(name, formulation, depth):
 
 
 def test_what_the_loop_does_not_cover():
-    """Curved cells, quadratic elements, other materials go through the forms."""
-    u, _ = body("hexahedron", MATERIALS["hencky"], "q1")
-    cells = np.arange(9, dtype=np.int32)
-    yeoh = Solid("body", u, cells, Yeoh(0.5, -0.01, 0.001, 5.0), "q1")
-    assert compiled_cells(u.function_space, yeoh) is None
-    quadratic = dolfinx.fem.functionspace(u.function_space.mesh, ("Lagrange", 2, (3,)))
-    solid = Solid("body", dolfinx.fem.Function(quadratic), cells, MATERIALS["hencky"], "q2")
+    """Curved cells, quadratic elements and other materials go through the forms."""
+    straight, curved = (one_tetrahedron(degree) for degree in (1, 2))
+    linear = dolfinx.fem.functionspace(straight, ("Lagrange", 1, (3,)))
+    solid = SimpleNamespace(
+        section="3D", material=MATERIALS["hencky"], cells=np.array([0]), forms=[None]
+    )
+    assert isinstance(compiled_cells(linear, solid), SpaceCells)
+    quadratic = dolfinx.fem.functionspace(straight, ("Lagrange", 2, (3,)))
     assert compiled_cells(quadratic, solid) is None
+    assert compiled_cells(dolfinx.fem.functionspace(curved, ("Lagrange", 1, (3,))), solid) is None
+    solid.material = Ogden((1.0,), (2.0,), 5.0)
+    assert compiled_cells(linear, solid) is None
+
+
+def one_tetrahedron(degree):
+    """With edges that may be bent if ``degree`` is 2."""
+    element = basix.ufl.element("Lagrange", "tetrahedron", degree, shape=(3,))
+    x = element.basix_element.points
+    return dolfinx.mesh.create_mesh(
+        MPI.COMM_SELF, np.arange(len(x))[None], x=x, e=ufl.Mesh(element)
+    )
 
 
 def forces_by_place(comm, directory):

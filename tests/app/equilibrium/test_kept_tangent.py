@@ -1,0 +1,202 @@
+"""Which bodies keep the tangent of their undeformed state, and what that does to a solution."""
+
+from __future__ import annotations
+
+import tomllib
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from app.build.model import body_dofs, build_model
+from app.case.case import Case
+from app.equilibrium.kept_tangent import SLENDER, SMALL
+from app.simulation.observer import Observer
+from app.simulation.simulation import Simulation
+from tests.app.conftest import BLOCK, BOXES
+from tests.flowing import SOFT_METAL
+
+
+def model_of(text=BLOCK, comm=MPI.COMM_SELF, **changes):
+    """The model of a case; two underscores in a change stand for a dot."""
+    data = tomllib.loads(text)
+    for key, value in changes.items():
+        *path, last = key.split("__")
+        table = data
+        for name in path:
+            table = table[name]
+        table[last] = value
+    return build_model(Case.model_validate(data), comm)
+
+
+def moved(model, motion, name="aluminium"):
+    """Displacements by ``motion`` of places (n, i), m, of one body, the others at rest."""
+    problem = model.problem
+    x, dofs = problem.new_vector(), body_dofs(model, name)
+    place = problem.space.tabulate_dof_coordinates()[:, : problem.dim]
+    x.array[dofs] = motion(place[dofs[:, 0] // problem.dim])
+    return x
+
+
+def stretched(size):
+    return lambda place: size * place * np.eye(place.shape[1])[1]
+
+
+def turned(angle):
+    c, s = np.cos(angle) - 1.0, np.sin(angle)
+    return lambda place: np.stack(
+        [c * place[:, 0] - s * place[:, 1], s * place[:, 0] + c * place[:, 1]], axis=1
+    )
+
+
+def assembled(model, x, allowed=True):
+    """The tangent at ``x``, a new matrix, and which bodies kept theirs."""
+    problem = model.problem
+    problem.tangent.keeper.allowed = allowed
+    A = problem.new_matrix(x)
+    problem.assemble_tangent(x, A)
+    return A, problem.tangent.kept
+
+
+def difference(A, B):
+    """Of two matrices, over the second."""
+    D = A.copy()
+    D.axpy(-1.0, B)
+    return D.norm() / B.norm()
+
+
+@pytest.fixture(scope="module")
+def block():
+    return model_of()
+
+
+def test_a_stiff_body_that_hardly_moves_keeps_its_tangent(block):
+    for size in (1e-7, 1e-6):
+        x = moved(block, stretched(size))
+        A, kept = assembled(block, x)
+        exact, none = assembled(block, x, allowed=False)
+        assert (kept, none) == ((False, True), (False, False))
+        assert 1e-2 * size < difference(A, exact) < 20.0 * size
+
+
+def limit_of(model):
+    """Largest bound with which the aluminium keeps its tangent."""
+    assembled(model, model.problem.new_vector())
+    (one,) = model.problem.tangent.keeper._candidates
+    return one.largest
+
+
+@pytest.mark.parametrize("motion", [stretched(1e-3), turned(1e-3), turned(np.pi)])
+def test_a_strain_or_a_rotation_ends_it(block, motion):
+    """A rotation has no strain, and turns the tangent all the same."""
+    x = moved(block, motion)
+    A, kept = assembled(block, x)
+    exact, _ = assembled(block, x, allowed=False)
+    assert kept == (False, False)
+    assert difference(A, exact) == 0.0
+    # What moves the whole body is none.
+    shifted = moved(block, lambda place: np.full_like(place, 1e-3))
+    assert assembled(block, shifted)[1] == (False, True)
+
+
+def test_numbers_that_are_none_end_it(block):
+    x = block.problem.new_vector()
+    x.array[body_dofs(block, "aluminium")[3]] = np.nan
+    assert assembled(block, x)[1] == (False, False)
+    assert assembled(block, block.problem.new_vector())[1] == (False, True)
+
+
+@pytest.mark.parametrize(("ratio", "kept"), [(50.0, False), (150.0, True)])
+def test_only_bodies_far_stiffer_than_the_softest_in_contact(ratio, kept):
+    model = model_of(bodies__aluminium__E=f"{5 * ratio} MPa", bodies__elastomer__nu=0.33)
+    assert assembled(model, model.problem.new_vector())[1] == (False, kept)
+
+
+def test_a_body_that_may_flow_has_the_tangent_of_its_points():
+    model = model_of(bodies__aluminium=SOFT_METAL | {"E": "70 GPa"})
+    x = model.problem.new_vector()
+    model.problem.residual(None, x, x.copy())
+    assert assembled(model, x)[1] == (False, False)
+
+
+def test_bodies_that_touch_nothing_soft_have_none():
+    model = model_of(bodies__elastomer__E="70 GPa")
+    assert assembled(model, model.problem.new_vector())[1] == (False, False)
+
+
+def test_slender_bodies_have_to_move_less(block):
+    """A membrane strain counts in them beside the small stiffness against bending."""
+    assert limit_of(block) == pytest.approx(min(SMALL, SLENDER * 0.25**2))
+    thin = model_of(
+        geometry__lower={"width": "2.0 mm", "height": "0.04 mm", "elements": [15, 1]},
+    )
+    assert limit_of(thin) == pytest.approx(SLENDER * 0.02**2)
+    assert assembled(thin, moved(thin, stretched(3e-6)))[1] == (False, False)
+    assert assembled(block, moved(block, stretched(3e-6)))[1] == (False, True)
+
+
+def test_it_is_made_again_for_another_pattern(block):
+    """With the same values; of pattern and platens alone it depends, not of the state."""
+    problem, keeper = block.problem, block.problem.tangent.keeper
+    A, _ = assembled(block, moved(block, stretched(1e-7)))
+    made = keeper.made
+    problem.assemble_tangent(moved(block, stretched(1e-6)), A)
+    problem.assemble_tangent(problem.new_vector(), A)
+    assert keeper.made == made and problem.tangent.kept == (False, True)
+    before = A.copy()
+    problem.tangent.make_room(A)
+    problem.assemble_tangent(problem.new_vector(), A)
+    assert keeper.made == made + 1
+    assert difference(A, before) == 0.0
+
+
+class Counts(Observer):
+    """Forces and Newton iterations of each step, and how often the tangent was kept."""
+
+    def __init__(self):
+        self.forces, self.newton, self.kept = [], 0, 0
+
+    def step(self, state, row, result):
+        self.forces.append((row.normal_force, row.tangential_force))
+        self.newton += result.iterations
+        self.kept += any(state.model.problem.tangent.kept)
+
+
+@pytest.mark.parametrize("text", [BLOCK, BOXES], ids=["plane", "space"])
+def test_forces_and_iterations_stay(text):
+    """The residual is exact, and so are the forces; with a platen in space."""
+    runs = []
+    for allowed in (False, True):
+        model = model_of(text, solver={"tolerance": 1e-9, "linear": "direct"})
+        model.problem.tangent.keeper.allowed = allowed
+        runs.append(Counts())
+        Simulation(model).run(runs[-1])
+    exact, kept = runs
+    assert exact.kept == 0 and kept.kept == len(kept.forces)
+    a, b = np.array(exact.forces), np.array(kept.forces)
+    assert np.abs(a - b).max() < 1e-9 * np.abs(a).max()
+    assert kept.newton <= exact.newton + 1
+
+
+def flags(comm, directory):
+    """Whether the aluminium is kept, and sums of the tangent's values, of three states."""
+    model = model_of(comm=comm)
+    problem, out = model.problem, []
+    one_node = moved(model, lambda place: np.full_like(place, 1e-4), "elastomer")
+    place = problem.space.tabulate_dof_coordinates()[: problem.owned // 2, :2]
+    corner = np.nonzero(np.abs(place).sum(axis=1) < 1e-9)[0]  # below, on the left
+    for size in (0.0, 1e-8, 1e-6):
+        one_node.array[2 * corner] = size
+        A, kept = assembled(model, one_node)
+        out.append([list(kept), A.norm() / 1e10])
+    return out
+
+
+@pytest.mark.mpi(flags, 2, 3)
+def test_one_node_on_one_rank_ends_it_for_all(on_ranks):
+    alone = on_ranks(flags, 1)
+    assert [kept for kept, _ in alone] == [[False, True], [False, True], [False, False]]
+    for ranks in (2, 3):
+        for (kept, norm), (expected, size) in zip(on_ranks(flags, ranks), alone, strict=True):
+            assert kept == expected
+            assert norm == pytest.approx(size, rel=1e-12)
