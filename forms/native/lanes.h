@@ -34,6 +34,23 @@ INLINE int any(ivec mask)
     return found != 0;
 }
 
+INLINE vec absolute(vec x)
+{
+    return (vec)((uvec)x & 0x7fffffffffffffffULL);
+}
+
+/* The polynomial in s^2 of `logarithm`. */
+INLINE vec series_of_logarithm(vec z)
+{
+    vec r = 1.479819860511658591e-01 * z + 1.531383769920937332e-01;
+    r = r * z + 1.818357216161805012e-01;
+    r = r * z + 2.222219843214978396e-01;
+    r = r * z + 2.857142874366239149e-01;
+    r = r * z + 3.999999999940941908e-01;
+    r = r * z + 6.666666666666735130e-01;
+    return r;
+}
+
 /* ln x for finite x > 0, to about one unit in the last place (method and coefficients of
  * FreeBSD's e_log.c: s = f/(2 + f), a polynomial in s^2). */
 INLINE vec logarithm(vec x)
@@ -42,16 +59,20 @@ INLINE vec logarithm(vec x)
     uvec k = ((uvec)x - low + bias) >> 52;
     vec m = (vec)((uvec)x - (k << 52) + bias);
     vec n = (vec)(k + 0x4330000000000000ULL) - (4503599627370496.0 + 1024.0);
-    vec f = m - 1.0, s = f / (m + 1.0), z = s * s;
-    vec r = 1.479819860511658591e-01 * z + 1.531383769920937332e-01;
-    r = r * z + 1.818357216161805012e-01;
-    r = r * z + 2.222219843214978396e-01;
-    r = r * z + 2.857142874366239149e-01;
-    r = r * z + 3.999999999940941908e-01;
-    r = r * z + 6.666666666666735130e-01;
-    vec h = 0.5 * f * f;
+    vec f = m - 1.0, s = f / (m + 1.0), z = s * s, r = series_of_logarithm(z), h = 0.5 * f * f;
     return n * 6.93147180369123816490e-01 -
            ((h - (s * (h + r * z) + n * 1.90821492927058770002e-10)) - f);
+}
+
+/* ln(1 + x) and x - ln(1 + x), both to all digits, for finite x > -1; see `logarithm`. */
+INLINE void logarithm_of_sum(vec x, vec *value, vec *rest)
+{
+    vec s = x / (2.0 + x), z = s * s, h = 0.5 * x * x;
+    *rest = h - s * (h + series_of_logarithm(z) * z);
+    vec whole = logarithm(1.0 + x);
+    ivec near = (ivec)(absolute(x) < 0.25);
+    *rest = choose(near, *rest, x - whole);
+    *value = choose(near, x - *rest, whole);
 }
 
 /* e^x to about one unit in the last place for |x| < 700: x = n ln 2 + r, Taylor's series in r. */
@@ -88,11 +109,6 @@ INLINE vec square_root(vec x)
     for (int l = 0; l < LANES; ++l)
         x[l] = __builtin_sqrt(x[l]);
     return x;
-}
-
-INLINE vec absolute(vec x)
-{
-    return (vec)((uvec)x & 0x7fffffffffffffffULL);
 }
 
 /* Whether numbers are finite. */

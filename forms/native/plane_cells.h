@@ -61,48 +61,33 @@ INLINE vec curvature_of_squared_arcosh(vec x, vec slope)
     return v;
 }
 
-/* p = 2 dW/dI, q = dW/dJ and W of a part of the energy, with I = |F|^2 in the plane; `r` is 1/J. */
+/* p = 2 dW/dI and q = dW/dJ of a part of the energy, with I = |F|^2 in the plane; `r` is 1/J. */
 INLINE void derive(enum material material, enum part part, const double *c, vec I, vec J, vec r,
-                   vec *p, vec *q, vec *w)
+                   vec *p, vec *q)
 {
     const int d = part != VOLUME, v = part != DISTORTION;
     if (material == NEO_HOOKEAN) { /* c: G, Lambda */
-        vec l = v || w ? logarithm(J) : all(0.0);
         *p = all(d ? c[0] : 0.0);
-        *q = ((v ? c[1] * l : all(0.0)) - (d ? c[0] : 0.0)) * r;
-        if (w)
-            *w = (d ? c[0] * (0.5 * (I - 2.0) - l) : all(0.0)) + (v ? 0.5 * c[1] * l * l : all(0.0));
+        *q = ((v ? c[1] * logarithm(J) : all(0.0)) - (d ? c[0] : 0.0)) * r;
     } else if (material == MOONEY_RIVLIN) { /* c: C10, C01, K */
         *p = *q = all(0.0);
-        if (w)
-            *w = all(0.0);
         if (d) {
             vec y = inverse_cube_root(J), j = y * y, a = c[0] * j, b = c[1] * j * j;
             vec I1 = I + 1.0, I2 = I + J * J;
             *p = 2.0 * (a + b);
             *q = 2.0 * b * J - (2.0 / 3.0) * r * (a * I1 + 2.0 * b * I2);
-            if (w)
-                *w = c[0] * (j * I1 - 3.0) + c[1] * (j * j * I2 - 3.0);
         }
-        if (v) {
+        if (v)
             *q += 0.5 * c[2] * (J - r);
-            if (w)
-                *w += 0.25 * c[2] * (J * J - 1.0 - 2.0 * logarithm(J));
-        }
     } else { /* c: G, K */
-        vec l = logarithm(J);
         double k = (d ? c[0] / 3.0 : 0.0) + (v ? c[1] : 0.0);
         *p = all(0.0);
-        *q = k * l;
-        if (w)
-            *w = 0.5 * k * l * l;
+        *q = k * logarithm(J);
         if (d) {
             vec value, slope, y = 0.5 * I * r;
             squared_arcosh(y - 1.0, &value, &slope);
             *p = (0.5 * c[0]) * slope * r;
             *q -= (0.5 * c[0]) * slope * y;
-            if (w)
-                *w += (0.5 * c[0]) * value;
         }
         *q *= r;
     }

@@ -10,23 +10,54 @@
 
 #include "plane_cells.h"
 
-/* I and J from F = 1 + d G^-1, with the columns of G and of the displacement's derivatives d. Where
- * d is far below G they are exactly those at rest, and so is the energy, which those from g and G
- * themselves would leave at round-off. */
-INLINE void invariants(const vec G[2][2], const vec d[2][2], vec *I, vec *J)
+/* A part of the energy, from the columns of G and of the displacement's derivatives d.
+ *
+ * With H = d G^-1, x = J - 1 = tr H + det H, a = I - 2 J = (H11 - H22)^2 + (H12 + H21)^2 and the cube
+ * root k of J the energies are sums of squares, which keep all digits however small the strain:
+ *
+ *     (I - 2)/2 - ln J = a/2 + (x - ln J),     J^2 - 1 - 2 ln J = x^2 + 2 (x - ln J),
+ *     (I + 1)/k^2 - 3 = (a + (k - 1)^2 (2 k + 1))/k^2,
+ *     (I + J^2)/k^4 - 3 = a/k^4 + (k - 1)^2 (k + 2)/k. */
+INLINE vec stored(enum material material, enum part part, const double *c, const vec G[2][2],
+                  const vec d[2][2])
 {
-    vec inverse = 1.0 / (G[0][0] * G[1][1] - G[0][1] * G[1][0]), F[2][2];
+    const int shape = part != VOLUME, volume = part != DISTORTION;
+    vec inverse = 1.0 / (G[0][0] * G[1][1] - G[0][1] * G[1][0]), H[2][2], w = all(0.0), rest, l;
     for (int i = 0; i < 2; ++i) {
-        F[i][0] = (d[0][i] * G[1][1] - d[1][i] * G[0][1]) * inverse + (i == 0);
-        F[i][1] = (d[1][i] * G[0][0] - d[0][i] * G[1][0]) * inverse + (i == 1);
+        H[i][0] = (d[0][i] * G[1][1] - d[1][i] * G[0][1]) * inverse;
+        H[i][1] = (d[1][i] * G[0][0] - d[0][i] * G[1][0]) * inverse;
     }
-    *I = F[0][0] * F[0][0] + F[0][1] * F[0][1] + F[1][0] * F[1][0] + F[1][1] * F[1][1];
-    *J = F[0][0] * F[1][1] - F[0][1] * F[1][0];
+    vec x = H[0][0] + H[1][1] + (H[0][0] * H[1][1] - H[0][1] * H[1][0]), J = 1.0 + x;
+    vec unequal = H[0][0] - H[1][1], sheared = H[0][1] + H[1][0];
+    vec a = unequal * unequal + sheared * sheared;
+    logarithm_of_sum(x, &l, &rest);
+    if (material == NEO_HOOKEAN) {
+        if (shape)
+            w += c[0] * (0.5 * a + rest);
+        if (volume)
+            w += 0.5 * c[1] * l * l;
+    } else if (material == MOONEY_RIVLIN) {
+        if (shape) {
+            vec y = inverse_cube_root(J), k = 1.0 / y, j = y * y, e = x / (k * k + k + 1.0);
+            w += c[0] * j * (a + e * e * (2.0 * k + 1.0));
+            w += c[1] * (j * j * a + e * e * (k + 2.0) * y);
+        }
+        if (volume)
+            w += 0.25 * c[2] * (x * x + 2.0 * rest);
+    } else {
+        w += ((shape ? c[0] / 6.0 : 0.0) + (volume ? 0.5 * c[1] : 0.0)) * l * l;
+        if (shape) {
+            vec value, slope;
+            squared_arcosh(0.5 * a / J, &value, &slope);
+            w += 0.5 * c[0] * value;
+        }
+    }
+    return w;
 }
 
 /* A point of a cell: from the columns of G and g to h = p g A + q cof g (columns), times the weight;
- * the energy is added to `energy`, if that is not null, from the columns of g - G. Cells with J <= 0 are marked in `bad`, and `h` is no number there
- * if the stress takes a logarithm or a root of J. */
+ * the energy is added to `energy`, if that is not null, from the columns of g - G. Cells with J <= 0
+ * are marked in `bad`, and `h` is no number there if the stress takes a logarithm or a root of J. */
 INLINE void at_point(enum material material, enum part part, const double *c, double weight,
                      const vec G[2][2], const vec g[2][2], const vec moved[2][2], vec h[2][2],
                      vec *energy, ivec *bad)
@@ -34,7 +65,7 @@ INLINE void at_point(enum material material, enum part part, const double *c, do
     vec D = G[0][0] * G[1][1] - G[0][1] * G[1][0];
     vec d = g[0][0] * g[1][1] - g[0][1] * g[1][0];
     vec inverse = 1.0 / (D * d), of_D = d * inverse, J = d * of_D, r = D * D * inverse;
-    vec p, q, w = all(0.0), I = all(0.0), gA[2][2];
+    vec p, q, I = all(0.0), gA[2][2];
     if (part != VOLUME) {
         vec A11 = (G[1][0] * G[1][0] + G[1][1] * G[1][1]) * of_D;
         vec A22 = (G[0][0] * G[0][0] + G[0][1] * G[0][1]) * of_D;
@@ -46,13 +77,9 @@ INLINE void at_point(enum material material, enum part part, const double *c, do
         }
         I *= of_D;
     }
-    if (energy) {
-        invariants(G, moved, &I, &J);
-        r = 1.0 / J;
-    }
     ivec inverted = ~(ivec)(J > 0.0);
     *bad |= inverted;
-    derive(material, part, c, I, J, r, &p, &q, energy ? &w : 0);
+    derive(material, part, c, I, J, r, &p, &q);
     q *= weight;
     if (needs_volume(material, part))
         q = (vec)((ivec)q | inverted); /* all bits set: not a number */
@@ -68,7 +95,7 @@ INLINE void at_point(enum material material, enum part part, const double *c, do
         }
     }
     if (energy)
-        *energy += weight * D * w;
+        *energy += weight * D * stored(material, part, c, G, moved);
 }
 
 INLINE void scatter(const int32_t *node, int nodes, int lanes, vec force[][2], double *f)

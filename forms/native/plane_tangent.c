@@ -70,7 +70,7 @@ INLINE void second_derivatives(enum material material, enum part part, const dou
             }
         I *= of_D;
     }
-    derive(material, part, c, I, J, r, &p, &q, 0);
+    derive(material, part, c, I, J, r, &p, &q);
     derive_twice(material, part, c, I, J, r, &II, &IJ, &JJ);
     if (needs_volume(material, part))
         JJ = (vec)((ivec)JJ | ~(ivec)(J > 0.0)); /* all bits set: not a number */

@@ -7,6 +7,7 @@ import os
 import dolfinx
 import numpy as np
 import pytest
+import ufl
 
 import forms.native.libraries
 import geometry.native.compiler
@@ -71,6 +72,20 @@ def test_no_energy_at_rest(name, section, cell, formulation):
     u, solid = body(cell, MATERIALS[name], formulation, section=section)
     u.x.array[:] = 1e-19 * np.random.default_rng(4).uniform(-1, 1, len(u.x.array))
     assert abs(InternalForce(u, [solid]).energy(u.x.array)) < 1e-32
+
+
+@pytest.mark.parametrize("name", MATERIALS)
+def test_the_energy_of_tiny_strains_keeps_its_digits(name):
+    """With strains of 1e-9 the forms have none left; that of linear elasticity is the limit."""
+    u, solid = body("quadrilateral", MATERIALS[name], "q1")
+    where = u.function_space.tabulate_dof_coordinates()[:, :2]
+    H = 1e-9 * np.array([[0.7, 0.4], [-0.9, -0.2]])
+    u.x.array[:] = (where @ H.T).reshape(-1)
+    strain, material = 0.5 * (H + H.T), MATERIALS[name]
+    G, K = material.shear_modulus, material.bulk_modulus
+    density = G * (strain**2).sum() + 0.5 * (K - 2.0 / 3.0 * G) * np.trace(strain) ** 2
+    area = dolfinx.fem.assemble_scalar(dolfinx.fem.form(1.0 * ufl.dx(u.function_space.mesh)))
+    assert InternalForce(u, [solid]).energy(u.x.array) == pytest.approx(area * density, rel=1e-8)
 
 
 def same_forces(u, solid, size):
