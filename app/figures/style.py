@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter, NullLocator
 from numpy.typing import NDArray
 
@@ -58,14 +59,16 @@ def save(figure: Figure, path: Path, *, tight: bool = True) -> None:
 def _write(figure: Figure, part: Path, tight: bool) -> None:
     _look_for_ticks_once(figure)
     canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    page = np.asarray(canvas.buffer_rgba())
-    if tight:
-        inner = _cut(page, round(MARGIN * figure.dpi))
-        if inner is None:  # what is drawn goes on beyond the page: matplotlib finds where it ends
-            figure.savefig(part, bbox_inches="tight", pil_kwargs={"compress_level": LEVEL})
-            return
-        page = inner
+    # Constrained layout puts everything on the page; otherwise matplotlib finds where it ends.
+    within = isinstance(figure.get_layout_engine(), ConstrainedLayoutEngine)
+    page = None
+    if within or not tight:
+        canvas.draw()
+        page = np.asarray(canvas.buffer_rgba())
+        page = _cut(page, round(MARGIN * figure.dpi)) if tight else page
+    if page is None:
+        figure.savefig(part, bbox_inches="tight", pil_kwargs={"compress_level": LEVEL})
+        return
     # Without the channel of transparency, which is the same everywhere.
     write_png(part, page[..., :3], figure.dpi)
 

@@ -36,7 +36,9 @@ class Table:
             ValueError: it is none, lines differ in length, or a number is none.
         """
         try:
-            header, *rows = [row for row in csv.reader(StringIO(text, newline="")) if row] or [[]]
+            header, *rows = [
+                row for row in csv.reader(StringIO(text, newline=""), strict=True) if row
+            ] or [[]]
         except csv.Error as error:
             raise ValueError(str(error)) from None
         if not header or len(set(header)) < len(header):
@@ -102,12 +104,15 @@ def column_of(name: str, values: Iterable[Any]) -> Column:
     found = list(values)
     if None in found:
         raise ValueError(f"{name} is missing")
-    try:
-        if name not in TEXT_COLUMNS:
-            return np.array(found, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
+    if name not in TEXT_COLUMNS:
+        try:
+            numbers = np.array(found, dtype=np.float64)
+        except (TypeError, ValueError, OverflowError):
+            numbers = np.empty((0, 0))
+        if numbers.ndim == 1:
+            return numbers
         if name != "value":
-            raise ValueError(f"{name} holds what is no number") from None
+            raise ValueError(f"{name} holds what is no number")
     out = np.empty(len(found), dtype=object)
     out[:] = [str(value) for value in found]
     return out
