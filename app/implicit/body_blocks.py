@@ -131,7 +131,7 @@ class BodyBlocks:
 
     # -- solution -----------------------------------------------------------------------------
 
-    def aim(self, share: float) -> None:
+    def aim(self, share: float, on_path: bool = False) -> None:
         """See :class:`app.implicit.linear_way.LinearWay`."""
         self._share = share
 

@@ -51,7 +51,7 @@ class CoupledFactor:
         self._ksp.setUp()
         return anew
 
-    def aim(self, share: float) -> None:
+    def aim(self, share: float, on_path: bool = False) -> None:
         """Nothing to do: a substitution leaves next to nothing."""
 
     def snapshot(self) -> Snapshot:

@@ -174,9 +174,12 @@ class LinearSolver:
             self.ksp.solve(rhs, solution)
         return self.forget_failure()
 
-    def aim(self, share: float) -> None:
-        """Solve so well that ``share`` of the forces may do as what Newton's method leaves."""
-        self.way.aim(float(np.clip(ENDING * share, CLOSEST, LEFT)))
+    def aim(self, share: float, on_path: bool = False) -> None:
+        """Solve so well that ``share`` of the forces may do as what Newton's method leaves.
+
+        ``on_path``: see :class:`app.implicit.linear_way.LinearWay`.
+        """
+        self.way.aim(float(np.clip(ENDING * share, CLOSEST, LEFT)), on_path)
 
     def forget_failure(self) -> bool:
         """Drop a factorisation that failed, over which the next solve would stumble.

@@ -41,8 +41,14 @@ class LinearWay(Protocol):
         """
         ...
 
-    def aim(self, share: float) -> None:
-        """Let the next solves leave at most this share of the forces, if they are iterative."""
+    def aim(self, share: float, on_path: bool = False) -> None:
+        """Let the next solves leave at most this share of the forces, if they are iterative.
+
+        Args:
+            share: of the forces.
+            on_path: whether the start continues the path of the last steps. Where solves are dear
+                only then less may be left than otherwise: it is most of what the iteration leaves.
+        """
         ...
 
     def snapshot(self) -> Snapshot:

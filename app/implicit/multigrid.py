@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 from petsc4py import PETSc
@@ -26,6 +27,9 @@ KRYLOV: dict[str, str | float | bool] = {
 # A solve that takes more than MANY iterations, and more than WORN times as many as the first with
 # the preconditioner, has the next one made anew: that costs as much as some 35 iterations.
 MANY, WORN = 30, 1.5
+CLOSE = 1e-5
+"""Share of the forces that a first solve from a start on the path may leave. With the usual one the
+start's smooth errors remain, points open or slip by them, and a solve more is needed."""
 
 
 class Multigrid:
@@ -47,8 +51,9 @@ class Multigrid:
         """Solve by ``ksp`` with ``matrix``, whose near-nullspace is ``near``."""
         self._ksp, self._matrix, self._near = ksp, matrix, near
         self._is_made = False
-        self._fresh: int | None = None  # iterations of the first solve with the preconditioner
-        self._iterations = 0  # of the last solve before the run was resumed
+        self._fresh: float | None = None  # iterations of the first solve with the preconditioner
+        self._iterations = 0.0  # of the last solve before the run was resumed
+        self._usual = self._share = float(ksp.getTolerances()[0])  # of forces, left by a solve
         self.made = 0
 
     def kinds(self) -> str:
@@ -86,8 +91,10 @@ class Multigrid:
         preconditioner.setReusePreconditioner(True)
         return anew
 
-    def aim(self, share: float) -> None:
-        """Nothing to do: the options say what is left."""
+    def aim(self, share: float, on_path: bool = False) -> None:
+        """See :class:`app.implicit.linear_way.LinearWay`; the options say what is usual."""
+        self._share = min(self._usual, max(share, CLOSE)) if on_path else self._usual
+        self._ksp.setTolerances(rtol=self._share)
 
     def snapshot(self) -> Snapshot:
         """What tells whether the preconditioner is worn."""
@@ -98,9 +105,12 @@ class Multigrid:
         set_up()
         self._fresh, self._iterations = kept["fresh"], kept["iterations"]
 
-    def _last_iterations(self) -> int:
-        """Iterations of the last solve, or of that before the run was resumed."""
-        return int(self._ksp.getIterationNumber()) or self._iterations
+    def _last_iterations(self) -> float:
+        """Iterations that the last solve, or that before the run was resumed, took to the usual."""
+        taken = float(self._ksp.getIterationNumber())
+        if self._share < self._usual:
+            taken *= math.log(min(self._usual, 0.5)) / math.log(self._share)
+        return taken or self._iterations
 
 
 def rigid_motions_of(problem: Equilibrium) -> PETSc.NullSpace:

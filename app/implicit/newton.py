@@ -82,6 +82,7 @@ class Newton:
         residuals: residual norms of the last phase, relative to the reference force.
         strayed: whether an iteration led too far away to be evaluated; reset by the caller.
         largest_force: N (N/m), largest reference force of a solution that was committed.
+        on_path: whether the start continues the path of the last steps.
         snes: PETSc's solver.
     """
 
@@ -102,7 +103,7 @@ class Newton:
         self.residuals: list[float] = []
         self._residual = problem.new_vector()
         self._before = problem.new_vector()  # where the tangent was taken last
-        self.largest_force, self.strayed = 0.0, False
+        self.largest_force, self.strayed, self.on_path = 0.0, False, False
         self._step, self._phase, self._patient = DEFAULT_STEP, NEWTON_PHASES[0], False
         self._tolerance, self._limit = options.tolerance, options.max_iterations
         prefix = f"{PREFIX}{next(_numbers)}_"  # of its own: options must not reach the next run
@@ -199,7 +200,7 @@ class Newton:
 
     def begin(self, x: PETSc.Vec) -> None:
         """Begin again from the converged state ``x``: nothing of the last solution is known."""
-        self.residuals = []
+        self.residuals, self.on_path = [], False
         x.copy(self._before)
 
     def evaluate(self, step: StepMode) -> None:
@@ -268,7 +269,8 @@ class Newton:
         if not self._reuse():
             self.solver.assemble(x, self._step, self._before)
             x.copy(self._before)
-        self.solver.aim(self._tolerance / max(self.residuals[-1], self._tolerance))
+        share = self._tolerance / max(self.residuals[-1], self._tolerance)
+        self.solver.aim(share, on_path=self.on_path and len(self.residuals) == 1)
 
     def _reuse(self) -> bool:
         """Whether the tangent factorised last will do for an iteration that ends the step.

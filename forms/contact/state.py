@@ -145,8 +145,7 @@ class ContactTrial:
         carried: how the control points of a tool follow its unknowns; None: no tool.
         pull: (v, i), Pa, s_A of a tie, and moved: (n, i), m, the displacements it is of; None of
             others.
-        faded: (q,) and more of points at the end of the master; None point by point, of ties, and
-            of compiled contacts.
+        faded: (q,) and more of points at the end of the master; None point by point, and of ties.
     """
 
     position: Floats

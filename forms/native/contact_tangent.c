@@ -26,8 +26,8 @@
 
 typedef struct {
     int64_t shapes, movers, corners, first_master, vertices;
-    /* Master: powers (c, 2) of monomials and coefficients (c, c), control points from nodes (f, c, m) or none;
-     * nodes that move the facets (f, m). */
+    /* Master: powers (c, 2) of monomials and coefficients (c, c); control points from nodes
+     * (f, c, m) or none; nodes that move the facets (f, m). */
     const int32_t *powers;
     const double *coefficients, *extraction;
     const int32_t *stencil;
@@ -101,7 +101,8 @@ INLINE void shares(const Pair *p, int64_t shapes, int64_t movers, int32_t facet,
 }
 
 /* The same, with sizes that the compiler knows where they are common. */
-INLINE void shares_at(const Pair *p, int32_t facet, const double *xi, double *w, double s[2][MOVERS])
+static EXPORT void shares_at(const Pair *p, int32_t facet, const double *xi, double *w,
+                             double s[2][MOVERS])
 {
     if (p->shapes == 4 && p->movers == 4)
         shares(p, 4, 4, facet, xi, w, s);
@@ -203,7 +204,8 @@ INLINE void vary_clamped(const Pair *p, int64_t q, double d_xi[2][NOW], double d
 }
 
 /* The part of the variation (i, NOW) of (I - n n) v that comes from the normal. */
-INLINE void vary_in_plane(const double *n, const double *v, double d_n[DIM][NOW], double out[DIM][ALL])
+INLINE void vary_in_plane(const double *n, const double *v, double d_n[DIM][NOW],
+                          double out[DIM][ALL])
 {
     double across = dot(n, v);
     for (int r = 0; r < NOW; ++r) {
@@ -217,7 +219,8 @@ INLINE void vary_in_plane(const double *n, const double *v, double d_n[DIM][NOW]
 }
 
 /* Weight times the variation of the traction (i, ALL), and d_xi (2, NOW). */
-INLINE void vary_traction(const Pair *p, int64_t q, double out[DIM][ALL], double d_xi[2][NOW])
+static EXPORT void vary_traction(const Pair *p, int64_t q, double out[DIM][ALL],
+                                 double d_xi[2][NOW])
 {
     const double *n = p->normal + DIM * q, *tau[2] = {p->tangents + 6 * q, p->tangents + 6 * q + 3};
     const double *image = p->image + DIM * q, *anchor = p->anchor + DIM * q;
@@ -250,14 +253,16 @@ INLINE void vary_traction(const Pair *p, int64_t q, double out[DIM][ALL], double
     /* The elastic slip keeps its length. */
     double length = sqrt(dot(v, v)), kept = p->slip_length[q];
     double scale = length > 0.0 && kept > 0.0 ? kept / length : 0.0;
-    double safe = scale > 0.0 ? 1.0 / length : 1.0, way[DIM] = {v[0] * safe, v[1] * safe, v[2] * safe};
+    double safe = scale > 0.0 ? 1.0 / length : 1.0;
+    const double way[DIM] = {v[0] * safe, v[1] * safe, v[2] * safe};
     for (int r = 0; r < ALL; ++r) {
         double along = way[0] * elastic[0][r] + way[1] * elastic[1][r] + way[2] * elastic[2][r];
         for (int i = 0; i < DIM; ++i)
             elastic[i][r] = scale * (elastic[i][r] - way[i] * along);
     }
     for (int i = 0; i < DIM; ++i) {
-        const double *by_slip = p->by_slip + 9 * q + 3 * i, *by_elastic = p->by_elastic + 9 * q + 3 * i;
+        const double *by_slip = p->by_slip + 9 * q + 3 * i;
+        const double *by_elastic = p->by_elastic + 9 * q + 3 * i;
         for (int r = 0; r < ALL; ++r) {
             double sum = r < NOW ? p->spring[q] * d_n[i][r] : 0.0;
             for (int j = 0; j < DIM; ++j)
@@ -331,7 +336,7 @@ INLINE void add_point_of(const Pair *p, int64_t q, int64_t a, int64_t m, int fol
 }
 
 /* The same, with sizes that the compiler knows where they are common. */
-INLINE void add_point(const Pair *p, int64_t q, int64_t width, double *block)
+static EXPORT void add_point(const Pair *p, int64_t q, int64_t width, double *block)
 {
     const int64_t a = p->corners, m = p->movers;
     if (a == 4 && m == 4 && width == 8)
@@ -415,7 +420,7 @@ INLINE void sort_columns(const Entries *e, const int64_t *nodes, int64_t low, in
  * one present master facet and one of the last step. What couples the nodes of the master is added
  * when the last of the groups with the same two facets, one after the other, is done. `block` is
  * scratch. Returns 1 where the matrix has no room. */
-EXPORT int tribox_add_point_blocks(const Pair *p, const Entries *e, int64_t groups,
+int tribox_add_point_blocks(const Pair *p, const Entries *e, int64_t groups,
                                    const int64_t *start, const int64_t *order, double *block)
 {
     const int64_t a = p->corners, rows = a + p->movers;
@@ -504,7 +509,7 @@ void tribox_vertex_places(const Pair *p, int64_t groups, const int64_t *point,
 }
 
 /* Add w G_a^T d_k of points, with vectors d (p, k, i), to the entries (…, i) of the vertices. */
-EXPORT void tribox_vertex_rows(const Pair *p, int64_t points, const int64_t *take,
+void tribox_vertex_rows(const Pair *p, int64_t points, const int64_t *take,
                                const int64_t *group, const int32_t *place, const double *along,
                                double *data)
 {
@@ -588,7 +593,7 @@ EXPORT int tribox_add_product(const Entries *e, int64_t vertices, const double *
 
 /* Add the residual -G^T (w t) of all points to the pair's nodes (…, i); returns the sum of the
  * squares of what each point adds. */
-EXPORT double tribox_nodal_forces(const Pair *p, int64_t points, double *out)
+double tribox_nodal_forces(const Pair *p, int64_t points, double *out)
 {
     double squared = 0.0;
     for (int64_t q = 0; q < points; ++q) {

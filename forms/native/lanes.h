@@ -78,9 +78,9 @@ INLINE vec inverse_cube_root(vec x)
     vec high = (vec)(((uvec)x >> 20) | two52) - 4503599627370496.0;
     vec start = (1023.0 * 4.0 / 3.0 - 0.045) * 4294967296.0 - high * (1.0 / 3.0);
     vec y = (vec)(((uvec)(start + 4503599627370496.0) - two52) << 20);
-    for (int i = 0; i < 5; ++i)
+    for (int i = 0; i < 4; ++i)
         y = y * (4.0 / 3.0 - x * y * y * y * (1.0 / 3.0));
-    return y;
+    return y + y * (1.0 - x * y * y * y) * (1.0 / 3.0); /* exactly 1 for x = 1 */
 }
 
 INLINE vec square_root(vec x)

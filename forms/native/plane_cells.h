@@ -82,7 +82,7 @@ INLINE void derive(enum material material, enum part part, const double *c, vec 
             *p = 2.0 * (a + b);
             *q = 2.0 * b * J - (2.0 / 3.0) * r * (a * I1 + 2.0 * b * I2);
             if (w)
-                *w = a * I1 - 3.0 * c[0] + b * I2 - 3.0 * c[1];
+                *w = c[0] * (j * I1 - 3.0) + c[1] * (j * j * I2 - 3.0);
         }
         if (v) {
             *q += 0.5 * c[2] * (J - r);

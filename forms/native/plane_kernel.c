@@ -10,11 +10,26 @@
 
 #include "plane_cells.h"
 
+/* I and J from F = 1 + d G^-1, with the columns of G and of the displacement's derivatives d. Where
+ * d is far below G they are exactly those at rest, and so is the energy, which those from g and G
+ * themselves would leave at round-off. */
+INLINE void invariants(const vec G[2][2], const vec d[2][2], vec *I, vec *J)
+{
+    vec inverse = 1.0 / (G[0][0] * G[1][1] - G[0][1] * G[1][0]), F[2][2];
+    for (int i = 0; i < 2; ++i) {
+        F[i][0] = (d[0][i] * G[1][1] - d[1][i] * G[0][1]) * inverse + (i == 0);
+        F[i][1] = (d[1][i] * G[0][0] - d[0][i] * G[1][0]) * inverse + (i == 1);
+    }
+    *I = F[0][0] * F[0][0] + F[0][1] * F[0][1] + F[1][0] * F[1][0] + F[1][1] * F[1][1];
+    *J = F[0][0] * F[1][1] - F[0][1] * F[1][0];
+}
+
 /* A point of a cell: from the columns of G and g to h = p g A + q cof g (columns), times the weight;
- * the energy is added to `energy`. Cells with J <= 0 are marked in `bad`, and `h` is no number there
+ * the energy is added to `energy`, if that is not null, from the columns of g - G. Cells with J <= 0 are marked in `bad`, and `h` is no number there
  * if the stress takes a logarithm or a root of J. */
 INLINE void at_point(enum material material, enum part part, const double *c, double weight,
-                     const vec G[2][2], const vec g[2][2], vec h[2][2], vec *energy, ivec *bad)
+                     const vec G[2][2], const vec g[2][2], const vec moved[2][2], vec h[2][2],
+                     vec *energy, ivec *bad)
 {
     vec D = G[0][0] * G[1][1] - G[0][1] * G[1][0];
     vec d = g[0][0] * g[1][1] - g[0][1] * g[1][0];
@@ -30,6 +45,10 @@ INLINE void at_point(enum material material, enum part part, const double *c, do
             I += gA[0][i] * g[0][i] + gA[1][i] * g[1][i];
         }
         I *= of_D;
+    }
+    if (energy) {
+        invariants(G, moved, &I, &J);
+        r = 1.0 / J;
     }
     ivec inverted = ~(ivec)(J > 0.0);
     *bad |= inverted;
@@ -61,15 +80,17 @@ INLINE void scatter(const int32_t *node, int nodes, int lanes, vec force[][2], d
 }
 
 INLINE void quadrilateral(enum material material, int reduced, const double *c, const vec E[3][2],
-                          const vec e[3][2], vec force[4][2], vec *energy, ivec *bad)
+                          const vec e[3][2], const vec move[3][2], vec force[4][2], vec *energy,
+                          ivec *bad)
 {
     const double low = 0.21132486540518713, gauss[2] = {low, 1.0 - low};
-    vec along[2] = {}, along_eta[2] = {}, up[2] = {}, up_xi[2] = {}, G[2][2], g[2][2], h[2][2];
+    vec along[2] = {}, along_eta[2] = {}, up[2] = {}, up_xi[2] = {}, G[2][2], g[2][2], d[2][2], h[2][2];
     for (int point = 0; point < 4; ++point) {
         double xi = gauss[point & 1], eta = gauss[point >> 1];
         columns(E, xi, eta, G);
         columns(e, xi, eta, g);
-        at_point(material, reduced ? DISTORTION : WHOLE, c, 0.25, G, g, h, energy, bad);
+        columns(move, xi, eta, d);
+        at_point(material, reduced ? DISTORTION : WHOLE, c, 0.25, G, g, d, h, energy, bad);
         for (int i = 0; i < 2; ++i) {
             along[i] += h[0][i];
             along_eta[i] += eta * h[0][i];
@@ -80,7 +101,8 @@ INLINE void quadrilateral(enum material material, int reduced, const double *c, 
     if (reduced) {
         columns(E, 0.5, 0.5, G);
         columns(e, 0.5, 0.5, g);
-        at_point(material, VOLUME, c, 1.0, G, g, h, energy, bad);
+        columns(move, 0.5, 0.5, d);
+        at_point(material, VOLUME, c, 1.0, G, g, d, h, energy, bad);
         for (int i = 0; i < 2; ++i) {
             along[i] += h[0][i];
             along_eta[i] += 0.5 * h[0][i];
@@ -97,10 +119,10 @@ INLINE void quadrilateral(enum material material, int reduced, const double *c, 
 }
 
 INLINE void triangle(enum material material, const double *c, const vec E[3][2], const vec e[3][2],
-                     vec force[4][2], vec *energy, ivec *bad)
+                     const vec move[3][2], vec force[4][2], vec *energy, ivec *bad)
 {
     vec h[2][2];
-    at_point(material, WHOLE, c, 0.5, E, e, h, energy, bad);
+    at_point(material, WHOLE, c, 0.5, E, e, move, h, energy, bad);
     for (int i = 0; i < 2; ++i) {
         force[0][i] = -h[0][i] - h[1][i];
         force[1][i] = h[0][i];
@@ -120,16 +142,16 @@ INLINE int over_cells(enum material material, int triangles, int reduced, const 
     double sum = 0.0;
     for (int64_t b = 0; b < blocks; ++b, node += 4 * LANES, edge += 6 * LANES) {
         const int lanes = b + 1 < blocks ? LANES : lanes_of_last;
-        vec E[3][2], e[3][2], force[4][2], energy = {};
-        differences(u, node, e);
+        vec E[3][2], e[3][2], move[3][2], force[4][2], energy = {};
+        differences(u, node, move);
         __builtin_memcpy(E, edge, sizeof E);
         for (int k = 0; k < 3; ++k)
             for (int i = 0; i < 2; ++i)
-                e[k][i] += E[k][i];
+                e[k][i] = E[k][i] + move[k][i];
         if (triangles)
-            triangle(material, c, E, e, force, total ? &energy : 0, &bad);
+            triangle(material, c, E, e, move, force, total ? &energy : 0, &bad);
         else
-            quadrilateral(material, reduced, c, E, e, force, total ? &energy : 0, &bad);
+            quadrilateral(material, reduced, c, E, e, move, force, total ? &energy : 0, &bad);
         if (f && lanes == LANES)
             scatter(node, triangles ? 3 : 4, LANES, force, f);
         else if (f)

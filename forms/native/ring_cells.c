@@ -53,7 +53,7 @@ INLINE struct derivatives derive_ring(enum material material, enum part part, co
             vec I1 = I + s * s, I2 = I * s * s + J * J, aI = a * I1, bI = b * I2;
             vec once = (-2.0 / 3.0) * aI - (4.0 / 3.0) * bI;
             vec twice = (10.0 / 9.0) * aI + (28.0 / 9.0) * bI;
-            w.energy = aI - 3.0 * c[0] + bI - 3.0 * c[1];
+            w.energy = c[0] * (j * I1 - 3.0) + c[1] * (j * j * I2 - 3.0);
             w.p = 2.0 * (a + b * s * s);
             w.q = once * of_J + 2.0 * b * J;
             w.s = once * of_s + 2.0 * (a + b * I) * s;

@@ -374,7 +374,8 @@ static Vector corner_outward(const Pair *p, int32_t node)
             next = ends[0] == corner ? ends[1] : next;
             last = ends[1] == corner ? ends[0] : last;
         }
-        Vector a = less(f.corner[next], f.corner[corner]), b = less(f.corner[last], f.corner[corner]);
+        Vector a = less(f.corner[next], f.corner[corner]);
+        Vector b = less(f.corner[last], f.corner[corner]);
         double cosine = dot(a, b) / (norm(a) * norm(b));
         tangents_of(&f, REFERENCE[corner], tau);
         outward = plus(outward, acos(fmin(fmax(cosine, -1.0), 1.0)), normal_of(tau));

@@ -1,4 +1,4 @@
-"""The built-in geometry: a rectangular block resting on another, meshed by gmsh.
+"""The built-in geometry: a rectangular block resting on another.
 
 The lower block's top lies on y = 0 with its left end at x = 0; the upper block's bottom lies on
 y = gap. The blocks share no nodes, also when they touch.
@@ -8,6 +8,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+
+import numpy as np
+
+from geometry.generators.regular import SIDES, Rectangle, RegularMesh, regular_mesh
 
 MAX_CELLS = 10_000_000
 """More cells than this in one block are taken for a mistake in the element size."""
@@ -157,6 +161,31 @@ class TwoBlocks:
             return 0.5 * (self.lower.width - self.upper.width)
         return self.offset
 
+    def regular(self) -> RegularMesh | None:
+        """The mesh that :meth:`build` has gmsh make, without it; None unless cells are equal.
+
+        The order of all numbers is the same. Places are exact; those of gmsh, which integrates
+        the distances along a side, are so to 1e-12 of it, or 1e-9 where cells are graded.
+        """
+        graded = self.upper.ratio() != 1.0 or self.lower.ratio() != 1.0
+        if graded or self.cell != "quadrilateral":
+            return None
+        names = ((self.upper_name, "top"), (self.lower_name, "bottom"))
+        corners = ((self.left(), self.gap, self.upper.height), (0.0, 0.0, -self.lower.height))
+        return regular_mesh(
+            [
+                Rectangle(
+                    name,
+                    [far if side == "far" else f"{name}_{side}" for side in SIDES],
+                    np.linspace(x, x + block.width, block.counts()[0] + 1, dtype=np.float64),
+                    np.linspace(y, y + height, block.counts()[1] + 1, dtype=np.float64),
+                )
+                for block, (name, far), (x, y, height) in zip(
+                    (self.upper, self.lower), names, corners, strict=True
+                )
+            ]
+        )
+
     def build(self) -> None:
         """Draw and mesh the blocks in the current gmsh model.
 
@@ -175,7 +204,7 @@ class TwoBlocks:
         # Tags of curves go on from those of the faces: no number means two things.
         tag = len(pairs)
         for name, far, sides in pairs:
-            for side in ("contact", "far", "left", "right"):
+            for side in SIDES:
                 tag += 1
                 group = far if side == "far" else f"{name}_{side}"
                 gmsh.model.addPhysicalGroup(1, [sides[side]], tag, group)

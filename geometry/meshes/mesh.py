@@ -19,6 +19,7 @@ from geometry.compat import (
     integration_facets,
     model_to_mesh,
 )
+from geometry.generators.two_blocks import TwoBlocks
 from geometry.meshes import metis
 from geometry.meshes.array_model import ArrayModel
 from geometry.meshes.drawing import AS_DRAWN, DRAWINGS, Meshing, mesh_drawing
@@ -26,7 +27,7 @@ from geometry.meshes.elements import CORNERS
 from geometry.meshes.extraction import arrays_of
 from geometry.meshes.gmsh_model import MeshError, Shape, gmsh_session
 from geometry.meshes.groups import Group, found_group
-from geometry.meshes.mesh_arrays import MeshArrays, unpacked
+from geometry.meshes.mesh_arrays import MeshArrays, Part, unpacked
 from geometry.meshes.own_process import ask
 from geometry.meshes.partition import share_out
 
@@ -307,7 +308,14 @@ def _load(
 
 
 def _generated(shape: Shape) -> MeshArrays:
-    """The mesh of a built-in geometry."""
+    """The mesh of a built-in geometry: by gmsh, which takes long to load, only where need be."""
+    regular = shape.regular() if isinstance(shape, TwoBlocks) else None
+    if regular is not None:
+        bodies, surfaces = (
+            {name: Part(tag, nodes) for name, (tag, nodes) in parts.items()}
+            for parts in (regular.bodies, regular.surfaces)
+        )
+        return MeshArrays("quadrilateral", regular.position, bodies, surfaces)
     source = type(shape).__name__
     with gmsh_session(source) as gmsh:
         try:

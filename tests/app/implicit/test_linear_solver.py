@@ -60,7 +60,7 @@ def test_krylov_and_direct_agree():
     assert krylov.stepper.solver.assembled > 20
     # An inexact solve costs Newton's method little: its tolerance is below what a step gains.
     spent = [sum(row.newton_iterations for row in sim.rows) for sim in (direct, krylov)]
-    assert spent[1] <= spent[0] + 2 * len(direct.rows)
+    assert spent[1] <= spent[0] + len(direct.rows)
 
 
 def test_nearly_incompressible_in_space_with_friction_and_a_platen():
@@ -257,6 +257,35 @@ def test_multigrid_is_told_the_rigid_motions_of_the_bodies(pair, dim, count):
         np.testing.assert_allclose(gradient + gradient.T, 0.0, atol=1e-12)
 
 
+def a_ksp(iterations):
+    """Stands for PETSc's solver, of the usual tolerance, that takes so many iterations."""
+    ksp = Mock()
+    ksp.getTolerances.return_value = (1e-3, 1e-50, 1e5, 200)
+    ksp.getIterationNumber.side_effect = iterations
+    return ksp
+
+
+@pytest.mark.parametrize(
+    ("share", "on_path", "left"),
+    [(1e-9, False, 1e-3), (1e-9, True, 1e-5), (1e-4, True, 1e-4), (1e-2, True, 1e-3)],
+)
+def test_solves_from_a_start_on_the_path_leave_less(share, on_path, left):
+    ksp = a_ksp([])
+    Multigrid(ksp, Mock(), None).aim(share, on_path)
+    ksp.setTolerances.assert_called_once_with(rtol=left)
+
+
+def test_iterations_to_leave_less_are_no_wear():
+    """Sixty iterations for five digits are 36 for three."""
+    way = Multigrid(a_ksp([25, 60, 60]), Mock(), None)
+    way.set_up(False)
+    worn = []
+    for on_path in (False, True, False):
+        way.aim(1e-9, on_path)
+        worn.append(way.worn())
+    assert worn == [False, False, True]
+
+
 @pytest.mark.parametrize(
     ("iterations", "worn"),
     [
@@ -269,8 +298,7 @@ def test_multigrid_is_told_the_rigid_motions_of_the_bodies(pair, dim, count):
     ],
 )
 def test_a_preconditioner_is_worn_when_solves_take_long(iterations, worn):
-    ksp = Mock()
-    ksp.getIterationNumber.side_effect = iterations
+    ksp = a_ksp(iterations)
     way = Multigrid(ksp, Mock(), None)
     way.set_up(False)
     assert [way.worn() for _ in iterations] == worn
@@ -288,6 +316,7 @@ def test_coarse_spaces_are_kept_while_the_pattern_widens(pair, monkeypatch):
     problem = blocks.problem(coulomb(0.3), prescribed=held(blocks, "top", "bottom"))
     solver = new_solver(problem, "krylov")
     solver.ksp.setTolerances(rtol=1e-10)
+    solver.use(solver.ksp)
     rhs, found, image = noise(problem), problem.new_vector(), problem.new_vector()
     patterns, states = set(), []
     for way in (0.0, 0.2, 0.4, 0.4):

@@ -61,6 +61,18 @@ def test_forces_of_rings(name, cell, formulation, size):
     same_forces(*body(cell, MATERIALS[name], formulation, section="axisymmetric"), size)
 
 
+@pytest.mark.parametrize(
+    ("section", "cell", "formulation"),
+    [*(("plane-strain", *kind) for kind in KINDS), ("axisymmetric", "quadrilateral", "q1-sri")],
+)
+@pytest.mark.parametrize("name", MATERIALS)
+def test_no_energy_at_rest(name, section, cell, formulation):
+    """A body that has been unloaded to round-off: its energy is no more than that of the forms."""
+    u, solid = body(cell, MATERIALS[name], formulation, section=section)
+    u.x.array[:] = 1e-19 * np.random.default_rng(4).uniform(-1, 1, len(u.x.array))
+    assert abs(InternalForce(u, [solid]).energy(u.x.array)) < 1e-32
+
+
 def same_forces(u, solid, size):
     """Compare forces and energy of both ways."""
     stretched(u, size)

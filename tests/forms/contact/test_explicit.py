@@ -55,6 +55,7 @@ LAWS = {
 
 
 NORMAL = ("gap", "nodal_pressure", "active")
+FADED = ("share", "sunk", "lost")
 
 
 def uneven(surface, kind):
@@ -143,6 +144,10 @@ def test_the_same_contact_along_a_path(pair, name, kind, compiled):
         for part in ("position", "area_ratio", "pressure", "film", "traction"):
             mine, theirs = (getattr(t, part) for t in (trial, expected))
             np.testing.assert_allclose(mine, theirs, atol=1e-11, err_msg=f"{part}, step {step}")
+        for part in FADED if kind == "averaged" else ():
+            mine, theirs = (getattr(t.faded, part) for t in (trial, expected))
+            np.testing.assert_allclose(mine, theirs, atol=1e-12, err_msg=f"{part}, step {step}")
+        seen |= {("lost", bool(kind == "averaged" and expected.faded.lost.any()))}
         force = residual(reference, expected, len(out.owned) // 2)
         np.testing.assert_allclose(out.owned - 1.0, force, atol=1e-12)
         k = expected.kinematics
@@ -160,6 +165,7 @@ def test_the_same_contact_along_a_path(pair, name, kind, compiled):
             np.testing.assert_allclose(mine, theirs, atol=1e-11, err_msg=f"{part}, step {step}")
     assert {("clamped", True), ("off", True), ("closes", True)} <= seen
     assert ("closes from nowhere", True) in seen
+    assert (("lost", True) in seen) == (kind == "averaged")
     assert (("open beneath a pressure", True) in seen) == (kind == "averaged")
 
 
