@@ -30,7 +30,7 @@ Linear = Literal["auto", "direct", "krylov"]
 # n^1.5 operations in the plane and n^2 in space, and n log n and n^(4/3) words of memory. In space
 # both take the same time at about 10 000; beyond it the margin is for using a factor again.
 DIRECT_LIMIT = {2: 2_000_000, 3: 20_000}
-ENDING = 0.5  # what a linear solve may leave, over what Newton's method may leave in the end
+ENDING = 0.1  # what a linear solve may leave, over what Newton's method may leave in the end
 CLOSEST = 1e-8  # share of the forces that no linear solve has to get below
 
 
