@@ -47,12 +47,22 @@ def pack(values: Array | Packed) -> Packed:
     if isinstance(values, Packed):
         return values
     raw = np.ascontiguousarray(values).tobytes()
-    blocks = [zlib.compress(raw[at : at + BLOCK], LEVEL) for at in range(0, len(raw), BLOCK)]
+    blocks = [_compressed(raw[at : at + BLOCK]) for at in range(0, len(raw), BLOCK)]
     last = len(raw) - BLOCK * (len(blocks) - 1) if blocks else 0
     header = np.array([len(blocks), BLOCK, last, *map(len, blocks)], dtype=np.uint32)
     data = base64.b64encode(header.tobytes()) + base64.b64encode(b"".join(blocks))
     width = values.shape[1] if values.ndim > 1 else 0
     return Packed(data, _TYPES[values.dtype.str[1:]], width)
+
+
+def _compressed(block: bytes) -> bytes:
+    """A block in zlib's format, with runs of equal bytes alone sought: digits repeat in no other.
+
+    A full search makes files a seventh smaller and takes half as long again, which was most of the
+    time of an output.
+    """
+    stream = zlib.compressobj(LEVEL, strategy=zlib.Z_RLE)
+    return stream.compress(block) + stream.flush()
 
 
 @dataclass(frozen=True, slots=True)
