@@ -22,7 +22,7 @@ from app.implicit.coupled_factor import DIRECT, CoupledFactor
 from app.implicit.kept_bodies import stiff_solids
 from app.implicit.linear_way import LEFT, LinearWay
 from app.implicit.multigrid import KRYLOV, Multigrid, rigid_motions_of
-from app.implicit.petsc_options import refusal, silence, unused
+from app.implicit.petsc_options import errors_as_raised, refusal, silence, unused
 from geometry.surfaces.facets import Ints
 
 Linear = Literal["auto", "direct", "krylov"]
@@ -170,7 +170,7 @@ class LinearSolver:
     def solve(self, rhs: PETSc.Vec, solution: PETSc.Vec) -> bool:
         """Solve with the tangent assembled last; returns whether it worked."""
         self.way.aim(LEFT)
-        with self.problem.timer("linear solve"):
+        with self.problem.timer("linear solve"), errors_as_raised():
             self.ksp.solve(rhs, solution)
         return self.forget_failure()
 
@@ -199,7 +199,7 @@ class LinearSolver:
         self.assembled += 1
         widened = self._pattern != self.problem.pattern_changes
         self._pattern = self.problem.pattern_changes
-        with self.problem.timer(self.way.part):
+        with self.problem.timer(self.way.part), errors_as_raised():
             if self.way.set_up(widened):
                 self._first, self._first_room = self._last, self._room()
 
