@@ -58,6 +58,7 @@ class BodyBlocks:
         self._fallen = False  # whether that is so of the tangent at hand only
         self._given_up = False  # whether it is so for good
         self._chosen = False  # whether the bodies are
+        self._remade = False  # whether an analysis was made between two tangents
         self._works = False  # whether what was factorised last could be
         self._failures = 0
         self._share = LEFT  # of forces that a solve may leave out of balance
@@ -83,6 +84,15 @@ class BodyBlocks:
 
     def set_up(self, widened: bool) -> bool:
         """Factorise; see :class:`app.implicit.linear_way.LinearWay`; collective."""
+        anew = self._make(widened) or self._remade
+        self._remade = False
+        self._ksp.setOperators(self._matrix)
+        self._ksp.getPC().setFailedReason(PETSc.PC.FailedReason.NOERROR)
+        self._ksp.setUp()
+        return anew
+
+    def _make(self, widened: bool) -> bool:
+        """Factorise; returns whether that began with an analysis."""
         chosen = self._choose()
         if self._fallen:
             self._drop_whole()
@@ -92,9 +102,6 @@ class BodyBlocks:
         else:
             anew = self._whole is None or widened
             self._make_whole(anew)
-        self._ksp.setOperators(self._matrix)
-        self._ksp.getPC().setFailedReason(PETSc.PC.FailedReason.NOERROR)
-        self._ksp.setUp()
         return anew or chosen
 
     def _choose(self) -> bool:
@@ -137,6 +144,8 @@ class BodyBlocks:
 
     def apply(self, pc: PETSc.PC, b: PETSc.Vec, x: PETSc.Vec) -> None:
         """Solve for ``x`` (m) with forces ``b`` (N); collective."""
+        if not self._chosen:  # forgotten after a solve that failed
+            self._remade = self._make(True)
         if self._whole is None and not self._solve_by_bodies(b, x):
             self._fall_back()
         if self._whole is not None and self._works:
