@@ -9,6 +9,9 @@ In a slender body the geometric stiffness of a membrane strain ε counts by ε/�
 stiffness against bending, ε_cr = π²/12 (t/l)² being Euler's strain of buckling (plane strip, ends
 hinged). The bound is lowered accordingly.
 
+Bodies that a compiled loop covers have none kept: their tangent is made in the time that it takes
+to see how far they have moved.
+
 What is kept depends on the undeformed state and on the platens that act, never on the history:
 :attr:`KeptTangent.on` follows from the displacement at hand, so nothing of it joins a restart.
 """
@@ -24,6 +27,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from app.equilibrium.bodies import Bodies
 from forms.bodies.gradient_bound import GradientBound, thickness_ratio
 from forms.bodies.solid import Solid
 from forms.contact.penalty import ContactTerm
@@ -55,13 +59,13 @@ class KeptTangent:
         made: how often a matrix of kept tangents was assembled.
     """
 
-    def __init__(self, solids: Sequence[Solid], contacts: Sequence[ContactTerm]) -> None:
+    def __init__(self, bodies: Bodies, contacts: Sequence[ContactTerm]) -> None:
         """Begin without any."""
-        self._solids, self._contacts = solids, contacts
+        self._bodies, self._contacts = bodies, contacts
         self._candidates: list[_Candidate] | None = None
         self._matrix: PETSc.Mat | None = None
         self._made_for: object = None
-        self.on = (False,) * len(solids)
+        self.on = (False,) * len(bodies.solids)
         self.allowed = True
         self.made = 0
 
@@ -115,6 +119,10 @@ class KeptTangent:
             self._matrix.destroy()
         self._matrix = None
 
+    @property
+    def _solids(self) -> list[Solid]:
+        return self._bodies.solids
+
     # -- candidates ---------------------------------------------------------------------------
 
     @property
@@ -128,14 +136,17 @@ class KeptTangent:
         return self._candidates
 
     def _much_stiffer(self) -> list[int]:
-        """Elastic bodies that are much stiffer than the softest in contact; collective."""
+        """Elastic bodies without a loop, much stiffer than the softest in contact; collective."""
         touching = self._touching()
+        looped = np.array([cells is not None for cells in self._bodies.cells])
+        if len(looped):
+            self._comm.Allreduce(MPI.IN_PLACE, looped, op=MPI.LOR)  # a rank may have no compiler
         moduli = [solid.material.shear_modulus for solid in self._solids]
         softest = min((m for m, yes in zip(moduli, touching, strict=True) if yes), default=np.inf)
         return [
             index
             for index, (solid, modulus) in enumerate(zip(self._solids, moduli, strict=True))
-            if not solid.flows and modulus >= STIFFER * softest
+            if not (solid.flows or looped[index]) and modulus >= STIFFER * softest
         ]
 
     def _touching(self) -> list[bool]:

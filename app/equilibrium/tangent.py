@@ -63,7 +63,7 @@ class Tangent:
         """Begin without a matrix."""
         self.constraints = constraints
         self.bodies, self.contacts, self.loads = bodies, contacts, loads
-        self.keeper = KeptTangent(bodies.solids, contacts)
+        self.keeper = KeptTangent(bodies, contacts)
         self.pattern_changes = 0
         self._known_places: list[BlockPlaces] = []  # of blocks added lately
         self.windows: list[ContactWindow | None] = [None] * len(contacts)

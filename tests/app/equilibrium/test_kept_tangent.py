@@ -18,7 +18,7 @@ from tests.flowing import SOFT_METAL
 
 
 def model_of(text=BLOCK, comm=MPI.COMM_SELF, **changes):
-    """The model of a case; two underscores in a change stand for a dot."""
+    """The model of a case without compiled loops; two underscores in a change are a dot."""
     data = tomllib.loads(text)
     for key, value in changes.items():
         *path, last = key.split("__")
@@ -26,7 +26,10 @@ def model_of(text=BLOCK, comm=MPI.COMM_SELF, **changes):
         for name in path:
             table = table[name]
         table[last] = value
-    return build_model(Case.model_validate(data), comm)
+    model = build_model(Case.model_validate(data), comm)
+    bodies = model.problem.bodies
+    bodies.cells = [None] * len(bodies.solids)
+    return model
 
 
 def moved(model, motion, name="aluminium"):
@@ -77,6 +80,12 @@ def test_a_stiff_body_that_hardly_moves_keeps_its_tangent(block):
         exact, none = assembled(block, x, allowed=False)
         assert (kept, none) == ((False, True), (False, False))
         assert 1e-2 * size < difference(A, exact) < 20.0 * size
+
+
+def test_bodies_with_a_compiled_loop_have_none():
+    model = build_model(Case.model_validate(tomllib.loads(BLOCK)), MPI.COMM_SELF)
+    assert all(model.problem.bodies.cells)
+    assert assembled(model, model.problem.new_vector())[1] == (False, False)
 
 
 def limit_of(model):
