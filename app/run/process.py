@@ -55,12 +55,13 @@ def lasting_imports() -> Iterator[None]:
 
 
 def collect_the_rest() -> None:
-    """Take apart what is left at the end, and leave the rest to the system as a whole.
+    """Take apart what a solver has left, and leave the rest to the system as a whole.
 
-    The solver's library has objects that are to go before it ends; those of imports are passed
-    over by this collection, and everything is by the one that Python makes after it.
+    Objects of PETSc are to go before it ends. Those of imports are passed over by this collection,
+    and everything is by the one that Python makes after it.
     """
-    gc.collect()
+    if "petsc4py" in sys.modules:
+        gc.collect()
     gc.freeze()
 
 
