@@ -12,6 +12,7 @@ from forms.bodies.lanes import LANES, in_lanes
 from forms.bodies.materials import Hencky, Material, MooneyRivlin, NeoHookean, Yeoh
 from forms.bodies.solid import Solid
 from forms.native.libraries import library
+from geometry.compat import cell_order
 from geometry.surfaces.facets import Bools, Floats, Ints
 
 SOURCE = "space_kernel.c"
@@ -106,7 +107,7 @@ def space_cells(space: dolfinx.fem.FunctionSpace, solid: Solid) -> SpaceCells | 
     """The loop for a body; None where it does not cover its cells, element or material."""
     mesh = space.mesh
     corners = _CORNERS.get(mesh.topology.cell_type)
-    linear = space.dofmap.dof_layout.num_dofs == corners and mesh.geometry.cmap.degree == 1
+    linear = space.dofmap.dof_layout.num_dofs == corners and cell_order(mesh) == 1
     if not linear or type(solid.material) not in _KINDS:
         return None
     code = library(SOURCE)
