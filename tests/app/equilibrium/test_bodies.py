@@ -18,7 +18,7 @@ from geometry.meshes.mesh import generate
 from tests.conftest import Pair
 
 RUBBER = MooneyRivlin(0.4, 0.1, 5.0)
-STEEL = Hencky(300.0, 700.0)  # stiff enough for its tangent to be kept
+STEEL = Hencky(300.0, 700.0)  # far stiffer than the other body
 TRIALS = {"pressed": (0.0, -0.06), "slid": (1.5, -0.06)}
 
 
@@ -103,7 +103,7 @@ def all_differences(comm, directory):
 @pytest.mark.mpi(all_differences, 2, 3)
 @pytest.mark.parametrize("ranks", [1, 2, 3])
 def test_loops_give_what_forms_give(ranks, on_ranks):
-    """With platens or without, at one pattern and the next, kept tangents and carried pressures."""
+    """With platens or without, at one pattern and the next, with carried pressures."""
     for scene in on_ranks(all_differences, ranks):
         for state, (residual, energy, tangent) in scene["apart"].items():
             assert residual < 1e-12, state
@@ -113,9 +113,7 @@ def test_loops_give_what_forms_give(ranks, on_ranks):
         # Cells of the platen, and those at the seam of two ranks, which may be that of two bodies.
         assert scene["outside"]["True"] > scene["outside"]["False"]
         assert (scene["outside"]["False"] > 0) == (ranks > 2)
-    *stiff, soft = on_ranks(all_differences, ranks)
-    assert all(scene["kept"] == [False, True] for scene in stiff)
-    assert soft["kept"] == [False, False]
+        assert scene["kept"] == [False, False]  # what a loop covers
 
 
 def test_who_is_covered(pair):
