@@ -8,6 +8,7 @@ and for good where that happens often.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from weakref import ref
 
 from petsc4py import PETSc
 
@@ -27,7 +28,7 @@ FAILED, TOO_MANY = 5, 15
 
 
 class BodyBlocks:
-    """Solves with the tangent; what PETSc asks of a preconditioner in Python (``apply``).
+    """Solves with the tangent, as PETSc's preconditioner in Python.
 
     Attributes:
         direct, part: see :class:`app.implicit.linear_way.LinearWay`.
@@ -51,7 +52,7 @@ class BodyBlocks:
         PETSc.Options(self._prefix)["pc_type"] = PETSc.PC.Type.PYTHON
         pc = ksp.getPC()
         pc.setType(PETSc.PC.Type.PYTHON)
-        pc.setPythonContext(self)
+        pc.setPythonContext(_Preconditioner(self))
         self._supports: tuple[object, ...] | None = None  # that the bodies were chosen for
         self._bodies: BodyByBody | None = None
         self._whole: Factor | None = None  # of the tangent; None: it is solved by the bodies
@@ -185,3 +186,16 @@ class BodyBlocks:
         self._failures = kept["failures"]
         if kept["fallen"]:
             self._fall_back()
+
+
+class _Preconditioner:
+    """What PETSc calls; it keeps nothing alive, for Python does not see what PETSc holds."""
+
+    def __init__(self, blocks: BodyBlocks) -> None:
+        self._blocks = ref(blocks)
+
+    def apply(self, pc: PETSc.PC, b: PETSc.Vec, x: PETSc.Vec) -> None:
+        """See :meth:`BodyBlocks.apply`."""
+        blocks = self._blocks()
+        assert blocks is not None, "the solver that this belongs to is gone"
+        blocks.apply(pc, b, x)

@@ -1,6 +1,8 @@
 """Solving for one body after the other gives what a factorisation of the whole gives."""
 
+import gc
 import tomllib
+import weakref
 
 import numpy as np
 import pytest
@@ -287,3 +289,15 @@ def test_a_run_that_falls_back_goes_on_as_if_nothing_had_been(tmp_path, monkeypa
     directory = as_killed(tmp_path / "whole", tmp_path / "out", written[place])
     run(case, directory, resume=True)
     assert unlike(tmp_path / "whole", directory) == []
+
+
+def test_nothing_outlives_the_solver(pair):
+    """PETSc holds its preconditioner, which must not hold PETSc's solver."""
+    problem, x = sunk(pair())
+    solver = assembled(problem, x)
+    solver.solve(forces(problem), problem.new_vector())
+    way = weakref.ref(solver.way)
+    assert isinstance(way(), BodyBlocks)
+    del solver
+    gc.collect()
+    assert way() is None
