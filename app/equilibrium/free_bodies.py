@@ -56,11 +56,7 @@ def supports_at_hand(problem: Equilibrium) -> tuple[object, ...]:
 
 def _free(problem: Equilibrium, joined: JoinedBodies) -> FreeBody | None:
     nodes = body_nodes(problem, joined.cells)
-    at = problem.space.tabulate_dof_coordinates()[nodes, : problem.dim]
-    ends = np.stack([at.max(axis=0, initial=-np.inf), -at.min(axis=0, initial=np.inf)])
-    problem.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
-    extent, middle = float(ends.sum(axis=0).max()), 0.5 * (ends[0] - ends[1])
-    modes = rigid_motions((at - middle) / extent, joined.solids[0].section == "axisymmetric")
+    modes, extent = motions_of(problem, nodes, joined.solids[0].section == "axisymmetric")
     mine = nodes[:, None] * problem.dim + np.arange(problem.dim)
     beds = [load.held for load in problem.loads if isinstance(load, Foundation) and load.acts]
     resisted = np.isin(mine, np.concatenate([problem.constrained_dofs(), *beds]))
@@ -69,10 +65,40 @@ def _free(problem: Equilibrium, joined: JoinedBodies) -> FreeBody | None:
         oblique = isinstance(platen, SlantedPlaten)
         if platen.acts and (oblique or platen.displacement is None):
             gram = gram + _as_one(problem, platen, modes, mine)
+    return None if leave_none(problem, gram, nodes) else FreeBody(joined, nodes, extent)
+
+
+def motions_of(
+    problem: Equilibrium, nodes: Ints, axisymmetric: bool = False
+) -> tuple[Floats, float]:
+    """Rigid motions of a body in the measure of its extent; collective.
+
+    Args:
+        problem: the equilibrium.
+        nodes: (n,) local ones of the body that this rank owns.
+        axisymmetric: whether it is a body of revolution.
+
+    Returns:
+        The motions (n, r, i), and the body's largest extent along an axis, m.
+    """
+    at = problem.space.tabulate_dof_coordinates()[nodes, : problem.dim]
+    ends = np.stack([at.max(axis=0, initial=-np.inf), -at.min(axis=0, initial=np.inf)])
+    problem.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
+    extent, middle = float(ends.sum(axis=0).max()), 0.5 * (ends[0] - ends[1])
+    return rigid_motions((at - middle) / extent, axisymmetric), extent
+
+
+def leave_none(problem: Equilibrium, gram: Floats, nodes: Ints) -> bool:
+    """Whether supports leave no motion of a body free; collective.
+
+    Args:
+        problem: the equilibrium.
+        gram: (r, r), what the supports do to the motions, summed over all ranks.
+        nodes: local ones of the body that this rank owns.
+    """
     values = np.linalg.eigvalsh(gram)
     count = problem.comm.allreduce(len(nodes))
-    held = values[0] > SINGULAR * max(values[-1], 1.0 / max(count, 1))
-    return None if held else FreeBody(joined, nodes, extent)
+    return bool(values[0] > SINGULAR * max(values[-1], 1.0 / max(count, 1)))
 
 
 def rigid_motions(place: Floats, axisymmetric: bool = False) -> Floats:

@@ -106,7 +106,7 @@ class KeptTangent:
             self._matrix.setLGMap(*A.getLGMap())
             self._matrix.zeroEntries()
             kept = [solid for solid, on in zip(self._solids, self.on, strict=True) if on]
-            with _undeformed(kept[0].displacement):
+            with undeformed(kept[0].displacement):
                 add(self._matrix, kept)
             self._matrix.assemble()
             self._made_for = pattern, self.on
@@ -172,7 +172,7 @@ class KeptTangent:
 
 
 @contextmanager
-def _undeformed(u: dolfinx.fem.Function) -> Iterator[None]:
+def undeformed(u: dolfinx.fem.Function) -> Iterator[None]:
     """Within a ``with`` block the displacement is zero, afterwards as it was."""
     before = u.x.array.copy()
     u.x.array[:] = 0.0

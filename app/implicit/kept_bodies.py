@@ -15,8 +15,9 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.equilibrium.equilibrium import Equilibrium
-from app.equilibrium.free_bodies import SINGULAR, rigid_motions
+from app.equilibrium.free_bodies import leave_none, motions_of
 from app.equilibrium.joined_bodies import JoinedBodies, joined_bodies
+from app.equilibrium.kept_tangent import undeformed
 from app.equilibrium.pair_bodies import bodies_of
 from app.equilibrium.slanted import SlantedPlaten
 from app.equilibrium.tangent import pattern_form
@@ -56,16 +57,14 @@ class KeptBodies:
 
     def tangent(self, problem: Equilibrium) -> PETSc.Mat:
         """Their tangent undeformed, on their supports, without contacts; collective."""
-        unknowns, u = problem.unknowns, problem.u.x.array
-        present = u.copy()
+        unknowns = problem.unknowns
         whole = dolfinx.fem.petsc.assemble_matrix(pattern_form(unknowns.space))
         whole.assemble()
         whole.zeroEntries()
-        u[:] = 0.0
-        for solid in self.solids:
-            for part in solid.forms:
-                add_matrix(whole, part.tangent, unrolled=False)
-        u[:] = present
+        with undeformed(problem.u):
+            for solid in self.solids:
+                for part in solid.forms:
+                    add_matrix(whole, part.tangent, unrolled=False)
         whole.assemble()
         held = problem.constrained_dofs()
         whole.zeroRowsColumns(held[self.kept[held]] + unknowns.first, 1.0)
@@ -140,19 +139,14 @@ def _is_kept(problem: Equilibrium, joined: JoinedBodies, stiff: Sequence[Solid])
 
 def _is_held(problem: Equilibrium, mine: Bools, axisymmetric: bool) -> bool:
     """Whether no rigid motion of owned unknowns (n,) is left by those that are prescribed."""
-    dim, first = problem.dim, problem.owned // problem.dim
-    nodes = np.nonzero(mine.reshape(-1, dim).any(axis=1))[0]
-    at = problem.space.tabulate_dof_coordinates()[:first][nodes, :dim]
-    sums = problem.comm.allreduce(np.concatenate([at.sum(axis=0), [len(nodes)]]))
-    middle = sums[:-1] / sums[-1]
-    squares = problem.comm.allreduce(float(((at - middle) ** 2).sum()))
-    modes = rigid_motions((at - middle) / np.sqrt(squares / sums[-1]), axisymmetric)
+    dim = problem.dim
+    nodes = np.nonzero(mine.reshape(-1, dim).any(axis=1))[0].astype(np.int32)
+    modes, _ = motions_of(problem, nodes, axisymmetric)
     held = np.zeros(problem.owned, dtype=bool)
     held[problem.constrained_dofs()] = True
     resisted = held.reshape(-1, dim)[nodes]
     gram = problem.comm.allreduce(np.einsum("nai,nbi,ni->ab", modes, modes, resisted))
-    values = np.linalg.eigvalsh(gram)
-    return bool(values[0] > SINGULAR * max(values[-1], 1.0 / sums[-1]))
+    return leave_none(problem, gram, nodes)
 
 
 def _unknowns_of(problem: Equilibrium, solids: Sequence[Solid]) -> Bools:

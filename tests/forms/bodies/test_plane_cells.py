@@ -10,6 +10,7 @@ import pytest
 from forms.bodies.compiled_cells import compiled_cells
 from forms.bodies.plane_cells import PlaneCells
 from forms.bodies.solid import Solid
+from tests.forms.bodies.element_matrices import summed
 from tests.forms.bodies.test_internal_force import KINDS, MATERIALS, RINGS, body, stretched
 
 SECTIONS = [("plane-strain", "triangle", "q1"), ("axisymmetric", "quadrilateral", "q1-sri")]
@@ -22,18 +23,6 @@ def assembled(u, forms):
         A = dolfinx.fem.petsc.assemble_matrix(form)
         A.assemble()
         total += A[:, :]
-    return total
-
-
-def summed(u, cells, excess=None):
-    """The same by the compiled loop, from element matrices that lie one after the other."""
-    shape = (*cells.nodes.shape, 2, cells.nodes.shape[1])
-    starts = 2 * np.arange(np.prod(shape), dtype=np.int32).reshape(shape)
-    values = np.zeros((*shape, 2))
-    cells.add_tangent(u.x.array, values, starts, excess)
-    at = (2 * cells.nodes[..., None] + np.arange(2)).reshape(len(values), 2 * cells.nodes.shape[1])
-    total = np.zeros((len(u.x.array),) * 2)
-    np.add.at(total, (at[:, :, None], at[:, None, :]), values.reshape(*at.shape, at.shape[1]))
     return total
 
 

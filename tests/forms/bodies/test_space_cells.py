@@ -24,6 +24,7 @@ from forms.bodies.materials import (
 from forms.bodies.solid import Solid
 from forms.bodies.space_cells import SpaceCells
 from geometry.compat import cell_nodes
+from tests.forms.bodies.element_matrices import summed
 from tests.grid import coordinate_element, grid
 
 MATERIALS = {
@@ -82,18 +83,6 @@ def cells_of(u, solid):
 def dense(u, forms):
     """The matrix (n, n) of bilinear forms."""
     return sum(dolfinx.fem.assemble_matrix(form).to_scipy().toarray() for form in forms)
-
-
-def summed(u, cells, excess=None):
-    """The same by the compiled loop, from element matrices that lie one after the other."""
-    shape = (*cells.nodes.shape, 3, cells.nodes.shape[1])
-    starts = 3 * np.arange(np.prod(shape), dtype=np.int32).reshape(shape)
-    values = np.zeros((*shape, 3))
-    cells.add_tangent(u.x.array, values, starts, excess)
-    at = (3 * cells.nodes[..., None] + np.arange(3)).reshape(len(values), 3 * cells.nodes.shape[1])
-    total = np.zeros((len(u.x.array),) * 2)
-    np.add.at(total, (at[:, :, None], at[:, None, :]), values.reshape(*at.shape, at.shape[1]))
-    return total
 
 
 def compare(u, solid):
