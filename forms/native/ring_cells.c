@@ -242,18 +242,6 @@ INLINE int over_cells(enum material material, int triangles, int reduced, const 
 #define LOOP(material, triangles, reduced)                                                         \
     return over_cells(material, triangles, reduced, c, blocks, lanes_of_last, node, table, u,      \
                       FORCE, TOTAL, EXCESS, START, VALUES)
-#define LOOPS                                                                                      \
-    switch (3 * material + kind) {                                                                 \
-    case 0: LOOP(NEO_HOOKEAN, 0, 0);                                                               \
-    case 1: LOOP(NEO_HOOKEAN, 0, 1);                                                               \
-    case 2: LOOP(NEO_HOOKEAN, 1, 0);                                                               \
-    case 3: LOOP(MOONEY_RIVLIN, 0, 0);                                                             \
-    case 4: LOOP(MOONEY_RIVLIN, 0, 1);                                                             \
-    case 5: LOOP(MOONEY_RIVLIN, 1, 0);                                                             \
-    case 6: LOOP(HENCKY, 0, 0);                                                                    \
-    case 7: LOOP(HENCKY, 0, 1);                                                                    \
-    default: LOOP(HENCKY, 1, 0);                                                                   \
-    }
 #define CELLS                                                                                      \
     int material, int kind, const double *c, int64_t blocks, int lanes_of_last,                    \
         const int32_t *node, const double *table, const double *u
