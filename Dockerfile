@@ -56,19 +56,20 @@ RUN chmod 755 /root && mkdir -p -m 1777 /results /var/cache/tribox && cd /var/ca
     && python3 -c "import matplotlib.font_manager" && chmod -R a+rX .
 
 # The program: `tribox`, and an `mpirun` that writes as the owner of /results too.
-ENV PYTHONPATH=/tribox TRIBOX_RESULTS=/results
+ENV PYTHONPATH=/tribox/src TRIBOX_RESULTS=/results
 COPY docker/entry /usr/local/bin/tribox
 RUN cd /usr/local/bin && chmod 755 tribox && ln -s tribox mpirun && ln -s tribox mpiexec
 WORKDIR /tribox
 
 # Compile all forms into FFCx's cache. Only what they are made from goes in before: ./tribox names the
 # image by these files and the ones copied above.
+COPY src src
 COPY forms forms
 COPY geometry geometry
 COPY app/__init__.py app/errors.py app/precompile.py app/
 COPY app/equilibrium app/equilibrium
 COPY app/results/__init__.py app/results/fields.py app/results/
-RUN python3 -B -m app.precompile && chmod -R a+rX /var/cache/tribox/fenics && rm -rf /tmp/*
+RUN python3 -B -m tribox.app.precompile && chmod -R a+rX /var/cache/tribox/fenics && rm -rf /tmp/*
 
 COPY . .
 RUN python3 -m compileall -q app forms geometry

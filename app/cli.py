@@ -21,10 +21,11 @@ del sys.modules["rich"]
 if _rich is not None:
     sys.modules["rich"] = _rich
 
-from app.errors import InputError, Interrupted  # noqa: E402
-from app.run.cache import ensure_cache  # noqa: E402
-from app.run.ending import end_interrupted, end_with, ranks_around  # noqa: E402
-from app.run.process import lasting_imports  # noqa: E402
+import tribox  # noqa: E402
+from tribox.app.errors import InputError, Interrupted  # noqa: E402
+from tribox.app.run.cache import ensure_cache  # noqa: E402
+from tribox.app.run.ending import end_interrupted, end_with, ranks_around  # noqa: E402
+from tribox.app.run.process import lasting_imports  # noqa: E402
 
 if TYPE_CHECKING:
     from click import Context
@@ -69,7 +70,7 @@ def _print_version(asked: bool) -> None:
     if asked:
         from importlib.metadata import PackageNotFoundError, version
 
-        from app import __version__
+        from tribox import __version__
 
         print(f"tribox {__version__}")
         for name, package in _BELOW.items():
@@ -115,7 +116,7 @@ def init(
     ] = None,
 ) -> None:
     """Write a commented starter case that runs at once, with its mesh and a schema for editors."""
-    from app.init.starters import write_starter
+    from tribox.app.init.starters import write_starter
 
     made = write_starter(kind, target)
     for path in made:
@@ -163,7 +164,7 @@ def run(
 ) -> None:
     """Run a case, or every value of its sweep, and write results and figures."""
     with lasting_imports():
-        from app.run.command import RunOptions, run_command
+        from tribox.app.run.command import RunOptions, run_command
 
     given = overrides or []
     _end(
@@ -191,7 +192,7 @@ def check(
     trust: Trust = False,
 ) -> None:
     """Check a case file without running it, nor code that it names; every problem is one line."""
-    from app.run.check import run_check
+    from tribox.app.run.check import run_check
 
     _end(run_check(case_file, overrides or [], law, trust))
 
@@ -216,8 +217,8 @@ def mesh(
     ] = False,
 ) -> None:
     """Write the mesh of a case or drawing (.msh) and a picture of it with its names."""
-    from app.run.mesh_files import write_case_mesh, write_drawing_mesh
-    from geometry.meshes.drawing import DRAWINGS
+    from tribox.app.run.mesh_files import write_case_mesh, write_drawing_mesh
+    from tribox.geometry.meshes.drawing import DRAWINGS
 
     if case_file.suffix.lower() in DRAWINGS:
         if overrides:
@@ -258,7 +259,7 @@ def plot(
     """Draw the figures of a results directory again from its files, or those of a sweep's runs."""
     if animate is not None and animate not in ANIMATIONS:
         raise InputError(f"--animate={animate}: must be gif or mp4")
-    from app.figures.redraw import redraw
+    from tribox.app.figures.redraw import redraw
 
     redraw(directory, field, animate)
 
@@ -272,8 +273,8 @@ def report(
     force: Annotated[bool, typer.Option("--force", help="replace a file of --out")] = False,
 ) -> None:
     """Write a results directory as one HTML page that needs nothing else."""
-    from app.report.page import write_report
-    from app.results import read
+    from tribox.app.report.page import write_report
+    from tribox.app.results import read
 
     if out is not None and out.exists() and not force:
         raise InputError(f"{out}: exists already; replace it with --force")
@@ -295,7 +296,7 @@ def map_(
     force: Annotated[bool, typer.Option("--force", help="replace results that are there")] = False,
 ) -> None:
     """Map the friction law of a case at material points: tables and figures, in seconds."""
-    from app.friction_map.run import run_map
+    from tribox.app.friction_map.run import run_map
 
     run_map(case_file, overrides or [], out, force)
 
@@ -320,7 +321,7 @@ def fit(
     force: Annotated[bool, typer.Option("--force", help="replace results that are there")] = False,
 ) -> None:
     """Calibrate parameters of the friction-map law to tribometer data."""
-    from app.fit.run import run_fit
+    from tribox.app.fit.run import run_fit
 
     run_fit(data, parameters, fixed or [], start or [], out, force)
 
@@ -334,7 +335,7 @@ def trust(
     remove: Annotated[bool, typer.Option("--remove", help="trust the directory no more")] = False,
 ) -> None:
     """Let the cases in a directory, and in those below it, run the Python that they name."""
-    from app.case.trust import forget_directory, list_file, trust_directory, trust_lines
+    from tribox.app.case.trust import forget_directory, list_file, trust_directory, trust_lines
 
     if directory is None and remove:
         raise InputError("trust --remove: name the directory")
@@ -387,7 +388,7 @@ def bench(
     ] = 1,
 ) -> None:
     """Measure where the CPU time of a case goes, or compare two versions, level by level."""
-    from app.bench.bench import Options, run_bench
+    from tribox.app.bench.bench import Options, run_bench
 
     keys, changed = tuple(overrides or ()), tuple(changes or ())
     run_bench(what or [], Options(case, out, repeat, force, keys, against, changed, np))
@@ -404,7 +405,7 @@ def verify(
     force: Annotated[bool, typer.Option("--force", help="replace a report that is there")] = False,
 ) -> None:
     """Compute verification cases and compare them with closed forms; exit code 3 if one fails."""
-    from app.verify.report import run_verify
+    from tribox.app.verify.report import run_verify
 
     if ranks_around() > 1:
         raise InputError("verify runs on one rank")
@@ -418,7 +419,7 @@ def materials(
     ] = None,
 ) -> None:
     """List the materials library, or print entries with each number and its source."""
-    from app.case.library import description, listing
+    from tribox.app.case.library import description, listing
 
     lines = [line for name in names or [] for line in description(name)]
     print("\n".join(lines if names else listing()))
@@ -427,7 +428,7 @@ def materials(
 @cli.command()
 def schema() -> None:
     """Print the JSON schema of case files."""
-    from app.case.schema import json_schema
+    from tribox.app.case.schema import json_schema
 
     print(json.dumps(json_schema(), indent=2, ensure_ascii=False))
 
@@ -446,7 +447,7 @@ def python(
     """Run a script that imports tribox's packages, such as one that reads results."""
     if not script.is_file():
         raise InputError(f"{script}: no such file")
-    root = str(Path(__file__).resolve().parent.parent)
+    root = str(Path(tribox.__file__).parents[1])
     before = os.environ.get("PYTHONPATH")
     os.environ["PYTHONPATH"] = root if not before else f"{root}{os.pathsep}{before}"
     os.execv(sys.executable, [sys.executable, str(script), *context.args])
@@ -458,8 +459,10 @@ def test(
     every: Annotated[bool, typer.Option("--all", help="the long system tests too")] = False,
 ) -> None:
     """Run the tests that guard a change, or all there are; further words go to pytest."""
-    root = Path(__file__).resolve().parent.parent
-    os.chdir(root)
+    tests = Path(tribox.__file__).parents[2] / "tests"
+    if not tests.is_dir():
+        raise InputError("test: the tests are in the source tree, not in an installation of tribox")
+    os.chdir(tests.parent)
     command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider"]
     if not every:
         command += ["-m", "not long"]
@@ -471,7 +474,7 @@ def test(
 @cli.command(hidden=True)
 def precompile() -> None:
     """Compile every form into the cache, so that the first run need not."""
-    from app.precompile import compile_forms
+    from tribox.app.precompile import compile_forms
 
     for line in compile_forms():
         print(line, flush=True)

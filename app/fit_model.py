@@ -1,5 +1,5 @@
-"""The coordinates of a fit under their documented name; see :mod:`app.fit.model`."""
+"""The coordinates of a fit under their documented name; see :mod:`tribox.app.fit.model`."""
 
-from app.fit.model import coordinates
+from tribox.app.fit.model import coordinates
 
 __all__ = ["coordinates"]

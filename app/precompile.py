@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from forms.bodies.kinematics import Section
-    from forms.bodies.materials import Material
-    from forms.bodies.solid import Formulation
-    from geometry.meshes.gmsh_model import Shape
+    from tribox.forms.bodies.kinematics import Section
+    from tribox.forms.bodies.materials import Material
+    from tribox.forms.bodies.solid import Formulation
+    from tribox.geometry.meshes.gmsh_model import Shape
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,10 +42,10 @@ GROUPS = (
 
 def compile_forms() -> Iterator[str]:
     """Compile the C sources and the forms of `GROUPS`; yields a line on each."""
-    import forms.native.libraries
-    import geometry.native.libraries
+    import tribox.forms.native.libraries
+    import tribox.geometry.native.libraries
 
-    for libraries in (geometry.native.libraries, forms.native.libraries):
+    for libraries in (tribox.geometry.native.libraries, tribox.forms.native.libraries):
         for source in libraries.SOURCES:
             done = libraries.library(source) is not None
             yield f"{source} " + ("compiled" if done else "not compiled: no C compiler")
@@ -58,9 +58,9 @@ def _compile(group: _Group) -> Iterator[str]:
     import numpy as np
     from mpi4py import MPI
 
-    from app.equilibrium.tangent import pattern_form
-    from app.results.fields import StressField
-    from forms.bodies.loads import (
+    from tribox.app.equilibrium.tangent import pattern_form
+    from tribox.app.results.fields import StressField
+    from tribox.forms.bodies.loads import (
         BodyForce,
         DeadTraction,
         FollowerPressure,
@@ -68,11 +68,11 @@ def _compile(group: _Group) -> Iterator[str]:
         mean_normal,
         reference_area,
     )
-    from forms.bodies.lumped_mass import mass_form
-    from forms.bodies.nodal_weights import body_form, surface_form
-    from forms.bodies.plastic_solid import make_solid
-    from geometry.meshes.mesh import generate
-    from geometry.surfaces.slave_points import point_operator
+    from tribox.forms.bodies.lumped_mass import mass_form
+    from tribox.forms.bodies.nodal_weights import body_form, surface_form
+    from tribox.forms.bodies.plastic_solid import make_solid
+    from tribox.geometry.meshes.mesh import generate
+    from tribox.geometry.surfaces.slave_points import point_operator
 
     # From gmsh, as every case: another mesh's coordinate element would give other forms.
     mesh = generate(_shape(group.cell), MPI.COMM_SELF).mesh
@@ -104,9 +104,9 @@ def _compile(group: _Group) -> Iterator[str]:
 
 def _materials() -> tuple[Material, ...]:
     """One of each kind; sums of powers (Ogden) are compiled when first used, by their length."""
-    from forms.bodies.elastoplastic import ElastoPlastic
-    from forms.bodies.hardening import Linear
-    from forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, Yeoh
+    from tribox.forms.bodies.elastoplastic import ElastoPlastic
+    from tribox.forms.bodies.hardening import Linear
+    from tribox.forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, Yeoh
 
     return (
         NeoHookean(1.0, 2.0),
@@ -119,8 +119,8 @@ def _materials() -> tuple[Material, ...]:
 
 def _shape(cell: str) -> Shape:
     """Two small blocks or boxes of these cells."""
-    from geometry.generators.two_blocks import Block, TwoBlocks
-    from geometry.generators.two_boxes import Box, TwoBoxes
+    from tribox.geometry.generators.two_blocks import Block, TwoBlocks
+    from tribox.geometry.generators.two_boxes import Box, TwoBoxes
 
     if cell in ("quadrilateral", "triangle"):
         block = Block(width=1.0, height=1.0, elements=(2, 2))

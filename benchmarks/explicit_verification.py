@@ -15,14 +15,14 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from app.case.case import Case
-from app.case.reading import load_case
-from app.figures.phase_plots import draw_overlay
-from app.results.directory import read_table
-from app.run.run import run_case
-from app.simulation.history import Row
-from app.simulation.simulation import Simulation
 from benchmarks.run import ROOT
+from tribox.app.case.case import Case
+from tribox.app.case.reading import load_case
+from tribox.app.figures.phase_plots import draw_overlay
+from tribox.app.results.directory import read_table
+from tribox.app.run.run import run_case
+from tribox.app.simulation.history import Row
+from tribox.app.simulation.simulation import Simulation
 
 CASE = ROOT / "cases" / "sfa-explicit.toml"
 # The velocities of the case, each for a fixed way (m) in rows of 1 um, so that both solvers' rows

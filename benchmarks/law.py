@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import argparse
 
-from app.bench.law import lines
+from tribox.app.bench.law import lines
 
 
 def main() -> None:

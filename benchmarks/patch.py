@@ -22,14 +22,14 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from app.build.model import build_model
-from app.case.reading import load_case
-from app.errors import SolutionError
-from app.results.fields import StressField
-from app.simulation.observer import Observer
-from app.simulation.simulation import Simulation
-from geometry.compat import cell_nodes
-from geometry.meshes.mesh import NamedMesh
+from tribox.app.build.model import build_model
+from tribox.app.case.reading import load_case
+from tribox.app.errors import SolutionError
+from tribox.app.results.fields import StressField
+from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.simulation import Simulation
+from tribox.geometry.compat import cell_nodes
+from tribox.geometry.meshes.mesh import NamedMesh
 
 PRESSURE = 1e5  # Pa, a fiftieth of the elastomer's modulus
 CASE = """

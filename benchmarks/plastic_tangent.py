@@ -15,13 +15,13 @@ import dolfinx
 import dolfinx.fem.petsc
 import numpy as np
 
-from app.verify.flowing import SATURATING, metal
-from app.verify.flowing_body import FlowingBody, Shape, rectangle
-from forms.bodies.kinematics import Section
-from forms.bodies.materials import Material
-from forms.bodies.plastic_solid import PlasticSolid
-from forms.bodies.solid import Formulation
-from geometry.compat import add_matrix
+from tribox.app.verify.flowing import SATURATING, metal
+from tribox.app.verify.flowing_body import FlowingBody, Shape, rectangle
+from tribox.forms.bodies.kinematics import Section
+from tribox.forms.bodies.materials import Material
+from tribox.forms.bodies.plastic_solid import PlasticSolid
+from tribox.forms.bodies.solid import Formulation
+from tribox.geometry.compat import add_matrix
 
 KINDS: tuple[tuple[Formulation, Section], ...] = (
     ("q1-sri", "plane-strain"),

@@ -10,15 +10,17 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-import app.bench.bench
-from app.case.reading import load_case
+import tribox.app.bench.bench
+from tribox.app.case.reading import load_case
 
-ROOT = app.bench.bench.ROOT
+ROOT = tribox.app.bench.bench.ROOT
 
 
 def level_options(level: int) -> list[str]:
     """Options of ``tribox run`` that refine the block-slide problem ``level`` times."""
-    return app.bench.bench.level_options(load_case(app.bench.bench.DEFAULT_CASE), level)
+    return tribox.app.bench.bench.level_options(
+        load_case(tribox.app.bench.bench.DEFAULT_CASE), level
+    )
 
 
 def tribox(case: str, out: Path, options: Sequence[str]) -> None:
@@ -27,5 +29,5 @@ def tribox(case: str, out: Path, options: Sequence[str]) -> None:
     Raises:
         subprocess.CalledProcessError: the run failed.
     """
-    command = [sys.executable, "-m", "app", "run", f"cases/{case}.toml", "--out", str(out)]
+    command = [sys.executable, "-m", "tribox", "run", f"cases/{case}.toml", "--out", str(out)]
     subprocess.run([*command, *options], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)

@@ -22,14 +22,14 @@ from typing import Any
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from app.build.model import build_model
-from app.case.case import Case
-from app.equilibrium.timers import Stopwatch
-from app.implicit.stepper import ImplicitStepper, StepResult
-from app.simulation.history import Row
-from app.simulation.observer import Observer
-from app.simulation.run_state import RunState
-from app.simulation.simulation import Simulation
+from tribox.app.build.model import build_model
+from tribox.app.case.case import Case
+from tribox.app.equilibrium.timers import Stopwatch
+from tribox.app.implicit.stepper import ImplicitStepper, StepResult
+from tribox.app.simulation.history import Row
+from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.run_state import RunState
+from tribox.app.simulation.simulation import Simulation
 
 CASE = """
 [geometry]

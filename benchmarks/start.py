@@ -40,7 +40,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as scratch:
         results = sys.argv[1] if len(sys.argv) > 1 else str(Path(scratch) / "block-slide")
         if len(sys.argv) == 1:
-            words = ["-m", "app", "run", "cases/block-slide.toml", "--out", results]
+            words = ["-m", "tribox", "run", "cases/block-slide.toml", "--out", results]
             subprocess.run([sys.executable, *words], check=True, cwd=ROOT)
         commands = {
             "--version": ["--version"],
@@ -54,7 +54,7 @@ def main() -> None:
         print("| command | CPU (s) | more than numpy, matplotlib (s) | with pyplot (s) |")
         print("|---|---|---|---|")
         for name, words in commands.items():
-            taken = cpu_seconds(["-m", "app", *words])
+            taken = cpu_seconds(["-m", "tribox", *words])
             print(f"| {name} | {taken:.2f} | {taken - bare:.2f} | {taken - base:.2f} |")
 
 

@@ -140,10 +140,10 @@ def tribox(overrides: Sequence[str] = ()) -> dict[float, float]:
     """Run the same by tribox: force of the die, N, by share of the stroke."""
     from mpi4py import MPI
 
-    from app.build.model import build_model
-    from app.case.reading import load_case
-    from app.simulation.observer import Observer
-    from app.simulation.simulation import Simulation
+    from tribox.app.build.model import build_model
+    from tribox.app.case.reading import load_case
+    from tribox.app.simulation.observer import Observer
+    from tribox.app.simulation.simulation import Simulation
 
     path = Path(__file__).parents[1] / "cases" / "forming" / "upsetting.toml"
     simulation = Simulation(build_model(load_case(path, overrides), MPI.COMM_SELF))

@@ -19,23 +19,23 @@ from typing import Any
 
 import numpy as np
 
-from app.case.friction import FrictionMap
-from app.case.generators import TwoCylindersGeometry
-from app.case.reading import load_case
-from app.results.directory import read_table
-from app.run.run import run_case
-from app.verify.contact import Profile, press, pressure_checks, traction_checks
-from app.verify.report import percent
-from app.verify.result import Check
-from app.verify.sliding import REFERENCE
 from benchmarks.run import ROOT, level_options, tribox
-from forms.closed_forms.homogeneous_sliding import (
+from tribox.app.case.friction import FrictionMap
+from tribox.app.case.generators import TwoCylindersGeometry
+from tribox.app.case.reading import load_case
+from tribox.app.results.directory import read_table
+from tribox.app.run.run import run_case
+from tribox.app.verify.contact import Profile, press, pressure_checks, traction_checks
+from tribox.app.verify.report import percent
+from tribox.app.verify.result import Check
+from tribox.app.verify.sliding import REFERENCE
+from tribox.forms.closed_forms.homogeneous_sliding import (
     Floats,
     effective_viscosity,
     film_fraction,
     threshold_speed,
 )
-from forms.friction.parameters import FrictionMapParameters
+from tribox.forms.friction.parameters import FrictionMapParameters
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,5 +1,5 @@
-"""The friction-map law under its documented name; see :mod:`forms.friction.friction_map`."""
+"""The friction-map law under its documented name; see :mod:`tribox.forms.friction.friction_map`."""
 
-from forms.friction.friction_map import FrictionMap
+from tribox.forms.friction.friction_map import FrictionMap
 
 __all__ = ["FrictionMap"]

@@ -1,5 +1,5 @@
-"""The law's parameters under their documented name; see :mod:`forms.friction.parameters`."""
+"""The law's parameters under their documented name; see :mod:`tribox.forms.friction.parameters`."""
 
-from forms.friction.parameters import PRESETS, FrictionMapParameters, with_preset
+from tribox.forms.friction.parameters import PRESETS, FrictionMapParameters, with_preset
 
 __all__ = ["PRESETS", "FrictionMapParameters", "with_preset"]

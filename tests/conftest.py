@@ -19,16 +19,16 @@ import pytest
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from app.equilibrium.constraints import Prescribed, component_dofs
-from app.equilibrium.equilibrium import Equilibrium
-from forms.bodies.materials import Material, NeoHookean
-from forms.bodies.solid import Solid
-from forms.contact.penalty import ContactTerm
-from forms.friction.law import FrictionLaw
-from geometry.generators.two_blocks import Block, TwoBlocks
-from geometry.meshes.mesh import NamedMesh, generate
-from geometry.surfaces.facets import FacetShape, facet_shape
-from geometry.surfaces.surface import ContactSurface
+from tribox.app.equilibrium.constraints import Prescribed, component_dofs
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.forms.bodies.materials import Material, NeoHookean
+from tribox.forms.bodies.solid import Solid
+from tribox.forms.contact.penalty import ContactTerm
+from tribox.forms.friction.law import FrictionLaw
+from tribox.geometry.generators.two_blocks import Block, TwoBlocks
+from tribox.geometry.meshes.mesh import NamedMesh, generate
+from tribox.geometry.surfaces.facets import FacetShape, facet_shape
+from tribox.geometry.surfaces.surface import ContactSurface
 
 TESTS = Path(__file__).parent
 pytest_plugins = ["tests.budget", "tests.ranks"]

@@ -14,11 +14,11 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from forms.contact.penalty import ContactTerm
-from geometry.compat import cell_nodes
-from geometry.surfaces.rays import RaySearch
-from geometry.surfaces.surface import ContactSurface
 from tests.grid import coordinate_element, grid
+from tribox.forms.contact.penalty import ContactTerm
+from tribox.geometry.compat import cell_nodes
+from tribox.geometry.surfaces.rays import RaySearch
+from tribox.geometry.surfaces.surface import ContactSurface
 
 GAP = 0.05
 PENALTY = 50.0

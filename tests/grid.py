@@ -14,7 +14,7 @@ import numpy as np
 import ufl
 from mpi4py import MPI
 
-from geometry.compat import cell_nodes
+from tribox.geometry.compat import cell_nodes
 
 
 def coordinate_element(cell: str, dim: int) -> ufl.Mesh:

@@ -164,7 +164,7 @@ def command(comm: MPI.Comm, *words: object) -> tuple[list[Any], str]:
     Returns:
         What each rank would end with, and all that they print to standard output and error.
     """
-    from app.cli import main as tribox
+    from tribox.app.cli import main as tribox
 
     before = sys.argv
     sys.argv = ["tribox", *map(str, words)]

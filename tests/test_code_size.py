@@ -20,9 +20,11 @@ ATTRIBUTES = 20
 # "module:Class" or "module:Class.function" and why it is allowed to be longer. Tables of a
 # case file are left out, see `_is_table`.
 REASONS: dict[str, str] = {
-    "app.simulation.contact_resultants:ContactResultants": "numbers of a pair, each a column",
-    "app.simulation.history:Row": "the columns of history.csv, one attribute each",
-    "forms.friction.parameters:FrictionMapParameters": (
+    "tribox.app.simulation.contact_resultants:ContactResultants": (
+        "numbers of a pair, each a column"
+    ),
+    "tribox.app.simulation.history:Row": "the columns of history.csv, one attribute each",
+    "tribox.forms.friction.parameters:FrictionMapParameters": (
         "the keys of a case file's table, in SI; the law reads them by groups (friction, rheology)"
     ),
 }

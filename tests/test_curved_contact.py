@@ -7,14 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from app.verify.extent import (
+from benchmarks.curved_contact.tables import chosen, markdown
+from tribox.app.verify.extent import (
     beyond_line,
     beyond_point,
     extent,
     half_width,
     slip_integral,
 )
-from benchmarks.curved_contact.tables import chosen, markdown
 
 RADIUS, A = 5e-3, 0.5e-3
 

@@ -17,42 +17,47 @@ TOP = ("app", "forms", "geometry")
 
 # Lowest first. Rooms on one line do not know each other.
 LAYERS: tuple[tuple[str, ...], ...] = (
-    ("geometry.compat",),
-    ("geometry.native",),
-    ("geometry.generators", "geometry.surfaces"),
-    ("geometry.meshes",),
-    ("geometry.pictures",),
-    ("forms.native", "forms.friction"),
-    ("forms.closed_forms", "forms.bodies", "forms.friction_map", "forms.friction_parameters"),
-    ("forms.contact",),
-    ("app", "app.errors"),
-    ("app.case", "app.equilibrium"),
-    ("app.implicit", "app.explicit"),
-    ("app.build",),
-    ("app.simulation",),
-    ("app.results",),
-    ("app.checkpoint",),
-    ("app.precompile",),
-    ("app.figures",),
-    ("app.friction_map",),
-    ("app.fit", "app.init", "app.report", "app.run"),
-    ("app.verify", "app.bench", "app.fit_model", "app.fit_run"),
-    ("app.cli",),
-    ("app.__main__",),
+    ("tribox.geometry.compat",),
+    ("tribox.geometry.native",),
+    ("tribox.geometry.generators", "tribox.geometry.surfaces"),
+    ("tribox.geometry.meshes",),
+    ("tribox.geometry.pictures",),
+    ("tribox.forms.native", "tribox.forms.friction"),
+    (
+        "tribox.forms.closed_forms",
+        "tribox.forms.bodies",
+        "tribox.forms.friction_map",
+        "tribox.forms.friction_parameters",
+    ),
+    ("tribox.forms.contact",),
+    ("app", "tribox.app.errors"),
+    ("tribox.app.case", "tribox.app.equilibrium"),
+    ("tribox.app.implicit", "tribox.app.explicit"),
+    ("tribox.app.build",),
+    ("tribox.app.simulation",),
+    ("tribox.app.results",),
+    ("tribox.app.checkpoint",),
+    ("tribox.app.precompile",),
+    ("tribox.app.figures",),
+    ("tribox.app.friction_map",),
+    ("tribox.app.fit", "tribox.app.init", "tribox.app.report", "tribox.app.run"),
+    ("tribox.app.verify", "tribox.app.bench", "tribox.app.fit_model", "tribox.app.fit_run"),
+    ("tribox.app.cli",),
+    ("tribox.app.__main__",),
 )
 LEVEL = {room: level for level, rooms in enumerate(LAYERS) for room in rooms}
 # What a room may import from outside the project; every other room what it likes.
 OUTSIDE = {
-    "forms.friction": {"numpy"},
-    "app.results.directory": set(),
+    "tribox.forms.friction": {"numpy"},
+    "tribox.app.results.directory": set(),
 }
 # What a room may import from the project beside its own modules, where that is not all below it.
 INSIDE = {
-    "forms.friction": set(),
-    "app.equilibrium": {"geometry", "forms"},
-    "app.implicit": {"geometry", "forms", "app.equilibrium"},
-    "app.explicit": {"geometry", "forms", "app.equilibrium"},
-    "app.results.directory": {"app.errors"},
+    "tribox.forms.friction": set(),
+    "tribox.app.equilibrium": {"geometry", "forms"},
+    "tribox.app.implicit": {"geometry", "forms", "tribox.app.equilibrium"},
+    "tribox.app.explicit": {"geometry", "forms", "tribox.app.equilibrium"},
+    "tribox.app.results.directory": {"tribox.app.errors"},
 }
 
 
@@ -161,24 +166,32 @@ def test_the_top_level_can_be_taken_in_at_a_glance():
     ("module", "line", "said"),
     [
         (
-            "geometry.surfaces.surface",
-            "from forms.contact.penalty import ContactTerm",
+            "tribox.geometry.surfaces.surface",
+            "from tribox.forms.contact.penalty import ContactTerm",
             "not a lower room",
         ),
-        ("forms.friction.law", "import scipy", "forms.friction may not"),
+        ("tribox.forms.friction.law", "import scipy", "tribox.forms.friction may not"),
         (
-            "forms.friction.law",
-            "from geometry.surfaces.facets import Floats",
-            "forms.friction may not",
+            "tribox.forms.friction.law",
+            "from tribox.geometry.surfaces.facets import Floats",
+            "tribox.forms.friction may not",
         ),
         (
-            "app.implicit.stepper",
-            "from app.explicit.stepper import ExplicitStepper",
+            "tribox.app.implicit.stepper",
+            "from tribox.app.explicit.stepper import ExplicitStepper",
             "not a lower room",
         ),
-        ("app.implicit.stepper", "from app.case.case import Case", "app.implicit may not"),
-        ("app.results.directory", "import numpy", "app.results.directory may not"),
-        ("app.results.directory", "def f():\n    from app.case import load_case", "may not"),
+        (
+            "tribox.app.implicit.stepper",
+            "from tribox.app.case.case import Case",
+            "tribox.app.implicit may not",
+        ),
+        ("tribox.app.results.directory", "import numpy", "tribox.app.results.directory may not"),
+        (
+            "tribox.app.results.directory",
+            "def f():\n    from tribox.app.case import load_case",
+            "may not",
+        ),
     ],
 )
 def test_a_forbidden_import_is_seen(tmp_path, module, line, said):

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from app.build.model import build_model
-from app.case.reading import load_case
-from app.results.recorder import force_balance
-from app.simulation.history import energy_gap
-from app.simulation.observer import Observer
-from app.simulation.simulation import Simulation
+from tribox.app.build.model import build_model
+from tribox.app.case.reading import load_case
+from tribox.app.results.recorder import force_balance
+from tribox.app.simulation.history import energy_gap
+from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.simulation import Simulation
 
 CASE = Path(__file__).parents[1] / "cases" / "forming" / "own-mesh.toml"
 SHORTER = [

@@ -27,16 +27,19 @@ def test_the_command_of_an_installation_exists():
 @pytest.mark.parametrize(
     ("module", "names"),
     [
-        ("app.case", "Case, load_case, check_case, json_schema, resolved_toml"),
-        ("app.run", "run_case"),
-        ("app.results", "Results, read"),
-        ("app.fit", "Calibration, coordinates, fit_setup"),
-        ("app.fit_model", "coordinates"),
-        ("app.fit_run", "fit_setup"),
-        ("forms.friction", "Dissipation, FrictionLaw, FrictionResponse, FrictionState, Regime"),
-        ("forms.friction_map", "FrictionMap"),
-        ("forms.friction_parameters", "FrictionMapParameters, with_preset"),
-        ("forms.closed_forms", "effective_viscosity, film_fraction, steady_traction"),
+        ("tribox.app.case", "Case, load_case, check_case, json_schema, resolved_toml"),
+        ("tribox.app.run", "run_case"),
+        ("tribox.app.results", "Results, read"),
+        ("tribox.app.fit", "Calibration, coordinates, fit_setup"),
+        ("tribox.app.fit_model", "coordinates"),
+        ("tribox.app.fit_run", "fit_setup"),
+        (
+            "tribox.forms.friction",
+            "Dissipation, FrictionLaw, FrictionResponse, FrictionState, Regime",
+        ),
+        ("tribox.forms.friction_map", "FrictionMap"),
+        ("tribox.forms.friction_parameters", "FrictionMapParameters, with_preset"),
+        ("tribox.forms.closed_forms", "effective_viscosity, film_fraction, steady_traction"),
     ],
 )
 def test_documented_imports_stay_where_they_are(module, names):

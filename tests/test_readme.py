@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from app.cli import cli
-from app.results.directory import OWN
-from app.simulation.history import COLUMNS
+from tribox.app.cli import cli
+from tribox.app.results.directory import OWN
+from tribox.app.simulation.history import COLUMNS
 
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"

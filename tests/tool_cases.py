@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from app.build.model import build_model
-from app.case.case import Case
-from app.simulation.observer import Observer
-from app.simulation.simulation import Simulation
+from tribox.app.build.model import build_model
+from tribox.app.case.case import Case
+from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.simulation import Simulation
 
 WIDTH, HEIGHT = 4e-3, 1e-3  # m
 SIDES = {"bottom": 1, "right": 2, "top": 3, "left": 4}

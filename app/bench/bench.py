@@ -2,8 +2,8 @@
 
 Each run is ``tribox run`` in a process of its own on one core, one after the other. Its time is
 that of the CPU, user and system, so other work on the machine does not count; of several runs of
-one level the one that took least is shown. With two sides to compare (:mod:`app.bench.sides`)
-both run in turn.
+one level the one that took least is shown. With two sides to compare
+(:mod:`tribox.app.bench.sides`) both run in turn.
 """
 
 from __future__ import annotations
@@ -16,17 +16,18 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from app.bench.comparison import Comparison, compare, compile_modules
-from app.bench.comparison_tables import all_jobs, job_table
-from app.bench.jobs import LEVELS, Job, jobs_of, levels_of
-from app.bench.process import ROOT, run_python
-from app.bench.sides import Side, sides_of
-from app.bench.tables import Measured, tables
-from app.errors import InputError
+import tribox
+from tribox.app.bench.comparison import Comparison, compare, compile_modules
+from tribox.app.bench.comparison_tables import all_jobs, job_table
+from tribox.app.bench.jobs import LEVELS, Job, jobs_of, levels_of
+from tribox.app.bench.process import run_python
+from tribox.app.bench.sides import Side, sides_of
+from tribox.app.bench.tables import Measured, tables
+from tribox.app.errors import InputError
 
-DEFAULT_CASE = ROOT / "cases" / "block-slide.toml"
+DEFAULT_CASE = Path(tribox.__file__).with_name("cases") / "block-slide.toml"
 # Other benchmarks by name: the module whose ``lines()`` measures and yields the report's lines.
-NAMED = {"law": "app.bench.law", "explicit": "app.bench.explicit"}
+NAMED = {"law": "tribox.app.bench.law", "explicit": "tribox.app.bench.explicit"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,7 +147,7 @@ def _write(
 ) -> None:
     """Write the report, and the numbers where there are any, if there are files to write."""
     if targets:
-        from app.results.directory import write_json, write_text
+        from tribox.app.results.directory import write_json, write_text
 
         targets[0].parent.mkdir(parents=True, exist_ok=True)
         write_text(targets[0], "\n".join(lines) + "\n")
@@ -175,7 +176,7 @@ def measure(job: Job) -> Measured:
     """
     with tempfile.TemporaryDirectory() as scratch:
         report, results = Path(scratch) / "report.json", Path(scratch) / "results"
-        words = ["-m", "app.bench.probe", str(report), *job.words, "--out", str(results)]
+        words = ["-m", "tribox.app.bench.probe", str(report), *job.words, "--out", str(results)]
         cost = run_python(words, str(job))
         found = json.loads(report.read_text(encoding="utf-8"))
     afterwards = found.pop("afterwards")

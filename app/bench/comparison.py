@@ -17,13 +17,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from app.bench.jobs import Job, set_options
-from app.bench.process import ROOT, Cost, run_python
-from app.bench.sides import Side
-from app.errors import InputError
-from app.results.directory import read_table
+from tribox.app.bench.jobs import Job, set_options
+from tribox.app.bench.process import Cost, run_python
+from tribox.app.bench.sides import Side
+from tribox.app.errors import InputError
+from tribox.app.results.directory import read_table
 
-PROBE = ROOT / "app" / "bench" / "tree_probe.py"
+PROBE = Path(__file__).with_name("tree_probe.py")
 TRIALS = 3  # of a run that compiles something the first time
 # A force that is less than this share of the largest is compared with that share: it is round-off.
 SMALL = 1e-2
@@ -150,7 +150,7 @@ def run(job: Job, side: Side, probed: bool) -> Ran:
         if probed:
             command = [str(PROBE), str(report), *words]
         else:
-            command = ["-m", "app", "run", *words, "--np", str(side.ranks)]
+            command = ["-m", side.package, "run", *words, "--np", str(side.ranks)]
         cost = run_python(command, f"{job}, {side.name}", side.tree)
         summary = json.loads((results / "summary.json").read_text(encoding="utf-8"))
         if probed:
@@ -180,7 +180,7 @@ def compiled_since(started: float) -> bool:
 def compile_modules(side: Side) -> None:
     """Have a side's modules compiled, so that none of its runs does it."""
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    words = [sys.executable, "-m", "compileall", "-q", "app", "forms", "geometry"]
+    words = [sys.executable, "-m", "compileall", "-q", *side.packages]
     done = subprocess.run(words, cwd=side.tree, **quiet)  # type: ignore[call-overload]
     if done.returncode:
         print(f"note: {side.tree}: modules are compiled anew in each run", file=sys.stderr)

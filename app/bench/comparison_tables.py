@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from app.bench.comparison import Comparison, Ran
-from app.bench.tables import CONTACT, FACTORISATION, PARTS, SOLIDS
+from tribox.app.bench.comparison import Comparison, Ran
+from tribox.app.bench.tables import CONTACT, FACTORISATION, PARTS, SOLIDS
 
 # Parts that are shown as one; all others by themselves.
 TOGETHER: dict[str, tuple[str, ...]] = {

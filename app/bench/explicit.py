@@ -1,9 +1,9 @@
 """What an explicit step costs: kernels, contact pairs, whole steps, several ranks.
 
-``tribox bench explicit`` prints the tables, and so does ``python3 -m app.bench.explicit``, which
-with ``--ranks 2`` adds the comparison of one and two ranks, each started by mpirun. All times are
-seconds of the processor (user and system), the least of several repetitions, on which other work
-on the machine has little influence.
+``tribox bench explicit`` prints the tables, and so does ``python3 -m tribox.app.bench.explicit``,
+which with ``--ranks 2`` adds the comparison of one and two ranks, each started by mpirun. All times
+are seconds of the processor (user and system), the least of several repetitions, on which other
+work on the machine has little influence.
 """
 
 from __future__ import annotations
@@ -25,27 +25,28 @@ import dolfinx
 import numpy as np
 from mpi4py import MPI
 
-from app.equilibrium.constraints import Platen, Prescribed, component_dofs
-from app.equilibrium.equilibrium import Equilibrium
-from app.explicit.options import ExplicitOptions
-from app.explicit.stepper import ExplicitStepper
-from forms.bodies.internal_force import InternalForce
-from forms.bodies.materials import Hencky, Material, MooneyRivlin, NeoHookean, shear_and_bulk
-from forms.bodies.solid import Formulation, Solid
-from forms.contact.explicit import ExplicitContact
-from forms.contact.explicit_compiled import explicit_contact
-from forms.contact.penalty import ContactTerm
-from forms.friction.coulomb import CoulombLaw, CoulombParameters
-from forms.friction.friction_map import FrictionMap
-from forms.friction.law import FrictionLaw
-from forms.friction.parameters import FrictionMapParameters
-from geometry.generators.two_blocks import Block, TwoBlocks
-from geometry.meshes.mesh import generate
-from geometry.surfaces.exchange import NodalVector
-from geometry.surfaces.facets import Floats
-from geometry.surfaces.surface import QUADRATURE_DEGREE, ContactSurface
+import tribox
+from tribox.app.equilibrium.constraints import Platen, Prescribed, component_dofs
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.explicit.options import ExplicitOptions
+from tribox.app.explicit.stepper import ExplicitStepper
+from tribox.forms.bodies.internal_force import InternalForce
+from tribox.forms.bodies.materials import Hencky, Material, MooneyRivlin, NeoHookean, shear_and_bulk
+from tribox.forms.bodies.solid import Formulation, Solid
+from tribox.forms.contact.explicit import ExplicitContact
+from tribox.forms.contact.explicit_compiled import explicit_contact
+from tribox.forms.contact.penalty import ContactTerm
+from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
+from tribox.forms.friction.friction_map import FrictionMap
+from tribox.forms.friction.law import FrictionLaw
+from tribox.forms.friction.parameters import FrictionMapParameters
+from tribox.geometry.generators.two_blocks import Block, TwoBlocks
+from tribox.geometry.meshes.mesh import generate
+from tribox.geometry.surfaces.exchange import NodalVector
+from tribox.geometry.surfaces.facets import Floats
+from tribox.geometry.surfaces.surface import QUADRATURE_DEGREE, ContactSurface
 
-ROOT = Path(__file__).resolve().parents[2]
+SOURCES = Path(tribox.__file__).parents[1]
 WIDTH, SPEED, PRESSURE = 1e-3, 0.05, 1e5
 REPEAT, STEPS = 5, 20
 # A waiting rank yields its core: waiting costs the others nothing and counts for little.
@@ -281,12 +282,19 @@ def rank_table(refine: float = LARGE, ranks: tuple[int, ...] = (1, 2)) -> Iterat
     for friction in get_args(Friction):
         alone = 0.0
         for count in ranks:
-            worker = ["-m", "app.bench.explicit", "--worker", str(refine), "--friction", friction]
+            worker = [
+                "-m",
+                "tribox.app.bench.explicit",
+                "--worker",
+                str(refine),
+                "--friction",
+                friction,
+            ]
             command = [sys.executable, *worker]
             if count > 1:
                 command = ["mpirun", "--oversubscribe", "-n", str(count), *command]
             done = subprocess.run(
-                command, cwd=ROOT, env=ENVIRONMENT, check=True, capture_output=True, text=True
+                command, cwd=SOURCES, env=ENVIRONMENT, check=True, capture_output=True, text=True
             )
             found = json.loads(done.stdout.strip().splitlines()[-1])
             alone = alone or found["seconds"]

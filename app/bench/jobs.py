@@ -6,11 +6,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.case.case import Case
-from app.case.generators import BlocksGeometry
-from app.case.generators_3d import BoxesGeometry
-from app.case.reading import load_case
-from app.errors import InputError
+from tribox.app.case.case import Case
+from tribox.app.case.generators import BlocksGeometry
+from tribox.app.case.generators_3d import BoxesGeometry
+from tribox.app.case.reading import load_case
+from tribox.app.errors import InputError
 
 LEVELS = (1, 2, 4)
 HIGHEST = 64

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from forms.friction.friction_map import FrictionMap
-from forms.friction.parameters import FrictionMapParameters, with_preset
+from tribox.forms.friction.friction_map import FrictionMap
+from tribox.forms.friction.parameters import FrictionMapParameters, with_preset
 
 Floats = NDArray[np.float64]
 LIMIT = 8.0

@@ -1,8 +1,8 @@
 """``tribox run``, with the CPU time of its parts taken.
 
-``python -m app.bench.probe REPORT CASE ...`` runs the command as it is, in this process, with the
-functions named in :data:`FRAME` and :data:`PROBES` replaced by timed ones, and writes what it
-measured to the file REPORT (JSON). The parts of the solution count only inside an attempt at a
+``python -m tribox.app.bench.probe REPORT CASE ...`` runs the command as it is, in this process,
+with the functions named in :data:`FRAME` and :data:`PROBES` replaced by timed ones, and writes what
+it measured to the file REPORT (JSON). The parts of the solution count only inside an attempt at a
 step; whatever else happens belongs to the part around it, and what belongs to none is "imports":
 the start of Python, its imports, the reading of the case. The clock is that of the process's CPU
 time, user and system.
@@ -24,39 +24,39 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from app.equilibrium.timers import Stopwatch
-from app.run.late_modules import load_late
-from app.run.process import lasting_imports
+from tribox.app.equilibrium.timers import Stopwatch
+from tribox.app.run.late_modules import load_late
+from tribox.app.run.process import lasting_imports
 
 if TYPE_CHECKING:
-    from app.simulation.simulation import Simulation
+    from tribox.app.simulation.simulation import Simulation
 
 # Function, as module and name in it, and the part of the run it counts for.
 FRAME = {
-    "app.run.run:build_model": "set-up",
-    "app.run.run:Simulation.__init__": "set-up",
-    "app.run.run:Recorder.__init__": "set-up",
-    "app.run.run:Recorder.step": "output",
-    "app.run.run:Recorder.load_step": "output",
-    "app.run.run:Recorder.close": "output",
-    "app.run.run:draw_run": "figures",
-    "app.run.run:Simulation.run": "between steps",
-    "app.implicit.stepper:ImplicitStepper.attempt": "rest of solver",
+    "tribox.app.run.run:build_model": "set-up",
+    "tribox.app.run.run:Simulation.__init__": "set-up",
+    "tribox.app.run.run:Recorder.__init__": "set-up",
+    "tribox.app.run.run:Recorder.step": "output",
+    "tribox.app.run.run:Recorder.load_step": "output",
+    "tribox.app.run.run:Recorder.close": "output",
+    "tribox.app.run.run:draw_run": "figures",
+    "tribox.app.run.run:Simulation.run": "between steps",
+    "tribox.app.implicit.stepper:ImplicitStepper.attempt": "rest of solver",
 }
 # The same inside an attempt at a step.
 PROBES = {
-    "app.equilibrium.equilibrium:Equilibrium._gathered": "solid residual",
-    "app.equilibrium.tangent:Tangent._assemble_forms": "solid tangent",
-    "app.equilibrium.equilibrium:Equilibrium.strain_energy": "solid residual",
-    "geometry.surfaces.surface:ContactSurface.displacements": "kinematics",
-    "geometry.surfaces.facet_search:FacetSearch.candidates": "search",
-    "geometry.surfaces.projection:FacetSurface.project": "projection",
-    "forms.contact.penalty:relate": "kinematics",
-    "forms.contact.penalty:ContactTerm.anchor": "kinematics",
-    "forms.contact.penalty:ContactTerm.tangent": "tangent blocks",
-    "forms.contact.penalty:ContactTerm.nodal_forces": "nodal forces",
-    "app.equilibrium.equilibrium:Equilibrium._contact_forces": "merge into the residual",
-    "app.equilibrium.tangent:Tangent._add_blocks": "merge into the matrix",
+    "tribox.app.equilibrium.equilibrium:Equilibrium._gathered": "solid residual",
+    "tribox.app.equilibrium.tangent:Tangent._assemble_forms": "solid tangent",
+    "tribox.app.equilibrium.equilibrium:Equilibrium.strain_energy": "solid residual",
+    "tribox.geometry.surfaces.surface:ContactSurface.displacements": "kinematics",
+    "tribox.geometry.surfaces.facet_search:FacetSearch.candidates": "search",
+    "tribox.geometry.surfaces.projection:FacetSurface.project": "projection",
+    "tribox.forms.contact.penalty:relate": "kinematics",
+    "tribox.forms.contact.penalty:ContactTerm.anchor": "kinematics",
+    "tribox.forms.contact.penalty:ContactTerm.tangent": "tangent blocks",
+    "tribox.forms.contact.penalty:ContactTerm.nodal_forces": "nodal forces",
+    "tribox.app.equilibrium.equilibrium:Equilibrium._contact_forces": "merge into the residual",
+    "tribox.app.equilibrium.tangent:Tangent._add_blocks": "merge into the matrix",
 }
 # Parts that the solution itself tells apart, and those of PETSc's events.
 TIMED = {
@@ -157,14 +157,14 @@ def replace(where: str, wrap: Callable[[Callable[..., Any]], Callable[..., Any]]
 
 def install(probe: Probe) -> list[Simulation]:
     """Put the probes in; the list returned will hold the simulation once it has been made."""
-    import app.equilibrium.equilibrium
-    import app.run.run
+    import tribox.app.equilibrium.equilibrium
+    import tribox.app.run.run
 
     for where, part in FRAME.items():
         replace(where, partial(probe.framed, part=part))
     for where, part in PROBES.items():
         replace(where, partial(probe.timed, part=part))
-    app.equilibrium.equilibrium.Stopwatch = lambda: probe  # type: ignore[attr-defined,assignment,misc]
+    tribox.app.equilibrium.equilibrium.Stopwatch = lambda: probe  # type: ignore[attr-defined,assignment,misc]
     made: list[Simulation] = []
 
     def keep(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -177,7 +177,7 @@ def install(probe: Probe) -> list[Simulation]:
 
         return call
 
-    replace("app.simulation.simulation:Simulation.run", keep)
+    replace("tribox.app.simulation.simulation:Simulation.run", keep)
     return made
 
 
@@ -186,7 +186,7 @@ def measure(case: Sequence[str]) -> dict[str, Any]:
     probe = Probe()
     load_late()  # as the program itself begins
     with lasting_imports():
-        from app.equilibrium.petsc_events import events
+        from tribox.app.equilibrium.petsc_events import events
 
         made = install(probe)
     probe.seconds["imports"] = time.process_time()
@@ -212,14 +212,14 @@ def measure(case: Sequence[str]) -> dict[str, Any]:
 
 
 def _run_program(words: Sequence[str]) -> None:
-    """Do what ``python -m app`` does with these words.
+    """Do what ``python -m tribox`` does with these words.
 
     Raises:
         SystemExit: it failed; the code is that of the program.
     """
     before, sys.argv = sys.argv, ["tribox", *words]
     try:
-        runpy.run_module("app", run_name="__main__", alter_sys=True)
+        runpy.run_module("tribox", run_name="__main__", alter_sys=True)
     except SystemExit as end:
         if end.code:
             raise

@@ -11,9 +11,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.errors import SolutionError
+import tribox
+from tribox.app.errors import SolutionError
 
-ROOT = Path(__file__).resolve().parents[2]
+SOURCES = Path(tribox.__file__).parents[1]
 # What MPI, once started in this process, has put into the environment must not reach another.
 OF_MPI = ("PMIX_", "OMPI_COMM_WORLD", "OMPI_UNIVERSE", "PMI_")
 
@@ -30,13 +31,13 @@ class Cost:
     clock: float
 
 
-def run_python(words: Sequence[str], name: str, tree: Path = ROOT) -> Cost:
+def run_python(words: Sequence[str], name: str, tree: Path = SOURCES) -> Cost:
     """Run Python with the packages of a tree of tribox, on one thread, and wait for its end.
 
     Args:
         words: of Python's command line.
         name: of what is run, for the message of a failure.
-        tree: where the packages are; also the working directory, which mpi4py imports from.
+        tree: where its packages are; also the working directory, which mpi4py imports from.
 
     Raises:
         SolutionError: it failed; the message ends with what it said last.

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.bench.process import ROOT
-from app.errors import InputError
+from tribox.app.bench.process import SOURCES
+from tribox.app.errors import InputError
 
 # What the tree compared with must have.
-OF_A_TREE = ("app/__main__.py", "app/bench/probe.py", "forms", "geometry")
+OF_A_TREE = ("app/bench/probe.py", "forms", "geometry")
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,14 +18,25 @@ class Side:
     """One side.
 
     Attributes:
-        name: for the tables; tree: whose sources run; ranks: that it runs on.
+        name: for the tables; tree: where the sources are that run; ranks: that it runs on.
         changes: KEY=VALUE, keys of the case that it changes.
     """
 
     name: str
-    tree: Path = ROOT
+    tree: Path = SOURCES
     ranks: int = 1
     changes: tuple[str, ...] = ()
+
+    @property
+    def package(self) -> str:
+        """The package that is the command line; trees before ``tribox.app`` call it ``app``."""
+        return "tribox" if (self.tree / "tribox").is_dir() else "app"
+
+    @property
+    def packages(self) -> list[str]:
+        """The directories of its packages, from ``tree``."""
+        inside = "tribox/" if self.package == "tribox" else ""
+        return [inside + name for name in ("app", "forms", "geometry")]
 
 
 def sides_of(against: Path | None, changes: Sequence[str], ranks: int) -> tuple[Side, Side] | None:
@@ -45,14 +56,14 @@ def sides_of(against: Path | None, changes: Sequence[str], ranks: int) -> tuple[
             "give one of them"
         )
     if against is not None:
-        return Side("old", tribox_tree(against), ranks), Side("new", ROOT, ranks)
+        return Side("old", tribox_tree(against), ranks), Side("new", SOURCES, ranks)
     if changes:
-        return Side("as it is", ROOT, ranks), Side("changed", ROOT, ranks, tuple(changes))
-    return (Side("1 rank"), Side(f"{ranks} ranks", ROOT, ranks)) if ranks > 1 else None
+        return Side("as it is", SOURCES, ranks), Side("changed", SOURCES, ranks, tuple(changes))
+    return (Side("1 rank"), Side(f"{ranks} ranks", SOURCES, ranks)) if ranks > 1 else None
 
 
 def tribox_tree(directory: Path) -> Path:
-    """The directory, as a whole path, if it holds the sources of tribox.
+    """Where the packages of a source tree of tribox are, as a whole path.
 
     Raises:
         InputError: it does not.
@@ -61,4 +72,5 @@ def tribox_tree(directory: Path) -> Path:
         if not (directory / name).exists():
             reason = f"it has no {name}" if directory.is_dir() else "there is no such directory"
             raise InputError(f"bench: --against {directory}: not a source tree of tribox: {reason}")
-    return directory.resolve()
+    inner = directory / "src"
+    return (inner if (inner / "tribox").is_dir() else directory).resolve()

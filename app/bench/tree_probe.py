@@ -1,8 +1,8 @@
 """The probes of the tree that is on the path, run by a tree that compares itself with it.
 
 ``python TREE/app/bench/tree_probe.py REPORT CASE ...`` is given another tree's packages by
-PYTHONPATH: the functions that :mod:`app.bench.probe` names are that tree's own. Left out is the
-factorisation from scratch after the run, which is for the tables of one tree.
+PYTHONPATH: the functions that :mod:`tribox.app.bench.probe` names are that tree's own. Left out is
+the factorisation from scratch after the run, which is for the tables of one tree.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import importlib
 import json
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +18,10 @@ from typing import Any
 def main() -> None:
     """Measure one command and write the report."""
     report, *case = sys.argv[1:]
-    probe: Any = importlib.import_module("app.bench.probe")
-    probe.FRAME.setdefault("app.explicit.stepper:ExplicitStepper.advance", "rest of solver")
+    inside = "tribox." if find_spec("tribox") else ""  # older trees have no such package
+    probe: Any = importlib.import_module(f"{inside}app.bench.probe")
+    stepping = f"{inside}app.explicit.stepper:ExplicitStepper.advance"
+    probe.FRAME.setdefault(stepping, "rest of solver")
     probe.one_factorisation = lambda simulation: 0.0
     Path(report).write_text(json.dumps(probe.measure(case)), encoding="utf-8")
 

@@ -10,30 +10,37 @@ import dolfinx
 import numpy as np
 from mpi4py import MPI
 
-from app.build.motion_programs import (
+from tribox.app.build.motion_programs import (
     Program,
     displaced_components,
     moved_components,
     of_time,
     turning,
 )
-from app.build.stage_memory import Acts, MovedOn, ReachedForce, Released, Remembering, StageChange
-from app.build.surface_loads import LoadsWithForms
-from app.case import platens as tables
-from app.case.boundary import COMPONENTS, Boundary, Rotation, Spring
-from app.case.stage import Stage
-from app.case.time_tables import TimeTable
-from app.equilibrium.constraints import Platen, Prescribed, component_dofs
-from app.equilibrium.equilibrium import Equilibrium
-from app.equilibrium.nodal_load import NodalLoad
-from app.equilibrium.slanted import SlantedPlaten, node_groups
-from app.equilibrium.snapshot import Snapshot
-from app.errors import InputError
-from forms.bodies.kinematics import Section
-from forms.bodies.loads import mean_normal, reference_area
-from geometry.meshes.groups import group_dofs
-from geometry.meshes.mesh import NamedMesh
-from geometry.surfaces.facets import Floats, Ints
+from tribox.app.build.stage_memory import (
+    Acts,
+    MovedOn,
+    ReachedForce,
+    Released,
+    Remembering,
+    StageChange,
+)
+from tribox.app.build.surface_loads import LoadsWithForms
+from tribox.app.case import platens as tables
+from tribox.app.case.boundary import COMPONENTS, Boundary, Rotation, Spring
+from tribox.app.case.stage import Stage
+from tribox.app.case.time_tables import TimeTable
+from tribox.app.equilibrium.constraints import Platen, Prescribed, component_dofs
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.nodal_load import NodalLoad
+from tribox.app.equilibrium.slanted import SlantedPlaten, node_groups
+from tribox.app.equilibrium.snapshot import Snapshot
+from tribox.app.errors import InputError
+from tribox.forms.bodies.kinematics import Section
+from tribox.forms.bodies.loads import mean_normal, reference_area
+from tribox.geometry.meshes.groups import group_dofs
+from tribox.geometry.meshes.mesh import NamedMesh
+from tribox.geometry.surfaces.facets import Floats, Ints
 
 ON_AXIS = 1e-9  # distance over the largest radius up to which a node lies on the axis of symmetry
 FLAT = 0.99  # mean normal component from which a surface counts as flat and across the direction

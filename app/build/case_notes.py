@@ -7,15 +7,15 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from app.build.settling_notes import notes_on_settling
-from app.case.boundary import Boundary
-from app.case.case import Case
-from app.case.contact import Contact
-from app.case.friction import FrictionMap
-from app.case.generators import BlocksGeometry
-from app.case.geometry import GeneratedGeometry
-from app.case.time_tables import TimeTable
-from forms.friction.checks import threshold_speed_warning, uniqueness_warning
+from tribox.app.build.settling_notes import notes_on_settling
+from tribox.app.case.boundary import Boundary
+from tribox.app.case.case import Case
+from tribox.app.case.contact import Contact
+from tribox.app.case.friction import FrictionMap
+from tribox.app.case.generators import BlocksGeometry
+from tribox.app.case.geometry import GeneratedGeometry
+from tribox.app.case.time_tables import TimeTable
+from tribox.forms.friction.checks import threshold_speed_warning, uniqueness_warning
 
 LOOSE = 1e-3  # of the residual over the contact force, from which on results show it
 THICK = 1e-5  # m, film thickness that is surely a slip of units

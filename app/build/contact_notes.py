@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from app.case.contact import Contact
-from app.case.friction import Coulomb, Friction, Frictionless, Stribeck
-from forms.bodies.materials import Material, oedometric_modulus
-from forms.contact.pressure import PressureKind
-from geometry.surfaces.projection import Projection
-from geometry.surfaces.surface import ContactSurface, RigidMaster
+from tribox.app.case.contact import Contact
+from tribox.app.case.friction import Coulomb, Friction, Frictionless, Stribeck
+from tribox.forms.bodies.materials import Material, oedometric_modulus
+from tribox.forms.contact.pressure import PressureKind
+from tribox.geometry.surfaces.projection import Projection
+from tribox.geometry.surfaces.surface import ContactSurface, RigidMaster
 
 CORNERED = 3.0  # length of master facets over that of slave facets from which these feel corners
 APART = 2.0  # distance over facet length from which bodies are said to start apart

@@ -12,8 +12,8 @@ import dolfinx
 import numpy as np
 from mpi4py import MPI
 
-from app.build.case_notes import highest_pressure
-from app.build.contact_notes import (
+from tribox.app.build.case_notes import highest_pressure
+from tribox.app.build.contact_notes import (
     STIFFER,
     Corners,
     note_on_corners,
@@ -25,32 +25,32 @@ from app.build.contact_notes import (
     notes_on_surfaces,
     stiffer_slave,
 )
-from app.build.facing import faces_away, facing_problem
-from app.case.case import Case
-from app.case.contact import Contact
-from app.case.friction import Coulomb, Friction, FrictionMap, OwnLaw, Stribeck
-from app.case.own_law import OwnLawError
-from app.case.time_tables import TimeTable, value_at
-from app.equilibrium.rigid_tool import RigidTool
-from app.errors import InputError
-from forms.bodies.contact_stiffness import contact_shear_modulus
-from forms.bodies.kinematics import Section
-from forms.bodies.materials import Material, oedometric_modulus
-from forms.contact.law_faults import law_fault
-from forms.contact.penalty import ContactTerm
-from forms.contact.pressure import PressureKind
-from forms.contact.tie import TieTerm
-from forms.friction import friction_map
-from forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
-from forms.friction.factored_law import FactoredLaw
-from forms.friction.law import FrictionLaw
-from forms.friction.stribeck import StribeckLaw
-from geometry.meshes.mesh import NamedMesh
-from geometry.surfaces.body_facets import facet_length
-from geometry.surfaces.facets import Floats
-from geometry.surfaces.projection import Projection
-from geometry.surfaces.smoothing import shared_sides
-from geometry.surfaces.surface import QUADRATURE_DEGREE, ContactSurface, RigidMaster
+from tribox.app.build.facing import faces_away, facing_problem
+from tribox.app.case.case import Case
+from tribox.app.case.contact import Contact
+from tribox.app.case.friction import Coulomb, Friction, FrictionMap, OwnLaw, Stribeck
+from tribox.app.case.own_law import OwnLawError
+from tribox.app.case.time_tables import TimeTable, value_at
+from tribox.app.equilibrium.rigid_tool import RigidTool
+from tribox.app.errors import InputError
+from tribox.forms.bodies.contact_stiffness import contact_shear_modulus
+from tribox.forms.bodies.kinematics import Section
+from tribox.forms.bodies.materials import Material, oedometric_modulus
+from tribox.forms.contact.law_faults import law_fault
+from tribox.forms.contact.penalty import ContactTerm
+from tribox.forms.contact.pressure import PressureKind
+from tribox.forms.contact.tie import TieTerm
+from tribox.forms.friction import friction_map
+from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
+from tribox.forms.friction.factored_law import FactoredLaw
+from tribox.forms.friction.law import FrictionLaw
+from tribox.forms.friction.stribeck import StribeckLaw
+from tribox.geometry.meshes.mesh import NamedMesh
+from tribox.geometry.surfaces.body_facets import facet_length
+from tribox.geometry.surfaces.facets import Floats
+from tribox.geometry.surfaces.projection import Projection
+from tribox.geometry.surfaces.smoothing import shared_sides
+from tribox.geometry.surfaces.surface import QUADRATURE_DEGREE, ContactSurface, RigidMaster
 
 # Angles, rad, between neighbouring facets of a master that are a round one's: from about 5 to 20
 # degrees a surface may be drawn with corners, and more surely is.

@@ -7,17 +7,17 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from mpi4py import MPI
 
-from app.build.boundary_conditions import Constraint, Loads
-from app.case.case import Case
-from app.case.stage import solver_of
-from app.equilibrium.equilibrium import Equilibrium
-from app.equilibrium.joined_bodies import joined_bodies
-from app.equilibrium.prescribed import Prescribed
-from app.equilibrium.slanted import SlantedPlaten
-from app.equilibrium.supports import body_nodes
-from forms.bodies.loads import Foundation
-from geometry.meshes.mesh import NamedMesh
-from geometry.surfaces.facets import Floats, Ints
+from tribox.app.build.boundary_conditions import Constraint, Loads
+from tribox.app.case.case import Case
+from tribox.app.case.stage import solver_of
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.joined_bodies import joined_bodies
+from tribox.app.equilibrium.prescribed import Prescribed
+from tribox.app.equilibrium.slanted import SlantedPlaten
+from tribox.app.equilibrium.supports import body_nodes
+from tribox.forms.bodies.loads import Foundation
+from tribox.geometry.meshes.mesh import NamedMesh
+from tribox.geometry.surfaces.facets import Floats, Ints
 
 NOTHING = 1e-9  # stiffness of a rigid motion, over the largest, up to which nothing resists it
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from mpi4py import MPI
 
-from app.case.tools import Tool
-from geometry.surfaces.body_facets import outward_facets
-from geometry.surfaces.facets import Floats, unit_normals
-from geometry.surfaces.projection import Projection
-from geometry.surfaces.surface import ContactSurface
+from tribox.app.case.tools import Tool
+from tribox.geometry.surfaces.body_facets import outward_facets
+from tribox.geometry.surfaces.facets import Floats, unit_normals
+from tribox.geometry.surfaces.projection import Projection
+from tribox.geometry.surfaces.surface import ContactSurface
 
 SAME = 0.5  # cosine of the angle between outward normals from which they point the same way
 

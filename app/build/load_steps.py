@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from app.case.case import Case
-from app.case.stage import Stage
-from app.case.time_tables import smooth_step, smooth_step_integral
+from tribox.app.case.case import Case
+from tribox.app.case.stage import Stage
+from tribox.app.case.time_tables import smooth_step, smooth_step_integral
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,15 +6,15 @@ from collections.abc import Callable, Iterator, Sequence
 
 from mpi4py import MPI
 
-from app.build.boundary_conditions import ON_AXIS
-from app.case.case import Case, of_a_tool
-from app.case.geometry import GeneratedGeometry
-from app.case.trust import require_drawing
-from app.case.validation import format_problem
-from app.errors import InputError
-from geometry.meshes.bonds import bonded_groups, surfaces_sharing_nodes
-from geometry.meshes.gmsh_model import MeshError
-from geometry.meshes.mesh import NamedMesh, generate, read
+from tribox.app.build.boundary_conditions import ON_AXIS
+from tribox.app.case.case import Case, of_a_tool
+from tribox.app.case.geometry import GeneratedGeometry
+from tribox.app.case.trust import require_drawing
+from tribox.app.case.validation import format_problem
+from tribox.app.errors import InputError
+from tribox.geometry.meshes.bonds import bonded_groups, surfaces_sharing_nodes
+from tribox.geometry.meshes.gmsh_model import MeshError
+from tribox.geometry.meshes.mesh import NamedMesh, generate, read
 
 
 def make_mesh(

@@ -7,12 +7,12 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from mpi4py import MPI
 
-from app.case.case import Case
-from app.case.geometry import GeneratedGeometry
-from forms.bodies.solid import Solid
-from geometry.meshes import metis
-from geometry.meshes.bonds import bodies_sharing_nodes
-from geometry.meshes.mesh import NamedMesh
+from tribox.app.case.case import Case
+from tribox.app.case.geometry import GeneratedGeometry
+from tribox.forms.bodies.solid import Solid
+from tribox.geometry.meshes import metis
+from tribox.geometry.meshes.bonds import bodies_sharing_nodes
+from tribox.geometry.meshes.mesh import NamedMesh
 
 LOCKING = 50.0  # K/G (Poisson's ratio 0.49) from which linear triangles are said to lock
 MANY = 0.5  # share of the cells that are allowed from which they are told

@@ -9,41 +9,41 @@ import dolfinx
 import numpy as np
 from mpi4py import MPI
 
-from app.build.boundary_conditions import Loads
-from app.build.case_notes import notes_on
-from app.build.contacts import BuiltContact, ContactBuilder
-from app.build.drifting import drifting
-from app.build.mesh import make_mesh, of_case
-from app.build.mesh_notes import (
+from tribox.app.build.boundary_conditions import Loads
+from tribox.app.build.case_notes import notes_on
+from tribox.app.build.contacts import BuiltContact, ContactBuilder
+from tribox.app.build.drifting import drifting
+from tribox.app.build.mesh import make_mesh, of_case
+from tribox.app.build.mesh_notes import (
     bonded_bodies,
     large_mesh,
     locking_bodies,
     many_cells,
     notes_on_ranks,
 )
-from app.build.numbers import failures_as
-from app.build.probes import PointPlaces, place_probes
-from app.build.slips import notes_on_slips
-from app.build.solids import (
+from tribox.app.build.numbers import failures_as
+from tribox.app.build.probes import PointPlaces, place_probes
+from tribox.app.build.slips import notes_on_slips
+from tribox.app.build.solids import (
     displacement_on,
     make_solids,
     notes_on_materials,
     resolved_bodies,
 )
-from app.build.supports import notes_on_supports
-from app.build.tools import make_tools, notes_on_tools
-from app.case.boundary import COMPONENTS
-from app.case.case import Case
-from app.case.stage import solver_of
-from app.equilibrium.equilibrium import Equilibrium
-from app.equilibrium.snapshot import Snapshot
-from app.errors import InputError
-from app.implicit.linear_solver import chosen_solver
-from forms.bodies.kinematics import Section
-from forms.contact.shared_slave import introduce
-from geometry.meshes import metis
-from geometry.meshes.mesh import NamedMesh
-from geometry.surfaces.facets import Floats, Ints
+from tribox.app.build.supports import notes_on_supports
+from tribox.app.build.tools import make_tools, notes_on_tools
+from tribox.app.case.boundary import COMPONENTS
+from tribox.app.case.case import Case
+from tribox.app.case.stage import solver_of
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.snapshot import Snapshot
+from tribox.app.errors import InputError
+from tribox.app.implicit.linear_solver import chosen_solver
+from tribox.forms.bodies.kinematics import Section
+from tribox.forms.contact.shared_slave import introduce
+from tribox.geometry.meshes import metis
+from tribox.geometry.meshes.mesh import NamedMesh
+from tribox.geometry.surfaces.facets import Floats, Ints
 
 
 @dataclass(slots=True)

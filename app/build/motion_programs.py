@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from app.case.boundary import COMPONENTS, DRIVEN, Boundary
-from app.case.time_tables import TimeTable
-from geometry.surfaces.facets import Floats
+from tribox.app.case.boundary import COMPONENTS, DRIVEN, Boundary
+from tribox.app.case.time_tables import TimeTable
+from tribox.geometry.surfaces.facets import Floats
 
 Program = Callable[[float, float], float | Floats]
 """Displacement (m) of one component, of all nodes or of each, at (time, driven displacement)."""

@@ -8,8 +8,8 @@ from contextlib import contextmanager
 import numpy as np
 from petsc4py import PETSc
 
-from app.errors import TriboxError
-from app.explicit.instability import ExplicitError
+from tribox.app.errors import TriboxError
+from tribox.app.explicit.instability import ExplicitError
 
 
 @contextmanager

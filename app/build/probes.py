@@ -9,16 +9,16 @@ import dolfinx
 import numpy as np
 from mpi4py import MPI
 
-from app.case.case import Case
-from app.case.probe import Probe
-from app.case.table import ABSENT, Place, Problem
-from app.case.validation import format_problem
-from app.errors import InputError
-from forms.bodies.kinematics import Section
-from geometry.meshes.mesh import NamedMesh
-from geometry.meshes.places import CellPlaces, nearest_place, places_in
-from geometry.surfaces.facets import Floats, Longs
-from geometry.surfaces.ordering import order_by_place
+from tribox.app.case.case import Case
+from tribox.app.case.probe import Probe
+from tribox.app.case.table import ABSENT, Place, Problem
+from tribox.app.case.validation import format_problem
+from tribox.app.errors import InputError
+from tribox.forms.bodies.kinematics import Section
+from tribox.geometry.meshes.mesh import NamedMesh
+from tribox.geometry.meshes.places import CellPlaces, nearest_place, places_in
+from tribox.geometry.surfaces.facets import Floats, Longs
+from tribox.geometry.surfaces.ordering import order_by_place
 
 EQUALLY_NEAR = 1e-10  # over the largest coordinate: distances of nodes that count as equal
 

@@ -1,7 +1,7 @@
 """Programmes of velocities that are too short for friction to become steady: lines for the user.
 
 Estimated from the case alone, before anything runs. The judgement itself is made during the run,
-see :mod:`app.simulation.steady`.
+see :mod:`tribox.app.simulation.steady`.
 """
 
 from __future__ import annotations
@@ -9,14 +9,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from app.case.case import Case
-from app.case.contact import Contact
-from app.case.friction import FrictionMap
-from app.case.generators import BlocksGeometry
-from app.case.stage import Stage
-from forms.closed_forms.homogeneous_sliding import steady_traction
-from forms.friction.parameters import FrictionMapParameters
-from forms.friction.settling import SETTLED
+from tribox.app.case.case import Case
+from tribox.app.case.contact import Contact
+from tribox.app.case.friction import FrictionMap
+from tribox.app.case.generators import BlocksGeometry
+from tribox.app.case.stage import Stage
+from tribox.forms.closed_forms.homogeneous_sliding import steady_traction
+from tribox.forms.friction.parameters import FrictionMapParameters
+from tribox.forms.friction.settling import SETTLED
 
 
 def notes_on_settling(case: Case, contact: Contact, pressure: float) -> Iterator[str]:

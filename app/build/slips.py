@@ -7,11 +7,11 @@ from collections.abc import Iterator
 import numpy as np
 from mpi4py import MPI
 
-from app.case.bodies import ElastoPlasticBody
-from app.case.boundary import COMPONENTS
-from app.case.case import Case
-from app.case.time_tables import TimeTable
-from geometry.meshes.mesh import NamedMesh
+from tribox.app.case.bodies import ElastoPlasticBody
+from tribox.app.case.boundary import COMPONENTS
+from tribox.app.case.case import Case
+from tribox.app.case.time_tables import TimeTable
+from tribox.geometry.meshes.mesh import NamedMesh
 
 FAR = 10.0  # displacement over the extent of the mesh from which it is told
 YIELD_STRAIN = (1e-5, 0.1)  # yield stress over Young's modulus: of metals from 1e-4 to 2e-2

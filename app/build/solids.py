@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import dolfinx
 
-from app.case.bodies import (
+from tribox.app.case.bodies import (
     Body,
     ElastoPlasticBody,
     HenckyBody,
@@ -16,14 +16,14 @@ from app.case.bodies import (
     formulation_problems,
     formulations,
 )
-from app.errors import InputError
-from forms.bodies.elastoplastic import ElastoPlastic
-from forms.bodies.kinematics import Section
-from forms.bodies.materials import Hencky, Material, MooneyRivlin, NeoHookean, Ogden, Yeoh
-from forms.bodies.plastic_solid import make_solid
-from forms.bodies.solid import DEGREE, Solid
-from forms.bodies.stability import stability_limits
-from geometry.meshes.mesh import NamedMesh
+from tribox.app.errors import InputError
+from tribox.forms.bodies.elastoplastic import ElastoPlastic
+from tribox.forms.bodies.kinematics import Section
+from tribox.forms.bodies.materials import Hencky, Material, MooneyRivlin, NeoHookean, Ogden, Yeoh
+from tribox.forms.bodies.plastic_solid import make_solid
+from tribox.forms.bodies.solid import DEGREE, Solid
+from tribox.forms.bodies.stability import stability_limits
+from tribox.geometry.meshes.mesh import NamedMesh
 
 Bodies = Mapping[str, Body]
 

@@ -8,12 +8,12 @@ from typing import Protocol
 
 import numpy as np
 
-from app.case.time_tables import TimeTable
-from app.equilibrium.equilibrium import Equilibrium
-from app.equilibrium.nodal_load import NodalLoad
-from app.equilibrium.prescribed import Platen, Prescribed
-from app.equilibrium.snapshot import Snapshot, scattered
-from geometry.surfaces.facets import Floats, Ints
+from tribox.app.case.time_tables import TimeTable
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.nodal_load import NodalLoad
+from tribox.app.equilibrium.prescribed import Platen, Prescribed
+from tribox.app.equilibrium.snapshot import Snapshot, scattered
+from tribox.geometry.surfaces.facets import Floats, Ints
 
 Acts = Callable[[str], bool]
 """Whether something acts in the stage of this name."""

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from app.equilibrium.equilibrium import Equilibrium
-from app.equilibrium.supports import Loose, loose_directions, sprung_dofs
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.supports import Loose, loose_directions, sprung_dofs
 
 __all__ = ["Loose", "loose_directions", "notes_on_supports"]
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 import dolfinx
 import numpy as np
 
-from app.case.boundary import Boundary
-from app.case.surface_loads import Gravity
-from forms.bodies.kinematics import Section
-from forms.bodies.loads import (
+from tribox.app.case.boundary import Boundary
+from tribox.app.case.surface_loads import Gravity
+from tribox.forms.bodies.kinematics import Section
+from tribox.forms.bodies.loads import (
     BodyForce,
     DeadTraction,
     FollowerPressure,
@@ -19,7 +19,7 @@ from forms.bodies.loads import (
     Load,
     reference_area,
 )
-from geometry.meshes.mesh import NamedMesh
+from tribox.geometry.meshes.mesh import NamedMesh
 
 Setter = Callable[[float, float], None]
 """Sets a load from (time, driven displacement), s and m."""

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from mpi4py import MPI
 
-from app.case.tools import (
+from tribox.app.case.tools import (
     CircleTool,
     CylinderTool,
     MeshTool,
@@ -17,14 +17,14 @@ from app.case.tools import (
     SphereTool,
     Tool,
 )
-from geometry.surfaces.facets import Floats, Ints
-from geometry.surfaces.rigid import RigidSurface
-from geometry.surfaces.rigid_circle import Circle
-from geometry.surfaces.rigid_extruded import Cylinder
-from geometry.surfaces.rigid_mesh import MeshSurface
-from geometry.surfaces.rigid_plane import Plane
-from geometry.surfaces.rigid_polyline import Polyline
-from geometry.surfaces.rigid_sphere import Sphere
+from tribox.geometry.surfaces.facets import Floats, Ints
+from tribox.geometry.surfaces.rigid import RigidSurface
+from tribox.geometry.surfaces.rigid_circle import Circle
+from tribox.geometry.surfaces.rigid_extruded import Cylinder
+from tribox.geometry.surfaces.rigid_mesh import MeshSurface
+from tribox.geometry.surfaces.rigid_plane import Plane
+from tribox.geometry.surfaces.rigid_polyline import Polyline
+from tribox.geometry.surfaces.rigid_sphere import Sphere
 
 # Facets by meshio's names: dimension of space, and the place of each of a Lagrange element's nodes
 # among those of gmsh.

@@ -9,19 +9,19 @@ import dolfinx
 import numpy as np
 from mpi4py import MPI
 
-from app.build.tool_shapes import tool_surface
-from app.case.boundary import COMPONENTS, DRIVEN
-from app.case.case import Case
-from app.case.time_tables import TimeTable
-from app.case.tools import CylinderTool, Tool, ToolRotation
-from app.equilibrium.constraints import Prescribed
-from app.equilibrium.nodal_load import NodalLoad
-from app.equilibrium.rigid_tool import RigidTool, reference_dofs
-from app.errors import InputError
-from forms.bodies.kinematics import Section
-from geometry.meshes.mesh import NamedMesh
-from geometry.surfaces.facets import Floats, Ints
-from geometry.surfaces.rigid_motion import RigidMotion
+from tribox.app.build.tool_shapes import tool_surface
+from tribox.app.case.boundary import COMPONENTS, DRIVEN
+from tribox.app.case.case import Case
+from tribox.app.case.time_tables import TimeTable
+from tribox.app.case.tools import CylinderTool, Tool, ToolRotation
+from tribox.app.equilibrium.constraints import Prescribed
+from tribox.app.equilibrium.nodal_load import NodalLoad
+from tribox.app.equilibrium.rigid_tool import RigidTool, reference_dofs
+from tribox.app.errors import InputError
+from tribox.forms.bodies.kinematics import Section
+from tribox.geometry.meshes.mesh import NamedMesh
+from tribox.geometry.surfaces.facets import Floats, Ints
+from tribox.geometry.surfaces.rigid_motion import RigidMotion
 
 Program = Callable[[float, float], float]
 """Value of a slot's displacement (m) or force (N) at (time, driven displacement)."""

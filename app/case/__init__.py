@@ -8,9 +8,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from app.case.case import Case, resolved_toml
-    from app.case.reading import check_case, load_case
-    from app.case.schema import json_schema
+    from tribox.app.case.case import Case, resolved_toml
+    from tribox.app.case.reading import check_case, load_case
+    from tribox.app.case.schema import json_schema
 
 __all__ = ["Case", "check_case", "json_schema", "load_case", "resolved_toml"]
 

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, WrapValidator
 
-from app.case.hardening import Hardening, Rate
-from app.case.library import from_library
-from app.case.quantities import Quantity
-from app.case.table import Model, Name, Place, Problem
+from tribox.app.case.hardening import Hardening, Rate
+from tribox.app.case.library import from_library
+from tribox.app.case.quantities import Quantity
+from tribox.app.case.table import Model, Name, Place, Problem
 
 if TYPE_CHECKING:
-    from forms.bodies.kinematics import Section
+    from tribox.forms.bodies.kinematics import Section
 
 Formulation = Literal["q1", "q1-sri", "q2"]
 MOST_TERMS = 6  # of Ogden's sum

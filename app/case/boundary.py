@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
-from app.case.motions import COMPONENTS, DRIVEN, Displacement, Rotation, Velocity
-from app.case.platens import Platen, Spring, direction_components
-from app.case.surface_loads import Force, Foundation, Traction
-from app.case.table import Flag, Model, Place, Problem, Text
-from app.case.time_tables import Program, TimeTable
+from tribox.app.case.motions import COMPONENTS, DRIVEN, Displacement, Rotation, Velocity
+from tribox.app.case.platens import Platen, Spring, direction_components
+from tribox.app.case.surface_loads import Force, Foundation, Traction
+from tribox.app.case.table import Flag, Model, Place, Problem, Text
+from tribox.app.case.time_tables import Program, TimeTable
 
 if TYPE_CHECKING:
-    from forms.bodies.kinematics import Section
+    from tribox.forms.bodies.kinematics import Section
 
 __all__ = ["COMPONENTS", "DRIVEN", "Boundary", "Platen", "Rotation", "Spring"]
 

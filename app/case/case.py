@@ -18,29 +18,29 @@ from pydantic import (
     model_validator,
 )
 
-from app.case.bodies import Body, formulation_problems
-from app.case.boundary import (
+from tribox.app.case.bodies import Body, formulation_problems
+from tribox.app.case.boundary import (
     Boundary,
     boundary_problems,
     control_problems,
     named_stage_problems,
 )
-from app.case.contact import Contact
-from app.case.friction import OwnLaw
-from app.case.generators import BlocksGeometry, CylinderOnBlockGeometry, TwoCylindersGeometry
-from app.case.generators_3d import BoxesGeometry, SphereGeometry
-from app.case.geometry import GeneratedGeometry, MeshGeometry
-from app.case.overrides import KeyPathError, set_value, value_at
-from app.case.placed_blocks import PlacedBlocksGeometry
-from app.case.probe import Probe, probe_problems
-from app.case.solver import LONGEST_LABEL, Output, Solver, Sweep
-from app.case.stage import Stage, order_problems, release_problems, solver_of, stage_problems
-from app.case.surface_loads import Gravity
-from app.case.table import MOST_ENTRIES, Line, Model, Name, Place, Problem, problems_error
-from app.case.time_tables import TimeTable
-from app.case.toml_writer import toml_text
-from app.case.tools import AnyTool, MeshTool, tool_problems
-from app.case.validation import format_problem, problems_of
+from tribox.app.case.contact import Contact
+from tribox.app.case.friction import OwnLaw
+from tribox.app.case.generators import BlocksGeometry, CylinderOnBlockGeometry, TwoCylindersGeometry
+from tribox.app.case.generators_3d import BoxesGeometry, SphereGeometry
+from tribox.app.case.geometry import GeneratedGeometry, MeshGeometry
+from tribox.app.case.overrides import KeyPathError, set_value, value_at
+from tribox.app.case.placed_blocks import PlacedBlocksGeometry
+from tribox.app.case.probe import Probe, probe_problems
+from tribox.app.case.solver import LONGEST_LABEL, Output, Solver, Sweep
+from tribox.app.case.stage import Stage, order_problems, release_problems, solver_of, stage_problems
+from tribox.app.case.surface_loads import Gravity
+from tribox.app.case.table import MOST_ENTRIES, Line, Model, Name, Place, Problem, problems_error
+from tribox.app.case.time_tables import TimeTable
+from tribox.app.case.toml_writer import toml_text
+from tribox.app.case.tools import AnyTool, MeshTool, tool_problems
+from tribox.app.case.validation import format_problem, problems_of
 
 Geometry = Annotated[
     BlocksGeometry

@@ -8,11 +8,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidatorFunctionWrapHandler, field_validator
 
-from app.case.film import Film
-from app.case.friction import PRESET_NAMES, Friction, Frictionless, FrictionMap
-from app.case.quantities import Quantity
-from app.case.table import MOST_ENTRIES, Degree, Flag, Model, Name, Place, Problem, Text
-from app.case.time_tables import NumberOrProgram, TimeTable
+from tribox.app.case.film import Film
+from tribox.app.case.friction import PRESET_NAMES, Friction, Frictionless, FrictionMap
+from tribox.app.case.quantities import Quantity
+from tribox.app.case.table import MOST_ENTRIES, Degree, Flag, Model, Name, Place, Problem, Text
+from tribox.app.case.time_tables import NumberOrProgram, TimeTable
 
 DEFAULT_PENALTY_FACTOR = 30.0
 _SMOOTHED = ("quadrilateral", "hexahedron")
@@ -95,7 +95,7 @@ class Contact(Model):
         """Fill keys that are not given from the preset; they stay "not set" by the user."""
         if not isinstance(value, dict) or value.get("preset") not in PRESET_NAMES:
             return handler(value)
-        from forms.friction.parameters import with_preset
+        from tribox.forms.friction.parameters import with_preset
 
         given = {key: entry for key, entry in value.items() if key not in ("law", "preset")}
         merged = with_preset(value["preset"], given)

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
-from app.case.quantities import Quantity
-from app.case.table import Model
-from app.case.time_tables import NumberOrTable, Row
+from tribox.app.case.quantities import Quantity
+from tribox.app.case.table import Model
+from tribox.app.case.time_tables import NumberOrTable, Row
 
 if TYPE_CHECKING:
-    from forms.friction.film import FilmThickness
+    from tribox.forms.friction.film import FilmThickness
 
 _PRESSURE = Quantity("Pa", ge=0.0, name="pressure")
 
@@ -35,7 +35,7 @@ class Film(Model):
 
     def film(self) -> FilmThickness:
         """The film as a function of the pressure."""
-        from forms.friction.film import ConstantFilm, FilmTable
+        from tribox.forms.friction.film import ConstantFilm, FilmTable
 
         if isinstance(self.thickness, tuple):
             return FilmTable(self.thickness)

@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field, ValidationInfo, create_model, field_validator
 
-from app.case.film import Film
-from app.case.own_law import OwnLawError, load_own_law, split_reference
-from app.case.quantities import Quantity
-from app.case.table import Flag, Model, Place, Problem, Text
-from app.case.time_tables import NumberOrProgram, NumberOrTable, Row, TimeTable
+from tribox.app.case.film import Film
+from tribox.app.case.own_law import OwnLawError, load_own_law, split_reference
+from tribox.app.case.quantities import Quantity
+from tribox.app.case.table import Flag, Model, Place, Problem, Text
+from tribox.app.case.time_tables import NumberOrProgram, NumberOrTable, Row, TimeTable
 
 if TYPE_CHECKING:
-    from forms.friction.guarded_law import GuardedLaw
-    from forms.friction.parameters import FrictionMapParameters
-    from forms.friction.stribeck import StribeckParameters
+    from tribox.forms.friction.guarded_law import GuardedLaw
+    from tribox.forms.friction.parameters import FrictionMapParameters
+    from tribox.forms.friction.stribeck import StribeckParameters
 
 PRESET_NAMES = ("paper-printed", "paper-swapped", "friction-map")
 _FILM_THICKNESS = Quantity("m", gt=0.0, name="film thickness")
@@ -151,7 +151,7 @@ class FrictionMap(Model):
         Raises:
             ValueError: the values do not fit together; the message says how.
         """
-        from forms.friction.parameters import FrictionMapParameters
+        from tribox.forms.friction.parameters import FrictionMapParameters
 
         values = self.model_dump(exclude={"law", "preset"})
         values["film_onset_pressure"] = self.film_onset_pressure or 0.0
@@ -226,7 +226,7 @@ class Stribeck(Model):
         Raises:
             ValueError: the values do not fit together; the message says how.
         """
-        from forms.friction.stribeck import StribeckParameters
+        from tribox.forms.friction.stribeck import StribeckParameters
 
         return StribeckParameters(**self.model_dump(exclude={"law"}))
 

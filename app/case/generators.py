@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
 
-from app.case.geometry import NO_SLAB, SECTION, PlaneGeometry, PlaneSection
-from app.case.quantities import Quantity
-from app.case.table import Elements, Model, Place, Problem
+from tribox.app.case.geometry import NO_SLAB, SECTION, PlaneGeometry, PlaneSection
+from tribox.app.case.quantities import Quantity
+from tribox.app.case.table import Elements, Model, Place, Problem
 
 if TYPE_CHECKING:
-    from forms.bodies.kinematics import Section
-    from geometry.generators.cylinders import FlatBlock, HalfCylinder, LineContact
-    from geometry.generators.two_blocks import TwoBlocks
+    from tribox.forms.bodies.kinematics import Section
+    from tribox.geometry.generators.cylinders import FlatBlock, HalfCylinder, LineContact
+    from tribox.geometry.generators.two_blocks import TwoBlocks
 
 
 class BlockSize(Model):
@@ -77,7 +77,7 @@ class BlocksGeometry(PlaneGeometry):
         Raises:
             ValueError: the blocks cannot be meshed so; the message says why.
         """
-        from geometry.generators.two_blocks import Block, TwoBlocks
+        from tribox.geometry.generators.two_blocks import Block, TwoBlocks
 
         upper, lower = (
             Block(b.width, b.height, b.elements, b.size, b.grading)
@@ -175,7 +175,7 @@ class _LineGeometry(PlaneGeometry):
         Raises:
             ValueError: it cannot be meshed so; the message says why.
         """
-        from geometry.generators.cylinders import FlatBlock, HalfCylinder
+        from tribox.geometry.generators.cylinders import FlatBlock, HalfCylinder
 
         zone = (size.contact_width or self.contact_width, size.contact_size or self.contact_size)
         if isinstance(size, CylinderSize):
@@ -188,7 +188,7 @@ class _LineGeometry(PlaneGeometry):
         Raises:
             ValueError: the bodies cannot be meshed so; the message says why.
         """
-        from geometry.generators.cylinders import LineContact
+        from tribox.geometry.generators.cylinders import LineContact
 
         upper, lower = (self.body(size) for _, size in self.sizes())
         return LineContact(upper, lower, self.growth, self.cell, *self.bodies)

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
-from app.case.geometry import GeneratedGeometry
-from app.case.quantities import Quantity
-from app.case.table import Elements, Model, Place, Problem
+from tribox.app.case.geometry import GeneratedGeometry
+from tribox.app.case.quantities import Quantity
+from tribox.app.case.table import Elements, Model, Place, Problem
 
 if TYPE_CHECKING:
-    from forms.bodies.kinematics import Section
-    from geometry.generators.sphere_on_block import SphereOnBlock
-    from geometry.generators.two_boxes import TwoBoxes
+    from tribox.forms.bodies.kinematics import Section
+    from tribox.geometry.generators.sphere_on_block import SphereOnBlock
+    from tribox.geometry.generators.two_boxes import TwoBoxes
 
 SpaceCell = Literal["hexahedron", "tetrahedron"]
 _Length = Annotated[float, Quantity("m", gt=0.0)]
@@ -82,7 +82,7 @@ class BoxesGeometry(GeneratedGeometry):
         Raises:
             ValueError: the boxes cannot be meshed so; the message says why.
         """
-        from geometry.generators.two_boxes import Box, TwoBoxes
+        from tribox.geometry.generators.two_boxes import Box, TwoBoxes
 
         upper, lower = (
             Box(b.width, b.height, b.depth, b.elements, b.size, b.grading)
@@ -183,7 +183,7 @@ class SphereGeometry(GeneratedGeometry):
         Raises:
             ValueError: the bodies cannot be meshed so; the message says why.
         """
-        from geometry.generators.sphere_on_block import SphereOnBlock
+        from tribox.geometry.generators.sphere_on_block import SphereOnBlock
 
         return SphereOnBlock(
             self.sphere.radius,

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Protocol, S
 
 from pydantic import BeforeValidator, Field, ValidationInfo, field_serializer, field_validator
 
-from app.case.named_file import found_file
-from app.case.quantities import Quantity
-from app.case.table import MOST_ENTRIES, Count, Model, Place, Problem
-from geometry.meshes.drawing import DRAWINGS, STEP, Meshing
+from tribox.app.case.named_file import found_file
+from tribox.app.case.quantities import Quantity
+from tribox.app.case.table import MOST_ENTRIES, Count, Model, Place, Problem
+from tribox.geometry.meshes.drawing import DRAWINGS, STEP, Meshing
 
 if TYPE_CHECKING:
-    from forms.bodies.kinematics import Section
+    from tribox.forms.bodies.kinematics import Section
 
 Cell = Literal["quadrilateral", "triangle"]
 PlaneSection = Literal["plane-strain", "axisymmetric"]

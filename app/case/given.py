@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from app.case.case import Case
+from tribox.app.case.case import Case
 
 
 def given_keys(case: Case) -> list[str]:

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
-from app.case.quantities import Quantity
-from app.case.table import Model, Place, Problem
-from app.case.time_tables import Row, Rows
+from tribox.app.case.quantities import Quantity
+from tribox.app.case.table import Model, Place, Problem
+from tribox.app.case.time_tables import Row, Rows
 
 if TYPE_CHECKING:
-    from forms.bodies import hardening
+    from tribox.forms.bodies import hardening
 
 _STRAIN = Quantity(ge=0.0, name="plastic strain")
 _STRESS = Quantity("Pa", gt=0.0, name="yield stress")
@@ -35,7 +35,7 @@ class LinearHardening(Model):
 
     def law_of(self) -> hardening.Hardening:
         """The yield stress over the plastic strain."""
-        from forms.bodies.hardening import Linear
+        from tribox.forms.bodies.hardening import Linear
 
         return Linear(self.yield_stress, self.modulus)
 
@@ -65,7 +65,7 @@ class VoceHardening(Model):
 
     def law_of(self) -> hardening.Hardening:
         """The yield stress over the plastic strain."""
-        from forms.bodies.hardening import Voce
+        from tribox.forms.bodies.hardening import Voce
 
         return Voce(self.yield_stress, self.saturation_stress, self.exponent, self.modulus)
 
@@ -88,7 +88,7 @@ class SwiftHardening(Model):
 
     def law_of(self) -> hardening.Hardening:
         """The yield stress over the plastic strain."""
-        from forms.bodies.hardening import Swift
+        from tribox.forms.bodies.hardening import Swift
 
         return Swift(self.K, self.strain0, self.n)
 
@@ -115,7 +115,7 @@ class TableHardening(Model):
 
     def law_of(self) -> hardening.Hardening:
         """The yield stress over the plastic strain."""
-        from forms.bodies.hardening import Table
+        from tribox.forms.bodies.hardening import Table
 
         return Table(self.points)
 
@@ -134,7 +134,7 @@ class JohnsonCookRate(Model):
 
     def law_of(self) -> hardening.RateFactor:
         """The factor of the yield stress."""
-        from forms.bodies.hardening import JohnsonCook
+        from tribox.forms.bodies.hardening import JohnsonCook
 
         return JohnsonCook(self.C, self.reference_rate)
 
@@ -152,7 +152,7 @@ class PerzynaRate(Model):
 
     def law_of(self) -> hardening.RateFactor:
         """The factor of the yield stress."""
-        from forms.bodies.hardening import Perzyna
+        from tribox.forms.bodies.hardening import Perzyna
 
         return Perzyna(self.reference_rate, self.exponent)
 

@@ -17,8 +17,8 @@ from typing import Any
 
 from pydantic import BaseModel, ValidatorFunctionWrapHandler
 
-from app.case.table import Problem, problems_error
-from app.errors import InputError
+from tribox.app.case.table import Problem, problems_error
+from tribox.app.errors import InputError
 
 FILE = Path(__file__).with_name("materials.toml")
 LAWS = ("neo-hookean", "hencky", "mooney-rivlin", "yeoh", "ogden", "elastoplastic")

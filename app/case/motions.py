@@ -8,9 +8,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from app.case.quantities import Quantity
-from app.case.table import Model, Place, Problem
-from app.case.time_tables import Program, TimeTable
+from tribox.app.case.quantities import Quantity
+from tribox.app.case.table import Model, Place, Problem
+from tribox.app.case.time_tables import Program, TimeTable
 
 COMPONENTS = ("x", "y", "z")
 Component = Literal["x", "y", "z"]

@@ -1,7 +1,7 @@
 """The user's own friction law: a Python class named in the case file.
 
 Naming it runs nothing. :func:`load_own_law` runs the file; the command line calls it only for a
-case that the user trusts (:mod:`app.case.trust`).
+case that the user trusts (:mod:`tribox.app.case.trust`).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from forms.friction.guarded_law import GuardedLaw
+    from tribox.forms.friction.guarded_law import GuardedLaw
 
 
 class OwnLawError(ValueError):
@@ -65,7 +65,7 @@ def load_own_law(reference: str, parameters: Mapping[str, Any], dim: int = 2) ->
             a method is missing, fails in a step, or answers with arrays of another shape. The
             message names the line of the file.
     """
-    from forms.friction.guarded_law import METHODS, GuardedLaw, user_line
+    from tribox.forms.friction.guarded_law import METHODS, GuardedLaw, user_line
 
     path, name = split_reference(reference)
     directory = os.getcwd()
@@ -109,7 +109,7 @@ def _try_out(law: GuardedLaw, dim: int) -> None:
 
 def _class(path: Path, name: str) -> type[Any]:
     """The class, from the file that is run for it."""
-    from forms.friction.guarded_law import user_line
+    from tribox.forms.friction.guarded_law import user_line
 
     # Compiled from the source as it stands: compiled code that lies beside it is not looked at, and
     # none is written there.

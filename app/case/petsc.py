@@ -13,7 +13,7 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from app.case.table import Problem
+from tribox.app.case.table import Problem
 
 Kind = str | tuple[str, ...]
 """What a value may be: "number", "numbers" (with commas between them), "flag", or these words."""

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
 
-from app.case.geometry import NO_SLAB, SECTION, GeneratedGeometry, PlaneSection
-from app.case.quantities import Quantity
-from app.case.table import Elements, Model, Name, Place, Problem
+from tribox.app.case.geometry import NO_SLAB, SECTION, GeneratedGeometry, PlaneSection
+from tribox.app.case.quantities import Quantity
+from tribox.app.case.table import Elements, Model, Name, Place, Problem
 
 if TYPE_CHECKING:
-    from forms.bodies.kinematics import Section
-    from geometry.generators.blocks import Blocks, PlacedBlock
+    from tribox.forms.bodies.kinematics import Section
+    from tribox.geometry.generators.blocks import Blocks, PlacedBlock
 
 _Position = Annotated[float, Quantity("m")]
 _Span = tuple[_Position, _Position]
@@ -50,7 +50,7 @@ class PlacedBlockSize(Model):
         Raises:
             ValueError: it cannot be meshed so; the message says why.
         """
-        from geometry.generators.blocks import PlacedBlock
+        from tribox.geometry.generators.blocks import PlacedBlock
 
         low, high = zip(*self.spans, strict=True)
         return PlacedBlock(name, low, high, self.elements, self.size, self.grading or ())
@@ -96,7 +96,7 @@ class PlacedBlocksGeometry(GeneratedGeometry):
     @property
     def named_surfaces(self) -> tuple[str, ...]:
         """The sides of all blocks."""
-        from geometry.generators.blocks import SIDES
+        from tribox.geometry.generators.blocks import SIDES
 
         sides = [side for pair in SIDES[: 3 if self._in_space else 2] for side in pair]
         return tuple(f"{name}_{side}" for name in self.blocks for side in sides)
@@ -129,7 +129,7 @@ class PlacedBlocksGeometry(GeneratedGeometry):
         Raises:
             ValueError: the blocks cannot be meshed so; the message says why.
         """
-        from geometry.generators.blocks import Blocks
+        from tribox.geometry.generators.blocks import Blocks
 
         return Blocks(tuple(b.block(name) for name, b in self.blocks.items()), self.cell)
 

@@ -11,10 +11,10 @@ from pydantic import Field, GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
-from app.case.motions import COMPONENTS, Component, Travel
-from app.case.quantities import Quantity, QuantityError
-from app.case.table import Flag, Model, Place, Problem, Text
-from app.case.time_tables import Program, TimeTable
+from tribox.app.case.motions import COMPONENTS, Component, Travel
+from tribox.app.case.quantities import Quantity, QuantityError
+from tribox.app.case.table import Flag, Model, Place, Problem, Text
+from tribox.app.case.time_tables import Program, TimeTable
 
 _Pressure = Annotated[TimeTable, Program("Pa")]
 _Force = Annotated[TimeTable, Program("N")]

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, create_model
 
-from app.case.contact import Contact
-from app.case.quantities import Quantity
-from app.case.table import Model, Name, Place, Points, Problem, Text
+from tribox.app.case.contact import Contact
+from tribox.app.case.quantities import Quantity
+from tribox.app.case.table import Model, Name, Place, Points, Problem, Text
 
 if TYPE_CHECKING:
-    from forms.bodies.kinematics import Section
+    from tribox.forms.bodies.kinematics import Section
 
 Kind = Literal["point", "line", "contact", "body"]
 _Length = Annotated[float, Quantity("m")]

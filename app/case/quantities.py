@@ -168,7 +168,7 @@ def format_quantity(value: float, unit: str) -> str | float:
 
 
 def text_schema(unit: str) -> dict[str, str]:
-    """JSON schema of a quantity given as text; `app.case.schema` puts the pattern in."""
+    """JSON schema of a quantity given as text; `tribox.app.case.schema` puts the pattern in."""
     return {"type": "string", "x-unit": unit or "1"}
 
 

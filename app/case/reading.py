@@ -8,12 +8,12 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from app.case.case import Case
-from app.case.overrides import apply_override
-from app.case.plain_data import TomlError, parse_toml
-from app.case.text_files import read_text
-from app.case.validation import format_problem, problems_of
-from app.errors import InputError, as_line
+from tribox.app.case.case import Case
+from tribox.app.case.overrides import apply_override
+from tribox.app.case.plain_data import TomlError, parse_toml
+from tribox.app.case.text_files import read_text
+from tribox.app.case.validation import format_problem, problems_of
+from tribox.app.errors import InputError, as_line
 
 
 def load_case(path: Path, overrides: Sequence[str] = ()) -> Case:

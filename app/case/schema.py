@@ -6,9 +6,9 @@ import copy
 import re
 from typing import Any
 
-from app.case.case import Case
-from app.case.library import entries
-from app.case.unit_patterns import unit_pattern
+from tribox.app.case.case import Case
+from tribox.app.case.library import entries
+from tribox.app.case.unit_patterns import unit_pattern
 
 FILE_NAME = "tribox.schema.json"
 _DEFS = "#/$defs/"
@@ -20,8 +20,8 @@ _IMPLIED = {"kind": ("mesh", "file"), "law": ("preset", "friction-map")}
 def json_schema() -> dict[str, Any]:
     """JSON schema of a case file, with unit and meaning in the description of each key.
 
-    Text with a unit has a pattern (:mod:`app.case.unit_patterns`). Tables of several kinds are
-    told apart by if and then, so that a mistake is found at its key and not at the whole table.
+    Text with a unit has a pattern (:mod:`tribox.app.case.unit_patterns`). Tables of several kinds
+    are told apart by if and then, so that a mistake is found at its key and not at the whole table.
     """
     schema = Case.model_json_schema()
     # A preset may supply these; only the program itself can tell.

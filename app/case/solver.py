@@ -17,9 +17,9 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from app.case.petsc import option_problems
-from app.case.quantities import Quantity
-from app.case.table import (
+from tribox.app.case.petsc import option_problems
+from tribox.app.case.quantities import Quantity
+from tribox.app.case.table import (
     MOST_ENTRIES,
     Count,
     CountOrZero,

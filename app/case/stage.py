@@ -7,10 +7,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
 
-from app.case.boundary import DRIVEN, Boundary
-from app.case.quantities import Quantity
-from app.case.table import MOST_ENTRIES, Count, Flag, Model, Name, Place, Problem, Text
-from app.case.tools import Tool
+from tribox.app.case.boundary import DRIVEN, Boundary
+from tribox.app.case.quantities import Quantity
+from tribox.app.case.table import MOST_ENTRIES, Count, Flag, Model, Name, Place, Problem, Text
+from tribox.app.case.tools import Tool
 
 _STEADY_KEYS = (
     "slip_step",

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
-from app.case.motions import COMPONENTS, DRIVEN, Travel
-from app.case.quantities import Quantity
-from app.case.table import Model, Place, Problem, Text
-from app.case.time_tables import Program, TimeTable
+from tribox.app.case.motions import COMPONENTS, DRIVEN, Travel
+from tribox.app.case.quantities import Quantity
+from tribox.app.case.table import Model, Place, Problem, Text
+from tribox.app.case.time_tables import Program, TimeTable
 
 if TYPE_CHECKING:
-    from forms.bodies.kinematics import Section
+    from tribox.forms.bodies.kinematics import Section
 
 _Traction = Annotated[TimeTable, Program("Pa")]
 _Force = Annotated[TimeTable, Program("N")]

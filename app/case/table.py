@@ -9,7 +9,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict
 from pydantic_core import PydanticCustomError
 
-from app.errors import as_line
+from tribox.app.errors import as_line
 
 Place = tuple[str | int, ...]
 """The keys that lead to a value, such as ("contact", 0, "film", "thickness")."""

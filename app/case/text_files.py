@@ -7,7 +7,7 @@ import os
 import stat
 from pathlib import Path
 
-from app.errors import InputError
+from tribox.app.errors import InputError
 
 MEGABYTE = 1_000_000
 LARGEST = 4 * MEGABYTE

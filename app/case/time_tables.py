@@ -19,14 +19,14 @@ from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
-from app.case.quantities import (
+from tribox.app.case.quantities import (
     Quantity,
     QuantityError,
     format_quantity,
     parse_bounded,
     text_schema,
 )
-from app.case.table import ABSENT
+from tribox.app.case.table import ABSENT
 
 Row = tuple[float, float]
 """One row of a table: an argument (such as a time) and a value, both SI."""

@@ -18,21 +18,21 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
-from app.case.geometry import Scale
-from app.case.motions import COMPONENTS, Displacement, Velocity
-from app.case.named_file import found_file
-from app.case.quantities import (
+from tribox.app.case.geometry import Scale
+from tribox.app.case.motions import COMPONENTS, Displacement, Velocity
+from tribox.app.case.named_file import found_file
+from tribox.app.case.quantities import (
     Quantity,
     QuantityError,
     format_quantity,
     parse_bounded,
     text_schema,
 )
-from app.case.table import MOST_ENTRIES, Flag, Model, Place, Problem, Text
-from app.case.time_tables import Program, TimeTable
+from tribox.app.case.table import MOST_ENTRIES, Flag, Model, Place, Problem, Text
+from tribox.app.case.time_tables import Program, TimeTable
 
 if TYPE_CHECKING:
-    from forms.bodies.kinematics import Section
+    from tribox.forms.bodies.kinematics import Section
 
 _Force = Annotated[TimeTable, Program("N")]
 _Length = Annotated[float, Quantity("m")]

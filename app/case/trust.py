@@ -13,12 +13,12 @@ import stat
 from collections.abc import Iterator
 from pathlib import Path
 
-from app.case.case import Case
-from app.case.friction import OwnLaw
-from app.case.geometry import MeshGeometry
-from app.errors import InputError
-from geometry.meshes.drawing import GEO
-from geometry.meshes.drawing_words import beyond_drawing, companion
+from tribox.app.case.case import Case
+from tribox.app.case.friction import OwnLaw
+from tribox.app.case.geometry import MeshGeometry
+from tribox.app.errors import InputError
+from tribox.geometry.meshes.drawing import GEO
+from tribox.geometry.meshes.drawing_words import beyond_drawing, companion
 
 OTHERS = stat.S_IWGRP | stat.S_IWOTH
 

@@ -15,7 +15,7 @@ from collections.abc import Iterable
 from decimal import Decimal
 from typing import Any
 
-from app.case.quantities import QuantityError, _registry, parse_quantity
+from tribox.app.case.quantities import QuantityError, _registry, parse_quantity
 
 _LETTERS = "A-Za-z_µμ"
 _WORD = re.compile(rf"[{_LETTERS}][0-9{_LETTERS}]*")

@@ -11,9 +11,9 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from app.case.quantities import Quantity
-from app.case.table import ABSENT, Model, Place, Problem
-from app.case.toml_writer import toml_text
+from tribox.app.case.quantities import Quantity
+from tribox.app.case.table import ABSENT, Model, Place, Problem
+from tribox.app.case.toml_writer import toml_text
 
 _LONGEST_VALUE = 60
 

@@ -6,18 +6,18 @@ import time
 from pathlib import Path
 from typing import Any
 
-from app.case.case import resolved_toml
-from app.checkpoint.files import Checkpoint, write_checkpoint
-from app.checkpoint.layout import Layout, copied
-from app.equilibrium.snapshot import Snapshot
-from app.errors import OutputError
-from app.results.first_rank import on_first
-from app.results.probes import ProbeRecorder
-from app.results.recorder import Recorder
-from app.results.versions import versions
-from app.simulation.observer import Observer
-from app.simulation.run_state import RunState
-from app.simulation.simulation import Simulation
+from tribox.app.case.case import resolved_toml
+from tribox.app.checkpoint.files import Checkpoint, write_checkpoint
+from tribox.app.checkpoint.layout import Layout, copied
+from tribox.app.equilibrium.snapshot import Snapshot
+from tribox.app.errors import OutputError
+from tribox.app.results.first_rank import on_first
+from tribox.app.results.probes import ProbeRecorder
+from tribox.app.results.recorder import Recorder
+from tribox.app.results.versions import versions
+from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.run_state import RunState
+from tribox.app.simulation.simulation import Simulation
 
 KEEP_EVERY = 1.0  # s between two snapshots that are kept in memory, of an explicit run
 

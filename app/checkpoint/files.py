@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from app.equilibrium.snapshot import Array
-from app.errors import InputError
-from app.results.directory import CHECKPOINTS, checkpoint_numbers
+from tribox.app.equilibrium.snapshot import Array
+from tribox.app.errors import InputError
+from tribox.app.results.directory import CHECKPOINTS, checkpoint_numbers
 
 FORMAT = 2
 INSTEAD = "; the one before it is taken"  # of one that is damaged

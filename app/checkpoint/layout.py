@@ -15,13 +15,13 @@ import dolfinx
 import numpy as np
 from mpi4py import MPI
 
-from app.build.model import Model
-from app.equilibrium.snapshot import Array, AtPoints, InCells, Local, Nodal, Partial
-from app.results.gathered_mesh import GatheredMesh
-from forms.bodies.solid import Solid
-from geometry.surfaces.body_facets import owned_facets
-from geometry.surfaces.facets import Floats, Longs
-from geometry.surfaces.ordering import order_by_place
+from tribox.app.build.model import Model
+from tribox.app.equilibrium.snapshot import Array, AtPoints, InCells, Local, Nodal, Partial
+from tribox.app.results.gathered_mesh import GatheredMesh
+from tribox.forms.bodies.solid import Solid
+from tribox.geometry.surfaces.body_facets import owned_facets
+from tribox.geometry.surfaces.facets import Floats, Longs
+from tribox.geometry.surfaces.ordering import order_by_place
 
 KINDS = {
     "array": np.ndarray,

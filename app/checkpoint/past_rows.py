@@ -10,11 +10,11 @@ from typing import Any
 
 from mpi4py import MPI
 
-from app.errors import InputError
-from app.results.directory import PROBE_TABLES, TEXT_COLUMNS
-from app.results.first_rank import on_first
-from app.simulation.history import COLUMNS, Row
-from app.simulation.run_state import RunState
+from tribox.app.errors import InputError
+from tribox.app.results.directory import PROBE_TABLES, TEXT_COLUMNS
+from tribox.app.results.first_rank import on_first
+from tribox.app.simulation.history import COLUMNS, Row
+from tribox.app.simulation.run_state import RunState
 
 _COUNTS = tuple(f.name for f in fields(Row) if f.type in ("int", int))
 

@@ -11,19 +11,19 @@ from typing import Any
 from mpi4py import MPI
 from pydantic import ValidationError
 
-from app.build.load_steps import all_load_steps
-from app.case.case import Case
-from app.checkpoint.files import DAMAGE, INSTEAD, Checkpoint, latest, why
-from app.checkpoint.layout import Layout, differences
-from app.checkpoint.past_rows import restore_rows
-from app.checkpoint.same_case import changes, listed, refuse
-from app.equilibrium.snapshot import Array, Snapshot
-from app.errors import InputError
-from app.results.directory import CHECKPOINTS
-from app.results.first_rank import on_first
-from app.results.versions import versions
-from app.simulation.simulation import Simulation
-from app.simulation.time_text import time_text
+from tribox.app.build.load_steps import all_load_steps
+from tribox.app.case.case import Case
+from tribox.app.checkpoint.files import DAMAGE, INSTEAD, Checkpoint, latest, why
+from tribox.app.checkpoint.layout import Layout, differences
+from tribox.app.checkpoint.past_rows import restore_rows
+from tribox.app.checkpoint.same_case import changes, listed, refuse
+from tribox.app.equilibrium.snapshot import Array, Snapshot
+from tribox.app.errors import InputError
+from tribox.app.results.directory import CHECKPOINTS
+from tribox.app.results.first_rank import on_first
+from tribox.app.results.versions import versions
+from tribox.app.simulation.simulation import Simulation
+from tribox.app.simulation.time_text import time_text
 
 # What a manifest must hold of a run.
 _KINDS: dict[str, type | tuple[type, ...]] = {

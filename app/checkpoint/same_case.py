@@ -9,12 +9,12 @@ from collections.abc import Iterator, Mapping, Sequence, Set
 from pathlib import Path
 from typing import Any
 
-from app.case.case import Case
-from app.case.given import given_keys
-from app.case.reading import load_past_case
-from app.case.stage import Stage
-from app.errors import InputError
-from app.results.status import end_of, given_keys_of
+from tribox.app.case.case import Case
+from tribox.app.case.given import given_keys
+from tribox.app.case.reading import load_past_case
+from tribox.app.case.stage import Stage
+from tribox.app.errors import InputError
+from tribox.app.results.status import end_of, given_keys_of
 
 # What may change: it has no part in the results, or only in how well equations are solved. Meshes
 # are compared by what is in them.

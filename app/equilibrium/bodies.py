@@ -1,7 +1,7 @@
 """Forces, strain energy and tangent of all bodies.
 
-Those that a compiled loop covers (:mod:`forms.bodies.compiled_cells`) go through it, the others
-through the forms that DOLFINx compiled.
+Those that a compiled loop covers (:mod:`tribox.forms.bodies.compiled_cells`) go through it, the
+others through the forms that DOLFINx compiled.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ import dolfinx
 import numpy as np
 from petsc4py import PETSc
 
-from app.equilibrium.cell_places import CellPlaces, can_place
-from forms.bodies.compiled_cells import CompiledCells, compiled_cells
-from forms.bodies.solid import Solid
-from geometry.compat import add_matrix
-from geometry.surfaces.facets import Floats
+from tribox.app.equilibrium.cell_places import CellPlaces, can_place
+from tribox.forms.bodies.compiled_cells import CompiledCells, compiled_cells
+from tribox.forms.bodies.solid import Solid
+from tribox.geometry.compat import add_matrix
+from tribox.geometry.surfaces.facets import Floats
 
 
 @dataclass(slots=True)

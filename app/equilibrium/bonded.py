@@ -8,8 +8,8 @@ import dolfinx
 import numpy as np
 from mpi4py import MPI
 
-from app.equilibrium.equilibrium import Equilibrium
-from forms.bodies.solid import Solid
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.forms.bodies.solid import Solid
 
 
 def bonded_groups(problem: Equilibrium) -> list[list[Solid]]:

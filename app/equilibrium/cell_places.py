@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from app.equilibrium.matrix_values import is_direct, own_block, values_in_place
-from forms.native.libraries import library
-from geometry.surfaces.facets import Bools, Floats, Ints
+from tribox.app.equilibrium.matrix_values import is_direct, own_block, values_in_place
+from tribox.forms.native.libraries import library
+from tribox.geometry.surfaces.facets import Bools, Floats, Ints
 
 SOURCE = "cell_places.c"
 Places = NDArray[np.int32]

@@ -4,7 +4,7 @@ Prescribed displacements are kept among the unknowns; their rows and columns are
 identity. A rigid platen couples a surface's displacements in one direction to one unknown with a
 given total force: the platen's unknowns are renumbered onto the first of them while the matrix is
 assembled, so one factorisation of one matrix serves, and Newton stays quadratic. Platens along no
-axis have equations of their own (:mod:`app.equilibrium.slanted`).
+axis have equations of their own (:mod:`tribox.app.equilibrium.slanted`).
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from app.equilibrium.prescribed import Platen, Prescribed, component_dofs
-from app.equilibrium.slanted import SlantedPlaten, SlantedRows
-from app.equilibrium.unknowns import Unknowns
-from geometry.surfaces.facets import Floats, Ints
+from tribox.app.equilibrium.prescribed import Platen, Prescribed, component_dofs
+from tribox.app.equilibrium.slanted import SlantedPlaten, SlantedRows
+from tribox.app.equilibrium.unknowns import Unknowns
+from tribox.geometry.surfaces.facets import Floats, Ints
 
 __all__ = ["Constraints", "Platen", "Prescribed", "Unknowns", "component_dofs"]
 

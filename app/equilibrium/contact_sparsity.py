@@ -14,13 +14,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.sparse
 
-from forms.contact.penalty import ContactTerm
-from forms.contact.pressure import AveragedPressure
-from forms.contact.state import ContactTrial
-from forms.contact.tie import TieTerm
-from geometry.surfaces.facets import Bools, Floats, Ints, Longs
-from geometry.surfaces.surface import ContactSurface, RigidMaster
-from geometry.surfaces.vertices import SlaveVertices
+from tribox.forms.contact.penalty import ContactTerm
+from tribox.forms.contact.pressure import AveragedPressure
+from tribox.forms.contact.state import ContactTrial
+from tribox.forms.contact.tie import TieTerm
+from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs
+from tribox.geometry.surfaces.surface import ContactSurface, RigidMaster
+from tribox.geometry.surfaces.vertices import SlaveVertices
 
 # Rings of neighbouring master facets beyond those in use that a window includes, by the number of
 # surface directions: in space every ring costs far more entries.

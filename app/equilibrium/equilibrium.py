@@ -1,8 +1,8 @@
 """The discrete equilibrium of all bodies, contacts and loads: residual and tangent.
 
-What is prescribed is in :mod:`app.equilibrium.constraints`, the matrix in
-:mod:`app.equilibrium.tangent`, the forces that a solution is judged by in
-:mod:`app.equilibrium.measures`.
+What is prescribed is in :mod:`tribox.app.equilibrium.constraints`, the matrix in
+:mod:`tribox.app.equilibrium.tangent`, the forces that a solution is judged by in
+:mod:`tribox.app.equilibrium.measures`.
 """
 
 from __future__ import annotations
@@ -15,27 +15,27 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from app.equilibrium.bodies import Bodies
-from app.equilibrium.constraints import Constraints, Platen, Prescribed, Unknowns
-from app.equilibrium.holding_springs import HoldingSprings
-from app.equilibrium.idle_tools import (
+from tribox.app.equilibrium.bodies import Bodies
+from tribox.app.equilibrium.constraints import Constraints, Platen, Prescribed, Unknowns
+from tribox.app.equilibrium.holding_springs import HoldingSprings
+from tribox.app.equilibrium.idle_tools import (
     NOTHING,
     held_fast,
     hold_what_slips,
     holding_of_idle_tools,
 )
-from app.equilibrium.measures import RoundOff, reference_force, worst_place
-from app.equilibrium.nodal_load import NodalLoad
-from app.equilibrium.rigid_tool import RigidTool
-from app.equilibrium.step_mode import DEFAULT_STEP, StepMode
-from app.equilibrium.tangent import Tangent
-from app.equilibrium.timers import Stopwatch
-from forms.bodies.loads import Load
-from forms.bodies.solid import Solid
-from forms.contact.penalty import ContactTerm
-from forms.contact.state import ContactTrial
-from forms.contact.tie import TieTerm
-from geometry.surfaces.facets import Floats, Ints
+from tribox.app.equilibrium.measures import RoundOff, reference_force, worst_place
+from tribox.app.equilibrium.nodal_load import NodalLoad
+from tribox.app.equilibrium.rigid_tool import RigidTool
+from tribox.app.equilibrium.step_mode import DEFAULT_STEP, StepMode
+from tribox.app.equilibrium.tangent import Tangent
+from tribox.app.equilibrium.timers import Stopwatch
+from tribox.forms.bodies.loads import Load
+from tribox.forms.bodies.solid import Solid
+from tribox.forms.contact.penalty import ContactTerm
+from tribox.forms.contact.state import ContactTrial
+from tribox.forms.contact.tie import TieTerm
+from tribox.geometry.surfaces.facets import Floats, Ints
 
 
 class Equilibrium:
@@ -301,7 +301,7 @@ class Equilibrium:
             A: the matrix.
             step: duration and contact modes.
             before: displacement, m, that the pressure in nearly incompressible cells is carried
-                from (:mod:`forms.bodies.carried_pressure`); None: the exact tangent.
+                from (:mod:`tribox.forms.bodies.carried_pressure`); None: the exact tangent.
         """
         self.spread(x)
         with self.timer("assembly"):

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from app.equilibrium.constraints import Platen
-from app.equilibrium.equilibrium import Equilibrium
-from app.equilibrium.joined_bodies import JoinedBodies, joined_bodies
-from app.equilibrium.slanted import SlantedPlaten
-from app.equilibrium.supports import body_nodes
-from forms.bodies.loads import Foundation
-from geometry.surfaces.facets import Floats, Ints
+from tribox.app.equilibrium.constraints import Platen
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.joined_bodies import JoinedBodies, joined_bodies
+from tribox.app.equilibrium.slanted import SlantedPlaten
+from tribox.app.equilibrium.supports import body_nodes
+from tribox.forms.bodies.loads import Foundation
+from tribox.geometry.surfaces.facets import Floats, Ints
 
 SINGULAR = 1e-9  # least over largest eigenvalue of what supports do to rigid motions of a free body
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from geometry.surfaces.facets import Floats
+from tribox.geometry.surfaces.facets import Floats
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 from petsc4py import PETSc
 
-from app.equilibrium.holding_springs import HoldingSprings
-from app.equilibrium.rigid_tool import RigidTool
-from forms.bodies.solid import Solid
-from geometry.surfaces.facets import Floats
+from tribox.app.equilibrium.holding_springs import HoldingSprings
+from tribox.app.equilibrium.rigid_tool import RigidTool
+from tribox.forms.bodies.solid import Solid
+from tribox.geometry.surfaces.facets import Floats
 
 SLIGHT = 1e-9
 """Stiffness over that of a body of the size of the mesh: far below any contact, and above rounding.

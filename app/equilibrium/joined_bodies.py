@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.equilibrium.bonded import bonded_groups
-from app.equilibrium.equilibrium import Equilibrium
-from app.equilibrium.pair_bodies import bodies_of
-from forms.bodies.solid import Solid
-from geometry.surfaces.facets import Ints
+from tribox.app.equilibrium.bonded import bonded_groups
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.pair_bodies import bodies_of
+from tribox.forms.bodies.solid import Solid
+from tribox.geometry.surfaces.facets import Ints
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,10 +27,10 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from app.equilibrium.bodies import Bodies
-from forms.bodies.gradient_bound import GradientBound, thickness_ratio
-from forms.bodies.solid import Solid
-from forms.contact.penalty import ContactTerm
+from tribox.app.equilibrium.bodies import Bodies
+from tribox.forms.bodies.gradient_bound import GradientBound, thickness_ratio
+from tribox.forms.bodies.solid import Solid
+from tribox.forms.contact.penalty import ContactTerm
 
 SMALL = 1e-3
 """Largest |∇u| with which a compact body keeps its tangent."""

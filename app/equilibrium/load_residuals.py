@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import dolfinx
 import numpy as np
 
-from app.equilibrium.equilibrium import Equilibrium
-from forms.bodies.loads import Foundation
-from geometry.surfaces.facets import Floats
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.forms.bodies.loads import Foundation
+from tribox.geometry.surfaces.facets import Floats
 
 
 def load_residuals(problem: Equilibrium, out: Sequence[Floats] = ()) -> list[Floats]:

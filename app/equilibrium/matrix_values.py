@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from petsc4py import PETSc
 
-from geometry.surfaces.facets import Floats, Ints
+from tribox.geometry.surfaces.facets import Floats, Ints
 
 _SIGNATURE: list[Any] = [ctypes.c_void_p, ctypes.POINTER(ctypes.POINTER(ctypes.c_double))]
 _PLAIN = 0, 0, 0  # counted from zero, not made symmetric, not compressed

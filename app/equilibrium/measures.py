@@ -9,10 +9,10 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from app.equilibrium.constraints import Constraints
-from forms.bodies.materials import oedometric_modulus
-from forms.bodies.solid import Solid
-from geometry.surfaces.facets import Floats, Ints
+from tribox.app.equilibrium.constraints import Constraints
+from tribox.forms.bodies.materials import oedometric_modulus
+from tribox.forms.bodies.solid import Solid
+from tribox.geometry.surfaces.facets import Floats, Ints
 
 FAR = 1e6  # displacement over the extent of the mesh from which on nothing is evaluated
 CARRIED = 1e-6  # residual over the force that the motion of bodies may leave at most
@@ -22,9 +22,10 @@ class RoundOff:
     """Norm of the residual that rounding alone leaves, at any displacement.
 
     The deformation gradient is rounded by ε, however small the strain, and the displacement u by
-    ε|u|. The first leaves forces of norm b (:meth:`forms.bodies.solid.Solid.roundoff_force`), the
-    second ε M s u at an unknown, with the oedometric modulus M and s = 1 in plane strain, 2πR for
-    rings and the size of the cells in space:
+    ε|u|. The first leaves forces of norm b
+    (:meth:`tribox.forms.bodies.solid.Solid.roundoff_force`), the second ε M s u at an unknown, with
+    the oedometric modulus M and s = 1 in plane strain, 2πR for rings and the size of the cells in
+    space:
 
         r² = Σ_solids b² + (ε M)² Σ s² u².
 

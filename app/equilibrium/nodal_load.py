@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from geometry.surfaces.facets import Floats, Ints
+from tribox.geometry.surfaces.facets import Floats, Ints
 
 
 @dataclass(slots=True)

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.equilibrium.equilibrium import Equilibrium
-from app.equilibrium.rigid_tool import RigidTool
-from forms.bodies.materials import oedometric_modulus
-from forms.bodies.solid import Solid
-from forms.contact.penalty import ContactTerm
-from geometry.surfaces.facets import Longs
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.rigid_tool import RigidTool
+from tribox.forms.bodies.materials import oedometric_modulus
+from tribox.forms.bodies.solid import Solid
+from tribox.forms.contact.penalty import ContactTerm
+from tribox.geometry.surfaces.facets import Longs
 
 
 @dataclass(frozen=True, slots=True)

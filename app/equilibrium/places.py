@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import dolfinx
 import numpy as np
 
-from geometry.surfaces.facets import Floats
+from tribox.geometry.surfaces.facets import Floats
 
 
 def place_text(place: Iterable[float]) -> str:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import dolfinx
 import numpy as np
 
-from geometry.surfaces.facets import Floats, Ints, Longs
+from tribox.geometry.surfaces.facets import Floats, Ints, Longs
 
 
 @dataclass(slots=True)

@@ -8,9 +8,9 @@ import dolfinx
 import numpy as np
 from mpi4py import MPI
 
-from geometry.surfaces.facets import Bools, Floats, Ints, Longs
-from geometry.surfaces.rigid import RigidSurface
-from geometry.surfaces.rigid_motion import RigidMotion
+from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs
+from tribox.geometry.surfaces.rigid import RigidSurface
+from tribox.geometry.surfaces.rigid_motion import RigidMotion
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -28,9 +28,9 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from app.equilibrium.prescribed import Platen
-from app.equilibrium.unknowns import Unknowns
-from geometry.surfaces.facets import Floats, Ints, Longs
+from tribox.app.equilibrium.prescribed import Platen
+from tribox.app.equilibrium.unknowns import Unknowns
+from tribox.geometry.surfaces.facets import Floats, Ints, Longs
 
 SINGULAR = 1e-6  # part of a unit vector below which nothing is left to eliminate
 _Entry = tuple[Longs, Longs, Floats]

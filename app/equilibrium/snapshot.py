@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.equilibrium.holding_springs import HoldingSprings
-from app.equilibrium.step_mode import StepMode
-from forms.bodies.point_state import Origin, PointHistory
-from forms.bodies.solid import Solid
-from forms.contact.penalty import ContactTerm
-from forms.contact.state import ContactMode, ContactState
-from geometry.surfaces.facets import Floats
+from tribox.app.equilibrium.holding_springs import HoldingSprings
+from tribox.app.equilibrium.step_mode import StepMode
+from tribox.forms.bodies.point_state import Origin, PointHistory
+from tribox.forms.bodies.solid import Solid
+from tribox.forms.contact.penalty import ContactTerm
+from tribox.forms.contact.state import ContactMode, ContactState
+from tribox.geometry.surfaces.facets import Floats
 
 Array = NDArray[Any]
 Snapshot = dict[str, Any]

@@ -6,9 +6,9 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from app.equilibrium.holding_springs import HoldingSprings
-from forms.contact.penalty import ContactTerm
-from forms.contact.state import AS_IS, ContactMode, ContactTrial
+from tribox.app.equilibrium.holding_springs import HoldingSprings
+from tribox.forms.contact.penalty import ContactTerm
+from tribox.forms.contact.state import AS_IS, ContactMode, ContactTrial
 
 
 @dataclass(frozen=True, slots=True)

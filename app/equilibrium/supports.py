@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from app.equilibrium.bonded import bonded_groups
-from app.equilibrium.equilibrium import Equilibrium
-from app.equilibrium.joined_bodies import JoinedBodies, joined_bodies
-from forms.bodies.loads import Foundation
-from geometry.surfaces.facets import Bools, Ints
+from tribox.app.equilibrium.bonded import bonded_groups
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.joined_bodies import JoinedBodies, joined_bodies
+from tribox.forms.bodies.loads import Foundation
+from tribox.geometry.surfaces.facets import Bools, Ints
 
 
 @dataclass(frozen=True, slots=True)

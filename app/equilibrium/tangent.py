@@ -1,7 +1,7 @@
 """The tangent's matrix: its pattern, and what solids, contacts and platens put in.
 
-The pattern has room for the contacts' windows (:mod:`app.equilibrium.contact_sparsity`) and is
-widened when a contact leaves its window.
+The pattern has room for the contacts' windows (:mod:`tribox.app.equilibrium.contact_sparsity`) and
+is widened when a contact leaves its window.
 """
 
 from __future__ import annotations
@@ -15,22 +15,27 @@ import ufl
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from app.equilibrium.bodies import Bodies
-from app.equilibrium.constraints import Constraints, Platen
-from app.equilibrium.contact_sparsity import BlockPlaces, ContactWindow, coupled_nodes, widened
-from app.equilibrium.holding_springs import HoldingSprings
-from app.equilibrium.kept_tangent import KeptTangent
-from app.equilibrium.matrix_values import is_direct, pattern_in_place, values_in_place
-from app.equilibrium.slanted import room_of
-from app.equilibrium.timers import Stopwatch
-from forms.bodies.loads import Load
-from forms.bodies.solid import Solid
-from forms.contact.compiled_tangent import Entries
-from forms.contact.penalty import ContactTerm
-from forms.contact.state import ContactTrial
-from forms.contact.tangent import Coupling
-from geometry.compat import add_matrix
-from geometry.surfaces.facets import Floats, Ints, Longs
+from tribox.app.equilibrium.bodies import Bodies
+from tribox.app.equilibrium.constraints import Constraints, Platen
+from tribox.app.equilibrium.contact_sparsity import (
+    BlockPlaces,
+    ContactWindow,
+    coupled_nodes,
+    widened,
+)
+from tribox.app.equilibrium.holding_springs import HoldingSprings
+from tribox.app.equilibrium.kept_tangent import KeptTangent
+from tribox.app.equilibrium.matrix_values import is_direct, pattern_in_place, values_in_place
+from tribox.app.equilibrium.slanted import room_of
+from tribox.app.equilibrium.timers import Stopwatch
+from tribox.forms.bodies.loads import Load
+from tribox.forms.bodies.solid import Solid
+from tribox.forms.contact.compiled_tangent import Entries
+from tribox.forms.contact.penalty import ContactTerm
+from tribox.forms.contact.state import ContactTrial
+from tribox.forms.contact.tangent import Coupling
+from tribox.geometry.compat import add_matrix
+from tribox.geometry.surfaces.facets import Floats, Ints, Longs
 
 
 def pattern_form(space: dolfinx.fem.FunctionSpace) -> dolfinx.fem.Form:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from geometry.surfaces.facets import Longs
+from tribox.geometry.surfaces.facets import Longs
 
 
 def _fix_rounding() -> None:

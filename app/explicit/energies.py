@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from app.equilibrium.equilibrium import Equilibrium
-from app.equilibrium.snapshot import Partial, Snapshot, scattered
-from app.explicit.leap_frog import LeapFrog
-from app.explicit.state import ExplicitState
-from forms.bodies.internal_force import InternalForce
-from forms.contact.state import ContactTrial
-from geometry.surfaces.facets import Floats, Ints
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.snapshot import Partial, Snapshot, scattered
+from tribox.app.explicit.leap_frog import LeapFrog
+from tribox.app.explicit.state import ExplicitState
+from tribox.forms.bodies.internal_force import InternalForce
+from tribox.forms.contact.state import ContactTrial
+from tribox.geometry.surfaces.facets import Floats, Ints
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,7 @@
 """The semi-implicit treatment of the films' viscous stress, over all contacts.
 
-Each point's formula is in :mod:`forms.contact.explicit`: the film's traction of the step before is
-held while accelerations are found, then corrected by what an implicit dashpot would add.
+Each point's formula is in :mod:`tribox.forms.contact.explicit`: the film's traction of the step
+before is held while accelerations are found, then corrected by what an implicit dashpot would add.
 """
 
 from __future__ import annotations
@@ -10,11 +10,11 @@ from collections.abc import Sequence
 
 import dolfinx
 
-from app.explicit.lumped_dynamics import LumpedDynamics
-from app.explicit.state import ExplicitState
-from forms.contact.explicit import ExplicitContact
-from geometry.surfaces.exchange import NodalVector
-from geometry.surfaces.facets import Floats
+from tribox.app.explicit.lumped_dynamics import LumpedDynamics
+from tribox.app.explicit.state import ExplicitState
+from tribox.forms.contact.explicit import ExplicitContact
+from tribox.geometry.surfaces.exchange import NodalVector
+from tribox.geometry.surfaces.facets import Floats
 
 REFRESH = 25  # steps between two evaluations of the masses that the film moves
 

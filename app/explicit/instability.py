@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.equilibrium.equilibrium import Equilibrium
-from app.equilibrium.places import place_of_largest, place_text
-from app.equilibrium.snapshot import Snapshot
-from forms.bodies.materials import oedometric_modulus
-from geometry.surfaces.facets import Floats
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.places import place_of_largest, place_text
+from tribox.app.equilibrium.snapshot import Snapshot
+from tribox.forms.bodies.materials import oedometric_modulus
+from tribox.geometry.surfaces.facets import Floats
 
 
 class ExplicitError(Exception):

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.equilibrium.equilibrium import Equilibrium
-from app.equilibrium.snapshot import Snapshot
-from app.explicit.lumped_dynamics import LumpedDynamics
-from app.explicit.state import ExplicitState
-from geometry.surfaces.facets import Floats, Ints
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.snapshot import Snapshot
+from tribox.app.explicit.lumped_dynamics import LumpedDynamics
+from tribox.app.explicit.state import ExplicitState
+from tribox.geometry.surfaces.facets import Floats, Ints
 
 
 class LeapFrog:

@@ -7,9 +7,9 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from mpi4py import MPI
 
-from app.equilibrium.constraints import Platen
-from geometry.surfaces.exchange import NodalVector, SurfaceExchange
-from geometry.surfaces.facets import Floats, Ints
+from tribox.app.equilibrium.constraints import Platen
+from tribox.geometry.surfaces.exchange import NodalVector, SurfaceExchange
+from tribox.geometry.surfaces.facets import Floats, Ints
 
 
 class LumpedDynamics:

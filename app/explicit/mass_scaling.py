@@ -9,14 +9,14 @@ import dolfinx
 import numpy as np
 from mpi4py import MPI
 
-from app.equilibrium.equilibrium import Equilibrium
-from app.equilibrium.rigid_tool import RigidTool
-from app.explicit.options import MassScaling
-from forms.bodies.element_frequency import element_frequencies
-from forms.bodies.lumped_mass import cell_field, lumped_mass
-from forms.contact.stiffness import PairStiffness
-from geometry.surfaces.exchange import NodalVector
-from geometry.surfaces.facets import Floats
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.rigid_tool import RigidTool
+from tribox.app.explicit.options import MassScaling
+from tribox.forms.bodies.element_frequency import element_frequencies
+from tribox.forms.bodies.lumped_mass import cell_field, lumped_mass
+from tribox.forms.contact.stiffness import PairStiffness
+from tribox.geometry.surfaces.exchange import NodalVector
+from tribox.geometry.surfaces.facets import Floats
 
 ROUNDS = 20  # at most; an element's own factor changes the masses of its neighbours too
 

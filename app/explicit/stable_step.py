@@ -21,13 +21,13 @@ import dolfinx
 import numpy as np
 from mpi4py import MPI
 
-from app.equilibrium.places import place_of_largest
-from app.equilibrium.snapshot import Nodal, Snapshot
-from app.explicit.lumped_dynamics import LumpedDynamics
-from forms.bodies.internal_force import InternalForce
-from forms.contact.stiffness import PairStiffness
-from geometry.surfaces.exchange import NodalVector
-from geometry.surfaces.facets import Floats
+from tribox.app.equilibrium.places import place_of_largest
+from tribox.app.equilibrium.snapshot import Nodal, Snapshot
+from tribox.app.explicit.lumped_dynamics import LumpedDynamics
+from tribox.forms.bodies.internal_force import InternalForce
+from tribox.forms.contact.stiffness import PairStiffness
+from tribox.geometry.surfaces.exchange import NodalVector
+from tribox.geometry.surfaces.facets import Floats
 
 FIRST, AGAIN = 40, 12  # most Lanczos iterations of the first estimate, and of later ones
 NUDGE = 1e-5  # of the smallest cell: how far nodes are moved for differences of forces

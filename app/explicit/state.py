@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import dolfinx
 
-from geometry.surfaces.exchange import NodalVector
-from geometry.surfaces.facets import Floats
+from tribox.geometry.surfaces.exchange import NodalVector
+from tribox.geometry.surfaces.facets import Floats
 
 
 class ExplicitState:

@@ -15,27 +15,27 @@ import math
 import numpy as np
 from petsc4py import PETSc
 
-from app.equilibrium.equilibrium import Equilibrium
-from app.equilibrium.load_residuals import foundation_springs, load_residuals
-from app.equilibrium.places import place_text
-from app.equilibrium.snapshot import AtPoints, Local, Nodal, Snapshot, of_bodies, of_contacts
-from app.explicit.energies import Energies, LoadForces
-from app.explicit.film_correction import FilmCorrection
-from app.explicit.instability import EnergyWatch, ExplicitError, folded
-from app.explicit.leap_frog import LeapFrog
-from app.explicit.lumped_dynamics import LumpedDynamics
-from app.explicit.mass_scaling import ScaledMass, scaled_mass, with_tools
-from app.explicit.options import ExplicitOptions, MassScaling
-from app.explicit.stable_step import StableStep, StableSteps, StepEstimate, Stiffness
-from app.explicit.state import ExplicitState
-from forms.bodies.internal_force import InternalForce
-from forms.contact.explicit_compiled import explicit_contact
-from forms.contact.law_faults import has_fault, law_fault, law_not_finite
-from forms.contact.state import ContactTrial
-from forms.contact.stiffness import PairStiffness
-from forms.friction.guarded_law import LawError
-from geometry.surfaces.exchange import NodalVector
-from geometry.surfaces.facets import Floats
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.load_residuals import foundation_springs, load_residuals
+from tribox.app.equilibrium.places import place_text
+from tribox.app.equilibrium.snapshot import AtPoints, Local, Nodal, Snapshot, of_bodies, of_contacts
+from tribox.app.explicit.energies import Energies, LoadForces
+from tribox.app.explicit.film_correction import FilmCorrection
+from tribox.app.explicit.instability import EnergyWatch, ExplicitError, folded
+from tribox.app.explicit.leap_frog import LeapFrog
+from tribox.app.explicit.lumped_dynamics import LumpedDynamics
+from tribox.app.explicit.mass_scaling import ScaledMass, scaled_mass, with_tools
+from tribox.app.explicit.options import ExplicitOptions, MassScaling
+from tribox.app.explicit.stable_step import StableStep, StableSteps, StepEstimate, Stiffness
+from tribox.app.explicit.state import ExplicitState
+from tribox.forms.bodies.internal_force import InternalForce
+from tribox.forms.contact.explicit_compiled import explicit_contact
+from tribox.forms.contact.law_faults import has_fault, law_fault, law_not_finite
+from tribox.forms.contact.state import ContactTrial
+from tribox.forms.contact.stiffness import PairStiffness
+from tribox.forms.friction.guarded_law import LawError
+from tribox.geometry.surfaces.exchange import NodalVector
+from tribox.geometry.surfaces.facets import Floats
 
 __all__ = ["ExplicitError", "ExplicitOptions", "ExplicitStepper", "MassScaling", "StableStep"]
 

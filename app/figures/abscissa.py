@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.axes import Axes
 
-from app.figures.style import Floats
-from app.figures.symbols import DRIVEN_PATH, STEP, TIME
-from app.figures.units import fitting
+from tribox.app.figures.style import Floats
+from tribox.app.figures.symbols import DRIVEN_PATH, STEP, TIME
+from tribox.app.figures.units import fitting
 
 if TYPE_CHECKING:
-    from app.results import Results
-    from app.results.table import Table
+    from tribox.app.results import Results
+    from tribox.app.results.table import Table
 
 # Time per step of one stage over that of another from which on time would hide one of them.
 UNEVEN = 30.0

@@ -15,22 +15,22 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from app.errors import InputError
-from app.figures.body_shapes import Bodies, read_bodies
-from app.figures.field_values import ColourScale, colour_scale
-from app.figures.names import axis_names, body_names, heading, pair_names
-from app.figures.plane_bodies import draw_bodies, draw_slaves, frame_round
-from app.figures.rendering import render
-from app.figures.scenes import facets_seen
-from app.figures.space_bodies import View, draw_space, scene_of
-from app.figures.states import title_of
-from app.figures.style import CASE_STYLE
-from app.figures.tool_lines import draw_tools, tool_lines, with_room
-from app.figures.tool_surfaces import room_for, tool_triangles, veil_of
-from app.figures.tractions import pairs_shown, roundoff_of, without_roundoff
+from tribox.app.errors import InputError
+from tribox.app.figures.body_shapes import Bodies, read_bodies
+from tribox.app.figures.field_values import ColourScale, colour_scale
+from tribox.app.figures.names import axis_names, body_names, heading, pair_names
+from tribox.app.figures.plane_bodies import draw_bodies, draw_slaves, frame_round
+from tribox.app.figures.rendering import render
+from tribox.app.figures.scenes import facets_seen
+from tribox.app.figures.space_bodies import View, draw_space, scene_of
+from tribox.app.figures.states import title_of
+from tribox.app.figures.style import CASE_STYLE
+from tribox.app.figures.tool_lines import draw_tools, tool_lines, with_room
+from tribox.app.figures.tool_surfaces import room_for, tool_triangles, veil_of
+from tribox.app.figures.tractions import pairs_shown, roundoff_of, without_roundoff
 
 if TYPE_CHECKING:
-    from app.results import Results
+    from tribox.app.results import Results
 
 MOST_FRAMES = 100
 SECONDS = 8.0  # that an animation of many frames takes

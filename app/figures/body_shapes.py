@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from app.figures.field_values import CellField, cell_field
-from app.figures.style import Floats
+from tribox.app.figures.field_values import CellField, cell_field
+from tribox.app.figures.style import Floats
 
 if TYPE_CHECKING:
-    from app.results.vtu_reading import CellBlock, Grid
+    from tribox.app.results.vtu_reading import CellBlock, Grid
 Ints = NDArray[np.int64]
 
 # Corners of a cell, by the beginning of what meshio calls it; those of any degree come first.

@@ -12,11 +12,11 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from app.figures.body_shapes import Bodies, read_bodies
-from app.figures.deformed_space import draw_states_in_space
-from app.figures.field_values import colour_scale, named_after
-from app.figures.names import axis_names, body_names, heading, pair_names
-from app.figures.plane_bodies import (
+from tribox.app.figures.body_shapes import Bodies, read_bodies
+from tribox.app.figures.deformed_space import draw_states_in_space
+from tribox.app.figures.field_values import colour_scale, named_after
+from tribox.app.figures.names import axis_names, body_names, heading, pair_names
+from tribox.app.figures.plane_bodies import (
     Frame,
     close_up,
     draw_bodies,
@@ -24,15 +24,15 @@ from app.figures.plane_bodies import (
     frame_round,
     pair_colour,
 )
-from app.figures.states import State, states_to_draw
-from app.figures.style import CASE_STYLE, save
-from app.figures.tool_lines import draw_tools, tool_lines, with_room
-from app.figures.tractions import draw_tractions, pairs_shown, roundoff_of, without_roundoff
-from app.figures.units import fitting
+from tribox.app.figures.states import State, states_to_draw
+from tribox.app.figures.style import CASE_STYLE, save
+from tribox.app.figures.tool_lines import draw_tools, tool_lines, with_room
+from tribox.app.figures.tractions import draw_tractions, pairs_shown, roundoff_of, without_roundoff
+from tribox.app.figures.units import fitting
 
 if TYPE_CHECKING:
-    from app.results import Results
-    from app.results.vtu_reading import Grid
+    from tribox.app.results import Results
+    from tribox.app.results.vtu_reading import Grid
 
 MOST_PAIRS = 8  # pairs with a panel of their own
 IN_ONE_COLUMN = 2

@@ -10,20 +10,20 @@ from matplotlib import rc_context
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure, FigureBase
 
-from app.figures.body_shapes import Bodies
-from app.figures.field_values import ColourScale, colour_scale
-from app.figures.names import heading, pair_names
-from app.figures.pressure_maps import draw_pairs
-from app.figures.rendering import render
-from app.figures.scenes import facets_seen
-from app.figures.space_bodies import View, draw_space, scene_of
-from app.figures.states import State
-from app.figures.style import CASE_STYLE, save
-from app.figures.tool_surfaces import room_for, tool_triangles, veil_of
-from app.figures.tractions import pairs_shown, roundoff_of, without_roundoff
+from tribox.app.figures.body_shapes import Bodies
+from tribox.app.figures.field_values import ColourScale, colour_scale
+from tribox.app.figures.names import heading, pair_names
+from tribox.app.figures.pressure_maps import draw_pairs
+from tribox.app.figures.rendering import render
+from tribox.app.figures.scenes import facets_seen
+from tribox.app.figures.space_bodies import View, draw_space, scene_of
+from tribox.app.figures.states import State
+from tribox.app.figures.style import CASE_STYLE, save
+from tribox.app.figures.tool_surfaces import room_for, tool_triangles, veil_of
+from tribox.app.figures.tractions import pairs_shown, roundoff_of, without_roundoff
 
 if TYPE_CHECKING:
-    from app.results import Results
+    from tribox.app.results import Results
 
 MOST_PAIRS = 4
 

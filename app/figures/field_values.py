@@ -11,13 +11,13 @@ import numpy as np
 from matplotlib.colors import Normalize
 from numpy.typing import NDArray
 
-from app.errors import InputError
-from app.figures.style import Floats
-from app.figures.symbols import FIELDS
-from app.figures.units import Unit, fitting
+from tribox.app.errors import InputError
+from tribox.app.figures.style import Floats
+from tribox.app.figures.symbols import FIELDS
+from tribox.app.figures.units import Unit, fitting
 
 if TYPE_CHECKING:
-    from app.results.vtu_reading import Grid
+    from tribox.app.results.vtu_reading import Grid
 DEFAULT_FIELD = "von_mises_stress"
 VECTOR, TENSOR = ("x", "y", "z"), tuple(i + j for i in "xyz" for j in "xyz")
 # Corners are singular: the largest stress is that of one cell, and says how fine the mesh is.

@@ -9,13 +9,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from app.figures.style import COLOURS
-from app.figures.symbols import DISPLACEMENT, MOMENT, REACTION, TIME
-from app.figures.units import fitting
-from app.results.table import Table, joined
+from tribox.app.figures.style import COLOURS
+from tribox.app.figures.symbols import DISPLACEMENT, MOMENT, REACTION, TIME
+from tribox.app.figures.units import fitting
+from tribox.app.results.table import Table, joined
 
 if TYPE_CHECKING:
-    from app.results import Results
+    from tribox.app.results import Results
 
 MOST_PANELS = 8
 STILL = 1e-4  # of the largest displacement of all surfaces: what moves less is a support

@@ -9,14 +9,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from app.figures.abscissa import abscissa_of
-from app.figures.style import COLOURS, Floats, Longs, thin_log_ticks
-from app.figures.symbols import ENERGY, FRICTION_FORCE, NORMAL_FORCE, RATIO
-from app.figures.units import Unit, fitting
+from tribox.app.figures.abscissa import abscissa_of
+from tribox.app.figures.style import COLOURS, Floats, Longs, thin_log_ticks
+from tribox.app.figures.symbols import ENERGY, FRICTION_FORCE, NORMAL_FORCE, RATIO
+from tribox.app.figures.units import Unit, fitting
 
 if TYPE_CHECKING:
-    from app.results import Results
-    from app.results.table import Table
+    from tribox.app.results import Results
+    from tribox.app.results.table import Table
 
 MOST_PAIRS = 12  # with a line of their own
 DECADES = 100.0  # largest over smallest value from which on an axis is logarithmic

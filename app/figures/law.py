@@ -1,4 +1,7 @@
-"""Figures of the friction law for its documentation: ``python3 -m app.figures.law DIRECTORY``."""
+"""Figures of the friction law for its documentation.
+
+``python3 -m tribox.app.figures.law DIRECTORY`` draws them.
+"""
 
 from __future__ import annotations
 
@@ -13,10 +16,10 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from app.figures.style import STYLE
-from forms.friction.friction_map import Floats, FrictionMap
-from forms.friction.parameters import FrictionMapParameters, Reentry
-from forms.friction.stribeck import StribeckParameters
+from tribox.app.figures.style import STYLE
+from tribox.forms.friction.friction_map import Floats, FrictionMap
+from tribox.forms.friction.parameters import FrictionMapParameters, Reentry
+from tribox.forms.friction.stribeck import StribeckParameters
 
 PRESSURE, FILM = 3e6, 30e-9
 BASE: dict[str, Any] = {

@@ -6,7 +6,7 @@ import textwrap
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from app.results import Results
+    from tribox.app.results import Results
 
 TITLE_WIDTH = 110  # characters
 

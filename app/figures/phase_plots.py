@@ -9,14 +9,14 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from app.case.stage import solver_of
-from app.figures.style import COLOURS, STYLE, columns, save
-from app.figures.symbols import DISPLACEMENT, FRICTION_FORCE, REACTION, TIME
-from app.figures.units import fitting
+from tribox.app.case.stage import solver_of
+from tribox.app.figures.style import COLOURS, STYLE, columns, save
+from tribox.app.figures.symbols import DISPLACEMENT, FRICTION_FORCE, REACTION, TIME
+from tribox.app.figures.units import fitting
 
 if TYPE_CHECKING:
-    from app.results import Results
-    from app.results.table import Table
+    from tribox.app.results import Results
+    from tribox.app.results.table import Table
 
 
 def draw_phases(results: Results, figures: Path) -> list[Path]:

@@ -13,14 +13,14 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 from matplotlib.patheffects import withStroke
 
-from app.figures.body_shapes import Bodies, Ints
-from app.figures.field_values import ColourScale
-from app.figures.style import Floats
-from app.figures.tractions import facets_of, line_starts
-from app.figures.units import Unit, fitting
+from tribox.app.figures.body_shapes import Bodies, Ints
+from tribox.app.figures.field_values import ColourScale
+from tribox.app.figures.style import Floats
+from tribox.app.figures.tractions import facets_of, line_starts
+from tribox.app.figures.units import Unit, fitting
 
 if TYPE_CHECKING:
-    from app.results.vtu_reading import Grid
+    from tribox.app.results.vtu_reading import Grid
 SLENDER = 6.0  # extent over extent from which on the shorter one is stretched
 SMALL = 0.15  # extent of what is pressed over that of the bodies, below which it is seen close up
 CELLS_OUTLINED = 4000

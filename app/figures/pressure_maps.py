@@ -19,14 +19,14 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 from matplotlib.tri import Triangulation
 
-from app.figures.plane_bodies import pair_colour
-from app.figures.style import Floats
-from app.figures.symbols import CONTACT_PRESSURE, TRACTION
-from app.figures.tractions import Ints, facets_of, write_no_load
-from app.figures.units import Unit, fitting
+from tribox.app.figures.plane_bodies import pair_colour
+from tribox.app.figures.style import Floats
+from tribox.app.figures.symbols import CONTACT_PRESSURE, TRACTION
+from tribox.app.figures.tractions import Ints, facets_of, write_no_load
+from tribox.app.figures.units import Unit, fitting
 
 if TYPE_CHECKING:
-    from app.results.vtu_reading import Grid
+    from tribox.app.results.vtu_reading import Grid
 SMALL = 0.5  # extent of what is pressed over the slave's, below which only that is shown
 ARROWS = 250  # friction tractions drawn, about
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from app.figures.field_values import named_after
-from app.figures.run_figures import draw_figures
-from app.results import read
+from tribox.app.figures.field_values import named_after
+from tribox.app.figures.run_figures import draw_figures
+from tribox.app.results import read
 
 
 def redraw(directory: Path, field: str, animate: str | None) -> None:
@@ -26,7 +26,7 @@ def redraw(directory: Path, field: str, animate: str | None) -> None:
             print(f"note: {one.directory}: the run {one.unfinished}")
         draw_figures(one, field)
         if animate is not None and one.case.sweep is None:
-            from app.figures.animation import animate as write_animation
+            from tribox.app.figures.animation import animate as write_animation
 
             path = one.directory / "figures" / f"{named_after('animation', field)}.{animate}"
             frames = write_animation(one, path, field)

@@ -17,10 +17,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from app.figures.scenes import EDGES_SHOWN, EYE, RIGHT, UP, Scene
+import tribox
+from tribox.app.figures.scenes import EDGES_SHOWN, EYE, RIGHT, UP, Scene
 
 START, EACH = 60.0, 20.0  # s that the child may take to start, and for each picture
-_ROOT = Path(__file__).resolve().parents[2]
 
 
 def render(scenes: Sequence[Scene]) -> list[NDArray[np.uint8]] | None:
@@ -44,10 +44,12 @@ def render(scenes: Sequence[Scene]) -> list[NDArray[np.uint8]] | None:
 
 def _child(directory: Path, count: int) -> bool:
     """Whether a process of its own has rendered all scenes of a directory."""
-    path = os.pathsep.join(filter(None, [str(_ROOT), os.environ.get("PYTHONPATH", "")]))
+    path = os.pathsep.join(
+        filter(None, [str(Path(tribox.__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
+    )
     try:
         done = subprocess.run(
-            [sys.executable, "-m", "app.figures.rendering", str(directory), str(count)],
+            [sys.executable, "-m", "tribox.app.figures.rendering", str(directory), str(count)],
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, stdin=subprocess.DEVNULL,
             env={**os.environ, "PYTHONPATH": path}, timeout=START + EACH * count, check=False,
         )  # fmt: skip

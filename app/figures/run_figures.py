@@ -8,23 +8,23 @@ from typing import TYPE_CHECKING, Any
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from app.case.friction import FrictionMap
-from app.errors import InputError
-from app.figures.deformed import draw_deformed
-from app.figures.field_values import DEFAULT_FIELD
-from app.figures.force_displacement import force_displacement_figure
-from app.figures.history import energies_figure, forces_figure
-from app.figures.phase_plots import draw_phases
-from app.figures.steady_points import draw_steady, steady_series
-from app.figures.stribeck import series_of, stribeck_figure
-from app.figures.style import CASE_STYLE, save
-from app.figures.sweep import sweep_figure
-from app.results.reading import files_of_one_run
+from tribox.app.case.friction import FrictionMap
+from tribox.app.errors import InputError
+from tribox.app.figures.deformed import draw_deformed
+from tribox.app.figures.field_values import DEFAULT_FIELD
+from tribox.app.figures.force_displacement import force_displacement_figure
+from tribox.app.figures.history import energies_figure, forces_figure
+from tribox.app.figures.phase_plots import draw_phases
+from tribox.app.figures.steady_points import draw_steady, steady_series
+from tribox.app.figures.stribeck import series_of, stribeck_figure
+from tribox.app.figures.style import CASE_STYLE, save
+from tribox.app.figures.sweep import sweep_figure
+from tribox.app.results.reading import files_of_one_run
 
 if TYPE_CHECKING:
-    from app.case.case import Case
-    from app.results import Results
-    from app.results.table import Table
+    from tribox.app.case.case import Case
+    from tribox.app.results import Results
+    from tribox.app.results.table import Table
 
 
 def draw_figures(results: Results, field: str = DEFAULT_FIELD) -> list[Path]:

@@ -11,11 +11,11 @@ from matplotlib.axes import Axes
 from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
-from app.figures.body_shapes import Bodies, Ints
-from app.figures.field_values import ColourScale
-from app.figures.scenes import RIGHT, UP, Scene, rendered
-from app.figures.style import Floats
-from app.figures.units import fitting
+from tribox.app.figures.body_shapes import Bodies, Ints
+from tribox.app.figures.field_values import ColourScale
+from tribox.app.figures.scenes import RIGHT, UP, Scene, rendered
+from tribox.app.figures.style import Floats
+from tribox.app.figures.units import fitting
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from app.figures.units import fitting
-from app.simulation.time_text import time_text
+from tribox.app.figures.units import fitting
+from tribox.app.simulation.time_text import time_text
 
 if TYPE_CHECKING:
-    from app.results import Results
-    from app.results.table import Table
+    from tribox.app.results import Results
+    from tribox.app.results.table import Table
 
 AS_HIGH = 0.999  # share of the largest normal force from which on a load counts as the highest
 HIGHEST = "highest load"

@@ -12,16 +12,16 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from app.case.case import Case
-from app.case.friction import FrictionMap
-from app.figures.style import COLOURS, MARKERS, Floats, columns, save, thin_log_ticks
-from app.figures.symbols import MEAN_TRACTION, SHEAR_RATE, VELOCITY, VISCOSITY
-from forms.closed_forms.homogeneous_sliding import (
+from tribox.app.case.case import Case
+from tribox.app.case.friction import FrictionMap
+from tribox.app.figures.style import COLOURS, MARKERS, Floats, columns, save, thin_log_ticks
+from tribox.app.figures.symbols import MEAN_TRACTION, SHEAR_RATE, VELOCITY, VISCOSITY
+from tribox.forms.closed_forms.homogeneous_sliding import (
     effective_viscosity,
     steady_traction,
     threshold_speed,
 )
-from forms.friction.parameters import FrictionMapParameters
+from tribox.forms.friction.parameters import FrictionMapParameters
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,16 +10,16 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from app.case.friction import FrictionMap
-from app.figures.history import spans_decades
-from app.figures.style import COLOURS, MARKERS, Floats, thin_log_ticks
-from app.figures.symbols import HERSEY, RATIO, VELOCITY
-from app.figures.units import fitting
+from tribox.app.case.friction import FrictionMap
+from tribox.app.figures.history import spans_decades
+from tribox.app.figures.style import COLOURS, MARKERS, Floats, thin_log_ticks
+from tribox.app.figures.symbols import HERSEY, RATIO, VELOCITY
+from tribox.app.figures.units import fitting
 
 if TYPE_CHECKING:
-    from app.case.case import Case
-    from app.results import Results
-    from app.results.table import Table
+    from tribox.app.case.case import Case
+    from tribox.app.results import Results
+    from tribox.app.results.table import Table
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter, NullLocator
 from numpy.typing import NDArray
 
-from app.figures.png import LEVEL, Pixels, write_png
+from tribox.app.figures.png import LEVEL, Pixels, write_png
 
 Floats = NDArray[np.float64]
 Longs = NDArray[np.int64]

@@ -11,14 +11,14 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from app.case.quantities import QuantityError, split_quantity
-from app.figures.history import DECADES, LEAST, spans_decades
-from app.figures.style import MARKERS, Floats, thin_log_ticks
-from app.figures.symbols import FRICTION_FORCE, NORMAL_FORCE, RATIO
-from app.figures.units import Unit, fitting
+from tribox.app.case.quantities import QuantityError, split_quantity
+from tribox.app.figures.history import DECADES, LEAST, spans_decades
+from tribox.app.figures.style import MARKERS, Floats, thin_log_ticks
+from tribox.app.figures.symbols import FRICTION_FORCE, NORMAL_FORCE, RATIO
+from tribox.app.figures.units import Unit, fitting
 
 if TYPE_CHECKING:
-    from app.results import Results
+    from tribox.app.results import Results
 
 MOST_LINES = 8
 MOST_TICKS = 10  # values that have a tick each on a logarithmic axis
@@ -71,7 +71,7 @@ def _in_unit(number: float, given: str, unit: str) -> float:
     Raises:
         QuantityError: the units are not of one kind, or only some values have one.
     """
-    from app.case.quantities import parse_quantity
+    from tribox.app.case.quantities import parse_quantity
 
     if given == unit:
         return number

@@ -9,12 +9,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 
-from app.figures.plane_bodies import Frame
-from app.figures.style import Floats
-from app.figures.units import fitting
+from tribox.app.figures.plane_bodies import Frame
+from tribox.app.figures.style import Floats
+from tribox.app.figures.units import fitting
 
 if TYPE_CHECKING:
-    from app.results import Results
+    from tribox.app.results import Results
 
 ROOM = 0.12  # of the largest extent, that a tool is shown of beside the bodies at most
 COLOUR = "#2b4c7e"

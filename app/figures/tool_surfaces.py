@@ -12,12 +12,12 @@ import numpy as np
 from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 
-from app.figures.scenes import EYE, RIGHT, UP, Scene, brightness, changes, facets_seen
-from app.figures.style import Floats
-from app.figures.tool_lines import COLOUR, ROOM
+from tribox.app.figures.scenes import EYE, RIGHT, UP, Scene, brightness, changes, facets_seen
+from tribox.app.figures.style import Floats
+from tribox.app.figures.tool_lines import COLOUR, ROOM
 
 if TYPE_CHECKING:
-    from app.results import Results
+    from tribox.app.results import Results
 
 VEIL, LINE = 0.35, 0.9  # opacity of a tool, and of the lines round what is seen of it
 PARTS = 16  # of the picture, that a triangle spans at most: larger ones are divided

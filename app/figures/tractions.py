@@ -13,14 +13,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from app.figures.style import COLOURS, Floats
-from app.figures.symbols import CONTACT_PRESSURE, TRACTION
-from app.figures.units import Unit
-from geometry.surfaces.ordering import chains
+from tribox.app.figures.style import COLOURS, Floats
+from tribox.app.figures.symbols import CONTACT_PRESSURE, TRACTION
+from tribox.app.figures.units import Unit
+from tribox.geometry.surfaces.ordering import chains
 
 if TYPE_CHECKING:
-    from app.results import Results
-    from app.results.vtu_reading import Grid
+    from tribox.app.results import Results
+    from tribox.app.results.vtu_reading import Grid
 
 Ints = NDArray[np.int64]
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from app.figures.style import Floats
+from tribox.app.figures.style import Floats
 
 PREFIXES = {9: "G", 6: "M", 3: "k", 0: "", -3: "m", -6: "µ", -9: "n", -12: "p"}
 _ALL, _SMALL, _LARGE = range(-12, 10), range(-12, 1), range(10)

@@ -1,7 +1,7 @@
 """``tribox fit``: calibration of the friction law to tribometer data."""
 
-from app.fit.calibration import Calibration
-from app.fit.model import coordinates
-from app.fit.run import fit_setup
+from tribox.app.fit.calibration import Calibration
+from tribox.app.fit.model import coordinates
+from tribox.app.fit.run import fit_setup
 
 __all__ = ["Calibration", "coordinates", "fit_setup"]

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.stats import f as f_distribution
 
-from app.errors import InputError
-from app.fit.data import TribometerData
-from app.fit.judgement import (
+from tribox.app.errors import InputError
+from tribox.app.fit.data import TribometerData
+from tribox.app.fit.judgement import (
     CONFIDENCE,
     NOISE,
     Judgement,
@@ -28,9 +28,9 @@ from app.fit.judgement import (
     interval,
     star_warning,
 )
-from app.fit.model import RANGES, Coordinate, friction, with_values
-from app.fit.result import Estimate, FitResult, Found
-from forms.friction.parameters import FrictionMapParameters
+from tribox.app.fit.model import RANGES, Coordinate, friction, with_values
+from tribox.app.fit.result import Estimate, FitResult, Found
+from tribox.forms.friction.parameters import FrictionMapParameters
 
 Floats = NDArray[np.float64]
 

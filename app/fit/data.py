@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.case.quantities import Quantity, QuantityError, parse_quantity
-from app.case.text_files import read_text
-from app.errors import InputError
+from tribox.app.case.quantities import Quantity, QuantityError, parse_quantity
+from tribox.app.case.text_files import read_text
+from tribox.app.errors import InputError
 
 Floats = NDArray[np.float64]
 

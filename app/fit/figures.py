@@ -12,13 +12,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from app.figures.style import COLOURS, MARKERS, STYLE, save
-from app.figures.symbols import LOCAL_RATIO, SLIP, TRACTION, VELOCITY, VISCOSITY
-from app.fit.data import TribometerData
-from app.fit.model import friction
-from app.fit.result import FitResult
-from forms.closed_forms.homogeneous_sliding import threshold_speed
-from forms.friction.parameters import FrictionMapParameters
+from tribox.app.figures.style import COLOURS, MARKERS, STYLE, save
+from tribox.app.figures.symbols import LOCAL_RATIO, SLIP, TRACTION, VELOCITY, VISCOSITY
+from tribox.app.fit.data import TribometerData
+from tribox.app.fit.model import friction
+from tribox.app.fit.result import FitResult
+from tribox.forms.closed_forms.homogeneous_sliding import threshold_speed
+from tribox.forms.friction.parameters import FrictionMapParameters
 
 Floats = NDArray[np.float64]
 

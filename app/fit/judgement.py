@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as t_distribution
 
-from app.fit.model import Coordinate
-from app.fit.result import Found
+from tribox.app.fit.model import Coordinate
+from tribox.app.fit.result import Found
 
 Floats = NDArray[np.float64]
 

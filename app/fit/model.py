@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.errors import InputError
-from app.fit.data import TribometerData
-from forms.closed_forms.homogeneous_sliding import presliding_length
-from forms.friction.film_map import at_rest
-from forms.friction.friction_map import FrictionMap
-from forms.friction.parameters import FrictionMapParameters
+from tribox.app.errors import InputError
+from tribox.app.fit.data import TribometerData
+from tribox.forms.closed_forms.homogeneous_sliding import presliding_length
+from tribox.forms.friction.film_map import at_rest
+from tribox.forms.friction.friction_map import FrictionMap
+from tribox.forms.friction.parameters import FrictionMapParameters
 
 Floats = NDArray[np.float64]
 

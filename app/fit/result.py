@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from app.fit.model import Coordinate
-from forms.friction.parameters import FrictionMapParameters
+from tribox.app.fit.model import Coordinate
+from tribox.forms.friction.parameters import FrictionMapParameters
 
 Floats = NDArray[np.float64]
 

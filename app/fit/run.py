@@ -10,21 +10,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from app.case.friction import FrictionMap
-from app.case.overrides import apply_override
-from app.case.quantities import QuantityError, parse_quantity
-from app.case.toml_writer import toml_text
-from app.errors import InputError
-from app.fit.calibration import Calibration
-from app.fit.data import COLUMNS, CONSTANTS, TribometerData, read_data
-from app.fit.judgement import CONFIDENCE
-from app.fit.model import RANGES, coordinates
-from app.fit.result import FitResult
-from app.friction_map.run import keep_input, suffixed_directory
-from app.friction_map.setup import validated_contact
-from app.results.claim import claimed
-from app.results.directory import write_json, write_table, write_text
-from forms.friction.parameters import FrictionMapParameters
+from tribox.app.case.friction import FrictionMap
+from tribox.app.case.overrides import apply_override
+from tribox.app.case.quantities import QuantityError, parse_quantity
+from tribox.app.case.toml_writer import toml_text
+from tribox.app.errors import InputError
+from tribox.app.fit.calibration import Calibration
+from tribox.app.fit.data import COLUMNS, CONSTANTS, TribometerData, read_data
+from tribox.app.fit.judgement import CONFIDENCE
+from tribox.app.fit.model import RANGES, coordinates
+from tribox.app.fit.result import FitResult
+from tribox.app.friction_map.run import keep_input, suffixed_directory
+from tribox.app.friction_map.setup import validated_contact
+from tribox.app.results.claim import claimed
+from tribox.app.results.directory import write_json, write_table, write_text
+from tribox.forms.friction.parameters import FrictionMapParameters
 
 ASSUMED: dict[str, Any] = {
     "preset": "friction-map",
@@ -120,7 +120,7 @@ def run_fit(
         write_json(directory / "fit.json", numbers(setup, result, data_file))
         write_table(directory / "fit.csv", FIT_COLUMNS, _rows(setup.data, result))
         write_text(directory / "friction.toml", friction_section(setup, result, data_file))
-        from app.fit.figures import draw_fit
+        from tribox.app.fit.figures import draw_fit
 
         (directory / "figures").mkdir(exist_ok=True)
         draw_fit(setup.data, result, directory / "figures")

@@ -13,13 +13,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from app.figures.style import COLOURS, STYLE, save, thin_log_ticks
-from app.figures.symbols import LOCAL_RATIO, SLIP, TIME, TRACTION, VELOCITY, VISCOSITY
-from app.figures.units import fitting
-from app.friction_map.material_point import Track
-from app.friction_map.material_tests import Curve, FrictionMapResult
-from app.friction_map.setup import MapSetup
-from forms.closed_forms.homogeneous_sliding import steady_traction, threshold_speed
+from tribox.app.figures.style import COLOURS, STYLE, save, thin_log_ticks
+from tribox.app.figures.symbols import LOCAL_RATIO, SLIP, TIME, TRACTION, VELOCITY, VISCOSITY
+from tribox.app.figures.units import fitting
+from tribox.app.friction_map.material_point import Track
+from tribox.app.friction_map.material_tests import Curve, FrictionMapResult
+from tribox.app.friction_map.setup import MapSetup
+from tribox.forms.closed_forms.homogeneous_sliding import steady_traction, threshold_speed
 
 Floats = NDArray[np.float64]
 

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from forms.friction.friction_map import FrictionMap
-from forms.friction.law import FrictionLaw, FrictionResponse
+from tribox.forms.friction.friction_map import FrictionMap
+from tribox.forms.friction.law import FrictionLaw, FrictionResponse
 
 Floats = NDArray[np.float64]
 
@@ -61,7 +61,7 @@ class Track:
         slip_path: (n, q), m, length of the permanent slip.
         alpha: (n, q), film fraction.
         mu: (n, q), coefficient of friction at the slip path reached.
-        regime: (n, q), codes of ``forms.friction.law.Regime``.
+        regime: (n, q), codes of ``tribox.forms.friction.law.Regime``.
         dissipated: (n, q), J/m^2 in the step.
     """
 
@@ -173,7 +173,7 @@ class Steady:
         traction: (q,) or (v, q), Pa.
         mu: Likewise, coefficient of friction at the slip reached.
         alpha: Likewise, film fraction.
-        regime: Likewise, codes of ``forms.friction.law.Regime``.
+        regime: Likewise, codes of ``tribox.forms.friction.law.Regime``.
         slip: A number or (v,), m, distance slid until all points were steady (or given up).
         steady: Like the traction, whether it had stopped changing.
     """

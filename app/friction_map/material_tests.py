@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.friction_map.material_point import (
+from tribox.app.friction_map.material_point import (
     Phase,
     Program,
     Track,
@@ -19,16 +19,16 @@ from app.friction_map.material_point import (
     follow_all,
     slide_at_speeds,
 )
-from app.friction_map.setup import MapSetup
-from app.results.directory import write_json, write_table
-from forms.closed_forms.homogeneous_sliding import (
+from tribox.app.friction_map.setup import MapSetup
+from tribox.app.results.directory import write_json, write_table
+from tribox.forms.closed_forms.homogeneous_sliding import (
     presliding_length,
     steady_traction,
     threshold_speed,
 )
-from forms.friction.film_map import at_rest
-from forms.friction.friction_map import FrictionMap
-from forms.friction.law import Regime
+from tribox.forms.friction.film_map import at_rest
+from tribox.forms.friction.friction_map import FrictionMap
+from tribox.forms.friction.law import Regime
 
 Floats = NDArray[np.float64]
 
@@ -72,7 +72,7 @@ class Curve:
         traction: Pa, from stepping the law.
         mu: Coefficient of friction reached.
         alpha: Film fraction.
-        regime: Codes of ``forms.friction.law.Regime``.
+        regime: Codes of ``tribox.forms.friction.law.Regime``.
         steady: Whether the traction had stopped changing.
         exact: Pa, closed form at the coefficient reached; NaN within the transition at V*.
     """

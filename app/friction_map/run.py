@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from app.errors import InputError
-from app.friction_map.material_tests import compute_map, summary, write_map
-from app.friction_map.setup import law_notes, map_setup
-from app.results.claim import claimed
-from app.results.directory import default_directory
+from tribox.app.errors import InputError
+from tribox.app.friction_map.material_tests import compute_map, summary, write_map
+from tribox.app.friction_map.setup import law_notes, map_setup
+from tribox.app.results.claim import claimed
+from tribox.app.results.directory import default_directory
 
 BUILT_IN = Path("built-in.toml")
 """Names the results of a map without a case."""
@@ -44,7 +44,7 @@ def run_map(
         claim.clear()
         write_map(setup, result, directory, seconds)
         # Drawing starts a library that takes longer than the map.
-        from app.friction_map.figures import draw_map
+        from tribox.app.friction_map.figures import draw_map
 
         (directory / "figures").mkdir(exist_ok=True)
         draw_map(setup, result, directory / "figures")

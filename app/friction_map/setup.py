@@ -11,17 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from app.case.contact import Contact
-from app.case.film import Film
-from app.case.friction import FrictionMap
-from app.case.overrides import apply_override
-from app.case.validation import format_problem, problems_of
-from app.errors import InputError
-from forms.closed_forms.homogeneous_sliding import crossover_speed, threshold_speed
-from forms.friction.parameters import FrictionMapParameters
+from tribox.app.case.contact import Contact
+from tribox.app.case.film import Film
+from tribox.app.case.friction import FrictionMap
+from tribox.app.case.overrides import apply_override
+from tribox.app.case.validation import format_problem, problems_of
+from tribox.app.errors import InputError
+from tribox.forms.closed_forms.homogeneous_sliding import crossover_speed, threshold_speed
+from tribox.forms.friction.parameters import FrictionMapParameters
 
 if TYPE_CHECKING:
-    from app.case.case import Case
+    from tribox.app.case.case import Case
 
 Floats = NDArray[np.float64]
 
@@ -99,7 +99,7 @@ def map_setup(case_file: Path | None, overrides: Sequence[str] = ()) -> MapSetup
         )
         return _setup("built-in parameters", contact.friction, contact.film, (), None, note)
     # All tables of a case take longer to import than the law without a case takes to map.
-    from app.case.reading import load_case
+    from tribox.app.case.reading import load_case
 
     case = load_case(case_file, overrides)
     contact = case.contact[0]

@@ -20,11 +20,11 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from app.equilibrium.equilibrium import Equilibrium
-from app.equilibrium.holding_springs import HoldingSprings
-from app.implicit.attempt import Attempt
-from app.implicit.loose_bodies import LooseBodies
-from geometry.surfaces.facets import Floats
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.holding_springs import HoldingSprings
+from tribox.app.implicit.attempt import Attempt
+from tribox.app.implicit.loose_bodies import LooseBodies
+from tribox.geometry.surfaces.facets import Floats
 
 # A stage moves a loose body by FIRST lengths of a slave facet further than to the other body, the
 # next FURTHER times as far; after one that failed by a BACK-th, and then by CAREFUL times as much.
@@ -93,7 +93,7 @@ class HeldApproach:
     """Newton's method with loose bodies held by springs, which give way to the contacts."""
 
     def run(self, attempt: Attempt) -> tuple[int, int]:
-        """See :class:`app.implicit.globalisation.Phase`."""
+        """See :class:`tribox.app.implicit.globalisation.Phase`."""
         problem, trial = attempt.newton.problem, attempt.trial
         trial.array[:] = problem.constrained_values(attempt.x)
         loads = unbalanced_loads(attempt)

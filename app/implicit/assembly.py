@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 from petsc4py import PETSc
 
-from app.equilibrium.equilibrium import Equilibrium
-from app.equilibrium.snapshot import (
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.snapshot import (
     Local,
     Nodal,
     Snapshot,
@@ -22,10 +22,10 @@ from app.equilibrium.snapshot import (
     to_origin,
     to_step,
 )
-from app.equilibrium.step_mode import StepMode
-from forms.bodies.point_state import Origin
-from forms.contact.state import ContactState
-from geometry.surfaces.facets import Floats
+from tribox.app.equilibrium.step_mode import StepMode
+from tribox.forms.bodies.point_state import Origin
+from tribox.forms.contact.state import ContactState
+from tribox.geometry.surfaces.facets import Floats
 
 
 @dataclass(frozen=True, slots=True)

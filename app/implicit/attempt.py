@@ -8,11 +8,11 @@ from typing import Protocol
 import numpy as np
 from petsc4py import PETSc
 
-from app.equilibrium.step_mode import StepMode
-from app.implicit.loose_bodies import LooseBodies
-from app.implicit.newton import Newton
-from app.implicit.predictor import Predictor
-from geometry.surfaces.facets import Floats
+from tribox.app.equilibrium.step_mode import StepMode
+from tribox.app.implicit.loose_bodies import LooseBodies
+from tribox.app.implicit.newton import Newton
+from tribox.app.implicit.predictor import Predictor
+from tribox.geometry.surfaces.facets import Floats
 
 
 @dataclass(slots=True)

@@ -1,8 +1,8 @@
 """Direct solves of bodies in contact, body by body where one of them is far stiffer.
 
-Each body is solved for in turn (:mod:`app.implicit.body_by_body`). Where no body can be kept the
-whole tangent is factorised, and so it is where taking turns does not get there: for that tangent,
-and for good where that happens often.
+Each body is solved for in turn (:mod:`tribox.app.implicit.body_by_body`). Where no body can be kept
+the whole tangent is factorised, and so it is where taking turns does not get there: for that
+tangent, and for good where that happens often.
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ from weakref import ref
 
 from petsc4py import PETSc
 
-from app.equilibrium.equilibrium import Equilibrium
-from app.equilibrium.free_bodies import supports_at_hand
-from app.equilibrium.snapshot import Snapshot
-from app.implicit.body_by_body import BodyByBody
-from app.implicit.coupled_factor import DIRECT
-from app.implicit.factor import Factor
-from app.implicit.kept_bodies import kept_bodies
-from app.implicit.linear_way import LEFT, petsc_kinds
-from forms.bodies.solid import Solid
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.free_bodies import supports_at_hand
+from tribox.app.equilibrium.snapshot import Snapshot
+from tribox.app.implicit.body_by_body import BodyByBody
+from tribox.app.implicit.coupled_factor import DIRECT
+from tribox.app.implicit.factor import Factor
+from tribox.app.implicit.kept_bodies import kept_bodies
+from tribox.app.implicit.linear_way import LEFT, petsc_kinds
+from tribox.forms.bodies.solid import Solid
 
 # Solves that failed are weighed against those that did not: three in a row, or more than one in
 # six, are too many.
@@ -31,7 +31,7 @@ class BodyBlocks:
     """Solves with the tangent, as PETSc's preconditioner in Python.
 
     Attributes:
-        direct, part: see :class:`app.implicit.linear_way.LinearWay`.
+        direct, part: see :class:`tribox.app.implicit.linear_way.LinearWay`.
     """
 
     direct, part = True, "factorisation"
@@ -66,7 +66,7 @@ class BodyBlocks:
         self._rest = problem.new_vector()
 
     def kinds(self) -> str:
-        """See :class:`app.implicit.linear_way.LinearWay`."""
+        """See :class:`tribox.app.implicit.linear_way.LinearWay`."""
         return petsc_kinds(str(DIRECT["ksp_type"]), str(DIRECT["pc_type"]))
 
     # -- factorisations -----------------------------------------------------------------------
@@ -84,7 +84,7 @@ class BodyBlocks:
         self._whole, self._fallen = None, False
 
     def set_up(self, widened: bool) -> bool:
-        """Factorise; see :class:`app.implicit.linear_way.LinearWay`; collective."""
+        """Factorise; see :class:`tribox.app.implicit.linear_way.LinearWay`; collective."""
         anew = self._make(widened) or self._remade
         self._remade = False
         self._ksp.setOperators(self._matrix)
@@ -140,7 +140,7 @@ class BodyBlocks:
     # -- solution -----------------------------------------------------------------------------
 
     def aim(self, share: float, on_path: bool = False) -> None:
-        """See :class:`app.implicit.linear_way.LinearWay`."""
+        """See :class:`tribox.app.implicit.linear_way.LinearWay`."""
         self._share = share
 
     def apply(self, pc: PETSc.PC, b: PETSc.Vec, x: PETSc.Vec) -> None:
@@ -172,7 +172,7 @@ class BodyBlocks:
     # -- restart ------------------------------------------------------------------------------
 
     def snapshot(self) -> Snapshot:
-        """See :class:`app.implicit.linear_way.LinearWay`."""
+        """See :class:`tribox.app.implicit.linear_way.LinearWay`."""
         return {
             "failures": self._failures,
             "given_up": self._given_up,
@@ -180,7 +180,7 @@ class BodyBlocks:
         }
 
     def restore(self, kept: Snapshot, set_up: Callable[[], None]) -> None:
-        """See :class:`app.implicit.linear_way.LinearWay`."""
+        """See :class:`tribox.app.implicit.linear_way.LinearWay`."""
         self._supports, self._failures, self._given_up = None, 0, kept["given_up"]
         set_up()
         self._failures = kept["failures"]

@@ -21,10 +21,10 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from app.equilibrium.equilibrium import Equilibrium
-from app.implicit.factor import Factor
-from app.implicit.kept_bodies import KeptBodies
-from geometry.surfaces.facets import Ints
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.implicit.factor import Factor
+from tribox.app.implicit.kept_bodies import KeptBodies
+from tribox.geometry.surfaces.facets import Ints
 
 # A stiff body that is moved makes such forces that those of the others are nothing beside: they
 # have to follow once.

@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 from petsc4py import PETSc
 
-from app.equilibrium.snapshot import Snapshot
-from app.implicit.linear_way import petsc_kinds
+from tribox.app.equilibrium.snapshot import Snapshot
+from tribox.app.implicit.linear_way import petsc_kinds
 
 DIRECT: dict[str, str | float | bool] = {
     "ksp_type": "preonly",
@@ -20,7 +20,7 @@ class CoupledFactor:
     """A new factorisation for each matrix; its analysis is kept while the pattern stays.
 
     Attributes:
-        direct, part: see :class:`app.implicit.linear_way.LinearWay`.
+        direct, part: see :class:`tribox.app.implicit.linear_way.LinearWay`.
     """
 
     direct, part = True, "factorisation"
@@ -30,7 +30,7 @@ class CoupledFactor:
         self._ksp, self._matrix, self._analysed = ksp, matrix, False
 
     def kinds(self) -> str:
-        """See :class:`app.implicit.linear_way.LinearWay`."""
+        """See :class:`tribox.app.implicit.linear_way.LinearWay`."""
         return petsc_kinds(self._ksp.getType(), self._ksp.getPC().getType())
 
     def renew(self) -> None:
@@ -39,7 +39,7 @@ class CoupledFactor:
         self._analysed = False
 
     def set_up(self, widened: bool) -> bool:
-        """Factorise the matrix; see :class:`app.implicit.linear_way.LinearWay`; collective.
+        """Factorise the matrix; see :class:`tribox.app.implicit.linear_way.LinearWay`; collective.
 
         PETSc exchanges the matrix's inside on an addition with another pattern and does not see
         by itself that the factorisation's analysis is out of date.
@@ -59,5 +59,5 @@ class CoupledFactor:
         return {}
 
     def restore(self, kept: Snapshot, set_up: Callable[[], None]) -> None:
-        """See :class:`app.implicit.linear_way.LinearWay`."""
+        """See :class:`tribox.app.implicit.linear_way.LinearWay`."""
         set_up()

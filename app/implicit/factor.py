@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from petsc4py import PETSc
 
-from geometry.surfaces.facets import Floats
+from tribox.geometry.surfaces.facets import Floats
 
 
 class Factor:

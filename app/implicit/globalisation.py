@@ -3,8 +3,8 @@
 The first phase starts from the prediction. Those after it start elsewhere, or approach the solution
 through softer contacts: where many points open or close at once, a stiff penalty makes Newton's
 method try one set of them after another, while a soft one lets it find the region. Bodies that a
-load presses on each other are held by springs meanwhile (:mod:`app.implicit.approach`); others that
-touch nowhere find each other by contacts that pull as well.
+load presses on each other are held by springs meanwhile (:mod:`tribox.app.implicit.approach`);
+others that touch nowhere find each other by contacts that pull as well.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 from petsc4py import PETSc
 
-from app.implicit.approach import HeldApproach, is_adrift, strays
-from app.implicit.attempt import Attempt, Phase
+from tribox.app.implicit.approach import HeldApproach, is_adrift, strays
+from tribox.app.implicit.attempt import Attempt, Phase
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,18 +14,18 @@ import dolfinx.fem.petsc
 import numpy as np
 from petsc4py import PETSc
 
-from app.equilibrium.equilibrium import Equilibrium
-from app.equilibrium.free_bodies import leave_none, motions_of
-from app.equilibrium.joined_bodies import JoinedBodies, joined_bodies
-from app.equilibrium.kept_tangent import undeformed
-from app.equilibrium.pair_bodies import bodies_of
-from app.equilibrium.slanted import SlantedPlaten
-from app.equilibrium.tangent import pattern_form
-from forms.bodies.materials import Material
-from forms.bodies.solid import Solid
-from forms.contact.penalty import ContactTerm
-from geometry.compat import add_matrix
-from geometry.surfaces.facets import Bools, Ints
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.free_bodies import leave_none, motions_of
+from tribox.app.equilibrium.joined_bodies import JoinedBodies, joined_bodies
+from tribox.app.equilibrium.kept_tangent import undeformed
+from tribox.app.equilibrium.pair_bodies import bodies_of
+from tribox.app.equilibrium.slanted import SlantedPlaten
+from tribox.app.equilibrium.tangent import pattern_form
+from tribox.forms.bodies.materials import Material
+from tribox.forms.bodies.solid import Solid
+from tribox.forms.contact.penalty import ContactTerm
+from tribox.geometry.compat import add_matrix
+from tribox.geometry.surfaces.facets import Bools, Ints
 
 STIFFER = 0.5
 """Largest stiffness of a contact over that of a facet's extent of a body that is kept."""

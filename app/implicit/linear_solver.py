@@ -13,17 +13,17 @@ from typing import Literal
 import numpy as np
 from petsc4py import PETSc
 
-from app.equilibrium.equilibrium import Equilibrium
-from app.equilibrium.snapshot import Local, Snapshot
-from app.equilibrium.step_mode import DEFAULT_STEP, StepMode
-from app.implicit.assembly import Assembly
-from app.implicit.body_blocks import BodyBlocks
-from app.implicit.coupled_factor import DIRECT, CoupledFactor
-from app.implicit.kept_bodies import stiff_solids
-from app.implicit.linear_way import LEFT, LinearWay
-from app.implicit.multigrid import KRYLOV, Multigrid, rigid_motions_of
-from app.implicit.petsc_options import errors_as_raised, refusal, silence, unused
-from geometry.surfaces.facets import Ints
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.snapshot import Local, Snapshot
+from tribox.app.equilibrium.step_mode import DEFAULT_STEP, StepMode
+from tribox.app.implicit.assembly import Assembly
+from tribox.app.implicit.body_blocks import BodyBlocks
+from tribox.app.implicit.coupled_factor import DIRECT, CoupledFactor
+from tribox.app.implicit.kept_bodies import stiff_solids
+from tribox.app.implicit.linear_way import LEFT, LinearWay
+from tribox.app.implicit.multigrid import KRYLOV, Multigrid, rigid_motions_of
+from tribox.app.implicit.petsc_options import errors_as_raised, refusal, silence, unused
+from tribox.geometry.surfaces.facets import Ints
 
 Linear = Literal["auto", "direct", "krylov"]
 # Unknowns up to which "auto" factorises, by the dimension of space: a factorisation takes about
@@ -177,7 +177,7 @@ class LinearSolver:
     def aim(self, share: float, on_path: bool = False) -> None:
         """Solve so well that ``share`` of the forces may do as what Newton's method leaves.
 
-        ``on_path``: see :class:`app.implicit.linear_way.LinearWay`.
+        ``on_path``: see :class:`tribox.app.implicit.linear_way.LinearWay`.
         """
         self.way.aim(float(np.clip(ENDING * share, CLOSEST, LEFT)), on_path)
 

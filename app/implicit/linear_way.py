@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol
 
-from app.equilibrium.snapshot import Snapshot
+from tribox.app.equilibrium.snapshot import Snapshot
 
 LEFT = 1e-3
 """Share of the forces that a solve may leave out of balance where nothing else is said."""

@@ -8,11 +8,11 @@ import dolfinx
 import numpy as np
 from mpi4py import MPI
 
-from app.equilibrium.bonded import bonded_groups
-from app.equilibrium.equilibrium import Equilibrium
-from app.equilibrium.holding_springs import HoldingSprings
-from app.equilibrium.supports import Loose, body_nodes, loose_directions, sprung_dofs
-from geometry.surfaces.facets import Floats
+from tribox.app.equilibrium.bonded import bonded_groups
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.holding_springs import HoldingSprings
+from tribox.app.equilibrium.supports import Loose, body_nodes, loose_directions, sprung_dofs
+from tribox.geometry.surfaces.facets import Floats
 
 
 @dataclass(slots=True)

@@ -7,9 +7,9 @@ from collections.abc import Callable
 
 from petsc4py import PETSc
 
-from app.equilibrium.equilibrium import Equilibrium
-from app.equilibrium.snapshot import Snapshot
-from app.implicit.linear_way import petsc_kinds
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.snapshot import Snapshot
+from tribox.app.implicit.linear_way import petsc_kinds
 
 KRYLOV: dict[str, str | float | bool] = {
     "ksp_type": "fgmres",
@@ -41,7 +41,7 @@ class Multigrid:
     spaces, hardly change. Nor does a wider pattern matter to them.
 
     Attributes:
-        direct, part: see :class:`app.implicit.linear_way.LinearWay`.
+        direct, part: see :class:`tribox.app.implicit.linear_way.LinearWay`.
         made: how often the preconditioner was made.
     """
 
@@ -57,7 +57,7 @@ class Multigrid:
         self.made = 0
 
     def kinds(self) -> str:
-        """See :class:`app.implicit.linear_way.LinearWay`."""
+        """See :class:`tribox.app.implicit.linear_way.LinearWay`."""
         return petsc_kinds(self._ksp.getType(), self._ksp.getPC().getType())
 
     def worn(self) -> bool:
@@ -77,7 +77,7 @@ class Multigrid:
     def set_up(self, widened: bool) -> bool:
         """Make the preconditioner if there is none that serves; collective.
 
-        See :class:`app.implicit.linear_way.LinearWay`.
+        See :class:`tribox.app.implicit.linear_way.LinearWay`.
         """
         if self.worn():
             self.renew()
@@ -92,7 +92,7 @@ class Multigrid:
         return anew
 
     def aim(self, share: float, on_path: bool = False) -> None:
-        """See :class:`app.implicit.linear_way.LinearWay`; the options say what is usual."""
+        """See :class:`tribox.app.implicit.linear_way.LinearWay`; the options say what is usual."""
         self._share = min(self._usual, max(share, CLOSE)) if on_path else self._usual
         self._ksp.setTolerances(rtol=self._share)
 
@@ -101,7 +101,7 @@ class Multigrid:
         return {"fresh": self._fresh, "iterations": self._last_iterations()}
 
     def restore(self, kept: Snapshot, set_up: Callable[[], None]) -> None:
-        """See :class:`app.implicit.linear_way.LinearWay`."""
+        """See :class:`tribox.app.implicit.linear_way.LinearWay`."""
         set_up()
         self._fresh, self._iterations = kept["fresh"], kept["iterations"]
 

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from petsc4py import PETSc
 
-from app.equilibrium.equilibrium import Equilibrium
-from app.equilibrium.snapshot import Snapshot
-from app.equilibrium.step_mode import DEFAULT_STEP, StepMode
-from app.implicit.linear_solver import LinearSolver, linear_options
-from app.implicit.options import ImplicitOptions
-from app.implicit.petsc_options import errors_as_raised, refusal, sets_solver
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.snapshot import Snapshot
+from tribox.app.equilibrium.step_mode import DEFAULT_STEP, StepMode
+from tribox.app.implicit.linear_solver import LinearSolver, linear_options
+from tribox.app.implicit.options import ImplicitOptions
+from tribox.app.implicit.petsc_options import errors_as_raised, refusal, sets_solver
 
 PREFIX = "tribox_"
 _numbers = itertools.count()

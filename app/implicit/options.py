@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from app.implicit.linear_solver import Linear
+from tribox.app.implicit.linear_solver import Linear
 
 
 @dataclass(frozen=True, slots=True)

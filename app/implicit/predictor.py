@@ -16,11 +16,11 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from app.equilibrium.equilibrium import Equilibrium
-from app.equilibrium.snapshot import Nodal, Snapshot, scattered
-from app.equilibrium.step_mode import DEFAULT_STEP, StepMode
-from app.implicit.linear_solver import LinearSolver
-from geometry.surfaces.facets import Floats, Ints
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.snapshot import Nodal, Snapshot, scattered
+from tribox.app.equilibrium.step_mode import DEFAULT_STEP, StepMode
+from tribox.app.implicit.linear_solver import LinearSolver
+from tribox.geometry.surfaces.facets import Floats, Ints
 
 HIGHEST_ORDER = 3  # of the polynomial through the last states
 CORRECTIONS = 3  # with the tangent factorised last, from the last state itself

@@ -1,7 +1,7 @@
 """Quasi-static implicit steps: each from the last converged state.
 
 If a step fails, nothing has been committed: it is cut and tried again from the same state. How a
-step is solved is in :mod:`app.implicit.globalisation`.
+step is solved is in :mod:`tribox.app.implicit.globalisation`.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from app.equilibrium.equilibrium import Equilibrium
-from app.equilibrium.free_bodies import supports_at_hand
-from app.equilibrium.snapshot import (
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.free_bodies import supports_at_hand
+from tribox.app.equilibrium.snapshot import (
     Nodal,
     Snapshot,
     of_bodies,
@@ -26,15 +26,15 @@ from app.equilibrium.snapshot import (
     to_contacts,
     to_step,
 )
-from app.equilibrium.step_mode import StepMode
-from app.implicit.attempt import Attempt
-from app.implicit.globalisation import solve
-from app.implicit.linear_solver import LinearSolver
-from app.implicit.loose_bodies import LooseBodies
-from app.implicit.newton import Newton
-from app.implicit.options import ImplicitOptions
-from app.implicit.predictor import Predictor
-from app.implicit.weak_hold import SHARE, WeakHold
+from tribox.app.equilibrium.step_mode import StepMode
+from tribox.app.implicit.attempt import Attempt
+from tribox.app.implicit.globalisation import solve
+from tribox.app.implicit.linear_solver import LinearSolver
+from tribox.app.implicit.loose_bodies import LooseBodies
+from tribox.app.implicit.newton import Newton
+from tribox.app.implicit.options import ImplicitOptions
+from tribox.app.implicit.predictor import Predictor
+from tribox.app.implicit.weak_hold import SHARE, WeakHold
 
 __all__ = ["ImplicitOptions", "ImplicitStepper", "NotConvergedError", "StepResult"]
 
@@ -54,7 +54,8 @@ class StepResult:
         reason: PETSc's converged reason.
         residuals: residual norm after each iteration, relative to the reference force.
         floating: bodies that nothing presses on or supports; holding: force of the weak springs
-            that hold them, over the largest force of the run (:mod:`app.implicit.weak_hold`).
+            that hold them, over the largest force of the run
+            (:mod:`tribox.app.implicit.weak_hold`).
         strayed: whether an iteration led too far away to be evaluated.
     """
 

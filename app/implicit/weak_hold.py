@@ -12,12 +12,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from app.equilibrium.equilibrium import Equilibrium
-from app.equilibrium.free_bodies import FreeBody, free_bodies
-from app.equilibrium.holding_springs import HoldingSprings
-from app.equilibrium.pair_bodies import bodies_of
-from app.implicit.loose_bodies import nodal_shares
-from geometry.surfaces.facets import Floats
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.free_bodies import FreeBody, free_bodies
+from tribox.app.equilibrium.holding_springs import HoldingSprings
+from tribox.app.equilibrium.pair_bodies import bodies_of
+from tribox.app.implicit.loose_bodies import nodal_shares
+from tribox.geometry.surfaces.facets import Floats
 
 SHARE = 1e-6
 """Largest force of the springs of a body, and least contact force that holds one, over the largest

@@ -6,10 +6,10 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
-from app.case.schema import FILE_NAME, json_schema
-from app.errors import InputError
-from app.results.directory import write_text
-from geometry.meshes.drawing import mesh_drawing
+from tribox.app.case.schema import FILE_NAME, json_schema
+from tribox.app.errors import InputError
+from tribox.app.results.directory import write_text
+from tribox.geometry.meshes.drawing import mesh_drawing
 
 HERE = Path(__file__).parent
 KINDS = {

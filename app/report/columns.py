@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from app.figures import symbols
+from tribox.app.figures import symbols
 
 
 @dataclass(frozen=True, slots=True)

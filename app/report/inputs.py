@@ -8,8 +8,8 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from app.case.case import Case
-from app.report.units import readable
+from tribox.app.case.case import Case
+from tribox.app.report.units import readable
 
 _TITLES = {"geometry": "Geometry", "solver": "Solver", "output": "Output", "sweep": "Sweep"}
 _NAMED = {

@@ -9,12 +9,12 @@ from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from app.case.given import given_keys
-from app.errors import InputError
-from app.report.inputs import input_tables
-from app.report.pictures import Picture, pictures_of
-from app.report.tables import Table, detail_tables, end_table, load_step_table, sweep_table
-from app.report.verdicts import (
+from tribox.app.case.given import given_keys
+from tribox.app.errors import InputError
+from tribox.app.report.inputs import input_tables
+from tribox.app.report.pictures import Picture, pictures_of
+from tribox.app.report.tables import Table, detail_tables, end_table, load_step_table, sweep_table
+from tribox.app.report.verdicts import (
     Verdict,
     cost_table,
     energy_table,
@@ -22,9 +22,9 @@ from app.report.verdicts import (
     facts,
     status_verdict,
 )
-from app.results import Results, read
-from app.results.directory import write_text
-from app.results.reading import files_of_one_run
+from tribox.app.results import Results, read
+from tribox.app.results.directory import write_text
+from tribox.app.results.reading import files_of_one_run
 
 NAME = "report.html"
 TEMPLATE = "template.html"

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from app.figures.units import Unit, fitting
-from app.report.columns import column
+from tribox.app.figures.units import Unit, fitting
+from tribox.app.report.columns import column
 
 if TYPE_CHECKING:
     from pandas import DataFrame

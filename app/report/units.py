@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from decimal import Decimal, InvalidOperation
 
-from app.figures.units import fitting
+from tribox.app.figures.units import fitting
 
 _RAISED = {"^2": "²", "^3": "³", "*": " "}
 _QUANTITY = re.compile(r"([+-]?[0-9.]+(?:[eE][+-]?[0-9]+)?)(?: (.*))?")

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from app.figures.units import fitting
-from app.report.tables import Table
+from tribox.app.figures.units import fitting
+from tribox.app.report.tables import Table
 
 if TYPE_CHECKING:
     from pandas import DataFrame

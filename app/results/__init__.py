@@ -6,7 +6,7 @@
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from app.results.reading import Results, read
+    from tribox.app.results.reading import Results, read
 
 __all__ = ["Results", "read"]
 
@@ -14,6 +14,6 @@ __all__ = ["Results", "read"]
 def __getattr__(name: str) -> Any:
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from app.results import reading
+    from tribox.app.results import reading
 
     return getattr(reading, name)

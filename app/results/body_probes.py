@@ -7,13 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 from mpi4py import MPI
 
-from app.build.model import Model
-from app.results.point_probes import AXES, components, reduced_rows
-from forms.bodies.deformation import BodyPoints
-from forms.bodies.point_stress import log_strain, mean_pressure, von_mises
-from forms.bodies.solid import Solid
-from geometry.surfaces.facets import Floats
-from geometry.surfaces.ordering import order_by_place
+from tribox.app.build.model import Model
+from tribox.app.results.point_probes import AXES, components, reduced_rows
+from tribox.forms.bodies.deformation import BodyPoints
+from tribox.forms.bodies.point_stress import log_strain, mean_pressure, von_mises
+from tribox.forms.bodies.solid import Solid
+from tribox.geometry.surfaces.facets import Floats
+from tribox.geometry.surfaces.ordering import order_by_place
 
 AS_LARGE = 1e-9  # relative difference below which two stresses are as large
 

@@ -17,11 +17,11 @@ import dolfinx
 import numpy as np
 from mpi4py import MPI
 
-from app.results.fields import ContactPressureField, StressField
-from forms.bodies.solid import Solid
-from geometry.compat import cell_submesh
-from geometry.surfaces.facets import Floats
-from geometry.surfaces.surface import ContactSurface
+from tribox.app.results.fields import ContactPressureField, StressField
+from tribox.forms.bodies.solid import Solid
+from tribox.geometry.compat import cell_submesh
+from tribox.geometry.surfaces.facets import Floats
+from tribox.geometry.surfaces.surface import ContactSurface
 
 SHARE, MARGIN = 4, 1 << 20  # of what is written, with the mesh at first; bytes
 

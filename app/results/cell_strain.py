@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import dolfinx
 import numpy as np
 
-from forms.bodies.deformation import rows_at
-from forms.bodies.kinematics import Section
-from geometry.meshes.places import centre
-from geometry.surfaces.facets import Floats
+from tribox.forms.bodies.deformation import rows_at
+from tribox.forms.bodies.kinematics import Section
+from tribox.geometry.meshes.places import centre
+from tribox.geometry.surfaces.facets import Floats
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from app.errors import InputError
-from app.results.directory import check_free, prepare
-from app.results.earlier_sweep import sweep_labels
-from app.results.lock import DirectoryLock, in_use, owner_of
+from tribox.app.errors import InputError
+from tribox.app.results.directory import check_free, prepare
+from tribox.app.results.earlier_sweep import sweep_labels
+from tribox.app.results.lock import DirectoryLock, in_use, owner_of
 
 
 class Claim:

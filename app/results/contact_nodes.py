@@ -12,14 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from app.build.model import Model
-from app.results.contact_points import point_values
-from app.results.vtu import Array
-from forms.contact.penalty import ContactTerm
-from forms.contact.pressure import nodal_pressure as pressure_at_nodes
-from forms.contact.state import ContactTrial
-from geometry.surfaces.facets import Floats, Ints, Longs
-from geometry.surfaces.ordering import order_by_place
+from tribox.app.build.model import Model
+from tribox.app.results.contact_points import point_values
+from tribox.app.results.vtu import Array
+from tribox.forms.contact.penalty import ContactTerm
+from tribox.forms.contact.pressure import nodal_pressure as pressure_at_nodes
+from tribox.forms.contact.state import ContactTrial
+from tribox.geometry.surfaces.facets import Floats, Ints, Longs
+from tribox.geometry.surfaces.ordering import order_by_place
 
 # What a cell is called in files, and the order of its corners there.
 _CELLS = {
@@ -86,7 +86,8 @@ def contact_nodes(model: Model, facets: SlaveFacets | None = None) -> ContactNod
         m_A: m² (m in the plane); ``normal`` (v, i), out of the master; ``gap``, m, mean; 0 and
         NaN with no master below; ``pressure``, ``tangential_traction``, Pa, and in space the vector
         ``friction_traction`` (v, i), Pa; means of the other values of
-        :func:`app.results.contact_points.contact_arrays`, but for the regime. None on the others.
+        :func:`tribox.app.results.contact_points.contact_arrays`, but for the regime. None on the
+        others.
     """
     problem = model.problem
     facets = facets or slave_facets(model)

@@ -1,20 +1,20 @@
 """Data of the contact points of all pairs, gathered to the first rank in an order of their own.
 
-Nodal values, the contact pressure to look at among them: :mod:`app.results.contact_nodes`.
+Nodal values, the contact pressure to look at among them: :mod:`tribox.app.results.contact_nodes`.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from app.build.model import Model
-from app.results.gathered_mesh import gathered
-from app.results.vtu import Array
-from app.simulation.contact_resultants import turned_right
-from forms.contact.penalty import ContactTerm
-from forms.contact.state import ContactTrial
-from geometry.surfaces.facets import Floats, Longs
-from geometry.surfaces.ordering import order_by_place
+from tribox.app.build.model import Model
+from tribox.app.results.gathered_mesh import gathered
+from tribox.app.results.vtu import Array
+from tribox.app.simulation.contact_resultants import turned_right
+from tribox.forms.contact.penalty import ContactTerm
+from tribox.forms.contact.state import ContactTrial
+from tribox.geometry.surfaces.facets import Floats, Longs
+from tribox.geometry.surfaces.ordering import order_by_place
 
 
 class ContactPoints:

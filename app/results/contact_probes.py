@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.build.model import Model
-from app.results.contact_nodes import ContactNodes, contact_nodes, slave_facets
-from app.results.point_probes import AXES
-from geometry.surfaces.facets import Floats, Longs
-from geometry.surfaces.ordering import chains
+from tribox.app.build.model import Model
+from tribox.app.results.contact_nodes import ContactNodes, contact_nodes, slave_facets
+from tribox.app.results.point_probes import AXES
+from tribox.geometry.surfaces.facets import Floats, Longs
+from tribox.geometry.surfaces.ordering import chains
 
 AT_VERTEX = 1e-9  # share of a segment up to which a point lies at its end
 

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from app.build.model import Model
-from app.results.contact_nodes import VTK_KINDS, contact_nodes, slave_facets
-from app.results.contact_points import ContactPoints
-from app.results.series import Series
-from app.results.vtu import Array, Cells, Packed, pack, with_three_components, write_vtu
+from tribox.app.build.model import Model
+from tribox.app.results.contact_nodes import VTK_KINDS, contact_nodes, slave_facets
+from tribox.app.results.contact_points import ContactPoints
+from tribox.app.results.series import Series
+from tribox.app.results.vtu import Array, Cells, Packed, pack, with_three_components, write_vtu
 
 SURFACES, POINTS = "contact", "contact_points"
 VERTEX = 1  # VTK's number of a cell of one point

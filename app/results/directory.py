@@ -14,7 +14,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from app.errors import InputError, OutputError
+from tribox.app.errors import InputError, OutputError
 
 LOCK, RESERVE, CHECKPOINTS = "tribox.lock", "tribox.reserve", "checkpoints"
 PROBE_TABLES = ("probes.csv", "body_probes.csv", "contact_probes.csv")  # points, bodies, contact

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from app.errors import InputError
+from tribox.app.errors import InputError
 
 
 def sweep_labels(directory: Path) -> tuple[str, ...]:
@@ -16,7 +16,7 @@ def sweep_labels(directory: Path) -> tuple[str, ...]:
     if not (directory / "case.toml").is_file():
         return ()
     # Not before: most directories are new, and the tables of a case take a while to import.
-    from app.case.reading import load_past_case
+    from tribox.app.case.reading import load_past_case
 
     try:
         case = load_past_case(directory / "case.toml")

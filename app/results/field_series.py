@@ -8,15 +8,15 @@ from pathlib import Path
 import dolfinx
 import numpy as np
 
-from app.results.cell_strain import CellStrain
-from app.results.fields import ContactPressureField, StressField
-from app.results.gathered_mesh import GatheredMesh
-from app.results.series import Series
-from app.results.vtu import Cells, pack, with_three_components, write_vtu
-from forms.bodies.point_stress import triaxiality
-from forms.bodies.solid import Solid
-from geometry.surfaces.facets import Floats
-from geometry.surfaces.surface import ContactSurface
+from tribox.app.results.cell_strain import CellStrain
+from tribox.app.results.fields import ContactPressureField, StressField
+from tribox.app.results.gathered_mesh import GatheredMesh
+from tribox.app.results.series import Series
+from tribox.app.results.vtu import Cells, pack, with_three_components, write_vtu
+from tribox.forms.bodies.point_stress import triaxiality
+from tribox.forms.bodies.solid import Solid
+from tribox.geometry.surfaces.facets import Floats
+from tribox.geometry.surfaces.surface import ContactSurface
 
 # Width of each array in the rows that are gathered of the cells; 0: a plain number.
 _CELL_ARRAYS = {

@@ -7,20 +7,21 @@ from collections.abc import Sequence
 import dolfinx
 import numpy as np
 
-from forms.bodies.deformation import centre_rows, rows_at
-from forms.bodies.point_stress import mean_pressure, von_mises
-from forms.bodies.solid import Solid
-from geometry.compat import interpolation_points
-from geometry.meshes.places import centre
-from geometry.surfaces.facets import Floats, Longs, facet_shape
-from geometry.surfaces.surface import ContactSurface
+from tribox.forms.bodies.deformation import centre_rows, rows_at
+from tribox.forms.bodies.point_stress import mean_pressure, von_mises
+from tribox.forms.bodies.solid import Solid
+from tribox.geometry.compat import interpolation_points
+from tribox.geometry.meshes.places import centre
+from tribox.geometry.surfaces.facets import Floats, Longs, facet_shape
+from tribox.geometry.surfaces.surface import ContactSurface
 
 
 class StressField:
     """Cauchy stress at the centre of every cell, and how far the material has flowed there.
 
     Of bodies that flow, both are those of the last committed step: see
-    :mod:`forms.bodies.point_values` for how they come from the quadrature points to the centre.
+    :mod:`tribox.forms.bodies.point_values` for how they come from the quadrature points to the
+    centre.
 
     Attributes:
         stress: (3, 3) per cell, Pa; von_mises: Pa; pressure: −tr σ/3, Pa.

@@ -7,7 +7,7 @@ from typing import TypeVar
 
 from mpi4py import MPI
 
-from app.errors import InputError, OutputError
+from tribox.app.errors import InputError, OutputError
 
 Result = TypeVar("Result")
 

@@ -11,7 +11,7 @@ import dolfinx
 import numpy as np
 from mpi4py import MPI
 
-from geometry.surfaces.facets import Floats, Ints, Longs
+from tribox.geometry.surfaces.facets import Floats, Ints, Longs
 
 # Reference coordinates of the nodes of VTK's cells: corners, edges, faces, middle.
 _SQUARE = ((0, 0), (1, 0), (1, 1), (0, 1))

@@ -12,11 +12,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from app.case.case import Case, resolved_toml
-from app.case.friction import OwnLaw
-from app.case.geometry import MeshGeometry
-from app.errors import InputError
-from app.results.directory import SUMS, unwritable, write_text
+from tribox.app.case.case import Case, resolved_toml
+from tribox.app.case.friction import OwnLaw
+from tribox.app.case.geometry import MeshGeometry
+from tribox.app.errors import InputError
+from tribox.app.results.directory import SUMS, unwritable, write_text
 
 INPUTS = "inputs"
 

@@ -14,8 +14,8 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from app.errors import InputError
-from app.results.directory import LOCK, unwritable
+from tribox.app.errors import InputError
+from tribox.app.results.directory import LOCK, unwritable
 
 TRIES, PAUSE = 5, 0.05  # who only looks whether a directory is locked holds it for a moment
 _HELD = (errno.EAGAIN, errno.EACCES)

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from app.build.model import Model
-from app.results.bp_files import BpWriter
-from app.results.contact_nodes import nodal_pressure
-from app.results.contact_series import ContactSeries
-from app.results.field_series import FieldSeries
-from app.results.saving import Saving
-from app.results.series import Series
-from app.results.tool_series import ToolSeries
+from tribox.app.build.model import Model
+from tribox.app.results.bp_files import BpWriter
+from tribox.app.results.contact_nodes import nodal_pressure
+from tribox.app.results.contact_series import ContactSeries
+from tribox.app.results.field_series import FieldSeries
+from tribox.app.results.saving import Saving
+from tribox.app.results.series import Series
+from tribox.app.results.tool_series import ToolSeries
 
 
 class OutputFiles:

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from app.build.model import Model
-from app.build.probes import PointPlaces
-from forms.bodies.deformation import Rows, centre_rows, rows_at
-from forms.bodies.point_stress import StressAt, log_strain, mean_pressure, von_mises
-from forms.bodies.solid import Solid
-from geometry.surfaces.facets import Floats, Ints, Longs
+from tribox.app.build.model import Model
+from tribox.app.build.probes import PointPlaces
+from tribox.forms.bodies.deformation import Rows, centre_rows, rows_at
+from tribox.forms.bodies.point_stress import StressAt, log_strain, mean_pressure, von_mises
+from tribox.forms.bodies.solid import Solid
+from tribox.geometry.surfaces.facets import Floats, Ints, Longs
 
 AXES = ("x", "y", "z")
 _PLANE = (("xx", 0, 0), ("yy", 1, 1), ("zz", 2, 2), ("xy", 0, 1))

@@ -5,17 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Protocol
 
-from app.build.model import Model
-from app.implicit.stepper import StepResult
-from app.results.body_probes import BodyProbes
-from app.results.contact_probes import ContactProbes
-from app.results.directory import PROBE_TABLES, GrowingTable, has_rows
-from app.results.point_probes import PointProbes
-from app.results.saving import Saving
-from app.simulation.history import Row
-from app.simulation.motion_history import KEYS
-from app.simulation.observer import Interval, Observer
-from app.simulation.run_state import RunState
+from tribox.app.build.model import Model
+from tribox.app.implicit.stepper import StepResult
+from tribox.app.results.body_probes import BodyProbes
+from tribox.app.results.contact_probes import ContactProbes
+from tribox.app.results.directory import PROBE_TABLES, GrowingTable, has_rows
+from tribox.app.results.point_probes import PointProbes
+from tribox.app.results.saving import Saving
+from tribox.app.simulation.history import Row
+from tribox.app.simulation.motion_history import KEYS
+from tribox.app.simulation.observer import Interval, Observer
+from tribox.app.simulation.run_state import RunState
 
 
 class Table(Protocol):

@@ -2,7 +2,7 @@
 
 Neither DOLFINx nor PETSc nor MPI is needed: what is read are the files. ::
 
-    from app.results import read
+    from tribox.app.results import read
 
     results = read("results/sfa")
     results.history.plot("time", "friction_coefficient")
@@ -25,13 +25,13 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from app.case.case import Case
-from app.case.reading import load_past_case
-from app.case.solver import LABEL, LONGEST_LABEL
-from app.errors import InputError
-from app.results.lock import owner_of
-from app.results.table import Table
-from app.results.vtu_reading import Grid, UnknownVtuError, read_vtu
+from tribox.app.case.case import Case
+from tribox.app.case.reading import load_past_case
+from tribox.app.case.solver import LABEL, LONGEST_LABEL
+from tribox.app.errors import InputError
+from tribox.app.results.lock import owner_of
+from tribox.app.results.table import Table
+from tribox.app.results.vtu_reading import Grid, UnknownVtuError, read_vtu
 
 if TYPE_CHECKING:
     import meshio

@@ -12,25 +12,25 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from app.build.load_steps import LoadStep
-from app.build.model import Model
-from app.case.stage import solver_of
-from app.equilibrium.snapshot import Snapshot
-from app.implicit.stepper import StepResult
-from app.results.directory import write_json
-from app.results.inputs import NOTHING, KeptInputs, write_case
-from app.results.output_files import OutputFiles
-from app.results.run_tables import RunTables
-from app.results.saving import Reserve, Saving
-from app.results.versions import versions
-from app.results.watches import Watches
-from app.simulation.history import Row, energy_gap
-from app.simulation.inertia import notes_on_inertia
-from app.simulation.observer import Interval, Observer
-from app.simulation.run_state import RunState
-from app.simulation.simulation import Simulation
-from app.simulation.time_text import time_text
-from geometry.surfaces.facets import Floats
+from tribox.app.build.load_steps import LoadStep
+from tribox.app.build.model import Model
+from tribox.app.case.stage import solver_of
+from tribox.app.equilibrium.snapshot import Snapshot
+from tribox.app.implicit.stepper import StepResult
+from tribox.app.results.directory import write_json
+from tribox.app.results.inputs import NOTHING, KeptInputs, write_case
+from tribox.app.results.output_files import OutputFiles
+from tribox.app.results.run_tables import RunTables
+from tribox.app.results.saving import Reserve, Saving
+from tribox.app.results.versions import versions
+from tribox.app.results.watches import Watches
+from tribox.app.simulation.history import Row, energy_gap
+from tribox.app.simulation.inertia import notes_on_inertia
+from tribox.app.simulation.observer import Interval, Observer
+from tribox.app.simulation.run_state import RunState
+from tribox.app.simulation.simulation import Simulation
+from tribox.app.simulation.time_text import time_text
+from tribox.geometry.surfaces.facets import Floats
 
 TINY = 1e-30  # J/m², below any dissipation
 UNBALANCED = 0.05  # energy error over the work from which a run is warned of

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import astuple
 from pathlib import Path
 
-from app.results.directory import GrowingTable
-from app.simulation.history import COLUMNS
-from app.simulation.run_state import RunState
+from tribox.app.results.directory import GrowingTable
+from tribox.app.simulation.history import COLUMNS
+from tribox.app.simulation.run_state import RunState
 
 
 class RunTables:

@@ -10,8 +10,8 @@ from typing import Self
 
 from mpi4py import MPI
 
-from app.errors import OutputError
-from app.results.directory import RESERVE, Place, unwritable
+from tribox.app.errors import OutputError
+from tribox.app.results.directory import RESERVE, Place, unwritable
 
 SIZE = 1 << 20  # bytes, more than rows and summary of a step take
 

@@ -6,7 +6,7 @@ import time
 from collections.abc import Mapping
 from pathlib import Path
 
-from app.results.directory import Place, write_text
+from tribox.app.results.directory import Place, write_text
 
 SHARE = 0.01  # of the time that may go into rewriting the index
 

@@ -7,8 +7,8 @@ import math
 from pathlib import Path
 from typing import Any
 
-from app.errors import InputError
-from app.results.directory import LOCK
+from tribox.app.errors import InputError
+from tribox.app.results.directory import LOCK
 
 UNFINISHED = ("running", "interrupted", "failed")
 

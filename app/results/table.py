@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.results.directory import TEXT_COLUMNS
+from tribox.app.results.directory import TEXT_COLUMNS
 
 Column = NDArray[Any]
 

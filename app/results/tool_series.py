@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from app.build.model import Model
-from app.build.tools import extent
-from app.results.series import Series
-from app.results.vtu import Cells, pack, with_three_components, write_vtu
+from tribox.app.build.model import Model
+from tribox.app.build.tools import extent
+from tribox.app.results.series import Series
+from tribox.app.results.vtu import Cells, pack, with_three_components, write_vtu
 
 NAME = "tools"
 _KINDS = {2: 3, 3: 5}  # VTK's numbers of lines and triangles, by the nodes of a cell

@@ -22,7 +22,7 @@ def versions() -> dict[str, str]:
 
 
 def _version() -> str:
-    from app import __version__
+    from tribox import __version__
 
     try:
         return importlib.metadata.version("tribox")

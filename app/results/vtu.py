@@ -19,7 +19,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from app.results.directory import written_whole
+from tribox.app.results.directory import written_whole
 
 Array = NDArray[Any]
 

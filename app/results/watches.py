@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from app.build.model import Model
-from app.equilibrium.snapshot import Snapshot
-from app.implicit.stepper import StepResult
-from app.simulation.contact_warnings import ContactWarnings
-from app.simulation.floating_watch import FloatingWatch
-from app.simulation.flow_watch import FlowWatch
-from app.simulation.history import Row
-from app.simulation.left_master import LeftMaster
-from app.simulation.observer import Interval
-from app.simulation.roundoff_watch import RoundOffWatch
+from tribox.app.build.model import Model
+from tribox.app.equilibrium.snapshot import Snapshot
+from tribox.app.implicit.stepper import StepResult
+from tribox.app.simulation.contact_warnings import ContactWarnings
+from tribox.app.simulation.floating_watch import FloatingWatch
+from tribox.app.simulation.flow_watch import FlowWatch
+from tribox.app.simulation.history import Row
+from tribox.app.simulation.left_master import LeftMaster
+from tribox.app.simulation.observer import Interval
+from tribox.app.simulation.roundoff_watch import RoundOffWatch
 
 
 class Watches:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from app.run.run import run_case
+    from tribox.app.run.run import run_case
 
 __all__ = ["run_case"]
 
@@ -13,7 +13,7 @@ __all__ = ["run_case"]
 def __getattr__(name: str) -> Any:
     """Load :func:`run_case`, and DOLFINx with it, when it is asked for."""
     if name == "run_case":
-        from app.run.run import run_case
+        from tribox.app.run.run import run_case
 
         return run_case
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

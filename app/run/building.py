@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from mpi4py import MPI
 
-from app.build.mesh import of_case
-from app.build.model import build_model
-from app.case.case import Case
-from app.case.friction import OwnLaw
-from app.errors import InputError
-from app.simulation.explicit_stage import notes_on_steps
-from app.simulation.simulation import Simulation
+from tribox.app.build.mesh import of_case
+from tribox.app.build.model import build_model
+from tribox.app.case.case import Case
+from tribox.app.case.friction import OwnLaw
+from tribox.app.errors import InputError
+from tribox.app.simulation.explicit_stage import notes_on_steps
+from tribox.app.simulation.simulation import Simulation
 
 MOST_BUILT = 20
 """Values of a sweep that are put together to see what shows only then."""

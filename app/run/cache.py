@@ -8,7 +8,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from app.errors import InputError
+from tribox.app.errors import InputError
 
 VARIABLE = "XDG_CACHE_HOME"
 

@@ -6,8 +6,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from app.case.reading import check_case, load_case
-from app.case.trust import require_trust
+from tribox.app.case.reading import check_case, load_case
+from tribox.app.case.trust import require_trust
 
 
 def run_check(case_file: Path, overrides: Sequence[str], law: bool, trust: bool) -> int:
@@ -24,7 +24,7 @@ def run_check(case_file: Path, overrides: Sequence[str], law: bool, trust: bool)
     """
     if problems := check_case(case_file, overrides):
         return _refused(problems)
-    from app.run.building import notes_on_sweep
+    from tribox.app.run.building import notes_on_sweep
 
     case = load_case(case_file, overrides)
     if law:
@@ -35,7 +35,7 @@ def run_check(case_file: Path, overrides: Sequence[str], law: bool, trust: bool)
     for note in notes:
         print(f"note: {note}")
     if law:
-        from app.run.law_check import check_laws
+        from tribox.app.run.law_check import check_laws
 
         check_laws([part for _, part in case.sweep_cases()] or [case])
     runs = len(case.sweep.values) if case.sweep is not None else 1

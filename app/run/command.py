@@ -5,19 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.case.case import Case
-from app.case.reading import load_case
-from app.case.trust import require_trust
-from app.checkpoint.same_case import is_whole
-from app.errors import InputError
-from app.results.claim import check_not_in_use
-from app.results.directory import check_free, checkpoint_numbers, default_directory
-from app.results.earlier_sweep import sweep_labels
-from app.results.inputs import input_files
-from app.results.status import is_done
-from app.run.ending import ranks_around
-from app.run.process import lasting_imports
-from app.run.ranks import run_on_ranks
+from tribox.app.case.case import Case
+from tribox.app.case.reading import load_case
+from tribox.app.case.trust import require_trust
+from tribox.app.checkpoint.same_case import is_whole
+from tribox.app.errors import InputError
+from tribox.app.results.claim import check_not_in_use
+from tribox.app.results.directory import check_free, checkpoint_numbers, default_directory
+from tribox.app.results.earlier_sweep import sweep_labels
+from tribox.app.results.inputs import input_files
+from tribox.app.results.status import is_done
+from tribox.app.run.ending import ranks_around
+from tribox.app.run.process import lasting_imports
+from tribox.app.run.ranks import run_on_ranks
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +65,7 @@ def run_command(case_file: Path, options: RunOptions) -> int:
         The exit code.
 
     Raises:
-        TriboxError: as of :func:`app.run.run_case`; or the options do not go together.
+        TriboxError: as of :func:`tribox.app.run.run_case`; or the options do not go together.
     """
     if options.force and (options.resume or options.extend):
         raise InputError("--force begins anew, --resume and --extend go on: give one of them")
@@ -120,7 +120,7 @@ def _run_sweep(
     case: Case, case_file: Path, directory: Path, options: RunOptions, changes: list[str]
 ) -> None:
     """Run every value of a sweep."""
-    from app.run.sweep_runs import SweepOptions, run_sweep
+    from tribox.app.run.sweep_runs import SweepOptions, run_sweep
 
     asked = SweepOptions(
         changes, options.ranks, options.force, options.jobs, options.resume, options.extend
@@ -140,7 +140,7 @@ def _run_on_ranks(case_file: Path, directory: Path, options: RunOptions, changes
 def _run_here(case: Case, directory: Path, options: RunOptions) -> None:
     """Run one case in this process, which may be one of several ranks."""
     with lasting_imports():
-        from app.run.run import run_case
+        from tribox.app.run.run import run_case
     run_case(
         case,
         directory,

@@ -8,8 +8,8 @@ import sys
 import traceback
 from typing import NoReturn
 
-from app.errors import InputError, OutputError, SolutionError, TriboxError, as_line
-from app.run.ranks import INTERRUPTED, tell_exit_code
+from tribox.app.errors import InputError, OutputError, SolutionError, TriboxError, as_line
+from tribox.app.run.ranks import INTERRUPTED, tell_exit_code
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
 

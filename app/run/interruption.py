@@ -9,15 +9,15 @@ from typing import Self
 
 from mpi4py import MPI
 
-from app.build.load_steps import LoadStep
-from app.errors import Interrupted
-from app.implicit.stepper import StepResult
-from app.results.saving import Saving
-from app.run.forwarding import give_back, repeats, say_stopping, stopping_signals, taken
-from app.run.ranks import INTERRUPTED, tell_exit_code
-from app.simulation.history import Row
-from app.simulation.observer import Observer
-from app.simulation.run_state import RunState
+from tribox.app.build.load_steps import LoadStep
+from tribox.app.errors import Interrupted
+from tribox.app.implicit.stepper import StepResult
+from tribox.app.results.saving import Saving
+from tribox.app.run.forwarding import give_back, repeats, say_stopping, stopping_signals, taken
+from tribox.app.run.ranks import INTERRUPTED, tell_exit_code
+from tribox.app.simulation.history import Row
+from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.run_state import RunState
 
 
 class Interruption(Observer):

@@ -6,16 +6,16 @@ from collections.abc import Iterator, Sequence
 
 from mpi4py import MPI
 
-from app.build.case_notes import highest_pressure
-from app.build.load_steps import load_steps_of
-from app.build.model import build_model
-from app.case.case import Case
-from app.case.contact import Contact
-from app.case.friction import OwnLaw
-from app.errors import InputError
-from forms.contact.law_faults import law_fault
-from forms.contact.penalty import ContactTerm
-from forms.friction.law_check import Conditions, Finding, check_law
+from tribox.app.build.case_notes import highest_pressure
+from tribox.app.build.load_steps import load_steps_of
+from tribox.app.build.model import build_model
+from tribox.app.case.case import Case
+from tribox.app.case.contact import Contact
+from tribox.app.case.friction import OwnLaw
+from tribox.app.errors import InputError
+from tribox.forms.contact.law_faults import law_fault
+from tribox.forms.contact.penalty import ContactTerm
+from tribox.forms.friction.law_check import Conditions, Finding, check_law
 
 PRESSURE = 0.1  # of the softest body's shear modulus, where the case prescribes no pressure
 

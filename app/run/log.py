@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from app.results.directory import GrowingFile
-from app.results.saving import Saving
+from tribox.app.results.directory import GrowingFile
+from tribox.app.results.saving import Saving
 
 
 class Log:

@@ -8,18 +8,18 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from app.build.mesh import make_mesh
-from app.case.geometry import GeneratedGeometry, MeshGeometry
-from app.case.reading import load_case
-from app.case.trust import drawings_of, require_drawing
-from app.errors import InputError
-from app.results.directory import default_directory
-from app.run.meshed import meshed
-from geometry.compat import cell_nodes, entity_nodes
-from geometry.meshes.drawing import AS_DRAWN, STEP, Meshing, mesh_drawing
-from geometry.meshes.gmsh_model import MeshError, write_msh
-from geometry.meshes.mesh import NamedMesh, read
-from geometry.pictures.plane import length_unit, save_picture
+from tribox.app.build.mesh import make_mesh
+from tribox.app.case.geometry import GeneratedGeometry, MeshGeometry
+from tribox.app.case.reading import load_case
+from tribox.app.case.trust import drawings_of, require_drawing
+from tribox.app.errors import InputError
+from tribox.app.results.directory import default_directory
+from tribox.app.run.meshed import meshed
+from tribox.geometry.compat import cell_nodes, entity_nodes
+from tribox.geometry.meshes.drawing import AS_DRAWN, STEP, Meshing, mesh_drawing
+from tribox.geometry.meshes.gmsh_model import MeshError, write_msh
+from tribox.geometry.meshes.mesh import NamedMesh, read
+from tribox.geometry.pictures.plane import length_unit, save_picture
 
 
 def write_case_mesh(

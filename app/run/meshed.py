@@ -9,14 +9,14 @@ from tempfile import TemporaryDirectory
 
 from mpi4py import MPI
 
-from app.case.case import Case
-from app.case.geometry import MeshGeometry
-from app.case.reading import load_past_case
-from app.errors import InputError
-from app.results.first_rank import on_first
-from app.results.inputs import INPUTS, sha256_of
-from geometry.meshes.drawing import mesh_drawing
-from geometry.meshes.gmsh_model import MeshError
+from tribox.app.case.case import Case
+from tribox.app.case.geometry import MeshGeometry
+from tribox.app.case.reading import load_past_case
+from tribox.app.errors import InputError
+from tribox.app.results.first_rank import on_first
+from tribox.app.results.inputs import INPUTS, sha256_of
+from tribox.geometry.meshes.drawing import mesh_drawing
+from tribox.geometry.meshes.gmsh_model import MeshError
 
 
 @contextmanager

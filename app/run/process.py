@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any, TextIO
 
-from app.errors import OutputError
+from tribox.app.errors import OutputError
 
 PARENT = "TRIBOX_PARENT"
 """Variable of the environment: id of the process of tribox that waits for this one."""

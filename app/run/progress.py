@@ -10,23 +10,23 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from app.build.load_steps import LoadStep
-from app.case.case import Case
-from app.implicit.stepper import StepResult
-from app.results.saving import Saving
-from app.run.log import Log
-from app.run.process import drop_output
-from app.run.stage_progress import StageProgress, StagesProgress
-from app.simulation.failure_diagnosis import reason_of
-from app.simulation.history import Row
-from app.simulation.observer import Interval, Observer
-from app.simulation.run_state import RunState
-from app.simulation.time_text import time_text
+from tribox.app.build.load_steps import LoadStep
+from tribox.app.case.case import Case
+from tribox.app.implicit.stepper import StepResult
+from tribox.app.results.saving import Saving
+from tribox.app.run.log import Log
+from tribox.app.run.process import drop_output
+from tribox.app.run.stage_progress import StageProgress, StagesProgress
+from tribox.app.simulation.failure_diagnosis import reason_of
+from tribox.app.simulation.history import Row
+from tribox.app.simulation.observer import Interval, Observer
+from tribox.app.simulation.run_state import RunState
+from tribox.app.simulation.time_text import time_text
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from app.run.stage_bars import StageBars
+    from tribox.app.run.stage_bars import StageBars
 
 LINE_EVERY = 2.0  # s between two lines on an explicit run
 
@@ -74,7 +74,7 @@ class Reporter(Observer):
         if self._console is None or not alone or quiet:
             return
         if self._console.file.isatty() and not self._console.is_dumb_terminal:
-            from app.run.stage_bars import StageBars
+            from tribox.app.run.stage_bars import StageBars
 
             self._bars = StageBars(self._progress, self._console)
 

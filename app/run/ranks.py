@@ -11,9 +11,9 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from app.errors import InputError
-from app.run.forwarding import Forwarding
-from app.run.process import end_with_parent
+from tribox.app.errors import InputError
+from tribox.app.run.forwarding import Forwarding
+from tribox.app.run.process import end_with_parent
 
 EXIT_CODE = "TRIBOX_EXIT_CODE"
 """Variable of the environment: file into which the first rank writes the exit code of all.
@@ -42,7 +42,7 @@ def run_on_ranks(count: int, arguments: Sequence[str]) -> int:
     mpirun = shutil.which("mpirun")
     if mpirun is None:
         raise InputError(f"--np {count}: there is no mpirun here")
-    command = [mpirun, "-n", str(count), sys.executable, "-m", "mpi4py", "-m", "app", *arguments]
+    command = [mpirun, "-n", str(count), sys.executable, "-m", "mpi4py", "-m", "tribox", *arguments]
     with tempfile.TemporaryDirectory(prefix="tribox-") as place:
         told = Path(place) / "exit-code"
         code, asked = _supervise(command, told)

@@ -9,30 +9,30 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from app.build.mesh import of_case
-from app.build.model import build_model
-from app.case.case import Case
-from app.case.given import given_keys
-from app.checkpoint.checkpointer import Checkpointer
-from app.checkpoint.resume import Found, find_checkpoint, go_on, started_line, version_notes
-from app.errors import InputError, Interrupted, OutputError, SolutionError
-from app.implicit.petsc_options import silence
-from app.results.claim import Claim
-from app.results.first_rank import on_first
-from app.results.inputs import NOTHING, keep_inputs, kept_inputs
-from app.results.probes import ProbeRecorder
-from app.results.recorder import Recorder
-from app.results.saving import Saving
-from app.results.status import check_may_begin_anew
-from app.run.interruption import Interruption
-from app.run.meshed import meshed
-from app.run.progress import Reporter, Together
-from app.run.tool_lines import tool_lines
-from app.simulation.explicit_stage import notes_on_steps
-from app.simulation.history import energy_gap
-from app.simulation.observer import Observer
-from app.simulation.simulation import Simulation
-from app.simulation.time_text import time_text
+from tribox.app.build.mesh import of_case
+from tribox.app.build.model import build_model
+from tribox.app.case.case import Case
+from tribox.app.case.given import given_keys
+from tribox.app.checkpoint.checkpointer import Checkpointer
+from tribox.app.checkpoint.resume import Found, find_checkpoint, go_on, started_line, version_notes
+from tribox.app.errors import InputError, Interrupted, OutputError, SolutionError
+from tribox.app.implicit.petsc_options import silence
+from tribox.app.results.claim import Claim
+from tribox.app.results.first_rank import on_first
+from tribox.app.results.inputs import NOTHING, keep_inputs, kept_inputs
+from tribox.app.results.probes import ProbeRecorder
+from tribox.app.results.recorder import Recorder
+from tribox.app.results.saving import Saving
+from tribox.app.results.status import check_may_begin_anew
+from tribox.app.run.interruption import Interruption
+from tribox.app.run.meshed import meshed
+from tribox.app.run.progress import Reporter, Together
+from tribox.app.run.tool_lines import tool_lines
+from tribox.app.simulation.explicit_stage import notes_on_steps
+from tribox.app.simulation.history import energy_gap
+from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.simulation import Simulation
+from tribox.app.simulation.time_text import time_text
 
 
 def run_case(
@@ -346,8 +346,8 @@ def draw_run(simulation: Simulation, directory: Path, reporter: Reporter | None)
 
 
 def _draw(simulation: Simulation, directory: Path, reporter: Reporter) -> None:
-    from app.figures.run_figures import draw_figures
-    from app.results import read
+    from tribox.app.figures.run_figures import draw_figures
+    from tribox.app.results import read
 
     with simulation.model.problem.timer("figures"):
         try:

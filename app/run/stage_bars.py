@@ -8,7 +8,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from app.run.stage_progress import StagesProgress
+from tribox.app.run.stage_progress import StagesProgress
 
 MOST_BARS = 6  # stages shown at a time
 NAME_WIDTH, BAR_WIDTH = 20, 20  # characters

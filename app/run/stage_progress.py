@@ -6,9 +6,9 @@ import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
-from app.case.case import Case
-from app.case.stage import Stage
-from app.simulation.time_text import time_text
+from tribox.app.case.case import Case
+from tribox.app.case.stage import Stage
+from tribox.app.simulation.time_text import time_text
 
 
 @dataclass(slots=True)

@@ -13,14 +13,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from app.case.case import Case
-from app.errors import InputError, Interrupted, OutputError, SolutionError, TriboxError
-from app.results.directory import write_json, write_table
-from app.run.forwarding import Forwarding
-from app.run.process import PARENT
-from app.run.ranks import INTERRUPTED
-from app.run.sweep_lines import SweepLines
-from app.simulation.history import COLUMNS
+from tribox.app.case.case import Case
+from tribox.app.errors import InputError, Interrupted, OutputError, SolutionError, TriboxError
+from tribox.app.results.directory import write_json, write_table
+from tribox.app.run.forwarding import Forwarding
+from tribox.app.run.process import PARENT
+from tribox.app.run.ranks import INTERRUPTED
+from tribox.app.run.sweep_lines import SweepLines
+from tribox.app.simulation.history import COLUMNS
 
 KEPT = ("status", "warnings", "steps", "newton_iterations")  # of the summary of a part
 
@@ -115,7 +115,7 @@ def cores() -> int:
 def part_command(case_file: Path, index: int, directory: Path, options: Sequence[str]) -> list[str]:
     """The command that runs one value of the sweep in ``case_file``."""
     return [
-        *(sys.executable, "-m", "app", "run", str(case_file)),
+        *(sys.executable, "-m", "tribox", "run", str(case_file)),
         *("--part", str(index), "--out", str(directory), *options),
     ]
 

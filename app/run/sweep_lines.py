@@ -9,7 +9,7 @@ from contextlib import AbstractContextManager
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
-from app.run.stage_progress import clock
+from tribox.app.run.stage_progress import clock
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType

@@ -7,15 +7,15 @@ from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.case.case import Case
-from app.checkpoint.same_case import is_whole
-from app.errors import InputError, SolutionError
-from app.results.claim import Claim, claimed
-from app.results.directory import checkpoint_numbers, unwritable
-from app.results.inputs import NOTHING, KeptInputs, keep_inputs, kept_inputs, write_case
-from app.results.status import is_done
-from app.run.sweep import Part, collate, cores, part_command, run_side_by_side
-from app.run.sweep_lines import sweep_lines
+from tribox.app.case.case import Case
+from tribox.app.checkpoint.same_case import is_whole
+from tribox.app.errors import InputError, SolutionError
+from tribox.app.results.claim import Claim, claimed
+from tribox.app.results.directory import checkpoint_numbers, unwritable
+from tribox.app.results.inputs import NOTHING, KeptInputs, keep_inputs, kept_inputs, write_case
+from tribox.app.results.status import is_done
+from tribox.app.run.sweep import Part, collate, cores, part_command, run_side_by_side
+from tribox.app.run.sweep_lines import sweep_lines
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +68,7 @@ def run_sweep(
     if around > 1:
         _run_in_turn(case, directory, options)
         return
-    from app.run.building import notes_on_building
+    from tribox.app.run.building import notes_on_building
 
     with claimed(directory, options.force, options.goes_on) as claim:
         notes_on_building(case.sweep_cases()[0][1], runs_code=True)
@@ -90,8 +90,8 @@ def _run_in_turn(case: Case, directory: Path, options: SweepOptions) -> None:
     """All ranks of one mpirun take the values one after the other."""
     from mpi4py import MPI
 
-    from app.results.first_rank import on_first
-    from app.run.run import run_case
+    from tribox.app.results.first_rank import on_first
+    from tribox.app.run.run import run_case
 
     comm = MPI.COMM_WORLD
     kept, goes_on = NOTHING, options.goes_on
@@ -182,8 +182,8 @@ def _collate_and_draw(case: Case, directory: Path, status: str, kept: KeptInputs
     try:
         collate(case, directory, status, kept.sums)
         if case.output.figures:
-            from app.figures.run_figures import draw_figures
-            from app.results import read
+            from tribox.app.figures.run_figures import draw_figures
+            from tribox.app.results import read
 
             draw_figures(read(directory))
     except OSError as error:

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from app.simulation.run_state import RunState
-from geometry.surfaces.facets import Floats
+from tribox.app.simulation.run_state import RunState
+from tribox.geometry.surfaces.facets import Floats
 
 ROUND_OFF = 1e-10  # of the largest force of the run, or its moment on the size of the mesh
 

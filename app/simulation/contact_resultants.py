@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from forms.contact.penalty import ContactTerm
-from forms.contact.state import ContactTrial
-from forms.friction.law import Regime
-from geometry.surfaces.facets import Floats
+from tribox.forms.contact.penalty import ContactTerm
+from tribox.forms.contact.state import ContactTrial
+from tribox.forms.friction.law import Regime
+from tribox.geometry.surfaces.facets import Floats
 
 # Vector integrals whose radial part cancels round the ring of an axisymmetric pair.
 _CANCELLING = ("force", "normal", "friction")

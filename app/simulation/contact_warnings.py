@@ -26,14 +26,14 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from app.equilibrium.equilibrium import Equilibrium
-from app.equilibrium.snapshot import Snapshot
-from app.simulation.history import Row
-from app.simulation.pair_bodies import pressed_by_force
-from app.simulation.time_text import time_text
-from forms.contact.penalty import ContactTerm
-from forms.contact.state import ContactTrial
-from geometry.surfaces.facets import Bools, Floats, Longs
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.snapshot import Snapshot
+from tribox.app.simulation.history import Row
+from tribox.app.simulation.pair_bodies import pressed_by_force
+from tribox.app.simulation.time_text import time_text
+from tribox.forms.contact.penalty import ContactTerm
+from tribox.forms.contact.state import ContactTrial
+from tribox.geometry.surfaces.facets import Bools, Floats, Longs
 
 # Largest penetration over the local facet length, and mean one over the approach, from which on
 # they are warned of. On blocks of 10 elements forces are 0.1 % too small at 0.001 of the facet and

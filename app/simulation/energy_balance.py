@@ -10,10 +10,10 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from app.equilibrium.equilibrium import Equilibrium
-from app.equilibrium.snapshot import Nodal, Snapshot
-from app.simulation.contact_resultants import ContactResultants
-from geometry.surfaces.facets import Floats
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.snapshot import Nodal, Snapshot
+from tribox.app.simulation.contact_resultants import ContactResultants
+from tribox.geometry.surfaces.facets import Floats
 
 _SUMS = (
     *("work", "dissipation", "numerical", "strain", "interface", "kinetic", "damping", "plastic"),

@@ -11,25 +11,25 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from app.build.load_steps import LoadStep, load_steps_of
-from app.build.model import Model, initial_velocity
-from app.build.numbers import failures_as
-from app.case.solver import Solver
-from app.case.stage import solver_of
-from app.equilibrium.snapshot import Snapshot, to_bodies, to_contacts
-from app.errors import InputError, SolutionError
-from app.explicit.instability import ExplicitError
-from app.explicit.mass_scaling import ScaledMass
-from app.explicit.options import ExplicitOptions
-from app.explicit.stepper import ExplicitStepper, MassScaling
-from app.simulation.inertia import Inertia
-from app.simulation.interval_averages import IntervalAverages
-from app.simulation.observer import Interval, Observer
-from app.simulation.run_state import Effort, Moved, RunState
-from app.simulation.time_text import time_text
-from forms.contact.law_faults import law_fault
-from forms.friction.guarded_law import LawError
-from geometry.surfaces.facets import Floats
+from tribox.app.build.load_steps import LoadStep, load_steps_of
+from tribox.app.build.model import Model, initial_velocity
+from tribox.app.build.numbers import failures_as
+from tribox.app.case.solver import Solver
+from tribox.app.case.stage import solver_of
+from tribox.app.equilibrium.snapshot import Snapshot, to_bodies, to_contacts
+from tribox.app.errors import InputError, SolutionError
+from tribox.app.explicit.instability import ExplicitError
+from tribox.app.explicit.mass_scaling import ScaledMass
+from tribox.app.explicit.options import ExplicitOptions
+from tribox.app.explicit.stepper import ExplicitStepper, MassScaling
+from tribox.app.simulation.inertia import Inertia
+from tribox.app.simulation.interval_averages import IntervalAverages
+from tribox.app.simulation.observer import Interval, Observer
+from tribox.app.simulation.run_state import Effort, Moved, RunState
+from tribox.app.simulation.time_text import time_text
+from tribox.forms.contact.law_faults import law_fault
+from tribox.forms.friction.guarded_law import LawError
+from tribox.geometry.surfaces.facets import Floats
 
 CHECK_EVERY = 100  # time steps between two looks at the stable step and for an interruption
 MANY_STEPS = 1e6  # time steps of a stage that deserve a word of advice
@@ -161,7 +161,7 @@ class ExplicitStage:
         return stage
 
     def snapshot(self) -> Snapshot:
-        """See :class:`app.simulation.simulation.StageRunner`."""
+        """See :class:`tribox.app.simulation.simulation.StageRunner`."""
         return {
             "stepper": self.stepper.snapshot(),
             "rate_dependent": self.stepper.rate_dependent,
@@ -170,7 +170,7 @@ class ExplicitStage:
         }
 
     def begin(self, load_step: LoadStep) -> None:
-        """See :class:`app.simulation.simulation.StageRunner`."""
+        """See :class:`tribox.app.simulation.simulation.StageRunner`."""
         self.state.inertia.append(Inertia(load_step.label))
 
     def run(self, load_step: LoadStep, observer: Observer) -> None:

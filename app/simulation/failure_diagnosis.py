@@ -12,16 +12,16 @@ import ufl
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from app.build.contact_notes import penalty_note
-from app.build.supports import Loose
-from app.case.boundary import COMPONENTS
-from app.case.contact import DEFAULT_PENALTY_FACTOR
-from app.equilibrium.equilibrium import Equilibrium
-from app.equilibrium.places import place_text
-from app.implicit.newton import KINKED
-from app.implicit.stepper import StepResult
-from app.simulation.contact_resultants import ContactResultants
-from app.simulation.pair_bodies import (
+from tribox.app.build.contact_notes import penalty_note
+from tribox.app.build.supports import Loose
+from tribox.app.case.boundary import COMPONENTS
+from tribox.app.case.contact import DEFAULT_PENALTY_FACTOR
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.places import place_text
+from tribox.app.implicit.newton import KINKED
+from tribox.app.implicit.stepper import StepResult
+from tribox.app.simulation.contact_resultants import ContactResultants
+from tribox.app.simulation.pair_bodies import (
     Hold,
     has_spring,
     hold_of,
@@ -30,9 +30,9 @@ from app.simulation.pair_bodies import (
     presses,
     pressure_kind,
 )
-from forms.friction.friction_map import FrictionMap
-from geometry.compat import cell_values
-from geometry.surfaces.facets import Floats
+from tribox.forms.friction.friction_map import FrictionMap
+from tribox.geometry.compat import cell_values
+from tribox.geometry.surfaces.facets import Floats
 
 GAUSS_DEGREE = 2  # of the points at which the volume ratio is looked at
 SQUEEZED = 0.2  # volume ratio J below which an element is said to be nearly collapsed
@@ -74,7 +74,7 @@ def body_adrift(
 
     Args:
         problem: the equilibrium.
-        loose: the directions, from :func:`app.build.supports.loose_directions`.
+        loose: the directions, from :func:`tribox.app.build.supports.loose_directions`.
         before: owned unknowns, m, at the start of the step.
         now: at its end.
     """

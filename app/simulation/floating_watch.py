@@ -1,15 +1,15 @@
-"""Notices bodies that float, held by weak springs (:mod:`app.implicit.weak_hold`)."""
+"""Notices bodies that float, held by weak springs (:mod:`tribox.app.implicit.weak_hold`)."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 
-from app.equilibrium.snapshot import Snapshot
-from app.implicit.stepper import StepResult
-from app.simulation.history import Row
-from app.simulation.observer import Interval
-from app.simulation.time_text import time_text
+from tribox.app.equilibrium.snapshot import Snapshot
+from tribox.app.implicit.stepper import StepResult
+from tribox.app.simulation.history import Row
+from tribox.app.simulation.observer import Interval
+from tribox.app.simulation.time_text import time_text
 
 
 @dataclass(slots=True)

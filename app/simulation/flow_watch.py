@@ -7,11 +7,11 @@ from collections.abc import Iterator
 import numpy as np
 from mpi4py import MPI
 
-from app.equilibrium.equilibrium import Equilibrium
-from app.equilibrium.snapshot import Snapshot
-from app.simulation.history import Row
-from app.simulation.time_text import time_text
-from forms.bodies.plastic_solid import PlasticSolid
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.snapshot import Snapshot
+from tribox.app.simulation.history import Row
+from tribox.app.simulation.time_text import time_text
+from tribox.forms.bodies.plastic_solid import PlasticSolid
 
 LONG = 0.1  # equivalent plastic strain of one step from which on it is warned of
 

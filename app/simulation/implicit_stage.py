@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from app.build.load_steps import LoadStep
-from app.build.supports import Loose, loose_directions
-from app.equilibrium.snapshot import Snapshot
-from app.equilibrium.supports import sprung_dofs
-from app.errors import InputError, SolutionError
-from app.implicit.options import ImplicitOptions
-from app.implicit.stepper import ImplicitStepper, StepResult
-from app.simulation.failure_diagnosis import body_adrift, explain, not_finite
-from app.simulation.observer import Observer
-from app.simulation.outside_forces import OutsideForces
-from app.simulation.run_state import Effort, Moved, RunState
-from app.simulation.time_text import time_text
-from forms.contact.law_faults import law_fault, law_not_finite
-from forms.contact.state import ContactTrial
+from tribox.app.build.load_steps import LoadStep
+from tribox.app.build.supports import Loose, loose_directions
+from tribox.app.equilibrium.snapshot import Snapshot
+from tribox.app.equilibrium.supports import sprung_dofs
+from tribox.app.errors import InputError, SolutionError
+from tribox.app.implicit.options import ImplicitOptions
+from tribox.app.implicit.stepper import ImplicitStepper, StepResult
+from tribox.app.simulation.failure_diagnosis import body_adrift, explain, not_finite
+from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.outside_forces import OutsideForces
+from tribox.app.simulation.run_state import Effort, Moved, RunState
+from tribox.app.simulation.time_text import time_text
+from tribox.forms.contact.law_faults import law_fault, law_not_finite
+from tribox.forms.contact.state import ContactTrial
 
 EASY_ITERATIONS = 6  # up to here a cut step may grow back
 
@@ -52,7 +52,7 @@ class ImplicitStage:
         return loose_directions(self.model.problem)
 
     def begin(self, load_step: LoadStep) -> None:
-        """See :class:`app.simulation.simulation.StageRunner`."""
+        """See :class:`tribox.app.simulation.simulation.StageRunner`."""
 
     def run(self, load_step: LoadStep, observer: Observer) -> None:
         """Run one load step, or what is left of it, to its end, or until steady; collective.
@@ -73,7 +73,7 @@ class ImplicitStage:
         observer.load_step(state, load_step, state.rows[-1], steady)
 
     def snapshot(self) -> Snapshot:
-        """See :class:`app.simulation.simulation.StageRunner`."""
+        """See :class:`tribox.app.simulation.simulation.StageRunner`."""
         return self.stepper.snapshot()
 
     def _advance(self, load_step: LoadStep, observer: Observer) -> None:

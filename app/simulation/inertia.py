@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from app.build.load_steps import LoadStep
-from app.case.case import Case
+from tribox.app.build.load_steps import LoadStep
+from tribox.app.case.case import Case
 
 REST = 1e-3  # kinetic over strain energy up to which a relaxed body counts as at rest
 

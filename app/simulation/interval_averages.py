@@ -8,19 +8,19 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from mpi4py import MPI
 
-from app.equilibrium.snapshot import Partial, Snapshot
-from app.explicit.stepper import ExplicitStepper
-from app.simulation.contact_resultants import (
+from tribox.app.equilibrium.snapshot import Partial, Snapshot
+from tribox.app.explicit.stepper import ExplicitStepper
+from tribox.app.simulation.contact_resultants import (
     ContactResultants,
     fading_loss,
     resultants,
     vector_integrals,
 )
-from app.simulation.energy_balance import EnergyFlow
-from app.simulation.outside_forces import OutsideForces, OutsideMean
-from forms.contact.penalty import ContactTerm
-from forms.contact.state import ContactTrial
-from geometry.surfaces.facets import Floats
+from tribox.app.simulation.energy_balance import EnergyFlow
+from tribox.app.simulation.outside_forces import OutsideForces, OutsideMean
+from tribox.forms.contact.penalty import ContactTerm
+from tribox.forms.contact.state import ContactTrial
+from tribox.geometry.surfaces.facets import Floats
 
 
 @dataclass(slots=True)

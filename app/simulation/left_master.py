@@ -6,11 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from app.build.model import Model
-from app.equilibrium.snapshot import AtPoints, Snapshot
-from app.simulation.history import Row
-from app.simulation.time_text import time_text
-from forms.contact.shared_slave import covered_by_others
+from tribox.app.build.model import Model
+from tribox.app.equilibrium.snapshot import AtPoints, Snapshot
+from tribox.app.simulation.history import Row
+from tribox.app.simulation.time_text import time_text
+from tribox.forms.contact.shared_slave import covered_by_others
 
 FEW = 0.05  # share of the area above the master that may leave it without a word
 

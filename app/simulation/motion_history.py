@@ -14,13 +14,13 @@ import dolfinx
 import numpy as np
 from mpi4py import MPI
 
-from app.build.model import Model
-from app.case.boundary import COMPONENTS
-from app.equilibrium.bonded import bonded_groups
-from app.simulation.contact_resultants import ContactResultants
-from app.simulation.outside_forces import OutsideForces, held_dofs
-from forms.bodies.nodal_weights import body_weights, surface_weights
-from geometry.surfaces.facets import Floats, Ints
+from tribox.app.build.model import Model
+from tribox.app.case.boundary import COMPONENTS
+from tribox.app.equilibrium.bonded import bonded_groups
+from tribox.app.simulation.contact_resultants import ContactResultants
+from tribox.app.simulation.outside_forces import OutsideForces, held_dofs
+from tribox.forms.bodies.nodal_weights import body_weights, surface_weights
+from tribox.geometry.surfaces.facets import Floats, Ints
 
 KEYS = ("step", "time", "stage")
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from app.build.load_steps import LoadStep
-from app.implicit.stepper import StepResult
-from app.simulation.history import Row
-from app.simulation.run_state import RunState
+from tribox.app.build.load_steps import LoadStep
+from tribox.app.implicit.stepper import StepResult
+from tribox.app.simulation.history import Row
+from tribox.app.simulation.run_state import RunState
 
 
 @dataclass(frozen=True, slots=True)

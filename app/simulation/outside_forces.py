@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.equilibrium.equilibrium import Equilibrium
-from app.equilibrium.load_residuals import load_residuals
-from app.equilibrium.snapshot import Nodal, Snapshot, scattered
-from app.explicit.stepper import ExplicitStepper
-from geometry.surfaces.exchange import NodalVector
-from geometry.surfaces.facets import Floats, Ints
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.load_residuals import load_residuals
+from tribox.app.equilibrium.snapshot import Nodal, Snapshot, scattered
+from tribox.app.explicit.stepper import ExplicitStepper
+from tribox.geometry.surfaces.exchange import NodalVector
+from tribox.geometry.surfaces.facets import Floats, Ints
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from app.build.contacts import penalty_modulus
-from app.build.supports import Loose, loose_directions
-from app.equilibrium.equilibrium import Equilibrium
-from app.equilibrium.pair_bodies import bodies_of
-from forms.contact.penalty import ContactTerm
-from forms.contact.pressure import PointwisePressure, PressureKind
-from forms.contact.state import ContactTrial
-from geometry.surfaces.facets import Floats, Ints
+from tribox.app.build.contacts import penalty_modulus
+from tribox.app.build.supports import Loose, loose_directions
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.pair_bodies import bodies_of
+from tribox.forms.contact.penalty import ContactTerm
+from tribox.forms.contact.pressure import PointwisePressure, PressureKind
+from tribox.forms.contact.state import ContactTrial
+from tribox.geometry.surfaces.facets import Floats, Ints
 
 
 def pressure_kind(term: ContactTerm) -> PressureKind:
@@ -26,8 +26,8 @@ def pressure_kind(term: ContactTerm) -> PressureKind:
 def penalty_factor(problem: Equilibrium, term: ContactTerm) -> float:
     """Penalty of a contact as `penalty_factor` of a case, by the pair's softer body; collective.
 
-    K h over :func:`app.build.contacts.penalty_modulus`, K and h being those of each slave vertex,
-    or point; their mean by area.
+    K h over :func:`tribox.app.build.contacts.penalty_modulus`, K and h being those of each slave
+    vertex, or point; their mean by area.
     """
     surface, kind = term.surface, pressure_kind(term)
     length = surface.slave.facet_length

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 
-from app.equilibrium.equilibrium import Equilibrium
-from app.equilibrium.snapshot import Snapshot
-from app.implicit.stepper import StepResult
-from app.simulation.history import Row
-from app.simulation.observer import Interval
-from forms.bodies.materials import oedometric_modulus
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.snapshot import Snapshot
+from tribox.app.implicit.stepper import StepResult
+from tribox.app.simulation.history import Row
+from tribox.app.simulation.observer import Interval
+from tribox.forms.bodies.materials import oedometric_modulus
 
 TOUCHING = 1e-9  # penetration over a facet's length up to which bodies only touch
 RIGID = 1e4  # stiffness over that of another body beyond which a body need not go to be rigid

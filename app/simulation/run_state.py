@@ -8,31 +8,31 @@ from typing import Any
 
 import numpy as np
 
-from app.build.load_steps import LoadStep
-from app.build.model import Model
-from app.case.boundary import COMPONENTS, DRIVEN
-from app.equilibrium.snapshot import Snapshot
-from app.explicit.stepper import ExplicitStepper
-from app.implicit.stepper import ImplicitStepper
-from app.simulation.contact_resultants import (
+from tribox.app.build.load_steps import LoadStep
+from tribox.app.build.model import Model
+from tribox.app.case.boundary import COMPONENTS, DRIVEN
+from tribox.app.equilibrium.snapshot import Snapshot
+from tribox.app.explicit.stepper import ExplicitStepper
+from tribox.app.implicit.stepper import ImplicitStepper
+from tribox.app.simulation.contact_resultants import (
     SCALAR_COLUMNS,
     ContactResultants,
     along_force,
     contact_columns,
     measure_contact,
 )
-from app.simulation.energy_balance import EnergyBalance
-from app.simulation.history import Row
-from app.simulation.inertia import Inertia
-from app.simulation.motion_history import KEYS, MotionHistory
-from app.simulation.outside_forces import OutsideForces
-from app.simulation.position import Position
-from app.simulation.steady import NOT_SLID, SlidWay, Steadiness, measure_settling
-from app.simulation.switched_contacts import with_released_energy
-from app.simulation.tool_history import ToolHistory
-from forms.contact.shared_slave import keep_what_went_over
-from forms.contact.state import ContactTrial
-from geometry.surfaces.facets import Floats
+from tribox.app.simulation.energy_balance import EnergyBalance
+from tribox.app.simulation.history import Row
+from tribox.app.simulation.inertia import Inertia
+from tribox.app.simulation.motion_history import KEYS, MotionHistory
+from tribox.app.simulation.outside_forces import OutsideForces
+from tribox.app.simulation.position import Position
+from tribox.app.simulation.steady import NOT_SLID, SlidWay, Steadiness, measure_settling
+from tribox.app.simulation.switched_contacts import with_released_energy
+from tribox.app.simulation.tool_history import ToolHistory
+from tribox.forms.contact.shared_slave import keep_what_went_over
+from tribox.forms.contact.state import ContactTrial
+from tribox.geometry.surfaces.facets import Floats
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,20 +6,20 @@ from typing import Protocol
 
 import numpy as np
 
-from app.build.load_steps import LoadStep, all_load_steps
-from app.build.model import Model
-from app.build.numbers import failures_as
-from app.case.stage import Stage, solver_of
-from app.equilibrium.snapshot import Snapshot
-from app.errors import InputError, SolutionError
-from app.explicit.stepper import ExplicitStepper
-from app.implicit.stepper import ImplicitStepper
-from app.simulation.explicit_stage import ExplicitStage
-from app.simulation.history import Row
-from app.simulation.implicit_stage import ImplicitStage
-from app.simulation.observer import Observer
-from app.simulation.run_state import RunState
-from app.simulation.switched_contacts import begin_stage
+from tribox.app.build.load_steps import LoadStep, all_load_steps
+from tribox.app.build.model import Model
+from tribox.app.build.numbers import failures_as
+from tribox.app.case.stage import Stage, solver_of
+from tribox.app.equilibrium.snapshot import Snapshot
+from tribox.app.errors import InputError, SolutionError
+from tribox.app.explicit.stepper import ExplicitStepper
+from tribox.app.implicit.stepper import ImplicitStepper
+from tribox.app.simulation.explicit_stage import ExplicitStage
+from tribox.app.simulation.history import Row
+from tribox.app.simulation.implicit_stage import ImplicitStage
+from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.run_state import RunState
+from tribox.app.simulation.switched_contacts import begin_stage
 
 
 class StageRunner(Protocol):

@@ -34,11 +34,11 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from app.equilibrium.snapshot import Snapshot
-from forms.contact.penalty import ContactTerm
-from forms.contact.state import ContactTrial
-from forms.friction.law import FrictionLaw
-from forms.friction.settling import (
+from tribox.app.equilibrium.snapshot import Snapshot
+from tribox.forms.contact.penalty import ContactTerm
+from tribox.forms.contact.state import ContactTrial
+from tribox.forms.friction.law import FrictionLaw
+from tribox.forms.friction.settling import (
     SETTLED,
     knows_its_end,
     presliding_length,

@@ -7,11 +7,11 @@ from dataclasses import replace
 
 from petsc4py import PETSc
 
-from app.build.contacts import OVERLAP, overlap
-from app.build.model import Model
-from app.errors import SolutionError
-from app.simulation.contact_resultants import ContactResultants
-from forms.contact.penalty import ContactTerm
+from tribox.app.build.contacts import OVERLAP, overlap
+from tribox.app.build.model import Model
+from tribox.app.errors import SolutionError
+from tribox.app.simulation.contact_resultants import ContactResultants
+from tribox.forms.contact.penalty import ContactTerm
 
 
 def begin_stage(model: Model, stage: str, x: PETSc.Vec) -> None:

@@ -11,12 +11,12 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from app.build.model import Model
-from app.case.boundary import COMPONENTS
-from app.simulation.contact_resultants import ContactResultants
-from app.simulation.motion_history import KEYS
-from app.simulation.outside_forces import OutsideForces
-from geometry.surfaces.facets import Floats, Ints
+from tribox.app.build.model import Model
+from tribox.app.case.boundary import COMPONENTS
+from tribox.app.simulation.contact_resultants import ContactResultants
+from tribox.app.simulation.motion_history import KEYS
+from tribox.app.simulation.outside_forces import OutsideForces
+from tribox.geometry.surfaces.facets import Floats, Ints
 
 
 class ToolHistory:

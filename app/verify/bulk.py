@@ -8,12 +8,12 @@ import dolfinx
 import numpy as np
 from numpy.typing import NDArray
 
-from app.case.generators import BlocksGeometry
-from app.results.fields import StressField
-from app.simulation.simulation import Simulation
-from app.verify.result import Check, Floats, Line, Panel, Verification, compare
-from app.verify.shipped_case import solve
-from forms.closed_forms.block_compression import plane_strain_pressure, plane_strain_stress
+from tribox.app.case.generators import BlocksGeometry
+from tribox.app.results.fields import StressField
+from tribox.app.simulation.simulation import Simulation
+from tribox.app.verify.result import Check, Floats, Line, Panel, Verification, compare
+from tribox.app.verify.shipped_case import solve
+from tribox.forms.closed_forms.block_compression import plane_strain_pressure, plane_strain_stress
 
 BODY = "elastomer"
 

@@ -8,17 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from app.build.model import Model
-from app.case.case import Case
-from app.case.friction import Coulomb
-from app.case.generators import CylinderOnBlockGeometry, TwoCylindersGeometry
-from app.case.time_tables import value_at
-from app.results.contact_points import contact_arrays
-from app.results.point_probes import PointProbes
-from app.verify.result import Check, Floats, Line, Panel, Verification, compare
-from app.verify.shipped_case import solve
-from forms.closed_forms.hertz_line import LineContact, contact_modulus, relative_radius
-from forms.friction.law import Regime
+from tribox.app.build.model import Model
+from tribox.app.case.case import Case
+from tribox.app.case.friction import Coulomb
+from tribox.app.case.generators import CylinderOnBlockGeometry, TwoCylindersGeometry
+from tribox.app.case.time_tables import value_at
+from tribox.app.results.contact_points import contact_arrays
+from tribox.app.results.point_probes import PointProbes
+from tribox.app.verify.result import Check, Floats, Line, Panel, Verification, compare
+from tribox.app.verify.shipped_case import solve
+from tribox.forms.closed_forms.hertz_line import LineContact, contact_modulus, relative_radius
+from tribox.forms.friction.law import Regime
 
 BAR = 0.02
 FITTED = 0.8  # share of the extent of contact (or stick) over which an ellipse is fitted

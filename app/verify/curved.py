@@ -1,7 +1,7 @@
 """Verification over curved tools: drag of a film in the plane and in space, and pressures.
 
-Where the bodies touch is read from their deformed surfaces (:mod:`app.verify.extent`), so that the
-contact's own word on it is what is verified.
+Where the bodies touch is read from their deformed surfaces (:mod:`tribox.app.verify.extent`), so
+that the contact's own word on it is what is verified.
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from app.verify.contact import case_modulus, fit_ellipse
-from app.verify.extent import Extent, disc, extent, slip_integral
-from app.verify.frames import Frame, Photographer
-from app.verify.result import Check, Floats, Line, Panel, Verification, compare
-from app.verify.shipped_case import solve
-from app.verify.space import held
-from forms.closed_forms.hertz_line import LineContact, relative_radius
+from tribox.app.verify.contact import case_modulus, fit_ellipse
+from tribox.app.verify.extent import Extent, disc, extent, slip_integral
+from tribox.app.verify.frames import Frame, Photographer
+from tribox.app.verify.result import Check, Floats, Line, Panel, Verification, compare
+from tribox.app.verify.shipped_case import solve
+from tribox.app.verify.space import held
+from tribox.forms.closed_forms.hertz_line import LineContact, relative_radius
 
 RUBBER, TOOL = "aluminium_contact", "elastomer_contact"
 """Surfaces of the film's cases: the names are those of the generators, the upper body is stiff."""

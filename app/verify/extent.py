@@ -27,7 +27,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize, minimize_scalar
 
-from geometry.surfaces.facets import Floats
+from tribox.geometry.surfaces.facets import Floats
 
 LEAST, MOST = 0.12, 2.9
 """Gaps between which nodes are fitted, relative to a²/2R: 0.16 to 1.2 a beyond the end."""

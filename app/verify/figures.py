@@ -8,8 +8,8 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from app.figures.style import COLOURS, MARKERS, STYLE, save
-from app.verify.result import Panel, Verification
+from tribox.app.figures.style import COLOURS, MARKERS, STYLE, save
+from tribox.app.verify.result import Panel, Verification
 
 
 def draw(result: Verification, path: Path) -> None:

@@ -6,16 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.equilibrium.constraints import Prescribed
-from app.verify.flowing_body import SIDES, FlowingBody, Shape, rectangle
-from app.verify.result import Check, Floats, Line, Panel, Verification, compare
-from forms.bodies.elastoplastic import ElastoPlastic
-from forms.bodies.hardening import Hardening, Swift, Voce
-from forms.bodies.kinematics import Section
-from forms.bodies.loads import FollowerPressure
-from forms.bodies.solid import Formulation
-from forms.closed_forms.metal_bar import load_maximum, stress_at
-from forms.closed_forms.thick_tube import inner_pressure
+from tribox.app.equilibrium.constraints import Prescribed
+from tribox.app.verify.flowing_body import SIDES, FlowingBody, Shape, rectangle
+from tribox.app.verify.result import Check, Floats, Line, Panel, Verification, compare
+from tribox.forms.bodies.elastoplastic import ElastoPlastic
+from tribox.forms.bodies.hardening import Hardening, Swift, Voce
+from tribox.forms.bodies.kinematics import Section
+from tribox.forms.bodies.loads import FollowerPressure
+from tribox.forms.bodies.solid import Formulation
+from tribox.forms.closed_forms.metal_bar import load_maximum, stress_at
+from tribox.forms.closed_forms.thick_tube import inner_pressure
 
 YOUNG, POISSON = 70e9, 0.33  # Pa, of aluminium
 

@@ -9,16 +9,16 @@ import numpy as np
 import ufl
 from petsc4py import PETSc
 
-from app.equilibrium.constraints import Platen
-from app.implicit.stepper import ImplicitStepper
-from app.verify.flowing import POISSON, YOUNG, metal
-from app.verify.flowing_body import FlowingBody, Shape, rectangle
-from app.verify.result import Check, Line, Panel, Verification, compare
-from forms.bodies.hardening import Hardening, Linear, Voce
-from forms.bodies.loads import Load, surface_measure
-from forms.bodies.solid import Formulation
-from forms.closed_forms.bent_strip import Strip
-from geometry.surfaces.facets import Floats, Longs
+from tribox.app.equilibrium.constraints import Platen
+from tribox.app.implicit.stepper import ImplicitStepper
+from tribox.app.verify.flowing import POISSON, YOUNG, metal
+from tribox.app.verify.flowing_body import FlowingBody, Shape, rectangle
+from tribox.app.verify.result import Check, Line, Panel, Verification, compare
+from tribox.forms.bodies.hardening import Hardening, Linear, Voce
+from tribox.forms.bodies.loads import Load, surface_measure
+from tribox.forms.bodies.solid import Formulation
+from tribox.forms.closed_forms.bent_strip import Strip
+from tribox.geometry.surfaces.facets import Floats, Longs
 
 # -- Cook's membrane ------------------------------------------------------------------------------
 

@@ -10,17 +10,17 @@ import dolfinx
 import numpy as np
 from mpi4py import MPI
 
-from app.equilibrium.constraints import Platen, Prescribed, component_dofs
-from app.equilibrium.equilibrium import Equilibrium
-from app.implicit.options import ImplicitOptions
-from app.implicit.stepper import ImplicitStepper
-from forms.bodies.kinematics import Section
-from forms.bodies.loads import Load
-from forms.bodies.materials import Material
-from forms.bodies.plastic_solid import make_solid
-from forms.bodies.solid import DEGREE, Formulation
-from geometry.compat import cell_nodes, mesh_of_cells
-from geometry.surfaces.facets import Floats, Ints
+from tribox.app.equilibrium.constraints import Platen, Prescribed, component_dofs
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.implicit.options import ImplicitOptions
+from tribox.app.implicit.stepper import ImplicitStepper
+from tribox.forms.bodies.kinematics import Section
+from tribox.forms.bodies.loads import Load
+from tribox.forms.bodies.materials import Material
+from tribox.forms.bodies.plastic_solid import make_solid
+from tribox.forms.bodies.solid import DEGREE, Formulation
+from tribox.geometry.compat import cell_nodes, mesh_of_cells
+from tribox.geometry.surfaces.facets import Floats, Ints
 
 SIDES = (("left", "right"), ("bottom", "top"), ("back", "front"))
 """Names of the sides of a grid, where its coordinates are 0 and 1."""

@@ -6,15 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.build.model import Model
-from app.implicit.stepper import StepResult
-from app.simulation.contact_resultants import turned_right
-from app.simulation.history import Row
-from app.simulation.observer import Interval, Observer
-from app.simulation.run_state import RunState
-from forms.contact.pressure import nodal_pressure
-from geometry.surfaces.body_facets import facet_nodes
-from geometry.surfaces.facets import Floats, Ints
+from tribox.app.build.model import Model
+from tribox.app.implicit.stepper import StepResult
+from tribox.app.simulation.contact_resultants import turned_right
+from tribox.app.simulation.history import Row
+from tribox.app.simulation.observer import Interval, Observer
+from tribox.app.simulation.run_state import RunState
+from tribox.forms.contact.pressure import nodal_pressure
+from tribox.geometry.surfaces.body_facets import facet_nodes
+from tribox.geometry.surfaces.facets import Floats, Ints
 
 
 @dataclass(frozen=True, slots=True)

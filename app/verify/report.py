@@ -12,24 +12,24 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-from app.errors import InputError, SolutionError
-from app.results.claim import claimed
-from app.results.directory import write_text
-from app.verify.bulk import block_compression
-from app.verify.contact import (
+from tribox.app.errors import InputError, SolutionError
+from tribox.app.results.claim import claimed
+from tribox.app.results.directory import write_text
+from tribox.app.verify.bulk import block_compression
+from tribox.app.verify.contact import (
     cattaneo_mindlin,
     hertz_line,
     hertz_two_cylinders,
     mindlin_reversal,
 )
-from app.verify.curved import film_over_curve, film_over_sphere, pressed_curve
-from app.verify.flowing import considere, thick_tube
-from app.verify.flowing_bending import cook, pure_bending
-from app.verify.result import Check, Verification
-from app.verify.sliding import block_slide, film_sliding, friction_law, penalty
-from app.verify.space import isotropy, patch_space
-from app.verify.sphere import curved_sliding, hertz_point, sphere_twist
-from app.verify.upset import upset
+from tribox.app.verify.curved import film_over_curve, film_over_sphere, pressed_curve
+from tribox.app.verify.flowing import considere, thick_tube
+from tribox.app.verify.flowing_bending import cook, pure_bending
+from tribox.app.verify.result import Check, Verification
+from tribox.app.verify.sliding import block_slide, film_sliding, friction_law, penalty
+from tribox.app.verify.space import isotropy, patch_space
+from tribox.app.verify.sphere import curved_sliding, hertz_point, sphere_twist
+from tribox.app.verify.upset import upset
 
 CASES: dict[str, Callable[[], Verification]] = {
     "friction-law": friction_law,
@@ -163,7 +163,7 @@ def write_report(results: Sequence[Verification], directory: Path) -> None:
         directory: free of other results; made if missing.
     """
     # Drawing starts a library that takes a while.
-    from app.verify.figures import draw
+    from tribox.app.verify.figures import draw
 
     figures = directory / "figures"
     figures.mkdir(parents=True, exist_ok=True)

@@ -7,13 +7,14 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from app.build.model import build_model
-from app.case.case import Case
-from app.case.reading import load_case
-from app.simulation.observer import Observer
-from app.simulation.simulation import Simulation
+import tribox
+from tribox.app.build.model import build_model
+from tribox.app.case.case import Case
+from tribox.app.case.reading import load_case
+from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.simulation import Simulation
 
-CASES = Path(__file__).resolve().parents[2] / "cases"
+CASES = Path(tribox.__file__).with_name("cases")
 
 
 def solve(

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from app.case.friction import FrictionMap
-from app.friction_map.material_tests import Curve, compute_map
-from app.friction_map.setup import map_setup
-from app.simulation.history import Row
-from app.verify.result import Check, Line, Panel, Verification, compare
-from app.verify.shipped_case import solve
-from forms.closed_forms.homogeneous_sliding import effective_viscosity
+from tribox.app.case.friction import FrictionMap
+from tribox.app.friction_map.material_tests import Curve, compute_map
+from tribox.app.friction_map.setup import map_setup
+from tribox.app.simulation.history import Row
+from tribox.app.verify.result import Check, Line, Panel, Verification, compare
+from tribox.app.verify.shipped_case import solve
+from tribox.forms.closed_forms.homogeneous_sliding import effective_viscosity
 
 # Forces in N for a slab of 1 mm by codes that enforce the constraint exactly, by level of
 # refinement: normal force after pressing, tangential and normal force at the end.

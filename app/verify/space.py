@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.results.fields import StressField
-from app.verify.result import Check, Floats, Verification
-from app.verify.shipped_case import solve
-from geometry.compat import cell_nodes
+from tribox.app.results.fields import StressField
+from tribox.app.verify.result import Check, Floats, Verification
+from tribox.app.verify.shipped_case import solve
+from tribox.geometry.compat import cell_nodes
 
 
 def held(surface: str, what: str) -> str:

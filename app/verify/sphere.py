@@ -8,16 +8,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.case.friction import Coulomb
-from app.case.generators_3d import SphereGeometry
-from app.case.time_tables import value_at
-from app.results.contact_points import contact_arrays
-from app.simulation.simulation import Simulation
-from app.verify.contact import case_modulus, fit_ellipse
-from app.verify.result import Check, Floats, Line, Panel, Verification, compare
-from app.verify.shipped_case import solve
-from app.verify.space import held
-from forms.closed_forms.hertz_point import PointContact, Twist
+from tribox.app.case.friction import Coulomb
+from tribox.app.case.generators_3d import SphereGeometry
+from tribox.app.case.time_tables import value_at
+from tribox.app.results.contact_points import contact_arrays
+from tribox.app.simulation.simulation import Simulation
+from tribox.app.verify.contact import case_modulus, fit_ellipse
+from tribox.app.verify.result import Check, Floats, Line, Panel, Verification, compare
+from tribox.app.verify.shipped_case import solve
+from tribox.app.verify.space import held
+from tribox.forms.closed_forms.hertz_point import PointContact, Twist
 
 # Of the whole body, over what is computed.
 WHOLE = {"axisymmetric": 1, "full": 1, "half": 2, "quarter": 4}

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.case.placed_blocks import PlacedBlocksGeometry
-from app.verify.result import Check, Floats, Line, Panel, Verification
-from app.verify.shipped_case import solve
-from forms.bodies.elastoplastic import ElastoPlastic
-from forms.bodies.hardening import Hardening
-from forms.closed_forms.metal_bar import stress_at
+from tribox.app.case.placed_blocks import PlacedBlocksGeometry
+from tribox.app.verify.result import Check, Floats, Line, Panel, Verification
+from tribox.app.verify.shipped_case import solve
+from tribox.forms.bodies.elastoplastic import ElastoPlastic
+from tribox.forms.bodies.hardening import Hardening
+from tribox.forms.closed_forms.metal_bar import stress_at
 
 FRICTIONLESS = 'contact.0.friction={law="frictionless"}'
 COARSE = ("geometry.blocks.billet.elements=[4, 3]", "stage.0.steps=10")

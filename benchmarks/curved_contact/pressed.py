@@ -17,16 +17,16 @@ from typing import Any
 
 import numpy as np
 
-from app.verify.contact import case_modulus, fit_ellipse
-from app.verify.extent import beyond_line, beyond_point, half_width
 from benchmarks.curved_contact.runs import Frame, Outcome, run
 from benchmarks.curved_contact.shapes import Moved, TwoHemispheres, graded
-from forms.closed_forms.hertz_line import LineContact, relative_radius
-from forms.closed_forms.hertz_point import PointContact
-from geometry.generators.cylinders import FlatBlock, HalfCylinder
-from geometry.generators.cylinders import LineContact as Lines
-from geometry.generators.sphere_on_block import SphereOnBlock
-from geometry.meshes.gmsh_model import Shape, write_msh
+from tribox.app.verify.contact import case_modulus, fit_ellipse
+from tribox.app.verify.extent import beyond_line, beyond_point, half_width
+from tribox.forms.closed_forms.hertz_line import LineContact, relative_radius
+from tribox.forms.closed_forms.hertz_point import PointContact
+from tribox.geometry.generators.cylinders import FlatBlock, HalfCylinder
+from tribox.geometry.generators.cylinders import LineContact as Lines
+from tribox.geometry.generators.sphere_on_block import SphereOnBlock
+from tribox.geometry.meshes.gmsh_model import Shape, write_msh
 
 MM = 1e-3
 RADIUS = 10 * MM

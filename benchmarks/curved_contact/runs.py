@@ -9,12 +9,12 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from app.build.model import Model, build_model
-from app.case.reading import load_case
-from app.errors import SolutionError
-from app.simulation.simulation import Simulation
-from app.verify.frames import Frame, Photographer
-from geometry.surfaces.facets import Floats
+from tribox.app.build.model import Model, build_model
+from tribox.app.case.reading import load_case
+from tribox.app.errors import SolutionError
+from tribox.app.simulation.simulation import Simulation
+from tribox.app.verify.frames import Frame, Photographer
+from tribox.geometry.surfaces.facets import Floats
 
 
 @dataclass(slots=True)

@@ -1,7 +1,8 @@
 """Meshes of the problems: a round tool above a block, or two round bodies, touching at the origin.
 
-In the plane they are those of :mod:`geometry.generators.cylinders`, under names of their own, moved
-away from an axis of symmetry, upside down, or with facets that grow along the slave's surface.
+In the plane they are those of :mod:`tribox.geometry.generators.cylinders`, under names of their
+own, moved away from an axis of symmetry, upside down, or with facets that grow along the slave's
+surface.
 """
 
 from __future__ import annotations
@@ -13,10 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
-from geometry.generators.cylinders import FlatBlock, HalfCylinder, LineContact
-from geometry.generators.sphere_on_block import Body, SphereOnBlock, _Drawing
-from geometry.meshes.gmsh_model import Shape, write_msh
-from geometry.surfaces.facets import Floats
+from tribox.geometry.generators.cylinders import FlatBlock, HalfCylinder, LineContact
+from tribox.geometry.generators.sphere_on_block import Body, SphereOnBlock, _Drawing
+from tribox.geometry.meshes.gmsh_model import Shape, write_msh
+from tribox.geometry.surfaces.facets import Floats
 
 
 @dataclass(frozen=True, slots=True)

@@ -76,7 +76,7 @@ def timed(command: Sequence[str], place: Path, **environment: str) -> tuple[floa
 def run_tribox(problem: Problem, place: Path, *, tree: Path = ROOT, calculix: bool) -> Record:
     """``tribox run`` of the sources in ``tree``; ``calculix``: with its strain energy."""
     (place / "case.toml").write_text(case_text(problem, calculix=calculix))
-    command = [sys.executable, "-m", "app", "run", "case.toml", "--out", "results"]
+    command = [sys.executable, "-m", "tribox", "run", "case.toml", "--out", "results"]
     took = timed(command, place, PYTHONPATH=str(tree), PYTHONSAFEPATH="1")
     with (place / "results" / "history.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
@@ -158,7 +158,7 @@ def run_felupe(problem: Problem, place: Path) -> Record:
 def run_block_slide(problem: Problem, place: Path, *, tree: Path = ROOT) -> Record:
     """``tribox run cases/block-slide.toml``, figures and fields included, for FElupe."""
     case = str(tree / "cases" / "block-slide.toml")
-    command = [sys.executable, "-m", "app", "run", case, "--out", str(place / "results")]
+    command = [sys.executable, "-m", "tribox", "run", case, "--out", str(place / "results")]
     took = timed(command, place, PYTHONPATH=str(tree), PYTHONSAFEPATH="1")
     with (place / "results" / "history.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))

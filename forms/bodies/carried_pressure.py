@@ -25,10 +25,10 @@ import ufl
 from ufl.algorithms import expand_derivatives
 from ufl.corealg.map_dag import map_expr_dag
 
-from forms.bodies.kinematics import Kinematics, Section, centre_kinematics, circumference
-from forms.bodies.without_variables import WithoutVariables
-from geometry.compat import interpolation_points
-from geometry.surfaces.facets import Floats, Ints
+from tribox.forms.bodies.kinematics import Kinematics, Section, centre_kinematics, circumference
+from tribox.forms.bodies.without_variables import WithoutVariables
+from tribox.geometry.compat import interpolation_points
+from tribox.geometry.surfaces.facets import Floats, Ints
 
 Volumetric = Callable[[Kinematics], Any]
 

@@ -11,10 +11,10 @@ import dolfinx
 import numpy as np
 from numpy.typing import NDArray
 
-from forms.bodies.plane_cells import plane_cells
-from forms.bodies.solid import Solid
-from forms.bodies.space_cells import space_cells
-from geometry.surfaces.facets import Bools, Floats, Ints
+from tribox.forms.bodies.plane_cells import plane_cells
+from tribox.forms.bodies.solid import Solid
+from tribox.forms.bodies.space_cells import space_cells
+from tribox.geometry.surfaces.facets import Bools, Floats, Ints
 
 
 class CompiledCells(Protocol):
@@ -33,7 +33,7 @@ class CompiledCells(Protocol):
         ...
 
     def add(self, u: Floats, out: Floats, dt: float | None) -> bool:
-        """See :meth:`forms.bodies.internal_force.BodyForce.add`.
+        """See :meth:`tribox.forms.bodies.internal_force.BodyForce.add`.
 
         Forces of a cell that is turned inside out are NaN where the forms' would be.
         """
@@ -54,7 +54,7 @@ class CompiledCells(Protocol):
             starts: (c, a, i, b), contiguous, from where on in ``values`` the dim numbers of the
                 row (a, i) and the columns (b, j) are.
             excess: (c,), Pa, added to the volumetric pressures of ``q1-sri``
-                (:mod:`forms.bodies.carried_pressure`).
+                (:mod:`tribox.forms.bodies.carried_pressure`).
         """
         ...
 

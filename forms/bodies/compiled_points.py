@@ -1,6 +1,6 @@
 """The compiled loop over plastic material points, ``plastic_points.c``.
 
-The same numbers to round-off as :mod:`forms.bodies.plastic_points` computes in numpy.
+The same numbers to round-off as :mod:`tribox.forms.bodies.plastic_points` computes in numpy.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ import ctypes
 import numpy as np
 from numpy.typing import NDArray
 
-from forms.bodies.elastoplastic import ElastoPlastic
-from forms.bodies.hardening import (
+from tribox.forms.bodies.elastoplastic import ElastoPlastic
+from tribox.forms.bodies.hardening import (
     Hardening,
     JohnsonCook,
     Linear,
@@ -21,7 +21,7 @@ from forms.bodies.hardening import (
     Table,
     Voce,
 )
-from forms.native.libraries import library
+from tribox.forms.native.libraries import library
 
 Floats = NDArray[np.float64]
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from forms.bodies.elastoplastic import ElastoPlastic
-from forms.bodies.materials import Material
+from tribox.forms.bodies.elastoplastic import ElastoPlastic
+from tribox.forms.bodies.materials import Material
 
 # Pressure that a body which flows can bear under a tool, over its yield stress: D. Tabor, The
 # Hardness of Metals, Oxford 1951. The yield stress is taken at a plastic strain of forming.

@@ -12,11 +12,11 @@ import basix
 import dolfinx
 import numpy as np
 
-from forms.bodies.kinematics import Section
-from forms.bodies.solid import Solid
-from geometry.compat import cell_order
-from geometry.meshes.places import centre, nodes_of, shape_functions
-from geometry.surfaces.facets import Floats, Ints
+from tribox.forms.bodies.kinematics import Section
+from tribox.forms.bodies.solid import Solid
+from tribox.geometry.compat import cell_order
+from tribox.geometry.meshes.places import centre, nodes_of, shape_functions
+from tribox.geometry.surfaces.facets import Floats, Ints
 
 ON_AXIS = 1e-6  # radius over the cell's outer one up to which a point lies on the axis
 
@@ -85,7 +85,7 @@ def centre_rows(space: dolfinx.fem.FunctionSpace, section: Section, cells: Ints)
     """Rows of the kinematics from which ``q1-sri`` takes the volume of a cell.
 
     Those of its centre; of a ring's cell with the gradients extrapolated to the centroid of its
-    volume, as :func:`forms.bodies.kinematics.centre_kinematics` has it.
+    volume, as :func:`tribox.forms.bodies.kinematics.centre_kinematics` has it.
     """
     kind = space.mesh.topology.cell_name()
     rows = rows_at(space, section, cells, centre(kind))

@@ -1,7 +1,7 @@
 """Metals: elastic in the logarithmic strain, plastic by von Mises with isotropic hardening.
 
 The strain energy is that of Hencky; what flows is computed at material points with a memory, see
-:mod:`forms.bodies.plastic_points`.
+:mod:`tribox.forms.bodies.plastic_points`.
 """
 
 from __future__ import annotations
@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from forms.bodies.hardening import Hardening, RateFactor
-from forms.bodies.kinematics import Kinematics
-from forms.bodies.materials import Hencky
+from tribox.forms.bodies.hardening import Hardening, RateFactor
+from tribox.forms.bodies.kinematics import Kinematics
+from tribox.forms.bodies.materials import Hencky
 
 
 @dataclass(frozen=True, slots=True)

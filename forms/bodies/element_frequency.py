@@ -13,8 +13,8 @@ import dolfinx
 import numpy as np
 from numpy.typing import NDArray
 
-from forms.bodies.materials import NeoHookean
-from forms.bodies.solid import CENTRE_DEGREE, Solid
+from tribox.forms.bodies.materials import NeoHookean
+from tribox.forms.bodies.solid import CENTRE_DEGREE, Solid
 
 Floats = NDArray[np.float64]
 

@@ -10,9 +10,9 @@ import dolfinx
 import numpy as np
 from mpi4py import MPI
 
-from forms.bodies.deformation import ON_AXIS, Rows, rows_at
-from forms.bodies.solid import Solid
-from geometry.surfaces.facets import Floats
+from tribox.forms.bodies.deformation import ON_AXIS, Rows, rows_at
+from tribox.forms.bodies.solid import Solid
+from tribox.geometry.surfaces.facets import Floats
 
 
 class GradientBound:

@@ -1,7 +1,7 @@
 """Internal forces and strain energy of all bodies.
 
-Bodies that a compiled loop covers (:mod:`forms.bodies.compiled_cells`) go through it; all others
-through the forms that DOLFINx compiled. Both give the same numbers to round-off.
+Bodies that a compiled loop covers (:mod:`tribox.forms.bodies.compiled_cells`) go through it; all
+others through the forms that DOLFINx compiled. Both give the same numbers to round-off.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ import dolfinx
 import numpy as np
 from numpy.typing import NDArray
 
-from forms.bodies.compiled_cells import compiled_cells
-from forms.bodies.solid import Solid
-from geometry.compat import packed_constants
+from tribox.forms.bodies.compiled_cells import compiled_cells
+from tribox.forms.bodies.solid import Solid
+from tribox.geometry.compat import packed_constants
 
 Floats = NDArray[np.float64]
 

@@ -10,9 +10,9 @@ import ufl
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from forms.bodies.kinematics import Section, circumference, section_of
-from geometry.compat import integration_facets
-from geometry.surfaces.facets import Floats, Ints
+from tribox.forms.bodies.kinematics import Section, circumference, section_of
+from tribox.geometry.compat import integration_facets
+from tribox.geometry.surfaces.facets import Floats, Ints
 
 
 class Load:

@@ -11,8 +11,8 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from forms.bodies.kinematics import circumference
-from forms.bodies.solid import Solid
+from tribox.forms.bodies.kinematics import circumference
+from tribox.forms.bodies.solid import Solid
 
 Floats = NDArray[np.float64]
 

@@ -12,8 +12,8 @@ from typing import Any, Protocol
 
 import ufl
 
-from forms.bodies.kinematics import Kinematics, PlanePart
-from forms.bodies.principal_powers import power_sum, squared_arcosh
+from tribox.forms.bodies.kinematics import Kinematics, PlanePart
+from tribox.forms.bodies.principal_powers import power_sum, squared_arcosh
 
 Expr = Any
 LOGARITHM_TERMS = 10  # of the series for the logarithmic strain in space
@@ -131,7 +131,7 @@ class Ogden:
 
     Ogden, Proc. R. Soc. Lond. A 326 (1972) 565, with his μ_p, in isochoric principal stretches λ̄. A
     convention that writes 2 μ_i/α_i² instead has μ_i = μ_p α_p/2. See
-    :mod:`forms.bodies.principal_powers` for how stretches that coincide are treated.
+    :mod:`tribox.forms.bodies.principal_powers` for how stretches that coincide are treated.
 
     Attributes:
         mu: μ_p, Pa, of any sign.

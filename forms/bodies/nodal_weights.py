@@ -6,9 +6,9 @@ import dolfinx
 import ufl
 from petsc4py import PETSc
 
-from forms.bodies.kinematics import Section, circumference, section_of
-from forms.bodies.loads import surface_measure
-from geometry.surfaces.facets import Floats, Ints
+from tribox.forms.bodies.kinematics import Section, circumference, section_of
+from tribox.forms.bodies.loads import surface_measure
+from tribox.geometry.surfaces.facets import Floats, Ints
 
 
 def surface_weights(

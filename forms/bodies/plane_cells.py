@@ -14,12 +14,12 @@ import dolfinx
 import numpy as np
 from numpy.typing import NDArray
 
-from forms.bodies.deformation import centre_rows, rows_at
-from forms.bodies.lanes import LANES, in_lanes
-from forms.bodies.materials import Hencky, Material, MooneyRivlin, NeoHookean
-from forms.bodies.solid import Solid
-from forms.native.libraries import library
-from geometry.surfaces.facets import Bools, Floats, Ints
+from tribox.forms.bodies.deformation import centre_rows, rows_at
+from tribox.forms.bodies.lanes import LANES, in_lanes
+from tribox.forms.bodies.materials import Hencky, Material, MooneyRivlin, NeoHookean
+from tribox.forms.bodies.solid import Solid
+from tribox.forms.native.libraries import library
+from tribox.geometry.surfaces.facets import Bools, Floats, Ints
 
 FORCES = "plane_kernel.c"
 TANGENT = "plane_tangent.c"
@@ -33,7 +33,7 @@ _CELLS += [_POINTER] * 3
 class PlaneCells:
     """Cells of one body by the compiled loops, ``LANES`` at a time.
 
-    See :class:`forms.bodies.compiled_cells.CompiledCells`.
+    See :class:`tribox.forms.bodies.compiled_cells.CompiledCells`.
     """
 
     def __init__(

@@ -24,10 +24,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from forms.bodies.compiled_points import compiled_points
-from forms.bodies.elastoplastic import ElastoPlastic
-from forms.bodies.principal_axes import PrincipalAxes, axes_in_plane, axes_in_space, log_ratio
-from forms.bodies.return_mapping import Flow, flow
+from tribox.forms.bodies.compiled_points import compiled_points
+from tribox.forms.bodies.elastoplastic import ElastoPlastic
+from tribox.forms.bodies.principal_axes import (
+    PrincipalAxes,
+    axes_in_plane,
+    axes_in_space,
+    log_ratio,
+)
+from tribox.forms.bodies.return_mapping import Flow, flow
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

@@ -1,14 +1,14 @@
 """Bodies whose material points remember: stress and tangent as values at quadrature points.
 
-The points are updated by the material's own kernel (:mod:`forms.bodies.plastic_points`). Its stress
-P and tangent A = ∂P/∂F are coefficients in quadrature spaces, and the forms
+The points are updated by the material's own kernel (:mod:`tribox.forms.bodies.plastic_points`). Its
+stress P and tangent A = ∂P/∂F are coefficients in quadrature spaces, and the forms
 
     ∫ P·B(v) dΩ₀,   ∫ B(v)·A·B(δu) dΩ₀,   B(v) = (v_1,1, v_1,2, v_2,1, v_2,2, v_1/x)
 
 are the same for every material; in space B has the nine components of the gradient, row by row; in
 plane strain the last one, across the plane, is zero. Of ``q1-sri`` only the distortional part goes
 this way: plastic flow keeps the volume, so that the volumetric energy at the centre of a cell is
-that of :mod:`forms.bodies.solid`, with the pressure that its tangent carries.
+that of :mod:`tribox.forms.bodies.solid`, with the pressure that its tangent carries.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ import numpy as np
 import ufl
 from numpy.typing import NDArray
 
-from forms.bodies.elastoplastic import ElastoPlastic
-from forms.bodies.hardening import Linear
-from forms.bodies.kinematics import Section, centre_kinematics, circumference, radius
-from forms.bodies.materials import Material
-from forms.bodies.plastic_points import PlasticPoints, PlasticUpdate
-from forms.bodies.point_state import Evaluation, Floats, Origin, PointHistory, PointState
-from forms.bodies.point_stress import StressAt
-from forms.bodies.point_values import PointValues, as_tensors
-from forms.bodies.solid import CENTRE_DEGREE, CompiledForms, Formulation, Solid
-from geometry.compat import cell_values
+from tribox.forms.bodies.elastoplastic import ElastoPlastic
+from tribox.forms.bodies.hardening import Linear
+from tribox.forms.bodies.kinematics import Section, centre_kinematics, circumference, radius
+from tribox.forms.bodies.materials import Material
+from tribox.forms.bodies.plastic_points import PlasticPoints, PlasticUpdate
+from tribox.forms.bodies.point_state import Evaluation, Floats, Origin, PointHistory, PointState
+from tribox.forms.bodies.point_stress import StressAt
+from tribox.forms.bodies.point_values import PointValues, as_tensors
+from tribox.forms.bodies.solid import CENTRE_DEGREE, CompiledForms, Formulation, Solid
+from tribox.geometry.compat import cell_values
 
 Ints = NDArray[np.int32]
 NEVER = 1e300  # Pa, yield stress of a material that stays elastic
@@ -126,7 +126,7 @@ class PlasticSolid(Solid):
     # -- evaluation ---------------------------------------------------------------------------
 
     def evaluate(self, dt: float = math.inf, tangent: bool = False) -> bool:
-        """See :meth:`forms.bodies.solid.Solid.evaluate`."""
+        """See :meth:`tribox.forms.bodies.solid.Solid.evaluate`."""
         u, points = self._u.x.array, self.points
         dt = self._seen(dt)
         found, F = points.known(u, dt), None
@@ -155,7 +155,7 @@ class PlasticSolid(Solid):
         return self.points.tangent_origin(u, dt)
 
     def evaluate_elastic(self) -> bool:
-        """See :meth:`forms.bodies.solid.Solid.evaluate_elastic`."""
+        """See :meth:`tribox.forms.bodies.solid.Solid.evaluate_elastic`."""
         F, origin = self._deformation_gradients(), Origin(self.points.committed, math.inf)
         update = self._updated(F, origin, law=self._elastic_law)
         self._put(self._stress, update.P)
@@ -218,7 +218,7 @@ class PlasticSolid(Solid):
     # -- history ------------------------------------------------------------------------------
 
     def commit(self) -> None:
-        """See :meth:`forms.bodies.solid.Solid.commit`."""
+        """See :meth:`tribox.forms.bodies.solid.Solid.commit`."""
         before = self.points.last
         done = self.points.commit(self._u.x.array)
         if done is not None and self._adopted is None:
@@ -233,7 +233,7 @@ class PlasticSolid(Solid):
 
     @property
     def dissipated(self) -> Floats:
-        """See :attr:`forms.bodies.solid.Solid.dissipated`."""
+        """See :attr:`tribox.forms.bodies.solid.Solid.dissipated`."""
         return self._dissipated
 
     def strain_energy(self) -> float:
@@ -242,44 +242,44 @@ class PlasticSolid(Solid):
         return super().strain_energy()
 
     def history(self) -> PointHistory:
-        """See :meth:`forms.bodies.solid.Solid.history`."""
+        """See :meth:`tribox.forms.bodies.solid.Solid.history`."""
         last = self.points.last
         return PointHistory(None if last is None else last.origin, self._dissipated)
 
     def cell_rows(self, values: Floats) -> Floats:
-        """See :meth:`forms.bodies.solid.Solid.cell_rows`."""
+        """See :meth:`tribox.forms.bodies.solid.Solid.cell_rows`."""
         return values.reshape(len(self.cells), self.count * self._law.variables)
 
     def point_rows(self, values: Floats) -> Floats:
-        """See :meth:`forms.bodies.solid.Solid.point_rows`."""
+        """See :meth:`tribox.forms.bodies.solid.Solid.point_rows`."""
         return np.ascontiguousarray(values).reshape(-1, self._law.variables)
 
     def adopt(self, history: PointHistory) -> None:
-        """See :meth:`forms.bodies.solid.Solid.adopt`."""
+        """See :meth:`tribox.forms.bodies.solid.Solid.adopt`."""
         origin = history.origin
         self.points.begin(None if origin is None else origin.values)
         self._dissipated = np.asarray(history.dissipated, dtype=np.float64)
         self._adopted = origin
 
     def repeat_step(self) -> None:
-        """See :meth:`forms.bodies.solid.Solid.repeat_step`."""
+        """See :meth:`tribox.forms.bodies.solid.Solid.repeat_step`."""
         if self._adopted is not None:
             self.evaluate(self._adopted.dt)
             self.commit()
 
     @property
     def tangent_origin(self) -> Origin | None:
-        """See :attr:`forms.bodies.solid.Solid.tangent_origin`."""
+        """See :attr:`tribox.forms.bodies.solid.Solid.tangent_origin`."""
         return self._tangent_origin
 
     def remake_tangent(self, origin: Origin | None) -> None:
-        """See :meth:`forms.bodies.solid.Solid.remake_tangent`."""
+        """See :meth:`tribox.forms.bodies.solid.Solid.remake_tangent`."""
         self._remade = origin
 
     # -- results ------------------------------------------------------------------------------
 
     def stress_at(self, cells: Ints, xi: Floats | None) -> StressAt:
-        """See :meth:`forms.bodies.solid.Solid.stress_at`."""
+        """See :meth:`tribox.forms.bodies.solid.Solid.stress_at`."""
         return PointValues(self, cells, xi)
 
     def point_stress(self) -> Floats:

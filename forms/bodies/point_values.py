@@ -15,9 +15,9 @@ from typing import Protocol
 import basix
 import numpy as np
 
-from forms.bodies.materials import Material
-from forms.bodies.point_state import Floats
-from geometry.surfaces.facets import Ints
+from tribox.forms.bodies.materials import Material
+from tribox.forms.bodies.point_state import Floats
+from tribox.geometry.surfaces.facets import Ints
 
 
 class PointBody(Protocol):
@@ -76,7 +76,7 @@ class PointValues:
 
         Args:
             solid: the body.
-            cells: (k,) as :meth:`forms.bodies.solid.Solid.stress_at` takes them.
+            cells: (k,) as :meth:`tribox.forms.bodies.solid.Solid.stress_at` takes them.
             xi: (k, α), likewise.
         """
         self._solid = solid

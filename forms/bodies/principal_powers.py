@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 import ufl
 
-from forms.bodies.jets import Jet
-from forms.bodies.kinematics import Kinematics, PlanePart
+from tribox.forms.bodies.jets import Jet
+from tribox.forms.bodies.kinematics import Kinematics, PlanePart
 
 Expr = Any
 

@@ -1,7 +1,7 @@
 """One solid body: residual, tangent and strain energy of its material on its cells.
 
 :class:`Solid` is a body whose stress follows from its present deformation;
-:class:`forms.bodies.plastic_solid.PlasticSolid` is one whose material points remember.
+:class:`tribox.forms.bodies.plastic_solid.PlasticSolid` is one whose material points remember.
 
 Selective reduced integration (``q1-sri``) takes the distortional energy at 2 × 2 (2 × 2 × 2 in
 space) Gauss points and the volumetric energy at the centre. The two parts are compiled as forms of
@@ -25,8 +25,8 @@ from petsc4py import PETSc
 from ufl.algorithms import expand_derivatives
 from ufl.corealg.map_dag import map_expr_dag
 
-from forms.bodies.carried_pressure import CarriedPressure
-from forms.bodies.kinematics import (
+from tribox.forms.bodies.carried_pressure import CarriedPressure
+from tribox.forms.bodies.kinematics import (
     Kinematics,
     Section,
     centre_kinematics,
@@ -35,10 +35,10 @@ from forms.bodies.kinematics import (
     section_of,
     stretch_across,
 )
-from forms.bodies.materials import Material, oedometric_modulus
-from forms.bodies.point_state import Floats, Origin, PointHistory
-from forms.bodies.point_stress import PointStress, StressAt
-from forms.bodies.without_variables import WithoutVariables
+from tribox.forms.bodies.materials import Material, oedometric_modulus
+from tribox.forms.bodies.point_state import Floats, Origin, PointHistory
+from tribox.forms.bodies.point_stress import PointStress, StressAt
+from tribox.forms.bodies.without_variables import WithoutVariables
 
 Formulation = Literal["q1", "q1-sri", "q2"]
 DEGREE: dict[Formulation, int] = {"q1": 1, "q1-sri": 1, "q2": 2}
@@ -284,7 +284,8 @@ class Solid:
         """
         return PointStress(self.material, self.section)
 
-    # -- what material points remember: nothing here, see `forms.bodies.plastic_solid` ------------
+    # -- what material points remember: nothing here, see `tribox.forms.bodies.plastic_solid`
+    # ------------
 
     def evaluate(self, dt: float = math.inf, tangent: bool = False) -> bool:
         """Let the forms be those of the present displacement; changes nothing that is remembered.

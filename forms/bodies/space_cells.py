@@ -8,12 +8,12 @@ import dolfinx
 import numpy as np
 from numpy.typing import NDArray
 
-from forms.bodies.lanes import LANES, in_lanes
-from forms.bodies.materials import Hencky, Material, MooneyRivlin, NeoHookean, Yeoh
-from forms.bodies.solid import Solid
-from forms.native.libraries import library
-from geometry.compat import cell_order
-from geometry.surfaces.facets import Bools, Floats, Ints
+from tribox.forms.bodies.lanes import LANES, in_lanes
+from tribox.forms.bodies.materials import Hencky, Material, MooneyRivlin, NeoHookean, Yeoh
+from tribox.forms.bodies.solid import Solid
+from tribox.forms.native.libraries import library
+from tribox.geometry.compat import cell_order
+from tribox.geometry.surfaces.facets import Bools, Floats, Ints
 
 SOURCE = "space_kernel.c"
 _KINDS: dict[type, int] = {NeoHookean: 0, MooneyRivlin: 1, Hencky: 2, Yeoh: 3}
@@ -37,7 +37,7 @@ class _Work(ctypes.Structure):
 class SpaceCells:
     """Cells of one body by the compiled loop, ``LANES`` at a time.
 
-    See :class:`forms.bodies.compiled_cells.CompiledCells`.
+    See :class:`tribox.forms.bodies.compiled_cells.CompiledCells`.
     """
 
     def __init__(

@@ -17,9 +17,9 @@ import ufl
 from numpy.typing import NDArray
 from ufl.algorithms import expand_derivatives
 
-from forms.bodies.kinematics import PlanePart, plane_kinematics
-from forms.bodies.materials import Material
-from forms.bodies.ufl_values import values_of
+from tribox.forms.bodies.kinematics import PlanePart, plane_kinematics
+from tribox.forms.bodies.materials import Material
+from tribox.forms.bodies.ufl_values import values_of
 
 Floats = NDArray[np.float64]
 

@@ -1,6 +1,6 @@
 """Closed forms for verification; those of homogeneous sliding can be imported from here."""
 
-from forms.closed_forms.homogeneous_sliding import (
+from tribox.forms.closed_forms.homogeneous_sliding import (
     crossover_speed,
     effective_viscosity,
     film_fraction,

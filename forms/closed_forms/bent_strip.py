@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from forms.closed_forms.thick_tube import Law
+from tribox.forms.closed_forms.thick_tube import Law
 
 Floats = NDArray[np.float64]
 HALVINGS = 50  # of an interval: to round-off

@@ -17,7 +17,7 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipkm1
 
-from forms.closed_forms.hertz_line import Floats, ellipse
+from tribox.forms.closed_forms.hertz_line import Floats, ellipse
 
 STUCK = 1e-9  # c/a below which the whole contact counts as sliding
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from forms.friction.film_map import at_rest
-from forms.friction.parameters import FrictionMapParameters
+from tribox.forms.friction.film_map import at_rest
+from tribox.forms.friction.parameters import FrictionMapParameters
 
 Floats = NDArray[np.float64]
 

@@ -1,7 +1,7 @@
 r"""From the control points of a rigid tool to its own unknowns, displacement and angle.
 
 Axis letters: a control points, p points, m, n nodes of a block, i, j space, k the 2·i unknowns of
-the two reference nodes, which hold (c, θL), see :mod:`geometry.surfaces.rigid_motion`.
+the two reference nodes, which hold (c, θL), see :mod:`tribox.geometry.surfaces.rigid_motion`.
 
 All of a contact between kinematics and assembly is written in the control points y_a, as if they
 were nodes. Their forces F_a and blocks K_ab become those of q = (c, θL) by the chain rule,
@@ -19,8 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse
 
-from geometry.surfaces.facets import Floats, Longs
-from geometry.surfaces.rigid_motion import RigidMotion
+from tribox.geometry.surfaces.facets import Floats, Longs
+from tribox.geometry.surfaces.rigid_motion import RigidMotion
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from forms.contact.kinematics import ContactKinematics
-from forms.contact.state import Fading
-from geometry.surfaces.projection import Projection
+from tribox.forms.contact.kinematics import ContactKinematics
+from tribox.forms.contact.state import Fading
+from tribox.geometry.surfaces.projection import Projection
 
 SOURCES = {2: "plane_contact.c", 3: "space_contact.c"}  # by the dimension of space
 FACET_NOTES, FAR_NOTES = 10, 13  # numbers that the projection in space notes

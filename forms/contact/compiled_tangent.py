@@ -3,8 +3,9 @@
 Axis letters: q, p points, g groups of points that touch the same facets, k vertices of a slave
 facet, m nodes that move a point, i space, v vertices, n nodes.
 
-What the loops compute is that of :mod:`forms.contact.kinematics` and :mod:`forms.contact.tangent`;
-those do what the loops leave: rows and columns that are not in the matrix at hand as a whole.
+What the loops compute is that of :mod:`tribox.forms.contact.kinematics` and
+:mod:`tribox.forms.contact.tangent`; those do what the loops leave: rows and columns that are not in
+the matrix at hand as a whole.
 """
 
 from __future__ import annotations
@@ -18,16 +19,16 @@ import numpy as np
 import scipy.sparse
 from numpy.typing import NDArray
 
-from forms.contact.pressure import AveragedPressure
-from forms.contact.state import ContactState, ContactTrial
-from forms.contact.vertex_rows import Coupling, completed
-from forms.native.libraries import library
-from geometry.surfaces.facets import Bools, Floats, Ints, Longs
-from geometry.surfaces.projection import FacetSurface
-from geometry.surfaces.surface import ContactSurface, MasterFacets
+from tribox.forms.contact.pressure import AveragedPressure
+from tribox.forms.contact.state import ContactState, ContactTrial
+from tribox.forms.contact.vertex_rows import Coupling, completed
+from tribox.forms.native.libraries import library
+from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs
+from tribox.geometry.surfaces.projection import FacetSurface
+from tribox.geometry.surfaces.surface import ContactSurface, MasterFacets
 
 if TYPE_CHECKING:
-    from forms.contact.tangent import PairTangent
+    from tribox.forms.contact.tangent import PairTangent
 
 SOURCE = "contact_tangent.c"
 _SHAPES, _MOVERS, _CORNERS = 16, 64, 9  # most that the loops have room for

@@ -1,10 +1,10 @@
 """A contact pair in an explicit step: forces without tangents, search only when it is due.
 
-The kinematics, the law and the history are those of :mod:`forms.contact.penalty`; the step leaves
-out all variations. What an explicit step adds is the film's viscous traction c v, with v the slip
-speed and c = alpha eta_b/D (da/dA). Taken at the speed of the last half step it would bound the
-time step, hard for thin films. The semi-implicit treatment carries the film's traction τ from step
-to step and corrects it, point by point, by what an implicit dashpot would add,
+The kinematics, the law and the history are those of :mod:`tribox.forms.contact.penalty`; the step
+leaves out all variations. What an explicit step adds is the film's viscous traction c v, with v the
+slip speed and c = alpha eta_b/D (da/dA). Taken at the speed of the last half step it would bound
+the time step, hard for thin films. The semi-implicit treatment carries the film's traction τ from
+step to step and corrects it, point by point, by what an implicit dashpot would add,
 
     δτ_q = (c_q v*_q − τ_q)/(1 + Δt c_q s_q),   s_q = Σ_a N_a(q) A_a/m_a   (both surfaces),
 
@@ -21,14 +21,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from forms.contact.carried import Carried
-from forms.contact.fading import fading
-from forms.contact.kinematics import relate
-from forms.contact.penalty import ContactTerm, carried_by
-from forms.contact.pressure import ROUNDOFF_DEPTH, AveragedPressure
-from forms.contact.state import AS_IS, ContactTrial
-from geometry.surfaces.exchange import NodalVector, SurfaceExchange
-from geometry.surfaces.facets import Floats, Longs
+from tribox.forms.contact.carried import Carried
+from tribox.forms.contact.fading import fading
+from tribox.forms.contact.kinematics import relate
+from tribox.forms.contact.penalty import ContactTerm, carried_by
+from tribox.forms.contact.pressure import ROUNDOFF_DEPTH, AveragedPressure
+from tribox.forms.contact.state import AS_IS, ContactTrial
+from tribox.geometry.surfaces.exchange import NodalVector, SurfaceExchange
+from tribox.geometry.surfaces.facets import Floats, Longs
 
 
 def _in_plane(n: Floats, v: Floats) -> Floats:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from forms.contact.compiled_pair import (
+from tribox.forms.contact.compiled_pair import (
     BEFORE,
     FACET_NOTES,
     FAR_NOTES,
@@ -23,22 +23,22 @@ from forms.contact.compiled_pair import (
     PairArrays,
     check_layout,
 )
-from forms.contact.explicit import ExplicitContact
-from forms.contact.explicit_tie import ExplicitTie
-from forms.contact.penalty import ContactTerm
-from forms.contact.pressure import ROUNDOFF_DEPTH, TOUCHING, AveragedPressure
-from forms.contact.state import AS_IS, ContactState, ContactTrial, NormalContact
-from forms.contact.tie import TieTerm
-from forms.native.libraries import library
-from geometry.surfaces.exchange import NodalVector
-from geometry.surfaces.facet_search import TIE
-from geometry.surfaces.facets import Floats, Ints
-from geometry.surfaces.projection import FacetSurface
-from geometry.surfaces.surface import MasterFacets
+from tribox.forms.contact.explicit import ExplicitContact
+from tribox.forms.contact.explicit_tie import ExplicitTie
+from tribox.forms.contact.penalty import ContactTerm
+from tribox.forms.contact.pressure import ROUNDOFF_DEPTH, TOUCHING, AveragedPressure
+from tribox.forms.contact.state import AS_IS, ContactState, ContactTrial, NormalContact
+from tribox.forms.contact.tie import TieTerm
+from tribox.forms.native.libraries import library
+from tribox.geometry.surfaces.exchange import NodalVector
+from tribox.geometry.surfaces.facet_search import TIE
+from tribox.geometry.surfaces.facets import Floats, Ints
+from tribox.geometry.surfaces.projection import FacetSurface
+from tribox.geometry.surfaces.surface import MasterFacets
 
 
 class CompiledContact(ExplicitContact):
-    """See :class:`forms.contact.explicit.ExplicitContact`; the same results to round-off."""
+    """See :class:`tribox.forms.contact.explicit.ExplicitContact`; the same results to round-off."""
 
     def __init__(self, term: ContactTerm, code: ctypes.CDLL) -> None:
         """Lay out the arrays; collective.

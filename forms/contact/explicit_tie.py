@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from forms.contact.explicit import ExplicitContact
-from forms.contact.state import ContactTrial
-from forms.contact.tie import TieTerm
-from geometry.surfaces.exchange import NodalVector
-from geometry.surfaces.facets import Floats
+from tribox.forms.contact.explicit import ExplicitContact
+from tribox.forms.contact.state import ContactTrial
+from tribox.forms.contact.tie import TieTerm
+from tribox.geometry.surfaces.exchange import NodalVector
+from tribox.geometry.surfaces.facets import Floats
 
 
 class ExplicitTie(ExplicitContact):
-    """See :class:`forms.contact.explicit.ExplicitContact`.
+    """See :class:`tribox.forms.contact.explicit.ExplicitContact`.
 
     Attributes:
         tie: the pair.

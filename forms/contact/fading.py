@@ -16,9 +16,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from forms.contact.state import ContactState, Fading, NormalContact
-from geometry.surfaces.projection import Projection
-from geometry.surfaces.vertices import SlaveVertices
+from tribox.forms.contact.state import ContactState, Fading, NormalContact
+from tribox.geometry.surfaces.projection import Projection
+from tribox.geometry.surfaces.vertices import SlaveVertices
 
 
 def fading(

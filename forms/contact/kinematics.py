@@ -22,9 +22,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.surfaces.facets import Bools, Floats, Longs
-from geometry.surfaces.projection import Projection
-from geometry.surfaces.slave_normals import PointNormals
+from tribox.geometry.surfaces.facets import Bools, Floats, Longs
+from tribox.geometry.surfaces.projection import Projection
+from tribox.geometry.surfaces.slave_normals import PointNormals
 
 
 @dataclass(slots=True)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from forms.contact.penalty import ContactTerm
-from forms.contact.state import ContactTrial
-from forms.friction.factored_law import FactoredLaw
-from forms.friction.guarded_law import GuardedLaw
-from forms.friction.law import FrictionLaw
+from tribox.forms.contact.penalty import ContactTerm
+from tribox.forms.contact.state import ContactTrial
+from tribox.forms.friction.factored_law import FactoredLaw
+from tribox.forms.friction.guarded_law import GuardedLaw
+from tribox.forms.friction.law import FrictionLaw
 
 
 def has_fault(contacts: Sequence[ContactTerm]) -> bool:

@@ -1,10 +1,10 @@
 """Penalty contact of one pair with a friction law at its quadrature points.
 
 Per point of the slave surface the traction t = t_N n − T acts on the slave and −t on the master,
-with t_N from the gaps (:mod:`forms.contact.pressure`) and T from the friction law. The virtual work
-∫ t·(δu¹ − δu²(ξ̄)) dΓ₀ gives the residual R_c = −Gᵀ(w t), with G the rows a of the generalised
-coordinates of :mod:`forms.contact.kinematics`; the tangent is in :mod:`forms.contact.tangent`.
-Everything is vectorised over the points q.
+with t_N from the gaps (:mod:`tribox.forms.contact.pressure`) and T from the friction law. The
+virtual work ∫ t·(δu¹ − δu²(ξ̄)) dΓ₀ gives the residual R_c = −Gᵀ(w t), with G the rows a of the
+generalised coordinates of :mod:`tribox.forms.contact.kinematics`; the tangent is in
+:mod:`tribox.forms.contact.tangent`. Everything is vectorised over the points q.
 """
 
 from __future__ import annotations
@@ -16,27 +16,32 @@ import dolfinx
 import numpy as np
 from petsc4py import PETSc
 
-from forms.contact.carried import Carried
-from forms.contact.compiled_tangent import Entries, compiled_tangent
-from forms.contact.fading import fading
-from forms.contact.kinematics import Anchor, ContactKinematics, relate
-from forms.contact.pressure import ROUNDOFF_DEPTH, AveragedPressure, PressureKind, normal_rule
-from forms.contact.rim import rim_cover
-from forms.contact.shared_slave import Neighbour, brought_along, covered_by_others
-from forms.contact.state import (
+from tribox.forms.contact.carried import Carried
+from tribox.forms.contact.compiled_tangent import Entries, compiled_tangent
+from tribox.forms.contact.fading import fading
+from tribox.forms.contact.kinematics import Anchor, ContactKinematics, relate
+from tribox.forms.contact.pressure import (
+    ROUNDOFF_DEPTH,
+    AveragedPressure,
+    PressureKind,
+    normal_rule,
+)
+from tribox.forms.contact.rim import rim_cover
+from tribox.forms.contact.shared_slave import Neighbour, brought_along, covered_by_others
+from tribox.forms.contact.state import (
     AS_IS,
     ContactMode,
     ContactState,
     ContactTrial,
     NormalContact,
 )
-from forms.contact.tangent import Coupling, PairTangent
-from forms.friction.film import FilmThickness, film_thickness
-from forms.friction.law import FrictionLaw, FrictionResponse
-from geometry.surfaces.closest_point import solve_small
-from geometry.surfaces.facets import Floats, Ints, Longs, unit_normals
-from geometry.surfaces.projection import FacetSurface, Projection
-from geometry.surfaces.surface import QUADRATURE_DEGREE, ContactSurface, RigidMaster
+from tribox.forms.contact.tangent import Coupling, PairTangent
+from tribox.forms.friction.film import FilmThickness, film_thickness
+from tribox.forms.friction.law import FrictionLaw, FrictionResponse
+from tribox.geometry.surfaces.closest_point import solve_small
+from tribox.geometry.surfaces.facets import Floats, Ints, Longs, unit_normals
+from tribox.geometry.surfaces.projection import FacetSurface, Projection
+from tribox.geometry.surfaces.surface import QUADRATURE_DEGREE, ContactSurface, RigidMaster
 
 __all__ = ["AS_IS", "ContactMode", "ContactState", "ContactTerm", "ContactTrial"]
 
@@ -64,8 +69,8 @@ class ContactTerm:
         active: whether the surfaces feel each other; changed, as ``law`` may be, by :meth:`renew`.
         rule: from gaps to pressure, with the penalty; linearised: the tangent; compiled: loops for
             it, None without.
-        neighbours: other contacts with the same slave (:mod:`forms.contact.shared_slave`).
-        tied: whether the surfaces are bonded (:mod:`forms.contact.tie`).
+        neighbours: other contacts with the same slave (:mod:`tribox.forms.contact.shared_slave`).
+        tied: whether the surfaces are bonded (:mod:`tribox.forms.contact.tie`).
     """
 
     tied = False
@@ -394,11 +399,11 @@ class ContactTerm:
         return compiled.add(self.linearised, self.state, trial, entries)
 
     def tangent(self, trial: ContactTrial) -> list[tuple[Longs, Floats]]:
-        """See :meth:`forms.contact.tangent.PairTangent.point_blocks`."""
+        """See :meth:`tribox.forms.contact.tangent.PairTangent.point_blocks`."""
         return self.linearised.point_blocks(self.state, trial)
 
     def coupling(self, trial: ContactTrial) -> Coupling | None:
-        """See :meth:`forms.contact.tangent.PairTangent.vertex_coupling`; collective."""
+        """See :meth:`tribox.forms.contact.tangent.PairTangent.vertex_coupling`; collective."""
         return self.linearised.vertex_coupling(self.state, trial)
 
     def interface_energy(self, trial: ContactTrial) -> float:

@@ -24,10 +24,10 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from forms.contact.state import ContactMode, NormalContact
-from geometry.surfaces.facets import Bools, Floats
-from geometry.surfaces.projection import Projection
-from geometry.surfaces.surface import ContactSurface
+from tribox.forms.contact.state import ContactMode, NormalContact
+from tribox.geometry.surfaces.facets import Bools, Floats
+from tribox.geometry.surfaces.projection import Projection
+from tribox.geometry.surfaces.surface import ContactSurface
 
 PressureKind = Literal["averaged", "pointwise"]
 
@@ -69,7 +69,7 @@ class AveragedPressure:
 
     Attributes:
         others: (v,) area of the vertices that other masters have, see
-            :mod:`forms.contact.shared_slave`; None without any.
+            :mod:`tribox.forms.contact.shared_slave`; None without any.
     """
 
     def __init__(self, surface: ContactSurface, penalty: float | Floats) -> None:

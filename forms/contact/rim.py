@@ -28,9 +28,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from forms.contact.state import NormalContact
-from geometry.surfaces.facets import Bools, Floats
-from geometry.surfaces.surface import ContactSurface
+from tribox.forms.contact.state import NormalContact
+from tribox.geometry.surfaces.facets import Bools, Floats
+from tribox.geometry.surfaces.surface import ContactSurface
 
 _EARLY = 0.175  # c
 _NEWTON = 60  # at most; the cubic is monotone and convex

@@ -27,17 +27,17 @@ from typing import Protocol
 
 import numpy as np
 
-from forms.contact.state import ContactState, ContactTrial
-from forms.friction.law import FrictionState
-from geometry.surfaces.facets import Bools, Floats, Longs
-from geometry.surfaces.projection import FacetSurface
-from geometry.surfaces.surface import ContactSurface
+from tribox.forms.contact.state import ContactState, ContactTrial
+from tribox.forms.friction.law import FrictionState
+from tribox.geometry.surfaces.facets import Bools, Floats, Longs
+from tribox.geometry.surfaces.projection import FacetSurface
+from tribox.geometry.surfaces.surface import ContactSurface
 
 MEETING = 0.05  # distance over the length of a slave facet up to which ends of masters meet
 
 
 class Pair(Protocol):
-    """What contacts know of each other, see :class:`forms.contact.penalty.ContactTerm`."""
+    """What contacts know of each other, see :class:`tribox.forms.contact.penalty.ContactTerm`."""
 
     surface: ContactSurface
     state: ContactState

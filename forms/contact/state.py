@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from forms.contact.carried import Carried
-from forms.contact.kinematics import Anchor, ContactKinematics
-from forms.friction.law import FrictionResponse, FrictionState
-from geometry.surfaces.facets import Bools, Floats, Ints, Longs
-from geometry.surfaces.projection import Projection
+from tribox.forms.contact.carried import Carried
+from tribox.forms.contact.kinematics import Anchor, ContactKinematics
+from tribox.forms.friction.law import FrictionResponse, FrictionState
+from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs
+from tribox.geometry.surfaces.projection import Projection
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,9 +56,9 @@ class NormalContact:
         gap: (v,), m, mean gaps of the vertices; nodal_pressure: (v,), Pa, s_A ≥ 0; active: (v,)
             whether a vertex carries pressure, or touches. None point by point.
         cover: (q,) share of each point's piece of the surface that touches: less than 1 only at the
-            rim (:mod:`forms.contact.rim`); cover_slope: (q, k), 1/m, its derivatives for the gaps
-            of the facet's vertices, None where nothing asks for them; rim: (v,) open vertices that
-            it depends on.
+            rim (:mod:`tribox.forms.contact.rim`); cover_slope: (q, k), 1/m, its derivatives for the
+            gaps of the facet's vertices, None where nothing asks for them; rim: (v,) open vertices
+            that it depends on.
         area: (v,) that the gaps are averaged over; None: m_A. grows: (v,) where that is what the
             master has below the vertex now; None: nowhere.
     """
@@ -113,7 +113,7 @@ class ContactState:
         slip_components: (q, α), e^α = τ^α·g_e on that facet; slip_length: (q,), m, L = |g_e|.
         gap: (q,), m; +inf where there was no projection on the surface.
         area_ratio: (q,) area ratio da/dA of the slave surface.
-        share: (q,) and sunk: (q,), J/m²: see :mod:`forms.contact.fading`.
+        share: (q,) and sunk: (q,), J/m²: see :mod:`tribox.forms.contact.fading`.
         friction: the law's own state; friction_traction: (q, i), Pa, T.
     """
 
@@ -183,7 +183,7 @@ class ContactTrial:
     def nodal_pressure(self) -> Floats | None:
         """Coefficients s_A (v,), Pa, of the contact pressure, linear between them; None pointwise.
 
-        The pressure to show is :func:`forms.contact.pressure.nodal_pressure`.
+        The pressure to show is :func:`tribox.forms.contact.pressure.nodal_pressure`.
         """
         return self.normal_contact.nodal_pressure
 

@@ -7,12 +7,12 @@ import itertools
 import numpy as np
 from mpi4py import MPI
 
-from forms.contact.explicit import ExplicitContact
-from forms.contact.explicit_tie import ExplicitTie
-from forms.contact.penalty import ContactTerm
-from forms.friction.factored_law import strongest
-from geometry.surfaces.exchange import NodalVector
-from geometry.surfaces.facets import Floats
+from tribox.forms.contact.explicit import ExplicitContact
+from tribox.forms.contact.explicit_tie import ExplicitTie
+from tribox.forms.contact.penalty import ContactTerm
+from tribox.forms.friction.factored_law import strongest
+from tribox.geometry.surfaces.exchange import NodalVector
+from tribox.geometry.surfaces.facets import Floats
 
 PROBES = (1e-9, 1e-6, 1e-3, 1.0)  # m/s, slip speeds at which the law is evaluated
 

@@ -1,7 +1,7 @@
 """The tangent of one contact pair.
 
 With the rows G of the generalised coordinates z = (a, b_α, c, d) of
-:mod:`forms.contact.kinematics`,
+:mod:`tribox.forms.contact.kinematics`,
 
     K_c = −Gᵀ C G  +  Σ_A (1/m_A) L_A R_Aᵀ.
 
@@ -12,8 +12,8 @@ the averaged pressure, with H_A = 1 where they are active and
     R_A = Σ_q w N_A G_aᵀ n = m_A ∂g_A/∂u,
     L_A = Σ_q w G_aᵀ (K_A H_A N_A (n − ∂T/∂t_N) + ∂T/∂χ ∂χ/∂g_A),
 
-one sparse product; χ is the film's cover at the rim (:mod:`forms.contact.rim`). Point by point
-there is no such sum, and ∂t/∂z holds K_N ∂g/∂z.
+one sparse product; χ is the film's cover at the rim (:mod:`tribox.forms.contact.rim`). Point by
+point there is no such sum, and ∂t/∂z holds K_N ∂g/∂z.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy.sparse
 
-from forms.contact.kinematics import Variations, vary
-from forms.contact.pressure import AveragedPressure, NormalRule
-from forms.contact.state import ContactState, ContactTrial
-from forms.contact.vertex_rows import Coupling, VertexRows, adding_up, completed
-from geometry.surfaces.facets import Bools, Floats, Ints, Longs
-from geometry.surfaces.rigid_pieces import left_of
-from geometry.surfaces.slave_normals import CHORDS
-from geometry.surfaces.surface import ContactSurface
+from tribox.forms.contact.kinematics import Variations, vary
+from tribox.forms.contact.pressure import AveragedPressure, NormalRule
+from tribox.forms.contact.state import ContactState, ContactTrial
+from tribox.forms.contact.vertex_rows import Coupling, VertexRows, adding_up, completed
+from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs
+from tribox.geometry.surfaces.rigid_pieces import left_of
+from tribox.geometry.surfaces.slave_normals import CHORDS
+from tribox.geometry.surfaces.surface import ContactSurface
 
 __all__ = ["Coupling", "PairTangent"]
 

@@ -4,7 +4,7 @@ Axis letters: p points of the tie, q slave points, v vertices of the slave facet
 pair, i, j space.
 
 Each slave point x_p keeps its place ξ_p on the master, found undeformed, and its offset o_p from
-there, carried along by the master's tangents (:mod:`forms.contact.tie_points`):
+there, carried along by the master's tangents (:mod:`tribox.forms.contact.tie_points`):
 
 .. math:: g_A = \frac{1}{c_A} \sum_p w N_A (x_p - \bar y(\xi_p) - o_p), \quad
    c_A = \sum_p w N_A, \quad E = \tfrac12 \sum_A c_A K_A |g_A|^2.
@@ -25,16 +25,16 @@ import numpy as np
 import scipy.sparse
 from petsc4py import PETSc
 
-from forms.contact.kinematics import ContactKinematics
-from forms.contact.penalty import ContactTerm
-from forms.contact.state import ContactMode, ContactState, ContactTrial, NormalContact
-from forms.contact.tangent import Coupling
-from forms.contact.tie_points import TiePoints, tie_points
-from forms.contact.vertex_rows import completed
-from forms.friction.coulomb import FrictionlessLaw
-from geometry.surfaces.facets import Floats, Longs, unit_normals
-from geometry.surfaces.projection import Projection
-from geometry.surfaces.surface import ContactSurface
+from tribox.forms.contact.kinematics import ContactKinematics
+from tribox.forms.contact.penalty import ContactTerm
+from tribox.forms.contact.state import ContactMode, ContactState, ContactTrial, NormalContact
+from tribox.forms.contact.tangent import Coupling
+from tribox.forms.contact.tie_points import TiePoints, tie_points
+from tribox.forms.contact.vertex_rows import completed
+from tribox.forms.friction.coulomb import FrictionlessLaw
+from tribox.geometry.surfaces.facets import Floats, Longs, unit_normals
+from tribox.geometry.surfaces.projection import Projection
+from tribox.geometry.surfaces.surface import ContactSurface
 
 _TURN_LEFT = np.array([[0.0, -1.0], [1.0, 0.0]])
 _FLAT = 1e-10  # offset along the normal, over the length of a facet, that is none

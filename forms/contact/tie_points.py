@@ -16,10 +16,10 @@ from dataclasses import dataclass
 import basix
 import numpy as np
 
-from geometry.surfaces.body_facets import facet_nodes
-from geometry.surfaces.closest_point import solve_small
-from geometry.surfaces.facets import Floats, Ints, Longs, facet_shape, unit_normals
-from geometry.surfaces.surface import ContactSurface, MasterFacets
+from tribox.geometry.surfaces.body_facets import facet_nodes
+from tribox.geometry.surfaces.closest_point import solve_small
+from tribox.geometry.surfaces.facets import Floats, Ints, Longs, facet_shape, unit_normals
+from tribox.geometry.surfaces.surface import ContactSurface, MasterFacets
 
 REACH = 0.1  # distance over the length of the longer facets up to which points are tied
 _GAUSS = 4  # points of each part of a segment

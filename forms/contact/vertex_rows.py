@@ -13,7 +13,7 @@ import numpy as np
 import scipy.sparse
 from mpi4py import MPI
 
-from geometry.surfaces.facets import Bools, Floats, Ints, Longs
+from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,6 @@
 """Friction laws and the film, on numpy alone."""
 
-from forms.friction.law import (
+from tribox.forms.friction.law import (
     Dissipation,
     FrictionLaw,
     FrictionResponse,

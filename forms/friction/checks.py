@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from forms.friction.film import require_thickness
-from forms.friction.film_map import at_rest, threshold_speed
-from forms.friction.parameters import FrictionMapParameters
+from tribox.forms.friction.film import require_thickness
+from tribox.forms.friction.film_map import at_rest, threshold_speed
+from tribox.forms.friction.parameters import FrictionMapParameters
 
 Floats = NDArray[np.float64]
 

@@ -7,16 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from forms.friction.dry_friction import dry_step, in_contact, next_state
-from forms.friction.law import (
+from tribox.forms.friction.dry_friction import dry_step, in_contact, next_state
+from tribox.forms.friction.law import (
     Dissipation,
     FrictionResponse,
     FrictionState,
     Regime,
     require_time_step,
 )
-from forms.friction.parameter_checks import require_above, require_at_least
-from forms.friction.return_mapping import dot
+from tribox.forms.friction.parameter_checks import require_above, require_at_least
+from tribox.forms.friction.return_mapping import dot
 
 Floats = NDArray[np.float64]
 

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from forms.friction.law import (
+from tribox.forms.friction.law import (
     Dissipation,
     FrictionResponse,
     FrictionState,
     Regime,
     require_time_step,
 )
-from forms.friction.return_mapping import Returned, components_first, dot, return_mapping
+from tribox.forms.friction.return_mapping import Returned, components_first, dot, return_mapping
 
 Floats = NDArray[np.float64]
 

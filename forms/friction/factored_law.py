@@ -9,7 +9,7 @@ so that a factor that rises keeps the traction, and one that falls keeps the ela
 energy that is set free, :math:`\varphi_n \psi(g_e) - \varphi \psi(r g_e) \ge 0` for stored energies
 that are quadratic in :math:`g_e`, is entered as switching. Neither creates energy.
 
-Axis letters as in :mod:`forms.friction.law`.
+Axis letters as in :mod:`tribox.forms.friction.law`.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from forms.friction.law import Dissipation, FrictionLaw, FrictionResponse, FrictionState
-from forms.friction.parameter_checks import require_at_least
+from tribox.forms.friction.law import Dissipation, FrictionLaw, FrictionResponse, FrictionState
+from tribox.forms.friction.parameter_checks import require_at_least
 
 Floats = NDArray[np.float64]
 
@@ -31,7 +31,8 @@ Floats = NDArray[np.float64]
 class FactoredLaw:
     """A friction law (a ``FrictionLaw``) times a factor.
 
-    What the law says of where its friction tends (:mod:`forms.friction.settling`) is passed on.
+    What the law says of where its friction tends (:mod:`tribox.forms.friction.settling`) is passed
+    on.
 
     Attributes:
         law: that is multiplied; factor: -, >= 0, at the end of the step that is computed; largest:

@@ -12,7 +12,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from forms.friction.parameter_checks import refusal
+from tribox.forms.friction.parameter_checks import refusal
 
 Floats = NDArray[np.float64]
 

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from forms.friction.parameters import FrictionMapParameters, Table
+from tribox.forms.friction.parameters import FrictionMapParameters, Table
 
 Floats = NDArray[np.float64]
 

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from forms.friction.film_rheology import FilmRheology
-from forms.friction.parameters import FrictionMapParameters
+from tribox.forms.friction.film_rheology import FilmRheology
+from tribox.forms.friction.parameters import FrictionMapParameters
 
 Floats = NDArray[np.float64]
 

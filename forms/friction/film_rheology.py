@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from forms.friction.parameter_checks import refusal, require_above, require_at_least
+from tribox.forms.friction.parameter_checks import refusal, require_above, require_at_least
 
 Floats = NDArray[np.float64]
 

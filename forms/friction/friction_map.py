@@ -13,7 +13,7 @@ fraction :math:`\alpha(D, V)`, :math:`V = |\Delta g_T|/\Delta t`, pressure :math
 
 with :math:`\omega = 1 - \alpha` (weighted flow rule) or 1 (literal). The factor r keeps the
 elastic traction where alpha falls, so that the energy it releases is never negative; the literal
-re-entry rule has r = 1. Options of the film's flow: :mod:`forms.friction.film_rheology`.
+re-entry rule has r = 1. Options of the film's flow: :mod:`tribox.forms.friction.film_rheology`.
 """
 
 from __future__ import annotations
@@ -25,20 +25,20 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from forms.friction.film_map import FilmPoint, film_point
-from forms.friction.film_resistance import FilmResistance, film_resistance
-from forms.friction.film_rheology import FilmRheology
-from forms.friction.law import (
+from tribox.forms.friction.film_map import FilmPoint, film_point
+from tribox.forms.friction.film_resistance import FilmResistance, film_resistance
+from tribox.forms.friction.film_rheology import FilmRheology
+from tribox.forms.friction.law import (
     Dissipation,
     FrictionResponse,
     FrictionState,
     Regime,
     require_time_step,
 )
-from forms.friction.parameters import FrictionMapParameters
-from forms.friction.return_mapping import Returned, components_first, dot, return_mapping
-from forms.friction.settling import SETTLED
-from forms.friction.slip_weakening import SlipWeakening
+from tribox.forms.friction.parameters import FrictionMapParameters
+from tribox.forms.friction.return_mapping import Returned, components_first, dot, return_mapping
+from tribox.forms.friction.settling import SETTLED
+from tribox.forms.friction.slip_weakening import SlipWeakening
 
 Floats = NDArray[np.float64]
 

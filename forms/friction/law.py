@@ -164,7 +164,7 @@ class FrictionResponse:
 class FrictionLaw(Protocol):
     """A friction law: anything with these four methods.
 
-    It may also say where its friction tends: :mod:`forms.friction.settling`.
+    It may also say where its friction tends: :mod:`tribox.forms.friction.settling`.
     """
 
     def initial_state(self, n: int, dim: int) -> FrictionState:

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from forms.friction.law import FrictionLaw, FrictionResponse, FrictionState
+from tribox.forms.friction.law import FrictionLaw, FrictionResponse, FrictionState
 
 Floats = NDArray[np.float64]
 Traction = Callable[[Floats], Floats]

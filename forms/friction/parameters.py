@@ -8,9 +8,14 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Literal
 
-from forms.friction.film_rheology import FilmRheology
-from forms.friction.parameter_checks import refusal, require_above, require_at_least, require_choice
-from forms.friction.slip_weakening import SlipWeakening
+from tribox.forms.friction.film_rheology import FilmRheology
+from tribox.forms.friction.parameter_checks import (
+    refusal,
+    require_above,
+    require_at_least,
+    require_choice,
+)
+from tribox.forms.friction.slip_weakening import SlipWeakening
 
 Table = tuple[tuple[float, float], ...]
 FlowRule = Literal["weighted", "literal"]

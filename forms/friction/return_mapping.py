@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from forms.friction.slip_weakening import SlipWeakening
+from tribox.forms.friction.slip_weakening import SlipWeakening
 
 Floats = NDArray[np.float64]
 TINY = float(np.finfo(np.float64).tiny)

@@ -21,7 +21,7 @@ from typing import Protocol, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from forms.friction.law import FrictionLaw, FrictionState
+from tribox.forms.friction.law import FrictionLaw, FrictionState
 
 Floats = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ import ctypes
 import functools
 from pathlib import Path
 
-from geometry.native.compiler import compiled
+from tribox.geometry.native.compiler import compiled
 
 SOURCES = (
     "plane_kernel.c",

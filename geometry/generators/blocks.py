@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from geometry.generators.two_blocks import MAX_CELLS, MAX_GRADING, ROUND_OFF, check_length
+from tribox.geometry.generators.two_blocks import MAX_CELLS, MAX_GRADING, ROUND_OFF, check_length
 
 CELLS = {"quadrilateral": 2, "triangle": 2, "hexahedron": 3, "tetrahedron": 3}
 """Shapes of cells, and their dimension."""

@@ -19,7 +19,13 @@ import math
 from dataclasses import dataclass
 from typing import Protocol
 
-from geometry.generators.two_blocks import CELLS, MAX_CELLS, ROUND_OFF, check_length, check_positive
+from tribox.geometry.generators.two_blocks import (
+    CELLS,
+    MAX_CELLS,
+    ROUND_OFF,
+    check_length,
+    check_positive,
+)
 
 MAX_GROWTH = 2.0
 """Largest size of a cell over that of its neighbour on the contact side."""

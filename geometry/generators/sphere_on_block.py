@@ -23,7 +23,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
-from geometry.generators.two_blocks import MAX_CELLS, ROUND_OFF, check_length
+from tribox.geometry.generators.two_blocks import MAX_CELLS, ROUND_OFF, check_length
 
 Part = Literal["axisymmetric", "quarter", "half", "full"]
 MAX_GROWTH = 2.0

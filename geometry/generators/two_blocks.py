@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.generators.regular import SIDES, Rectangle, RegularMesh, regular_mesh
+from tribox.geometry.generators.regular import SIDES, Rectangle, RegularMesh, regular_mesh
 
 MAX_CELLS = 10_000_000
 """More cells than this in one block are taken for a mistake in the element size."""

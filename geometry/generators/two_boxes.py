@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from geometry.generators.two_blocks import (
+from tribox.geometry.generators.two_blocks import (
     MAX_CELLS,
     ROUND_OFF,
     Block,

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from geometry.meshes.elements import CORNERS, DIMENSION, FACETS, KINDS, NUMBERS
-from geometry.meshes.mesh_arrays import MeshArrays, Part
+from tribox.geometry.meshes.elements import CORNERS, DIMENSION, FACETS, KINDS, NUMBERS
+from tribox.geometry.meshes.mesh_arrays import MeshArrays, Part
 
 _Tags = npt.NDArray[np.int64]
 _Elements = tuple[list[int], list[_Tags], list[_Tags]]

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from geometry.compat import cell_nodes, entity_nodes
-from geometry.meshes.mesh import NamedMesh
+from tribox.geometry.compat import cell_nodes, entity_nodes
+from tribox.geometry.meshes.mesh import NamedMesh
 
 
 def bodies_sharing_nodes(named: NamedMesh) -> dict[tuple[str, str], int]:

@@ -10,10 +10,10 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from geometry.meshes.drawing_parts import name_every_part, name_parts
-from geometry.meshes.drawing_sizes import set_sizes
-from geometry.meshes.gmsh_model import MeshError, gmsh_session, named_groups
-from geometry.meshes.own_process import ask
+from tribox.geometry.meshes.drawing_parts import name_every_part, name_parts
+from tribox.geometry.meshes.drawing_sizes import set_sizes
+from tribox.geometry.meshes.gmsh_model import MeshError, gmsh_session, named_groups
+from tribox.geometry.meshes.own_process import ask
 
 LONGEST = 3600.0
 """Processor time of a drawing, s."""
@@ -55,8 +55,9 @@ def mesh_drawing(drawing: Path, path: Path, how: Meshing = AS_DRAWN) -> dict[str
     """Mesh a drawing and write it as a gmsh file of version 4.1; to be called on one process.
 
     The mesh is of the dimension of the highest physical group. The file appears under its name
-    only when it is complete, and only with what `geometry.meshes.mesh.read` needs: named bodies.
-    gmsh runs in a process of its own, which may break down or be told to exit by the drawing.
+    only when it is complete, and only with what `tribox.geometry.meshes.mesh.read` needs: named
+    bodies. gmsh runs in a process of its own, which may break down or be told to exit by the
+    drawing.
 
     Args:
         drawing: The drawing: a script that gmsh runs (``.geo``), or ``.step``, ``.stp``.

@@ -11,7 +11,7 @@ from types import ModuleType
 
 import numpy as np
 
-from geometry.meshes.gmsh_model import MeshError
+from tribox.geometry.meshes.gmsh_model import MeshError
 
 OFF = 1e-3
 """Distance over the extent of the drawing up to which a point counts as on a part."""

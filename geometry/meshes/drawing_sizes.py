@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from difflib import get_close_matches
 from types import ModuleType
 
-from geometry.meshes.gmsh_model import MeshError
+from tribox.geometry.meshes.gmsh_model import MeshError
 
 GROWTH = 0.2
 """By how much the size grows over a distance away from a surface with a size of its own."""

@@ -8,10 +8,10 @@ from types import ModuleType
 import numpy as np
 import numpy.typing as npt
 
-from geometry.meshes.elements import FACETS, KINDS, NUMBERS, Kind
-from geometry.meshes.gmsh_model import MeshError, NamedGroups, elements_of, named_groups
-from geometry.meshes.mesh_arrays import MeshArrays, Part
-from geometry.meshes.refinement import Parts, refined
+from tribox.geometry.meshes.elements import FACETS, KINDS, NUMBERS, Kind
+from tribox.geometry.meshes.gmsh_model import MeshError, NamedGroups, elements_of, named_groups
+from tribox.geometry.meshes.mesh_arrays import MeshArrays, Part
+from tribox.geometry.meshes.refinement import Parts, refined
 
 _LOWER = {0: {15: 1}, 1: {1: 2, 8: 3}}
 """Of points and of edges, gmsh's kinds of elements and their numbers of nodes."""
@@ -28,7 +28,7 @@ def arrays_of(gmsh: ModuleType, source: str) -> MeshArrays:
         source: Name of the model in messages, for instance its file.
 
     Raises:
-        MeshError: The mesh cannot be used, see `geometry.meshes.gmsh_model.named_groups`.
+        MeshError: The mesh cannot be used, see `tribox.geometry.meshes.gmsh_model.named_groups`.
     """
     groups = named_groups(gmsh, source)
     numbers, x, _ = gmsh.model.mesh.getNodes()

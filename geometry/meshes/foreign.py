@@ -3,8 +3,8 @@
 gmsh overwrites memory on some damaged files and ends the process it runs in. There it costs that
 process only, and what the program gets to see are arrays that it has checked, or one line.
 
-    python3 -m geometry.meshes.foreign read FILE MOST_CELLS
-    python3 -m geometry.meshes.foreign draw DRAWING JSON
+    python3 -m tribox.geometry.meshes.foreign read FILE MOST_CELLS
+    python3 -m tribox.geometry.meshes.foreign draw DRAWING JSON
 
 write the arrays of a mesh file, or the number of cells of a drawing's bodies, to standard output.
 """
@@ -19,12 +19,12 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
-from geometry.meshes.drawing import write_mesh_of
-from geometry.meshes.extraction import arrays_of
-from geometry.meshes.gmsh_model import MeshError, gmsh_session
-from geometry.meshes.mesh_arrays import MeshArrays
-from geometry.meshes.neighbours import check_neighbours
-from geometry.meshes.own_process import REFUSED
+from tribox.geometry.meshes.drawing import write_mesh_of
+from tribox.geometry.meshes.extraction import arrays_of
+from tribox.geometry.meshes.gmsh_model import MeshError, gmsh_session
+from tribox.geometry.meshes.mesh_arrays import MeshArrays
+from tribox.geometry.meshes.neighbours import check_neighbours
+from tribox.geometry.meshes.own_process import REFUSED
 
 
 def read_msh(path: Path, most_cells: int | None = None) -> MeshArrays:

@@ -16,7 +16,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from geometry.meshes.elements import INCOMPLETE, KINDS, PYRAMIDS
+from tribox.geometry.meshes.elements import INCOMPLETE, KINDS, PYRAMIDS
 
 PLANE_TOLERANCE = 1e-9
 """Largest |z| of a plane mesh, relative to its size in the plane."""

@@ -8,7 +8,7 @@ import dolfinx
 import numpy as np
 import numpy.typing as npt
 
-from geometry.compat import cell_nodes, entity_nodes
+from tribox.geometry.compat import cell_nodes, entity_nodes
 
 Ints = npt.NDArray[np.int32]
 Floats = npt.NDArray[np.float64]

@@ -13,23 +13,23 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from geometry.compat import (
+from tribox.geometry.compat import (
     CellPartitioner,
     cell_partitioner,
     integration_facets,
     model_to_mesh,
 )
-from geometry.generators.two_blocks import TwoBlocks
-from geometry.meshes import metis
-from geometry.meshes.array_model import ArrayModel
-from geometry.meshes.drawing import AS_DRAWN, DRAWINGS, Meshing, mesh_drawing
-from geometry.meshes.elements import CORNERS
-from geometry.meshes.extraction import arrays_of
-from geometry.meshes.gmsh_model import MeshError, Shape, gmsh_session
-from geometry.meshes.groups import Group, found_group
-from geometry.meshes.mesh_arrays import MeshArrays, Part, unpacked
-from geometry.meshes.own_process import ask
-from geometry.meshes.partition import share_out
+from tribox.geometry.generators.two_blocks import TwoBlocks
+from tribox.geometry.meshes import metis
+from tribox.geometry.meshes.array_model import ArrayModel
+from tribox.geometry.meshes.drawing import AS_DRAWN, DRAWINGS, Meshing, mesh_drawing
+from tribox.geometry.meshes.elements import CORNERS
+from tribox.geometry.meshes.extraction import arrays_of
+from tribox.geometry.meshes.gmsh_model import MeshError, Shape, gmsh_session
+from tribox.geometry.meshes.groups import Group, found_group
+from tribox.geometry.meshes.mesh_arrays import MeshArrays, Part, unpacked
+from tribox.geometry.meshes.own_process import ask
+from tribox.geometry.meshes.partition import share_out
 
 __all__ = ["MeshError", "NamedMesh", "generate", "read"]
 

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from geometry.meshes.elements import CORNERS, DIMENSION, FACETS, PLACES, SECOND, nodes_of
-from geometry.meshes.gmsh_model import FARTHEST, MeshError
+from tribox.geometry.meshes.elements import CORNERS, DIMENSION, FACETS, PLACES, SECOND, nodes_of
+from tribox.geometry.meshes.gmsh_model import FARTHEST, MeshError
 
 CARRIER_SIZE = 0.1
 """Extent of a carrier cell over that of the mesh, in each direction."""

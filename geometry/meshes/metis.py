@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse
 
-from geometry.surfaces.facets import Ints
+from tribox.geometry.surfaces.facets import Ints
 
 _LIBRARY = "libmetis.so.5"
 _OPTIONS = 40  # METIS_NOPTIONS

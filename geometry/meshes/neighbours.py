@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from geometry.meshes.elements import SIDES
-from geometry.meshes.gmsh_model import MeshError
-from geometry.meshes.mesh_arrays import MeshArrays
+from tribox.geometry.meshes.elements import SIDES
+from tribox.geometry.meshes.gmsh_model import MeshError
+from tribox.geometry.meshes.mesh_arrays import MeshArrays
 
 Longs = npt.NDArray[np.int64]
 

@@ -9,19 +9,20 @@ import subprocess
 import sys
 from pathlib import Path
 
-from geometry.meshes.gmsh_model import MeshError
+import tribox
+from tribox.geometry.meshes.gmsh_model import MeshError
 
 REFUSED = 9
 """Exit code of the process where it knows what is wrong: the line is on standard output."""
 
-MODULE = "geometry.meshes.foreign"
+MODULE = "tribox.geometry.meshes.foreign"
 
 # Variables by which a process is taken for a rank of the MPI run that its parent is a rank of.
 _OF_RANKS = ("OMPI_", "PMIX_", "PRTE_", "PMI_", "HYDRA_")
 
 
 def ask(task: str, source: Path, last: str, seconds: float, memory: int) -> bytes:
-    """The answer of `geometry.meshes.foreign` in a process of its own.
+    """The answer of `tribox.geometry.meshes.foreign` in a process of its own.
 
     Args:
         task: "read" or "draw".
@@ -78,7 +79,7 @@ def _limit(pid: int, seconds: int, memory: int) -> None:
 
 def _environment() -> dict[str, str]:
     """The environment without MPI's variables, and with the place of this package."""
-    root = str(Path(__file__).resolve().parents[2])
+    root = str(Path(tribox.__file__).parents[1])
     kept = {key: value for key, value in os.environ.items() if not key.startswith(_OF_RANKS)}
     before = kept.get("PYTHONPATH")
     kept["PYTHONPATH"] = root if not before else f"{root}{os.pathsep}{before}"

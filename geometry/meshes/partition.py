@@ -17,8 +17,8 @@ import numpy as np
 import scipy.sparse
 from scipy.spatial import cKDTree
 
-from geometry.meshes import metis
-from geometry.surfaces.facets import Floats, Ints, Longs
+from tribox.geometry.meshes import metis
+from tribox.geometry.surfaces.facets import Floats, Ints, Longs
 
 # Vertices (f, v) of the slave and of the master facets of a contact; of a tool (0, v).
 Pair = tuple[Longs, Longs]
@@ -43,7 +43,7 @@ def share_out(cells: Longs, position: Floats, contacts: Sequence[Pair], parts: i
         (c,) numbers of the parts.
 
     Raises:
-        geometry.meshes.metis.PartitionError: METIS is missing or failed.
+        tribox.geometry.meshes.metis.PartitionError: METIS is missing or failed.
     """
     if parts >= len(cells):
         return np.arange(len(cells), dtype=np.int32)

@@ -13,8 +13,8 @@ import basix
 import dolfinx
 import numpy as np
 
-from geometry.compat import cell_nodes, cell_order
-from geometry.surfaces.facets import Bools, Floats, Ints, Longs
+from tribox.geometry.compat import cell_nodes, cell_order
+from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs
 
 INSIDE = 1e-6  # reference coordinates by which a point may lie outside a cell it is counted to
 NEWTON_STEPS = 40

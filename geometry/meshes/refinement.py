@@ -16,7 +16,7 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from geometry.meshes.elements import (
+from tribox.geometry.meshes.elements import (
     CORNERS,
     DIMENSION,
     HEXAHEDRON,
@@ -25,8 +25,8 @@ from geometry.meshes.elements import (
     QUADRILATERAL,
     SIDES,
 )
-from geometry.meshes.gmsh_model import MeshError
-from geometry.meshes.mesh_arrays import MeshArrays, Part
+from tribox.geometry.meshes.gmsh_model import MeshError
+from tribox.geometry.meshes.mesh_arrays import MeshArrays, Part
 
 Longs = npt.NDArray[np.int64]
 Floats = npt.NDArray[np.float64]

@@ -15,7 +15,7 @@ import subprocess
 import tempfile
 from pathlib import Path
 
-from geometry.compat import compiler_cache
+from tribox.geometry.compat import compiler_cache
 
 FLAGS = ("-std=gnu11", "-O3", "-fno-math-errno", "-fPIC", "-shared", "-w")
 

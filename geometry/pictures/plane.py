@@ -13,9 +13,9 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from mpi4py import MPI
 
-from geometry.compat import cell_nodes, cell_order, entity_nodes
-from geometry.meshes.mesh import NamedMesh
-from geometry.pictures.space import CYCLIC, draw_space
+from tribox.geometry.compat import cell_nodes, cell_order, entity_nodes
+from tribox.geometry.meshes.mesh import NamedMesh
+from tribox.geometry.pictures.space import CYCLIC, draw_space
 
 MAX_CELLS_OUTLINED = 200_000
 """Cells beyond which their edges are left out: they would only blacken the picture."""

@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-from geometry.compat import cell_order, entity_nodes
-from geometry.meshes.mesh import NamedMesh
+from tribox.geometry.compat import cell_order, entity_nodes
+from tribox.geometry.meshes.mesh import NamedMesh
 
 MAX_FACETS_OUTLINED = 20_000
 """Facets beyond which their edges are left out: they would only blacken the picture."""

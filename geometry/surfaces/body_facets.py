@@ -10,8 +10,8 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from geometry.compat import facet_kind, facets_per_cell
-from geometry.surfaces.facets import FacetShape, Floats, facet_shape, unit_normals
+from tribox.geometry.compat import facet_kind, facets_per_cell
+from tribox.geometry.surfaces.facets import FacetShape, Floats, facet_shape, unit_normals
 
 
 def displacement_facet(space: dolfinx.fem.FunctionSpace) -> FacetShape:

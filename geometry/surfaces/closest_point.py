@@ -13,7 +13,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from geometry.surfaces.facets import Bools, FacetShape, Floats, Ints, Side
+from tribox.geometry.surfaces.facets import Bools, FacetShape, Floats, Ints, Side
 
 INTERIOR = -1  # entity of a closest point inside a facet; sides count from 0
 CORNER = 8  # entity of a corner: this plus its number

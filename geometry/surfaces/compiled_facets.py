@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from geometry.native.libraries import library
-from geometry.surfaces.closest_point import samples
-from geometry.surfaces.facets import FacetShape, Floats, Ints, Longs, facet_shape
+from tribox.geometry.native.libraries import library
+from tribox.geometry.surfaces.closest_point import samples
+from tribox.geometry.surfaces.facets import FacetShape, Floats, Ints, Longs, facet_shape
 
 SOURCE = "closest_points.c"
 

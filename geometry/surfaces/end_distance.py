@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse
 
-from geometry.surfaces.facets import Bools, FacetShape, Floats, Ints, facet_shape
+from tribox.geometry.surfaces.facets import Bools, FacetShape, Floats, Ints, facet_shape
 
 
 class EndDistance:

@@ -6,8 +6,8 @@ import dolfinx
 import numpy as np
 from petsc4py import PETSc
 
-from geometry.surfaces.facets import Floats
-from geometry.surfaces.surface import ContactSurface
+from tribox.geometry.surfaces.facets import Floats
+from tribox.geometry.surfaces.surface import ContactSurface
 
 
 class NodalVector:

@@ -23,9 +23,9 @@ from itertools import chain
 import numpy as np
 from scipy.spatial import cKDTree
 
-from geometry.surfaces.closest_point import closest_points
-from geometry.surfaces.compiled_facets import Candidates, CompiledFacets
-from geometry.surfaces.facets import Bools, FacetShape, Floats, Ints, Longs
+from tribox.geometry.surfaces.closest_point import closest_points
+from tribox.geometry.surfaces.compiled_facets import Candidates, CompiledFacets
+from tribox.geometry.surfaces.facets import Bools, FacetShape, Floats, Ints, Longs
 
 SLACK = {1: 1.0, 2: 0.5}  # over a typical facet's diameter, by the number of surface directions
 TIE = 1e-12  # distances closer than this, over the slack, are equal

@@ -11,11 +11,16 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse
 
-from geometry.surfaces.closest_point import CORNER, INTERIOR, closest_points, stationary_points
-from geometry.surfaces.compiled_facets import compiled_facets
-from geometry.surfaces.end_distance import EndDistance
-from geometry.surfaces.facet_search import TIE, FacetSearch
-from geometry.surfaces.facets import (
+from tribox.geometry.surfaces.closest_point import (
+    CORNER,
+    INTERIOR,
+    closest_points,
+    stationary_points,
+)
+from tribox.geometry.surfaces.compiled_facets import compiled_facets
+from tribox.geometry.surfaces.end_distance import EndDistance
+from tribox.geometry.surfaces.facet_search import TIE, FacetSearch
+from tribox.geometry.surfaces.facets import (
     Bools,
     FacetShape,
     Floats,
@@ -23,10 +28,10 @@ from geometry.surfaces.facets import (
     facet_shape,
     unit_normals,
 )
-from geometry.surfaces.rays import RaySearch
-from geometry.surfaces.slave_normals import PointNormals
-from geometry.surfaces.smoothing import smooth_patches
-from geometry.surfaces.target import Projection
+from tribox.geometry.surfaces.rays import RaySearch
+from tribox.geometry.surfaces.slave_normals import PointNormals
+from tribox.geometry.surfaces.smoothing import smooth_patches
+from tribox.geometry.surfaces.target import Projection
 
 __all__ = ["FacetSurface", "Projection"]
 

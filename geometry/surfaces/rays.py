@@ -5,8 +5,8 @@ Axis letters: q slave points, f facets, m nodes of a facet, e ends of a facet, i
 The normal of the closest point jumps where two facets of the master meet at an angle. While it is
 small, as on a round tool made of facets, nothing comes of it. At real kinks there may be no
 equilibrium on either side of the jump. On a master with such kinks all points are therefore
-projected along the normals n of the slave (:mod:`geometry.surfaces.slave_normals`), which turn only
-as the slave itself does: with t = n turned to the right,
+projected along the normals n of the slave (:mod:`tribox.geometry.surfaces.slave_normals`), which
+turn only as the slave itself does: with t = n turned to the right,
 
     t·(x − ȳ(ξ)) = 0,   g = n·(x − ȳ).
 
@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from geometry.surfaces.facets import Bools, FacetShape, Floats, Ints, Longs, unit_normals
+from tribox.geometry.surfaces.facets import Bools, FacetShape, Floats, Ints, Longs, unit_normals
 
 KINK = np.radians(3.0)  # angle between undeformed facets from which on they form a kink
 _GRAZING = 0.05  # cosine between a facet and t below which a ray only grazes it

@@ -22,11 +22,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse
 
-from geometry.surfaces.target import Projection, Search
+from tribox.geometry.surfaces.target import Projection, Search
 
 if TYPE_CHECKING:
-    from geometry.surfaces.facets import Bools, Floats, Ints
-    from geometry.surfaces.slave_normals import PointNormals
+    from tribox.geometry.surfaces.facets import Bools, Floats, Ints
+    from tribox.geometry.surfaces.slave_normals import PointNormals
 
 RIGID = 1e-6  # strain of the control points up to which they count as moved rigidly
 TOUCHING = 1e-12  # distance over |τ| below which x − ȳ has no direction
@@ -176,7 +176,9 @@ class RigidSurface(ABC):
         rays: PointNormals | None = None,
         fading: Floats | None = None,
     ) -> Projection:
-        """See :meth:`geometry.surfaces.target.Target.project`; ``nodes``: the control points.
+        """See :meth:`tribox.geometry.surfaces.target.Target.project`.
+
+        ``nodes``: the control points.
 
         Raises:
             ValueError: the control points are not moved as a rigid body is.

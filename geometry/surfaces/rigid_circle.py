@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from geometry.surfaces.rigid import Feet, Outline, Places, RigidShape
+from tribox.geometry.surfaces.rigid import Feet, Outline, Places, RigidShape
 
 if TYPE_CHECKING:
-    from geometry.surfaces.facets import Floats, Ints
+    from tribox.geometry.surfaces.facets import Floats, Ints
 
 QUARTERS = 4
 _ARC = 2.0 * np.pi / QUARTERS
@@ -42,14 +42,14 @@ class Circle(RigidShape):
         super().__init__(QUARTERS, self.centre, self.radius, extent)
 
     def closest(self, points: Floats, frozen_facets: Ints | None) -> Feet:
-        """See :class:`~geometry.surfaces.rigid.RigidShape`; of the centre that at φ = 0."""
+        """See :class:`~tribox.geometry.surfaces.rigid.RigidShape`; of the centre that at φ = 0."""
         apart = points - self.centre
         turned = self.sign * np.arctan2(apart[:, 1], apart[:, 0]) % (2.0 * np.pi) / _ARC
         facet = np.minimum(turned.astype(np.int32), QUARTERS - 1)
         return Feet(facet, (turned - facet)[:, None])
 
     def at(self, facet: Ints, xi: Floats) -> Places:
-        """See :class:`~geometry.surfaces.rigid.RigidSurface`."""
+        """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`."""
         angle = self.sign * _ARC * (facet + xi[:, 0])
         radial = self.radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
         ahead = np.stack([-radial[:, 1], radial[:, 0]], axis=1)
@@ -60,7 +60,7 @@ class Circle(RigidShape):
         )
 
     def outline(self, box: Floats, count: int = 64) -> Outline:
-        """See :class:`~geometry.surfaces.rigid.RigidSurface`."""
+        """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`."""
         number = np.arange(count, dtype=np.int32)
         turned = QUARTERS * number / count
         points = self.at(np.zeros(count, dtype=np.int32), turned[:, None]).place

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from geometry.surfaces.rigid import Feet, Outline, Places, RigidShape, unit
-from geometry.surfaces.rigid_circle import Circle
-from geometry.surfaces.rigid_plane import directions_across
+from tribox.geometry.surfaces.rigid import Feet, Outline, Places, RigidShape, unit
+from tribox.geometry.surfaces.rigid_circle import Circle
+from tribox.geometry.surfaces.rigid_plane import directions_across
 
 if TYPE_CHECKING:
-    from geometry.surfaces.facets import Floats, Ints
+    from tribox.geometry.surfaces.facets import Floats, Ints
 
 
 class Extruded(RigidShape):
@@ -51,7 +51,7 @@ class Extruded(RigidShape):
         return extent
 
     def closest(self, points: Floats, frozen_facets: Ints | None) -> Feet:
-        """See :class:`~geometry.surfaces.rigid.RigidShape`."""
+        """See :class:`~tribox.geometry.surfaces.rigid.RigidShape`."""
         here = (points - self.origin) @ self._frame.T
         feet = self.section.closest(here[:, :2], frozen_facets)
         xi = np.stack([feet.xi[:, 0], -here[:, 2] / self.size], axis=1)
@@ -63,7 +63,7 @@ class Extruded(RigidShape):
         return out
 
     def at(self, facet: Ints, xi: Floats) -> Places:
-        """See :class:`~geometry.surfaces.rigid.RigidSurface`."""
+        """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`."""
         flat = self.section.at(facet, xi[:, :1])
         across, axis = self._frame[:2], self._frame[2]
         tangents = np.empty((len(xi), 2, 3))
@@ -77,11 +77,11 @@ class Extruded(RigidShape):
         return out
 
     def excess(self, facet: Ints, xi: Floats) -> Floats:
-        """See :class:`~geometry.surfaces.target.Target`."""
+        """See :class:`~tribox.geometry.surfaces.target.Target`."""
         return self.section.excess(facet, xi[:, :1])
 
     def outline(self, box: Floats, count: int = 64) -> Outline:
-        """See :class:`~geometry.surfaces.rigid.RigidSurface`."""
+        """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`."""
         corners = np.stack(np.meshgrid(*np.transpose(box)), axis=-1).reshape(-1, 3)
         here = (corners - self.origin) @ self._frame.T
         low, high = here.min(axis=0), here.max(axis=0)

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from geometry.surfaces.rigid_pieces import STRAIGHT, Pieces
+from tribox.geometry.surfaces.rigid_pieces import STRAIGHT, Pieces
 
 if TYPE_CHECKING:
-    from geometry.surfaces.facets import Floats
+    from tribox.geometry.surfaces.facets import Floats
 
 TIGHT = 1e-9  # length, over that of a side, that fillets may lack and below which none is made
 REVERSED = np.radians(179.0)  # turn from which on the line goes back on itself

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse
 
-from geometry.surfaces.facets import FacetShape, Floats, Ints, facet_shape
-from geometry.surfaces.projection import FacetSurface
-from geometry.surfaces.rigid import Outline, Places, RigidSurface
-from geometry.surfaces.slave_normals import PointNormals
-from geometry.surfaces.target import Projection
+from tribox.geometry.surfaces.facets import FacetShape, Floats, Ints, facet_shape
+from tribox.geometry.surfaces.projection import FacetSurface
+from tribox.geometry.surfaces.rigid import Outline, Places, RigidSurface
+from tribox.geometry.surfaces.slave_normals import PointNormals
+from tribox.geometry.surfaces.target import Projection
 
 # By the dimension of space and the number of a facet's nodes.
 CELLS = {
@@ -71,15 +71,15 @@ class MeshSurface(RigidSurface):
         return self._surface.neighbours
 
     def at(self, facet: Ints, xi: Floats) -> Places:
-        """See :class:`~geometry.surfaces.rigid.RigidSurface`; without curvature."""
+        """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`; without curvature."""
         return Places(*self._surface.places(facet, xi, self.nodes))
 
     def excess(self, facet: Ints, xi: Floats) -> Floats:
-        """See :class:`~geometry.surfaces.target.Target`."""
+        """See :class:`~tribox.geometry.surfaces.target.Target`."""
         return self._surface.excess(facet, xi)
 
     def outline(self, box: Floats, count: int = 64) -> Outline:
-        """See :class:`~geometry.surfaces.rigid.RigidSurface`; straight between the corners."""
+        """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`; straight lines."""
         corners = self.facets[:, : self.shape.corners]
         if self.shape.corners == 4:
             corners = np.concatenate([corners[:, [0, 1, 3]], corners[:, [0, 3, 2]]])

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from geometry.surfaces.facets import Floats
+    from tribox.geometry.surfaces.facets import Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from geometry.surfaces.facets import Bools, Floats, Ints
+    from tribox.geometry.surfaces.facets import Bools, Floats, Ints
 
 STRAIGHT = 1e-7  # rad, turn up to which there is no corner
 GRAZING = 0.05  # cosine between a piece and t below which a ray only grazes it, as on facets

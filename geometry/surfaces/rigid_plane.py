@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from geometry.surfaces.rigid import Feet, Outline, Places, RigidShape, unit
+from tribox.geometry.surfaces.rigid import Feet, Outline, Places, RigidShape, unit
 
 if TYPE_CHECKING:
-    from geometry.surfaces.facets import Floats, Ints
+    from tribox.geometry.surfaces.facets import Floats, Ints
 
 
 class Plane(RigidShape):
@@ -35,17 +35,17 @@ class Plane(RigidShape):
         self._tangents = self.size * directions_across(self.normal)
 
     def closest(self, points: Floats, frozen_facets: Ints | None) -> Feet:
-        """See :class:`~geometry.surfaces.rigid.RigidShape`."""
+        """See :class:`~tribox.geometry.surfaces.rigid.RigidShape`."""
         xi: Floats = ((points - self.point) @ self._tangents.T / self.size**2).astype(np.float64)
         return Feet(np.zeros(len(points), dtype=np.int32), xi)
 
     def at(self, facet: Ints, xi: Floats) -> Places:
-        """See :class:`~geometry.surfaces.rigid.RigidSurface`."""
+        """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`."""
         tangents = np.tile(self._tangents, (len(xi), 1, 1))
         return Places(self.point + xi @ self._tangents, tangents)
 
     def outline(self, box: Floats, count: int = 64) -> Outline:
-        """See :class:`~geometry.surfaces.rigid.RigidSurface`; a line or square across the box."""
+        """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`; across the box."""
         middle = (0.5 * (box[0] + box[1]) - self.point) @ self._tangents.T / self.size**2
         half = 0.5 * float(np.linalg.norm(box[1] - box[0])) / self.size
         signs = np.array([[-1.0], [1.0]])

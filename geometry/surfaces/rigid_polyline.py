@@ -5,9 +5,10 @@ Axis letters: q slave points, p pieces (the facets), e the two ends of a piece, 
 Straight pieces and arcs meet without a kink at fillets, where the closest point passes from one to
 the next with a continuous normal. At a sharp corner the normal is that from the corner to the
 point. With pressure that is averaged over facets, points beside a convex sharp corner are projected
-along the slave's normals instead, as on facets with kinks (:mod:`geometry.surfaces.rays`): closest
-points below a punch would be on its flank as soon as they are deeper than away from the corner.
-What looks at a flank that it only grazes fades (:mod:`geometry.surfaces.rigid_shares`).
+along the slave's normals instead, as on facets with kinks (:mod:`tribox.geometry.surfaces.rays`):
+closest points below a punch would be on its flank as soon as they are deeper than away from the
+corner. What looks at a flank that it only grazes fades
+(:mod:`tribox.geometry.surfaces.rigid_shares`).
 """
 
 from __future__ import annotations
@@ -18,14 +19,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from geometry.surfaces.rigid import Feet, Outline, Places, RigidShape
-from geometry.surfaces.rigid_fillets import filleted
-from geometry.surfaces.rigid_pieces import Pieces, left_of
-from geometry.surfaces.rigid_shares import LineEnds
+from tribox.geometry.surfaces.rigid import Feet, Outline, Places, RigidShape
+from tribox.geometry.surfaces.rigid_fillets import filleted
+from tribox.geometry.surfaces.rigid_pieces import Pieces, left_of
+from tribox.geometry.surfaces.rigid_shares import LineEnds
 
 if TYPE_CHECKING:
-    from geometry.surfaces.facets import Bools, Floats, Ints, Longs
-    from geometry.surfaces.target import Projection
+    from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs
+    from tribox.geometry.surfaces.target import Projection
 
 KINK = np.radians(3.0)  # turn of a sharp corner from which on it is a kink, as of facets
 OVERRUN = 1e-4  # ξ past a corner up to which a point may stay on its piece, as on facets
@@ -34,7 +35,7 @@ _TIE = 1e-12  # distances closer than this, over the size, are equal
 
 
 class Polyline(RigidShape):
-    """Straight pieces and arcs, see :class:`~geometry.surfaces.rigid_pieces.Pieces`.
+    """Straight pieces and arcs, see :class:`~tribox.geometry.surfaces.rigid_pieces.Pieces`.
 
     The material is on the right of the direction of travel.
 
@@ -62,8 +63,8 @@ class Polyline(RigidShape):
             inside: (2,), m: a point in the material; the line is run through backwards if need be.
 
         Raises:
-            ValueError: as of :func:`~geometry.surfaces.rigid_fillets.filleted`; a closed line that
-                is continued, or an arc that is; a point ``inside`` that lies on the line.
+            ValueError: as of :func:`~tribox.geometry.surfaces.rigid_fillets.filleted`; a closed
+                line that is continued, or an arc that is; a point ``inside`` that lies on the line.
         """
         if closed and any(continued):
             raise ValueError("a closed polyline cannot be continued")
@@ -101,12 +102,12 @@ class Polyline(RigidShape):
         super().__init__(len(turns), 0.5 * (low + high), size, pieces.bounds())
 
     def at(self, facet: Ints, xi: Floats) -> Places:
-        """See :class:`~geometry.surfaces.rigid.RigidSurface`."""
+        """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`."""
         place, tangent, bend = self.pieces.at(facet, xi[:, 0])
         return Places(place, tangent[:, None], bend[:, None, None])
 
     def excess(self, facet: Ints, xi: Floats) -> Floats:
-        """See :class:`~geometry.surfaces.target.Target`."""
+        """See :class:`~tribox.geometry.surfaces.target.Target`."""
         past = np.stack([-xi[:, 0], xi[:, 0] - 1.0], axis=1)
         out: Floats = np.where(self._sharp[facet], past, -np.inf).max(axis=1)
         return out
@@ -114,7 +115,7 @@ class Polyline(RigidShape):
     # -- closest points ---------------------------------------------------------------------------
 
     def closest(self, points: Floats, frozen_facets: Ints | None) -> Feet:
-        """See :class:`~geometry.surfaces.rigid.RigidShape`.
+        """See :class:`~tribox.geometry.surfaces.rigid.RigidShape`.
 
         Of pieces equally close the first is taken, one that holds the point inside before one that
         holds it at its end.
@@ -176,7 +177,7 @@ class Polyline(RigidShape):
     # -- along rays, and at the ends --------------------------------------------------------------
 
     def hits(self, points: Floats, normals: Floats, feet: Feet) -> tuple[Feet, Bools]:
-        """See :class:`~geometry.surfaces.rigid.RigidShape`; the nearest hit of each ray."""
+        """See :class:`~tribox.geometry.surfaces.rigid.RigidShape`; the nearest hit of each ray."""
         met = np.zeros(len(points), dtype=bool)
         out = Feet(feet.facet.copy(), feet.xi.copy())
         if not len(points):
@@ -200,7 +201,7 @@ class Polyline(RigidShape):
         return out, met
 
     def fade(self, out: Projection, reach: Floats) -> None:
-        """See :class:`~geometry.surfaces.rigid.RigidShape`; as on facets, and beside corners."""
+        """See :class:`~tribox.geometry.surfaces.rigid.RigidShape`; beside corners too."""
         piece, xi = out.facet, out.xi[:, 0]
         if out.rays is None:
             found = self._ends.of_closest(piece, xi, out.on_surface, reach)
@@ -211,7 +212,7 @@ class Polyline(RigidShape):
             out.share_slope = found.slope[:, None]
 
     def outline(self, box: Floats, count: int = 64) -> Outline:
-        """See :class:`~geometry.surfaces.rigid.RigidSurface`; a fillet has ``count`` per turn."""
+        """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`; ``count`` per turn."""
         pieces = self.pieces
         parts = np.ceil(np.abs(pieces.sweep) * count / (2.0 * np.pi)).astype(np.int32) + 1
         facet = np.repeat(np.arange(len(parts), dtype=np.int32), parts)

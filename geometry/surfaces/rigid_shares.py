@@ -21,10 +21,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from geometry.surfaces.rigid_pieces import GRAZING, Pieces, left_of
+from tribox.geometry.surfaces.rigid_pieces import GRAZING, Pieces, left_of
 
 if TYPE_CHECKING:
-    from geometry.surfaces.facets import Bools, Floats, Ints
+    from tribox.geometry.surfaces.facets import Bools, Floats, Ints
 
 FACING = 0.45  # cosine between the normals of piece and slave from which on points count in full
 

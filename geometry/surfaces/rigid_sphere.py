@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from geometry.surfaces.rigid import Feet, Outline, Places, RigidShape
+from tribox.geometry.surfaces.rigid import Feet, Outline, Places, RigidShape
 
 if TYPE_CHECKING:
-    from geometry.surfaces.facets import Floats, Ints
+    from tribox.geometry.surfaces.facets import Floats, Ints
 
 PATCHES = 6
 
@@ -40,7 +40,7 @@ class Sphere(RigidShape):
         self._frames = _frames(hollow)
 
     def closest(self, points: Floats, frozen_facets: Ints | None) -> Feet:
-        """See :class:`~geometry.surfaces.rigid.RigidShape`; of the centre one on the axis."""
+        """See :class:`~tribox.geometry.surfaces.rigid.RigidShape`; a centre on the axis."""
         apart = points - self.centre
         axis = np.argmax(np.abs(apart), axis=1)
         largest = np.take_along_axis(apart, axis[:, None], axis=1)[:, 0]
@@ -50,7 +50,7 @@ class Sphere(RigidShape):
         return Feet(facet, 0.5 + 0.5 * along[:, 1:] / ahead)
 
     def at(self, facet: Ints, xi: Floats) -> Places:
-        """See :class:`~geometry.surfaces.rigid.RigidSurface`.
+        """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`.
 
         With ρ = |p| and d = p/ρ: ρ_,α = d·p_,α, d_,α = (p_,α − d ρ_,α)/ρ.
         """
@@ -68,7 +68,7 @@ class Sphere(RigidShape):
         return Places(self.centre + self.radius * d, self.radius * d_a, curvature)
 
     def outline(self, box: Floats, count: int = 64) -> Outline:
-        """See :class:`~geometry.surfaces.rigid.RigidSurface`."""
+        """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`."""
         lines = max(count // 4, 2)
         xi, cells = _grid(lines + 1, lines + 1)
         facet = np.repeat(np.arange(PATCHES, dtype=np.int32), len(xi))

@@ -18,8 +18,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.surfaces.facets import Bools, Floats, Longs
-from geometry.surfaces.vertices import SlaveVertices
+from tribox.geometry.surfaces.facets import Bools, Floats, Longs
+from tribox.geometry.surfaces.vertices import SlaveVertices
 
 # e_A and e_B from the positions of the vertices before A, A, B and after B.
 CHORDS = np.array([[-1.0, 0.0, 1.0, 0.0], [0.0, -1.0, 0.0, 1.0]])

@@ -20,9 +20,9 @@ import ufl
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from geometry.compat import facet_submesh, integration_facets, mixed_form
-from geometry.surfaces.body_facets import facet_nodes, require_facets
-from geometry.surfaces.facets import FacetShape, Floats, Ints, Longs
+from tribox.geometry.compat import facet_submesh, integration_facets, mixed_form
+from tribox.geometry.surfaces.body_facets import facet_nodes, require_facets
+from tribox.geometry.surfaces.facets import FacetShape, Floats, Ints, Longs
 
 
 @dataclass(slots=True)

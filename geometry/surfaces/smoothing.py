@@ -25,7 +25,7 @@ from typing import TypeAlias
 import numpy as np
 import scipy.sparse
 
-from geometry.surfaces.facets import (
+from tribox.geometry.surfaces.facets import (
     Bools,
     FacetShape,
     Floats,

@@ -13,22 +13,22 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from geometry.surfaces.body_facets import (
+from tribox.geometry.surfaces.body_facets import (
     displacement_facet,
     facet_length,
     outward_facets,
     owned_facets,
     require_facets,
 )
-from geometry.surfaces.facets import FacetShape, Floats, Ints, Longs
-from geometry.surfaces.ordering import order_by_place
-from geometry.surfaces.projection import FacetSurface, Projection
-from geometry.surfaces.rigid import RigidSurface
-from geometry.surfaces.rigid_motion import RigidMotion
-from geometry.surfaces.slave_normals import PointNormals, SlaveNormals
-from geometry.surfaces.slave_points import slave_points
-from geometry.surfaces.target import Target
-from geometry.surfaces.vertices import slave_vertices
+from tribox.geometry.surfaces.facets import FacetShape, Floats, Ints, Longs
+from tribox.geometry.surfaces.ordering import order_by_place
+from tribox.geometry.surfaces.projection import FacetSurface, Projection
+from tribox.geometry.surfaces.rigid import RigidSurface
+from tribox.geometry.surfaces.rigid_motion import RigidMotion
+from tribox.geometry.surfaces.slave_normals import PointNormals, SlaveNormals
+from tribox.geometry.surfaces.slave_points import slave_points
+from tribox.geometry.surfaces.target import Target
+from tribox.geometry.surfaces.vertices import slave_vertices
 
 # Default degree of the quadrature on slave facets, by the dimension of space.
 QUADRATURE_DEGREE = {2: 9, 3: 5}
@@ -64,8 +64,8 @@ class RigidMaster:
 
     Attributes:
         nodes: global nodes (displacement blocks) that move it: (2,) reference nodes, as in
-            :class:`~geometry.surfaces.rigid_motion.RigidMotion`, or without ``motion`` (a,) those
-            that are its control points.
+            :class:`~tribox.geometry.surfaces.rigid_motion.RigidMotion`, or without ``motion`` (a,)
+            those that are its control points.
         surface: of the tool.
         motion: of its control points.
     """

@@ -2,8 +2,8 @@
 
 Axis letters: q slave points, f facets, m nodes that move a facet, n nodes, i space, α, β surface
 directions. A facet here is any piece of a surface with coordinates ξ of its own: one facet of a
-mesh (:mod:`geometry.surfaces.projection`), or one smooth piece of a rigid shape
-(:mod:`geometry.surfaces.rigid`).
+mesh (:mod:`tribox.geometry.surfaces.projection`), or one smooth piece of a rigid shape
+(:mod:`tribox.geometry.surfaces.rigid`).
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Protocol
 if TYPE_CHECKING:  # rigid shapes are made without DOLFINx
     import scipy.sparse
 
-    from geometry.surfaces.facets import Bools, Floats, Ints, Longs
-    from geometry.surfaces.slave_normals import PointNormals
+    from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs
+    from tribox.geometry.surfaces.slave_normals import PointNormals
 
 
 @dataclass(slots=True)

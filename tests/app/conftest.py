@@ -11,10 +11,10 @@ from typing import TextIO
 
 import pytest
 
-from app.cli import main
-from app.results.recorder import force_balance
-from app.simulation.observer import Observer
-from app.simulation.simulation import Simulation
+from tribox.app.cli import main
+from tribox.app.results.recorder import force_balance
+from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.simulation import Simulation
 
 BLOCK = """
 title = "small block"
@@ -280,7 +280,7 @@ def tribox(
             return _call(capfd)
         start = [] if ranks is None else ["mpirun", "--oversubscribe", "-n", str(ranks)]
         return subprocess.run(
-            [*start, sys.executable, "-m", "app", *arguments],
+            [*start, sys.executable, "-m", "tribox", *arguments],
             cwd=home,
             env=environment,
             capture_output=True,

@@ -13,9 +13,9 @@ import meshio
 import pytest
 from mpi4py import MPI
 
-from app.build.model import build_model
-from app.case.reading import load_case
-from app.results.directory import read_table
+from tribox.app.build.model import build_model
+from tribox.app.case.reading import load_case
+from tribox.app.results.directory import read_table
 
 LENGTH = 1e-3
 
@@ -281,7 +281,7 @@ def test_all_names_that_a_mesh_has_not_are_told_at_once_after_the_case_file(
 
 
 def test_check_puts_a_part_of_a_long_sweep_together(tribox, case_file, block, monkeypatch):
-    monkeypatch.setattr("app.run.building.MOST_BUILT", 2)
+    monkeypatch.setattr("tribox.app.run.building.MOST_BUILT", 2)
     values = [0.1 + 0.01 * n for n in range(5)]
     path = case_file(f'{block}\n[sweep]\nkey = "contact.0.friction.mu"\nvalues = {values}\n')
     done = tribox("check", path)
@@ -384,7 +384,7 @@ def test_plot_draws_again(tribox, case_file, block, tmp_path):
 def test_all_tests_run_two_files_at_a_time(tribox, monkeypatch, found, every, words):
     started = []
     monkeypatch.setattr("os.execv", lambda program, command: started.append(command))
-    monkeypatch.setattr("app.cli.find_spec", lambda name: object() if found else None)
+    monkeypatch.setattr("tribox.app.cli.find_spec", lambda name: object() if found else None)
     assert tribox("test", *["--all"] * every, *words).returncode == 0
     [command] = started
     assert command[:3] == [sys.executable, "-m", "pytest"]
@@ -469,7 +469,7 @@ def test_sweep_collates_its_parts(tribox, case_file, block, tmp_path):
 def test_a_script_finds_the_packages_and_its_arguments(tribox, tmp_path):
     script = tmp_path / "my.py"
     script.write_text(
-        "import sys\nfrom app.results import read\nprint(read.__name__, sys.argv[1:])\n"
+        "import sys\nfrom tribox.app.results import read\nprint(read.__name__, sys.argv[1:])\n"
     )
     done = tribox("python", script, "a", "--out", "b", process=True)
     assert (done.returncode, done.stdout) == (0, "read ['a', '--out', 'b']\n")

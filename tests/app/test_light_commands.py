@@ -8,8 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-from app.simulation.history import COLUMNS
 from tests.app.figures.made_results import write_strip
+from tribox.app.simulation.history import COLUMNS
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT / "cases" / "data" / "tribometer-synthetic.csv"
@@ -19,7 +19,7 @@ PYPLOT = "matplotlib.pyplot"
 # Runs one command line after another and prints after each which of the modules it has loaded.
 SCRIPT = f"""
 import json, sys
-from app.cli import main
+from tribox.app.cli import main
 for line in json.loads(sys.argv[1]):
     sys.argv = ["tribox", *line]
     code = 0
@@ -103,13 +103,13 @@ def test_reading_results_loads_no_solver(tmp_path, block):
     out = results(tmp_path / "out", block)
     script = f"""
 import sys
-from app.results import read
+from tribox.app.results import read
 found = read({str(out)!r})
 assert "pandas" not in sys.modules
 assert len(found.history) == 3 and found.surfaces.empty
 assert len(found.load_steps) == 1 and found.case.title == "small block"
 assert found.steps.tolist() == []
-from app.results import read as again
+from tribox.app.results import read as again
 assert again is read
 heavy = [name for name in {(*HEAVY, "basix", PYPLOT)!r} if name in sys.modules]
 print(heavy)

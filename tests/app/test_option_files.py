@@ -10,8 +10,8 @@ from pathlib import Path
 
 SAY = """
 import json
-import app
-import app.build.model
+import tribox.app
+import tribox.app.build.model
 import dolfinx, ffcx
 from petsc4py import PETSc
 found = [PETSc.Options().getAll(), dolfinx.jit.get_options(), ffcx.get_options()]

@@ -9,12 +9,12 @@ import pytest
 from dolfinx import jit
 from mpi4py import MPI
 
-from app.build.model import build_model
-from app.case.case import Case
-from app.precompile import compile_forms
-from app.results.fields import StressField
-from geometry.compat import compiler_cache
 from tests.flowing import SOFT_METAL
+from tribox.app.build.model import build_model
+from tribox.app.case.case import Case
+from tribox.app.precompile import compile_forms
+from tribox.app.results.fields import StressField
+from tribox.geometry.compat import compiler_cache
 
 
 @pytest.fixture

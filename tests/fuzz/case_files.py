@@ -12,9 +12,9 @@ from typing import Any
 
 from hypothesis import strategies as st
 
-from app.case.case import Case
 from tests.app.conftest import BLOCK, BOXES, FILM, SLID
 from tests.fuzz import hostile
+from tribox.app.case.case import Case
 
 ROOT = Path(__file__).parents[2]
 _DEFS = "#/$defs/"

@@ -16,7 +16,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from app.errors import TriboxError
+from tribox.app.errors import TriboxError
 
 SECONDS = 10.0
 MEMORY = 2 << 30  # bytes that one input may take beside what there is

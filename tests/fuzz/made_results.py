@@ -6,11 +6,11 @@ import json
 import shutil
 from pathlib import Path
 
-from app.case.reading import load_case
-from app.results.directory import write_json, write_table, write_text
-from app.simulation.history import COLUMNS
 from tests.app.conftest import BLOCK
 from tests.app.figures.made_results import write_strip
+from tribox.app.case.reading import load_case
+from tribox.app.results.directory import write_json, write_table, write_text
+from tribox.app.simulation.history import COLUMNS
 
 PROBES = """
 [[probe]]
@@ -38,7 +38,7 @@ def good_directories(work: Path) -> tuple[Path, ...]:
 
 
 def _make_run(directory: Path) -> None:
-    from app.run.run import run_case
+    from tribox.app.run.run import run_case
 
     text = BLOCK.replace("steps = 6", "steps = 2").replace("[10, 5]", "[4, 2]")
     directory.mkdir(parents=True)

@@ -142,8 +142,8 @@ law_overrides = st.lists(
 @cache
 def good_mesh() -> bytes:
     """A gmsh file of two small blocks."""
-    from geometry.generators.two_blocks import Block, TwoBlocks
-    from geometry.meshes.gmsh_model import write_msh
+    from tribox.geometry.generators.two_blocks import Block, TwoBlocks
+    from tribox.geometry.meshes.gmsh_model import write_msh
 
     with tempfile.TemporaryDirectory() as directory:
         path = Path(directory) / "good.msh"

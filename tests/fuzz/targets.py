@@ -10,21 +10,21 @@ from functools import cache
 from pathlib import Path
 from unittest import mock
 
-from app.build.case_notes import notes_on
-from app.build.load_steps import load_steps_of
-from app.case.case import Case, resolved_toml
-from app.case.generators import BlocksGeometry
-from app.case.generators_3d import BoxesGeometry
-from app.case.given import given_keys
-from app.case.reading import check_case, load_case
-from app.errors import InputError
-from app.fit.run import run_fit
-from app.friction_map.run import run_map
-from app.results import Results, read
-from app.results.directory import check_free
-from app.results.earlier_sweep import sweep_labels
 from tests.app.conftest import BLOCK as ON_MESH
 from tests.fuzz.guard import OddLine, see_line
+from tribox.app.build.case_notes import notes_on
+from tribox.app.build.load_steps import load_steps_of
+from tribox.app.case.case import Case, resolved_toml
+from tribox.app.case.generators import BlocksGeometry
+from tribox.app.case.generators_3d import BoxesGeometry
+from tribox.app.case.given import given_keys
+from tribox.app.case.reading import check_case, load_case
+from tribox.app.errors import InputError
+from tribox.app.fit.run import run_fit
+from tribox.app.friction_map.run import run_map
+from tribox.app.results import Results, read
+from tribox.app.results.directory import check_free
+from tribox.app.results.earlier_sweep import sweep_labels
 
 SMALL = 300  # cells that are meshed for an input
 
@@ -41,7 +41,7 @@ def build_case(data: object, directory: Path) -> None:
     case = _correct(data, directory)
     _look_at(case)
     if _cells(case) <= SMALL:
-        from app.run.building import notes_on_building
+        from tribox.app.run.building import notes_on_building
 
         notes_on_building(case)
 
@@ -102,7 +102,7 @@ def _cells(case: Case) -> float:
 
 def mesh_case(data: object, directory: Path) -> None:
     """Build a case on a mesh file."""
-    from app.run.building import notes_on_building
+    from tribox.app.run.building import notes_on_building
 
     (directory / "own.msh").write_bytes(bytes(data))  # type: ignore[call-overload]
     path = directory / "case.toml"
@@ -130,14 +130,14 @@ def fit_data(data: object, directory: Path) -> None:
     content, fixed = data  # type: ignore[misc]
     path = directory / "data.csv"
     path.write_bytes(content)
-    with mock.patch("app.fit.figures.draw_fit"):
+    with mock.patch("tribox.app.fit.figures.draw_fit"):
         run_fit(path, None, fixed, [], directory / "fit", force=True)
 
 
 def map_case(data: object, directory: Path) -> None:
     """Map a law, without figures."""
     overrides = data
-    with mock.patch("app.friction_map.figures.draw_map"):
+    with mock.patch("tribox.app.friction_map.figures.draw_map"):
         run_map(None, overrides, directory / "map", force=True)  # type: ignore[arg-type]
 
 
@@ -189,7 +189,7 @@ def _read_all(directory: Path) -> None:
         for step in _steps(one, errors):
             for kind in ("fields", "contact", "contact_points"):
                 _try(lambda: getattr(one, kind)(step), errors)
-    from app.report.page import write_report
+    from tribox.app.report.page import write_report
 
     _try(lambda: write_report(directory, directory.parent / "report.html"), errors)
     _try(lambda: check_free(directory, True, sweep_labels(directory)), errors)
@@ -198,11 +198,11 @@ def _read_all(directory: Path) -> None:
 
 
 def _draw_all(directory: Path) -> None:
-    from app.figures.run_figures import draw_figures
+    from tribox.app.figures.run_figures import draw_figures
 
     errors: list[InputError] = []
     look = read(directory)
-    with mock.patch("app.figures.run_figures.save"):
+    with mock.patch("tribox.app.figures.run_figures.save"):
         for one in _with_parts(look, errors):
             _try(lambda: draw_figures(one), errors)
     from matplotlib import pyplot

@@ -9,16 +9,16 @@ from pathlib import Path
 
 import pytest
 
-from app.case.reading import check_case, load_case
-from app.errors import InputError, as_line
-from app.fit.data import read_data
-from app.fit.run import run_fit
-from app.results import read
 from tests.app.conftest import BLOCK, FILM, SLID
 from tests.fuzz.case_files import SWEEP, place
 from tests.fuzz.guard import outcome, see_line
 from tests.fuzz.hostile import Raw, toml_of
 from tests.fuzz.other_files import WET
+from tribox.app.case.reading import check_case, load_case
+from tribox.app.errors import InputError, as_line
+from tribox.app.fit.data import read_data
+from tribox.app.fit.run import run_fit
+from tribox.app.results import read
 
 DEEP, LONG = 10_000, "9" * 5000
 ROUND = {
@@ -231,7 +231,7 @@ def test_a_film_case_takes_ordinary_values_still(tmp_path):
 
 
 def test_a_start_that_turns_elements_inside_out_is_a_line_with_the_file(tmp_path):
-    from app.run.building import notes_on_building
+    from tribox.app.run.building import notes_on_building
 
     path = tmp_path / "case.toml"
     path.write_text(SLID)

@@ -28,7 +28,7 @@ def test_python_with_dolfinx_comes_first(docker: Machine) -> None:
     assert done.stdout.splitlines() == [
         f"{docker.checkout}:/other",
         str(docker.home),
-        *("-m", "app", "run", "a b"),
+        *("-m", "tribox", "run", "a b"),
     ]
     assert len(docker.calls()) == before
 

@@ -47,7 +47,7 @@ def test_entry_becomes_the_owner_of_the_results(tmp_path: Path) -> None:
     assert started[:2] == ["setpriv", "/results"]
     assert started[2:] == [
         *("--reuid", "1234", "--regid", "77", "--clear-groups", "--"),
-        *("python3", "-m", "app", "run", "a b"),
+        *("python3", "-m", "tribox", "run", "a b"),
     ]
 
 

@@ -9,14 +9,14 @@ import time
 import numpy as np
 import pytest
 
-from app.bench import bench
-from app.bench import law as bench_law
-from app.bench import probe as bench_probe
-from app.bench.bench import Options, measure, run_bench
-from app.bench.jobs import Job
-from app.bench.probe import Probe
-from app.bench.tables import CONTACT, PARTS, Measured, tables
-from app.errors import InputError, SolutionError
+from tribox.app.bench import bench
+from tribox.app.bench import law as bench_law
+from tribox.app.bench import probe as bench_probe
+from tribox.app.bench.bench import Options, measure, run_bench
+from tribox.app.bench.jobs import Job
+from tribox.app.bench.probe import Probe
+from tribox.app.bench.tables import CONTACT, PARTS, Measured, tables
+from tribox.app.errors import InputError, SolutionError
 
 SHORT = ["stage.0.steps=2", "stage.1.steps=8", "output.figures=true"]
 
@@ -193,7 +193,9 @@ def test_parts_count_only_inside_an_attempt():
 
 def test_a_probe_on_what_is_gone_is_an_error():
     with pytest.raises(AttributeError, match="no_such_function"):
-        bench_probe.replace("app.simulation.simulation:Simulation.no_such_function", lambda f: f)
+        bench_probe.replace(
+            "tribox.app.simulation.simulation:Simulation.no_such_function", lambda f: f
+        )
 
 
 def test_law_is_compared_with_plain_coulomb():

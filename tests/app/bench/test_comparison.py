@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from app.bench import comparison
-from app.bench.bench import Options, run_bench
-from app.bench.comparison import (
+from tribox.app.bench import comparison
+from tribox.app.bench.bench import Options, run_bench
+from tribox.app.bench.comparison import (
     Comparison,
     Difference,
     Ran,
@@ -20,11 +20,11 @@ from app.bench.comparison import (
     force_difference,
     run_warm,
 )
-from app.bench.comparison_tables import all_jobs, in_order, job_table
-from app.bench.jobs import Job
-from app.bench.process import ROOT, Cost
-from app.bench.sides import Side
-from app.errors import InputError
+from tribox.app.bench.comparison_tables import all_jobs, in_order, job_table
+from tribox.app.bench.jobs import Job
+from tribox.app.bench.process import ROOT, Cost
+from tribox.app.bench.sides import Side
+from tribox.app.errors import InputError
 
 JOB = Job("short", 1, ("short.toml",))
 SIDES = (Side("old"), Side("new"))
@@ -169,7 +169,7 @@ def test_several_ranks_run_the_program_as_it_is(monkeypatch):
     side = Side("2 ranks", ROOT / "elsewhere", 2, ("a=1",))
     found = comparison.run(JOB, side, False)
     ((words, tree),) = asked
-    assert words[:4] == ["-m", "app", "run", "short.toml"] and words[-2:] == ["--np", "2"]
+    assert words[:4] == ["-m", "tribox", "run", "short.toml"] and words[-2:] == ["--np", "2"]
     assert words[4:6] == ["--set", "a=1"] and tree == side.tree
     assert found.parts == {"contact": 1.0} and found.iterations == 7
     assert found.history == [{"step": 1.0, "time": 0.5, "normal_force": 2.0}]

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from app.bench.jobs import jobs_of, level_options
-from app.case.reading import load_case
-from app.errors import InputError
+from tribox.app.bench.jobs import jobs_of, level_options
+from tribox.app.case.reading import load_case
+from tribox.app.errors import InputError
 
 ROOT = Path(__file__).parents[3]
 

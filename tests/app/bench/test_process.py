@@ -6,8 +6,8 @@ import time
 
 import pytest
 
-from app.bench.process import ROOT, environment, run_python
-from app.errors import SolutionError
+from tribox.app.bench.process import ROOT, environment, run_python
+from tribox.app.errors import SolutionError
 
 BURN = "import time\nwhile time.process_time() < 0.4: pass\n"
 

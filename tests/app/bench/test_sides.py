@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from app.bench.process import ROOT
-from app.bench.sides import sides_of
-from app.errors import InputError
+from tribox.app.bench.process import ROOT
+from tribox.app.bench.sides import sides_of
+from tribox.app.errors import InputError
 
 
 def test_alone_nothing_is_compared():

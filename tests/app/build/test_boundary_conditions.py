@@ -11,14 +11,14 @@ import pytest
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from app.build.boundary_conditions import Loads
-from app.case.boundary import Boundary
-from app.equilibrium.equilibrium import Equilibrium
-from app.errors import InputError
-from geometry.generators.cylinders import FlatBlock, HalfCylinder, LineContact
-from geometry.generators.two_blocks import Block, TwoBlocks
-from geometry.generators.two_boxes import Box, TwoBoxes
-from geometry.meshes.mesh import NamedMesh, generate
+from tribox.app.build.boundary_conditions import Loads
+from tribox.app.case.boundary import Boundary
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.errors import InputError
+from tribox.geometry.generators.cylinders import FlatBlock, HalfCylinder, LineContact
+from tribox.geometry.generators.two_blocks import Block, TwoBlocks
+from tribox.geometry.generators.two_boxes import Box, TwoBoxes
+from tribox.geometry.meshes.mesh import NamedMesh, generate
 
 
 @lru_cache

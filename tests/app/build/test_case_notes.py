@@ -6,8 +6,8 @@ import tomllib
 
 import pytest
 
-from app.build.case_notes import highest_pressure, notes_on
-from app.case.case import Case
+from tribox.app.build.case_notes import highest_pressure, notes_on
+from tribox.app.case.case import Case
 
 
 def case(text: str, friction: dict | None = None, **tables) -> Case:

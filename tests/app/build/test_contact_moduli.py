@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app.build.contacts import contact_modulus, penalty_modulus
-from app.build.model import build_model
-from app.case.case import Case
-from forms.bodies.elastoplastic import ElastoPlastic
-from forms.bodies.hardening import Linear
-from forms.bodies.materials import Hencky, NeoHookean, oedometric_modulus, shear_and_bulk
-from forms.closed_forms import hertz_line
+from tribox.app.build.contacts import contact_modulus, penalty_modulus
+from tribox.app.build.model import build_model
+from tribox.app.case.case import Case
+from tribox.forms.bodies.elastoplastic import ElastoPlastic
+from tribox.forms.bodies.hardening import Linear
+from tribox.forms.bodies.materials import Hencky, NeoHookean, oedometric_modulus, shear_and_bulk
+from tribox.forms.closed_forms import hertz_line
 
 RUBBER, METAL = (5e6, 0.49), (7e10, 0.33)  # E, ν
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app.build.contact_notes import note_on_stick, notes_on_penalty
-from app.build.model import build_model
-from app.case.case import Case
-from app.case.friction import Coulomb
+from tribox.app.build.contact_notes import note_on_stick, notes_on_penalty
+from tribox.app.build.model import build_model
+from tribox.app.case.case import Case
+from tribox.app.case.friction import Coulomb
 
 
 def test_a_stiff_penalty_is_noted_in_explicit_runs_only():

@@ -5,13 +5,13 @@ from __future__ import annotations
 import pytest
 from mpi4py import MPI
 
-from app.build.mesh import make_mesh
-from app.build.mesh_notes import many_cells
-from app.case.reading import load_case
-from app.errors import InputError
-from geometry.generators.two_blocks import Block, TwoBlocks
-from geometry.meshes.gmsh_model import write_msh
 from tests.geometry.meshes.test_damaged import CRASHING
+from tribox.app.build.mesh import make_mesh
+from tribox.app.build.mesh_notes import many_cells
+from tribox.app.case.reading import load_case
+from tribox.app.errors import InputError
+from tribox.geometry.generators.two_blocks import Block, TwoBlocks
+from tribox.geometry.meshes.gmsh_model import write_msh
 
 BLOCKS = TwoBlocks(Block(1e-3, 5e-4, (3, 2)), Block(1e-3, 5e-4, (3, 2)))
 

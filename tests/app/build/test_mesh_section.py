@@ -9,13 +9,13 @@ import gmsh
 import pytest
 from mpi4py import MPI
 
-from app.build.model import build_model
-from app.case.case import resolved_toml
-from app.case.reading import load_case
-from app.errors import InputError
-from geometry.generators.two_blocks import Block, TwoBlocks
-from geometry.generators.two_boxes import Box, TwoBoxes
-from geometry.meshes.gmsh_model import write_msh
+from tribox.app.build.model import build_model
+from tribox.app.case.case import resolved_toml
+from tribox.app.case.reading import load_case
+from tribox.app.errors import InputError
+from tribox.geometry.generators.two_blocks import Block, TwoBlocks
+from tribox.geometry.generators.two_boxes import Box, TwoBoxes
+from tribox.geometry.meshes.gmsh_model import write_msh
 
 BODIES = """
 [bodies.elastomer]
@@ -178,7 +178,7 @@ def test_a_mesh_that_may_not_be_meant_so_is_pointed_out(model, shape, said):
 
 def test_a_smooth_master_that_bulges_into_the_slave_is_named(model, monkeypatch):
     monkeypatch.setattr(
-        "app.build.contacts.OVERLAP", -1.0
+        "tribox.app.build.contacts.OVERLAP", -1.0
     )  # bodies that touch overlap too much already
     with pytest.raises(InputError, match=r"may touch at the start, not overlap$"):
         model("blocks")

@@ -8,17 +8,17 @@ import pytest
 from mpi4py import MPI
 from scipy.spatial.transform import Rotation
 
-from app.build.boundary_conditions import Loads
-from app.case.boundary import Boundary
-from app.equilibrium.equilibrium import Equilibrium
-from app.errors import InputError
-from app.implicit.options import ImplicitOptions
-from app.implicit.stepper import ImplicitStepper, StepResult
-from forms.bodies.materials import NeoHookean
-from forms.bodies.solid import Solid
-from geometry.generators.two_blocks import Block, TwoBlocks
-from geometry.generators.two_boxes import Box, TwoBoxes
-from geometry.meshes.mesh import NamedMesh, generate
+from tribox.app.build.boundary_conditions import Loads
+from tribox.app.case.boundary import Boundary
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.errors import InputError
+from tribox.app.implicit.options import ImplicitOptions
+from tribox.app.implicit.stepper import ImplicitStepper, StepResult
+from tribox.forms.bodies.materials import NeoHookean
+from tribox.forms.bodies.solid import Solid
+from tribox.geometry.generators.two_blocks import Block, TwoBlocks
+from tribox.geometry.generators.two_boxes import Box, TwoBoxes
+from tribox.geometry.meshes.mesh import NamedMesh, generate
 
 SOFT = NeoHookean(shear_modulus=1.0, bulk_modulus=5.0)
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 from mpi4py import MPI
 
-from app.build.mesh import make_mesh
-from app.build.probes import place_probes
-from app.build.solids import displacement_on, resolved_bodies
-from app.case.reading import load_case
-from app.errors import InputError
+from tribox.app.build.mesh import make_mesh
+from tribox.app.build.probes import place_probes
+from tribox.app.build.solids import displacement_on, resolved_bodies
+from tribox.app.case.reading import load_case
+from tribox.app.errors import InputError
 
 
 @pytest.fixture

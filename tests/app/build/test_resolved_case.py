@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app.build.mesh import make_mesh
-from app.build.model import Model, build_model
-from app.case.case import Case, resolved_toml
-from app.case.reading import load_case
-from app.run.run import run_case
 from tests.app.conftest import BLOCK, FILM, SLID
+from tribox.app.build.mesh import make_mesh
+from tribox.app.build.model import Model, build_model
+from tribox.app.case.case import Case, resolved_toml
+from tribox.app.case.reading import load_case
+from tribox.app.run.run import run_case
 
 CASES = {"block": BLOCK, "film": FILM, "explicit": SLID}
 STRIBECK = {"law": "stribeck", "mu_s": 0.3, "mu_d": 0.2, "V_s": 1e-3}
@@ -84,7 +84,7 @@ def test_the_penalty_follows_the_local_facets(pressure, nu, stiffness, monkeypat
         x += 0.7 / 4e3 * np.sin(4e3 * x)
         return named
 
-    monkeypatch.setattr("app.build.model.make_mesh", drawn_out)
+    monkeypatch.setattr("tribox.app.build.model.make_mesh", drawn_out)
     data = tomllib.loads(BLOCK)
     data["bodies"]["elastomer"]["nu"] = nu
     data["contact"][0]["pressure"] = pressure

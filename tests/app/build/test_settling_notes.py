@@ -6,9 +6,9 @@ import tomllib
 
 import pytest
 
-from app.build.case_notes import notes_on
-from app.build.settling_notes import drive_to_load, shear_compliance, weakening_slip
-from app.case.case import Case
+from tribox.app.build.case_notes import notes_on
+from tribox.app.build.settling_notes import drive_to_load, shear_compliance, weakening_slip
+from tribox.app.case.case import Case
 
 
 def case(text: str, stage: dict | None = None, friction: dict | None = None) -> Case:

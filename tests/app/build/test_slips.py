@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from mpi4py import MPI
 
-from app.build.model import build_model
 from tests.tool_cases import block_case, block_mesh, case_of, plane
+from tribox.app.build.model import build_model
 
 METAL = {"material": "elastoplastic", "E": "70 GPa", "nu": 0.33}
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 from pydantic import TypeAdapter
 
-from app.build.solids import material_of, notes_on_materials
-from app.case.bodies import Body
-from forms.bodies.elastoplastic import ElastoPlastic
-from forms.bodies.hardening import JohnsonCook, Linear, Perzyna, Swift, Table, Voce
-from forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, Ogden, Yeoh
+from tribox.app.build.solids import material_of, notes_on_materials
+from tribox.app.case.bodies import Body
+from tribox.forms.bodies.elastoplastic import ElastoPlastic
+from tribox.forms.bodies.hardening import JohnsonCook, Linear, Perzyna, Swift, Table, Voce
+from tribox.forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, Ogden, Yeoh
 
 BODY = TypeAdapter(Body)
 

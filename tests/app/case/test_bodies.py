@@ -6,9 +6,9 @@ import tomllib
 
 import pytest
 
-from app.case.reading import check_case
-from app.case.toml_writer import toml_text
 from tests.app.case.test_case import FILM_CASE
+from tribox.app.case.reading import check_case
+from tribox.app.case.toml_writer import toml_text
 
 YEOH = {"material": "yeoh", "C10": 1, "K": 9}
 OGDEN = {"material": "ogden", "mu": [1], "alpha": [2], "K": 1}

@@ -7,10 +7,10 @@ import tomllib
 import pytest
 from pydantic import ValidationError
 
-from app.case.case import Case
-from app.case.overrides import set_value
-from app.case.validation import format_problem, problems_of
 from tests.app.conftest import BLOCK
+from tribox.app.case.case import Case
+from tribox.app.case.overrides import set_value
+from tribox.app.case.validation import format_problem, problems_of
 
 SIDE = {"surface": "elastomer_left"}
 OBLIQUE = {"surface": "top", "platen": {"direction": [1, 1], "force": 0}}

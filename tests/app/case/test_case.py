@@ -12,12 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from app.case.bodies import formulations
-from app.case.case import Case, resolved_toml
-from app.case.friction import Coulomb, FrictionMap
-from app.case.overrides import KeyPathError, set_value
-from app.case.reading import check_case, load_case
-from app.case.time_tables import TimeTable
+from tribox.app.case.bodies import formulations
+from tribox.app.case.case import Case, resolved_toml
+from tribox.app.case.friction import Coulomb, FrictionMap
+from tribox.app.case.overrides import KeyPathError, set_value
+from tribox.app.case.reading import check_case, load_case
+from tribox.app.case.time_tables import TimeTable
 
 ROOT = Path(__file__).parents[3]
 BLOCK_SLIDE = ROOT / "cases" / "block-slide.toml"
@@ -192,7 +192,7 @@ def test_mesh_is_found_beside_the_case(tmp_path, monkeypatch):
 
 def test_reading_a_case_loads_nothing_heavy():
     script = (
-        "import sys; from pathlib import Path; from app.case.reading import load_case;"
+        "import sys; from pathlib import Path; from tribox.app.case.reading import load_case;"
         f"load_case(Path({str(BLOCK_SLIDE)!r}));"
         "heavy = ('pint', 'ufl', 'dolfinx', 'petsc4py', 'mpi4py', 'gmsh', 'scipy');"
         "print([m for m in heavy if m in sys.modules])"

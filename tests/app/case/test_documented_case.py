@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from app.case.reading import load_case
-from app.errors import InputError
+from tribox.app.case.reading import load_case
+from tribox.app.errors import InputError
 
 PAGE = Path(__file__).parents[3] / "docs" / "case-file.md"
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from app.case.case import resolved_toml
-from app.case.reading import check_case, load_case
+from tribox.app.case.case import resolved_toml
+from tribox.app.case.reading import check_case, load_case
 
 TABLE = 'thickness = [["0 MPa", "60 nm"], ["1 MPa", "20 nm"]]'
 

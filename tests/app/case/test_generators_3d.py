@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from app.case.bodies import formulations
-from app.case.case import resolved_toml
-from app.case.reading import check_case, load_case
+from tribox.app.case.bodies import formulations
+from tribox.app.case.case import resolved_toml
+from tribox.app.case.reading import check_case, load_case
 
 COMMON = """
 [bodies.elastomer]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import tomllib
 
-from app.case.case import Case, resolved_toml
-from app.case.given import given_keys
-from app.case.reading import load_case
+from tribox.app.case.case import Case, resolved_toml
+from tribox.app.case.given import given_keys
+from tribox.app.case.reading import load_case
 
 
 def test_given_keys_are_those_of_the_file(case_file, film):

@@ -8,14 +8,14 @@ import tomllib
 
 import pytest
 
-from app.build.solids import material_of, notes_on_materials
-from app.case.case import Case, resolved_toml
-from app.case.given import given_keys
-from app.case.library import description, entries, listing
-from app.case.quantities import parse_quantity
-from app.errors import InputError
-from forms.bodies.elastoplastic import ElastoPlastic
 from tests.app.case.test_case import FILM_CASE
+from tribox.app.build.solids import material_of, notes_on_materials
+from tribox.app.case.case import Case, resolved_toml
+from tribox.app.case.given import given_keys
+from tribox.app.case.library import description, entries, listing
+from tribox.app.case.quantities import parse_quantity
+from tribox.app.errors import InputError
+from tribox.forms.bodies.elastoplastic import ElastoPlastic
 
 METALS = [name for name, entry in entries().items() if entry.strengths]
 POLYURETHANES = [name for name in entries() if name.startswith("PU-")]

@@ -7,8 +7,8 @@ import time
 
 import pytest
 
-from app.case.reading import check_case
 from tests.app.conftest import BLOCK, BOXES
+from tribox.app.case.reading import check_case
 
 ROUND = re.sub(r"\[geometry\].*?\n\[bodies", "{}\n[bodies", BLOCK, count=1, flags=re.DOTALL)
 CYLINDER = """[geometry]

@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.case.case import resolved_toml
-from app.case.friction import OwnLaw
-from app.case.own_law import OwnLawError, load_own_law
-from app.case.reading import check_case, load_case
-from forms.friction.law import FrictionLaw
 from tests.own_law import OWN, documented_law, with_law
+from tribox.app.case.case import resolved_toml
+from tribox.app.case.friction import OwnLaw
+from tribox.app.case.own_law import OwnLawError, load_own_law
+from tribox.app.case.reading import check_case, load_case
+from tribox.forms.friction.law import FrictionLaw
 
 MU, P = 0.3, 2e6
 

@@ -8,8 +8,8 @@ import tomllib
 import pytest
 from pydantic import ValidationError
 
-from app.case.case import Case, resolved_toml
-from app.case.validation import format_problem, problems_of
+from tribox.app.case.case import Case, resolved_toml
+from tribox.app.case.validation import format_problem, problems_of
 
 CASE = """
 [geometry]

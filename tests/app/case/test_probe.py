@@ -6,8 +6,8 @@ import tomllib
 
 import pytest
 
-from app.case.case import Case, resolved_toml
-from app.case.reading import check_case, load_case
+from tribox.app.case.case import Case, resolved_toml
+from tribox.app.case.reading import check_case, load_case
 
 PROBES = """
 [[probe]]

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic_core import PydanticCustomError
 
-from app.case.quantities import (
+from tribox.app.case.quantities import (
     COMMON_UNITS,
     Quantity,
     QuantityError,
@@ -20,7 +20,7 @@ from app.case.quantities import (
     format_quantity,
     parse_quantity,
 )
-from app.case.time_tables import NumberOrTable, Program, TimeTable
+from tribox.app.case.time_tables import NumberOrTable, Program, TimeTable
 
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
 
@@ -112,7 +112,7 @@ def test_common_units_agree_with_the_unit_library():
 
 def test_common_units_do_not_start_the_unit_library():
     script = (
-        "import sys; from app.case.quantities import parse_quantity as p;"
+        "import sys; from tribox.app.case.quantities import parse_quantity as p;"
         "assert p('30 nm', 'm') == 3e-8; assert 'pint' not in sys.modules;"
         "assert p('1 inch', 'm') == 0.0254; assert 'pint' in sys.modules"
     )

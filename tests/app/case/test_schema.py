@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from app.case.schema import json_schema
+from tribox.app.case.schema import json_schema
 
 ROOT = Path(__file__).parents[3]
 

@@ -10,13 +10,13 @@ import pytest
 from mpi4py import MPI
 from pydantic import ValidationError
 
-from app.build.model import build_model
-from app.build.tool_shapes import facets_of
-from app.case.case import Case, resolved_toml
-from app.case.tools import MeshTool
-from app.case.validation import format_problem, problems_of
-from app.errors import InputError
 from tests.tool_cases import block_case, block_mesh, case_of, circle, plane
+from tribox.app.build.model import build_model
+from tribox.app.build.tool_shapes import facets_of
+from tribox.app.case.case import Case, resolved_toml
+from tribox.app.case.tools import MeshTool
+from tribox.app.case.validation import format_problem, problems_of
+from tribox.app.errors import InputError
 
 BLOCK = (Path(__file__).parents[3] / "cases" / "block-slide.toml").read_text()
 ROUND = circle(displacement={"y": [["0 s", "0 m"], ["1 s", "-50 um"]]})

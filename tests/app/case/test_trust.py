@@ -7,16 +7,16 @@ from pathlib import Path
 
 import pytest
 
-from app.case.reading import load_case
-from app.case.trust import (
+from tests.own_law import OWN, documented_law, with_law
+from tribox.app.case.reading import load_case
+from tribox.app.case.trust import (
     forget_directory,
     list_file,
     require_trust,
     trust_directory,
     trusted_directories,
 )
-from app.errors import InputError
-from tests.own_law import OWN, documented_law, with_law
+from tribox.app.errors import InputError
 
 
 @pytest.fixture

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.case.quantities import COMMON_UNITS, QuantityError, parse_quantity
-from app.case.unit_patterns import _names, _prefixes, unit_pattern
+from tribox.app.case.quantities import COMMON_UNITS, QuantityError, parse_quantity
+from tribox.app.case.unit_patterns import _names, _prefixes, unit_pattern
 
 UNITS = [*COMMON_UNITS, "rad"]
 

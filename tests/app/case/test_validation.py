@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from app.case.reading import check_case, load_case
-from app.errors import InputError
 from tests.app.case.test_case import FILM_CASE, MAP
+from tribox.app.case.reading import check_case, load_case
+from tribox.app.errors import InputError
 
 ROOT = Path(__file__).parents[3]
 

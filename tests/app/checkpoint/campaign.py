@@ -18,14 +18,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.case.toml_writer import toml_text
-from app.results import read
 from tests.app.checkpoint.going_on import unlike
 from tests.app.checkpoint.small_cases import COARSE, changed
 from tests.app.conftest import BLOCK, BOXES, SLID
 from tests.app.run.test_signals import SWEEP, of_run
 from tests.app.simulation.test_explicit_run import THROWN
 from tests.ranks import ROOT, mpi_environment
+from tribox.app.case.toml_writer import toml_text
+from tribox.app.results import read
 
 LIMIT = 200.0  # s for one run
 SLACK = 0.01  # s, the most that a kill comes after the row that was drawn
@@ -83,7 +83,7 @@ class Killed:
 def start(path: Path, out: Path, *words: str) -> subprocess.Popen[str]:
     """Start a run as a process."""
     return subprocess.Popen(
-        [sys.executable, "-m", "app", "run", str(path), "--out", str(out), *words],
+        [sys.executable, "-m", "tribox", "run", str(path), "--out", str(out), *words],
         cwd=ROOT,
         env=mpi_environment(),
         stdin=subprocess.DEVNULL,

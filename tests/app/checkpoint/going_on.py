@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from app.case.case import Case
-from app.run.run import run_case
-from app.simulation.simulation import Simulation
+from tribox.app.case.case import Case
+from tribox.app.run.run import run_case
+from tribox.app.simulation.simulation import Simulation
 
 OFTEN = {"checkpoint_interval": 1e-9, "checkpoints_kept": 10_000}
 OUTPUT = {"figures": False, "fields_every": 2}

@@ -7,12 +7,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from app.case.overrides import set_value
-from geometry.meshes.gmsh_model import write_msh
 from tests.app.conftest import BLOCK, BOXES, FILM, SLID
 from tests.app.simulation.test_explicit_run import THROWN
 from tests.own_law import documented_law
 from tests.rectangles import Rectangle, Rectangles
+from tribox.app.case.overrides import set_value
+from tribox.geometry.meshes.gmsh_model import write_msh
 
 Data = dict[str, Any]
 Maker = Callable[[Path], Data]

@@ -9,15 +9,6 @@ from typing import Any
 
 import pytest
 
-from app.checkpoint import checkpointer
-from app.errors import Interrupted, SolutionError
-from app.explicit.instability import ExplicitError
-from app.explicit.stepper import ExplicitStepper
-from app.implicit.stepper import StepResult
-from app.results.directory import read_table
-from app.run.interruption import Interruption
-from app.simulation import explicit_stage
-from app.simulation.run_state import RunState
 from tests.app.checkpoint.going_on import (
     TABLES,
     as_killed,
@@ -29,6 +20,15 @@ from tests.app.checkpoint.going_on import (
     unlike,
 )
 from tests.app.checkpoint.small_cases import EXPLICIT, IMPLICIT
+from tribox.app.checkpoint import checkpointer
+from tribox.app.errors import Interrupted, SolutionError
+from tribox.app.explicit.instability import ExplicitError
+from tribox.app.explicit.stepper import ExplicitStepper
+from tribox.app.implicit.stepper import StepResult
+from tribox.app.results.directory import read_table
+from tribox.app.run.interruption import Interruption
+from tribox.app.simulation import explicit_stage
+from tribox.app.simulation.run_state import RunState
 
 CASES = {
     **{f"implicit {name}": maker for name, maker in IMPLICIT.items()},

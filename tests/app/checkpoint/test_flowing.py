@@ -8,13 +8,13 @@ from typing import Any
 import pytest
 from mpi4py import MPI
 
-from app.results.directory import read_table
-from app.simulation import explicit_stage
-from app.simulation.history import PHYSICAL
 from tests.app.checkpoint.going_on import as_killed, case_of, numbers, run, unlike
 from tests.app.checkpoint.small_cases import BOTTOM
 from tests.app.simulation.test_ranks import SAME
 from tests.flowing import soft_block
+from tribox.app.results.directory import read_table
+from tribox.app.simulation import explicit_stage
+from tribox.app.simulation.history import PHYSICAL
 
 PROBES = [
     {"name": "below", "point": ["1 mm", "-0.1 mm"]},

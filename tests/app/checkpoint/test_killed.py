@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from app.results import read
 from tests.app.checkpoint.campaign import (
     CASES,
     campaign,
@@ -21,6 +20,7 @@ from tests.app.checkpoint.campaign import (
 )
 from tests.app.checkpoint.going_on import as_killed, numbers, unlike
 from tests.app.run.test_signals import of_run, statuses
+from tribox.app.results import read
 
 MOMENTS = int(os.environ.get("TRIBOX_KILLS", "0"))
 

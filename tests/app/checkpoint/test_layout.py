@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app.build.model import build_model
-from app.checkpoint.layout import Layout, copied, differences
-from app.equilibrium.snapshot import AtPoints, Local, Nodal, Partial
 from tests.app.checkpoint.going_on import case_of
 from tests.app.checkpoint.small_cases import IMPLICIT
+from tribox.app.build.model import build_model
+from tribox.app.checkpoint.layout import Layout, copied, differences
+from tribox.app.equilibrium.snapshot import AtPoints, Local, Nodal, Partial
 
 
 def laid_out(comm: MPI.Comm, directory: Path, name: str) -> tuple[Layout, dict[str, Any]]:

@@ -11,12 +11,12 @@ from typing import Any
 import pytest
 from mpi4py import MPI
 
-from app.case.case import Case
-from app.results.directory import read_table
-from app.simulation.history import PHYSICAL, RESULTANTS
 from tests.app.checkpoint.going_on import as_killed, case_of, numbers, run
 from tests.app.checkpoint.small_cases import EXPLICIT, IMPLICIT
 from tests.app.simulation.test_ranks import SAME, largest
+from tribox.app.case.case import Case
+from tribox.app.results.directory import read_table
+from tribox.app.simulation.history import PHYSICAL, RESULTANTS
 
 TIGHT = {"tolerance": 1e-11}
 KRYLOV = TIGHT | {"linear": "krylov", "petsc": {"ksp_rtol": 1e-12, "ksp_max_it": 2000}}

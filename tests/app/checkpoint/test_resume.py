@@ -12,13 +12,13 @@ from pathlib import Path
 
 import pytest
 
-from app.checkpoint import files
-from app.results import read
-from app.results.directory import read_table
-from app.run.progress import Together
 from tests.app.checkpoint.going_on import TABLES, as_killed, numbers, unlike
 from tests.app.conftest import BLOCK
 from tests.own_law import documented_law, with_law
+from tribox.app.checkpoint import files
+from tribox.app.results import read
+from tribox.app.results.directory import read_table
+from tribox.app.run.progress import Together
 
 CASE = (
     BLOCK.replace("[10, 5]", "[5, 3]")
@@ -41,8 +41,8 @@ def settings(keys: dict[str, str]) -> list[str]:
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Results of the case that has run to its end, with all its checkpoints."""
-    from app.case.reading import load_case
-    from app.run.run import run_case
+    from tribox.app.case.reading import load_case
+    from tribox.app.run.run import run_case
 
     directory = tmp_path_factory.mktemp("finished")
     (directory / "case.toml").write_text(CASE, encoding="utf-8")

@@ -13,22 +13,22 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app.case.case import Case
-from app.case.reading import load_case
-from app.checkpoint.files import _sum, latest
-from app.checkpoint.same_case import changes
-from app.errors import InputError, Interrupted
-from app.results.directory import check_free, checkpoint_numbers
-from app.results.inputs import write_case
-from app.run.interruption import Interruption
-from app.run.run import run_case
-from app.run.stage_progress import StagesProgress
-from app.run.sweep import collate
-from app.run.sweep_runs import SweepOptions, _to_run
-from app.simulation.simulation import Simulation
 from tests.app.conftest import BLOCK
 from tests.app.simulation.test_explicit_run import THROWN
 from tests.own_law import documented_law
+from tribox.app.case.case import Case
+from tribox.app.case.reading import load_case
+from tribox.app.checkpoint.files import _sum, latest
+from tribox.app.checkpoint.same_case import changes
+from tribox.app.errors import InputError, Interrupted
+from tribox.app.results.directory import check_free, checkpoint_numbers
+from tribox.app.results.inputs import write_case
+from tribox.app.run.interruption import Interruption
+from tribox.app.run.run import run_case
+from tribox.app.run.stage_progress import StagesProgress
+from tribox.app.run.sweep import collate
+from tribox.app.run.sweep_runs import SweepOptions, _to_run
+from tribox.app.simulation.simulation import Simulation
 
 COARSE = {
     "geometry": {

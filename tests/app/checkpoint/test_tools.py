@@ -7,11 +7,11 @@ import json
 import numpy as np
 import pytest
 
-from app.results.directory import read_table
-from app.simulation import explicit_stage
 from tests.app.checkpoint.going_on import as_killed, case_of, numbers, run, unlike
 from tests.app.simulation.test_tools import rolled
 from tests.tool_cases import WIDTH, block_case, block_mesh, plane
+from tribox.app.results.directory import read_table
+from tribox.app.simulation import explicit_stage
 
 
 def data_of(mesh, explicit=False):

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from petsc4py import PETSc
 
-from app.equilibrium.bodies import Bodies
-from app.equilibrium.constraints import Platen
-from app.equilibrium.equilibrium import Equilibrium
-from app.equilibrium.step_mode import DEFAULT_STEP
-from forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, Yeoh
-from forms.contact.penalty import ContactTerm
-from forms.friction.coulomb import CoulombLaw, CoulombParameters
-from geometry.generators.two_blocks import Block, TwoBlocks
-from geometry.meshes.mesh import generate
 from tests.conftest import Pair
+from tribox.app.equilibrium.bodies import Bodies
+from tribox.app.equilibrium.constraints import Platen
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.step_mode import DEFAULT_STEP
+from tribox.forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, Yeoh
+from tribox.forms.contact.penalty import ContactTerm
+from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
+from tribox.geometry.generators.two_blocks import Block, TwoBlocks
+from tribox.geometry.meshes.mesh import generate
 
 RUBBER = MooneyRivlin(0.4, 0.1, 5.0)
 STEEL = Hencky(300.0, 700.0)  # far stiffer than the other body

@@ -9,9 +9,9 @@ import pytest
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from app.equilibrium.cell_places import CellPlaces, can_place
-from app.equilibrium.matrix_values import own_block, values_in_place
-from app.equilibrium.tangent import pattern_form
+from tribox.app.equilibrium.cell_places import CellPlaces, can_place
+from tribox.app.equilibrium.matrix_values import own_block, values_in_place
+from tribox.app.equilibrium.tangent import pattern_form
 
 
 def matrix_of(mesh):

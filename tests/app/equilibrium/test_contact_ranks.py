@@ -6,14 +6,14 @@ import dolfinx
 import numpy as np
 import pytest
 
-from app.equilibrium.equilibrium import Equilibrium
-from app.simulation.contact_resultants import measure_contact
-from forms.friction.coulomb import CoulombLaw, CoulombParameters
-from geometry.generators.two_blocks import Block, TwoBlocks
-from geometry.meshes.mesh import generate
 from tests.app.implicit.test_linear_solver import linear_step
 from tests.conftest import Pair
 from tests.contact_boxes import Scene
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.simulation.contact_resultants import measure_contact
+from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
+from tribox.geometry.generators.two_blocks import Block, TwoBlocks
+from tribox.geometry.meshes.mesh import generate
 
 
 def facts(shape, parallel):

@@ -8,11 +8,11 @@ import pytest
 import scipy.sparse
 from petsc4py import PETSc
 
-from app.equilibrium.contact_sparsity import BlockPlaces, coupled_nodes, widened
-from app.equilibrium.equilibrium import Equilibrium
-from forms.friction.coulomb import CoulombLaw, CoulombParameters
 from tests.contact_boxes import Scene, take_all_for_kinked
 from tests.forms.contact.test_tangent_ends import at_the_rim
+from tribox.app.equilibrium.contact_sparsity import BlockPlaces, coupled_nodes, widened
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 
 LAW = CoulombLaw(CoulombParameters(mu=0.3, K_T=60.0))
 SHAPES = ["Q4", "T6", "tet4", "hex8", "tet10"]

@@ -7,20 +7,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-import forms.contact.kinematics
-import forms.contact.tangent
-from app.equilibrium.constraints import Platen
-from app.equilibrium.step_mode import DEFAULT_STEP, StepMode
-from app.equilibrium.tangent import Tangent
-from forms.bodies.loads import FollowerPressure
-from forms.contact.state import ContactMode, ContactTrial
-from forms.contact.tangent import PairTangent
-from forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
-from forms.friction.film import FilmTable
-from forms.friction.friction_map import FrictionMap
-from forms.friction.law import Regime
-from forms.friction.parameters import FrictionMapParameters
-from forms.friction.stribeck import StribeckLaw, StribeckParameters
+import tribox.forms.contact.kinematics
+import tribox.forms.contact.tangent
+from tribox.app.equilibrium.constraints import Platen
+from tribox.app.equilibrium.step_mode import DEFAULT_STEP, StepMode
+from tribox.app.equilibrium.tangent import Tangent
+from tribox.forms.bodies.loads import FollowerPressure
+from tribox.forms.contact.state import ContactMode, ContactTrial
+from tribox.forms.contact.tangent import PairTangent
+from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
+from tribox.forms.friction.film import FilmTable
+from tribox.forms.friction.friction_map import FrictionMap
+from tribox.forms.friction.law import Regime
+from tribox.forms.friction.parameters import FrictionMapParameters
+from tribox.forms.friction.stribeck import StribeckLaw, StribeckParameters
 
 FILM = 0.5
 
@@ -264,14 +264,14 @@ def without_normal_of_pressure(patch):
 
 def changed_kinematics(patch, change):
     """Contact kinematics whose variations went through ``change``."""
-    whole = forms.contact.tangent.vary
+    whole = tribox.forms.contact.tangent.vary
 
     def less(points, projection, anchor):
         variations = whole(points, projection, anchor)
         change(variations, points, projection, anchor)
         return variations
 
-    patch.setattr(forms.contact.tangent, "vary", less)
+    patch.setattr(tribox.forms.contact.tangent, "vary", less)
 
 
 def without(name):
@@ -290,11 +290,11 @@ def without_normal_of(name):
         def change(k, *arguments):
             with pytest.MonkeyPatch.context() as inner:
                 inner.setattr(
-                    forms.contact.kinematics,
+                    tribox.forms.contact.kinematics,
                     "_vary_in_plane",
                     lambda n, v, d_normal: np.zeros_like(d_normal),
                 )
-                less = forms.contact.kinematics.vary(*arguments)
+                less = tribox.forms.contact.kinematics.vary(*arguments)
             getattr(k, name)[:] = getattr(less, name)
 
         changed_kinematics(patch, change)

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app.equilibrium.constraints import Platen, Prescribed
-from app.equilibrium.equilibrium import Equilibrium
-from app.equilibrium.free_bodies import free_bodies, rigid_motions
-from forms.bodies.materials import Hencky
-from forms.bodies.solid import Solid
+from tribox.app.equilibrium.constraints import Platen, Prescribed
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.free_bodies import free_bodies, rigid_motions
+from tribox.forms.bodies.materials import Hencky
+from tribox.forms.bodies.solid import Solid
 
 SIZE = 2e-3
 

@@ -7,13 +7,13 @@ import tomllib
 import pytest
 from mpi4py import MPI
 
-from app.build.model import build_model
-from app.case.case import Case
-from app.equilibrium.free_bodies import supports_at_hand
-from app.equilibrium.joined_bodies import joined_bodies
-from app.equilibrium.supports import loose_directions
-from app.implicit.weak_hold import WeakHold
-from app.run.run import run_case
+from tribox.app.build.model import build_model
+from tribox.app.case.case import Case
+from tribox.app.equilibrium.free_bodies import supports_at_hand
+from tribox.app.equilibrium.joined_bodies import joined_bodies
+from tribox.app.equilibrium.supports import loose_directions
+from tribox.app.implicit.weak_hold import WeakHold
+from tribox.app.run.run import run_case
 
 PRESSED = [["0 s", "0 MPa"], ["1 s", "1 MPa"], ["2 s", "0 MPa"]]
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app.build.model import body_dofs, build_model
-from app.case.case import Case
-from app.equilibrium.kept_tangent import SLENDER, SMALL
-from app.simulation.observer import Observer
-from app.simulation.simulation import Simulation
 from tests.app.conftest import BLOCK, BOXES
 from tests.flowing import SOFT_METAL
+from tribox.app.build.model import body_dofs, build_model
+from tribox.app.case.case import Case
+from tribox.app.equilibrium.kept_tangent import SLENDER, SMALL
+from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.simulation import Simulation
 
 
 def model_of(text=BLOCK, comm=MPI.COMM_SELF, **changes):

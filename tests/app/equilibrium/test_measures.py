@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from petsc4py import PETSc
 
-from app.equilibrium.constraints import Prescribed
-from app.equilibrium.equilibrium import Equilibrium
-from forms.bodies.materials import NeoHookean
-from forms.bodies.solid import Solid
 from tests.grid import grid
+from tribox.app.equilibrium.constraints import Prescribed
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.forms.bodies.materials import NeoHookean
+from tribox.forms.bodies.solid import Solid
 
 SECTIONS = {
     "plane-strain": ("quadrilateral", (6, 6)),

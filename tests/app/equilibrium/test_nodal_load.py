@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from app.equilibrium.load_residuals import load_residuals
-from app.equilibrium.nodal_load import NodalLoad
-from forms.bodies.loads import FollowerPressure
+from tribox.app.equilibrium.load_residuals import load_residuals
+from tribox.app.equilibrium.nodal_load import NodalLoad
+from tribox.forms.bodies.loads import FollowerPressure
 
 
 def test_nodal_loads_enter_the_residual_beside_those_with_forms(pair):

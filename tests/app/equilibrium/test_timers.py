@@ -1,4 +1,4 @@
-from app.equilibrium.timers import Stopwatch
+from tribox.app.equilibrium.timers import Stopwatch
 
 
 class Clock:

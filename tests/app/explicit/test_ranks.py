@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from app.bench.explicit import sliding
+from tribox.app.bench.explicit import sliding
 
 
 def thousand_steps(comm, directory):

@@ -8,20 +8,20 @@ import pytest
 import scipy.linalg
 from mpi4py import MPI
 
-from app.case.reading import check_case
-from app.equilibrium.constraints import Prescribed
-from app.equilibrium.equilibrium import Equilibrium
-from app.explicit.stepper import ExplicitOptions, ExplicitStepper
-from app.simulation.contact_resultants import measure_contact
-from app.simulation.interval_averages import IntervalAverages
-from forms.bodies.materials import NeoHookean
-from forms.bodies.solid import Solid
-from forms.contact.explicit_compiled import explicit_contact
-from forms.friction.coulomb import CoulombLaw, CoulombParameters
-from geometry.surfaces.exchange import NodalVector
 from tests.app.case.test_generators_3d import COMMON, RINGS
 from tests.contact_boxes import GAP, Scene
 from tests.grid import grid
+from tribox.app.case.reading import check_case
+from tribox.app.equilibrium.constraints import Prescribed
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.explicit.stepper import ExplicitOptions, ExplicitStepper
+from tribox.app.simulation.contact_resultants import measure_contact
+from tribox.app.simulation.interval_averages import IntervalAverages
+from tribox.forms.bodies.materials import NeoHookean
+from tribox.forms.bodies.solid import Solid
+from tribox.forms.contact.explicit_compiled import explicit_contact
+from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
+from tribox.geometry.surfaces.exchange import NodalVector
 
 SOFT = NeoHookean(shear_modulus=1.0, bulk_modulus=5.0)
 WAY = np.array([0.6, 0.8, 0.0])

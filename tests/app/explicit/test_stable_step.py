@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from app.equilibrium.step_mode import StepMode
-from app.explicit.instability import ExplicitError
-from app.explicit.options import ExplicitOptions
-from app.explicit.stepper import ExplicitStepper, MassScaling
-from app.implicit.options import ImplicitOptions
-from app.implicit.stepper import ImplicitStepper
-from forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
-from forms.friction.friction_map import FrictionMap
-from forms.friction.parameters import FrictionMapParameters
+from tribox.app.equilibrium.step_mode import StepMode
+from tribox.app.explicit.instability import ExplicitError
+from tribox.app.explicit.options import ExplicitOptions
+from tribox.app.explicit.stepper import ExplicitStepper, MassScaling
+from tribox.app.implicit.options import ImplicitOptions
+from tribox.app.implicit.stepper import ImplicitStepper
+from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
+from tribox.forms.friction.friction_map import FrictionMap
+from tribox.forms.friction.parameters import FrictionMapParameters
 
 NEVER = 10**9
 DEPTH = 0.02

@@ -7,20 +7,20 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app.equilibrium.constraints import Platen, Prescribed, component_dofs
-from app.equilibrium.equilibrium import Equilibrium
-from app.explicit.options import ExplicitOptions
-from app.explicit.stepper import ExplicitStepper
-from forms.bodies.loads import FollowerPressure
-from forms.bodies.materials import NeoHookean, oedometric_modulus
-from forms.bodies.solid import Solid
-from forms.contact.penalty import ContactTerm
-from forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
-from forms.friction.friction_map import FrictionMap
-from forms.friction.parameters import FrictionMapParameters
-from geometry.generators.two_blocks import Block, TwoBlocks
-from geometry.meshes.mesh import generate
-from geometry.surfaces.surface import ContactSurface
+from tribox.app.equilibrium.constraints import Platen, Prescribed, component_dofs
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.explicit.options import ExplicitOptions
+from tribox.app.explicit.stepper import ExplicitStepper
+from tribox.forms.bodies.loads import FollowerPressure
+from tribox.forms.bodies.materials import NeoHookean, oedometric_modulus
+from tribox.forms.bodies.solid import Solid
+from tribox.forms.contact.penalty import ContactTerm
+from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
+from tribox.forms.friction.friction_map import FrictionMap
+from tribox.forms.friction.parameters import FrictionMapParameters
+from tribox.geometry.generators.two_blocks import Block, TwoBlocks
+from tribox.geometry.meshes.mesh import generate
+from tribox.geometry.surfaces.surface import ContactSurface
 
 SOFT, HARD = NeoHookean(1.0, 2.0), NeoHookean(2.0, 4.0)
 DENSITY = 1.5

@@ -12,10 +12,10 @@ import pytest
 from mpi4py import MPI
 from scipy.optimize import brentq
 
-from app.build.model import build_model
-from app.case.case import Case
-from app.simulation.observer import Observer
-from app.simulation.simulation import Simulation
+from tribox.app.build.model import build_model
+from tribox.app.case.case import Case
+from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.simulation import Simulation
 
 FRICTIONLESS = {"law": "frictionless"}
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from app.results import Results, read
 from tests.app.figures.made_results import write_strip
+from tribox.app.results import Results, read
 
 
 @pytest.fixture(scope="session")

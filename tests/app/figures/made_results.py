@@ -15,7 +15,7 @@ from typing import Any
 import meshio
 import numpy as np
 
-from app.simulation.history import COLUMNS
+from tribox.app.simulation.history import COLUMNS
 
 STRIP = """
 title = "strip between punch and die"

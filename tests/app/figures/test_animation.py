@@ -10,10 +10,10 @@ import pytest
 from matplotlib import rcParams
 from PIL import Image
 
-from app.errors import InputError
-from app.figures.animation import MOST_FRAMES, animate, frames_of
-from app.results import read
 from tests.app.figures.made_results import write_strip
+from tribox.app.errors import InputError
+from tribox.app.figures.animation import MOST_FRAMES, animate, frames_of
+from tribox.app.results import read
 
 
 def test_frames_are_few_and_evenly_chosen():

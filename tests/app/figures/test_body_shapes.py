@@ -6,10 +6,10 @@ import meshio
 import numpy as np
 import pytest
 
-from app.errors import InputError
-from app.figures.body_shapes import read_bodies
-from app.figures.field_values import colour_scale
 from tests.app.figures.made_results import CELLS, strip_fields
+from tribox.app.errors import InputError
+from tribox.app.figures.body_shapes import read_bodies
+from tribox.app.figures.field_values import colour_scale
 
 
 def test_every_body_is_there_with_its_outline():

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from app.figures import deformed_space
-from app.figures.animation import animate
-from app.figures.deformed import draw_deformed
-from app.results import Results, read
 from tests.app.figures.made_results import history_row, write_index, write_rows
+from tribox.app.figures import deformed_space
+from tribox.app.figures.animation import animate
+from tribox.app.figures.deformed import draw_deformed
+from tribox.app.results import Results, read
 
 CASE = """
 title = "box on a plate"
@@ -119,7 +119,7 @@ def test_picture_in_space(box, tmp_path, monkeypatch):
 
 
 def test_animation_in_space(box, tmp_path, monkeypatch):
-    monkeypatch.setattr("app.figures.animation.render", lambda scenes: None)
+    monkeypatch.setattr("tribox.app.figures.animation.render", lambda scenes: None)
     assert animate(box, tmp_path / "a.gif", "displacement_x") == 2
 
 

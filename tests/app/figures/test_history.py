@@ -10,13 +10,6 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 
-from app.figures import steady_points
-from app.figures.abscissa import abscissa_of
-from app.figures.force_displacement import force_displacement_figure
-from app.figures.history import energies_figure, forces_figure
-from app.figures.stribeck import series_of, stribeck_figure
-from app.figures.style import save
-from app.results import Results, read
 from tests.app.figures.made_results import (
     PAIRS,
     STEPS,
@@ -26,6 +19,13 @@ from tests.app.figures.made_results import (
     write_rows,
     write_strip,
 )
+from tribox.app.figures import steady_points
+from tribox.app.figures.abscissa import abscissa_of
+from tribox.app.figures.force_displacement import force_displacement_figure
+from tribox.app.figures.history import energies_figure, forces_figure
+from tribox.app.figures.stribeck import series_of, stribeck_figure
+from tribox.app.figures.style import save
+from tribox.app.results import Results, read
 
 
 def test_saving_leaves_a_picture_and_nothing_else(tmp_path):

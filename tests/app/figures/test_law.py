@@ -2,7 +2,13 @@
 
 import numpy as np
 
-from app.figures.law import FLOWS, draw_law, film_stress, traction_over_pressure, velocity_jumps
+from tribox.app.figures.law import (
+    FLOWS,
+    draw_law,
+    film_stress,
+    traction_over_pressure,
+    velocity_jumps,
+)
 
 
 def test_the_literal_rule_takes_energy_from_nowhere_and_the_consistent_one_does_not():

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from app.figures.rendering import render
-from app.figures.scenes import EYE, PIXELS, RIGHT, UP, Scene, facets_seen, rendered
+from tribox.app.figures.rendering import render
+from tribox.app.figures.scenes import EYE, PIXELS, RIGHT, UP, Scene, facets_seen, rendered
 
 SQUARE = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
 

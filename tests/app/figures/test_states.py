@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from app.figures.states import states_to_draw
-from app.results import read
 from tests.app.figures.made_results import write_strip
+from tribox.app.figures.states import states_to_draw
+from tribox.app.results import read
 
 
 def drawn(tmp_path, **how) -> dict[str, tuple[int, str]]:

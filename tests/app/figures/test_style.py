@@ -8,8 +8,8 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 from PIL import Image
 
-from app.figures.png import write_png
-from app.figures.style import CASE_STYLE, MARGIN, save
+from tribox.app.figures.png import write_png
+from tribox.app.figures.style import CASE_STYLE, MARGIN, save
 
 
 def page(path) -> np.ndarray:

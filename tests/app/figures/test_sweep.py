@@ -7,11 +7,11 @@ import json
 import numpy as np
 import pytest
 
-from app.figures.run_figures import draw_figures
-from app.figures.sweep import MOST_LINES, sweep_figure, swept_values
-from app.results import read
 from tests.app.figures.made_results import history_row, write_rows
 from tests.app.figures.test_history import FORCES, SPEEDS, write_film
+from tribox.app.figures.run_figures import draw_figures
+from tribox.app.figures.sweep import MOST_LINES, sweep_figure, swept_values
+from tribox.app.results import read
 
 KEY = "contact.0.film.thickness"
 

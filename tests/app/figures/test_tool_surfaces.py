@@ -7,11 +7,11 @@ import pytest
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgba
 
-from app.figures import animation
-from app.figures.scenes import EYE, RIGHT, UP
-from app.figures.tool_lines import COLOUR
-from app.figures.tool_surfaces import VEIL, room_for, veil_of
 from tests.app.figures.test_scenes import SQUARE, scene
+from tribox.app.figures import animation
+from tribox.app.figures.scenes import EYE, RIGHT, UP
+from tribox.app.figures.tool_lines import COLOUR
+from tribox.app.figures.tool_surfaces import VEIL, room_for, veil_of
 
 SMALL = (SQUARE - 0.5) * [0.4, 0.0, 0.4] + [0.5, 0.0, 0.5]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from app.figures.tractions import arc_of_points, slave_line
+from tribox.app.figures.tractions import arc_of_points, slave_line
 
 CLOSED, OPEN = True, False
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from app.figures.units import fitting
+from tribox.app.figures.units import fitting
 
 
 @pytest.mark.parametrize(

@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.case.reading import load_case
-from app.errors import InputError
-from app.fit.calibration import Calibration
-from app.fit.data import TribometerData, read_data
-from app.fit.model import RANGES, coordinates, friction
-from app.fit.run import fit_setup, run_fit
-from forms.closed_forms.homogeneous_sliding import steady_traction
-from forms.friction.friction_map import FrictionMap
-from forms.friction.parameters import FrictionMapParameters, with_preset
+from tribox.app.case.reading import load_case
+from tribox.app.errors import InputError
+from tribox.app.fit.calibration import Calibration
+from tribox.app.fit.data import TribometerData, read_data
+from tribox.app.fit.model import RANGES, coordinates, friction
+from tribox.app.fit.run import fit_setup, run_fit
+from tribox.forms.closed_forms.homogeneous_sliding import steady_traction
+from tribox.forms.friction.friction_map import FrictionMap
+from tribox.forms.friction.parameters import FrictionMapParameters, with_preset
 
 ROOT = Path(__file__).parents[3]
 SYNTHETIC = ROOT / "cases" / "data" / "tribometer-synthetic.csv"

@@ -11,17 +11,17 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from app.errors import InputError
-from app.friction_map.figures import _jump, _start_stop
-from app.friction_map.material_point import Phase, follow, slide_to_steady
-from app.friction_map.material_tests import compute_map
-from app.friction_map.run import run_map
-from app.friction_map.setup import law_notes, map_setup
-from app.results.directory import check_free
-from forms.closed_forms.homogeneous_sliding import effective_viscosity, threshold_speed
-from forms.friction.friction_map import FrictionMap
-from forms.friction.law import Regime
-from forms.friction.parameters import FrictionMapParameters, with_preset
+from tribox.app.errors import InputError
+from tribox.app.friction_map.figures import _jump, _start_stop
+from tribox.app.friction_map.material_point import Phase, follow, slide_to_steady
+from tribox.app.friction_map.material_tests import compute_map
+from tribox.app.friction_map.run import run_map
+from tribox.app.friction_map.setup import law_notes, map_setup
+from tribox.app.results.directory import check_free
+from tribox.forms.closed_forms.homogeneous_sliding import effective_viscosity, threshold_speed
+from tribox.forms.friction.friction_map import FrictionMap
+from tribox.forms.friction.law import Regime
+from tribox.forms.friction.parameters import FrictionMapParameters, with_preset
 
 CASES = Path(__file__).parents[3] / "cases"
 FILES = {

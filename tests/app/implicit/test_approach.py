@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-import app.implicit.approach
-from app.implicit.approach import Pace, distance, is_adrift, strays
+import tribox.app.implicit.approach
+from tribox.app.implicit.approach import Pace, distance, is_adrift, strays
 
 LENGTH = 0.2  # m, of the slave's facets
 
@@ -55,7 +55,7 @@ def test_a_start_that_moves_a_loose_body_by_a_facet_strays(way):
 
 def test_a_loose_body_under_load_that_touches_nothing_is_adrift(monkeypatch):
     loads = np.array([2.0])
-    monkeypatch.setattr(app.implicit.approach, "unbalanced_loads", lambda attempt: loads)
+    monkeypatch.setattr(tribox.app.implicit.approach, "unbalanced_loads", lambda attempt: loads)
     apart, touching = contact([0.1, 0.2]), contact([0.0, 0.2], closed=True)
     assert is_adrift(attempt_of(apart))
     assert not is_adrift(attempt_of(touching))

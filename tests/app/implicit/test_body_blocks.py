@@ -10,25 +10,25 @@ import scipy.sparse
 import scipy.sparse.linalg
 from mpi4py import MPI
 
-from app.build.model import build_model
-from app.case.case import Case
-from app.equilibrium.constraints import Platen, component_dofs
-from app.equilibrium.equilibrium import Equilibrium
-from app.implicit import body_blocks, body_by_body
-from app.implicit.body_blocks import FAILED, TOO_MANY, BodyBlocks
-from app.implicit.body_by_body import BodyByBody
-from app.implicit.coupled_factor import CoupledFactor
-from app.implicit.kept_bodies import kept_bodies, stiff_solids, young_modulus
-from app.simulation.observer import Observer
-from app.simulation.simulation import Simulation
-from forms.bodies.materials import NeoHookean
-from forms.contact.penalty import ContactTerm
 from tests.app.checkpoint.going_on import as_killed, case_of, numbers, run, state_of, unlike
 from tests.app.checkpoint.small_cases import COARSE, STAGES, changed
 from tests.app.conftest import BLOCK
 from tests.app.equilibrium.test_equilibrium import coulomb
 from tests.app.implicit.test_linear_solver import new_solver
 from tests.conftest import SOFT
+from tribox.app.build.model import build_model
+from tribox.app.case.case import Case
+from tribox.app.equilibrium.constraints import Platen, component_dofs
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.implicit import body_blocks, body_by_body
+from tribox.app.implicit.body_blocks import FAILED, TOO_MANY, BodyBlocks
+from tribox.app.implicit.body_by_body import BodyByBody
+from tribox.app.implicit.coupled_factor import CoupledFactor
+from tribox.app.implicit.kept_bodies import kept_bodies, stiff_solids, young_modulus
+from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.simulation import Simulation
+from tribox.forms.bodies.materials import NeoHookean
+from tribox.forms.contact.penalty import ContactTerm
 
 METAL = NeoHookean(shear_modulus=3000.0, bulk_modulus=8000.0)
 

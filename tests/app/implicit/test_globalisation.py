@@ -7,13 +7,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from app.equilibrium.step_mode import StepMode
-from app.implicit.approach import HeldApproach
-from app.implicit.attempt import Attempt
-from app.implicit.globalisation import APPROACH, SEARCH, LinearStart, phases_after
-from app.implicit.linear_solver import LinearSolver
-from app.implicit.newton import EDGED, KINKED, NEWTON_PHASES, STALLED, Newton
-from app.implicit.options import ImplicitOptions
+from tribox.app.equilibrium.step_mode import StepMode
+from tribox.app.implicit.approach import HeldApproach
+from tribox.app.implicit.attempt import Attempt
+from tribox.app.implicit.globalisation import APPROACH, SEARCH, LinearStart, phases_after
+from tribox.app.implicit.linear_solver import LinearSolver
+from tribox.app.implicit.newton import EDGED, KINKED, NEWTON_PHASES, STALLED, Newton
+from tribox.app.implicit.options import ImplicitOptions
 
 
 def attempt(near, contacts=1, pressed=True, loose=()):

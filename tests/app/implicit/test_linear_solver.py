@@ -9,22 +9,22 @@ import pytest
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from app.build.model import build_model
-from app.case.case import Case
-from app.equilibrium.equilibrium import Equilibrium
-from app.implicit import multigrid
-from app.implicit.coupled_factor import DIRECT
-from app.implicit.globalisation import SoftContact
-from app.implicit.linear_solver import DIRECT_LIMIT, LinearSolver, linear_options
-from app.implicit.multigrid import KRYLOV, Multigrid
-from app.implicit.newton import Newton
-from app.simulation.observer import Observer
-from app.simulation.simulation import Simulation
-from forms.bodies.solid import Solid
 from tests.app.conftest import BLOCK, BOXES
 from tests.app.equilibrium.test_equilibrium import coulomb
 from tests.conftest import SOFT
 from tests.contact_boxes import two_boxes
+from tribox.app.build.model import build_model
+from tribox.app.case.case import Case
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.implicit import multigrid
+from tribox.app.implicit.coupled_factor import DIRECT
+from tribox.app.implicit.globalisation import SoftContact
+from tribox.app.implicit.linear_solver import DIRECT_LIMIT, LinearSolver, linear_options
+from tribox.app.implicit.multigrid import KRYLOV, Multigrid
+from tribox.app.implicit.newton import Newton
+from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.simulation import Simulation
+from tribox.forms.bodies.solid import Solid
 
 
 class CoarseStates(Observer):

@@ -7,15 +7,15 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-import app.implicit.newton
-import app.implicit.predictor
-from app.equilibrium.constraints import Platen
-from app.equilibrium.step_mode import StepMode
-from app.implicit.options import ImplicitOptions
-from app.implicit.predictor import Predictor
-from app.implicit.stepper import ImplicitStepper
-from forms.friction.law import Regime
+import tribox.app.implicit.newton
+import tribox.app.implicit.predictor
 from tests.app.equilibrium.test_equilibrium import FILM, coulomb, film_map
+from tribox.app.equilibrium.constraints import Platen
+from tribox.app.equilibrium.step_mode import StepMode
+from tribox.app.implicit.options import ImplicitOptions
+from tribox.app.implicit.predictor import Predictor
+from tribox.app.implicit.stepper import ImplicitStepper
+from tribox.forms.friction.law import Regime
 
 
 @pytest.fixture
@@ -24,13 +24,13 @@ def unaided(monkeypatch):
 
     What the predictor and an old factorisation do for a step would hide the order of the method.
     """
-    monkeypatch.setattr(app.implicit.predictor, "HIGHEST_ORDER", 1)
+    monkeypatch.setattr(tribox.app.implicit.predictor, "HIGHEST_ORDER", 1)
     monkeypatch.setattr(
         Predictor,
         "_continue",
         lambda self, x, trial, ratio, step: self._extrapolate(trial, ratio, step),
     )
-    monkeypatch.setattr(app.implicit.newton, "REUSE_SAFETY", np.inf)
+    monkeypatch.setattr(tribox.app.implicit.newton, "REUSE_SAFETY", np.inf)
 
 
 def pressed_and_slid(pair, law, film=0.0, moves=(), tolerance=1e-13):

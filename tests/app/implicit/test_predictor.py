@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-import app.implicit.predictor
-from app.build.load_steps import load_steps_of
-from app.build.model import build_model
-from app.case.case import Case
-from app.equilibrium.step_mode import StepMode
-from app.implicit.predictor import Predictor, lagrange_weights
-from app.simulation.observer import Observer
-from app.simulation.simulation import Simulation
+import tribox.app.implicit.predictor
 from tests.app.conftest import BLOCK
+from tribox.app.build.load_steps import load_steps_of
+from tribox.app.build.model import build_model
+from tribox.app.case.case import Case
+from tribox.app.equilibrium.step_mode import StepMode
+from tribox.app.implicit.predictor import Predictor, lagrange_weights
+from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.simulation import Simulation
 
 
 def test_extrapolation_is_exact_for_a_cubic_on_uneven_parameters():
@@ -115,7 +115,7 @@ def test_a_body_that_sticks_is_not_predicted_to_slide(monkeypatch):
     trial = stepper.problem.new_vector()
     assert stepper.predictor.predict(stepper.x, trial) == 1
     start = trial.array_r.copy()
-    monkeypatch.setattr(app.implicit.predictor, "FAR_OFF", 0.0)
+    monkeypatch.setattr(tribox.app.implicit.predictor, "FAR_OFF", 0.0)
     assert stepper.predictor.predict(stepper.x, trial) == 2
     np.testing.assert_array_equal(trial.array_r, start)
 

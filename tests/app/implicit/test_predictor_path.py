@@ -10,8 +10,8 @@ import pytest
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from app.equilibrium.step_mode import StepMode
-from app.implicit.predictor import CORRECTIONS, Predictor
+from tribox.app.equilibrium.step_mode import StepMode
+from tribox.app.implicit.predictor import CORRECTIONS, Predictor
 
 
 class Known:

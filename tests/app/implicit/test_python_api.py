@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from app.implicit.stepper import NotConvergedError
+from tribox.app.implicit.stepper import NotConvergedError
 
 PAGE = Path(__file__).parents[3] / "docs" / "python-api.md"
 BLOCK = re.compile(r"```(python|text)\n(.*?)```", re.DOTALL)

@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app.build.model import build_model
-from app.case.case import Case
-from app.equilibrium.step_mode import StepMode
-from app.implicit.globalisation import APPROACH, SEARCH, PredictedStart
-from app.implicit.options import ImplicitOptions
-from app.implicit.stepper import ImplicitStepper
-from app.simulation.observer import Observer
-from app.simulation.simulation import Simulation
-from forms.contact.penalty import ContactTerm
 from tests.app.conftest import BOXES
+from tribox.app.build.model import build_model
+from tribox.app.case.case import Case
+from tribox.app.equilibrium.step_mode import StepMode
+from tribox.app.implicit.globalisation import APPROACH, SEARCH, PredictedStart
+from tribox.app.implicit.options import ImplicitOptions
+from tribox.app.implicit.stepper import ImplicitStepper
+from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.simulation import Simulation
+from tribox.forms.contact.penalty import ContactTerm
 
 # A soft cylinder on a soft block: most of the contact zone closes in the first step, all of it with
 # points that open and close against each other's facets.

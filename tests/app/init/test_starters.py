@@ -10,13 +10,13 @@ from pathlib import Path
 
 import pytest
 
-from app.case.reading import check_case
-from app.case.schema import FILE_NAME, json_schema
-from app.errors import InputError
-from app.init import starters
-from app.init.starters import KINDS, write_starter
-from geometry.meshes.drawing import mesh_drawing
-from geometry.meshes.gmsh_model import MeshError
+from tribox.app.case.reading import check_case
+from tribox.app.case.schema import FILE_NAME, json_schema
+from tribox.app.errors import InputError
+from tribox.app.init import starters
+from tribox.app.init.starters import KINDS, write_starter
+from tribox.geometry.meshes.drawing import mesh_drawing
+from tribox.geometry.meshes.gmsh_model import MeshError
 
 MESHED = ("own-mesh",)
 
@@ -76,7 +76,7 @@ def test_every_starter_is_listed():
 @pytest.mark.parametrize("kind", KINDS)
 def test_comments_are_in_step_with_the_program(kind):
     """Commands and files that a starter speaks of are there, and so are the commented tables."""
-    from app.cli import cli
+    from tribox.app.cli import cli
 
     text = (starters.HERE / f"{kind}.toml").read_text(encoding="utf-8")
     spoken = set(re.findall(r"#.*?\btribox (\w+)", text))

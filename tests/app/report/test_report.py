@@ -15,14 +15,14 @@ import pytest
 from pandas import DataFrame
 from PIL import Image
 
-from app.case.given import given_keys
-from app.case.reading import load_case
-from app.errors import InputError
-from app.report.page import write_report
-from app.report.pictures import pictures_of
-from app.report.tables import end_table, frame_table, load_step_table, sweep_table
-from app.report.verdicts import UNBALANCED
-from app.simulation.history import COLUMNS
+from tribox.app.case.given import given_keys
+from tribox.app.case.reading import load_case
+from tribox.app.errors import InputError
+from tribox.app.report.page import write_report
+from tribox.app.report.pictures import pictures_of
+from tribox.app.report.tables import end_table, frame_table, load_step_table, sweep_table
+from tribox.app.report.verdicts import UNBALANCED
+from tribox.app.simulation.history import COLUMNS
 
 ROOT = Path(__file__).parents[3]
 EVIL = "<script>alert('a & b')</script>"
@@ -187,7 +187,7 @@ def test_the_energy_verdict_has_its_number(tmp_path, film, gap, word):
 
 
 def test_the_limit_of_the_balance_is_the_recorders():
-    from app.results import recorder
+    from tribox.app.results import recorder
 
     assert UNBALANCED == recorder.UNBALANCED
 
@@ -232,7 +232,7 @@ def test_a_sweep_has_a_table_and_a_section_for_each_value(tmp_path, block):
 
 def test_the_command_loads_no_solver_and_keeps_what_is_there(run, tmp_path, tribox):
     done = subprocess.run(
-        [sys.executable, "-c", "import sys; from app.report.page import write_report; "
+        [sys.executable, "-c", "import sys; from tribox.app.report.page import write_report; "
          "from pathlib import Path; write_report(Path(sys.argv[1])); "
          "print([m for m in ('dolfinx', 'petsc4py', 'mpi4py', 'pint') if m in sys.modules])",
          str(run)],

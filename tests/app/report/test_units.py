@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.case.quantities import COMMON_UNITS, format_quantity, parse_quantity
-from app.report.units import readable
+from tribox.app.case.quantities import COMMON_UNITS, format_quantity, parse_quantity
+from tribox.app.report.units import readable
 
 
 @pytest.mark.parametrize(

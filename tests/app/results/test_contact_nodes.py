@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app.build.model import Model, build_model
-from app.case.case import Case
-from app.results.contact_nodes import ContactNodes, contact_nodes
-from app.results.contact_points import contact_arrays
-from app.results.contact_series import ContactSeries
-from app.simulation.observer import Observer
-from app.simulation.simulation import Simulation
+from tribox.app.build.model import Model, build_model
+from tribox.app.case.case import Case
+from tribox.app.results.contact_nodes import ContactNodes, contact_nodes
+from tribox.app.results.contact_points import contact_arrays
+from tribox.app.results.contact_series import ContactSeries
+from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.simulation import Simulation
 
 SPACE = """
 [geometry]

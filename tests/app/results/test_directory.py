@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from app.errors import InputError, OutputError
-from app.results.directory import (
+from tribox.app.errors import InputError, OutputError
+from tribox.app.results.directory import (
     OWN,
     check_free,
     default_directory,
@@ -18,7 +18,7 @@ from app.results.directory import (
     write_table,
     write_text,
 )
-from app.results.earlier_sweep import sweep_labels
+from tribox.app.results.earlier_sweep import sweep_labels
 
 
 def make(directory: Path, *names: str) -> None:

@@ -14,14 +14,14 @@ import pyvista
 from mpi4py import MPI
 from vtkmodules.vtkCommonCore import reference as reference_to
 
-from app.results.bp_files import BpWriter
-from app.results.field_series import FieldSeries
-from forms.bodies.materials import NeoHookean
-from forms.bodies.solid import Solid
-from geometry.generators.two_blocks import Block, TwoBlocks
-from geometry.generators.two_boxes import Box, TwoBoxes
-from geometry.meshes.mesh import generate
 from tests.grid import grid
+from tribox.app.results.bp_files import BpWriter
+from tribox.app.results.field_series import FieldSeries
+from tribox.forms.bodies.materials import NeoHookean
+from tribox.forms.bodies.solid import Solid
+from tribox.geometry.generators.two_blocks import Block, TwoBlocks
+from tribox.geometry.generators.two_boxes import Box, TwoBoxes
+from tribox.geometry.meshes.mesh import generate
 
 G, K = 2.0e6, 5.0e6
 MATERIAL = NeoHookean(G, K)

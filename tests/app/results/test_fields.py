@@ -7,13 +7,13 @@ import dolfinx
 import numpy as np
 import pytest
 
-from app.results.bp_files import BpWriter
-from app.results.fields import StressField
-from forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, shear_and_bulk
-from forms.bodies.solid import Solid
-from forms.friction.coulomb import FrictionlessLaw
 from tests.contact_boxes import Scene
 from tests.grid import grid
+from tribox.app.results.bp_files import BpWriter
+from tribox.app.results.fields import StressField
+from tribox.forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, shear_and_bulk
+from tribox.forms.bodies.solid import Solid
+from tribox.forms.friction.coulomb import FrictionlessLaw
 
 E, NU = 3.0e6, 0.4
 

@@ -9,15 +9,15 @@ import meshio
 import numpy as np
 import pytest
 
-from app.figures.body_shapes import read_bodies
-from app.results.field_series import FieldSeries
-from forms.bodies.elastoplastic import ElastoPlastic
-from forms.bodies.hardening import Linear
-from forms.bodies.plastic_solid import make_solid
-from forms.bodies.point_stress import triaxiality
 from tests.app.checkpoint.going_on import case_of, run
 from tests.flowing import soft_block
 from tests.grid import grid
+from tribox.app.figures.body_shapes import read_bodies
+from tribox.app.results.field_series import FieldSeries
+from tribox.forms.bodies.elastoplastic import ElastoPlastic
+from tribox.forms.bodies.hardening import Linear
+from tribox.forms.bodies.plastic_solid import make_solid
+from tribox.forms.bodies.point_stress import triaxiality
 
 G, K, Y, H = 1.0, 5.0, 0.02, 0.1
 

@@ -11,13 +11,13 @@ from pathlib import Path
 import pytest
 from mpi4py import MPI
 
-from app.case.case import Case
-from app.case.reading import load_case
-from app.errors import InputError
-from app.results.inputs import input_files, keep_inputs, sha256_of, write_case
-from app.run.run import run_case
-from geometry.meshes.gmsh_model import write_msh
 from tests.own_law import documented_law, with_law
+from tribox.app.case.case import Case
+from tribox.app.case.reading import load_case
+from tribox.app.errors import InputError
+from tribox.app.results.inputs import input_files, keep_inputs, sha256_of, write_case
+from tribox.app.run.run import run_case
+from tribox.geometry.meshes.gmsh_model import write_msh
 
 
 @pytest.fixture

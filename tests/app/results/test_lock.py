@@ -14,16 +14,16 @@ from pathlib import Path
 
 import pytest
 
-from app.errors import InputError, OutputError
-from app.results.claim import Claim, claimed
-from app.results.directory import LOCK
-from app.results.lock import DirectoryLock, owner_of
 from tests.ranks import ROOT
+from tribox.app.errors import InputError, OutputError
+from tribox.app.results.claim import Claim, claimed
+from tribox.app.results.directory import LOCK
+from tribox.app.results.lock import DirectoryLock, owner_of
 
 HOLD = """
 import sys, time
 from pathlib import Path
-from app.results.lock import DirectoryLock
+from tribox.app.results.lock import DirectoryLock
 DirectoryLock(Path(sys.argv[1])).take()
 print("taken", flush=True)
 time.sleep(60)

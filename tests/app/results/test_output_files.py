@@ -12,17 +12,17 @@ import pytest
 import pyvista
 from mpi4py import MPI
 
-from app.build.model import build_model
-from app.case.case import Case
-from app.errors import InputError
-from app.results import Results, read
-from app.results.directory import prepare
-from app.results.recorder import Recorder
-from app.run.progress import Together
-from app.simulation.history import COLUMNS
-from app.simulation.observer import Observer
-from app.simulation.simulation import Simulation
 from tests.app.results.test_contact_nodes import SPACE
+from tribox.app.build.model import build_model
+from tribox.app.case.case import Case
+from tribox.app.errors import InputError
+from tribox.app.results import Results, read
+from tribox.app.results.directory import prepare
+from tribox.app.results.recorder import Recorder
+from tribox.app.run.progress import Together
+from tribox.app.simulation.history import COLUMNS
+from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.simulation import Simulation
 
 ROOT = Path(__file__).parents[3]
 SERIES = ("fields", "contact", "contact_points")

@@ -13,17 +13,17 @@ import pytest
 from mpi4py import MPI
 from scipy.optimize import fsolve
 
-from app.build.model import build_model
-from app.case.case import Case
-from app.results.body_probes import BodyProbes
-from app.results.contact_probes import arc_length
-from app.results.directory import check_free, read_table
-from app.results.point_probes import PointProbes
-from app.results.probes import ProbeRecorder
-from app.results.reading import read
-from app.run import run as running
-from app.simulation.simulation import Simulation
 from tests.app.conftest import BLOCK, BOXES, SLID
+from tribox.app.build.model import build_model
+from tribox.app.case.case import Case
+from tribox.app.results.body_probes import BodyProbes
+from tribox.app.results.contact_probes import arc_length
+from tribox.app.results.directory import check_free, read_table
+from tribox.app.results.point_probes import PointProbes
+from tribox.app.results.probes import ProbeRecorder
+from tribox.app.results.reading import read
+from tribox.app.run import run as running
+from tribox.app.simulation.simulation import Simulation
 
 PRESSURE = 0.4e6
 # Two like blocks that may widen freely and carry the same pressure everywhere.
@@ -429,7 +429,7 @@ def numbers(comm, directory):
     with pytest.MonkeyPatch.context() as patch:
         # What a rank does not fill must not be used: it may be a number, or none.
         filled = vars(np) | {"empty_like": lambda like: np.full_like(like, np.nan)}
-        patch.setattr("app.results.point_probes.np", SimpleNamespace(**filled))
+        patch.setattr("tribox.app.results.point_probes.np", SimpleNamespace(**filled))
         simulation.run(recorder)
     if comm.rank:
         return None

@@ -9,9 +9,9 @@ import shutil
 import pytest
 from mpi4py import MPI
 
-from app.errors import OutputError
-from app.results.directory import GrowingTable, read_table, write_text
-from app.results.saving import SIZE, Reserve, Saving
+from tribox.app.errors import OutputError
+from tribox.app.results.directory import GrowingTable, read_table, write_text
+from tribox.app.results.saving import SIZE, Reserve, Saving
 
 
 def full(*arguments: object) -> None:

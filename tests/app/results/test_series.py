@@ -6,8 +6,8 @@ import xml.etree.ElementTree as ET
 
 import pytest
 
-from app.results import series as module
-from app.results.series import SHARE, Series
+from tribox.app.results import series as module
+from tribox.app.results.series import SHARE, Series
 
 
 def listed(directory) -> list[tuple[float, str]]:

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import pyvista
 
-from app.results.vtu import BLOCK, Cells, pack, with_three_components, write_vtu
-from app.results.vtu_reading import Grid, UnknownVtuError, read_vtu
+from tribox.app.results.vtu import BLOCK, Cells, pack, with_three_components, write_vtu
+from tribox.app.results.vtu_reading import Grid, UnknownVtuError, read_vtu
 
 TRIANGLE, VERTEX = 5, 1
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from app.errors import InputError
-from app.run.cache import VARIABLE, ensure_cache
+from tribox.app.errors import InputError
+from tribox.app.run.cache import VARIABLE, ensure_cache
 
 
 @pytest.fixture

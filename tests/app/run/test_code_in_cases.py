@@ -10,14 +10,14 @@ from typing import Any
 import pytest
 from mpi4py import MPI
 
-from app.case.case import Case
-from app.case.reading import load_case
-from app.errors import SolutionError
-from app.results import read
-from app.run.run import run_case
 from tests.app.conftest import BLOCK
 from tests.own_law import OWN, documented_law, mischief, with_law
 from tests.ranks import command
+from tribox.app.case.case import Case
+from tribox.app.case.reading import load_case
+from tribox.app.errors import SolutionError
+from tribox.app.results import read
+from tribox.app.run.run import run_case
 
 FEW = 'steps = 3\n[[stage]]\nname = "slide"\nduration = "1 s"\nsteps = 6'
 

@@ -7,12 +7,12 @@ import tomllib
 import pytest
 from mpi4py import MPI
 
-from app.case.case import Case
-from app.errors import Interrupted
-from app.figures import run_figures
-from app.results import Results
-from app.run.run import run_case
-from app.simulation.observer import Observer
+from tribox.app.case.case import Case
+from tribox.app.errors import Interrupted
+from tribox.app.figures import run_figures
+from tribox.app.results import Results
+from tribox.app.run.run import run_case
+from tribox.app.simulation.observer import Observer
 
 
 def small(block: str) -> Case:
@@ -34,7 +34,7 @@ def test_a_figure_that_cannot_be_drawn_is_a_warning(block, tmp_path, monkeypatch
 
 
 def test_an_interrupted_run_has_figures(block, tmp_path, monkeypatch):
-    from app.run import progress
+    from tribox.app.run import progress
 
     def stop(self, state, row, result) -> None:
         raise Interrupted

@@ -18,13 +18,13 @@ from unittest.mock import patch
 
 import pytest
 
-from app.case.case import Case
-from app.errors import OutputError
-from app.results import read
-from app.results.directory import RESERVE, GrowingFile
-from app.run.progress import Together
-from app.run.run import run_case
 from tests.app.conftest import BLOCK
+from tribox.app.case.case import Case
+from tribox.app.errors import OutputError
+from tribox.app.results import read
+from tribox.app.results.directory import RESERVE, GrowingFile
+from tribox.app.run.progress import Together
+from tribox.app.run.run import run_case
 
 FROM = 4  # the step from which the disk is full, or the directory gone
 APPEND, STEP = GrowingFile.append, Together.step
@@ -54,7 +54,7 @@ def full(directory: Path, what: str) -> Iterator[None]:
             with patch.object(GrowingFile, "append", append):
                 yield
         else:
-            name = f"app.results.{what}_series.write_vtu"
+            name = f"tribox.app.results.{what}_series.write_vtu"
             with patch(name, lambda *a: no_room() if a[-1] >= FROM else None):
                 yield
 
@@ -141,7 +141,7 @@ def test_a_disk_that_becomes_full_in_truth(
     words = ["run", str(case_file(block)), "--out", str(out), "--np", str(ranks)]
     words += ["--set", "stage.1.steps=500", "--set", f"output.formats={formats}"]
     told = subprocess.run(
-        [sys.executable, "-m", "app", *words],
+        [sys.executable, "-m", "tribox", *words],
         env=environment,
         capture_output=True,
         text=True,

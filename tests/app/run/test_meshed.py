@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app.build.mesh import make_mesh
-from app.case.reading import load_case
-from app.errors import InputError
-from app.results import read
-from app.run.run import run_case
-from geometry.meshes.gmsh_model import gmsh_session
 from tests.geometry.meshes.test_mesh import resultants
+from tribox.app.build.mesh import make_mesh
+from tribox.app.case.reading import load_case
+from tribox.app.errors import InputError
+from tribox.app.results import read
+from tribox.app.run.run import run_case
+from tribox.geometry.meshes.gmsh_model import gmsh_session
 
 GEO = """
 SetFactory("OpenCASCADE");
@@ -98,7 +98,7 @@ def test_sizes_on_surfaces_and_in_bodies_are_those_of_the_cells(drawn):
         ('surfaces = { "other" = [1] }', "may be in one only"),
         ('sizes = { rim = "9 mm" }', "geometry.sizes.rim = 0.009: is larger than size = 0.008 m"),
         ("order = 3", "geometry.order = 3"),
-        ("surfaces = { far = [] }", "geometry.surfaces.far"),
+        ("surfaces = { far = [] }", "tribox.geometry.surfaces.far"),
     ],
 )
 def test_what_a_drawing_cannot_have_is_one_line(drawn, keys, said):
@@ -137,8 +137,8 @@ def test_a_run_goes_on_with_the_mesh_it_began_with(drawn, tmp_path, monkeypatch)
     assert began.case.geometry.meshed == out / "inputs" / "bar.msh"
     assert (out / "inputs" / "bar.geo").read_text() == GEO
     # Nothing is drawn again, neither of the results ...
-    monkeypatch.setattr("app.run.meshed.mesh_drawing", None)
-    monkeypatch.setattr("geometry.meshes.mesh.mesh_drawing", None)
+    monkeypatch.setattr("tribox.app.run.meshed.mesh_drawing", None)
+    monkeypatch.setattr("tribox.geometry.meshes.mesh.mesh_drawing", None)
     again = run_case(load_case(out / "case.toml"), tmp_path / "again", quiet=True)
     assert np.array_equal(read(tmp_path / "again").fields().points, began.fields().points)
     assert [row.strain_energy for row in again.rows] == began.history["strain_energy"].tolist()

@@ -24,7 +24,7 @@ NOT_NEEDED = (
     *("matplotlib.pyplot", "matplotlib.animation", "mpl_toolkits.axes_grid1"),
     *("scipy.optimize", "scipy.integrate", "scipy.interpolate", "scipy.stats", "scipy.cluster"),
 )
-# Runs the program as `python3 -m app` does, and tells what has been loaded by then.
+# Runs the program as `python3 -m tribox` does, and tells what has been loaded by then.
 SCRIPT = f"""
 import json, runpy, sys
 sys.argv = ["tribox", *sys.argv[1:]]
@@ -32,7 +32,7 @@ try:
     runpy.run_module("app", run_name="__main__", alter_sys=True)
 except SystemExit as end:
     assert not end.code, end.code
-late = __import__("app.run.late_modules", fromlist=["LATE"]).LATE
+late = __import__("tribox.app.run.late_modules", fromlist=["LATE"]).LATE
 waiting = [n for n in late if type(sys.modules.get(n)).__name__ == "_LazyModule"]
 found = [name for name in {NOT_NEEDED!r} if name in sys.modules]
 print(json.dumps([found, sorted(waiting), "matplotlib.figure" in sys.modules]), file=sys.stderr)
@@ -53,7 +53,7 @@ def test_a_run_with_figures_loads_what_it_needs(case_file, block, tmp_path):
 
 def test_what_waits_is_there_when_it_is_asked_for():
     script = """
-from app.run.late_modules import LATE, load_late
+from tribox.app.run.late_modules import LATE, load_late
 load_late()
 import sys
 import numpy, scipy.sparse, scipy.spatial

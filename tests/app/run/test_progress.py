@@ -8,14 +8,14 @@ from types import SimpleNamespace
 import pytest
 from rich.console import Console
 
-from app.build.load_steps import load_steps_of
-from app.case.reading import load_case
-from app.implicit.stepper import StepResult
-from app.results.saving import Saving
-from app.run.progress import Reporter
-from app.run.sweep_lines import is_passing
-from app.simulation.history import COLUMNS, Row
-from app.simulation.observer import Interval
+from tribox.app.build.load_steps import load_steps_of
+from tribox.app.case.reading import load_case
+from tribox.app.implicit.stepper import StepResult
+from tribox.app.results.saving import Saving
+from tribox.app.run.progress import Reporter
+from tribox.app.run.sweep_lines import is_passing
+from tribox.app.simulation.history import COLUMNS, Row
+from tribox.app.simulation.observer import Interval
 
 
 class Terminal(io.StringIO):

@@ -15,9 +15,9 @@ from pathlib import Path
 
 import pytest
 
-from app.results import read
-from app.results.directory import LOCK, RESERVE
 from tests.app.simulation.test_explicit_run import THROWN
+from tribox.app.results import read
+from tribox.app.results.directory import LOCK, RESERVE
 
 STEP = re.compile(r"(\[.*\] )?(step|row|time step) +\d+ ")
 SWEEP = '[sweep]\nkey = "contact.0.friction.mu"\nvalues = [0.1, 0.2, 0.3]\n'
@@ -35,7 +35,7 @@ def start(case_file, block, environment, tmp_path) -> Iterator[Start]:
     def begin(kind: str, *words: str, steps: int = 5000, nohup: bool = False):
         path, out = case_file(texts.get(kind, block)), tmp_path / "out"
         length = [] if kind == "explicit" else ["--set", f"stage.1.steps={steps}"]
-        command = [sys.executable, "-m", "app", "run", str(path), "--out", str(out), *length]
+        command = [sys.executable, "-m", "tribox", "run", str(path), "--out", str(out), *length]
         hangup = signal.SIG_IGN if nohup else signal.SIG_DFL
         process = subprocess.Popen(
             [*command, *words],
@@ -240,7 +240,7 @@ def test_a_killed_run_is_readable_and_in_nobodys_way(start, environment, tmp_pat
     assert results.summary["status"] == "running" and len(results.history) >= 3
     assert list(results.history.step) == list(range(1, len(results.history) + 1))
     assert len(results.fields().points) and results.steps[0] == 1
-    command = [sys.executable, "-m", "app", "report", str(out)]
+    command = [sys.executable, "-m", "tribox", "report", str(out)]
     told = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
     assert "note: the run ended from outside; this is what it had written" in told.stdout
     again = start("single", "--force", steps=1)
@@ -255,7 +255,7 @@ def test_what_is_printed_to_nobody_is_no_traceback(environment, target, code):
     else:
         writer = os.open(target, os.O_WRONLY)
     try:
-        command = [sys.executable, "-m", "app", "schema"]
+        command = [sys.executable, "-m", "tribox", "schema"]
         told = subprocess.run(
             command, env=environment, stdout=writer, stderr=subprocess.PIPE, text=True, check=False
         )

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 from rich.console import Console
 
-from app.case.reading import load_case
-from app.run.stage_bars import StageBars
-from app.run.stage_progress import StagesProgress, clock
+from tribox.app.case.reading import load_case
+from tribox.app.run.stage_bars import StageBars
+from tribox.app.run.stage_progress import StagesProgress, clock
 
 
 class Clock:

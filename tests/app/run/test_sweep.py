@@ -15,10 +15,10 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from app.case.reading import load_case
-from app.errors import InputError, SolutionError, TriboxError
-from app.run.sweep import Part, _summary_of_part, collate, part_command, run_side_by_side
-from app.run.sweep_lines import SweepLines, SweepScreen, sweep_lines
+from tribox.app.case.reading import load_case
+from tribox.app.errors import InputError, SolutionError, TriboxError
+from tribox.app.run.sweep import Part, _summary_of_part, collate, part_command, run_side_by_side
+from tribox.app.run.sweep_lines import SweepLines, SweepScreen, sweep_lines
 
 
 def part(label: str, program: str) -> Part:
@@ -120,7 +120,7 @@ def test_lines_are_plain_where_there_is_no_terminal(monkeypatch, terminal, term,
 
 def test_commands_name_case_value_and_directory():
     command = part_command(Path("a.toml"), 2, Path("out/x"), ["--set", "a=1"])
-    assert command[:3] == [sys.executable, "-m", "app"]
+    assert command[:3] == [sys.executable, "-m", "tribox"]
     assert command[3:] == ["run", "a.toml", "--part", "2", "--out", "out/x", "--set", "a=1"]
 
 
@@ -168,7 +168,7 @@ def test_ctrl_c_ends_a_sweep_at_once_with_valid_parts(case_file, block, environm
     path = case_file(block + '[sweep]\nkey = "contact.0.friction.mu"' + values)
     words = ["run", str(path), "--jobs", "1", "--out", str(tmp_path / "out")]
     with subprocess.Popen(
-        [sys.executable, "-m", "app", *words, "--set", "stage.1.steps=2000"],
+        [sys.executable, "-m", "tribox", *words, "--set", "stage.1.steps=2000"],
         env=environment,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,

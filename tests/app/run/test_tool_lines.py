@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app.report.page import contents
-from app.results import read
-from app.run.run import run_case
 from tests.tool_cases import block_case, block_mesh, case_of, circle, plane
+from tribox.app.report.page import contents
+from tribox.app.results import read
+from tribox.app.run.run import run_case
 
 DOWN = {"y": [["0 s", "0 m"], ["1 s", "-50 um"], ["2 s", "-10 um"]]}
 TURN = {"angle": [["1 s", "0 rad"], ["2 s", "0.02 rad"]]}

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from mpi4py import MPI
 
-from app.build.model import build_model
-from app.case.reading import load_case
-from app.simulation.observer import Observer
-from app.simulation.simulation import Simulation
+from tribox.app.build.model import build_model
+from tribox.app.case.reading import load_case
+from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.simulation import Simulation
 
 CASE = Path(__file__).parents[3] / "cases" / "block-slide.toml"
 

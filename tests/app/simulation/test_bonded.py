@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app.build.model import build_model
-from app.case.reading import load_case
-from app.errors import InputError
-from app.results import read
 from tests.geometry.meshes.test_mesh import group, write_built
 from tests.ranks import command
+from tribox.app.build.model import build_model
+from tribox.app.case.reading import load_case
+from tribox.app.errors import InputError
+from tribox.app.results import read
 
 CASE = """
 title = "two materials, one piece"

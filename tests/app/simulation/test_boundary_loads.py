@@ -9,10 +9,10 @@ import pytest
 from mpi4py import MPI
 from scipy.optimize import fsolve
 
-from app.build.model import build_model
-from app.case.case import Case
-from app.simulation.observer import Observer
-from app.simulation.simulation import Simulation
+from tribox.app.build.model import build_model
+from tribox.app.case.case import Case
+from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.simulation import Simulation
 
 E, NU, WIDTH, HEIGHT, THICKNESS = 5e6, 0.4, 1e-3, 0.5e-3, 2e-3
 G, LAMBDA = E / (2.0 * (1.0 + NU)), E * NU / ((1.0 + NU) * (1.0 - 2.0 * NU))

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app.simulation.contact_resultants import contact_columns, measure_contact
-from forms.friction.coulomb import CoulombLaw, CoulombParameters
 from tests.contact_boxes import PENALTY, Scene
+from tribox.app.simulation.contact_resultants import contact_columns, measure_contact
+from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 
 DEPTH = 0.02
 PRESSURE = PENALTY * DEPTH

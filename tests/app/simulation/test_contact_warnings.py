@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from mpi4py import MPI
 
-from app.case.case import Case
-from app.run.run import run_case
+from tribox.app.case.case import Case
+from tribox.app.run.run import run_case
 
 # A stiff cylinder pressed into rubber, whose facets are straight.
 ROUND = """

@@ -16,16 +16,16 @@ import pytest
 from matplotlib.axes import Axes
 from mpi4py import MPI
 
-from app.build.model import build_model
-from app.case.case import Case
-from app.errors import SolutionError
-from app.explicit.stepper import ExplicitStepper
-from app.figures.phase_plots import draw_overlay
-from app.results.directory import read_table
-from app.run.run import run_case
-from app.simulation.observer import Observer
-from app.simulation.simulation import Simulation
 from tests.app.conftest import FILM, SLID
+from tribox.app.build.model import build_model
+from tribox.app.case.case import Case
+from tribox.app.errors import SolutionError
+from tribox.app.explicit.stepper import ExplicitStepper
+from tribox.app.figures.phase_plots import draw_overlay
+from tribox.app.results.directory import read_table
+from tribox.app.run.run import run_case
+from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.simulation import Simulation
 
 # A block thrown obliquely on aluminium: it touches, slides, and flies off again.
 THROWN = """
@@ -376,7 +376,7 @@ def test_a_long_interval_can_be_interrupted(case_file, environment, tmp_path):
     words = ["run", str(case_file(SLID)), "--out", str(out)]
     words += ["--set", "stage.1.duration=1 s", "--set", "stage.1.steps=1"]
     with subprocess.Popen(
-        [sys.executable, "-m", "app", *words],
+        [sys.executable, "-m", "tribox", *words],
         env=environment | {"PYTHONUNBUFFERED": "1"},
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app.case.reading import load_case
-from app.run.run import run_case
-from forms.closed_forms.homogeneous_sliding import threshold_speed
+from tribox.app.case.reading import load_case
+from tribox.app.run.run import run_case
+from tribox.forms.closed_forms.homogeneous_sliding import threshold_speed
 
 CASES = Path(__file__).parents[3] / "cases"
 

@@ -9,15 +9,15 @@ import pytest
 from mpi4py import MPI
 from scipy.integrate import quad
 
-from app.build.load_steps import LoadStep, load_steps_of
-from app.build.model import body_dofs, build_model, initial_velocity
-from app.case.case import Case, resolved_toml
-from app.case.reading import check_case, load_case
-from app.case.stage import Stage
-from app.case.time_tables import Program, TimeTable, smooth_step, smooth_step_integral
-from app.simulation.inertia import Inertia, notes_on_inertia
-from app.simulation.observer import Observer
-from app.simulation.simulation import Simulation
+from tribox.app.build.load_steps import LoadStep, load_steps_of
+from tribox.app.build.model import body_dofs, build_model, initial_velocity
+from tribox.app.case.case import Case, resolved_toml
+from tribox.app.case.reading import check_case, load_case
+from tribox.app.case.stage import Stage
+from tribox.app.case.time_tables import Program, TimeTable, smooth_step, smooth_step_integral
+from tribox.app.simulation.inertia import Inertia, notes_on_inertia
+from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.simulation import Simulation
 
 DENSE = {"elastomer": 1100.0, "aluminium": 2700.0}
 SPRING = {"direction": "x", "stiffness": 2000.0, "end": [[1.0, 0.0], [2.0, 3e-4]]}

@@ -7,14 +7,14 @@ import warnings
 import numpy as np
 import pytest
 
-from app.build.model import build_model
-from app.build.numbers import failures_as
-from app.case.reading import load_case
-from app.errors import InputError, SolutionError, TriboxError
-from app.run.building import notes_on_building
-from app.simulation.observer import Observer
-from app.simulation.simulation import Simulation
 from tests.app.conftest import BLOCK, FILM
+from tribox.app.build.model import build_model
+from tribox.app.build.numbers import failures_as
+from tribox.app.case.reading import load_case
+from tribox.app.errors import InputError, SolutionError, TriboxError
+from tribox.app.run.building import notes_on_building
+from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.simulation import Simulation
 
 EXPLICIT = (
     BLOCK.replace("nu = 0.45", 'nu = 0.45\ndensity = "1100 kg/m^3"')
@@ -72,7 +72,7 @@ def test_check_says_so_too(case_file):
 def test_an_explicit_stage_that_cannot_start_ends_the_run(case_file, monkeypatch):
     from mpi4py import MPI
 
-    from app.explicit import stepper
+    from tribox.app.explicit import stepper
 
     text = EXPLICIT.replace('name = "press"', 'name = "press"\nsolver = "implicit"')
     simulation = Simulation(build_model(load_case(case_file(text)), MPI.COMM_SELF))

@@ -14,25 +14,25 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app.build.model import build_model
-from app.build.supports import loose_directions
-from app.case.case import Case
-from app.equilibrium.pair_bodies import bodies_of
-from app.errors import SolutionError
-from app.implicit.stepper import StepResult
-from app.results import read
-from app.run.run import run_case
-from app.simulation.failure_diagnosis import (
+from tribox.app.build.model import build_model
+from tribox.app.build.supports import loose_directions
+from tribox.app.case.case import Case
+from tribox.app.equilibrium.pair_bodies import bodies_of
+from tribox.app.errors import SolutionError
+from tribox.app.implicit.stepper import StepResult
+from tribox.app.results import read
+from tribox.app.run.run import run_case
+from tribox.app.simulation.failure_diagnosis import (
     explain,
     most_squeezed,
 )
-from app.simulation.implicit_stage import ImplicitStage
-from app.simulation.observer import Observer
-from app.simulation.pair_bodies import penalty_factor
-from app.simulation.simulation import Simulation
-from forms.bodies.materials import NeoHookean
-from forms.bodies.solid import Solid
-from forms.friction.coulomb import CoulombLaw, CoulombParameters
+from tribox.app.simulation.implicit_stage import ImplicitStage
+from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.pair_bodies import penalty_factor
+from tribox.app.simulation.simulation import Simulation
+from tribox.forms.bodies.materials import NeoHookean
+from tribox.forms.bodies.solid import Solid
+from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 
 # Give up soon: what is tested is how.
 SOON = {"min_step_fraction": 0.3, "max_iterations": 12}

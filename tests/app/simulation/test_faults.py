@@ -10,12 +10,12 @@ import meshio
 import numpy as np
 import pytest
 
-from app.build.model import build_model
-from app.case.reading import load_case
-from app.errors import InputError, SolutionError
-from app.run.building import notes_on_building
-from app.run.run import run_case
-from app.simulation.simulation import Simulation
+from tribox.app.build.model import build_model
+from tribox.app.case.reading import load_case
+from tribox.app.errors import InputError, SolutionError
+from tribox.app.run.building import notes_on_building
+from tribox.app.run.run import run_case
+from tribox.app.simulation.simulation import Simulation
 
 SINGULAR = """
 [[boundary]]
@@ -52,7 +52,7 @@ def test_after_a_failure_the_contact_output_is_the_last_converged_state(
     monkeypatch, case_file, block, tmp_path
 ):
     case = load_case(case_file(block + "fields_every = 0\n[solver]\nmin_step_fraction = 0.4\n"))
-    from app.implicit.stepper import ImplicitStepper
+    from tribox.app.implicit.stepper import ImplicitStepper
 
     attempt = ImplicitStepper.attempt
     calls = []
@@ -78,7 +78,7 @@ def test_after_a_failure_the_contact_output_is_the_last_converged_state(
 
 
 def test_an_error_of_the_program_keeps_the_history(monkeypatch, case_file, block, tmp_path):
-    from app.results.recorder import Recorder
+    from tribox.app.results.recorder import Recorder
 
     def broken(self, simulation, row, result):
         if row.step == 2:
@@ -191,8 +191,8 @@ def test_no_film_at_all_has_figures_too(case_file, film, tmp_path):
 def test_a_load_step_whose_steps_are_all_cut_still_becomes_steady(monkeypatch, case_file, film):
     from mpi4py import MPI
 
-    from app.implicit.stepper import ImplicitStepper
-    from app.simulation.observer import Observer
+    from tribox.app.implicit.stepper import ImplicitStepper
+    from tribox.app.simulation.observer import Observer
 
     case = load_case(case_file(film.replace('["1e-5 m/s", "2e-3 m/s"]', '["1e-5 m/s"]')))
     attempt = ImplicitStepper.attempt

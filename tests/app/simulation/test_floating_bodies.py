@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app.case.case import Case
-from app.errors import SolutionError
-from app.run.run import run_case
+from tribox.app.case.case import Case
+from tribox.app.errors import SolutionError
+from tribox.app.run.run import run_case
 
 UNLOAD = """
 [geometry]

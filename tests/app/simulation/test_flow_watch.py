@@ -4,10 +4,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from app.build.mesh_notes import locking_bodies
-from app.simulation.flow_watch import FlowWatch
 from tests.app.checkpoint.going_on import case_of, run
 from tests.flowing import soft_block
+from tribox.app.build.mesh_notes import locking_bodies
+from tribox.app.simulation.flow_watch import FlowWatch
 
 
 @pytest.mark.parametrize(

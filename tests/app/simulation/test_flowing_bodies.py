@@ -6,17 +6,17 @@ import dolfinx
 import numpy as np
 import pytest
 
-from app.equilibrium.constraints import Prescribed, component_dofs
-from app.equilibrium.equilibrium import Equilibrium
-from app.explicit.options import ExplicitOptions
-from app.explicit.stepper import ExplicitStepper
-from app.implicit.options import ImplicitOptions
-from app.implicit.stepper import ImplicitStepper
-from app.simulation.energy_balance import EnergyBalance
-from forms.bodies.elastoplastic import ElastoPlastic
-from forms.bodies.hardening import Perzyna, Voce
-from forms.bodies.plastic_solid import make_solid
 from tests.grid import grid
+from tribox.app.equilibrium.constraints import Prescribed, component_dofs
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.explicit.options import ExplicitOptions
+from tribox.app.explicit.stepper import ExplicitStepper
+from tribox.app.implicit.options import ImplicitOptions
+from tribox.app.implicit.stepper import ImplicitStepper
+from tribox.app.simulation.energy_balance import EnergyBalance
+from tribox.forms.bodies.elastoplastic import ElastoPlastic
+from tribox.forms.bodies.hardening import Perzyna, Voce
+from tribox.forms.bodies.plastic_solid import make_solid
 
 HARDENING = (100e6, 180e6, 10.0, 100e6)
 

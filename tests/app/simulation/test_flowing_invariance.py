@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app.implicit.stepper import ImplicitStepper
-from app.simulation.simulation import Simulation
 from tests.tool_cases import HEIGHT, block_mesh, run
+from tribox.app.implicit.stepper import ImplicitStepper
+from tribox.app.simulation.simulation import Simulation
 
 DEPTH, DRAG, RADIUS = 60e-6, 40e-6, 1.5e-3  # m
 VOCE = {"law": "voce", "yield_stress": 60e6, "saturation_stress": 160e6, "exponent": 12}

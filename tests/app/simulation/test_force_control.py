@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-import app.build.model
-import app.implicit.approach
-from app.build.mesh import make_mesh
-from app.build.model import build_model
-from app.case.case import Case
-from app.errors import InputError
-from app.simulation.observer import Observer
-from app.simulation.simulation import Simulation
+import tribox.app.build.model
+import tribox.app.implicit.approach
+from tribox.app.build.mesh import make_mesh
+from tribox.app.build.model import build_model
+from tribox.app.case.case import Case
+from tribox.app.errors import InputError
+from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.simulation import Simulation
 
 MOST = 20  # iterations of a step
 CYLINDERS = {
@@ -112,7 +112,7 @@ def apart(monkeypatch):
             geometry.x[np.unique(geometry.dofmap[named.cells("elastomer")]), 1] += gap
             return named
 
-        monkeypatch.setattr(app.build.model, "make_mesh", lifted)
+        monkeypatch.setattr(tribox.app.build.model, "make_mesh", lifted)
 
     return lift
 
@@ -140,13 +140,13 @@ def test_a_force_finds_the_contact_and_is_met(apart, shape, nu, steps, gap):
 
 def test_springs_let_the_load_move_the_body_to_the_other_at_once(apart, monkeypatch):
     """The first stage goes the whole distance and a little further."""
-    ways, springs = [], app.implicit.approach._springs
+    ways, springs = [], tribox.app.implicit.approach._springs
 
     def noted(bodies, loads, way, place):
         ways.append(way)
         return springs(bodies, loads, way, place)
 
-    monkeypatch.setattr(app.implicit.approach, "_springs", noted)
+    monkeypatch.setattr(tribox.app.implicit.approach, "_springs", noted)
     apart(30e-6)
     simulate(pressed("cylinders", 0.45, 1))
     assert 30e-6 < ways[0] < 33e-6

@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app.case.case import Case
-from app.results import Results, read
-from app.run.run import run_case
-from geometry.meshes.gmsh_model import write_msh
 from tests.rectangles import Rectangle, Rectangles
+from tribox.app.case.case import Case
+from tribox.app.results import Results, read
+from tribox.app.run.run import run_case
+from tribox.geometry.meshes.gmsh_model import write_msh
 
 RUBBER = '{ material = "neo-hookean", E = "5 MPa", nu = 0.45 }'
 PAD = '{ material = "neo-hookean", E = "500 MPa", nu = 0.45 }'  # hardly lets the strip tilt

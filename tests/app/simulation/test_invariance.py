@@ -10,20 +10,24 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app.build.model import build_model
-from app.case.case import Case
-from app.equilibrium.constraints import Prescribed
-from app.equilibrium.equilibrium import Equilibrium
-from app.implicit.options import ImplicitOptions
-from app.implicit.stepper import ImplicitStepper
-from app.simulation.contact_resultants import ContactResultants, measure_contact, turned_right
-from app.simulation.energy_balance import EnergyBalance
-from app.simulation.history import Row
-from app.simulation.observer import Observer
-from app.simulation.simulation import Simulation
-from forms.friction.coulomb import CoulombLaw, CoulombParameters
-from forms.friction.friction_map import FrictionMap
-from forms.friction.parameters import FrictionMapParameters
+from tribox.app.build.model import build_model
+from tribox.app.case.case import Case
+from tribox.app.equilibrium.constraints import Prescribed
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.implicit.options import ImplicitOptions
+from tribox.app.implicit.stepper import ImplicitStepper
+from tribox.app.simulation.contact_resultants import (
+    ContactResultants,
+    measure_contact,
+    turned_right,
+)
+from tribox.app.simulation.energy_balance import EnergyBalance
+from tribox.app.simulation.history import Row
+from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.simulation import Simulation
+from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
+from tribox.forms.friction.friction_map import FrictionMap
+from tribox.forms.friction.parameters import FrictionMapParameters
 
 SAME = 1e-8
 CENTRE = np.array([0.3, 1.1])  # of the turns, away from everything that could be special

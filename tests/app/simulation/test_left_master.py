@@ -7,8 +7,8 @@ import tomllib
 import pytest
 from mpi4py import MPI
 
-from app.case.case import Case
-from app.run.run import run_case
+from tribox.app.case.case import Case
+from tribox.app.run.run import run_case
 
 
 @pytest.mark.parametrize(

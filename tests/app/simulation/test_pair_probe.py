@@ -7,11 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from app.simulation.contact_warnings import FEW, ContactWarnings, PairProbe, PairState
-from forms.contact.penalty import ContactTerm
-from forms.friction.coulomb import FrictionlessLaw
 from tests.contact_boxes import PENALTY, Scene
 from tests.geometry.surfaces.test_vertices import graded
+from tribox.app.simulation.contact_warnings import FEW, ContactWarnings, PairProbe, PairState
+from tribox.forms.contact.penalty import ContactTerm
+from tribox.forms.friction.coulomb import FrictionlessLaw
 
 
 def trial_of(surface, pressure):

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from app.results.directory import read_table
-from app.simulation.history import PHYSICAL
 from tests.app.conftest import BLOCK
 from tests.ranks import command
+from tribox.app.results.directory import read_table
+from tribox.app.simulation.history import PHYSICAL
 
 SAME = 1e-9  # of each column's largest value, at a solver tolerance of 1e-11
 TIGHT = ("--set", "solver.tolerance=1e-11")
@@ -100,7 +100,7 @@ def test_ranks_stop_together_when_interrupted(case_file, block, environment, tmp
     words = ["run", str(case_file(block)), "--out", str(tmp_path / "out")]
     words += ["--set", "stage.1.steps=2000"]
     with subprocess.Popen(
-        ["mpirun", "--oversubscribe", "-n", "2", sys.executable, "-m", "app", *words],
+        ["mpirun", "--oversubscribe", "-n", "2", sys.executable, "-m", "tribox", *words],
         env=environment,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,

@@ -8,12 +8,12 @@ import gmsh
 import pytest
 from mpi4py import MPI
 
-from app.build.model import build_model
-from app.case.case import Case
-from app.errors import InputError
-from app.simulation.observer import Observer
-from app.simulation.simulation import Simulation
-from geometry.meshes.gmsh_model import write_msh
+from tribox.app.build.model import build_model
+from tribox.app.case.case import Case
+from tribox.app.errors import InputError
+from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.simulation import Simulation
+from tribox.geometry.meshes.gmsh_model import write_msh
 
 LENGTH, HEIGHT, THICKNESS = 4e-3, 1e-3, 3e-3
 

@@ -14,14 +14,14 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app.case.case import Case
-from app.results import read
-from app.results.directory import read_table
-from app.run.run import run_case
-from app.simulation.history import PHYSICAL, RESULTANTS
 from tests.app.conftest import FILM as STEADY
 from tests.app.conftest import SLID
 from tests.ranks import command
+from tribox.app.case.case import Case
+from tribox.app.results import read
+from tribox.app.results.directory import read_table
+from tribox.app.run.run import run_case
+from tribox.app.simulation.history import PHYSICAL, RESULTANTS
 
 RANKS = (1, 2, 3, 4)
 SAME = 1e-9  # of each column's largest value, at a solver tolerance of 1e-11

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app.build.model import build_model
-from app.case.case import Case
-from app.simulation.history import Row
-from app.simulation.observer import Observer
-from app.simulation.simulation import Simulation
 from benchmarks.curved_contact.shapes import ridge
+from tribox.app.build.model import build_model
+from tribox.app.case.case import Case
+from tribox.app.simulation.history import Row
+from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.simulation import Simulation
 
 MM = 1e-3
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app.build.model import build_model
-from app.case.case import Case
-from app.simulation.history import Row
-from app.simulation.observer import Observer
-from app.simulation.simulation import Simulation
+from tribox.app.build.model import build_model
+from tribox.app.case.case import Case
+from tribox.app.simulation.history import Row
+from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.simulation import Simulation
 
 MU, K_T, PRESSURE = 0.2, 1e11, 0.5e6
 ONSET = MU * PRESSURE / K_T  # pre-sliding displacement

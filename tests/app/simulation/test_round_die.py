@@ -6,10 +6,10 @@ import gmsh
 import numpy as np
 import pytest
 
-from app.figures.body_shapes import read_bodies
-from app.results import read
 from tests.geometry.meshes.test_mesh import group, write_built
 from tests.ranks import command
+from tribox.app.figures.body_shapes import read_bodies
+from tribox.app.results import read
 
 RADIUS = 10e-3  # m
 CASE = """

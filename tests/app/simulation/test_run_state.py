@@ -7,12 +7,12 @@ import tomllib
 import pytest
 from mpi4py import MPI
 
-from app.build.model import build_model
-from app.case.case import Case
-from app.results import read
-from app.run.run import run_case
-from app.simulation.run_state import RunState
 from tests.app.conftest import BOXES
+from tribox.app.build.model import build_model
+from tribox.app.case.case import Case
+from tribox.app.results import read
+from tribox.app.run.run import run_case
+from tribox.app.simulation.run_state import RunState
 
 
 @pytest.mark.parametrize("ramp", ["0 s", "40 ms"])

@@ -15,18 +15,18 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from app.case.reading import load_case
-from app.figures import run_figures as figures
-from app.figures import steady_points
-from app.figures.units import fitting
-from app.results import read
-from app.results.directory import read_table
-from forms.closed_forms.homogeneous_sliding import (
+from tribox.app.case.reading import load_case
+from tribox.app.figures import run_figures as figures
+from tribox.app.figures import steady_points
+from tribox.app.figures.units import fitting
+from tribox.app.results import read
+from tribox.app.results.directory import read_table
+from tribox.forms.closed_forms.homogeneous_sliding import (
     effective_viscosity,
     film_fraction,
     threshold_speed,
 )
-from forms.friction.parameters import FrictionMapParameters
+from tribox.forms.friction.parameters import FrictionMapParameters
 
 pytestmark = pytest.mark.long
 
@@ -86,7 +86,7 @@ def sfa(tmp_path_factory: pytest.TempPathFactory, environment: dict[str, str]) -
     """Results of cases/sfa.toml, swept over four thicknesses by the command line."""
     directory = tmp_path_factory.mktemp("sfa") / "sfa"
     done = subprocess.run(
-        [sys.executable, "-m", "app", "run", str(CASE), "--out", str(directory)],
+        [sys.executable, "-m", "tribox", "run", str(CASE), "--out", str(directory)],
         cwd=directory.parent,
         env=environment,
         capture_output=True,

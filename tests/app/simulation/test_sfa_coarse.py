@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app.build.model import build_model
-from app.case.reading import load_case
-from app.simulation.observer import Observer
-from app.simulation.simulation import Simulation
 from tests.app.simulation.test_sfa import CASE, CLOSE, Point
+from tribox.app.build.model import build_model
+from tribox.app.case.reading import load_case
+from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.simulation import Simulation
 
 COARSE = ("geometry.upper.elements=[60, 2]", "geometry.lower.elements=[65, 4]", "stage.0.steps=2")
 # Up to where the film drags as much as friction: the last of each is left out, being beyond.

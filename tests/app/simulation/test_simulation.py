@@ -17,15 +17,15 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app.build.model import build_model
-from app.case.case import Case
-from app.errors import SolutionError
-from app.implicit.stepper import ImplicitStepper
-from app.results.directory import read_table
-from app.run.run import run_case
-from app.simulation.history import PHYSICAL, Row
-from app.simulation.observer import Observer
-from app.simulation.simulation import Simulation
+from tribox.app.build.model import build_model
+from tribox.app.case.case import Case
+from tribox.app.errors import SolutionError
+from tribox.app.implicit.stepper import ImplicitStepper
+from tribox.app.results.directory import read_table
+from tribox.app.run.run import run_case
+from tribox.app.simulation.history import PHYSICAL, Row
+from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.simulation import Simulation
 
 TIGHT = {"tolerance": 1e-11}
 # Between runs of the same steps, only the start of Newton's iteration differs.
@@ -326,7 +326,7 @@ def test_interrupted_run_leaves_valid_files(case_file, block, tmp_path, environm
     out = tmp_path / "out"
     words = ["run", str(case_file(block)), "--out", str(out), "--set", "stage.1.steps=2000"]
     with subprocess.Popen(
-        [sys.executable, "-m", "app", *words],
+        [sys.executable, "-m", "tribox", *words],
         env=environment,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

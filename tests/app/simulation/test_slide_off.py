@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app.build.model import build_model
-from app.case.case import Case
-from app.case.reading import load_case
-from app.case.toml_writer import toml_text
-from app.errors import InputError
-from app.simulation.observer import Observer
-from app.simulation.simulation import Simulation
+from tribox.app.build.model import build_model
+from tribox.app.case.case import Case
+from tribox.app.case.reading import load_case
+from tribox.app.case.toml_writer import toml_text
+from tribox.app.errors import InputError
+from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.simulation import Simulation
 
 
 class Cuts(Observer):

@@ -7,12 +7,12 @@ import math
 import pytest
 from mpi4py import MPI
 
-from app.build.model import build_model
-from app.case.case import resolved_toml
-from app.case.reading import check_case, load_case
-from app.errors import InputError
-from app.verify.shipped_case import CASES
-from geometry.meshes.gmsh_model import gmsh_session
+from tribox.app.build.model import build_model
+from tribox.app.case.case import resolved_toml
+from tribox.app.case.reading import check_case, load_case
+from tribox.app.errors import InputError
+from tribox.app.verify.shipped_case import CASES
+from tribox.geometry.meshes.gmsh_model import gmsh_session
 
 SMOOTH = 'contact.0.smoothing_angle="30 deg"'
 COARSE = ("geometry.upper.elements=[4, 2]", "geometry.lower.elements=[5, 2]")

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app.equilibrium.constraints import Prescribed
-from app.equilibrium.equilibrium import Equilibrium
-from app.implicit.options import ImplicitOptions
-from app.implicit.stepper import ImplicitStepper
-from app.simulation.contact_resultants import measure_contact
-from forms.bodies.materials import NeoHookean
-from forms.bodies.solid import Solid
-from forms.friction.coulomb import CoulombLaw, CoulombParameters
 from tests.contact_boxes import GAP, Scene
+from tribox.app.equilibrium.constraints import Prescribed
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.implicit.options import ImplicitOptions
+from tribox.app.implicit.stepper import ImplicitStepper
+from tribox.app.simulation.contact_resultants import measure_contact
+from tribox.forms.bodies.materials import NeoHookean
+from tribox.forms.bodies.solid import Solid
+from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 
 SOFT = NeoHookean(shear_modulus=1.0, bulk_modulus=5.0)
 STIFF = NeoHookean(shear_modulus=3.0, bulk_modulus=8.0)

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app.build.model import build_model
-from app.case.case import Case
-from app.results.contact_nodes import contact_nodes
-from app.simulation.observer import Observer
-from app.simulation.simulation import Simulation
+from tribox.app.build.model import build_model
+from tribox.app.case.case import Case
+from tribox.app.results.contact_nodes import contact_nodes
+from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.simulation import Simulation
 
 SPHERE = """
 [geometry]

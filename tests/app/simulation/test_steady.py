@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app.build.model import build_model
-from app.case.case import Case
-from app.simulation.observer import Observer
-from app.simulation.simulation import Simulation
-from app.simulation.steady import SlidWay, change_over
-from forms.closed_forms.homogeneous_sliding import steady_traction
-from forms.friction.coulomb import CoulombLaw, CoulombParameters
-from forms.friction.slip_weakening import SlipWeakening
+from tribox.app.build.model import build_model
+from tribox.app.case.case import Case
+from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.simulation import Simulation
+from tribox.app.simulation.steady import SlidWay, change_over
+from tribox.forms.closed_forms.homogeneous_sliding import steady_traction
+from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
+from tribox.forms.friction.slip_weakening import SlipWeakening
 
 STIFFNESS = 2e6  # N/m, of the bodies in shear
 LOAD = 10.0  # N

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from app.simulation.observer import Observer
 from tests.tool_cases import HEIGHT, WIDTH, block_case, block_mesh, circle, plane, run
+from tribox.app.simulation.observer import Observer
 
 THICKNESS = 2e-3  # m, of the slab
 DRY = {"law": "coulomb", "mu": 0.3}

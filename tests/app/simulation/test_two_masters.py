@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app.build.model import build_model
-from app.case.case import Case
-from app.results.contact_nodes import contact_nodes
-from app.simulation.left_master import LeftMaster
-from app.simulation.observer import Observer
-from app.simulation.simulation import Simulation
-from geometry.meshes.gmsh_model import write_msh
 from tests.rectangles import Rectangle, Rectangles
+from tribox.app.build.model import build_model
+from tribox.app.case.case import Case
+from tribox.app.results.contact_nodes import contact_nodes
+from tribox.app.simulation.left_master import LeftMaster
+from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.simulation import Simulation
+from tribox.geometry.meshes.gmsh_model import write_msh
 
 PAD = Rectangle(-1e-3, 0.0, 1e-3, 0.5e-3, (10, 3))
 COEFFICIENT = 0.3

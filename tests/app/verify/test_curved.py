@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from app.verify.curved import BY_FORCE, SOFT, film_drag, press_nodes, stages
-from app.verify.extent import beyond_point, disc
+from tribox.app.verify.curved import BY_FORCE, SOFT, film_drag, press_nodes, stages
+from tribox.app.verify.extent import beyond_point, disc
 
 SHORT = stages(4, 4, 0.3e-3)
 POINTWISE = 'contact.0.pressure="pointwise"'

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from app.verify.flowing import (
+from tribox.app.verify.flowing import (
     FLOWS,
     GROWTH,
     INNER,
@@ -18,7 +18,7 @@ from app.verify.flowing import (
     quarter_of_tube,
     tube_of_revolution,
 )
-from app.verify.flowing_bending import (
+from tribox.app.verify.flowing_bending import (
     ANGLES,
     POISSON,
     PUBLISHED,
@@ -28,9 +28,9 @@ from app.verify.flowing_bending import (
     membrane_tip,
     springback,
 )
-from forms.closed_forms.bent_strip import Strip
-from forms.closed_forms.metal_bar import load_maximum, stress_at
-from forms.closed_forms.thick_tube import inner_pressure
+from tribox.forms.closed_forms.bent_strip import Strip
+from tribox.forms.closed_forms.metal_bar import load_maximum, stress_at
+from tribox.forms.closed_forms.thick_tube import inner_pressure
 
 RIGID_VOLUME = metal(TUBE, poisson=0.4999)
 

@@ -10,21 +10,21 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-import app.verify.report as verification
-from app.build.mesh import make_mesh
-from app.build.model import build_model
-from app.case.reading import check_case, load_case
-from app.errors import InputError, SolutionError
-from app.simulation.observer import Observer
-from app.simulation.simulation import Simulation
-from app.verify.bulk import block_compression, neighbours
-from app.verify.contact import cattaneo_mindlin, fit_ellipse, hertz_line
-from app.verify.report import CASES, percent, run_verify, table
-from app.verify.result import Check, Line, Panel, Verification, compare
-from app.verify.shipped_case import CASES as DIRECTORY
-from app.verify.shipped_case import solve
-from app.verify.sliding import block_slide, friction_law
-from geometry.meshes.gmsh_model import gmsh_session
+import tribox.app.verify.report as verification
+from tribox.app.build.mesh import make_mesh
+from tribox.app.build.model import build_model
+from tribox.app.case.reading import check_case, load_case
+from tribox.app.errors import InputError, SolutionError
+from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.simulation import Simulation
+from tribox.app.verify.bulk import block_compression, neighbours
+from tribox.app.verify.contact import cattaneo_mindlin, fit_ellipse, hertz_line
+from tribox.app.verify.report import CASES, percent, run_verify, table
+from tribox.app.verify.result import Check, Line, Panel, Verification, compare
+from tribox.app.verify.shipped_case import CASES as DIRECTORY
+from tribox.app.verify.shipped_case import solve
+from tribox.app.verify.sliding import block_slide, friction_law
+from tribox.geometry.meshes.gmsh_model import gmsh_session
 
 COARSE = (
     "geometry.contact_size=22 um",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from app.verify.space import QUICK_BOXES, patch_errors, slide
+from tribox.app.verify.space import QUICK_BOXES, patch_errors, slide
 
 
 def test_more_points_carry_the_pressure_better():

@@ -7,10 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-import app.verify.sphere as verification_sphere
-from app.case.reading import load_case
-from app.verify.shipped_case import CASES as DIRECTORY
-from app.verify.sphere import (
+import tribox.app.verify.sphere as verification_sphere
+from tribox.app.case.reading import load_case
+from tribox.app.verify.shipped_case import CASES as DIRECTORY
+from tribox.app.verify.sphere import (
     SECTION,
     SMOOTH,
     TWIST,

@@ -5,8 +5,8 @@ Moduli of aluminium in GPa, so that strains at yield are a thousandth, as of met
 
 import numpy as np
 
-from forms.bodies.elastoplastic import ElastoPlastic
-from forms.bodies.hardening import JohnsonCook, Linear, Perzyna, Swift, Table, Voce
+from tribox.forms.bodies.elastoplastic import ElastoPlastic
+from tribox.forms.bodies.hardening import JohnsonCook, Linear, Perzyna, Swift, Table, Voce
 
 SHEAR, BULK = 26.3, 68.6
 LAWS = {

@@ -6,13 +6,13 @@ import dolfinx
 import numpy as np
 import pytest
 
-from app.equilibrium.constraints import Prescribed
-from app.equilibrium.equilibrium import Equilibrium
-from app.implicit.options import ImplicitOptions
-from app.implicit.stepper import ImplicitStepper
-from forms.bodies.materials import MooneyRivlin, NeoHookean, shear_and_bulk
-from forms.bodies.solid import Solid
 from tests.grid import grid
+from tribox.app.equilibrium.constraints import Prescribed
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.implicit.options import ImplicitOptions
+from tribox.app.implicit.stepper import ImplicitStepper
+from tribox.forms.bodies.materials import MooneyRivlin, NeoHookean, shear_and_bulk
+from tribox.forms.bodies.solid import Solid
 
 G, K = 1.0, 50.0
 SLOPE = {

@@ -13,11 +13,11 @@ import dolfinx
 import numpy as np
 import pytest
 
-from forms.bodies.internal_force import GeneratedForce, InternalForce
-from forms.bodies.materials import Ogden, Yeoh
-from forms.bodies.point_stress import PointStress
-from forms.bodies.solid import DEGREE, Solid
 from tests.grid import grid
+from tribox.forms.bodies.internal_force import GeneratedForce, InternalForce
+from tribox.forms.bodies.materials import Ogden, Yeoh
+from tribox.forms.bodies.point_stress import PointStress
+from tribox.forms.bodies.solid import DEGREE, Solid
 
 K = 400.0
 YEOH = Yeoh(0.6, -0.03, 0.004, K)

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from forms.bodies.element_frequency import element_frequencies, element_masses
-from forms.bodies.lumped_mass import lumped_mass
-from forms.bodies.materials import MooneyRivlin
-from forms.bodies.solid import Solid
 from tests.grid import grid
+from tribox.forms.bodies.element_frequency import element_frequencies, element_masses
+from tribox.forms.bodies.lumped_mass import lumped_mass
+from tribox.forms.bodies.materials import MooneyRivlin
+from tribox.forms.bodies.solid import Solid
 
 RUBBER = MooneyRivlin(0.4, 0.1, 30.0)
 KINDS = [

@@ -6,11 +6,11 @@ import dolfinx
 import numpy as np
 import pytest
 
-from forms.bodies.deformation import BodyPoints
-from forms.bodies.gradient_bound import GradientBound, thickness_ratio
-from forms.bodies.solid import Solid
 from tests.conftest import SOFT
 from tests.grid import grid
+from tribox.forms.bodies.deformation import BodyPoints
+from tribox.forms.bodies.gradient_bound import GradientBound, thickness_ratio
+from tribox.forms.bodies.solid import Solid
 
 TURN = 0.3  # rad, by which boxes lie askew
 

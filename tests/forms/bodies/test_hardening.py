@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from forms.bodies.hardening import JohnsonCook, Linear, Perzyna, Swift, Table, Voce
+from tribox.forms.bodies.hardening import JohnsonCook, Linear, Perzyna, Swift, Table, Voce
 
 POINTS = ((0.0, 60.0), (0.02, 90.0), (0.1, 120.0), (0.5, 120.0))
 LAWS = {

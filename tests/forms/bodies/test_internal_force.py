@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 import ufl
 
-import forms.native.libraries
-import geometry.native.compiler
-from forms.bodies.internal_force import GeneratedForce, InternalForce
-from forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean
-from forms.bodies.plane_cells import PlaneCells
-from forms.bodies.solid import Solid
+import tribox.forms.native.libraries
+import tribox.geometry.native.compiler
 from tests.grid import grid
+from tribox.forms.bodies.internal_force import GeneratedForce, InternalForce
+from tribox.forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean
+from tribox.forms.bodies.plane_cells import PlaneCells
+from tribox.forms.bodies.solid import Solid
 
 MATERIALS = {
     "neo-hookean": NeoHookean(1.0, 5.0),
@@ -164,49 +164,51 @@ def test_two_bodies_add_up(pair):
 
 def test_without_a_compiler_the_generated_kernel_serves(monkeypatch, tmp_path):
     """An empty cache that cannot be written, and no compiler on the path."""
-    monkeypatch.setattr(geometry.native.compiler, "_caches", lambda: (tmp_path / "none",))
+    monkeypatch.setattr(tribox.geometry.native.compiler, "_caches", lambda: (tmp_path / "none",))
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.delenv("CC", raising=False)
-    forms.native.libraries.library.cache_clear()
+    tribox.forms.native.libraries.library.cache_clear()
     try:
         u, solid = body("quadrilateral", MATERIALS["hencky"], "q1-sri")
         internal = InternalForce(u, [solid])
         assert not internal.compiled and isinstance(internal.parts[0], GeneratedForce)
     finally:
-        forms.native.libraries.library.cache_clear()
+        tribox.forms.native.libraries.library.cache_clear()
 
 
 def test_a_library_is_compiled_once_and_a_broken_one_again(monkeypatch, tmp_path):
-    monkeypatch.setattr(geometry.native.compiler, "_caches", lambda: (tmp_path / "cache",))
-    forms.native.libraries.library.cache_clear()
+    monkeypatch.setattr(tribox.geometry.native.compiler, "_caches", lambda: (tmp_path / "cache",))
+    tribox.forms.native.libraries.library.cache_clear()
     try:
-        assert forms.native.libraries.library("plane_contact.c") is not None
+        assert tribox.forms.native.libraries.library("plane_contact.c") is not None
         (built,) = (tmp_path / "cache").iterdir()
         stamp = built.stat().st_mtime_ns
-        forms.native.libraries.library.cache_clear()
-        assert forms.native.libraries.library("plane_contact.c") is not None
+        tribox.forms.native.libraries.library.cache_clear()
+        assert tribox.forms.native.libraries.library("plane_contact.c") is not None
         assert built.stat().st_mtime_ns == stamp
         broken = tmp_path / "other" / built.name
         broken.parent.mkdir()
         broken.write_bytes(b"half a library")
-        monkeypatch.setattr(geometry.native.compiler, "_caches", lambda: (tmp_path / "other",))
-        forms.native.libraries.library.cache_clear()
-        assert forms.native.libraries.library("plane_contact.c") is not None
+        monkeypatch.setattr(
+            tribox.geometry.native.compiler, "_caches", lambda: (tmp_path / "other",)
+        )
+        tribox.forms.native.libraries.library.cache_clear()
+        assert tribox.forms.native.libraries.library("plane_contact.c") is not None
         assert broken.stat().st_size > 1000
     finally:
-        forms.native.libraries.library.cache_clear()
+        tribox.forms.native.libraries.library.cache_clear()
 
 
 def test_libraries_of_strangers_are_not_loaded(monkeypatch, tmp_path):
     directory = tmp_path / "cache"
     directory.mkdir()
     os.chown(directory, 4242, -1) if os.getuid() == 0 else pytest.skip("needs root")
-    monkeypatch.setattr(geometry.native.compiler, "_caches", lambda: (directory,))
-    forms.native.libraries.library.cache_clear()
+    monkeypatch.setattr(tribox.geometry.native.compiler, "_caches", lambda: (directory,))
+    tribox.forms.native.libraries.library.cache_clear()
     try:
-        assert forms.native.libraries.library("plane_contact.c") is None
+        assert tribox.forms.native.libraries.library("plane_contact.c") is None
         os.chown(directory, 0, -1)
-        forms.native.libraries.library.cache_clear()
-        assert forms.native.libraries.library("plane_contact.c") is not None
+        tribox.forms.native.libraries.library.cache_clear()
+        assert tribox.forms.native.libraries.library("plane_contact.c") is not None
     finally:
-        forms.native.libraries.library.cache_clear()
+        tribox.forms.native.libraries.library.cache_clear()

@@ -4,8 +4,8 @@ import dolfinx
 import numpy as np
 import pytest
 
-from forms.bodies.loads import FollowerPressure, reference_area
 from tests.grid import grid
+from tribox.forms.bodies.loads import FollowerPressure, reference_area
 
 P = 0.7
 

@@ -6,8 +6,9 @@ import pytest
 import ufl
 from petsc4py import PETSc
 
-from forms.bodies.kinematics import plane_strain
-from forms.bodies.materials import (
+from tests.grid import grid
+from tribox.forms.bodies.kinematics import plane_strain
+from tribox.forms.bodies.materials import (
     Hencky,
     MooneyRivlin,
     NeoHookean,
@@ -16,8 +17,7 @@ from forms.bodies.materials import (
     oedometric_modulus,
     shear_and_bulk,
 )
-from forms.bodies.solid import compile_energy
-from tests.grid import grid
+from tribox.forms.bodies.solid import compile_energy
 
 MATERIALS = {
     "neo-hookean": NeoHookean(shear_modulus=1.3, bulk_modulus=4.0),

@@ -6,9 +6,9 @@ import dolfinx
 import numpy as np
 import pytest
 
-from forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, Ogden, Yeoh
-from forms.bodies.solid import Solid
 from tests.grid import grid
+from tribox.forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, Ogden, Yeoh
+from tribox.forms.bodies.solid import Solid
 
 G, K = 1.3, 4.0
 MATERIALS = {

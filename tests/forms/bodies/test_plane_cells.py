@@ -7,11 +7,11 @@ import dolfinx.fem.petsc
 import numpy as np
 import pytest
 
-from forms.bodies.compiled_cells import compiled_cells
-from forms.bodies.plane_cells import PlaneCells
-from forms.bodies.solid import Solid
 from tests.forms.bodies.element_matrices import summed
 from tests.forms.bodies.test_internal_force import KINDS, MATERIALS, RINGS, body, stretched
+from tribox.forms.bodies.compiled_cells import compiled_cells
+from tribox.forms.bodies.plane_cells import PlaneCells
+from tribox.forms.bodies.solid import Solid
 
 SECTIONS = [("plane-strain", "triangle", "q1"), ("axisymmetric", "quadrilateral", "q1-sri")]
 

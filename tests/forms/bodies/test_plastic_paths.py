@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from forms.bodies.elastoplastic import ElastoPlastic
-from forms.bodies.hardening import Linear, Perzyna, Swift
-from forms.bodies.plastic_points import PlasticPoints
 from tests.forms.bodies import plastic_samples as given
+from tribox.forms.bodies.elastoplastic import ElastoPlastic
+from tribox.forms.bodies.hardening import Linear, Perzyna, Swift
+from tribox.forms.bodies.plastic_points import PlasticPoints
 
 G, K = given.SHEAR, given.BULK
 YOUNG = 9.0 * K * G / (3.0 * K + G)

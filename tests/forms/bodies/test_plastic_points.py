@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from forms.bodies.elastoplastic import ElastoPlastic
-from forms.bodies.hardening import JohnsonCook, Perzyna, Table, Voce
-from forms.bodies.materials import Hencky
-from forms.bodies.plastic_points import PlasticPoints
-from forms.bodies.point_stress import PointStress
 from tests.forms.bodies import plastic_samples as given
+from tribox.forms.bodies.elastoplastic import ElastoPlastic
+from tribox.forms.bodies.hardening import JohnsonCook, Perzyna, Table, Voce
+from tribox.forms.bodies.materials import Hencky
+from tribox.forms.bodies.plastic_points import PlasticPoints
+from tribox.forms.bodies.point_stress import PointStress
 
 FIELDS = ("P", "state", "A", "elastic", "dissipation", "numerical")
 both = pytest.mark.parametrize("space", [False, True], ids=["plane", "space"])

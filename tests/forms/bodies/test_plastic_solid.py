@@ -4,13 +4,13 @@ import dolfinx
 import numpy as np
 import pytest
 
-from forms.bodies.elastoplastic import ElastoPlastic
-from forms.bodies.hardening import Linear, Perzyna, Voce
-from forms.bodies.materials import Hencky
-from forms.bodies.plastic_solid import PlasticSolid, make_solid
-from forms.bodies.point_values import fit_weights
-from forms.bodies.solid import DEGREE, Solid
 from tests.grid import grid
+from tribox.forms.bodies.elastoplastic import ElastoPlastic
+from tribox.forms.bodies.hardening import Linear, Perzyna, Voce
+from tribox.forms.bodies.materials import Hencky
+from tribox.forms.bodies.plastic_solid import PlasticSolid, make_solid
+from tribox.forms.bodies.point_values import fit_weights
+from tribox.forms.bodies.solid import DEGREE, Solid
 
 G, K = 1.0, 5.0
 NEVER = ElastoPlastic(G, K, Linear(1e3))

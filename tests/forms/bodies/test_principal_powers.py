@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from forms.bodies.principal_powers import space_power_sum
+from tribox.forms.bodies.principal_powers import space_power_sum
 
 # Isochoric stretches: none, all equal but for little, two equal but for little, three apart.
 STATES = {

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from forms.bodies.elastoplastic import ElastoPlastic
-from forms.bodies.hardening import JohnsonCook, Linear, Perzyna, Swift, Table, Voce
-from forms.bodies.plastic_points import PlasticPoints
-from forms.bodies.return_mapping import ITERATIONS, _FlowStress, plastic_step
+from tribox.forms.bodies.elastoplastic import ElastoPlastic
+from tribox.forms.bodies.hardening import JohnsonCook, Linear, Perzyna, Swift, Table, Voce
+from tribox.forms.bodies.plastic_points import PlasticPoints
+from tribox.forms.bodies.return_mapping import ITERATIONS, _FlowStress, plastic_step
 
 
 def tens(low, high):

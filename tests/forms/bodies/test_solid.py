@@ -5,14 +5,14 @@ import numpy as np
 import pytest
 import ufl
 
-from app.equilibrium.constraints import Prescribed, component_dofs
-from app.equilibrium.equilibrium import Equilibrium
-from app.implicit.options import ImplicitOptions
-from app.implicit.stepper import ImplicitStepper
-from forms.bodies.kinematics import plane_strain
-from forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, shear_and_bulk
-from forms.bodies.solid import Solid
 from tests.grid import grid
+from tribox.app.equilibrium.constraints import Prescribed, component_dofs
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.implicit.options import ImplicitOptions
+from tribox.app.implicit.stepper import ImplicitStepper
+from tribox.forms.bodies.kinematics import plane_strain
+from tribox.forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, shear_and_bulk
+from tribox.forms.bodies.solid import Solid
 
 MATERIALS = {
     "neo-hookean": NeoHookean(1.0, 5.0),

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 import ufl
 
-from app.equilibrium.constraints import Prescribed, component_dofs
-from app.equilibrium.equilibrium import Equilibrium
-from app.implicit.options import ImplicitOptions
-from app.implicit.stepper import ImplicitStepper
-from forms.bodies.kinematics import axisymmetric, section_of, spatial
-from forms.bodies.loads import FollowerPressure, mean_normal, reference_area
-from forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, shear_and_bulk
-from forms.bodies.solid import DEGREE, Solid
 from tests.grid import grid
+from tribox.app.equilibrium.constraints import Prescribed, component_dofs
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.implicit.options import ImplicitOptions
+from tribox.app.implicit.stepper import ImplicitStepper
+from tribox.forms.bodies.kinematics import axisymmetric, section_of, spatial
+from tribox.forms.bodies.loads import FollowerPressure, mean_normal, reference_area
+from tribox.forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, shear_and_bulk
+from tribox.forms.bodies.solid import DEGREE, Solid
 
 NEO = NeoHookean(1.0, 5.0)
 RUBBER = MooneyRivlin(0.4, 0.1, 5.0)

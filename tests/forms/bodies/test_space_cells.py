@@ -11,9 +11,11 @@ import pytest
 import ufl
 from mpi4py import MPI
 
-from forms.bodies.compiled_cells import compiled_cells
-from forms.bodies.internal_force import GeneratedForce, InternalForce
-from forms.bodies.materials import (
+from tests.forms.bodies.element_matrices import summed
+from tests.grid import coordinate_element, grid
+from tribox.forms.bodies.compiled_cells import compiled_cells
+from tribox.forms.bodies.internal_force import GeneratedForce, InternalForce
+from tribox.forms.bodies.materials import (
     Hencky,
     MooneyRivlin,
     NeoHookean,
@@ -21,11 +23,9 @@ from forms.bodies.materials import (
     Yeoh,
     shear_and_bulk,
 )
-from forms.bodies.solid import Solid
-from forms.bodies.space_cells import SpaceCells
-from geometry.compat import cell_nodes
-from tests.forms.bodies.element_matrices import summed
-from tests.grid import coordinate_element, grid
+from tribox.forms.bodies.solid import Solid
+from tribox.forms.bodies.space_cells import SpaceCells
+from tribox.geometry.compat import cell_nodes
 
 MATERIALS = {
     "neo-hookean": NeoHookean(1.0, 5.0),

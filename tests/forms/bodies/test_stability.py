@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from scipy.optimize import brentq
 
-from forms.bodies.materials import MooneyRivlin, NeoHookean, Ogden, Yeoh
-from forms.bodies.stability import stability_limits
+from tribox.forms.bodies.materials import MooneyRivlin, NeoHookean, Ogden, Yeoh
+from tribox.forms.bodies.stability import stability_limits
 
 TRELOAR = Ogden((0.63, 0.0012, -0.01), (1.3, 5.0, -2.0), 1000.0)
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from forms.bodies.elastoplastic import ElastoPlastic
-from forms.bodies.hardening import Linear, Voce
-from forms.bodies.plastic_points import PlasticPoints
-from forms.closed_forms.bent_strip import Strip
+from tribox.forms.bodies.elastoplastic import ElastoPlastic
+from tribox.forms.bodies.hardening import Linear, Voce
+from tribox.forms.bodies.plastic_points import PlasticPoints
+from tribox.forms.closed_forms.bent_strip import Strip
 
 E, NU, T = 70e9, 0.33, 1e-3
 STIFFNESS = E * T**3 / 12.0 / (1.0 - NU**2)

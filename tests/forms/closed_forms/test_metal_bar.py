@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
-from forms.bodies.hardening import Linear, Swift, Voce
-from forms.closed_forms.metal_bar import load_maximum, stress_at, stretch_and_stress
+from tribox.forms.bodies.hardening import Linear, Swift, Voce
+from tribox.forms.closed_forms.metal_bar import load_maximum, stress_at, stretch_and_stress
 
 LAW = Voce(60e6, 160e6, 12.0, 50e6)
 

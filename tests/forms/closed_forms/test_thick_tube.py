@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from forms.bodies.elastoplastic import ElastoPlastic
-from forms.bodies.hardening import Linear, Voce
-from forms.bodies.plastic_points import PlasticPoints
-from forms.closed_forms.thick_tube import flow_curve, inner_pressure
+from tribox.forms.bodies.elastoplastic import ElastoPlastic
+from tribox.forms.bodies.hardening import Linear, Voce
+from tribox.forms.bodies.plastic_points import PlasticPoints
+from tribox.forms.closed_forms.thick_tube import flow_curve, inner_pressure
 
 
 def test_the_flow_curve_is_elastic_up_to_yield_and_adds_the_strains_beyond():

@@ -7,15 +7,15 @@ import ctypes
 import numpy as np
 import pytest
 
-from forms.contact import compiled_tangent
-from forms.contact.compiled_tangent import CompiledTangent, Entries
-from forms.contact.penalty import ContactTerm
-from forms.contact.state import ContactMode
-from forms.friction.coulomb import CoulombLaw, CoulombParameters
-from forms.native.libraries import library
 from tests.contact_boxes import GAP, PENALTY, Scene
 from tests.forms.contact.test_explicit import LAWS
 from tests.forms.contact.test_tangent_ends import at_the_rim
+from tribox.forms.contact import compiled_tangent
+from tribox.forms.contact.compiled_tangent import CompiledTangent, Entries
+from tribox.forms.contact.penalty import ContactTerm
+from tribox.forms.contact.state import ContactMode
+from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
+from tribox.forms.native.libraries import library
 
 CASES = {
     "hexahedra": ("hex8", "map", {}),

@@ -9,22 +9,22 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from forms.contact import compiled_pair, explicit_compiled
-from forms.contact.explicit import ExplicitContact
-from forms.contact.explicit_compiled import CompiledContact, explicit_contact
-from forms.contact.penalty import ContactTerm
-from forms.contact.pressure import PressureKind
-from forms.contact.stiffness import PairStiffness, elastic_stiffness, largest_viscosity
-from forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
-from forms.friction.film import FilmTable
-from forms.friction.friction_map import FrictionMap
-from forms.friction.parameters import FrictionMapParameters
-from forms.native.libraries import library
-from geometry.generators.two_blocks import Block, TwoBlocks
-from geometry.meshes.mesh import generate
-from geometry.surfaces.exchange import NodalVector
 from tests.conftest import Pair
 from tests.forms.contact.test_penalty import whole_tangent
+from tribox.forms.contact import compiled_pair, explicit_compiled
+from tribox.forms.contact.explicit import ExplicitContact
+from tribox.forms.contact.explicit_compiled import CompiledContact, explicit_contact
+from tribox.forms.contact.penalty import ContactTerm
+from tribox.forms.contact.pressure import PressureKind
+from tribox.forms.contact.stiffness import PairStiffness, elastic_stiffness, largest_viscosity
+from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
+from tribox.forms.friction.film import FilmTable
+from tribox.forms.friction.friction_map import FrictionMap
+from tribox.forms.friction.parameters import FrictionMapParameters
+from tribox.forms.native.libraries import library
+from tribox.geometry.generators.two_blocks import Block, TwoBlocks
+from tribox.geometry.meshes.mesh import generate
+from tribox.geometry.surfaces.exchange import NodalVector
 
 PENALTY = 50.0
 

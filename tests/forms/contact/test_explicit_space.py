@@ -7,13 +7,13 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from forms.contact.explicit import ExplicitContact
-from forms.contact.explicit_compiled import CompiledContact, explicit_contact
-from forms.contact.penalty import ContactTerm
-from forms.contact.pressure import PressureKind
-from geometry.surfaces.exchange import NodalVector
 from tests.contact_boxes import GAP, PENALTY, Scene
 from tests.forms.contact.test_explicit import LAWS
+from tribox.forms.contact.explicit import ExplicitContact
+from tribox.forms.contact.explicit_compiled import CompiledContact, explicit_contact
+from tribox.forms.contact.penalty import ContactTerm
+from tribox.forms.contact.pressure import PressureKind
+from tribox.geometry.surfaces.exchange import NodalVector
 
 PROJECTION = ("facet", "xi", "foot", "normal", "tangents", "gap", "clamped", "on_surface")
 STATE = ("facet", "xi", "slip_components", "slip_length", "gap", "area_ratio", "share", "sunk")

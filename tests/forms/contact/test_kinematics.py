@@ -6,11 +6,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from forms.contact.kinematics import Anchor, relate, vary
-from forms.contact.pressure import PointwisePressure
-from forms.contact.state import AS_IS
-from geometry.surfaces.facets import facet_shape
-from geometry.surfaces.projection import FacetSurface, Projection
+from tribox.forms.contact.kinematics import Anchor, relate, vary
+from tribox.forms.contact.pressure import PointwisePressure
+from tribox.forms.contact.state import AS_IS
+from tribox.geometry.surfaces.facets import facet_shape
+from tribox.geometry.surfaces.projection import FacetSurface, Projection
 
 SEGMENT = facet_shape("interval", 1)
 

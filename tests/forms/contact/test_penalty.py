@@ -8,13 +8,13 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from forms.contact.penalty import ContactTerm
-from forms.contact.pressure import PressureKind
-from forms.contact.state import ContactMode
-from forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
-from forms.friction.friction_map import FrictionMap
-from forms.friction.law import Regime
-from forms.friction.parameters import FrictionMapParameters
+from tribox.forms.contact.penalty import ContactTerm
+from tribox.forms.contact.pressure import PressureKind
+from tribox.forms.contact.state import ContactMode
+from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
+from tribox.forms.friction.friction_map import FrictionMap
+from tribox.forms.friction.law import Regime
+from tribox.forms.friction.parameters import FrictionMapParameters
 
 PENALTY = 50.0
 DOWN = -0.02

@@ -8,21 +8,21 @@ import dolfinx
 import numpy as np
 import pytest
 
-from app.equilibrium.equilibrium import Equilibrium
-from forms.contact.penalty import ContactTerm
-from forms.contact.pressure import (
+from tests.contact_boxes import PENALTY, SHAPES, Scene, take_all_for_kinked
+from tests.forms.contact.test_tangent import film_map
+from tests.geometry.surfaces.test_vertices import parted
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.forms.contact.penalty import ContactTerm
+from tribox.forms.contact.pressure import (
     TOUCHING,
     AveragedPressure,
     PointwisePressure,
     nodal_pressure,
     normal_rule,
 )
-from forms.contact.state import AS_IS, ContactMode
-from forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
-from geometry.surfaces.ordering import order_by_place
-from tests.contact_boxes import PENALTY, SHAPES, Scene, take_all_for_kinked
-from tests.forms.contact.test_tangent import film_map
-from tests.geometry.surfaces.test_vertices import parted
+from tribox.forms.contact.state import AS_IS, ContactMode
+from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
+from tribox.geometry.surfaces.ordering import order_by_place
 
 KINDS = ("averaged", "pointwise")
 DEPTH = 0.02

@@ -12,20 +12,20 @@ import pytest
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from forms.contact.penalty import ContactTerm
-from forms.friction.coulomb import CoulombLaw, CoulombParameters
-from forms.friction.law import Regime
-from geometry.surfaces.rigid import normals
-from geometry.surfaces.rigid_extruded import Extruded
-from geometry.surfaces.rigid_mesh import MeshSurface
-from geometry.surfaces.rigid_motion import RigidMotion
-from geometry.surfaces.rigid_plane import directions_across
-from geometry.surfaces.rigid_polyline import Polyline
-from geometry.surfaces.surface import ContactSurface, RigidMaster
 from tests.contact_boxes import box
 from tests.geometry.surfaces.rigid_shapes import SMOOTH, STEP
 from tests.geometry.surfaces.test_rigid_mesh import hill, parabolas, triangles
 from tests.grid import coordinate_element
+from tribox.forms.contact.penalty import ContactTerm
+from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
+from tribox.forms.friction.law import Regime
+from tribox.geometry.surfaces.rigid import normals
+from tribox.geometry.surfaces.rigid_extruded import Extruded
+from tribox.geometry.surfaces.rigid_mesh import MeshSurface
+from tribox.geometry.surfaces.rigid_motion import RigidMotion
+from tribox.geometry.surfaces.rigid_plane import directions_across
+from tribox.geometry.surfaces.rigid_polyline import Polyline
+from tribox.geometry.surfaces.surface import ContactSurface, RigidMaster
 
 GAP, WIDTH, HEIGHT, PENALTY = 0.05, 0.5, 0.3, 50.0
 EIGHT = np.stack([np.arange(8), np.arange(1, 9)], axis=1)

@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-import forms.contact.kinematics
-import forms.contact.tangent
-from forms.contact.tangent import PairTangent
-from forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
-from forms.friction.friction_map import FrictionMap
-from forms.friction.law import Regime
-from forms.friction.parameters import FrictionMapParameters
+import tribox.forms.contact.kinematics
+import tribox.forms.contact.tangent
 from tests.contact_boxes import GAP, PENALTY, SHAPES, Scene
+from tribox.forms.contact.tangent import PairTangent
+from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
+from tribox.forms.friction.friction_map import FrictionMap
+from tribox.forms.friction.law import Regime
+from tribox.forms.friction.parameters import FrictionMapParameters
 
 
 def coulomb(mu, K_T=60.0):
@@ -110,14 +110,14 @@ def test_tangent_of_points_at_a_corner():
 
 def without(name):
     def switch(patch):
-        whole = forms.contact.tangent.vary
+        whole = tribox.forms.contact.tangent.vary
 
         def less(*arguments):
             variations = whole(*arguments)
             getattr(variations, name)[:] = 0.0
             return variations
 
-        patch.setattr(forms.contact.tangent, "vary", less)
+        patch.setattr(tribox.forms.contact.tangent, "vary", less)
 
     return switch
 
@@ -140,9 +140,9 @@ def without_geometry(name):
     """Curvature, or the freedom along an edge, hidden from the variations."""
 
     def switch(patch):
-        whole = forms.contact.kinematics._vary_projection
+        whole = tribox.forms.contact.kinematics._vary_projection
         patch.setattr(
-            forms.contact.kinematics,
+            tribox.forms.contact.kinematics,
             "_vary_projection",
             lambda projection, size: whole(replace(projection, **{name: None}), size),
         )
@@ -232,11 +232,11 @@ def test_rigid_motion_of_both_bodies_leaves_the_contact_alone(shape):
 def test_adding_up_and_folding_change_nothing(monkeypatch, shape):
     """Points with the same nodes as one block, and the last facet folded onto the current one."""
     scene, x = prepared(shape, STATES["stick"], fine=True, degree=5)
-    monkeypatch.setattr(forms.contact.tangent, "WORTH_FOLDING", np.inf)
+    monkeypatch.setattr(tribox.forms.contact.tangent, "WORTH_FOLDING", np.inf)
     trial = scene.term.evaluate(x, 1.0)
     plain = scene.tangent(x)
     assert len(scene.term.tangent(trial)) == 1
-    monkeypatch.setattr(forms.contact.tangent, "WORTH_FOLDING", 0)
+    monkeypatch.setattr(tribox.forms.contact.tangent, "WORTH_FOLDING", 0)
     groups = scene.term.tangent(trial)
     a = scene.surface.shape.count
     assert [nodes.shape[1] for nodes, _ in groups] == [2 * a, 3 * a]

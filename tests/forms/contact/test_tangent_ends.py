@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import forms.contact.tangent
-from forms.contact.tangent import PairTangent
-from geometry.surfaces.slave_normals import CHORDS
+import tribox.forms.contact.tangent
 from tests.contact_boxes import take_all_for_kinked
 from tests.forms.contact.test_tangent import STATES, prepared, without
+from tribox.forms.contact.tangent import PairTangent
+from tribox.geometry.surfaces.slave_normals import CHORDS
 
 MODULUS = 5.0  # E* that puts ends of the contact inside facets
 OVER = {"right": 0.37, "far right": 0.58, "left": -0.47}  # shifts past an end of the master
@@ -65,7 +65,7 @@ def test_point_by_point_neither_rays_nor_fading_are_used(along_rays):
 
 def test_points_along_rays_are_never_folded(along_rays, monkeypatch):
     """Their rows have the slave's chords behind those of the master facets."""
-    monkeypatch.setattr(forms.contact.tangent, "WORTH_FOLDING", 0)
+    monkeypatch.setattr(tribox.forms.contact.tangent, "WORTH_FOLDING", 0)
     scene, x = scene_of()
     assert scene.error(x) < 1e-9
 
@@ -118,14 +118,14 @@ def without_function(name):
     """A part of the traction's change that is left out."""
 
     def switch(patch):
-        whole = getattr(forms.contact.tangent, name)
-        patch.setattr(forms.contact.tangent, name, lambda *a: 0.0 * whole(*a))
+        whole = getattr(tribox.forms.contact.tangent, name)
+        patch.setattr(tribox.forms.contact.tangent, name, lambda *a: 0.0 * whole(*a))
 
     return switch
 
 
 def without_chords(patch):
-    patch.setattr(forms.contact.tangent, "CHORDS", 0.0 * CHORDS)
+    patch.setattr(tribox.forms.contact.tangent, "CHORDS", 0.0 * CHORDS)
 
 
 def with_plain_gaps(patch):
@@ -143,7 +143,7 @@ def with_plain_gaps(patch):
 
 def without_rim(patch):
     """Open vertices at the rim have no rows."""
-    kind = forms.contact.state.NormalContact
+    kind = tribox.forms.contact.state.NormalContact
     patch.setattr(kind, "needs", lambda self: self.active)
 
 

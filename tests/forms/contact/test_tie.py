@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from petsc4py import PETSc
 
-from forms.contact import tie_points
-from forms.contact.tie import TieTerm
-from forms.friction.coulomb import FrictionlessLaw
 from tests.contact_boxes import GAP, PENALTY, SHAPES, Scene
+from tribox.forms.contact import tie_points
+from tribox.forms.contact.tie import TieTerm
+from tribox.forms.friction.coulomb import FrictionlessLaw
 
 
 @pytest.fixture(autouse=True)

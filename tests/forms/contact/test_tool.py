@@ -8,17 +8,17 @@ import pytest
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from forms.contact.penalty import ContactTerm
-from forms.friction.coulomb import CoulombLaw, CoulombParameters
-from geometry.generators.two_blocks import Block, TwoBlocks
-from geometry.generators.two_boxes import Box, TwoBoxes
-from geometry.meshes.mesh import generate
-from geometry.surfaces.rigid_circle import Circle
-from geometry.surfaces.rigid_mesh import MeshSurface
-from geometry.surfaces.rigid_motion import RigidMotion
-from geometry.surfaces.rigid_plane import Plane
-from geometry.surfaces.rigid_polyline import Polyline
-from geometry.surfaces.surface import ContactSurface
+from tribox.forms.contact.penalty import ContactTerm
+from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
+from tribox.geometry.generators.two_blocks import Block, TwoBlocks
+from tribox.geometry.generators.two_boxes import Box, TwoBoxes
+from tribox.geometry.meshes.mesh import generate
+from tribox.geometry.surfaces.rigid_circle import Circle
+from tribox.geometry.surfaces.rigid_mesh import MeshSurface
+from tribox.geometry.surfaces.rigid_motion import RigidMotion
+from tribox.geometry.surfaces.rigid_plane import Plane
+from tribox.geometry.surfaces.rigid_polyline import Polyline
+from tribox.geometry.surfaces.surface import ContactSurface
 
 PENALTY = 40.0
 SHAPES = {

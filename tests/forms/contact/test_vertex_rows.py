@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from forms.contact.tangent import PairTangent
-from forms.contact.vertex_rows import VertexRows
 from tests.forms.contact.test_tangent import STATES, prepared
+from tribox.forms.contact.tangent import PairTangent
+from tribox.forms.contact.vertex_rows import VertexRows
 
 POINTS, VERTICES, NODES, DIM = 12, 5, 7, 2
 

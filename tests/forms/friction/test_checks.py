@@ -5,11 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from forms import closed_forms
-from forms.friction.checks import check_film, threshold_speed_warning, uniqueness_warning
-from forms.friction.friction_map import FrictionMap
-from forms.friction.law import Regime
-from forms.friction.parameters import FrictionMapParameters, with_preset
+from tribox.forms import closed_forms
+from tribox.forms.friction.checks import check_film, threshold_speed_warning, uniqueness_warning
+from tribox.forms.friction.friction_map import FrictionMap
+from tribox.forms.friction.law import Regime
+from tribox.forms.friction.parameters import FrictionMapParameters, with_preset
 
 P = 3e6
 BASE = FrictionMapParameters(

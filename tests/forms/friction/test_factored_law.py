@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from forms.friction.coulomb import CoulombLaw, CoulombParameters
-from forms.friction.factored_law import FactoredLaw
-from forms.friction.friction_map import FrictionMap
-from forms.friction.parameters import FrictionMapParameters, with_preset
+from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
+from tribox.forms.friction.factored_law import FactoredLaw
+from tribox.forms.friction.friction_map import FrictionMap
+from tribox.forms.friction.parameters import FrictionMapParameters, with_preset
 
 FILM = FrictionMapParameters(
     **with_preset("friction-map", {"mu_s": 0.3, "K_T": 1e9, "V_star": 1e-4, "V_star_at": 3e-8})

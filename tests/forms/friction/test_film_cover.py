@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from forms.friction.friction_map import FrictionMap
-from forms.friction.stribeck import StribeckLaw, StribeckParameters
 from tests.forms.friction.test_friction_map import FLOWS, K_T, V_STAR, P, parameters, with_flow
+from tribox.forms.friction.friction_map import FrictionMap
+from tribox.forms.friction.stribeck import StribeckLaw, StribeckParameters
 
 LAWS = {name: FrictionMap(with_flow(parameters(), name)) for name in FLOWS}
 LAWS["stribeck"] = StribeckLaw(

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from forms.friction.film_rheology import FilmRheology
+from tribox.forms.friction.film_rheology import FilmRheology
 
 rheologies = st.builds(
     lambda limit, thinning, **rest: FilmRheology(eta_b=0.8, **limit, **thinning, **rest),

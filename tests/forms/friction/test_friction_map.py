@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from forms.friction.film_map import at_rest, threshold_speed
-from forms.friction.friction_map import FrictionMap
-from forms.friction.law import FrictionResponse, FrictionState, Regime
-from forms.friction.parameters import PRESETS, FrictionMapParameters
+from tribox.forms.friction.film_map import at_rest, threshold_speed
+from tribox.forms.friction.friction_map import FrictionMap
+from tribox.forms.friction.law import FrictionResponse, FrictionState, Regime
+from tribox.forms.friction.parameters import PRESETS, FrictionMapParameters
 
 PROFILE = settings(derandomize=True, deadline=None, max_examples=60)
 

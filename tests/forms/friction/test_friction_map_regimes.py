@@ -5,11 +5,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from forms.friction.film_map import at_rest
-from forms.friction.friction_map import FrictionMap
-from forms.friction.law import Regime
-from forms.friction.parameters import FrictionMapParameters, with_preset
 from tests.forms.friction.test_friction_map import K_T, V_STAR, P, parameters
+from tribox.forms.friction.film_map import at_rest
+from tribox.forms.friction.friction_map import FrictionMap
+from tribox.forms.friction.law import Regime
+from tribox.forms.friction.parameters import FrictionMapParameters, with_preset
 
 
 def steady(law: FrictionMap, speed: float, film: np.ndarray, step: float = 1e-3) -> Any:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from forms.friction.friction_map import FrictionMap
-from forms.friction.parameters import FrictionMapParameters
+from tribox.forms.friction.friction_map import FrictionMap
+from tribox.forms.friction.parameters import FrictionMapParameters
 
 MASS, AREA, P, V0 = 1.0, 1e-4, 3e6, 0.1
 MU, FILM = 0.1, 30e-9

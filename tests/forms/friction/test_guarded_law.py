@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from forms.friction.coulomb import CoulombLaw, CoulombParameters
-from forms.friction.guarded_law import GuardedLaw
-from forms.friction.law import FrictionState
+from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
+from tribox.forms.friction.guarded_law import GuardedLaw
+from tribox.forms.friction.law import FrictionState
 
 COULOMB = CoulombLaw(CoulombParameters(mu=0.3, K_T=1e12))
 SLIP, P, FILM = np.full((3, 2), 1e-7), np.full(3, 1e6), np.zeros(3)

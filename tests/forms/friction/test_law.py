@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
-from forms.friction.friction_map import FrictionMap
-from forms.friction.law import FrictionLaw, FrictionState, Regime
-from forms.friction.parameters import FrictionMapParameters
+from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
+from tribox.forms.friction.friction_map import FrictionMap
+from tribox.forms.friction.law import FrictionLaw, FrictionState, Regime
+from tribox.forms.friction.parameters import FrictionMapParameters
 
 K_T, MU, P = 1e12, 0.1, 3e6
 COULOMB = CoulombLaw(CoulombParameters(mu=MU, K_T=K_T))

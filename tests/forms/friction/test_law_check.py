@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
-from forms.friction.friction_map import FrictionMap
-from forms.friction.law_check import Conditions, check_law
-from forms.friction.parameters import FrictionMapParameters
-from forms.friction.stribeck import StribeckLaw, StribeckParameters
+from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
+from tribox.forms.friction.friction_map import FrictionMap
+from tribox.forms.friction.law_check import Conditions, check_law
+from tribox.forms.friction.parameters import FrictionMapParameters
+from tribox.forms.friction.stribeck import StribeckLaw, StribeckParameters
 
 COULOMB = CoulombLaw(CoulombParameters(mu=0.3, K_T=1e12))
 MAP = {

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from forms.friction.film_map import at_rest, film_point, threshold_speed
-from forms.friction.parameters import PRESETS, FrictionMapParameters, with_preset
-from forms.friction.slip_weakening import SlipWeakening
+from tribox.forms.friction.film_map import at_rest, film_point, threshold_speed
+from tribox.forms.friction.parameters import PRESETS, FrictionMapParameters, with_preset
+from tribox.forms.friction.slip_weakening import SlipWeakening
 
 GOOD = {
     "mu_s": 0.12,

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from forms.friction import settling
-from forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
-from forms.friction.friction_map import FrictionMap
-from forms.friction.parameters import FrictionMapParameters
-from forms.friction.stribeck import StribeckLaw, StribeckParameters
+from tribox.forms.friction import settling
+from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
+from tribox.forms.friction.friction_map import FrictionMap
+from tribox.forms.friction.parameters import FrictionMapParameters
+from tribox.forms.friction.stribeck import StribeckLaw, StribeckParameters
 
 P = np.array([1e6, 2e6, 0.0])
 FILM = np.full(3, 30e-9)

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from forms.friction.coulomb import CoulombLaw, CoulombParameters
-from forms.friction.law import Regime
-from forms.friction.stribeck import StribeckLaw, StribeckParameters
+from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
+from tribox.forms.friction.law import Regime
+from tribox.forms.friction.stribeck import StribeckLaw, StribeckParameters
 
 K_T, P, V_S = 1e12, 3e6, 1e-3
 

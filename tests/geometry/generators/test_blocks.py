@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from geometry.compat import cell_nodes
-from geometry.generators.blocks import Blocks, PlacedBlock
-from geometry.meshes.bonds import bodies_sharing_nodes
-from geometry.meshes.mesh import generate
+from tribox.geometry.compat import cell_nodes
+from tribox.geometry.generators.blocks import Blocks, PlacedBlock
+from tribox.geometry.meshes.bonds import bodies_sharing_nodes
+from tribox.geometry.meshes.mesh import generate
 
 STRIP = PlacedBlock("strip", (0.0, 0.0), (4.0, 1.0), (4, 2), grading=(8.0, 1.0))
 PAD = PlacedBlock("soft pad", (1.0, 1.0), (3.0, 4.0), size=0.5)

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from geometry.generators.cylinders import FlatBlock, HalfCylinder, LineContact, counts
-from geometry.meshes.bonds import bodies_sharing_nodes
-from geometry.meshes.gmsh_model import gmsh_session, named_groups, write_msh
-from geometry.meshes.mesh import generate, read
+from tribox.geometry.generators.cylinders import FlatBlock, HalfCylinder, LineContact, counts
+from tribox.geometry.meshes.bonds import bodies_sharing_nodes
+from tribox.geometry.meshes.gmsh_model import gmsh_session, named_groups, write_msh
+from tribox.geometry.meshes.mesh import generate, read
 
 R, W, H = 10e-3, 0.6e-3, 40e-6
 CYLINDER = HalfCylinder(R, W, H)

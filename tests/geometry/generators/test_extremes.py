@@ -8,12 +8,12 @@ import gmsh
 import pytest
 from mpi4py import MPI
 
-from geometry.generators.cylinders import FlatBlock, HalfCylinder, LineContact
-from geometry.generators.sphere_on_block import SphereOnBlock
-from geometry.generators.two_blocks import Block, TwoBlocks
-from geometry.generators.two_boxes import Box, TwoBoxes
-from geometry.meshes.gmsh_model import MeshError
-from geometry.meshes.mesh import generate
+from tribox.geometry.generators.cylinders import FlatBlock, HalfCylinder, LineContact
+from tribox.geometry.generators.sphere_on_block import SphereOnBlock
+from tribox.geometry.generators.two_blocks import Block, TwoBlocks
+from tribox.geometry.generators.two_boxes import Box, TwoBoxes
+from tribox.geometry.meshes.gmsh_model import MeshError
+from tribox.geometry.meshes.mesh import generate
 
 BLOCKS = TwoBlocks(Block(1.0, 0.5, (3, 2)), Block(1.0, 0.5, size=0.3))
 BOXES = TwoBoxes(Box(1.0, 0.5, 1.0, (3, 2, 1)), Box(1.0, 0.5, 1.0, size=0.5))

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from geometry.generators.two_blocks import Block, TwoBlocks
-from geometry.meshes.extraction import arrays_of
-from geometry.meshes.gmsh_model import gmsh_session
-from geometry.meshes.mesh import _generated
+from tribox.geometry.generators.two_blocks import Block, TwoBlocks
+from tribox.geometry.meshes.extraction import arrays_of
+from tribox.geometry.meshes.gmsh_model import gmsh_session
+from tribox.geometry.meshes.mesh import _generated
 
 
 @pytest.mark.parametrize(

@@ -11,10 +11,10 @@ import pytest
 import ufl
 from mpi4py import MPI
 
-from geometry.generators.sphere_on_block import SphereOnBlock
-from geometry.meshes.bonds import bodies_sharing_nodes
-from geometry.meshes.gmsh_model import gmsh_session
-from geometry.meshes.mesh import generate
+from tribox.geometry.generators.sphere_on_block import SphereOnBlock
+from tribox.geometry.meshes.bonds import bodies_sharing_nodes
+from tribox.geometry.meshes.gmsh_model import gmsh_session
+from tribox.geometry.meshes.mesh import generate
 
 R, BLOCK_R, H, WIDTH = 1.0, 0.8, 0.6, 0.3
 SPHERE = SphereOnBlock(R, BLOCK_R, H, WIDTH, 0.05, 1.3)

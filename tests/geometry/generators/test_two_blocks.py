@@ -9,8 +9,8 @@ import gmsh
 import numpy as np
 import pytest
 
-from geometry.generators.two_blocks import Block, TwoBlocks
-from geometry.meshes.gmsh_model import gmsh_session, write_msh
+from tribox.geometry.generators.two_blocks import Block, TwoBlocks
+from tribox.geometry.meshes.gmsh_model import gmsh_session, write_msh
 
 UPPER = Block(1.0e-3, 0.5e-3, (4, 3))
 LOWER = Block(2.0e-3, 0.4e-3, (7, 2))

@@ -10,10 +10,10 @@ import pytest
 import ufl
 from mpi4py import MPI
 
-from geometry.generators.two_boxes import Box, TwoBoxes
-from geometry.meshes.bonds import bodies_sharing_nodes
-from geometry.meshes.gmsh_model import write_msh
-from geometry.meshes.mesh import generate, read
+from tribox.geometry.generators.two_boxes import Box, TwoBoxes
+from tribox.geometry.meshes.bonds import bodies_sharing_nodes
+from tribox.geometry.meshes.gmsh_model import write_msh
+from tribox.geometry.meshes.mesh import generate, read
 
 UPPER = Box(1.0e-3, 0.5e-3, 0.6e-3, (4, 3, 2), grading=3.0)
 LOWER = Box(2.0e-3, 0.4e-3, 1.0e-3, (5, 2, 3))

@@ -19,11 +19,11 @@ from pathlib import Path
 import gmsh
 from mpi4py import MPI
 
-from geometry.generators.two_blocks import Block, TwoBlocks
-from geometry.generators.two_boxes import Box, TwoBoxes
-from geometry.meshes.bonds import bodies_sharing_nodes
-from geometry.meshes.gmsh_model import MeshError, gmsh_session
-from geometry.meshes.mesh import read
+from tribox.geometry.generators.two_blocks import Block, TwoBlocks
+from tribox.geometry.generators.two_boxes import Box, TwoBoxes
+from tribox.geometry.meshes.bonds import bodies_sharing_nodes
+from tribox.geometry.meshes.gmsh_model import MeshError, gmsh_session
+from tribox.geometry.meshes.mesh import read
 
 BLOCK, BOX = Block(1.0, 0.5, (2, 2)), Box(1.0, 0.5, 1.0, (2, 1, 2))
 # Shape, version of the format, whether binary.

@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app.results.bp_files import BpWriter
-from app.results.gathered_mesh import GatheredMesh
-from forms.bodies.materials import NeoHookean
-from forms.bodies.solid import Solid
-from geometry.generators.cylinders import FlatBlock, HalfCylinder, LineContact
-from geometry.generators.two_blocks import Block, TwoBlocks
-from geometry.generators.two_boxes import Box, TwoBoxes
-from geometry.meshes.gmsh_model import MeshError
-from geometry.meshes.mesh import generate
-from geometry.meshes.mesh_arrays import MeshArrays, Part
-from geometry.pictures.space import outer_facets
+from tribox.app.results.bp_files import BpWriter
+from tribox.app.results.gathered_mesh import GatheredMesh
+from tribox.forms.bodies.materials import NeoHookean
+from tribox.forms.bodies.solid import Solid
+from tribox.geometry.generators.cylinders import FlatBlock, HalfCylinder, LineContact
+from tribox.geometry.generators.two_blocks import Block, TwoBlocks
+from tribox.geometry.generators.two_boxes import Box, TwoBoxes
+from tribox.geometry.meshes.gmsh_model import MeshError
+from tribox.geometry.meshes.mesh import generate
+from tribox.geometry.meshes.mesh_arrays import MeshArrays, Part
+from tribox.geometry.pictures.space import outer_facets
 
 BLOCKS = TwoBlocks(Block(1.0, 0.5, (3, 2)), Block(2.0, 0.4, (4, 2)))
 BOXES = TwoBoxes(Box(1.0, 0.5, 1.0, (2, 2, 2)), Box(2.0, 0.4, 2.0, (3, 2, 2)))

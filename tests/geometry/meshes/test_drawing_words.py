@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 from mpi4py import MPI
 
-from geometry.generators.two_blocks import Block, TwoBlocks
-from geometry.meshes.drawing_words import beyond_drawing
-from geometry.meshes.gmsh_model import write_msh
-from geometry.meshes.mesh import read
+from tribox.geometry.generators.two_blocks import Block, TwoBlocks
+from tribox.geometry.meshes.drawing_words import beyond_drawing
+from tribox.geometry.meshes.gmsh_model import write_msh
+from tribox.geometry.meshes.mesh import read
 
 INIT = Path(__file__).parents[3] / "app" / "init"
 

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from geometry.meshes.gmsh_model import MeshError
-from geometry.meshes.groups import group_dofs
-from geometry.meshes.mesh import NamedMesh, generate
+from tribox.geometry.meshes.gmsh_model import MeshError
+from tribox.geometry.meshes.groups import group_dofs
+from tribox.geometry.meshes.mesh import NamedMesh, generate
 
 
 class Cube:

@@ -11,12 +11,12 @@ import pytest
 import ufl
 from mpi4py import MPI
 
-from geometry.generators.two_blocks import Block, TwoBlocks
-from geometry.meshes.bonds import bodies_sharing_nodes
-from geometry.meshes.foreign import read_msh
-from geometry.meshes.gmsh_model import MeshError, gmsh_session, write_msh
-from geometry.meshes.mesh import generate, read
 from tests.geometry.meshes.test_damaged import CRASHING
+from tribox.geometry.generators.two_blocks import Block, TwoBlocks
+from tribox.geometry.meshes.bonds import bodies_sharing_nodes
+from tribox.geometry.meshes.foreign import read_msh
+from tribox.geometry.meshes.gmsh_model import MeshError, gmsh_session, write_msh
+from tribox.geometry.meshes.mesh import generate, read
 
 BLOCKS = TwoBlocks(
     Block(1.0e-3, 0.5e-3, (8, 4), grading=3.0), Block(2.0e-3, 0.4e-3, (13, 5)), offset=0.35e-3

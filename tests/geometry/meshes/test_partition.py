@@ -8,14 +8,14 @@ import pytest
 import scipy.sparse
 from mpi4py import MPI
 
-from geometry.compat import cell_nodes
-from geometry.generators.two_blocks import Block, TwoBlocks
-from geometry.generators.two_boxes import Box, TwoBoxes
-from geometry.meshes import metis
-from geometry.meshes.extraction import arrays_of
-from geometry.meshes.gmsh_model import gmsh_session
-from geometry.meshes.mesh import generate
-from geometry.meshes.partition import share_out
+from tribox.geometry.compat import cell_nodes
+from tribox.geometry.generators.two_blocks import Block, TwoBlocks
+from tribox.geometry.generators.two_boxes import Box, TwoBoxes
+from tribox.geometry.meshes import metis
+from tribox.geometry.meshes.extraction import arrays_of
+from tribox.geometry.meshes.gmsh_model import gmsh_session
+from tribox.geometry.meshes.mesh import generate
+from tribox.geometry.meshes.partition import share_out
 
 
 def blocks(cell):

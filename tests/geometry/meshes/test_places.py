@@ -5,8 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from geometry.meshes.places import centre, nearest_place, nodes_of, places_in, shape_functions
 from tests.grid import grid
+from tribox.geometry.meshes.places import (
+    centre,
+    nearest_place,
+    nodes_of,
+    places_in,
+    shape_functions,
+)
 
 CELLS = ["triangle", "quadrilateral", "tetrahedron", "hexahedron"]
 

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from geometry.meshes.foreign import read_msh
-from geometry.meshes.gmsh_model import MeshError
-from geometry.meshes.mesh import read
-from geometry.meshes.places import nodes_of, places_in, shape_functions
-from geometry.pictures.plane import draw
-from geometry.surfaces.surface import ContactSurface
 from tests.geometry.meshes.test_mesh import group, resultants, write_built
+from tribox.geometry.meshes.foreign import read_msh
+from tribox.geometry.meshes.gmsh_model import MeshError
+from tribox.geometry.meshes.mesh import read
+from tribox.geometry.meshes.places import nodes_of, places_in, shape_functions
+from tribox.geometry.pictures.plane import draw
+from tribox.geometry.surfaces.surface import ContactSurface
 
 CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from geometry.surfaces.closest_point import CORNER, INTERIOR, closest_points, solve_small
-from geometry.surfaces.facets import facet_shape
+from tribox.geometry.surfaces.closest_point import CORNER, INTERIOR, closest_points, solve_small
+from tribox.geometry.surfaces.facets import facet_shape
 
 KINDS = [(cell, degree) for cell in ("interval", "triangle", "quadrilateral") for degree in (1, 2)]
 

@@ -8,12 +8,12 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-import geometry.surfaces.compiled_facets as compiled
-from geometry.native.libraries import library
-from geometry.surfaces.closest_point import closest_points
-from geometry.surfaces.compiled_facets import Candidates, CompiledFacets, compiled_facets
-from geometry.surfaces.facets import facet_shape
-from geometry.surfaces.projection import FacetSurface
+import tribox.geometry.surfaces.compiled_facets as compiled
+from tribox.geometry.native.libraries import library
+from tribox.geometry.surfaces.closest_point import closest_points
+from tribox.geometry.surfaces.compiled_facets import Candidates, CompiledFacets, compiled_facets
+from tribox.geometry.surfaces.facets import facet_shape
+from tribox.geometry.surfaces.projection import FacetSurface
 
 SHAPES = [
     *(("interval", degree) for degree in (1, 2, 3)),

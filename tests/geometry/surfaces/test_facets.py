@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from geometry.surfaces.facets import facet_shape
+from tribox.geometry.surfaces.facets import facet_shape
 
 KINDS = [(cell, degree) for cell in ("interval", "triangle", "quadrilateral") for degree in (1, 2)]
 KINDS += [("interval", 3), ("quadrilateral", 3)]

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from geometry.surfaces.facets import facet_shape
-from geometry.surfaces.projection import FacetSurface
 from tests.geometry.surfaces.test_projection import polyline
 from tests.geometry.surfaces.test_vertices import graded
+from tribox.geometry.surfaces.facets import facet_shape
+from tribox.geometry.surfaces.projection import FacetSurface
 
 NODES = np.array([[0.0, 0.0], [2.0, 0.0], [3.0, 0.0], [3.5, 0.0]])
 

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from geometry.surfaces.facets import facet_shape, unit_normals
-from geometry.surfaces.projection import FacetSurface
+from tribox.geometry.surfaces.facets import facet_shape, unit_normals
+from tribox.geometry.surfaces.projection import FacetSurface
 
 SEGMENT = facet_shape("interval", 1)
 

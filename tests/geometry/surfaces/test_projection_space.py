@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from geometry.surfaces.facet_search import FacetSearch
-from geometry.surfaces.facets import facet_shape, unit_normals
-from geometry.surfaces.projection import OVERRUN, FacetSurface, Projection
+from tribox.geometry.surfaces.facet_search import FacetSearch
+from tribox.geometry.surfaces.facets import facet_shape, unit_normals
+from tribox.geometry.surfaces.projection import OVERRUN, FacetSurface, Projection
 
 SPACE = [("triangle", 1), ("quadrilateral", 1), ("triangle", 2), ("quadrilateral", 2)]
 ALL = [("interval", 2), *SPACE]
@@ -29,7 +29,7 @@ def surface_of(sheet, kind, count, height=hilly):
 
 def every_facet(surface, points, nodes):
     """Closest distances (q,) without a search."""
-    from geometry.surfaces.closest_point import closest_points
+    from tribox.geometry.surfaces.closest_point import closest_points
 
     count = len(surface.facets)
     facet = np.tile(np.arange(count), len(points))

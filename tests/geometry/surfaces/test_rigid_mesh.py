@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from geometry.surfaces.facets import facet_shape
-from geometry.surfaces.projection import FacetSurface
-from geometry.surfaces.rigid_mesh import MeshSurface
-from geometry.surfaces.slave_normals import PointNormals
 from tests.geometry.surfaces.rigid_shapes import STEP, moved
+from tribox.geometry.surfaces.facets import facet_shape
+from tribox.geometry.surfaces.projection import FacetSurface
+from tribox.geometry.surfaces.rigid_mesh import MeshSurface
+from tribox.geometry.surfaces.slave_normals import PointNormals
 
 LINE = np.array([[0, 1], [1, 2], [2, 3], [3, 4]])
 

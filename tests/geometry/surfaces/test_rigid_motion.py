@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from geometry.surfaces.rigid_motion import RigidMotion
+from tribox.geometry.surfaces.rigid_motion import RigidMotion
 
 PLANE = RigidMotion(np.array([0.3, -0.2]), np.array([[1.0, 0.5], [0.2, 0.4], [-0.7, 2.0]]), 0.7)
 SPACE = RigidMotion(

@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from geometry.surfaces.facets import facet_shape
-from geometry.surfaces.projection import FacetSurface
-from geometry.surfaces.rigid import normals
-from geometry.surfaces.rigid_polyline import AT_ONCE, Polyline
-from geometry.surfaces.slave_normals import PointNormals
 from tests.geometry.surfaces.rigid_shapes import STEP, TRIANGLE, around, moved
+from tribox.geometry.surfaces.facets import facet_shape
+from tribox.geometry.surfaces.projection import FacetSurface
+from tribox.geometry.surfaces.rigid import normals
+from tribox.geometry.surfaces.rigid_polyline import AT_ONCE, Polyline
+from tribox.geometry.surfaces.slave_normals import PointNormals
 
 SQUARE = np.array([[0.0, 0.0], [0.0, 1.0], [1.0, 1.0], [1.0, 0.0]])
 

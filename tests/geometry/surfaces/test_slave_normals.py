@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from geometry.surfaces.facets import facet_shape
-from geometry.surfaces.slave_normals import CHORDS, SlaveNormals
-from geometry.surfaces.vertices import SlaveVertices
+from tribox.geometry.surfaces.facets import facet_shape
+from tribox.geometry.surfaces.slave_normals import CHORDS, SlaveNormals
+from tribox.geometry.surfaces.vertices import SlaveVertices
 
 PLACES = np.array([0.1, 0.5, 0.8])  # of the points on each facet, from its first vertex
 

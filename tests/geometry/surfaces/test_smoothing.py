@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from geometry.surfaces.facets import facet_shape
-from geometry.surfaces.projection import FacetSurface
-from geometry.surfaces.smoothing import smooth_patches
+from tribox.geometry.surfaces.facets import facet_shape
+from tribox.geometry.surfaces.projection import FacetSurface
+from tribox.geometry.surfaces.smoothing import smooth_patches
 
 KINDS = ["interval", "quadrilateral"]
 SMOOTHING_ANGLE = np.pi / 6

@@ -10,14 +10,14 @@ import ufl
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from forms.contact.penalty import ContactTerm
-from forms.friction.coulomb import CoulombLaw, CoulombParameters
-from geometry.compat import integration_facets
-from geometry.generators.two_blocks import Block, TwoBlocks
-from geometry.meshes.gmsh_model import gmsh_session
-from geometry.meshes.mesh import generate, read
-from geometry.surfaces.body_facets import facet_nodes
-from geometry.surfaces.surface import ContactSurface
+from tribox.forms.contact.penalty import ContactTerm
+from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
+from tribox.geometry.compat import integration_facets
+from tribox.geometry.generators.two_blocks import Block, TwoBlocks
+from tribox.geometry.meshes.gmsh_model import gmsh_session
+from tribox.geometry.meshes.mesh import generate, read
+from tribox.geometry.surfaces.body_facets import facet_nodes
+from tribox.geometry.surfaces.surface import ContactSurface
 
 SLAVE, MASTER = "elastomer_contact", "aluminium_contact"
 A = np.array([[0.31, -0.47], [0.22, 0.18]])

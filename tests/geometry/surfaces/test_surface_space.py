@@ -9,12 +9,12 @@ import pytest
 import ufl
 from mpi4py import MPI
 
-from geometry.compat import integration_facets, model_to_mesh
-from geometry.meshes.gmsh_model import gmsh_session
-from geometry.surfaces.body_facets import facet_nodes
-from geometry.surfaces.facets import facet_shape, unit_normals
-from geometry.surfaces.surface import ContactSurface
 from tests.grid import grid
+from tribox.geometry.compat import integration_facets, model_to_mesh
+from tribox.geometry.meshes.gmsh_model import gmsh_session
+from tribox.geometry.surfaces.body_facets import facet_nodes
+from tribox.geometry.surfaces.facets import facet_shape, unit_normals
+from tribox.geometry.surfaces.surface import ContactSurface
 
 CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
 KINDS = [(cell, degree) for cell in CELLS for degree in (1, 2)]

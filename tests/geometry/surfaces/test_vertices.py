@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from geometry.generators.two_blocks import Block, TwoBlocks
-from geometry.generators.two_boxes import Box, TwoBoxes
-from geometry.meshes.mesh import generate
-from geometry.surfaces.surface import ContactSurface
 from tests.contact_boxes import SHAPES
 from tests.grid import grid
+from tribox.geometry.generators.two_blocks import Block, TwoBlocks
+from tribox.geometry.generators.two_boxes import Box, TwoBoxes
+from tribox.geometry.meshes.mesh import generate
+from tribox.geometry.surfaces.surface import ContactSurface
 
 COUNT = 4  # cells along x
 BODY = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}

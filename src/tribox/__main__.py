@@ -1,4 +1,4 @@
-"""``python3 -m app``, and the command ``tribox`` of an installation."""
+"""``python3 -m tribox``, and the command ``tribox`` of an installation."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ import gc
 
 def start() -> None:
     """Run the command line as a process of its own, with little time for the garbage collector."""
-    from app.run.late_modules import load_late
-    from app.run.process import begin_process, collect_the_rest, end_process, lasting_imports
+    from tribox.app.run.late_modules import load_late
+    from tribox.app.run.process import begin_process, collect_the_rest, end_process, lasting_imports
 
     gc.set_threshold(100_000)
     atexit.register(collect_the_rest)
     begin_process()
     load_late()
     with lasting_imports():
-        from app.cli import main
+        from tribox.app.cli import main
 
     try:
         main()
