@@ -25,7 +25,7 @@ def cpu_seconds(words: list[str]) -> float:
         before = os.times()
         subprocess.run(
             [sys.executable, *words], check=True, stdout=subprocess.DEVNULL, cwd=ROOT,
-            env=os.environ | {"PYTHONPATH": str(ROOT), "MPLBACKEND": "Agg", "OMP_NUM_THREADS": "1"},
+            env=os.environ | {"PYTHONPATH": str(ROOT / "src"), "MPLBACKEND": "Agg", "OMP_NUM_THREADS": "1"},
         )  # fmt: skip
         after = os.times()
         taken.append(
