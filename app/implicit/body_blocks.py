@@ -27,7 +27,8 @@ from tribox.forms.bodies.solid import Solid
 FAILED, TOO_MANY = 5, 15
 MOST = 1e-6
 """Share of the forces that a solve may leave. With 1e-3 of them at the start of a step other points
-slipped than with a whole factorisation: 651 Newton iterations instead of 173 on 221 700 unknowns."""
+slipped than by a factorisation of the whole: 651 Newton iterations instead of 173, with 221 700
+unknowns."""
 
 
 class BodyBlocks:
