@@ -48,9 +48,9 @@ def test_documented_imports_stay_where_they_are(module, names):
 
 
 def test_every_directory_with_modules_is_a_package_that_is_found():
-    wanted = [pattern for top in TOP for pattern in (top, f"{top}.*")]
-    assert settings()["packages"]["find"]["include"] == wanted
+    assert settings()["packages"]["find"]["where"] == ["src"]
     for top in TOP:
+        assert (ROOT / "src" / "tribox" / top).resolve() == ROOT / top
         for path in (ROOT / top).rglob("*.py"):
             assert (path.parent / "__init__.py").is_file(), path
 
@@ -60,5 +60,5 @@ def test_every_file_that_is_no_module_is_package_data():
     for top in TOP:
         for path in (ROOT / top).rglob("*"):
             if path.is_file() and path.suffix not in (".py", ".pyc"):
-                package = ".".join(path.relative_to(ROOT).parent.parts)
+                package = ".".join(("tribox", *path.relative_to(ROOT).parent.parts))
                 assert any(path.match(pattern) for pattern in data[package]), path
