@@ -70,6 +70,8 @@ def test_blocks_of_a_page_share_a_directory_and_names(run):
         (fenced("sh", "srun tribox run", mark="not run: needs a cluster"), "Missing argument"),
         (fenced("sh", "./tribox test tests/nothing"), "tests/nothing: no such file"),
         (fenced("sh", "python3 -m benchmarks.none"), "benchmarks.none: no such module"),
+        (fenced("sh", "python3 -m benchmarks.law --fast"), "--fast: not in its source"),
+        (fenced("sh", "python3 -m none"), "none: no such module"),
         (fenced("sh", "if true; then"), "syntax error|unexpected end"),
         (fenced("", "ls"), "without a language"),
         (fenced("shell", "ls"), "language 'shell'"),
@@ -114,6 +116,11 @@ def test_what_is_wrong_is_seen_without_running(page, block, what):
 def test_what_is_wrong_is_seen_when_it_runs(run, blocks, what):
     with pytest.raises(PageError, match=what):
         run(*blocks)
+
+
+def test_a_page_goes_on_behind_a_block_that_fails(run):
+    with pytest.raises(PageError, match=r"(?s)page.md:3: exit code 1.*page.md:7: not printed: '2'"):
+        run(fenced("sh", "echo 1", "false"), fenced("text", "2"))
 
 
 def test_a_whole_case_is_checked_as_it_is(run):
