@@ -18,9 +18,11 @@ LANGUAGES = ("sh", "python", "toml", "text", "json", "csv", "geo")
 DIRECTIVE = re.compile(r"\{[\w:-]+\}.*")
 # Why a block need not run, and why a text need not be what a block above has printed.
 REASONS = (
+    "a benchmark",
     "needs a cluster",
     "needs a container engine",
     "needs a second machine",
+    "needs another program",
     "needs root",
     "needs the network",
     "takes minutes",
@@ -124,7 +126,7 @@ def _marks(block: Block, above: list[str]) -> dict[str, str]:
 
 def is_long(page: Path) -> bool:
     """Whether the page says that its blocks take more than about 3 s."""
-    return LONG in page.read_text(encoding="utf-8")
+    return LONG in page.read_text(encoding="utf-8").splitlines()
 
 
 def without_blocks(text: str) -> str:

@@ -19,6 +19,8 @@ ROOT = Path(__file__).resolve().parents[2]
 _PROGRAM = ("tribox", "./tribox")
 # What tribox is started through. Behind other programs the word "tribox" is a name (conda -n).
 _STARTERS = (*_PROGRAM, "docker", "podman", "mpirun", "mpiexec", "srun", "python3", "exec")
+# Packages of this tree whose modules have command lines of their own.
+_OWN = ("benchmarks", "tests", "tribox")
 _ASSIGNED = re.compile(r"(\w+)=(.*)", re.DOTALL)
 _TREE = re.compile(r"(?:benchmarks|cases|docs|examples|tests)/[\w./-]+")
 
@@ -93,8 +95,10 @@ def _split(words: Iterator[str]) -> Iterator[list[str]]:
 def _tribox_problems(words: list[str]) -> list[str]:
     if words[0] not in _STARTERS:
         return []
-    own = [n for n, word in enumerate(words) if word in _PROGRAM]
-    own += [n + 1 for n, pair in enumerate(pairwise(words)) if pair == ("-m", "tribox")]
+    if words[0] == "python3":
+        own = [n + 1 for n, pair in enumerate(pairwise(words)) if pair == ("-m", "tribox")]
+    else:
+        own = [n for n, word in enumerate(words) if word in _PROGRAM]
     rest = words[max(own) + 1 :] if own else []
     if not rest or not (words[0] in _PROGRAM or re.fullmatch(r"-{0,2}[a-z]+", rest[0])):
         return []
@@ -120,14 +124,30 @@ def parse_problem(words: list[str]) -> str | None:
 
 
 def _module_problems(words: list[str]) -> list[str]:
+    """Of ``python3 -m MODULE ...``: the module is there, and its source has the words behind it."""
     if words[0] not in ("python", "python3") or "-m" not in words[:-1]:
         return []
-    name = words[words.index("-m") + 1]
-    try:
-        there = find_spec(name) is not None
-    except ModuleNotFoundError:
-        there = False
-    return [] if there else [f"python3 -m {name}: no such module"]
+    at = words.index("-m") + 1
+    module, rest = words[at], words[at + 1 :]
+    if module == "tribox":
+        return []  # its words have been parsed
+    if module.split(".")[0] not in _OWN:
+        there = find_spec(module.split(".")[0]) is not None
+        return [] if there else [f"python3 -m {module}: no such module"]
+    source = _source(module)
+    if not source:
+        return [f"python3 -m {module}: no such module"]
+    values = {word for option, word in pairwise(rest) if option.startswith("--")}
+    named = [word for word in rest if re.fullmatch(r"-{0,2}[a-z][a-z-]*", word)]
+    unknown = [word for word in named if word not in values and word.strip("-") not in source]
+    return [f"python3 -m {module}: {word}: not in its source" for word in unknown]
+
+
+def _source(module: str) -> str:
+    """Text of a module of this tree, and of all that its package has beside it."""
+    path = ROOT.joinpath(*module.removeprefix("tribox.").split("."))
+    files = [*path.glob("*.py"), path.with_suffix(".py")]
+    return "".join(file.read_text(encoding="utf-8") for file in files if file.is_file())
 
 
 def _tree_files(words: list[str]) -> list[str]:

@@ -99,23 +99,32 @@ class PageRun:
         self.last: Done | None = None
 
     def run(self, page: Path) -> None:
-        """Run all of a page.
+        """Run all of a page, also behind a block that fails.
 
         Raises:
-            PageError: a block fails, or does not print what is shown.
+            PageError: a block fails, or does not print what is shown; a line or more on each.
         """
+        found: list[str] = []
         for block in find_blocks(page):
-            self._prepare(block)
-            if "file" in block.marks:
-                self._write(block)
-            elif "not run" in block.marks:
-                self.last = None
-            elif block.language == "text":
-                self._compare(block)
-            elif block.language == "toml":
-                self._check_toml(block)
-            elif block.language in ("sh", "python"):
-                self._run(block)
+            try:
+                self._prepare(block)
+                self._take(block)
+            except PageError as error:
+                found.append(str(error))
+        if found:
+            raise PageError("\n".join(found))
+
+    def _take(self, block: Block) -> None:
+        if "file" in block.marks:
+            self._write(block)
+        elif "not run" in block.marks:
+            self.last = None
+        elif block.language == "text":
+            self._compare(block)
+        elif block.language == "toml":
+            self._check_toml(block)
+        elif block.language in ("sh", "python"):
+            self._run(block)
 
     def _prepare(self, block: Block) -> None:
         if first := block.marks.get("in the test first"):
@@ -148,8 +157,8 @@ class PageRun:
         words = block.marks.get("in the test with", "")
         python = block.language == "python"
         done = self._execute(block) if python else self.checkout.run(block.text, words)
-        self._expect(block, done)
         self.last = done
+        self._expect(block, done)
 
     def _expect(self, block: Block, done: Done) -> None:
         wanted = block.marks.get("fails with", "0")
