@@ -136,3 +136,9 @@ def test_tests_of_an_installation_are_refused(installed, tmp_path):
         text=True,
     )
     assert done.returncode == 2 and "the tests are in the source tree" in done.stderr
+
+
+@pytest.mark.parametrize("top", TOP)
+def test_a_package_under_its_folder_s_name_is_refused(top):
+    with pytest.raises(ImportError, match=f"{top} is imported as tribox.{top}:"):
+        importlib.import_module(top)
