@@ -33,7 +33,7 @@ REASONS: dict[str, str] = {
 def sources(root: Path = ROOT) -> dict[str, str]:
     """Text of each module by its name."""
     files = [p for top in TOP for p in sorted((root / top).rglob("*.py"))]
-    names = [".".join(p.relative_to(root).with_suffix("").parts) for p in files]
+    names = [".".join(("tribox", *p.relative_to(root).with_suffix("").parts)) for p in files]
     return {n: p.read_text(encoding="utf-8") for n, p in zip(names, files, strict=True)}
 
 
