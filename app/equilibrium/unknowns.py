@@ -20,6 +20,7 @@ def _fix_rounding() -> None:
     for name in ("vec_mdot_use_gemv", "vec_maxpy_use_gemv"):
         if not options.hasName(name):
             options[name] = False
+            options.getBool(name)  # or, where nothing is solved, PETSc says that nobody asked for it
 
 
 class Unknowns:
