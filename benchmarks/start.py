@@ -14,6 +14,7 @@ import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
+SETTINGS = {"PYTHONPATH": str(ROOT / "src"), "MPLBACKEND": "Agg", "OMP_NUM_THREADS": "1"}
 REPEATS = 5
 BASE = "import numpy, matplotlib.pyplot"
 
@@ -25,7 +26,7 @@ def cpu_seconds(words: list[str]) -> float:
         before = os.times()
         subprocess.run(
             [sys.executable, *words], check=True, stdout=subprocess.DEVNULL, cwd=ROOT,
-            env=os.environ | {"PYTHONPATH": str(ROOT), "MPLBACKEND": "Agg", "OMP_NUM_THREADS": "1"},
+            env=os.environ | SETTINGS,
         )  # fmt: skip
         after = os.times()
         taken.append(

@@ -43,7 +43,8 @@ def mpi_environment() -> dict[str, str]:
         for key, value in os.environ.items()
         if not key.startswith(("PMIX_", "OMPI_COMM_WORLD", "OMPI_UNIVERSE", "PMI_"))
     }
-    kept |= {"PYTHONPATH": str(ROOT), "MPLBACKEND": "Agg", "OMP_NUM_THREADS": "1"}
+    path = os.pathsep.join((str(ROOT / "src"), str(ROOT)))
+    kept |= {"PYTHONPATH": path, "MPLBACKEND": "Agg", "OMP_NUM_THREADS": "1"}
     # Ranks that wait give way to those that work, where there are fewer cores than ranks.
     return kept | {"OMPI_MCA_mpi_yield_when_idle": "1"}
 

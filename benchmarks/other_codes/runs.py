@@ -77,7 +77,7 @@ def run_tribox(problem: Problem, place: Path, *, tree: Path = ROOT, calculix: bo
     """``tribox run`` of the sources in ``tree``; ``calculix``: with its strain energy."""
     (place / "case.toml").write_text(case_text(problem, calculix=calculix))
     command = [sys.executable, "-m", "tribox", "run", "case.toml", "--out", "results"]
-    took = timed(command, place, PYTHONPATH=str(tree), PYTHONSAFEPATH="1")
+    took = timed(command, place, PYTHONPATH=str(tree / "src"), PYTHONSAFEPATH="1")
     with (place / "results" / "history.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
     energy = "energy as CalculiX" if calculix else "energy as GetFEM"
@@ -159,7 +159,7 @@ def run_block_slide(problem: Problem, place: Path, *, tree: Path = ROOT) -> Reco
     """``tribox run cases/block-slide.toml``, figures and fields included, for FElupe."""
     case = str(tree / "cases" / "block-slide.toml")
     command = [sys.executable, "-m", "tribox", "run", case, "--out", str(place / "results")]
-    took = timed(command, place, PYTHONPATH=str(tree), PYTHONSAFEPATH="1")
+    took = timed(command, place, PYTHONPATH=str(tree / "src"), PYTHONSAFEPATH="1")
     with (place / "results" / "history.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
     summary = json.loads((place / "results" / "summary.json").read_text())

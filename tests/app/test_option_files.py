@@ -27,7 +27,7 @@ def test_option_files_of_the_working_directory_are_not_read(tmp_path):
     (tmp_path / "ffcx_options.json").write_text(json.dumps({"epsilon": 0.5}))
     before = {path.name for path in tmp_path.iterdir()}
     root = Path(__file__).parents[2]
-    environment = {**os.environ, "PYTHONPATH": str(root), "PETSC_OPTIONS": "-mine 1"}
+    environment = {**os.environ, "PYTHONPATH": str(root / "src"), "PETSC_OPTIONS": "-mine 1"}
     done = subprocess.run(
         [sys.executable, "-c", SAY], cwd=tmp_path, env=environment, capture_output=True, text=True
     )

@@ -17,6 +17,7 @@ COPIES = [
 
 # Of the files that the image is made from, one of each place.
 SOURCES = (
+    "src/tribox/__init__.py",
     "forms/bodies/solid.py",
     "forms/native/plane_kernel.c",
     "geometry/native/closest_points.c",

@@ -26,7 +26,7 @@ def test_python_with_dolfinx_comes_first(docker: Machine) -> None:
     done = docker.launch("run", "a b", cwd=docker.home, PYTHONPATH="/other")
     assert done.returncode == 3
     assert done.stdout.splitlines() == [
-        f"{docker.checkout}:/other",
+        f"{docker.checkout}/src:/other",
         str(docker.home),
         *("-m", "tribox", "run", "a b"),
     ]

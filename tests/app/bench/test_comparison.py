@@ -22,7 +22,7 @@ from tribox.app.bench.comparison import (
 )
 from tribox.app.bench.comparison_tables import all_jobs, in_order, job_table
 from tribox.app.bench.jobs import Job
-from tribox.app.bench.process import ROOT, Cost
+from tribox.app.bench.process import SOURCES, Cost
 from tribox.app.bench.sides import Side
 from tribox.app.errors import InputError
 
@@ -166,7 +166,7 @@ def test_several_ranks_run_the_program_as_it_is(monkeypatch):
         return Cost(4.0, 2.0)
 
     monkeypatch.setattr(comparison, "run_python", fake)
-    side = Side("2 ranks", ROOT / "elsewhere", 2, ("a=1",))
+    side = Side("2 ranks", SOURCES / "elsewhere", 2, ("a=1",))
     found = comparison.run(JOB, side, False)
     ((words, tree),) = asked
     assert words[:4] == ["-m", "tribox", "run", "short.toml"] and words[-2:] == ["--np", "2"]
@@ -179,9 +179,11 @@ def test_several_ranks_run_the_program_as_it_is(monkeypatch):
 def other_tree(tmp_path_factory) -> Path:
     """A copy of this tree whose runs burn a second and have half the friction."""
     tree = tmp_path_factory.mktemp("other") / "tree"
+    skipped = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(SOURCES / "tribox", tree / "src" / "tribox", ignore=skipped)
     for name in ("app", "forms", "geometry"):
-        shutil.copytree(ROOT / name, tree / name, ignore=shutil.ignore_patterns("__pycache__"))
-    main = tree / "app" / "__main__.py"
+        (tree / name).symlink_to(tree / "src" / "tribox" / name)
+    main = tree / "src" / "tribox" / "__main__.py"
     text = main.read_text(encoding="utf-8")
     future = "from __future__ import annotations\n"
     assert future in text

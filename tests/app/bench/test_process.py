@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from tribox.app.bench.process import ROOT, environment, run_python
+from tribox.app.bench.process import SOURCES, environment, run_python
 from tribox.app.errors import SolutionError
 
 BURN = "import time\nwhile time.process_time() < 0.4: pass\n"
@@ -19,8 +19,8 @@ def test_packages_are_those_of_the_tree(tmp_path, monkeypatch):
     told = tmp_path / "told"
     text = f"import pathlib\npathlib.Path({str(told)!r}).write_text(__file__)\n"
     (tmp_path / "app" / "where.py").write_text(text, encoding="utf-8")
-    monkeypatch.chdir(ROOT)
-    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    monkeypatch.chdir(SOURCES)
+    monkeypatch.setenv("PYTHONPATH", str(SOURCES))
     run_python(["-m", "app.where"], "a run", tmp_path)
     assert told.read_text(encoding="utf-8") == str(tmp_path / "app" / "where.py")
 
@@ -49,6 +49,6 @@ def test_failure_says_the_last_word():
 
 def test_variables_of_mpi_stay_here():
     ours = {"OMPI_COMM_WORLD_SIZE": "2", "PMIX_RANK": "0", "HOME": "/h", "OMP_NUM_THREADS": "8"}
-    kept = environment(ours, ROOT)
+    kept = environment(ours, SOURCES)
     assert kept["HOME"] == "/h" and kept["OMP_NUM_THREADS"] == "1"
     assert not {"OMPI_COMM_WORLD_SIZE", "PMIX_RANK"} & kept.keys()

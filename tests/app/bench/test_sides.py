@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tribox.app.bench.process import ROOT
+from tribox.app.bench.process import SOURCES
 from tribox.app.bench.sides import sides_of
 from tribox.app.errors import InputError
 
@@ -16,21 +16,36 @@ def test_alone_nothing_is_compared():
     assert sides_of(None, (), 1) is None
 
 
+def a_tree(place):
+    for name in ("app/bench", "forms", "geometry"):
+        (place / name).mkdir(parents=True)
+    (place / "app" / "bench" / "probe.py").touch()
+
+
 @pytest.mark.parametrize("ranks", [1, 3])
 def test_another_tree_is_the_old_one(tmp_path, ranks):
-    for name in ("app/bench", "forms", "geometry"):
-        (tmp_path / name).mkdir(parents=True)
-    for name in ("app/__main__.py", "app/bench/probe.py"):
-        (tmp_path / name).touch()
+    a_tree(tmp_path)
     old, new = sides_of(tmp_path, (), ranks)
     assert (old.name, old.tree, old.ranks) == ("old", tmp_path, ranks)
-    assert (new.name, new.tree, new.ranks) == ("new", ROOT, ranks)
+    assert (old.package, old.packages) == ("app", ["app", "forms", "geometry"])
+    assert (new.name, new.tree, new.ranks) == ("new", SOURCES, ranks)
+
+
+def test_packages_of_a_tree_are_where_it_has_them(tmp_path):
+    a_tree(tmp_path)
+    (tmp_path / "src" / "tribox").mkdir(parents=True)
+    old, new = sides_of(tmp_path, (), 1)
+    assert old.tree == tmp_path / "src"
+    assert old.package == new.package == "tribox"
+    for side in (old, new):
+        assert side.packages == ["tribox/app", "tribox/forms", "tribox/geometry"]
+    assert all((new.tree / name).is_dir() for name in new.packages)
 
 
 def test_changes_are_made_on_the_second_side_only():
     first, second = sides_of(None, ("a=1", "b=2"), 1)
     assert (first.changes, second.changes) == ((), ("a=1", "b=2"))
-    assert first.tree == second.tree == ROOT
+    assert first.tree == second.tree == SOURCES
 
 
 def test_ranks_alone_are_compared_with_one():
@@ -44,7 +59,6 @@ def test_a_directory_that_is_no_tree_is_refused(tmp_path):
     with pytest.raises(InputError, match="there is no such directory"):
         sides_of(tmp_path / "none", (), 1)
     (tmp_path / "app").mkdir()
-    (tmp_path / "app" / "__main__.py").touch()
     with pytest.raises(InputError, match=r"it has no app/bench/probe\.py"):
         sides_of(tmp_path, (), 1)
 
