@@ -24,6 +24,7 @@ extensions = [
     "katex",
     "outside_files",
     "case_keys",
+    "command_line",
     "wide_tables",
 ]
 exclude_patterns = ["extensions", "static"]
