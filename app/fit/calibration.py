@@ -21,18 +21,21 @@ from scipy.stats import f as f_distribution
 from tribox.app.errors import InputError
 from tribox.app.fit.data import TribometerData
 from tribox.app.fit.judgement import (
+    BROAD,
     CONFIDENCE,
     NOISE,
     Judgement,
     at_bound_warnings,
     interval,
     star_warning,
+    with_star_warning,
 )
 from tribox.app.fit.model import RANGES, Coordinate, friction, with_values
 from tribox.app.fit.result import Estimate, FitResult, Found
 from tribox.forms.friction.parameters import FrictionMapParameters
 
 Floats = NDArray[np.float64]
+Ends = tuple[float | None, float | None]
 
 MOST_GAPS = 40
 """Gaps of V* that are tried at first; then those beside the best."""
@@ -243,8 +246,8 @@ class Calibration:
         ratio = np.exp(self._reduced_speeds() - star)
         return int(np.sum(np.abs(ratio - 1.0) < self.base.transition_width))
 
-    def _search_star(self, speeds: Floats) -> tuple[Found, float | None, float | None]:
-        """Best minimum over the gaps between reduced speeds, and the interval of ln V*."""
+    def _search_star(self, speeds: Floats) -> tuple[Found, Ends, list[Found]]:
+        """Best minimum over the gaps between reduced speeds, interval of ln V*, others as good."""
         edges, clear = self._gaps(speeds)
         tried: dict[int, Found] = {}
         # What slip does is all but independent of V*: its start is found once.
@@ -259,11 +262,11 @@ class Calibration:
         # A row inside the transition can be fitted by V* alone: that is no reason to prefer it.
         plain = [gap for gap in inside if not tried[gap].free]
         best = min(plain or inside, key=lambda gap: tried[gap].squares)
-        return (
-            tried[best],
+        ends = (
             float(edges[low]) if low > 0 else None,
             float(edges[high]) if high < len(edges) - 1 else None,
         )
+        return tried[best], ends, [tried[gap] for gap in plain if gap != best]
 
     def _gaps(self, speeds: Floats) -> tuple[Floats, list[int]]:
         """Edges of intervals of ln V* in which the same rows lie below, at and above it.
@@ -302,24 +305,46 @@ class Calibration:
         if not speeds.size:
             name = self.coordinates[self.star].name
             raise InputError(f"{name}: no row has a film between D_min and D_max to fit it to")
-        found, low, high = self._search_star(speeds)
+        found, ends, as_good = self._search_star(speeds)
         if found.free and self._in_transition(float(found.x[self.star])) >= ROWS_FOR_SLOPE:
             return self._judged(found, None)
-        return self._judged(found, (low, high))
+        return self._judged(found, ends, as_good)
 
-    def _judged(self, found: Found, star: tuple[float | None, float | None] | None) -> FitResult:
+    def _left_open(self, found: Found, as_good: Sequence[Found]) -> dict[str, str]:
+        """Lines on parameters that other threshold speeds, which fit as well, do not determine."""
+        if self.star is None or not as_good:
+            return {}
+        at = [
+            [c.to_search(v) for c, v in zip(self.coordinates, self._values(one.x), strict=True)]
+            for one in (found, *as_good)
+        ]
+        far = np.ptp(at, axis=0) > BROAD
+        degrees = len(self.data) - len(self.coordinates)
+        open_there = {
+            name
+            for one in as_good
+            for name in Judgement(self.coordinates, self.star, one, True).open_names(degrees)
+        }
+        star = self.coordinates[self.star].name
+        return {
+            c.name: with_star_warning(c.name, star)
+            for c, is_far in zip(self.coordinates, far, strict=True)
+            if c.name != star and (is_far or c.name in open_there)
+        }
+
+    def _judged(self, found: Found, star: Ends | None, as_good: Sequence[Found] = ()) -> FitResult:
         """The result, with V* between the ends ``star`` (logarithms) unless it has a slope."""
         judgement = Judgement(self.coordinates, self.star, found, star is not None)
         degrees = len(self.data) - len(self.coordinates)
         scatter = math.sqrt(found.squares / degrees)
         names = [c.name for c in self.coordinates]
-        bound = at_bound_warnings(names, found.at_bound)
+        known = self._left_open(found, as_good) | at_bound_warnings(names, found.at_bound)
         estimates = []
         for c, value in zip(self.coordinates, self._values(found.x), strict=True):
             if c.name in judgement.names:
                 half = judgement.half_width(c.name, scatter, degrees)
                 low, high = interval(c, value, half)
-                warning = judgement.warning(c.name, scatter, degrees) or bound.get(c.name)
+                warning = judgement.warning(c.name, scatter, degrees) or known.get(c.name)
             else:
                 assert star is not None and self.star is not None
                 scale = value / math.exp(float(found.x[self.star]))

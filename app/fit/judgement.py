@@ -23,6 +23,19 @@ BROAD = math.log(10.0)
 """Half-width of an interval, in logarithms, from which on the parameter is not determined."""
 NOISE = 1e-3
 """Scatter that is assumed at least when asking whether data determine a parameter."""
+CURES = {
+    "mu_s": "dry rows (thickness up to D_min)",
+    "mu_d": "rows that have slid far beyond A_d",
+    "A_d": "rows with slips around A_d",
+    "B": "rows with slips beyond A_d",
+    "K_T": "rows with slips below mu p/K_T, before all slides",
+    "eta_b": "rows in which the film drags: fast ones, or thickness from D_max on",
+    "alpha": "dry rows, and slow ones with this film",
+    "beta": "dry rows, and slow ones with films between D_min and D_max",
+    "V_star": "rows close below and above the threshold speed",
+    "gamma": "rows close below and above the threshold speed",
+}
+"""Rows that would determine a parameter."""
 
 
 class Judgement:
@@ -58,6 +71,7 @@ class Judgement:
         if bracketed and star is not None:
             full.pop(coordinates[star].name, None)
         self.names = tuple(full)
+        self._squares = found.squares
         n = len(found.residual)
         self.slopes = np.array(list(full.values())).T if full else np.zeros((n, 0))
         self._partners = [self._others(i) for i in range(len(full))]
@@ -83,25 +97,32 @@ class Judgement:
 
     def warning(self, name: str, scatter: float, degrees: int) -> str | None:
         """Why the data do not determine a parameter; None if they do."""
-        i = self.names.index(name)
+        i, cure = self.names.index(name), _cure(name)
         rows = math.sqrt(len(self.slopes))
         length, own = float(np.linalg.norm(self.slopes[:, i])), float(self.own[i])
         if length < INSENSITIVE * rows:
-            return f"{name}: the data cannot determine it: the friction hardly depends on it"
+            return (
+                f"{name}: the data cannot determine it: the friction hardly depends on it; {cure}"
+            )
         partner = self._partners[i][1]
         if own < ALIKE * length and partner is not None:
             other = self.names[partner]
             return (
                 f"{name}: the data cannot determine it: a change of {other} has the same effect; "
-                f"fix one of the two, or add data that tell them apart"
+                f"{cure}"
             )
         half = self.half_width(name, max(scatter, NOISE), degrees)
         if half > BROAD:
             return (
                 f"{name}: the data cannot determine it: the interval spans a factor of "
-                f"{_factor(half)} either way"
+                f"{_factor(half)} either way; {cure}"
             )
         return None
+
+    def open_names(self, degrees: int) -> set[str]:
+        """Coordinates that the data do not determine at this minimum."""
+        scatter = math.sqrt(self._squares / degrees)
+        return {name for name in self.names if self.warning(name, scatter, degrees)}
 
     def singular_values(self) -> tuple[float, ...]:
         """Of the slopes with columns of unit length, relative to the largest."""
@@ -117,6 +138,12 @@ class Judgement:
         scale = np.sqrt(np.diag(covariance))
         scale = np.where(scale > 0.0, scale, 1.0)
         return np.asarray(covariance / np.outer(scale, scale))
+
+
+def _cure(name: str, rows: str | None = None) -> str:
+    """What to do about a parameter that is not determined, such as "alpha at 10 nm"."""
+    key = name.partition(" ")[0]
+    return f"add {rows or CURES[key]}, or give a value with --fix {key}=..."
 
 
 def _factor(half: float) -> str:
@@ -142,23 +169,31 @@ def star_warning(name: str, low: float | None, high: float | None) -> str | None
         high: Upper end.
     """
     if low is None and high is None:
-        return f"{name}: the data cannot determine it: they fit with every threshold speed"
-    if low is None:
-        return f"{name}: the data cannot determine it: none need lie below the threshold speed"
-    if high is None:
-        return f"{name}: the data cannot determine it: none need lie above the threshold speed"
-    if high - low > 2.0 * BROAD:
-        return (
-            f"{name}: the data cannot determine it: the interval spans a factor of "
-            f"{_factor(0.5 * (high - low))} either way"
-        )
-    return None
+        reason, rows = "they fit with every threshold speed", CURES["V_star"]
+    elif low is None:
+        reason, rows = "it may lie below all their velocities", "slower rows"
+    elif high is None:
+        reason, rows = "it may lie above all their velocities", "faster rows"
+    elif high - low > 2.0 * BROAD:
+        factor = _factor(0.5 * (high - low))
+        reason, rows = f"the interval spans a factor of {factor} either way", CURES["V_star"]
+    else:
+        return None
+    return f"{name}: the data cannot determine it: {reason}; {_cure(name, rows)}"
+
+
+def with_star_warning(name: str, star: str) -> str:
+    """Why the data do not determine a parameter that is found only at some threshold speeds."""
+    return (
+        f"{name}: the data cannot determine it: {star} may also lie where they leave it open; "
+        f"{_cure(name)}"
+    )
 
 
 def at_bound_warnings(names: Sequence[str], at_bound: NDArray[np.bool_]) -> dict[str, str]:
     """Lines on parameters that ended at a bound of the search."""
     return {
-        name: f"{name}: the search ended at its bound, so the data do not set the value"
+        name: f"{name}: the data cannot determine it: the search ended at its bound; {_cure(name)}"
         for name, hit in zip(names, at_bound, strict=True)
         if hit
     }

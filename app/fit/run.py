@@ -13,13 +13,13 @@ from typing import Any
 from tribox.app.case.friction import FrictionMap
 from tribox.app.case.overrides import apply_override
 from tribox.app.case.quantities import QuantityError, parse_quantity
-from tribox.app.case.toml_writer import toml_text
 from tribox.app.errors import InputError
 from tribox.app.fit.calibration import Calibration
 from tribox.app.fit.data import COLUMNS, CONSTANTS, TribometerData, read_data
 from tribox.app.fit.judgement import CONFIDENCE
 from tribox.app.fit.model import RANGES, coordinates
 from tribox.app.fit.result import FitResult
+from tribox.app.fit.section import estimate_line, friction_section
 from tribox.app.friction_map.run import keep_input, suffixed_directory
 from tribox.app.friction_map.setup import validated_contact
 from tribox.app.results.claim import claimed
@@ -42,8 +42,6 @@ TOLD = (
     *("V_star_at", "gamma", "transition_width", "flow_rule"),
 )
 """Keys whose assumed values are told."""
-IDLE = ("preset", "switch", "reentry", "reset_slip_on_opening", "zeta", "eta_inf", "barus")
-"""Keys that are not written out where they have their default."""
 BAD_SCATTER = 0.3
 FIT_COLUMNS = (
     "thickness [m]",
@@ -319,54 +317,6 @@ def numbers(setup: FitSetup, result: FitResult, data_file: Path) -> dict[str, An
     }
 
 
-def friction_section(setup: FitSetup, result: FitResult, data_file: Path) -> str:
-    """A `[contact.friction]` section of a case file with the calibrated law."""
-    dump = setup.friction.model_dump(mode="json", exclude_none=True)
-    idle = {key for key in IDLE if key not in setup.fixed}
-    table = {key: _plain(value) for key, value in dump.items() if key not in idle}
-    fitted: dict[str, Any] = {key: getattr(result.parameters, key) for key in setup.names}
-    for key in setup.names:
-        value = fitted[key]
-        if isinstance(value, tuple):
-            table[key] = [[f"{film:.12g} m", _rounded(entry, 10)] for film, entry in value]
-        else:
-            number, unit = _rounded(value, 10 if key == "alpha" else 6), RANGES[key].unit
-            table[key] = f"{number:.10g} {unit}" if unit else number
-    if "mu_d" not in (*setup.names, *setup.fixed):
-        table.pop("mu_d", None)
-    comments = [
-        f"# fitted to {data_file.name}: {len(setup.data)} rows, scatter {result.scatter:.2%}; in "
-        "brackets 95 % intervals",
-        *(f"# {_line(e)}" for e in result.estimates),
-        *(f"# NOT DETERMINED: {line}" for line in result.warnings),
-        *([f"# assumed: {', '.join(setup.assumed)}"] if setup.assumed else []),
-    ]
-    return "\n".join(comments) + "\n" + toml_text({"contact": {"friction": table}})
-
-
-def _plain(value: Any) -> Any:
-    """A quantity as people write it: "1e+12 Pa/m" and not "1000000000000.0 Pa/m"."""
-    if isinstance(value, list):
-        return [_plain(item) for item in value]
-    if not isinstance(value, str) or " " not in value:
-        return value
-    number, unit = value.split(" ", 1)
-    return f"{float(number):.12g} {unit}"
-
-
-def _rounded(value: float, digits: int) -> float:
-    return float(f"{value:.{digits}g}")
-
-
-def _line(estimate: Any) -> str:
-    """Such as "eta_b = 0.503 Pa*s (0.489 to 0.517)"."""
-    unit = RANGES[estimate.coordinate.key].unit
-    digits = 6 if estimate.coordinate.key == "alpha" else 4
-    ends = ["?" if end is None else f"{end:.{digits}g}" for end in (estimate.low, estimate.high)]
-    shown = f"{estimate.value:.{digits}g} {unit}".strip()
-    return f"{estimate.coordinate.name} = {shown} ({ends[0]} to {ends[1]})"
-
-
 def report(setup: FitSetup, result: FitResult) -> Iterator[str]:
     """Lines for the terminal."""
     yield (
@@ -374,9 +324,12 @@ def report(setup: FitSetup, result: FitResult) -> Iterator[str]:
         f"{result.scatter:.2%}; 95 % intervals:"
     )
     for estimate in result.estimates:
-        yield f"  {_line(estimate)}"
+        yield f"  {estimate_line(estimate)}"
     for line in result.warnings:
         yield f"warning: {line}"
+    if result.warnings:
+        loose = ", ".join(e.coordinate.name for e in result.estimates if e.warning)
+        yield f"note: only comments in friction.toml, as the data do not determine them: {loose}"
     if result.scatter > BAD_SCATTER:
         yield f"warning: scatter of {result.scatter:.0%}: the law does not describe these data"
     if setup.assumed:

@@ -217,6 +217,17 @@ def test_threshold_speed_is_named_where_all_rows_lie_on_one_side(fast):
     assert (star.high is None) != fast
 
 
+def test_what_hangs_on_an_open_threshold_speed_is_named():
+    """The fastest row of a slow test may lie above V*: read so, it gives any viscosity."""
+    data = measured(law(alpha=0.8), rows(30e-9, np.geomspace(1e-6, 3e-4, 6)), 0.02, 4)
+    result = fitted(data, law(alpha=0.5), "mu_s", "alpha", "eta_b", "V_star")
+    assert names_of(result) == {"mu_s", "alpha", "eta_b", "V_star"}
+    eta = next(e for e in result.estimates if e.coordinate.key == "eta_b")
+    assert eta.low > 2 * 0.5  # what the interval of one V* is worth
+    assert "V_star may also lie where" in eta.warning
+    assert all("--fix" in line for line in result.warnings)
+
+
 # -- files ----------------------------------------------------------------------------------------
 
 
