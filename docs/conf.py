@@ -9,6 +9,9 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+from pygments.lexers import CLexer
+from sphinx.application import Sphinx
+
 _DOCS = Path(__file__).parent
 sys.path[:0] = [str(_DOCS / "extensions"), str(_DOCS.parent / "src")]
 
@@ -24,7 +27,6 @@ extensions = [
     "katex",
     "outside_files",
     "case_keys",
-    "command_line",
     "wide_tables",
 ]
 exclude_patterns = ["extensions", "static"]
@@ -65,3 +67,8 @@ html_css_files = ["site.css"]
 html_copy_source = False
 html_show_copyright = False
 highlight_language = "text"
+
+
+def setup(app: Sphinx) -> None:
+    """Colour drawings for gmsh as C, which their language resembles."""
+    app.add_lexer("geo", CLexer)

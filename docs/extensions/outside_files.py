@@ -22,7 +22,14 @@ from sphinx.transforms import SphinxTransform
 
 _LONGEST = 200_000  # characters of a file that a page shows
 _FOLDER = "files"
-_LANGUAGES = {".py": "python", ".toml": "toml", ".sh": "sh", ".c": "c", ".json": "json"}
+_LANGUAGES = {
+    ".py": "python",
+    ".toml": "toml",
+    ".sh": "sh",
+    ".c": "c",
+    ".geo": "geo",
+    ".json": "json",
+}
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
