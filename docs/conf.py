@@ -27,6 +27,7 @@ extensions = [
     "katex",
     "outside_files",
     "case_keys",
+    "notebooks",
     "wide_tables",
 ]
 exclude_patterns = ["extensions", "static"]
@@ -46,11 +47,14 @@ autodoc_type_aliases = {name: name for name in _ALIASES}
 nitpick_ignore = [("py:class", name) for name in (*_ALIASES, "np.int64", "np.float64")]
 default_role = "code"
 
-# Pages of the repository outside docs, and the pages that include them.
+# Pages and notebooks of the repository outside docs, and the pages that show them.
 outside_pages = {
     "README.md": "index",
     "CHANGELOG.md": "more/changelog",
     "CONTRIBUTING.md": "more/contributing",
+    "examples/notebooks/1-law.ipynb": "notebooks/1-law",
+    "examples/notebooks/2-run-and-results.ipynb": "notebooks/2-run-and-results",
+    "examples/notebooks/3-calibration.ipynb": "notebooks/3-calibration",
     "benchmarks/RESULTS.md": "benchmarks/timings",
     "benchmarks/RESULTS-explicit.md": "benchmarks/explicit",
     "benchmarks/RESULTS-law.md": "benchmarks/law",

@@ -1,13 +1,14 @@
 """Links to files of the repository outside ``docs``: case files, sources, data.
 
 Such a link is a plain relative one in Markdown. On the site it leads to a page that shows the file,
-or lists the directory. A link to a Markdown file leads to the page of the site that includes it
-(``outside_pages`` in ``conf.py``).
+or lists the directory. A link to a Markdown file or notebook leads to the page of the site that
+shows it (``outside_pages`` in ``conf.py``).
 """
 
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator
 from html import escape
 from pathlib import Path
@@ -22,6 +23,7 @@ from sphinx.transforms import SphinxTransform
 
 _LONGEST = 200_000  # characters of a file that a page shows
 _FOLDER = "files"
+_WHOLE = re.compile(r"```\{include\}|<!-- notebook: ")  # a page that is another file
 _LANGUAGES = {
     ".py": "python",
     ".toml": "toml",
@@ -69,7 +71,7 @@ class _OutsideLinks(SphinxTransform):
     def _source(self) -> Path:
         """The file that the links of the page are seen from: what it includes, or itself."""
         page = Path(self.env.doc2path(self.env.docname))
-        if "{include}" not in page.read_text(encoding="utf-8"):
+        if not _WHOLE.match(page.read_text(encoding="utf-8")):
             return page
         included = {page: name for name, page in self.config.outside_pages.items()}
         name = included.get(self.env.docname)
