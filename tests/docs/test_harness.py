@@ -118,6 +118,21 @@ def test_what_is_wrong_is_seen_when_it_runs(run, blocks, what):
         run(*blocks)
 
 
+def test_the_program_prints_nothing_else(run):
+    correct = "cases/block-slide.toml: correct (1 run, 2 stages)"
+    run(fenced("sh", "./tribox check cases/block-slide.toml"), fenced("text", correct))
+
+
+def test_modules_of_a_page_are_not_those_of_the_next(page, tmp_path):
+    blocks = [fenced("python", "x = {}", mark="file: mine.py"), fenced("python", "import mine")]
+    for value in (1, 2):
+        (tmp_path / str(value)).mkdir()
+        made = page(blocks[0].format(value), blocks[1], fenced("python", "print(mine.x)"))
+        shown = fenced("text", str(value))
+        made.write_text(made.read_text(encoding="utf-8") + shown, encoding="utf-8")
+        PageRun(tmp_path / str(value)).run(made)
+
+
 def test_a_page_goes_on_behind_a_block_that_fails(run):
     with pytest.raises(PageError, match=r"(?s)page.md:3: exit code 1.*page.md:8: not printed: '2'"):
         run(fenced("sh", "echo 1", "false"), fenced("text", "2"))
