@@ -1,10 +1,17 @@
 """What an installation with pip takes along: all packages, and the C sources beside them."""
 
 import importlib
+import os
+import shutil
+import subprocess
+import sys
 import tomllib
+import zipfile
 from pathlib import Path
 
 import pytest
+
+from tests.ranks import mpi_environment
 
 ROOT = Path(__file__).parents[1]
 TOP = ("app", "forms", "geometry")
@@ -62,3 +69,76 @@ def test_every_file_that_is_no_module_is_package_data():
             if path.is_file() and path.suffix not in (".py", ".pyc"):
                 package = ".".join(("tribox", *path.relative_to(ROOT).parent.parts))
                 assert any(path.match(pattern) for pattern in data[package]), path
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory) -> Path:
+    """A directory that a wheel of the sources has been unpacked into."""
+    here = tmp_path_factory.mktemp("packaging")
+    sources, target = here / "sources", here / "installed"
+    sources.mkdir()
+    for name in ("src", *TOP, "cases"):
+        skipped = shutil.ignore_patterns("__pycache__", "*.egg-info")
+        shutil.copytree(ROOT / name, sources / name, symlinks=True, ignore=skipped)
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, sources)
+    build = "import sys; from setuptools.build_meta import build_wheel; build_wheel(sys.argv[1])"
+    command = [sys.executable, "-c", build, str(here)]
+    subprocess.run(command, cwd=sources, check=True, capture_output=True)
+    (wheel,) = here.glob("*.whl")
+    zipfile.ZipFile(wheel).extractall(target)
+    return target
+
+
+def test_a_wheel_holds_the_package_and_nothing_else(installed):
+    assert {path.name.split("-")[0] for path in installed.iterdir()} == {"tribox"}
+    for top in (*TOP, "cases"):
+        for path in (ROOT / top).rglob("*"):
+            if path.is_file() and path.suffix != ".pyc":
+                assert (installed / "tribox" / path.relative_to(ROOT)).is_file(), path
+
+
+SCRIPT = """
+import sys
+from pathlib import Path
+
+import tribox
+from tribox import load_case, read, run_case
+
+case = load_case(Path(tribox.__file__).parent / "cases" / "block-slide.toml", sys.argv[1:])
+run_case(case, Path("out"), quiet=True)
+rows = read(Path("out")).history
+print(tribox.__file__, len(rows), rows.normal_force.iloc[-1] > 0.0)
+"""
+
+
+def test_what_is_installed_runs_from_anywhere(installed, tmp_path):
+    (tmp_path / "tribox").mkdir()  # what happens to have the name is not taken for the package
+    coarse = ["geometry.upper.elements=[6, 3]", "geometry.lower.elements=[8, 3]"]
+    few = ["stage.0.steps=2", "stage.1.steps=2"]
+    done = subprocess.run(
+        [sys.executable, "-c", SCRIPT, *coarse, *few],
+        cwd=tmp_path,
+        env=mpi_environment() | {"PYTHONPATH": str(installed), "PYTHONSAFEPATH": "1"},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == [str(installed / "tribox" / "__init__.py"), "4", "True"]
+
+
+def test_tests_of_an_installation_are_refused(installed, tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-m", "tribox", "test"],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(installed), "PYTHONSAFEPATH": "1"},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 2 and "the tests are in the source tree" in done.stderr
+
+
+@pytest.mark.parametrize("top", TOP)
+def test_a_package_under_its_folder_s_name_is_refused(top):
+    with pytest.raises(ImportError, match=f"{top} is imported as tribox.{top}:"):
+        importlib.import_module(top)

@@ -10,7 +10,6 @@ from __future__ import annotations
 import importlib
 import json
 import sys
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,8 @@ from typing import Any
 def main() -> None:
     """Measure one command and write the report."""
     report, *case = sys.argv[1:]
-    inside = "tribox." if find_spec("tribox") else ""  # older trees have no such package
+    # The working directory is where the tree's packages are; older trees have no such package.
+    inside = "tribox." if Path("tribox").is_dir() else ""
     probe: Any = importlib.import_module(f"{inside}app.bench.probe")
     stepping = f"{inside}app.explicit.stepper:ExplicitStepper.advance"
     probe.FRAME.setdefault(stepping, "rest of solver")

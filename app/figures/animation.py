@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib import rc_context
-from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
+from matplotlib.animation import AbstractMovieWriter, FFMpegWriter
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from tribox.app.errors import InputError
 from tribox.app.figures.body_shapes import Bodies, read_bodies
 from tribox.app.figures.field_values import ColourScale, colour_scale
+from tribox.app.figures.gif import GifWriter
 from tribox.app.figures.names import axis_names, body_names, heading, pair_names
 from tribox.app.figures.plane_bodies import draw_bodies, draw_slaves, frame_round
 from tribox.app.figures.rendering import render
@@ -69,9 +70,7 @@ def animate(results: Results, path: Path, field: str) -> int:
     states = [read_bodies(results.grid("fields", step), names, field) for step in steps]
     scale = colour_scale(np.concatenate([s.field.values for s in states]), states[0].field.unit)
     rate = int(np.clip(len(steps) / SECONDS, SLOWEST, FASTEST))
-    writer: AbstractMovieWriter = (
-        PillowWriter(fps=rate) if kind == "gif" else FFMpegWriter(fps=rate)
-    )
+    writer: AbstractMovieWriter = GifWriter(rate) if kind == "gif" else FFMpegWriter(rate)
     part = path.with_name(f".{path.stem}.part{path.suffix}")
     with rc_context(CASE_STYLE | FFMPEG):
         figure, draw = (_in_space if states[0].dim == 3 else _in_the_plane)(

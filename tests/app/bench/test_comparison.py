@@ -166,7 +166,7 @@ def test_several_ranks_run_the_program_as_it_is(monkeypatch):
         return Cost(4.0, 2.0)
 
     monkeypatch.setattr(comparison, "run_python", fake)
-    side = Side("2 ranks", SOURCES / "elsewhere", 2, ("a=1",))
+    side = Side("2 ranks", SOURCES, 2, ("a=1",))
     found = comparison.run(JOB, side, False)
     ((words, tree),) = asked
     assert words[:4] == ["-m", "tribox", "run", "short.toml"] and words[-2:] == ["--np", "2"]

@@ -98,7 +98,7 @@ def test_sizes_on_surfaces_and_in_bodies_are_those_of_the_cells(drawn):
         ('surfaces = { "other" = [1] }', "may be in one only"),
         ('sizes = { rim = "9 mm" }', "geometry.sizes.rim = 0.009: is larger than size = 0.008 m"),
         ("order = 3", "geometry.order = 3"),
-        ("surfaces = { far = [] }", "tribox.geometry.surfaces.far"),
+        ("surfaces = { far = [] }", "geometry.surfaces.far"),
     ],
 )
 def test_what_a_drawing_cannot_have_is_one_line(drawn, keys, said):

@@ -29,7 +29,7 @@ SCRIPT = f"""
 import json, runpy, sys
 sys.argv = ["tribox", *sys.argv[1:]]
 try:
-    runpy.run_module("app", run_name="__main__", alter_sys=True)
+    runpy.run_module("tribox", run_name="__main__", alter_sys=True)
 except SystemExit as end:
     assert not end.code, end.code
 late = __import__("tribox.app.run.late_modules", fromlist=["LATE"]).LATE

@@ -1,0 +1,102 @@
+"""A temporary directory that looks like a checkout to the commands of a page."""
+
+from __future__ import annotations
+
+import shlex
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from tests.ranks import mpi_environment
+
+ROOT = Path(__file__).resolve().parents[2]
+LIMIT = 240.0  # s for one block
+# A page may write beside these; all else of the tree is a link.
+_COPIED = ("cases", "examples")
+_LEFT_OUT = ("results", "tribox")
+# Commands of the program that keys can be set for.
+_SETTABLE = "run | check | mesh | map | bench"
+_PROGRAM = """\
+#!/bin/sh
+# Stands for the launcher: the program of this tree, in the Python that the tests run in.
+case ${{1:-}} in
+test) exec {python} -m tests.docs.parse "$@" ;;
+{settable}) exec {python} -m tribox "$@" {words} ;;
+*) exec {python} -m tribox "$@" ;;
+esac
+"""
+
+
+@dataclass(frozen=True)
+class Done:
+    """What a block has printed, errors too as on a terminal, and its exit code."""
+
+    code: int
+    printed: str
+
+
+class Checkout:
+    """The directory, and how commands are run in it.
+
+    Args:
+        directory: an empty directory.
+    """
+
+    def __init__(self, directory: Path) -> None:
+        self.path = directory / "tribox"
+        self.path.mkdir()
+        self._bin, home = directory / "bin", directory / "home"
+        self._bin.mkdir()
+        home.mkdir()
+        for entry in ROOT.iterdir():
+            if entry.name in _COPIED:
+                shutil.copytree(entry, self.path / entry.name, symlinks=True)
+            elif not entry.name.startswith(".") and entry.name not in _LEFT_OUT:
+                (self.path / entry.name).symlink_to(entry)
+        (self._bin / "tribox").symlink_to(self.path / "tribox")
+        _write_program(self._bin / "python3", f'exec {sys.executable} "$@"\n')
+        self.environment = _environment(self._bin, home)
+
+    def run(self, script: str, words: str = "") -> Done:
+        """Run commands one after the other; the first that fails is the last.
+
+        Args:
+            script: for bash.
+            words: put behind each command of tribox that takes keys ("--set ...").
+        """
+        quoted = shlex.join(shlex.split(words))
+        program = _PROGRAM.format(python=sys.executable, settable=_SETTABLE, words=quoted)
+        (self.path / "tribox").unlink(missing_ok=True)
+        _write_program(self.path / "tribox", program)
+        done = subprocess.run(
+            ["bash", "-e", "-o", "pipefail", "-c", script],
+            cwd=self.path,
+            env=self.environment,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            timeout=LIMIT,
+        )
+        return Done(done.returncode, done.stdout)
+
+
+def _write_program(path: Path, text: str) -> None:
+    path.write_text(text if text.startswith("#!") else f"#!/bin/sh\n{text}", encoding="utf-8")
+    path.chmod(0o755)
+
+
+def _environment(binaries: Path, home: Path) -> dict[str, str]:
+    """That of the tests, with a home of its own; compiled forms come from the usual cache."""
+    found = mpi_environment()
+    cache = found.get("XDG_CACHE_HOME") or str(Path(found.get("HOME", "/root")) / ".cache")
+    for name in ("TRIBOX_RESULTS", "TRIBOX_CONFIG", "XDG_CONFIG_HOME", "PYTHONSAFEPATH"):
+        found.pop(name, None)
+    return found | {
+        "HOME": str(home),
+        "PATH": f"{binaries}:{found['PATH']}",
+        "PYTHONPATH": f"{ROOT / 'src'}:{ROOT}",
+        "XDG_CACHE_HOME": cache,
+    }

@@ -1,0 +1,12 @@
+"""The blocks of each page of the group "guides" (tests/docs/pages.py) run as they stand."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.docs.pages import pages_of, run_page
+
+
+@pytest.mark.parametrize("page", pages_of("guides"))
+def test_the_blocks_run_and_print_what_is_shown(page, tmp_path):
+    run_page(page, tmp_path)
