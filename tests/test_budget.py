@@ -25,7 +25,7 @@ NOTED = {
 def test_cheap_tests_are_noted_together_and_other_files_kept(tmp_path, monkeypatch):
     monkeypatch.chdir(Path(__file__).parents[1])
     path = tmp_path / "budget.csv"
-    gone, kept = ("guard", "tests/test_gone.py"), ("guard", "tests/test_readme.py::test_x")
+    gone, kept = ("guard", "tests/test_gone.py"), ("guard", "tests/test_layers.py::test_x")
     budget.write_budget({gone: 3.0, kept: 2.0}, path)
     budget.write_budget(COSTS, path)
     assert budget.read_budget(path) == {**NOTED, kept: 2.0}

@@ -19,7 +19,7 @@ from pathlib import Path
 import tribox
 from tribox.app.bench.comparison import Comparison, compare, compile_modules
 from tribox.app.bench.comparison_tables import all_jobs, job_table
-from tribox.app.bench.jobs import LEVELS, Job, jobs_of, levels_of
+from tribox.app.bench.jobs import LEVELS, Job, check_has_iterations, jobs_of, levels_of
 from tribox.app.bench.process import run_python
 from tribox.app.bench.sides import Side, sides_of
 from tribox.app.bench.tables import Measured, tables
@@ -101,6 +101,7 @@ def run_bench(what: Sequence[str], options: Options) -> None:
     if options.changes:  # a wrong key is told before anything is measured
         list(jobs_of(case_file, levels, (*options.overrides, *options.changes)))
     if sides is None:
+        check_has_iterations(case_file, options.overrides)
         runs = [fastest(job, options.runs(job.level)) for job in jobs]
         _write(_printed(tables(runs)), {"runs": [asdict(run) for run in runs]}, targets)
         return

@@ -10,6 +10,7 @@ from tribox.app.case.case import Case
 from tribox.app.case.generators import BlocksGeometry
 from tribox.app.case.generators_3d import BoxesGeometry
 from tribox.app.case.reading import load_case
+from tribox.app.case.stage import solver_of
 from tribox.app.errors import InputError
 
 LEVELS = (1, 2, 4)
@@ -74,6 +75,20 @@ def jobs_of(case_file: Path, levels: Sequence[int], changes: Sequence[str] = ())
             yield Job(case_file.stem, level, words)
         for part, label in enumerate(labels):
             yield Job(label, level, (*words, "--part", str(part)))
+
+
+def check_has_iterations(case_file: Path, changes: Sequence[str]) -> None:
+    """Refuse a case without implicit stages: the tables of one run are about Newton iterations.
+
+    Raises:
+        InputError: all stages are explicit.
+    """
+    case = load_case(case_file, changes)
+    if all(solver_of(stage, case.solver.kind) == "explicit" for stage in case.stage):
+        raise InputError(
+            f"bench: {case_file}: all stages are explicit, and the tables are of Newton "
+            'iterations; compare with --against, --with or --np, or time "tribox bench explicit"'
+        )
 
 
 def set_options(changes: Sequence[str]) -> tuple[str, ...]:

@@ -33,6 +33,7 @@ from tribox.app.case.time_tables import TimeTable
 from tribox.app.equilibrium.constraints import Platen, Prescribed, component_dofs
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.nodal_load import NodalLoad
+from tribox.app.equilibrium.places import place_text
 from tribox.app.equilibrium.slanted import SlantedPlaten, node_groups
 from tribox.app.equilibrium.snapshot import Snapshot
 from tribox.app.errors import InputError
@@ -464,22 +465,27 @@ class Loads:
         for a, b in itertools.combinations(self.constraints, 2):
             if not any(a.acts(name) and b.acts(name) for name in names):
                 continue
+            shared: Ints = np.intersect1d(a.dofs, b.dofs)
+            if not shared.size:
+                continue
+            both = (
+                f'"{a.surface}" and "{b.surface}" share a node, at {self._place(shared)}, and both '
+                "decide its displacement in "
+            )
             if a.component >= 0 and b.component >= 0:
-                if a.component == b.component and a.source != b.source and _share(a, b):
+                if a.component == b.component and a.source != b.source:
                     yield (
-                        f'"{a.surface}" and "{b.surface}" share a node and both decide its '
-                        f"displacement in {COMPONENTS[a.component]}, each in its own way; let one "
-                        "of them leave it out"
+                        f"{both}{COMPONENTS[a.component]}, each in its own way; let one of them "
+                        "leave it out"
                     )
-            elif _decides_oblique(a, b) and _share(a, b):
-                yield (
-                    f'"{a.surface}" and "{b.surface}" share a node and both decide its '
-                    "displacement in an oblique direction; let one of them end before it"
-                )
+            elif _decides_oblique(a, b):
+                yield f"{both}an oblique direction; let one of them end before it"
 
-
-def _share(a: Constraint, b: Constraint) -> bool:
-    return bool(np.intersect1d(a.dofs, b.dofs).size)
+    def _place(self, dofs: Ints) -> str:
+        """Where the first of some unknowns is, in words."""
+        space = self.u.function_space
+        where = space.tabulate_dof_coordinates()[dofs[0] // space.dofmap.index_map_bs]
+        return place_text(where[: self.named.mesh.geometry.dim])
 
 
 def _decides_oblique(a: Constraint, b: Constraint) -> bool:

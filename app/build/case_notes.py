@@ -6,6 +6,7 @@ import sys
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tribox.app.build.settling_notes import notes_on_settling
 from tribox.app.case.boundary import Boundary
@@ -15,7 +16,15 @@ from tribox.app.case.friction import FrictionMap
 from tribox.app.case.generators import BlocksGeometry
 from tribox.app.case.geometry import GeneratedGeometry
 from tribox.app.case.time_tables import TimeTable
-from tribox.forms.friction.checks import threshold_speed_warning, uniqueness_warning
+from tribox.forms.friction.checks import (
+    fixed_threshold_note,
+    tabulation_note,
+    threshold_speed_warning,
+    uniqueness_warning,
+)
+from tribox.forms.friction.parameters import PRESETS
+
+Floats = NDArray[np.float64]
 
 LOOSE = 1e-3  # of the residual over the contact force, from which on results show it
 THICK = 1e-5  # m, film thickness that is surely a slip of units
@@ -58,6 +67,9 @@ def _notes_on_contact(case: Case, contact: Contact) -> Iterator[str]:
             "films (nanometres to about a micrometre)"
         )
     parameters, film = contact.friction.parameters(), np.array(contact.film.thicknesses)
+    # Between the rows of a table over the pressure the film takes every thickness.
+    taken = np.concatenate([film, 0.5 * (film[1:] + film[:-1])])
+    yield from notes_on_choices(contact.friction, taken)
     pressure = highest_pressure(case)
     if pressure > 0.0:
         note = uniqueness_warning(parameters, pressure, film)
@@ -73,6 +85,23 @@ def _notes_on_contact(case: Case, contact: Contact) -> Iterator[str]:
             dt=min(dt for _, dt in steps),
             slowest=min(speed for speed, _ in steps),
         )
+        if note:
+            yield note
+
+
+def notes_on_choices(friction: FrictionMap, film: Floats) -> Iterator[str]:
+    """Lines on what the law takes by itself where the case does not say it.
+
+    Args:
+        friction: the law.
+        film: (q,), m, film thicknesses that it is used for.
+    """
+    parameters = friction.parameters()
+    note = tabulation_note(parameters, film)
+    if note:
+        yield note
+    if friction.preset is not None:
+        note = fixed_threshold_note(parameters, PRESETS[friction.preset]["eta_b"])
         if note:
             yield note
 

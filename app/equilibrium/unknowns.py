@@ -20,6 +20,7 @@ def _fix_rounding() -> None:
     for name in ("vec_mdot_use_gemv", "vec_maxpy_use_gemv"):
         if not options.hasName(name):
             options[name] = False
+            options.getBool(name)  # or PETSc says at the end that nobody has asked for it
 
 
 class Unknowns:

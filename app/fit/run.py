@@ -324,7 +324,7 @@ def report(setup: FitSetup, result: FitResult) -> Iterator[str]:
         f"{result.scatter:.2%}; 95 % intervals:"
     )
     for estimate in result.estimates:
-        yield f"  {estimate_line(estimate)}"
+        yield f"  {estimate_line(estimate, result.parameters)}"
     for line in result.warnings:
         yield f"warning: {line}"
     if result.warnings:

@@ -14,6 +14,7 @@ from tribox.app.case.friction import FrictionMap
 from tribox.app.case.toml_writer import toml_text
 from tribox.app.fit.model import RANGES
 from tribox.app.fit.result import Estimate, FitResult
+from tribox.forms.friction.parameters import FrictionMapParameters
 
 if TYPE_CHECKING:
     from tribox.app.fit.run import FitSetup
@@ -34,7 +35,7 @@ def friction_section(setup: FitSetup, result: FitResult, data_file: Path) -> str
     comments = [
         f"# fitted to {data_file.name}: {len(setup.data)} rows, scatter {result.scatter:.2%}; in "
         "brackets 95 % intervals",
-        *(f"# {estimate_line(e)}" for e in result.estimates),
+        *(f"# {estimate_line(e, result.parameters)}" for e in result.estimates),
         *(f"# NOT DETERMINED: {line}" for line in result.warnings),
         *([f"# assumed: {', '.join(setup.assumed)}"] if setup.assumed else []),
     ]
@@ -42,13 +43,15 @@ def friction_section(setup: FitSetup, result: FitResult, data_file: Path) -> str
     return "\n".join([*comments, "[contact.friction]", *lines]) + "\n"
 
 
-def estimate_line(estimate: Estimate) -> str:
-    """Such as "eta_b = 0.503 Pa*s (0.489 to 0.517)"."""
+def estimate_line(estimate: Estimate, law: FrictionMapParameters) -> str:
+    """Such as "eta_b = 0.503 Pa*s (0.489 to 0.517)"; an open end is a question mark."""
     unit = RANGES[estimate.coordinate.key].unit
     digits = 6 if estimate.coordinate.key == "alpha" else 4
     ends = ["?" if end is None else f"{end:.{digits}g}" for end in (estimate.low, estimate.high)]
     shown = f"{estimate.value:.{digits}g} {unit}".strip()
-    return f"{estimate.coordinate.name} = {shown} ({ends[0]} to {ends[1]})"
+    film = law.V_star_at if estimate.coordinate.key == "V_star" else None
+    where = f" at {film * 1e9:g} nm" if film is not None else ""
+    return f"{estimate.coordinate.name}{where} = {shown} ({ends[0]} to {ends[1]})"
 
 
 def _table(setup: FitSetup, result: FitResult) -> dict[str, Any]:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from tribox.app.build.case_notes import notes_on_choices
 from tribox.app.case.contact import Contact
 from tribox.app.case.film import Film
 from tribox.app.case.friction import FrictionMap
@@ -219,8 +220,8 @@ def validated_contact(data: dict[str, Any]) -> Contact:
 
 
 def law_notes(setup: MapSetup) -> list[str]:
-    """The setup's notes, and what is odd about the threshold speed."""
-    notes = list(setup.notes)
+    """The setup's notes, and what the law takes by itself or is odd about its threshold speed."""
+    notes = [*setup.notes, *notes_on_choices(setup.friction, np.array(setup.films))]
     if setup.between:
         highest = float(np.max(threshold_speed(np.array(setup.between), setup.parameters)))
         if highest < setup.speeds[0]:

@@ -33,7 +33,8 @@ def write_starter(kind: str, target: Path | None = None) -> list[Path]:
         InputError: there is no such kind, a file is there already, or cannot be written.
     """
     if kind not in KINDS:
-        raise InputError(f'no starter "{kind}"; there are {", ".join(KINDS)}')
+        cure = f" (as in: tribox init two-blocks {kind})" if kind.endswith(".toml") else ""
+        raise InputError(f'no starter "{kind}"; there are {", ".join(KINDS)}{cure}')
     case = _case_file(kind, target)
     made = _makers(kind, case)
     for path in made:

@@ -37,7 +37,7 @@ from tribox.app.simulation.time_text import time_text
 
 def run_case(
     case: Case,
-    directory: Path,
+    directory: str | Path,
     *,
     force: bool = False,
     quiet: bool = False,
@@ -67,6 +67,7 @@ def run_case(
         OutputError: results cannot be written; what has been written is valid.
         Interrupted: a signal has stopped the run; its state has been saved.
     """
+    directory = Path(directory)
     claim = Claim(directory, force or resume or extend)
     on_first(comm, lambda: claim.take(resume or extend))
     try:

@@ -28,8 +28,14 @@ from mpi4py import MPI
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.snapshot import Snapshot
+from tribox.app.simulation.combed_pressure import (
+    ALTERNATES,
+    alternation,
+    alternation_text,
+    softer_factor,
+)
 from tribox.app.simulation.history import Row
-from tribox.app.simulation.pair_bodies import pressed_by_force
+from tribox.app.simulation.pair_bodies import penalty_factor, pressed_by_force
 from tribox.app.simulation.time_text import time_text
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.state import ContactTrial
@@ -57,6 +63,8 @@ class PairState:
         layers: of pressed facets from the rim inwards, ``FEW`` for that many or more, or no rim.
         open_inside: share of open points inside the patch; scatter: of the pressure within facets;
             sagitta: m, mean over the pressed facets. All 0 where the pressure is averaged.
+        alternation: of the pressure from vertex to vertex over its mean; 0 point by point.
+        alternation: of the pressure from vertex to vertex, over its mean; 0 point by point.
     """
 
     force: float
@@ -68,6 +76,7 @@ class PairState:
     open_inside: float = 0.0
     scatter: float = 0.0
     sagitta: float = 0.0
+    alternation: float = 0.0
 
 
 class PairProbe:
@@ -103,8 +112,13 @@ class PairProbe:
         force, area = self._total(float(weight @ pressure), float(weight @ pressed))
         patch = self._pressed_facets(trial)
         depth = self._depths(trial)
-        uneven = self._unevenness(trial, patch) if trial.nodal_gap is None else (0.0, 0.0, 0.0)
-        return PairState(float(force), float(area), *depth, self._layers(patch), *uneven)
+        layers = self._layers(patch)
+        if trial.nodal_gap is None or trial.nodal_pressure is None:
+            uneven = self._unevenness(trial, patch)
+            return PairState(float(force), float(area), *depth, layers, *uneven)
+        inside = self._inside(self._inside(patch))
+        combed = alternation(self.surface, trial.nodal_pressure, inside)
+        return PairState(float(force), float(area), *depth, layers, alternation=combed)
 
     def _depths(self, trial: ContactTrial) -> tuple[float, float, float]:
         """Largest penetration, the largest over facet length, the mean by pressure; collective."""
@@ -196,6 +210,7 @@ class ContactWarnings:
         """
         self._problem = problem
         self._probes = [PairProbe(term) for term in problem.contacts]
+        self._factor = [penalty_factor(problem, term) for term in problem.contacts]
         count = len(self._probes)
         self.over_facet, self.over_approach = [0.0] * count, [0.0] * count
         self._deepest = [(0.0, 0.0, "", 0.0)] * count
@@ -286,6 +301,9 @@ class ContactWarnings:
             comb = self._is_comb(state)
             if comb:
                 yield self._comb(index, state)
+            if state.alternation > ALTERNATES:
+                surface = self._problem.contacts[index].surface
+                yield alternation_text(index, surface, state.alternation)
             costly = self.over_approach[index] > APPROACH and not self._by_force[index]
             if self.over_facet[index] > PENETRATION or costly:
                 yield self._soft(index, comb)
@@ -317,13 +335,18 @@ class ContactWarnings:
         return uneven or state.sagitta > state.mean > 0.0
 
     def _comb(self, index: int, state: PairState) -> str:
+        factor = self._factor[index]
+        cost = 0.0 if self._by_force[index] else self.over_approach[index] / APPROACH
+        softer = softer_factor(factor, state.mean, state.sagitta, cost)
+        penalty = "" if softer is None else f", or penalty_factor = {softer:g} (now {factor:.3g})"
         return (
-            f"contact.{index}: with the pressure point by point, slave facets touch the curved "
-            f"master with some of their points: sagitta of the facets {state.sagitta:.2g} m beside "
-            f"a penetration of {state.mean:.2g} m, {100.0 * state.open_inside:.2g} % of the points "
-            f"inside the contact open, pressures within facets scatter by "
-            f"{100.0 * state.scatter:.2g} %: contact area and film are too small; use pressure = "
-            '"averaged" or a finer slave, a higher penalty makes it worse'
+            f"contact.{index}: combed pressures: with the pressure point by point, slave facets "
+            f"touch the master with some of their points: sagitta of the facets "
+            f"{state.sagitta:.2g} m beside a penetration of {state.mean:.2g} m, "
+            f"{100.0 * state.open_inside:.2g} % of the points inside the contact open, pressures "
+            f"within facets scatter by {100.0 * state.scatter:.2g} %: contact area and film are "
+            f'too small; use pressure = "averaged"{penalty}, or a finer slave; a higher penalty '
+            "makes it worse"
         )
 
     def _soft(self, index: int, comb: bool) -> str:

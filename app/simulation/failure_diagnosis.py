@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 
 import basix
@@ -15,7 +15,7 @@ from petsc4py import PETSc
 from tribox.app.build.contact_notes import penalty_note
 from tribox.app.build.supports import Loose
 from tribox.app.case.boundary import COMPONENTS
-from tribox.app.case.contact import DEFAULT_PENALTY_FACTOR
+from tribox.app.case.contact import DEFAULT_PENALTY_FACTOR, Contact
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.places import place_text
 from tribox.app.implicit.newton import KINKED
@@ -30,6 +30,7 @@ from tribox.app.simulation.pair_bodies import (
     presses,
     pressure_kind,
 )
+from tribox.app.simulation.surface_faults import Findings, catches, rests_on_edges, slid_off
 from tribox.forms.friction.friction_map import FrictionMap
 from tribox.geometry.compat import cell_values
 from tribox.geometry.surfaces.facets import Floats
@@ -37,9 +38,10 @@ from tribox.geometry.surfaces.facets import Floats
 GAUSS_DEGREE = 2  # of the points at which the volume ratio is looked at
 SQUEEZED = 0.2  # volume ratio J below which an element is said to be nearly collapsed
 SUPPORT = "a support there (displacement), or a load that keeps it in contact"
-ON_EDGE = 1e-6  # reference distance from the edge of a facet below which a point is on it
 ADRIFT = 1e-6  # share of the largest displacement by which a body moves that nothing holds
 AT_LIMIT = 0.9  # friction or load over mu N from which on a body slides away
+FIRM = 10.0  # penalty over the default from which on a lower one is worth a try
+DEFAULT_PENALTY = f"the default penalty (penalty_factor = {DEFAULT_PENALTY_FACTOR:g})"
 ALONG = 0.5  # component of the friction over all of it that a body's loose direction must have
 
 # PETSc's numbers for why Newton's method ended without a solution.
@@ -156,6 +158,7 @@ def explain(
     converged: PETSc.Vec,
     loose: Iterable[Loose],
     thickness: float = 1.0,
+    contacts: Sequence[Contact] = (),
 ) -> str:
     """Why a step failed, what is wrong at the state evaluated last, and what to try; collective.
 
@@ -168,6 +171,7 @@ def explain(
         converged: unknowns of the last converged state.
         loose: the directions in which contact alone holds a body.
         thickness: m, of a plane-strain slab, that forces are for; 1 otherwise.
+        contacts: of the case, for the names of their surfaces.
     """
     residual = f"{result.residuals[-1]:.1e}" if result.residuals else "none"
     text = (
@@ -176,7 +180,7 @@ def explain(
     )
     loose = list(loose)
     gross = list(_of_gross_slip(problem, loose, thickness))
-    findings = gross or list(_of_state(problem, result, converged, loose))
+    findings = gross or list(_of_state(problem, result, converged, loose, contacts))
     trials = [what for _, what in findings]
     if not gross:
         trials.append("smaller steps (steps, slip_step) or a finer mesh")
@@ -184,20 +188,22 @@ def explain(
     return "; ".join([text, *(found for found, _ in findings), "try " + ", or ".join(trials)])
 
 
-Findings = Iterator[tuple[str, str]]  # what is wrong, and what to do about it
-
-
 def _of_state(
-    problem: Equilibrium, result: StepResult, converged: PETSc.Vec, loose: Sequence[Loose]
+    problem: Equilibrium,
+    result: StepResult,
+    converged: PETSc.Vec,
+    loose: Sequence[Loose],
+    contacts: Sequence[Contact],
 ) -> Findings:
     """What is wrong at the state evaluated last, the surest cure first."""
     penalties = list(_of_penalties(problem))
     nearly = bool(result.residuals) and result.residuals[-1] <= KINKED
-    edges = list(_of_edges(problem)) if nearly else []
+    edges = list(rests_on_edges(problem, contacts)) if nearly else []
+    caught = [] if edges else list(catches(problem, contacts))
     supports = [] if penalties else list(_of_supports(problem, loose, result.strayed))
-    ends = list(_of_ends(problem))
+    ends = list(slid_off(problem, contacts))
     found = [*penalties, *supports, *ends, *_of_elements(problem, converged), *edges]
-    yield from found or _of_weakening(problem)
+    yield from found or list(_of_firm_penalties(problem)) or caught or _of_weakening(problem)
 
 
 def _of_gross_slip(problem: Equilibrium, loose: Iterable[Loose], thickness: float) -> Findings:
@@ -209,12 +215,13 @@ def _of_gross_slip(problem: Equilibrium, loose: Iterable[Loose], thickness: floa
         axis, force = COMPONENTS[one.component], float(np.linalg.norm(hold.friction))
         yield (
             " and ".join(f"contact.{index}" for index in hold.contacts)
-            + f": friction reaches its limit everywhere, T = {force * thickness:.4g} N of mu N = "
-            f"{hold.limit * thickness:.4g} N at the last solved step; it alone holds {one.name} "
-            f"in {axis}, against a force of {abs(load) * thickness:.4g} N now: there is "
-            "no equilibrium, the body slides away",
-            f"a prescribed displacement in {axis} instead of the force, or a smaller force, or "
-            "more normal force or friction",
+            + f": no equilibrium: T has reached mu N everywhere: a force of "
+            f"{abs(load) * thickness:.4g} N in {axis} drives {one.name} now, and friction, which "
+            f"alone holds it there, was {force * thickness:.4g} N of mu N = "
+            f"{hold.limit * thickness:.4g} N at the last solved step",
+            f"a prescribed displacement in {axis} instead of the force, or a spring that holds it "
+            f'([[boundary]] spring with direction = "{axis}"), or a smaller force, or more normal '
+            "force or friction",
         )
 
 
@@ -248,18 +255,6 @@ def _of_supports(problem: Equilibrium, loose: Iterable[Loose], strayed: bool) ->
             yield f"{one.text} and no contact presses on it", SUPPORT
 
 
-def _of_ends(problem: Equilibrium) -> Findings:
-    """A point that leaves the master loses its force at once: there may be no equilibrium."""
-    for index, (now, before) in enumerate(zip(problem.trials, problem.committed, strict=False)):
-        pressed = before.pressure > 0.0
-        off = pressed & ~now.projection.on_surface
-        local = np.array([np.count_nonzero(a) for a in (off, now.pressure, pressed)])
-        count, pressing, all_ = problem.comm.allreduce(local)
-        if count and pressing:
-            what = f"points that pressed slide off the end of the master ({count} of {all_})"
-            yield f"contact.{index}: {what}", "a master surface that reaches further"
-
-
 def _of_elements(problem: Equilibrium, converged: PETSc.Vec) -> Findings:
     tried = most_squeezed(problem)
     problem.spread(converged)
@@ -272,30 +267,26 @@ def _of_elements(problem: Equilibrium, converged: PETSc.Vec) -> Findings:
 
 
 def _of_penalties(problem: Equilibrium) -> Findings:
+    """Penalties that are far off."""
     for index, term in enumerate(problem.contacts):
         note = penalty_note(index, penalty_factor(problem, term), pressure_kind(term))
         if note is not None:
-            yield note, f"the default penalty (penalty_factor = {DEFAULT_PENALTY_FACTOR:g})"
+            yield note, DEFAULT_PENALTY
+
+
+def _of_firm_penalties(problem: Equilibrium) -> Findings:
+    """Penalties that are not far off, but worth lowering where nothing else is found."""
+    for index, term in enumerate(problem.contacts):
+        times = penalty_factor(problem, term) / DEFAULT_PENALTY_FACTOR
+        if times > FIRM:
+            yield (
+                f"contact.{index}: the penalty is {times:.2g} times the default, and Newton's "
+                "method needs more iterations the larger it is",
+                DEFAULT_PENALTY,
+            )
 
 
 def _of_weakening(problem: Equilibrium) -> Findings:
     for index, term in enumerate(problem.contacts):
         if isinstance(term.law, FrictionMap) and not term.law.parameters.friction.constant:
             yield f"contact.{index}: friction falls with the slip and may snap", "a lower B"
-
-
-def _of_edges(problem: Equilibrium) -> Findings:
-    """Pressed points on edges of the master, where its normal jumps, and the residual with it."""
-    for index, (term, trial) in enumerate(zip(problem.contacts, problem.trials, strict=True)):
-        target = term.surface.target
-        if term.tied:
-            continue
-        edge = target.excess(trial.projection.facet, trial.projection.xi) > -ON_EDGE
-        here = bool(np.any(edge & (trial.pressure > 0.0)))
-        if problem.comm.allreduce(here, op=MPI.LOR):
-            yield (
-                f"contact.{index}: points rest on edges between facets of the master, where the "
-                "normal jumps and the residual may not fall further",
-                "smoothing_angle for that contact (quadrilaterals, hexahedra), meshes whose nodes "
-                "do not line up, or a larger solver.tolerance",
-            )

@@ -167,7 +167,10 @@ class ImplicitStage:
         model = self.model
         why = law_not_finite(model.problem.contacts)
         if why is None:
-            why = explain(model.problem, result, self.stepper.x, self._loose, model.thickness)
+            contacts = model.case.contact
+            why = explain(
+                model.problem, result, self.stepper.x, self._loose, model.thickness, contacts
+            )
         when = time_text(self.state.time, dt)
         raise SolutionError(
             f"stage {load_step.label}, time {when}: no solution even with a step of "

@@ -9,8 +9,10 @@ import numpy as np
 from tribox.app.build.model import Model
 from tribox.app.equilibrium.snapshot import AtPoints, Snapshot
 from tribox.app.simulation.history import Row
+from tribox.app.simulation.surface_faults import ends_text
 from tribox.app.simulation.time_text import time_text
 from tribox.forms.contact.shared_slave import covered_by_others
+from tribox.geometry.surfaces.facets import Bools
 
 FEW = 0.05  # share of the area above the master that may leave it without a word
 
@@ -32,6 +34,7 @@ class LeftMaster:
     def step(self, row: Row) -> None:
         """Look at a converged step; collective."""
         lost, whole = np.zeros(len(self._above)), np.zeros(len(self._above))
+        gone: dict[int, Bools] = {}
         for index, trial in enumerate(self._problem.committed):
             term = self._problem.contacts[index]
             if term.tied or not term.active:
@@ -39,14 +42,18 @@ class LeftMaster:
             here = trial.projection.on_surface
             left = self._above[index] & ~here & (trial.kinematics.gap < 0.0)
             self._above[index] |= here
+            gone[index] = left
             weight, sums = term.surface.slave.weight, term.surface.vertices.sums
             whole[index] = sums(weight * self._above[index]).sum()
             # What another master has below it now has not run off.
             others = covered_by_others(term.neighbours, term.surface.vertices.count)
             lost[index] = np.maximum(sums(weight * left) - others, 0.0).sum()
         when = f"first at time {time_text(row.time, row.dt)}, stage {row.stage}"
-        for index in np.nonzero(lost > FEW * whole)[0]:
-            self._found.setdefault(int(index), when)
+        for index in map(int, np.nonzero(lost > FEW * whole)[0]):
+            if index not in self._found:
+                surface, at = self._problem.contacts[index].surface, self._problem.committed[index]
+                where = ends_text(surface, at.projection, gone[index])
+                self._found[index] = f"at {where}, undeformed: no contact there ({when})"
 
     def snapshot(self) -> Snapshot:
         """What has been seen so far."""
@@ -56,10 +63,10 @@ class LeftMaster:
     def restore(self, kept: Snapshot) -> None:
         """Go on from what :meth:`snapshot` has seen."""
         self._above = list(kept["above"])
-        self._found = {int(pair): when for pair, when in kept["found"]}
+        self._found = {int(pair): where for pair, where in kept["found"]}
 
     def warnings(self) -> Iterator[str]:
         """One line for each pair that has lost points."""
-        for index, when in self._found.items():
+        for index, where in self._found.items():
             pair = self._contacts[index]
-            yield f"{pair.slave} runs past the end of {pair.master}: no contact there ({when})"
+            yield f"{pair.slave} runs past the end of {pair.master} {where}"

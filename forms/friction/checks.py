@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 
 from tribox.forms.friction.film import require_thickness
 from tribox.forms.friction.film_map import at_rest, threshold_speed
-from tribox.forms.friction.parameters import FrictionMapParameters
+from tribox.forms.friction.parameters import FrictionMapParameters, Table
 
 Floats = NDArray[np.float64]
+MOST_TOLD = 4  # film thicknesses that a message names
+SAME = 1e-6  # relative difference of two film thicknesses that count as one
 
 
 def check_film(parameters: FrictionMapParameters, film: Floats | float) -> None:
@@ -120,3 +122,68 @@ def threshold_speed_warning(
             f"all (alpha = 1) throughout"
         )
     return None
+
+
+def tabulation_note(parameters: FrictionMapParameters, film: Floats | float) -> str | None:
+    """Film thicknesses that a table of alpha, or beta, has no row for, as a line of text.
+
+    Args:
+        parameters: Of the law.
+        film: (q,) or a number, m, film thicknesses D.
+
+    Returns:
+        A message with alpha there; None where every thickness has a row, or none is asked for.
+    """
+    name, table = _tabulated(parameters)
+    if table is None:
+        return None
+    rows = np.array([thickness for thickness, _ in table])
+    asked = np.unique(np.atleast_1d(np.asarray(film, dtype=np.float64)))
+    asked = asked[(asked > parameters.D_min) & (asked < parameters.D_max)]
+    has_row = np.isclose(asked[:, None], rows, rtol=SAME, atol=0.0).any(axis=1)
+    missing = asked[~has_row]
+    if not missing.size:
+        return None
+    inside = (missing > rows[0]) & (missing < rows[-1])
+    alpha = 1.0 - at_rest(parameters, missing).solid
+    told = [
+        f"{value:.4g} at D = {thickness:g} m ({'interpolated' if within else 'end of the table'})"
+        for thickness, value, within in zip(missing, alpha, inside, strict=True)
+    ]
+    more = [f"and {len(told) - MOST_TOLD} more"] if len(told) > MOST_TOLD else []
+    values = ", ".join([*told[:MOST_TOLD], *more])
+    return (
+        f"the table of {name} has no row for some film thicknesses: alpha = {values}; such values "
+        f"are no data; give {name} a row there, or one number, if you know it"
+    )
+
+
+def _tabulated(parameters: FrictionMapParameters) -> tuple[str, Table | None]:
+    """The name of what gives alpha, and its table; None where it is a number."""
+    name = "beta" if parameters.alpha is None else "alpha"
+    value = parameters.beta if parameters.alpha is None else parameters.alpha
+    return name, value if isinstance(value, tuple) else None
+
+
+def fixed_threshold_note(parameters: FrictionMapParameters, usual: float) -> str | None:
+    r"""A threshold speed that stays where the viscosity is not the usual one, as a line of text.
+
+    .. math:: \gamma = {V^*}^2 D \eta_b/D_{max}
+
+    Args:
+        parameters: Of the law.
+        usual: Pa s, viscosity that V_star is taken to belong to, such as that of a preset.
+
+    Returns:
+        A message with the gamma that lets V* move; None where V* is not given, or the viscosity is.
+    """
+    if parameters.V_star is None or np.isclose(parameters.eta_b, usual, rtol=SAME, atol=0.0):
+        return None
+    if not np.isfinite(parameters.V_star):
+        return None
+    gamma = parameters.threshold_constant * usual / parameters.D_max
+    return (
+        f"V_star is given directly and does not move with eta_b, which is not the preset's "
+        f"{usual:g} Pa*s; to have V* fall as 1/sqrt(eta_b), give gamma = {gamma:.4g} N/s instead "
+        "of V_star and V_star_at"
+    )

@@ -287,7 +287,7 @@ def test_check_puts_a_part_of_a_long_sweep_together(tribox, case_file, block, mo
     done = tribox("check", path)
     assert done.returncode == 0, done.stderr
     assert "note: 2 of 5 values were put together, the others only read" in done.stdout
-    assert "correct (5 runs, 2 stages)" in done.stdout
+    assert done.stdout.endswith("correct (5 runs, 2 stages)\n")  # PETSc says nothing at its end
 
 
 def test_a_platen_along_its_surface_is_found_by_check_too(tribox, case_file, film):

@@ -95,8 +95,10 @@ def _split(words: Iterator[str]) -> Iterator[list[str]]:
 def _tribox_problems(words: list[str]) -> list[str]:
     if words[0] not in _STARTERS:
         return []
-    own = [n for n, word in enumerate(words) if word in _PROGRAM]
-    own += [n + 1 for n, pair in enumerate(pairwise(words)) if pair == ("-m", "tribox")]
+    if words[0] == "python3":
+        own = [n + 1 for n, pair in enumerate(pairwise(words)) if pair == ("-m", "tribox")]
+    else:
+        own = [n for n, word in enumerate(words) if word in _PROGRAM]
     rest = words[max(own) + 1 :] if own else []
     if not rest or not (words[0] in _PROGRAM or re.fullmatch(r"-{0,2}[a-z]+", rest[0])):
         return []

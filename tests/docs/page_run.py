@@ -6,10 +6,14 @@ import contextlib
 import io
 import json
 import os
+import signal
+import sys
 import traceback
 from collections.abc import Iterator
 from pathlib import Path
 
+import matplotlib.pyplot as plt
+import numpy as np
 import pytest
 
 from tests.docs import commands, fragments
@@ -86,6 +90,19 @@ def _check_text(block: Block) -> None:
             raise block.error(str(error)) from None
 
 
+@contextlib.contextmanager
+def _nothing_kept(directory: Path) -> Iterator[None]:
+    """Leave numpy, Ctrl-C, pictures and modules of a page's own to the next as they were."""
+    interrupt = signal.getsignal(signal.SIGINT)
+    with np.printoptions():
+        yield
+    signal.signal(signal.SIGINT, interrupt)  # gmsh.initialize() takes it
+    plt.close("all")
+    for name, module in list(sys.modules.items()):
+        if (getattr(module, "__file__", None) or "").startswith(f"{directory}/"):
+            del sys.modules[name]
+
+
 class PageRun:
     """Blocks of one page, run in one directory, those of Python in one namespace.
 
@@ -105,12 +122,13 @@ class PageRun:
             PageError: a block fails, or does not print what is shown; a line or more on each.
         """
         found: list[str] = []
-        for block in find_blocks(page):
-            try:
-                self._prepare(block)
-                self._take(block)
-            except PageError as error:
-                found.append(str(error))
+        with _nothing_kept(self.checkout.path):
+            for block in find_blocks(page):
+                try:
+                    self._prepare(block)
+                    self._take(block)
+                except PageError as error:
+                    found.append(str(error))
         if found:
             raise PageError("\n".join(found))
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 import re
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import tribox
 from tribox.app.bench import bench
 from tribox.app.bench import law as bench_law
 from tribox.app.bench import probe as bench_probe
@@ -78,6 +80,12 @@ def test_without_words_levels_one_two_and_four_of_block_slide_run(monkeypatch, c
 def test_a_word_that_is_no_level_is_refused(words, found):
     with pytest.raises(InputError, match=re.escape(f"{found} is neither a mesh level (1 to 64)")):
         run_bench(words, Options())
+
+
+def test_a_case_without_newton_iterations_is_refused():
+    case = Path(tribox.__file__).with_name("cases") / "impact.toml"
+    with pytest.raises(InputError, match=r"impact\.toml: all stages are explicit.*--against"):
+        run_bench(["1"], Options(case, None, 1))
 
 
 def test_the_law_stands_alone():

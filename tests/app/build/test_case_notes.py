@@ -90,3 +90,22 @@ def test_speeds_count_only_where_rates_do(film, rate_dependent):
     friction["gamma"] = "4e-25 N/s"
     data["stage"][1]["rate_dependent"] = rate_dependent
     assert len(notes_on(Case.model_validate(data))) == rate_dependent
+
+
+def test_what_the_law_takes_by_itself_is_told_where_it_matters(film):
+    """The fixture gives alpha as a number, and the preset's viscosity: nothing to tell of."""
+    data = tomllib.loads(film)
+    friction = data["contact"][0]["friction"]
+    del friction["alpha"]
+    assert notes_on(Case.model_validate(data)) == []
+    data["contact"][0]["film"]["thickness"] = [["0 MPa", "30 nm"], ["1 MPa", "10 nm"]]
+    [note] = notes_on(Case.model_validate(data))
+    assert note.startswith("contact.0: the table of alpha has no row")
+    assert "0.5179 at D = 2e-08 m (interpolated)" in note
+    data["contact"][0]["film"]["thickness"] = "30 nm"
+    friction["eta_b"] = "0.4 Pa*s"
+    [note] = notes_on(Case.model_validate(data))
+    assert note.startswith("contact.0: V_star is given directly and does not move with eta_b")
+    del friction["preset"]
+    friction |= {"law": "friction-map", "alpha": 0.5, "D_max": "250 nm"}
+    assert notes_on(Case.model_validate(data)) == []

@@ -222,11 +222,3 @@ def test_documentation_lists_every_key_with_its_unit(schema):
         for key, field in fields.items():
             if (unit := field.get("x-unit", field.get("items", {}).get("x-unit"))) is not None:
                 assert unit.replace("1", "–", unit == "1") in rows[key].split(" or "), key
-
-
-def test_the_python_example_of_the_documentation(monkeypatch, capsys):
-    text = (ROOT / "docs" / "case-file.md").read_text()
-    [example] = re.findall(r"```python\n(.*?)```", text, re.S)
-    monkeypatch.chdir(ROOT)
-    exec(example, {})
-    assert capsys.readouterr().out.startswith("0.3 17241")

@@ -49,6 +49,7 @@ def test_what_is_not_determined_is_a_comment():
         "mu_s", "alpha", "V_star", "eta_b",
     }  # fmt: skip
     assert {"mu_s", "alpha", "V_star", "V_star_at", "eta_b"}.isdisjoint(live(text))
+    assert "\n# V_star at 30 nm = " in text  # a speed says little without its film
     assert live(text)["K_T"] == "1e+12 Pa/m"  # assumed, and said to be
     for key in ("mu_s", "alpha", "V_star", "V_star_at", "eta_b"):
         assert f"\n# {key} = " in text

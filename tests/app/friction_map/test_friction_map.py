@@ -235,3 +235,12 @@ def test_wrong_input_is_one_line(tmp_path, case, overrides, words):
     for word in words:
         assert word in message
     assert not (tmp_path / "out").exists()
+
+
+def test_a_map_tells_what_the_law_takes_by_itself():
+    """Built in, D = 10, 30, 180 and 250 nm have rows, or need none; 60 nm has none."""
+    assert len(law_notes(map_setup(None))) == 1  # that there is no case
+    changed = ["contact.0.film.thickness=60 nm", "contact.0.friction.eta_b=1.6 Pa*s"]
+    notes = law_notes(map_setup(None, changed))
+    assert any("0.9973 at D = 6e-08 m (interpolated)" in note for note in notes)
+    assert any("V_star is given directly" in note for note in notes)

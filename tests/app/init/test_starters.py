@@ -118,6 +118,10 @@ def test_several_starters_share_a_schema(tmp_path):
     ("words", "said"),
     [
         (["three-blocks"], 'no starter "three-blocks"; there are two-blocks'),
+        (
+            ["my.toml"],
+            "there are two-blocks, own-mesh, forming (as in: tribox init two-blocks my.toml)",
+        ),
         (["two-blocks", "there/notes.txt"], "name a case file"),
         (["two-blocks", "there/notes.txt/case.toml"], "cannot be written"),
     ],

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import tomllib
 from pathlib import Path
 
@@ -145,17 +144,3 @@ def test_the_history_is_that_of_the_run(pressed):
     assert results.load_steps["label"].tolist() == ["press"]
     assert results.load_steps["steady"].tolist() == [-1.0]
     assert results.case == simulation.model.case
-
-
-def test_the_examples_of_the_docs_run(pressed, tmp_path, monkeypatch, capsys):
-    """One after the other, on these results."""
-    directory = pressed[2].directory
-    text = (ROOT / "docs" / "reading-results.md").read_text(encoding="utf-8")
-    blocks = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
-    assert len(blocks) == 6
-    monkeypatch.chdir(tmp_path)
-    exec("".join(blocks).replace("results/block-slide", str(directory)), {})
-    assert (tmp_path / "friction.png").stat().st_size > 1000
-    said = capsys.readouterr().out
-    force = f"N {pressed[0].rows[-1].normal_force:.3f} N"
-    assert said.count(force) == 2 and "elastomer: " in said

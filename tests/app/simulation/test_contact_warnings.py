@@ -96,7 +96,7 @@ def test_a_comb_of_points_is_not_to_be_pressed_harder(tmp_path, on_ranks):
     """Its sagitta is h²/8R, all of it in the gap of facets of 50 um on a radius of 5 mm."""
     lines, *numbers = comb(MPI.COMM_SELF, tmp_path)
     [line] = lines
-    assert 'use pressure = "averaged" or a finer slave, a higher penalty makes it worse' in line
+    assert 'use pressure = "averaged", or penalty_factor = 1 (now 30), or a finer slave' in line
     found = re.search(r"sagitta of the facets (\S+) m beside a penetration of (\S+) m", line)
     assert found is not None
     sagitta, penetration = map(float, found.groups())
@@ -104,6 +104,29 @@ def test_a_comb_of_points_is_not_to_be_pressed_harder(tmp_path, on_ranks):
     assert 0.5 < sagitta / (5e-5**2 / (8 * 5e-3)) < 1.1 and penetration < sagitta
     on_two, *theirs = on_ranks(comb, 2)
     assert on_two == lines and theirs == pytest.approx(numbers, rel=1e-6)
+
+
+def test_the_penalty_that_a_comb_is_told_to_have_smooths_it(tmp_path):
+    """The warning names a value to try; with it the contact is even, and still stiff enough."""
+    assert pressed(tmp_path, pressure="pointwise", penalty_factor=1.0)[0] == []
+
+
+@pytest.mark.parametrize(
+    ("cure", "combed"), [({}, True), ({"smoothing_angle": "30 deg"}, False), (None, False)]
+)
+def test_pressures_that_alternate_over_corners_name_what_smooths_them(tmp_path, cure, combed):
+    """Facets of the cylinder twice as long as the slave's, or smooth, or as short as those."""
+    data = tomllib.loads(ROUND)
+    data["geometry"]["contact_size"] = "50 um" if cure is None else "100 um"
+    del data["contact"][0]["smoothing_angle"]
+    data["contact"][0] |= cure or {}
+    run_case(Case.model_validate(data), tmp_path / "out", quiet=True)
+    warnings = json.loads((tmp_path / "out" / "summary.json").read_text())["warnings"]
+    found = [line for line in warnings if "combed pressures" in line]
+    assert len(found) == combed
+    if combed:
+        assert "they alternate from vertex to vertex by 7.8 % of their mean" in found[0]
+        assert 'smooth the master (smoothing_angle = "30 deg")' in found[0]
 
 
 def test_the_share_of_the_approach_is_the_error_of_the_force(block, tmp_path):

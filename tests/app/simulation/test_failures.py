@@ -122,6 +122,16 @@ def hurried(block: str, film: str) -> dict:
     return data
 
 
+def firm(block: str, film: str) -> dict:
+    """A fine slave on a soft coarse master, with a hundred times the default penalty."""
+    data = plain(block)
+    data["contact"][0]["penalty_factor"] = 3e3
+    data["geometry"]["upper"]["elements"] = [30, 5]
+    data["geometry"]["lower"]["elements"] = [8, 4]
+    data["bodies"]["aluminium"]["E"] = 1e6
+    return data
+
+
 SUPPORT = "try a support there (displacement), or a load that keeps it in contact"
 HOPELESS = {
     unsupported: ("press", "body aluminium has no support in x and no contact presses", SUPPORT),
@@ -131,11 +141,18 @@ HOPELESS = {
     wedged: ("slide", "has nearly collapsed (volume ratio 0.", "or less load, a rounder corner"),
     pushed: (
         "slide",
-        "contact.0: friction reaches its limit everywhere, T = 0.1",
-        "try a prescribed displacement in x instead of the force",
+        "contact.0: no equilibrium: T has reached mu N everywhere: a force of 0.18 N in x drives "
+        "body elastomer now",
+        "try a prescribed displacement in x instead of the force, or a spring that holds it",
     ),
     hurried: ("press", "contact.0: the penalty is 3e+09 times", "try the default penalty"),
-    overrun: ("slide", "slide off the end of the master", "a master surface that reaches further"),
+    overrun: (
+        "slide",
+        "points of elastomer_contact that pressed slide off the end of aluminium_contact at "
+        "(0.0015, 0) m, undeformed",
+        "a master surface aluminium_contact that reaches further there",
+    ),
+    firm: ("slide", "contact.0: the penalty is 1e+02 times the default", "= 30)"),
 }
 
 
@@ -175,10 +192,56 @@ def test_hopeless_problem_says_why_and_keeps_its_last_state(block, film, tmp_pat
         assert np.nanmax(-saved["gap"]) == pytest.approx(deepest, rel=1e-12) and deepest > 0.0
         moved = last_displacement(out)
         assert np.all(np.isfinite(moved)) and 1e-7 < np.max(np.abs(moved)) < 2e-3
-    assert bool(rows) is (problem in (lifted, collapsing, wedged, overrun, pushed))
+    assert bool(rows) is (problem in (lifted, collapsing, wedged, overrun, pushed, firm))
     # Where a run fails, its figures are wanted most; without a step there is nothing to draw.
     drawn = {path.name for path in out.glob("figures/*")}
     assert drawn >= {"deformed.png", "history.png"} if problem is collapsing else not drawn
+
+
+def held_by_displacement(data: dict) -> None:
+    data["boundary"].pop()
+    data["boundary"][1]["displacement"]["x"] = [[1.0, 0.0], [2.0, 3e-4]]
+
+
+def held_by_spring(data: dict) -> None:
+    spring = {"direction": "x", "stiffness": 1e3, "end": 0.0}
+    data["boundary"].append({"surface": "top", "spring": spring})
+
+
+def pushed_less(data: dict) -> None:
+    data["boundary"][2]["pressure"] = [[1.0, 0.0], [2.0, 0.2e6]]
+
+
+def rubbed_more(data: dict) -> None:
+    data["contact"][0]["friction"]["mu"] = 0.8
+
+
+def reaching_further(data: dict) -> None:
+    data["geometry"]["lower"]["width"] = 2e-3
+    data["geometry"]["offset"] = 0.25e-3
+
+
+def of_default_penalty(data: dict) -> None:
+    del data["contact"][0]["penalty_factor"]
+
+
+CURES = [
+    (pushed, held_by_displacement),
+    (pushed, held_by_spring),
+    (pushed, pushed_less),
+    (pushed, rubbed_more),
+    (overrun, reaching_further),
+    (firm, of_default_penalty),
+]
+
+
+@pytest.mark.parametrize(("problem", "cure"), CURES, ids=lambda part: part.__name__)
+def test_what_a_message_says_to_try_helps(block, film, tmp_path, problem, cure):
+    """Each problem above fails; with the cure that its message names it is solved."""
+    data = problem(block, film) | {"output": {"fields_every": 0, "figures": False}}
+    cure(data)
+    simulation = run_case(Case.model_validate(data), tmp_path / "out", quiet=True)
+    assert simulation.rows[-1].time == pytest.approx(2.0)
 
 
 def test_saved_state_is_the_last_converged_one(monkeypatch, block, tmp_path):

@@ -113,7 +113,8 @@ def test_a_failed_value_of_a_sweep_leaves_the_others_collated(tribox, case_file,
             '[[boundary]]\nsurface = "top"',
             '[[boundary]]\nsurface = "elastomer_left"\ndisplacement = { x = 0 }\n'
             '[[boundary]]\nsurface = "top"',
-            '"elastomer_left" and "top" share a node and both decide its displacement in x',
+            r'"elastomer_left" and "top" share a node, at \(0.0005, 0.0005\) m, and both '
+            "decide its displacement in x",
         ),
         ('master = "aluminium_contact"', 'master = "top"', "both on body elastomer"),
         ('master = "aluminium_contact"', 'master = "bottom"', "face the same way"),

@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from tribox.forms import closed_forms
-from tribox.forms.friction.checks import check_film, threshold_speed_warning, uniqueness_warning
+from tribox.forms.friction.checks import (
+    check_film,
+    fixed_threshold_note,
+    tabulation_note,
+    threshold_speed_warning,
+    uniqueness_warning,
+)
+from tribox.forms.friction.film_map import threshold_speed
 from tribox.forms.friction.friction_map import FrictionMap
 from tribox.forms.friction.law import Regime
 from tribox.forms.friction.parameters import FrictionMapParameters, with_preset
@@ -134,3 +141,38 @@ def test_presliding_length_is_where_the_asperities_give_way(rule, film):
     assert reach == pytest.approx(expected, rel=1e-12)
     literal = dataclasses.replace(BASE, flow_rule="literal")
     assert closed_forms.presliding_length(P, 0.12, 1.0, literal) == np.inf
+
+
+@pytest.mark.parametrize(
+    ("changes", "film", "told"),
+    [
+        ({}, [10e-9, 30e-9, 180e-9], None),
+        # Outside D_min < D < D_max alpha is 0 or 1, whatever the table says.
+        ({}, [0.0, 250e-9, 300e-9], None),
+        # 0.9967 + 70/150 (0.9999 - 0.9967)
+        ({}, [30e-9, 100e-9], "alpha = 0.9982 at D = 1e-07 m (interpolated);"),
+        ({}, [5e-9], "alpha = 0.039 at D = 5e-09 m (end of the table);"),
+        ({"alpha": 0.5}, [100e-9], None),
+        ({"alpha": None, "beta": ((10e-9, 1.0), (30e-9, 1.0))}, [25e-9], "no row for some"),
+        ({}, [11e-9, 12e-9, 13e-9, 14e-9, 15e-9, 16e-9], "at D = 1.4e-08 m (interpolated), and 2"),
+    ],
+)
+def test_film_fractions_that_a_table_does_not_hold_are_told(changes, film, told):
+    note = tabulation_note(dataclasses.replace(BASE, **changes), np.array(film))
+    assert (note is None) is (told is None)
+    if note is not None:
+        assert told in note and "such values are no data" in note
+        assert f"the table of {'beta' if 'beta' in changes else 'alpha'} has no row" in note
+
+
+def test_a_threshold_speed_that_does_not_move_with_the_viscosity_names_the_gamma_that_does():
+    assert fixed_threshold_note(BASE, 0.8) is None
+    note = fixed_threshold_note(dataclasses.replace(BASE, eta_b=3.2), 0.8)
+    assert note is not None and "V_star is given directly and does not move with eta_b" in note
+    gamma = float(note.split("gamma = ")[1].split(" ")[0])
+    moving = dataclasses.replace(BASE, V_star=None, V_star_at=None, gamma=gamma)
+    # At the preset's viscosity it is V_star at V_star_at, at four times that half of it.
+    for viscosity, speed in ((0.8, 1e-3), (3.2, 0.5e-3)):
+        parameters = dataclasses.replace(moving, eta_b=viscosity)
+        assert threshold_speed(parameters, np.array([10e-9])) == pytest.approx(speed, rel=1e-3)
+        assert fixed_threshold_note(parameters, 0.8) is None

@@ -1,0 +1,183 @@
+"""Ends of masters that slaves run past, and facets of masters that catch them, in words.
+
+A message that speaks of an end or an edge says of which surface, and where it lies undeformed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from mpi4py import MPI
+
+from tribox.app.case.contact import Contact
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.places import place_text
+from tribox.forms.contact.penalty import ContactTerm
+from tribox.forms.contact.state import ContactTrial
+from tribox.geometry.surfaces.facets import Bools, Floats
+from tribox.geometry.surfaces.projection import FacetSurface
+from tribox.geometry.surfaces.smoothing import shared_sides
+from tribox.geometry.surfaces.surface import ContactSurface, MasterFacets
+from tribox.geometry.surfaces.target import Projection
+
+Findings = Iterator[tuple[str, str]]  # what is wrong, and what to do about it
+
+ON_EDGE = 1e-6  # reference distance from the edge of a facet below which a point is on it
+# Angles, rad, between neighbouring facets of a deformed master that a slave catches on: less is
+# flat, more is an edge that is meant.
+BENT, SHARP = 1e-3, 0.35
+SOME = 0.2  # share of the points past any end from which on an end is named
+SAME = 1e-6  # of the size of a surface, below which two places are the same
+SMOOTH = 'smoothing_angle = "30 deg"'
+
+
+def names_of(contacts: Sequence[Contact], index: int) -> tuple[str, str]:
+    """Slave and master of a contact by name; by their parts where the names are not known."""
+    if index >= len(contacts):
+        return "the slave", "the master"
+    return contacts[index].slave, contacts[index].master
+
+
+# -- ends -----------------------------------------------------------------------------------------
+
+
+def ends_text(surface: ContactSurface, at: Projection, off: Bools) -> str:
+    """Where the master ends that some points are past, undeformed; collective.
+
+    Two places where they are past two ends that are far from each other.
+
+    Args:
+        surface: the pair.
+        at: the slave's points on the master.
+        off: (q,) those of this rank that are past an end.
+    """
+    places, _ = surface.target.places(at.facet[off], at.xi[off], surface.master.position)
+    found = np.concatenate(surface.space.mesh.comm.allgather(places))
+    if not len(found):
+        return "an end"
+    extent = float(np.ptp(surface.master.position, axis=0).max())
+    found = np.round(found / (SAME * extent)) * (SAME * extent) + 0.0  # round-off, and no −0
+    found = found[np.lexsort(found.T[::-1])]
+    apart = np.linalg.norm(found - found[0], axis=1) > 0.5 * extent
+    ends = [part for part in (found[~apart], found[apart]) if len(part) >= SOME * len(found)]
+    return " and ".join(place_text(part[len(part) // 2]) for part in ends)
+
+
+def slid_off(problem: Equilibrium, contacts: Sequence[Contact]) -> Findings:
+    """A point that leaves the master loses its force at once: there may be no equilibrium.
+
+    Args:
+        problem: at the state evaluated last.
+        contacts: of the case, for the names.
+    """
+    for index, (now, before) in enumerate(zip(problem.trials, problem.committed, strict=False)):
+        pressed = before.pressure > 0.0
+        off = pressed & ~now.projection.on_surface
+        local = np.array([np.count_nonzero(a) for a in (off, now.pressure, pressed)])
+        count, pressing, all_ = problem.comm.allreduce(local)
+        if not (count and pressing):
+            continue
+        slave, master = names_of(contacts, index)
+        where = ends_text(problem.contacts[index].surface, now.projection, off)
+        yield (
+            f"contact.{index}: points of {slave} that pressed slide off the end of {master} at "
+            f"{where}, undeformed ({count} of {all_} points)",
+            f"a master surface {master} that reaches further there, or less sliding",
+        )
+
+
+# -- facets ---------------------------------------------------------------------------------------
+
+
+def rests_on_edges(problem: Equilibrium, contacts: Sequence[Contact]) -> Findings:
+    """Pressed points on edges of the master, where its normal jumps, and the residual with it.
+
+    Args:
+        problem: at the state evaluated last.
+        contacts: of the case, for the names.
+    """
+    for index, (term, trial) in enumerate(zip(problem.contacts, problem.trials, strict=True)):
+        if term.tied:
+            continue
+        target, at = term.surface.target, trial.projection
+        edge = (target.excess(at.facet, at.xi) > -ON_EDGE) & (trial.pressure > 0.0)
+        where = _one_place(problem.comm, term.surface.slave.position[edge])
+        if where is not None:
+            slave, master = names_of(contacts, index)
+            yield (
+                f"contact.{index}: points of {slave}, such as that at {where}, rest on edges "
+                f"between facets of {master}, where the normal jumps and the residual may not "
+                "fall further",
+                f"{SMOOTH} for that contact (quadrilaterals, hexahedra), meshes whose nodes do not "
+                "line up, or a larger solver.tolerance",
+            )
+
+
+def _one_place(comm: MPI.Comm, places: Floats) -> str | None:
+    """The first of all ranks' places (n, i) in x, in words; None without any; collective."""
+    mine = tuple(places[np.lexsort(places.T[::-1])][0]) if len(places) else None
+    found = [place for place in comm.allgather(mine) if place is not None]
+    return place_text(min(found)) if found else None
+
+
+def catches(problem: Equilibrium, contacts: Sequence[Contact]) -> Findings:
+    """Facets of a bent master that catch a slave, where the residual is largest on that pair.
+
+    Args:
+        problem: at the state evaluated last.
+        contacts: of the case, for the names.
+    """
+    worst = np.array(problem.worst_place())
+    for index, (term, trial) in enumerate(zip(problem.contacts, problem.trials, strict=True)):
+        if term.tied or not _is_on(term.surface, worst):
+            continue
+        angle = _bend(problem, term, trial)
+        if angle > BENT:
+            slave, master = names_of(contacts, index)
+            yield (
+                f"contact.{index}: {slave} catches on the facets of {master}, which meet at up to "
+                f"{np.degrees(angle):.2g} degrees where it presses",
+                f"{SMOOTH} for contact.{index}{_needs(problem)}",
+            )
+
+
+def _is_on(surface: ContactSurface, place: Floats) -> bool:
+    """Whether an undeformed place is a vertex of the slave or a node of a master of facets."""
+    if not isinstance(surface.master, MasterFacets):
+        return False
+    nodes = np.concatenate([surface.vertices.position, surface.master.position])
+    near = SAME * float(np.ptp(nodes, axis=0).max())
+    return bool(np.linalg.norm(nodes - place, axis=1).min() <= near)
+
+
+def _bend(problem: Equilibrium, term: ContactTerm, trial: ContactTrial) -> float:
+    """Largest angle, rad, at which facets of a faceted master meet where it is pressed; collective.
+
+    0 of a smooth master.
+    """
+    surface = term.surface
+    target, master = surface.target, surface.master
+    smooth = not isinstance(target, FacetSurface) or target.extraction is not None
+    if smooth or not isinstance(master, MasterFacets):
+        return 0.0
+    x = problem.new_vector()
+    x.array[:] = problem.u.x.array[: problem.owned]
+    position = surface.master_positions(surface.gather(x))
+    x.destroy()
+    shared = shared_sides(master.shape, master.facets, position)
+    round_ones = np.where(shared.angle < SHARP, shared.angle, 0.0)
+    angle = np.zeros(len(master.facets))
+    for facets in shared.facets.T:
+        np.maximum.at(angle, facets, round_ones)
+    here = float(np.max(angle[trial.projection.facet], where=trial.pressure > 0.0, initial=0.0))
+    return float(problem.comm.allreduce(here, op=MPI.MAX))
+
+
+def _needs(problem: Equilibrium) -> str:
+    """What a mesh must be like for a smooth master, where it is not."""
+    space = problem.space
+    cell, degree = space.mesh.topology.cell_name(), space.element.basix_element.degree
+    if cell in ("quadrilateral", "hexahedron") and degree == 1:
+        return ""
+    return " on a mesh of first-order quadrilaterals or hexahedra"

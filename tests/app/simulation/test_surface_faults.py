@@ -1,0 +1,76 @@
+"""What is said of ends and facets of masters: which, where, and only where it can be the cause."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from tribox.app.implicit.stepper import StepResult
+from tribox.app.simulation.failure_diagnosis import explain
+from tribox.app.simulation.surface_faults import ends_text, names_of
+from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
+
+LAW = CoulombLaw(CoulombParameters(mu=0.2, K_T=60.0))
+NAMES = [SimpleNamespace(slave="pad", master="strip")]
+FAR = StepResult(False, 30, 30, -5, [0.3])  # a residual far from zero
+
+
+def bent(amount):
+    """A motion of the lower block: its top becomes a parabola."""
+
+    def motion(x):
+        y = -0.01 - amount * (x[:, 0] - 1.0) ** 2
+        return np.stack([0.0 * y, y], axis=1)
+
+    return motion
+
+
+@pytest.mark.parametrize(("amount", "said"), [(0.2, True), (0.0, False)])
+def test_facets_of_a_bent_master_are_named_where_the_residual_is(pair, amount, said):
+    """The upper block overlaps the lower one's middle; flat facets catch nothing."""
+    made = pair(upper=(5, 2), lower=(10, 2))
+    problem = made.problem(LAW)
+    x = made.displaced(lambda x: x * 0.0 + [0.03, -0.05], bent(amount))
+    problem.residual(None, x, problem.new_vector())
+    assert abs(problem.worst_place()[1]) < 1e-12  # on the interface
+    text = explain(problem, FAR, x, [], contacts=NAMES)
+    assert ("contact.0: pad catches on the facets of strip, which meet at up to" in text) is said
+    assert ('try smoothing_angle = "30 deg" for contact.0, or' in text) is said
+
+
+def test_nothing_is_said_of_facets_where_the_residual_is_elsewhere(pair):
+    """A node inside the upper block is out of its place by far more."""
+    made = pair(upper=(5, 2), lower=(10, 2))
+    problem = made.problem(LAW)
+    x = made.displaced(lambda x: x * 0.0 + [0.03, -0.05], bent(0.2))
+    where = made.u.function_space.tabulate_dof_coordinates()
+    inside = np.nonzero(np.isclose(where[:, 1], 0.25) & np.isclose(where[:, 0], 0.67))[0]
+    x.array[2 * inside] += 0.1
+    problem.residual(None, x, problem.new_vector())
+    assert problem.worst_place()[1] > 0.2
+    assert "catches" not in explain(problem, FAR, x, [], contacts=NAMES)
+
+
+@pytest.mark.parametrize(
+    ("shift", "spread", "where"),
+    [(1.2, 0.0, "(2, 0) m"), (-1.2, 0.0, "(0, 0) m"), (0.03, 2.0, "(0, 0) m and (2, 0) m")],
+)
+def test_ends_are_told_by_where_they_are_undeformed(pair, shift, spread, where):
+    """The lower block is 2 long; the upper one hangs over its right end, its left, or both."""
+    made = pair()
+    problem = made.problem(LAW)
+    x = made.displaced(
+        lambda x: np.stack([shift + spread * (x[:, 0] - 1.0), 0.0 * x[:, 0] - 0.01], axis=1),
+        lambda x: x * 0.0,
+    )
+    problem.residual(None, x, problem.new_vector())
+    [trial], [term] = problem.trials, problem.contacts
+    off = ~trial.projection.on_surface
+    assert off.any() and ends_text(term.surface, trial.projection, off) == where
+
+
+def test_contacts_without_names_are_called_by_their_parts():
+    assert names_of(NAMES, 0) == ("pad", "strip")
+    assert names_of([], 0) == ("the slave", "the master")
