@@ -68,6 +68,7 @@ html_title = "tribox"
 html_math_renderer = "katex"
 html_static_path = ["static"]
 html_css_files = ["site.css"]
+html_js_files = [("colours.js", {"defer": "defer"})]
 html_copy_source = False
 html_show_copyright = False
 highlight_language = "text"
