@@ -6,6 +6,7 @@ import contextlib
 import io
 import json
 import os
+import signal
 import sys
 import traceback
 from collections.abc import Iterator
@@ -91,9 +92,11 @@ def _check_text(block: Block) -> None:
 
 @contextlib.contextmanager
 def _nothing_kept(directory: Path) -> Iterator[None]:
-    """Leave numpy, pictures and modules of a page's own to the next as they were."""
+    """Leave numpy, Ctrl-C, pictures and modules of a page's own to the next as they were."""
+    interrupt = signal.getsignal(signal.SIGINT)
     with np.printoptions():
         yield
+    signal.signal(signal.SIGINT, interrupt)  # gmsh.initialize() takes it
     plt.close("all")
     for name, module in list(sys.modules.items()):
         if (getattr(module, "__file__", None) or "").startswith(f"{directory}/"):
