@@ -52,6 +52,7 @@ outside_pages = {
     "README.md": "index",
     "CHANGELOG.md": "more/changelog",
     "CONTRIBUTING.md": "more/contributing",
+    "examples/README.md": "examples",
     "examples/notebooks/1-law.ipynb": "notebooks/1-law",
     "examples/notebooks/2-run-and-results.ipynb": "notebooks/2-run-and-results",
     "examples/notebooks/3-calibration.ipynb": "notebooks/3-calibration",
