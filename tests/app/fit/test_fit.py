@@ -14,7 +14,8 @@ from tribox.app.errors import InputError
 from tribox.app.fit.calibration import Calibration
 from tribox.app.fit.data import TribometerData, read_data
 from tribox.app.fit.model import RANGES, coordinates, friction
-from tribox.app.fit.run import fit_setup, run_fit
+from tribox.app.fit.run import run_fit
+from tribox.app.fit.setup import fit_setup
 from tribox.forms.closed_forms.homogeneous_sliding import steady_traction
 from tribox.forms.friction.friction_map import FrictionMap
 from tribox.forms.friction.parameters import FrictionMapParameters, with_preset
