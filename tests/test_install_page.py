@@ -9,7 +9,7 @@ ROOT = Path(__file__).parents[1]
 ONLY_IN_THE_IMAGE = {"tini"}  # its first process
 ONLY_BY_HAND = {"python3-pip", "python3-venv"}
 OF_DEVELOPERS = re.compile(
-    r"python3-(hypothesis|mypy|pytest.*|furo|sphinx.*|myst.*|nb.*|ipy.*|jupyter.*)"
+    r"furo|libjs-katex|python3-(hypothesis|mypy|pytest.*|sphinx.*|myst.*|nb.*|ipy.*|jupyter.*)"
 )
 
 
