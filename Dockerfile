@@ -29,7 +29,8 @@ RUN set -eu; \
         python3-scipy python3-pandas python3-matplotlib python3-pydantic python3-pint python3-rich \
         python3-typer python3-jinja2 python3-pyvista libopenblas0-serial python3-hypothesis \
         python3-mypy python3-pytest python3-pytest-timeout python3-pytest-xdist \
-        python3-sphinx furo python3-myst-parser python3-sphinx-copybutton libjs-katex; \
+        python3-sphinx furo python3-myst-parser python3-sphinx-copybutton libjs-katex \
+        python3-nbclient python3-nbformat python3-ipykernel; \
     apt-get clean; \
     rm -rf /var/lib/apt/lists/* /etc/apt/apt.conf.d/99build
 

@@ -1,7 +1,7 @@
 """Forming cases of ``cases/forming``, reduced: each runs, and obeys what is known by hand.
 
-Coarse meshes and few steps, so that forces are those of a coarse body; the pages in
-``docs/forming`` have the numbers of the cases as they are.
+Each also draws its picture in ``docs/gallery.md``. Coarse meshes and few steps, so that forces
+are those of a coarse body; the pages in ``docs/forming`` have the numbers of the cases as they are.
 """
 
 from __future__ import annotations
@@ -10,28 +10,27 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
-from tribox.app.build.model import build_model
-from tribox.app.case.reading import load_case
+from tests.forming_pictures import draw_picture
+from tribox import load_case, run_case
 from tribox.app.results.recorder import force_balance
 from tribox.app.simulation.history import energy_gap
-from tribox.app.simulation.observer import Observer
 from tribox.app.simulation.simulation import Simulation
 from tribox.forms.bodies.hardening import Swift
 
 CASES = Path(__file__).parents[1] / "cases" / "forming"
 
 
-def reduced(name: str, **changes: str) -> Simulation:
-    """A forming case with keys changed (two underscores for a dot), solved to its end.
+def reduced(name: str, results: Path, **changes: str) -> Simulation:
+    """A forming case with keys changed (two underscores for a dot), solved, with its picture.
 
     Its energies and forces add up, and none of its first three steps is cut.
     """
+    changes |= {"output__figures": "false", "output__fields_every": "0"}
     overrides = [f"{key.replace('__', '.')}={value}" for key, value in changes.items()]
-    case = load_case(CASES / f"{name}.toml", [*overrides, "output.figures=false"])
-    simulation = Simulation(build_model(case, MPI.COMM_SELF))
-    simulation.run(Observer())
+    case = load_case(CASES / f"{name}.toml", overrides).model_copy(update={"sweep": None})
+    simulation = run_case(case, results / name, force=True, quiet=True)
+    draw_picture(name, results / name)
     assert abs(energy_gap(simulation.rows)) < 1e-2
     assert force_balance(simulation) < 1e-8
     assert [row.attempts for row in simulation.rows[:3]] == [1, 1, 1]
@@ -45,7 +44,7 @@ def of_tool(simulation: Simulation, tool: str, column: str) -> np.ndarray:
     return np.array([row[what] for row in simulation.state.tools.rows if row[which] == tool])
 
 
-def test_a_strip_drawn_through_a_die_takes_the_gap_and_the_work_of_its_flow():
+def test_a_strip_drawn_through_a_die_takes_the_gap_and_the_work_of_its_flow(tmp_path):
     """The force is between homogeneous flow alone, and that with friction and the two shears.
 
     Slab: sigma = 2k (1 + B)/B (1 - r^B), B = mu cot(angle); the velocity turns by the angle, in
@@ -53,6 +52,7 @@ def test_a_strip_drawn_through_a_die_takes_the_gap_and_the_work_of_its_flow():
     """
     done = reduced(
         "ironing",
+        tmp_path,
         geometry__blocks__strip__elements="[50, 3]",
         stage__0__steps="12",
         stage__1__steps="5",
@@ -75,10 +75,11 @@ def test_a_strip_drawn_through_a_die_takes_the_gap_and_the_work_of_its_flow():
     assert slab < measured < 1.05 * (slab + 0.5 * double_shear * angle)
 
 
-def test_a_strip_between_pads_rubs_as_asperities_and_film_do_by_hand():
+def test_a_strip_between_pads_rubs_as_asperities_and_film_do_by_hand(tmp_path):
     """Below V* the film carries alpha of the shear, above it all: mu N and eta V A/D by hand."""
     done = reduced(
         "strip-draw",
+        tmp_path,
         geometry__blocks__strip__elements="[64, 1]",
         geometry__blocks__pad__elements="[30, 4]",
         stage__1__velocities='["1e-5 m/s", "1e-3 m/s"]',
@@ -95,10 +96,11 @@ def test_a_strip_between_pads_rubs_as_asperities_and_film_do_by_hand():
         assert row.normal_force == pytest.approx(3e6 * 12e-3 * 50e-3, rel=1e-6)
 
 
-def rolled(rotation: str) -> tuple[Simulation, np.ndarray]:
+def rolled(rotation: str, tmp_path: Path) -> tuple[Simulation, np.ndarray]:
     """The roller on a coarse layer, and the rows of its last 2 mm."""
     done = reduced(
         "roller",
+        tmp_path,
         geometry__blocks__layer__elements="[38, 5]",
         tools__roller__rotation=rotation,
         stage__0__steps="10",
@@ -108,23 +110,28 @@ def rolled(rotation: str) -> tuple[Simulation, np.ndarray]:
     return done, np.array([row.time > 4.0 for row in done.rows])
 
 
-def test_a_roller_that_turns_freely_goes_without_resistance_and_a_locked_one_slides():
-    free, late = rolled("{ moment = 0 }")
+def test_a_roller_that_turns_freely_goes_without_resistance_and_a_locked_one_slides(tmp_path):
+    free, late = rolled("{ moment = 0 }", tmp_path)
     normal = of_tool(free, "roller", "force_y")[late].mean()
     assert abs(of_tool(free, "roller", "force_x")[late].mean()) < 5e-3 * normal
     np.testing.assert_allclose(of_tool(free, "roller", "moment_z"), 0.0, atol=1e-8 * normal * 10e-3)
     turned, way = (of_tool(free, "roller", name)[late] for name in ("rotation", "displacement_x"))
     assert -10e-3 * np.polyfit(way, turned, 1)[0] == pytest.approx(1.0, abs=0.06)
-    locked, late = rolled("{ angle = 0 }")
+    locked, late = rolled("{ angle = 0 }", tmp_path)
     rubbed = np.array([row.normal_force for row in locked.rows])[late]
     moment = of_tool(locked, "roller", "moment_z")[late]
     np.testing.assert_allclose(np.abs(moment), 0.3 * rubbed * 10e-3, rtol=2e-3)
     assert np.abs(of_tool(locked, "roller", "force_x"))[late].min() > 0.28 * normal
 
 
-def test_upsetting_takes_the_force_of_the_slab_with_friction():
+def test_upsetting_takes_the_force_of_the_slab_with_friction(tmp_path):
     """p = sigma_Y (1 + 2 mu R/(3 H)) in the mean, R and H (of both halves) as they are then."""
-    done = reduced("upsetting", geometry__blocks__billet__elements="[10, 8]", stage__0__steps="15")
+    done = reduced(
+        "upsetting",
+        tmp_path,
+        geometry__blocks__billet__elements="[10, 8]",
+        stage__0__steps="15",
+    )
     for row in done.rows[3:]:
         height = 7.5e-3 - 3e-3 * row.time
         radius = 10e-3 * np.sqrt(7.5e-3 / height)
@@ -135,9 +142,10 @@ def test_upsetting_takes_the_force_of_the_slab_with_friction():
 
 
 @pytest.mark.long
-def test_a_tube_fills_the_die_and_springs_back_by_little():
+def test_a_tube_fills_the_die_and_springs_back_by_little(tmp_path):
     done = reduced(
         "tube-bulge",
+        tmp_path,
         geometry__blocks__tube__elements="[2, 36]",
         geometry__blocks__plug__elements="[8, 18]",
         stage__0__steps="10",
@@ -158,9 +166,10 @@ def test_a_tube_fills_the_die_and_springs_back_by_little():
 
 
 @pytest.mark.long
-def test_a_strip_pressed_by_a_pad_stays_bent_and_keeps_stresses_in_balance():
+def test_a_strip_pressed_by_a_pad_stays_bent_and_keeps_stresses_in_balance(tmp_path):
     done = reduced(
         "pad",
+        tmp_path,
         geometry__blocks__strip__elements="[32, 2]",
         geometry__blocks__pad__elements="[20, 5]",
         stage__1__steps="20",

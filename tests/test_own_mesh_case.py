@@ -5,14 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from mpi4py import MPI
 
-from tribox.app.build.model import build_model
-from tribox.app.case.reading import load_case
+from tests.forming_pictures import draw_picture
+from tribox import load_case, run_case
 from tribox.app.results.recorder import force_balance
 from tribox.app.simulation.history import energy_gap
-from tribox.app.simulation.observer import Observer
-from tribox.app.simulation.simulation import Simulation
 
 CASE = Path(__file__).parents[1] / "cases" / "forming" / "own-mesh.toml"
 SHORTER = [
@@ -22,13 +19,14 @@ SHORTER = [
     "stage.1.steps=5",
     "stage.1.duration=1",
     "output.figures=false",
+    "output.fields_every=0",
 ]
 
 
-def test_a_sheet_bent_by_a_bonded_punch_springs_back():
+def test_a_sheet_bent_by_a_bonded_punch_springs_back(tmp_path):
     """What the punch presses with, the die carries; names with spaces stand in the results."""
-    done = Simulation(build_model(load_case(CASE, SHORTER), MPI.COMM_SELF))
-    done.run(Observer())
+    done = run_case(load_case(CASE, SHORTER), tmp_path / "results", quiet=True)
+    draw_picture("own-mesh", tmp_path / "results")
     assert abs(energy_gap(done.rows)) < 1e-2
     assert force_balance(done) < 1e-8
     assert [row.attempts for row in done.rows[:3]] == [1, 1, 1]

@@ -216,7 +216,8 @@ class ContactBuilder:
             ends = contact.smoothing_angle, contact.fade_length
             return ContactSurface(self.space, slave, master, quadrature, ring, *ends)
         except ValueError as error:
-            raise InputError(f"contact.{index}: {error}") from None
+            pair = f"slave {contact.slave}, master {contact.master}"
+            raise InputError(f"contact.{index}: {error} ({pair})") from None
 
     def _master_length(self, contact: Contact) -> float:
         """Length of the master's facets, m; infinite of a tool, which has none; collective."""

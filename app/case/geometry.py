@@ -250,6 +250,7 @@ class MeshGeometry(Model):
             self.cell,
             spots(self.bodies),
             spots(self.surfaces),
+            most=self.max_cells,
         )
 
     @property

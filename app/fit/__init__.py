@@ -2,6 +2,6 @@
 
 from tribox.app.fit.calibration import Calibration
 from tribox.app.fit.model import coordinates
-from tribox.app.fit.run import fit_setup
+from tribox.app.fit.setup import fit_setup
 
 __all__ = ["Calibration", "coordinates", "fit_setup"]

@@ -131,6 +131,12 @@ def _column(path: Path, line: int, text: str) -> tuple[str, str]:
     match = _HEADER.fullmatch(text) if len(text) <= _LONGEST_HEADING else None
     name = match[1] if match else text.strip()
     if match is None or name not in COLUMNS:
+        if ";" in text or "\t" in text:
+            found = "semicolons" if ";" in text else "tabs"
+            raise InputError(
+                f"{path}:{line}: columns separated by {found}; write commas between them, and a "
+                "point before decimals"
+            )
         near = difflib.get_close_matches(name[:_SHOWN], COLUMNS, n=1)
         hint = f'did you mean "{near[0]}"?' if near else f"there are {', '.join(COLUMNS)}"
         raise InputError(f'{path}:{line}: no such column "{text.strip()[:_SHOWN]}"; {hint}')
@@ -155,11 +161,16 @@ def _value(path: Path, line: int, cell: str, name: str, unit: str) -> float:
         float(text)
     except ValueError:
         shown = f"{text[:_SHOWN]}..." if len(text) > _SHOWN else text
-        raise InputError(f'{path}:{line}: {name} = "{shown}": must be a number') from None
+        raise InputError(f'{path}:{line}: {name} = "{shown}": {_no_number(text)}') from None
     try:
         return COLUMNS[name].parse(f"{text} {unit}")
     except QuantityError as error:
         raise InputError(f"{path}:{line}: {name} = {text}: {error}") from None
+
+
+def _no_number(text: str) -> str:
+    comma = "," in text
+    return "must be a number, with a point before decimals" if comma else "must be a number"
 
 
 def _assembled(path: Path, table: dict[str, Floats], lines: list[int]) -> TribometerData:

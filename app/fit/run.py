@@ -2,46 +2,22 @@
 
 from __future__ import annotations
 
-import dataclasses
-import difflib
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from tribox.app.case.friction import FrictionMap
-from tribox.app.case.overrides import apply_override
-from tribox.app.case.quantities import QuantityError, parse_quantity
-from tribox.app.errors import InputError
 from tribox.app.fit.calibration import Calibration
-from tribox.app.fit.data import COLUMNS, CONSTANTS, TribometerData, read_data
+from tribox.app.fit.data import TribometerData
 from tribox.app.fit.judgement import CONFIDENCE
 from tribox.app.fit.model import RANGES, coordinates
 from tribox.app.fit.result import FitResult
 from tribox.app.fit.section import estimate_line, friction_section
+from tribox.app.fit.setup import FitSetup, fit_setup
 from tribox.app.friction_map.run import keep_input, suffixed_directory
-from tribox.app.friction_map.setup import validated_contact
 from tribox.app.results.claim import claimed
 from tribox.app.results.directory import write_json, write_table, write_text
-from tribox.forms.friction.parameters import FrictionMapParameters
 
-ASSUMED: dict[str, Any] = {
-    "preset": "friction-map",
-    "mu_s": 0.1,
-    "K_T": "1e12 Pa/m",
-    "V_star": "1 mm/s",
-    "V_star_at": "10 nm",
-}
-"""What is neither fitted nor fixed."""
-WEAKENING = ("mu_d", "A_d", "B")
-EXCLUSIVE = (("alpha", "beta"), ("V_star", "gamma"))
-FIXABLE = tuple(key for key in FrictionMap.model_fields if key not in ("law", "switch", "reentry"))
-TOLD = (
-    *("mu_s", "A_d", "B", "K_T", "eta_b", "D_min", "D_max", "alpha", "beta", "V_star"),
-    *("V_star_at", "gamma", "transition_width", "flow_rule"),
-)
-"""Keys whose assumed values are told."""
 BAD_SCATTER = 0.3
 FIT_COLUMNS = (
     "thickness [m]",
@@ -53,38 +29,6 @@ FIT_COLUMNS = (
     "weight [-]",
     "log_residual [-]",
 )
-
-
-@dataclass(frozen=True, slots=True)
-class FitSetup:
-    """A fit as asked for.
-
-    Attributes:
-        data: Measured friction.
-        names: Parameters to fit.
-        fixed: Keys of the law given by the user, as written.
-        base: The law with everything that is not fitted.
-        friction: The same as a table of a case file.
-        starts: By key, SI.
-    """
-
-    data: TribometerData
-    names: tuple[str, ...]
-    fixed: dict[str, Any]
-    base: FrictionMapParameters
-    friction: FrictionMap
-    starts: dict[str, float]
-
-    @property
-    def assumed(self) -> dict[str, Any]:
-        """What was neither fitted nor fixed, as in a case file."""
-        dump = self.friction.model_dump(mode="json", exclude_none=True)
-        hidden = {"law", "preset", *self.names, *self.fixed, *_displaced(self.names)}
-        if "mu_d" not in (*self.names, *self.fixed):
-            hidden |= {*WEAKENING}  # mu_d follows mu_s.
-        if "V_star" in self.names:
-            hidden.add("V_star_at")
-        return {key: dump[key] for key in TOLD if key in dump and key not in hidden}
 
 
 def run_fit(
@@ -126,165 +70,6 @@ def run_fit(
         print(line)
     print(f"results in {directory}")
     return result
-
-
-# -- options --------------------------------------------------------------------------------------
-
-
-def fit_setup(
-    data_file: Path, parameters: str | None, fixed: Sequence[str], start: Sequence[str]
-) -> FitSetup:
-    """Read data and options; arguments and errors are those of ``run_fit``."""
-    given = _settings(fixed, "--fix", (*FIXABLE, *CONSTANTS))
-    constants = {key: _column_value(key, given.pop(key)) for key in CONSTANTS if key in given}
-    data = read_data(data_file, constants)
-    names = _names(parameters) if parameters else None
-    if names is None:
-        names = tuple(name for name in _suggested(data, given) if name not in given)
-    _check_names(names, given)
-    friction, base = _base(names, given, data)
-    starts = {
-        key: _start(key, value, names)
-        for key, value in _settings(start, "--start", tuple(RANGES)).items()
-    }
-    return FitSetup(data, names, given, base, friction, starts)
-
-
-def _settings(items: Sequence[str], option: str, known: Sequence[str]) -> dict[str, Any]:
-    """Values of "key=value" texts, as TOML if they are that."""
-    found: dict[str, Any] = {}
-    for item in items:
-        key = item.partition("=")[0].strip()
-        if "=" in item and key not in known:
-            raise InputError(f"{option} {item}: no such key; {_hint(key, known)}")
-        apply_override(found, item)
-    return found
-
-
-def _hint(name: str, known: Sequence[str]) -> str:
-    near = difflib.get_close_matches(name, known, n=1)
-    return f'did you mean "{near[0]}"?' if near else f"there are {', '.join(known)}"
-
-
-def _column_value(key: str, value: object) -> float:
-    try:
-        return COLUMNS[key].parse(value)
-    except QuantityError as error:
-        raise InputError(f"--fix {key} = {value}: {error}") from None
-
-
-def _start(key: str, value: object, names: Sequence[str]) -> float:
-    if key not in names:
-        raise InputError(f"--start {key}: is not fitted; fitted are {', '.join(names)}")
-    if key in ("V_star", "gamma"):
-        raise InputError(f"--start {key}: needs no start, every gap between velocities is tried")
-    limits = RANGES[key]
-    try:
-        number = parse_quantity(value, limits.unit)
-    except QuantityError as error:
-        raise InputError(f"--start {key} = {value}: {error}") from None
-    if not limits.lowest < number < limits.highest:
-        raise InputError(
-            f"--start {key} = {value}: must lie between {limits.lowest:g} and "
-            f"{limits.highest:g} {limits.unit}".rstrip()
-        )
-    return number
-
-
-def _names(parameters: str) -> tuple[str, ...]:
-    names = tuple(name.strip() for name in parameters.split(",") if name.strip())
-    if not names:
-        raise InputError(f'--parameters "{parameters}": names none; there are {", ".join(RANGES)}')
-    for name in names:
-        if name not in RANGES:
-            raise InputError(f'--parameters: no such parameter "{name}"; {_hint(name, [*RANGES])}')
-        if names.count(name) > 1:
-            raise InputError(f"--parameters: {name} is there twice")
-    return names
-
-
-def _suggested(data: TribometerData, given: Mapping[str, Any]) -> Iterator[str]:
-    """What data of this kind can tell at best."""
-    lowest = _length(given.get("D_min", 0.0), "D_min")
-    highest = _length(given.get("D_max", 250e-9), "D_max")
-    yield "mu_s"
-    if not data.steady.all():
-        yield from WEAKENING
-    D = data.thickness[data.steady]
-    if ((D > lowest) & (D < highest)).any():
-        if "beta" not in given:
-            yield "alpha"
-        if "gamma" not in given:
-            yield "V_star"
-    if (D > lowest).any():
-        yield "eta_b"
-
-
-def _length(value: object, key: str) -> float:
-    try:
-        return parse_quantity(value, "m")
-    except QuantityError as error:
-        raise InputError(f"--fix {key} = {value}: {error}") from None
-
-
-def _check_names(names: Sequence[str], given: Mapping[str, Any]) -> None:
-    for name in names:
-        if name in given:
-            raise InputError(f"{name}: is fitted, so --fix {name} cannot be")
-    for first, second in EXCLUSIVE:
-        both = {*names, *given} & {first, second}
-        if len(both) == 2:
-            raise InputError(f"{first}, {second}: only one of the two can be fitted or fixed")
-    if not names:
-        raise InputError("--fix: holds every parameter, so nothing is left to fit")
-    if {"A_d", "B"} & {*names} and "mu_d" not in (*names, *given):
-        raise InputError("A_d, B: have no effect without mu_d; fit it too, or give --fix mu_d=...")
-
-
-def _displaced(names: Sequence[str]) -> tuple[str, ...]:
-    """Keys that go with the fitted ones."""
-    return ("V_star", "V_star_at") if "gamma" in names else ()
-
-
-def _base(
-    names: Sequence[str], given: Mapping[str, Any], data: TribometerData
-) -> tuple[FrictionMap, FrictionMapParameters]:
-    """The law before the fit: what is given over what is assumed, and a value for the rest."""
-    table: dict[str, Any] = {"law": "friction-map", **ASSUMED}
-    if "gamma" in given or "gamma" in names:
-        del table["V_star"], table["V_star_at"]
-    if {"mu_d", *WEAKENING} & {*names, *given}:
-        table |= {"A_d": "1 um", "B": "1e6 1/m"}
-    table |= given
-    for name in names:
-        table[name] = RANGES[name].start
-    if "mu_s" in names and "mu_d" in given:
-        table["mu_s"] = 1.2 * _number("mu_d", given["mu_d"]) + 1e-3
-    if "mu_d" in names and "mu_s" not in names:
-        table["mu_d"] = 0.8 * _number("mu_s", table["mu_s"])
-    film = float(max(data.thickness.max(), 1e-9))
-    if "V_star" in names and "V_star_at" not in given and (data.thickness > 0.0).any():
-        table["V_star_at"] = float(data.thickness[data.thickness > 0.0].min())
-    contact = {"slave": "a", "master": "b", "film": {"thickness": film}, "friction": table}
-    try:
-        friction = validated_contact(contact).friction
-    except InputError as error:
-        raise InputError(str(error).replace("contact.0.friction.", "--fix ")) from None
-    assert isinstance(friction, FrictionMap)
-    base = friction.parameters()
-    if "mu_d" not in (*names, *given):
-        base = dataclasses.replace(base, mu_d=None)
-    return friction, base
-
-
-def _number(key: str, value: object) -> float:
-    try:
-        return parse_quantity(value, "")
-    except QuantityError as error:
-        raise InputError(f"--fix {key} = {value}: {error}") from None
-
-
-# -- results --------------------------------------------------------------------------------------
 
 
 def numbers(setup: FitSetup, result: FitResult, data_file: Path) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from tribox.app.fit.result import Estimate, FitResult
 from tribox.forms.friction.parameters import FrictionMapParameters
 
 if TYPE_CHECKING:
-    from tribox.app.fit.run import FitSetup
+    from tribox.app.fit.setup import FitSetup
 
 ABSENT = {
     "mu_d": "without it the case takes mu_d = mu_s",

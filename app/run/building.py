@@ -9,6 +9,7 @@ from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.case.friction import OwnLaw
 from tribox.app.errors import InputError
+from tribox.app.implicit.petsc_options import silence
 from tribox.app.simulation.explicit_stage import notes_on_steps
 from tribox.app.simulation.simulation import Simulation
 
@@ -52,6 +53,7 @@ def notes_on_building(case: Case, runs_code: bool = False) -> list[str]:
         InputError: mesh and case do not go together, a law that is run cannot be used, or PETSc has
             no use for an option.
     """
+    silence()  # a case that is only put together leaves options of PETSc without use
     model = build_model(case, MPI.COMM_SELF, runs_code)
     own = any(isinstance(contact.friction, OwnLaw) for contact in case.contact)
     try:

@@ -26,7 +26,7 @@ Findings = Iterator[tuple[str, str]]  # what is wrong, and what to do about it
 ON_EDGE = 1e-6  # reference distance from the edge of a facet below which a point is on it
 # Angles, rad, between neighbouring facets of a deformed master that a slave catches on: less is
 # flat, more is an edge that is meant.
-BENT, SHARP = 1e-3, 0.35
+BENT, CLEARLY_BENT, SHARP = 1e-3, 0.01, 0.35
 SOME = 0.2  # share of the points past any end from which on an end is named
 SAME = 1e-6  # of the size of a surface, below which two places are the same
 SMOOTH = 'smoothing_angle = "30 deg"'
@@ -122,7 +122,7 @@ def _one_place(comm: MPI.Comm, places: Floats) -> str | None:
 
 
 def catches(problem: Equilibrium, contacts: Sequence[Contact]) -> Findings:
-    """Facets of a bent master that catch a slave, where the residual is largest on that pair.
+    """Facets of a bent master that catch a slave, or may where the residual is largest elsewhere.
 
     Args:
         problem: at the state evaluated last.
@@ -130,14 +130,14 @@ def catches(problem: Equilibrium, contacts: Sequence[Contact]) -> Findings:
     """
     worst = np.array(problem.worst_place())
     for index, (term, trial) in enumerate(zip(problem.contacts, problem.trials, strict=True)):
-        if term.tied or not _is_on(term.surface, worst):
+        if term.tied:
             continue
-        angle = _bend(problem, term, trial)
-        if angle > BENT:
+        angle, here = _bend(problem, term, trial), _is_on(term.surface, worst)
+        if angle > (BENT if here else CLEARLY_BENT):
             slave, master = names_of(contacts, index)
             yield (
-                f"contact.{index}: {slave} catches on the facets of {master}, which meet at up to "
-                f"{np.degrees(angle):.2g} degrees where it presses",
+                f"contact.{index}: {slave} {'catches' if here else 'may catch'} on the facets of "
+                f"{master}, which meet at up to {np.degrees(angle):.2g} degrees where it presses",
                 f"{SMOOTH} for contact.{index}{_needs(problem)}",
             )
 

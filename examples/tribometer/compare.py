@@ -1,4 +1,4 @@
-"""Draw friction over velocity three times: measured, by the fitted law, and in the run."""
+"""Draw friction over velocity three times: the data, the fitted law, and the run."""
 
 import sys
 from pathlib import Path
@@ -21,7 +21,7 @@ pressure = 3e6
 speeds = np.geomspace(7e-7, 4e-2, 400)
 
 figure, axes = plt.subplots(figsize=(7, 4.4), layout="constrained")
-print("film (nm)  velocity (m/s)  T/N measured      law      run")
+print("film (nm)  velocity (m/s)      T/N data      law      run")
 for colour, film in zip(("C0", "C1", "C2"), sorted(steps["value"].unique()), strict=True):
     measured = data[np.isclose(data["thickness [m]"], film, atol=0.0)]
     mine = steps[steps["value"] == film]

@@ -11,7 +11,7 @@ from types import ModuleType
 from typing import Any
 
 from tribox.geometry.meshes.drawing_parts import name_every_part, name_parts
-from tribox.geometry.meshes.drawing_sizes import set_sizes
+from tribox.geometry.meshes.drawing_sizes import refuse_too_many, set_sizes
 from tribox.geometry.meshes.gmsh_model import MeshError, gmsh_session, named_groups
 from tribox.geometry.meshes.own_process import ask
 
@@ -37,6 +37,7 @@ class Meshing:
         cell: their shape; None: the drawing's own, or simplices.
         bodies, surfaces: parts of the drawing by the name they are to have.
         every: whether each body and surface gets a name of its own, from its number.
+        most: largest number of cells; None: any.
     """
 
     size: float | None = None
@@ -46,6 +47,7 @@ class Meshing:
     bodies: Mapping[str, Sequence[Spot]] = field(default_factory=dict)
     surfaces: Mapping[str, Sequence[Spot]] = field(default_factory=dict)
     every: bool = False
+    most: int | None = None
 
 
 AS_DRAWN = Meshing()
@@ -123,6 +125,7 @@ def _mesh(gmsh: ModuleType, drawing: Path, how: Meshing) -> None:
         dim = max((d for d, _ in gmsh.model.getPhysicalGroups()), default=0)
         if dim >= 2:
             set_sizes(gmsh, dim, how.size, how.sizes)
+            refuse_too_many(gmsh, dim, how.size, how.sizes, how.most)
             _set_cells(gmsh, dim, how)
             gmsh.model.mesh.generate(dim)
     except MeshError as error:

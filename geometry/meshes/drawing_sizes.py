@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from difflib import get_close_matches
+from math import prod
 from types import ModuleType
 
 from tribox.geometry.meshes.gmsh_model import MeshError
@@ -12,6 +13,7 @@ GROWTH = 0.2
 """By how much the size grows over a distance away from a surface with a size of its own."""
 
 SAMPLES = 200  # of a curve, for distances from it
+FILLED = 0.1  # share of its bounding box that a body is taken to fill at least
 
 
 def set_sizes(gmsh: ModuleType, dim: int, size: float | None, sizes: Mapping[str, float]) -> None:
@@ -42,6 +44,36 @@ def set_sizes(gmsh: ModuleType, dim: int, size: float | None, sizes: Mapping[str
     field.setNumbers(least, "FieldsList", made)
     field.setAsBackgroundMesh(least)
     gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 0)
+
+
+def refuse_too_many(
+    gmsh: ModuleType, dim: int, size: float | None, sizes: Mapping[str, float], most: int | None
+) -> None:
+    """Refuse sizes that gmsh would mesh for hours, as where the unit of a drawing is forgotten.
+
+    Args:
+        gmsh: The module, with the drawing and its physical groups.
+        dim: Dimension of the bodies.
+        size: Largest size, in units of the drawing; None: as drawn.
+        sizes: Sizes by name of a surface or body.
+        most: Largest number of cells; None: any.
+
+    Raises:
+        MeshError: There would be more, as far as bounding boxes of bodies tell.
+    """
+    if size is None or most is None:
+        return
+    cells = 0.0
+    for _, tag in gmsh.model.getPhysicalGroups(dim):
+        own = min(size, sizes.get(gmsh.model.getPhysicalName(dim, tag), size))
+        for entity in gmsh.model.getEntitiesForPhysicalGroup(dim, tag):
+            box = gmsh.model.getBoundingBox(dim, int(entity))
+            cells += FILLED * prod((box[3 + i] - box[i]) / own for i in range(dim))
+    if cells > most:
+        raise MeshError(
+            f"these sizes make some {cells:.0e} cells, and geometry.max_cells = {most} allows no "
+            'more; is scale missing, such as scale = "mm", or is a size too small?'
+        )
 
 
 def _field(gmsh: ModuleType, dim: int, name: str, value: float, size: float) -> int:

@@ -27,7 +27,7 @@ REASONS = (
     "needs the network",
     "takes minutes",
 )
-SHOWN = ("a sketch", "of another machine", "of a long run")
+SHOWN = ("a sketch", "of another machine", "of a long run", "the parts of a line")
 MARKS = (
     "not run",
     "not printed",

@@ -12,12 +12,14 @@ from tests.docs.page_run import PageRun
 ROOT = Path(__file__).resolve().parents[2]
 _PLACES = ("*.md", "docs/**/*.md", "benchmarks/**/*.md", "examples/**/*.md", "paper/**/*.md")
 _LEFT_OUT = ("CHANGELOG.md",)
+# Its blocks are run, and the pictures that they draw looked for, by tests/docs/test_gallery.py.
+_GALLERY = "docs/gallery.md"
 # Words of a block that starts ranks.
 _RANKS = ("--np ", "mpirun ", "mpiexec ")
 # Each group is one file of tests; what is in none of them is in the last, "reference".
 _GROUPS = {
     "start": ("README.md", "CONTRIBUTING.md", "docs/tutorials", "docs/install.md", "examples"),
-    "guides": ("docs/how-to", "docs/forming", "docs/gallery.md"),
+    "guides": ("docs/how-to", "docs/forming"),
 }
 
 
@@ -43,7 +45,8 @@ def group_of(page: Path) -> str:
 
 def pages_of(group: str) -> list[object]:
     """The pages of a group that have blocks, as parameters of a test."""
-    pages = [page for page in all_pages() if group_of(page) == group]
+    own = [page for page in all_pages() if name_of(page) != _GALLERY]
+    pages = [page for page in own if group_of(page) == group]
     with_blocks = [page for page in pages if "```" in page.read_text(encoding="utf-8")]
     return [pytest.param(page, id=name_of(page), marks=_marks(page)) for page in with_blocks]
 

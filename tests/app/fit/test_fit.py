@@ -9,12 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tribox.app.case.reading import load_case
+from tribox.app.case import check_case, load_case
 from tribox.app.errors import InputError
 from tribox.app.fit.calibration import Calibration
 from tribox.app.fit.data import TribometerData, read_data
 from tribox.app.fit.model import RANGES, coordinates, friction
-from tribox.app.fit.run import fit_setup, run_fit
+from tribox.app.fit.run import run_fit
+from tribox.app.fit.setup import fit_setup
 from tribox.forms.closed_forms.homogeneous_sliding import steady_traction
 from tribox.forms.friction.friction_map import FrictionMap
 from tribox.forms.friction.parameters import FrictionMapParameters, with_preset
@@ -254,6 +255,9 @@ def test_the_shipped_data_give_back_the_values_they_state(tmp_path, capsys):
     assert swapped != text
     case = tmp_path / "calibrated.toml"
     case.write_text(swapped, encoding="utf-8")
+    case_of_tutorial = ROOT / "examples" / "tribometer" / "sliding.toml"
+    appended = case_of_tutorial.read_text(encoding="utf-8") + section
+    assert not check_case(write(tmp_path, appended, "fitted.toml"))
     parameters = load_case(case).contact[0].friction.parameters()
     assert parameters.eta_b == pytest.approx(result.parameters.eta_b, rel=1e-5)
     for given, found in zip(parameters.alpha, result.parameters.alpha, strict=True):
@@ -293,6 +297,9 @@ GOOD = HEAD + "\n" + "".join(f"0,1e-{k},3,{300 + k}\n" for k in range(1, 9))
     [
         ("", ["is empty"]),
         (HEAD, ["no data"]),
+        (GOOD.replace(",", ";"), [":1:", "semicolons", "commas", "point"]),
+        (GOOD.replace(",", "\t"), [":1:", "tabs", "commas"]),
+        (GOOD.replace("0,1e-3,3,303", '0,1e-3,3,"303,5"'), [":4:", "traction", "point"]),
         (GOOD.replace("velocity", "velocty"), [":1:", "velocty", 'did you mean "velocity"']),
         (GOOD.replace("[nm]", "[s]"), [":1:", "thickness", "wrong dimension"]),
         (GOOD.replace("[nm]", "[nanny]"), ["thickness", "unknown unit"]),

@@ -13,8 +13,8 @@ from tribox.app.fit.calibration import Calibration
 from tribox.app.fit.data import TribometerData
 from tribox.app.fit.model import coordinates, friction
 from tribox.app.fit.result import FitResult
-from tribox.app.fit.run import fit_setup
 from tribox.app.fit.section import friction_section
+from tribox.app.fit.setup import fit_setup
 from tribox.app.friction_map.setup import validated_contact
 
 ROOT = Path(__file__).parents[3]

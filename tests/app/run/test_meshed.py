@@ -72,6 +72,14 @@ def test_a_drawing_is_meshed_as_the_case_says(drawn, keys, cell, order):
     assert found["rim"] == pytest.approx(0.02 * np.pi, rel=0.05 if order == 1 else 2e-3)
 
 
+@pytest.mark.parametrize("keys", ["", 'sizes = { "round bar" = "1 mm" }'])
+def test_a_forgotten_unit_is_told_before_it_is_meshed(drawn, keys):
+    """20 m across in cells of some mm: gmsh would go on for hours."""
+    text = CASE.replace('scale = "mm"\n', "").replace("8 mm", "2 mm")
+    with pytest.raises(InputError, match=r"some \de\+07 cells.* is scale missing"):
+        make_mesh(load_case(drawn(keys, text=text)), MPI.COMM_SELF)
+
+
 def test_sizes_on_surfaces_and_in_bodies_are_those_of_the_cells(drawn):
     def lengths(keys, name):
         named = make_mesh(load_case(drawn(keys)), MPI.COMM_SELF)
