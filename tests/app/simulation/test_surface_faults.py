@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import tomllib
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from tribox.app.case.case import Case
+from tribox.app.errors import SolutionError
 from tribox.app.implicit.stepper import StepResult
+from tribox.app.run.run import run_case
 from tribox.app.simulation.failure_diagnosis import explain
 from tribox.app.simulation.surface_faults import ends_text, names_of
 from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 
 LAW = CoulombLaw(CoulombParameters(mu=0.2, K_T=60.0))
 NAMES = [SimpleNamespace(slave="pad", master="strip")]
+PAD = Path(__file__).parents[3] / "cases" / "forming" / "pad.toml"
 FAR = StepResult(False, 30, 30, -5, [0.3])  # a residual far from zero
 
 
@@ -77,3 +83,31 @@ def test_ends_are_told_by_where_they_are_undeformed(pair, shift, spread, where):
 def test_contacts_without_names_are_called_by_their_parts():
     assert names_of(NAMES, 0) == ("pad", "strip")
     assert names_of([], 0) == ("the slave", "the master")
+
+
+def begun(directory, **contact):
+    """The first three steps of a rubber pad that bends a strip, both coarse, on two attempts."""
+    data = tomllib.loads(PAD.read_text(encoding="utf-8"))
+    data["geometry"]["blocks"]["strip"]["elements"] = [30, 2]
+    data["geometry"]["blocks"]["pad"]["elements"] = [21, 5]
+    for key in ("smoothing_angle", "film"):
+        del data["contact"][0][key]
+    data["contact"][0] |= {"friction": {"law": "coulomb", "mu": 0.1}, **contact}
+    data["stage"] = [{"name": "press", "duration": 0.15, "steps": 3}]
+    data |= {
+        "solver": {"min_step_fraction": 0.4, "max_iterations": 15},
+        "output": {"figures": False, "fields_every": 0},
+    }
+    del data["probe"]
+    return run_case(Case.model_validate(data), directory, quiet=True)
+
+
+@pytest.mark.long
+def test_a_pad_that_catches_on_the_strip_it_bends_is_told_what_lets_it_slide(tmp_path):
+    with pytest.raises(SolutionError) as caught:
+        begun(tmp_path / "faceted")
+    text = str(caught.value)
+    assert "contact.0: pad_bottom catches on the facets of strip_top, which meet at" in text
+    assert 'try smoothing_angle = "30 deg" for contact.0, or' in text
+    done = begun(tmp_path / "smooth", smoothing_angle="30 deg")
+    assert done.rows[-1].time == pytest.approx(0.15)
