@@ -52,9 +52,7 @@ def lost_links(page: Path) -> list[str]:
             continue
         name, hash_, section = target.partition("#")
         path = (page.parent / name).resolve() if name else page
-        if not path.exists() or (
-            hash_ and path.suffix == ".md" and section not in sections(path)
-        ):
+        if not path.exists() or (hash_ and path.suffix == ".md" and section not in sections(path)):
             lost.append(target)
     return lost
 
@@ -92,7 +90,9 @@ def test_commands_that_are_named_exist(page):
     assert unknown_words(prose(page)) == []
 
 
-@pytest.mark.parametrize("picture", [p for place in PICTURES for p in place.rglob("*.png")], ids=name_of)
+@pytest.mark.parametrize(
+    "picture", [p for place in PICTURES for p in place.rglob("*.png")], ids=name_of
+)
 def test_pictures_are_small_enough(picture):
     assert picture.stat().st_size < 150 * 1024
 
