@@ -15,7 +15,8 @@ from tests.docs.pages import ROOT, all_pages, name_of
 from tribox.app.cli import cli
 
 PAGES = [pytest.param(page, id=name_of(page)) for page in all_pages()]
-PICTURES = (ROOT / "docs" / "figures", ROOT / "examples", ROOT / "paper")
+_PLACES = ("docs/**/*.png", "docs/**/*.gif", "examples/**/*.png", "paper/**/*.png")
+PICTURES = [picture for place in _PLACES for picture in sorted(ROOT.glob(place))]
 SOURCE = re.compile(r"(?<![\w/.])(?:app|forms|geometry|tests|benchmarks|cases)/[\w./*-]*")
 LINK = re.compile(r"\]\(([^)\s]+)(?: \"[^\"]*\")?\)")
 COMMAND = re.compile(r"(?:\./)?tribox ([a-z]+)\b(.*)", re.DOTALL)
