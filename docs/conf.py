@@ -52,6 +52,7 @@ outside_pages = {
     "README.md": "index",
     "CHANGELOG.md": "more/changelog",
     "CONTRIBUTING.md": "more/contributing",
+    "examples/README.md": "examples",
     "examples/notebooks/1-law.ipynb": "notebooks/1-law",
     "examples/notebooks/2-run-and-results.ipynb": "notebooks/2-run-and-results",
     "examples/notebooks/3-calibration.ipynb": "notebooks/3-calibration",
@@ -68,6 +69,7 @@ html_title = "tribox"
 html_math_renderer = "katex"
 html_static_path = ["static"]
 html_css_files = ["site.css"]
+html_js_files = [("colours.js", {"defer": "defer"})]
 html_copy_source = False
 html_show_copyright = False
 highlight_language = "text"

@@ -1,7 +1,7 @@
-"""Marks the cells of wide tables that hold sentences, so that these stay readable on a telephone.
+"""Marks the cells of wide tables by what they hold, so that they stay readable on a telephone.
 
-The style sheet makes marked cells as wide as a few words; a table that is then wider than the page
-scrolls by itself.
+By the style sheet sentences have a least width there, and single words and numbers stay on one
+line. A table that is then wider than the page scrolls by itself.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from docutils import nodes
 from sphinx.application import Sphinx
 
 _COLUMNS = 3
-_SENTENCE = 40  # characters
+_WORD, _SENTENCE = 10, 24  # characters
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
@@ -21,7 +21,8 @@ def setup(app: Sphinx) -> dict[str, bool]:
 
 def _mark(app: Sphinx, tree: nodes.document) -> None:
     for row in tree.findall(nodes.row):
-        if len(row) >= _COLUMNS:
-            for cell in row:
-                if isinstance(cell, nodes.entry) and len(cell.astext()) > _SENTENCE:
-                    cell["classes"].append("sentence")
+        for cell in row.findall(nodes.entry) if len(row) >= _COLUMNS else ():
+            if len(cell.astext()) <= _WORD:
+                cell["classes"].append("word")
+            elif len(cell.astext()) > _SENTENCE:
+                cell["classes"].append("sentence")

@@ -114,6 +114,7 @@ class PageRun:
         self.checkout = Checkout(directory)
         self.names: dict[str, object] = {"__name__": "__main__"}
         self.last: Done | None = None
+        self.left_out = False  # whether the block before was not run
 
     def run(self, page: Path) -> None:
         """Run all of a page, also behind a block that fails.
@@ -136,7 +137,7 @@ class PageRun:
         if "file" in block.marks:
             self._write(block)
         elif "not run" in block.marks:
-            self.last = None
+            self.left_out = True
         elif block.language == "text":
             self._compare(block)
         elif block.language == "toml":
@@ -175,7 +176,7 @@ class PageRun:
         words = block.marks.get("in the test with", "")
         python = block.language == "python"
         done = self._execute(block) if python else self.checkout.run(block.text, words)
-        self.last = done
+        self.last, self.left_out = done, False
         self._expect(block, done)
 
     def _expect(self, block: Block, done: Done) -> None:
@@ -221,8 +222,10 @@ class PageRun:
         if command := block.marks.get("printed by"):
             done = self.checkout.run(command, block.marks.get("in the test with", ""))
             self._expect(block, done)
+        elif self.left_out:
+            return
         if done is None:
-            return  # the block above was not run
+            raise block.error("no block above prints it; add 'printed by' or 'not printed'")
         found = difference(block.text, done.printed, block.marks.get("differs", ""))
         if found:
             raise block.error(found)

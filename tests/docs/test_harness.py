@@ -104,6 +104,7 @@ def test_what_is_wrong_is_seen_without_running(page, block, what):
         ([fenced("python", "1 / 0")], r"(?s)exit code 1.*ZeroDivisionError"),
         ([fenced("python", "x = 1", mark="fails with: ValueError")], "exit code 0"),
         ([fenced("python", "1 / 0", mark="fails with: ValueError")], "ZeroDivisionError"),
+        ([fenced("text", "1")], "no block above prints it"),
         ([fenced("text", "1", mark="printed by: echo 2")], "not printed: '1'"),
         ([fenced("sh", "ls", mark="in the test first: false")], "in the test first: exit code 1"),
         ([fenced("toml", "[solver]", "tolerence = 1")], r'unknown key "tolerence" in solver'),
@@ -158,6 +159,13 @@ def test_errors_on_purpose_pass(run):
         fenced("text", "IndexError: list index out of range"),
         fenced("toml", "[solver]", "x = 1", mark='fails with: unknown key "x"'),
     )
+
+
+def test_a_text_below_a_block_that_is_not_run_is_not_compared(run):
+    left_out = fenced("sh", "docker ps", mark="not run: needs a container engine")
+    ran = fenced("sh", "echo 1"), fenced("text", "2")
+    with pytest.raises(PageError, match=r"^page\.md:\d+: not printed: '2'"):
+        run(left_out, fenced("text", "CONTAINER ID"), *ran)
 
 
 def test_keys_can_be_set_for_the_test_alone(run):

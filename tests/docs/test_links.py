@@ -15,7 +15,8 @@ from tests.docs.pages import ROOT, all_pages, name_of
 from tribox.app.cli import cli
 
 PAGES = [pytest.param(page, id=name_of(page)) for page in all_pages()]
-PICTURES = (ROOT / "docs" / "figures", ROOT / "examples", ROOT / "paper")
+_PLACES = ("docs/**/*.png", "docs/**/*.gif", "examples/**/*.png", "paper/**/*.png")
+PICTURES = [picture for place in _PLACES for picture in sorted(ROOT.glob(place))]
 SOURCE = re.compile(r"(?<![\w/.])(?:app|forms|geometry|tests|benchmarks|cases)/[\w./*-]*")
 LINK = re.compile(r"\]\(([^)\s]+)(?: \"[^\"]*\")?\)")
 COMMAND = re.compile(r"(?:\./)?tribox ([a-z]+)\b(.*)", re.DOTALL)
@@ -52,9 +53,7 @@ def lost_links(page: Path) -> list[str]:
             continue
         name, hash_, section = target.partition("#")
         path = (page.parent / name).resolve() if name else page
-        if not path.exists() or (
-            hash_ and path.suffix == ".md" and section not in sections(path)
-        ):
+        if not path.exists() or (hash_ and path.suffix == ".md" and section not in sections(path)):
             lost.append(target)
     return lost
 
@@ -92,7 +91,9 @@ def test_commands_that_are_named_exist(page):
     assert unknown_words(prose(page)) == []
 
 
-@pytest.mark.parametrize("picture", [p for place in PICTURES for p in place.rglob("*.png")], ids=name_of)
+@pytest.mark.parametrize(
+    "picture", [p for place in PICTURES for p in place.rglob("*.png")], ids=name_of
+)
 def test_pictures_are_small_enough(picture):
     assert picture.stat().st_size < 150 * 1024
 

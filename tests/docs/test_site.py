@@ -19,6 +19,7 @@ from tribox.app.case import json_schema
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 ELSEWHERE = re.compile(r"(?:https?:)?//")
+NO_FILE = ("mailto:", "data:")  # a picture may stand in the page itself
 # A page of which each line is wrong, and what is said of it.
 WRONG = {
     "[a page](nowhere.md)": "target not found: 'nowhere.md'",
@@ -124,7 +125,7 @@ def test_links_and_anchors_lead_somewhere(site, pages):
     for path, page in pages.items():
         for link in page.links | page.loads:
             address, anchor = urldefrag(link)
-            if ELSEWHERE.match(address) or address.startswith("mailto:"):
+            if ELSEWHERE.match(address) or address.startswith(NO_FILE):
                 continue
             target = (path.parent / unquote(address.partition("?")[0])).resolve()
             target = target if address else path
