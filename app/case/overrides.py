@@ -106,6 +106,18 @@ def apply_override(data: dict[str, Any], override: str) -> None:
         raise InputError(f'"{shown}": {error}') from None
 
 
+def without_effect(overrides: Sequence[str], swept: str) -> str | None:
+    """Why overrides do not change a sweep over the key ``swept`` as they look; None if they do."""
+    for override in overrides:
+        key = override.partition("=")[0].strip()
+        if _split(key) == _split(swept):
+            return (
+                f"--set {key}: the [sweep] sets this key to each of its values; change those: "
+                "--set 'sweep.values=[...]'"
+            )
+    return None
+
+
 def _override_value(text: str) -> object:
     """The value as TOML if it is that, else the text itself; .5 and 5. are numbers too.
 

@@ -6,8 +6,10 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from tribox.app.case.overrides import without_effect
 from tribox.app.case.reading import check_case, load_case
 from tribox.app.case.trust import require_trust
+from tribox.app.errors import InputError
 
 
 def run_check(case_file: Path, overrides: Sequence[str], law: bool, trust: bool) -> int:
@@ -27,6 +29,8 @@ def run_check(case_file: Path, overrides: Sequence[str], law: bool, trust: bool)
     from tribox.app.run.building import notes_on_sweep
 
     case = load_case(case_file, overrides)
+    if case.sweep is not None and (reason := without_effect(overrides, case.sweep.key)):
+        raise InputError(reason)
     if law:
         require_trust(case, case_file, trust)
     notes, problems = notes_on_sweep(case, runs_code=law)
@@ -39,7 +43,9 @@ def run_check(case_file: Path, overrides: Sequence[str], law: bool, trust: bool)
 
         check_laws([part for _, part in case.sweep_cases()] or [case])
     runs = len(case.sweep.values) if case.sweep is not None else 1
-    print(f"{case_file}: correct ({runs} run{'s' * (runs > 1)}, {len(case.stage)} stages)")
+    stages = len(case.stage)
+    counted = f"{runs} run{'s' * (runs > 1)}, {stages} stage{'s' * (stages > 1)}"
+    print(f"{case_file}: correct ({counted})")
     return 0
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tribox.app.case.case import Case
+from tribox.app.case.overrides import without_effect
 from tribox.app.case.reading import load_case
 from tribox.app.case.trust import require_trust
 from tribox.app.checkpoint.same_case import is_whole
@@ -74,6 +75,8 @@ def run_command(case_file: Path, options: RunOptions) -> int:
     changes += ["--trust"] * require_trust(case, case_file, options.trust)
     directory = _results_directory(case, case_file, options)
     if case.sweep is not None and options.part is None:
+        if reason := without_effect(options.overrides, case.sweep.key):
+            raise InputError(reason)
         _run_sweep(case, case_file, directory, options, changes)
         return 0
     if options.part is not None:

@@ -440,6 +440,16 @@ def test_run_prints_plain_lines_while_it_goes_and_changes_by_set(tribox, case_fi
     assert again == build_model(asked, MPI.COMM_SELF).case
 
 
+@pytest.mark.parametrize("command", ["check", "run"])
+def test_a_change_that_the_sweep_undoes_is_refused(tribox, case_file, block, command):
+    path = case_file(block + '[sweep]\nkey = "contact.0.friction.mu"\nvalues = [0.1, 0.3]\n')
+    done = tribox(command, path, "--set", 'contact."0".friction.mu=0.2')
+    assert done.returncode == 2 and not (path.parent / "home" / "results").exists()
+    assert 'contact."0".friction.mu: the [sweep] sets this key' in done.stderr
+    assert "sweep.values=[...]" in done.stderr
+    assert tribox("check", path, "--set", "sweep.values=[0.2]").returncode == 0
+
+
 def test_sweep_collates_its_parts(tribox, case_file, block, tmp_path):
     text = block + '[sweep]\nkey = "contact.0.friction.mu"\nvalues = [0.1, 0.3]\n'
     out = tmp_path / "out"
