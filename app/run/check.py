@@ -39,7 +39,9 @@ def run_check(case_file: Path, overrides: Sequence[str], law: bool, trust: bool)
 
         check_laws([part for _, part in case.sweep_cases()] or [case])
     runs = len(case.sweep.values) if case.sweep is not None else 1
-    print(f"{case_file}: correct ({runs} run{'s' * (runs > 1)}, {len(case.stage)} stages)")
+    stages = len(case.stage)
+    counts = f"{runs} run{'s' * (runs > 1)}, {stages} stage{'s' * (stages > 1)}"
+    print(f"{case_file}: correct ({counts})")
     return 0
 
 
