@@ -79,9 +79,10 @@ class Calibration:
         self._mu_s = keys.index("mu_s") if {"mu_s", "mu_d"} <= set(keys) else None
         self._mu_d = keys.index("mu_d") if self._mu_s is not None else None
         if len(data) <= len(self.coordinates):
+            names, least = ", ".join(c.name for c in self.coordinates), len(self.coordinates) + 1
             raise InputError(
-                f"too few data: {len(data)} rows for {len(self.coordinates)} parameters "
-                f"({', '.join(c.name for c in self.coordinates)}); at least one row more is needed"
+                f"too few data: to fit {names}, at least {least} rows are needed, "
+                f"found {len(data)}; add rows, or give values with --fix"
             )
 
     # -- search coordinates ------------------------------------------------------------------------

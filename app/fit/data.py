@@ -137,8 +137,12 @@ def _column(path: Path, line: int, text: str) -> tuple[str, str]:
                 f"{path}:{line}: columns separated by {found}; write commas between them, and a "
                 "point before decimals"
             )
-        near = difflib.get_close_matches(name[:_SHOWN], COLUMNS, n=1)
-        hint = f'did you mean "{near[0]}"?' if near else f"there are {', '.join(COLUMNS)}"
+        near = difflib.get_close_matches(name[:_SHOWN].lower(), COLUMNS, n=1)
+        hint = f"there are {', '.join(COLUMNS)}; take other columns out"
+        if near:
+            unit = COLUMNS[near[0]].unit
+            in_brackets = f', with its unit in brackets as in "{near[0]} [{unit}]"' if unit else ""
+            hint = f'did you mean "{near[0]}"{in_brackets}?'
         raise InputError(f'{path}:{line}: no such column "{text.strip()[:_SHOWN]}"; {hint}')
     unit, written = COLUMNS[name].unit, match[2]
     if not unit:
@@ -184,7 +188,9 @@ def _assembled(path: Path, table: dict[str, Floats], lines: list[int]) -> Tribom
             raise _missing(path, name)
     if ("pressure" in table) == ("load" in table):
         found = "both" if "load" in table else "neither"
-        raise InputError(f"{path}: needs either pressure, or load with area; found {found}")
+        constant = "" if "load" in table else '; one value for all rows: --fix "pressure=VALUE Pa"'
+        reason = f"needs either pressure, or load with area; found {found}{constant}"
+        raise InputError(f"{path}: {reason}")
     if "area" not in table and ("load" in table or seen[0] == "force"):
         raise _missing(path, "area")
     ones = np.ones(len(lines))

@@ -113,8 +113,9 @@ class Judgement:
             )
         half = self.half_width(name, max(scatter, NOISE), degrees)
         if half > BROAD:
+            of = " of alpha/(1 - alpha)" if name.partition(" ")[0] == "alpha" else ""
             return (
-                f"{name}: the data cannot determine it: the interval spans a factor of "
+                f"{name}: the data cannot determine it: the interval{of} spans a factor of "
                 f"{_factor(half)} either way; {cure}"
             )
         return None
@@ -185,8 +186,8 @@ def star_warning(name: str, low: float | None, high: float | None) -> str | None
 def with_star_warning(name: str, star: str) -> str:
     """Why the data do not determine a parameter that is found only at some threshold speeds."""
     return (
-        f"{name}: the data cannot determine it: {star} may also lie where they leave it open; "
-        f"{_cure(name)}"
+        f"{name}: the data cannot determine it: another {star} fits as well, with which they leave "
+        f"{name} open; {_cure(name)}"
     )
 
 

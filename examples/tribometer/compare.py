@@ -17,7 +17,7 @@ data = data[data["slip [m]"].isna()]  # steady sliding only
 # A velocity of the run: its last row. The first row of each film is that of the stage "press".
 steps = results.sweep[results.sweep["stage"] == "slide"]
 law = next(iter(results.parts.values())).case.contact[0].friction.parameters()
-pressure = 3e6
+pressure = 3e6  # Pa, of the data and of the case
 speeds = np.geomspace(7e-7, 4e-2, 400)
 
 figure, axes = plt.subplots(figsize=(7, 4.4), layout="constrained")

@@ -225,7 +225,7 @@ def test_what_hangs_on_an_open_threshold_speed_is_named():
     assert names_of(result) == {"mu_s", "alpha", "eta_b", "V_star"}
     eta = next(e for e in result.estimates if e.coordinate.key == "eta_b")
     assert eta.low > 2 * 0.5  # what the interval of one V* is worth
-    assert "V_star may also lie where" in eta.warning
+    assert "another V_star fits as well" in eta.warning
     assert all("--fix" in line for line in result.warnings)
 
 
@@ -304,7 +304,7 @@ GOOD = HEAD + "\n" + "".join(f"0,1e-{k},3,{300 + k}\n" for k in range(1, 9))
         (GOOD.replace("[nm]", "[s]"), [":1:", "thickness", "wrong dimension"]),
         (GOOD.replace("[nm]", "[nanny]"), ["thickness", "unknown unit"]),
         (GOOD.replace(" [m/s]", ""), ["velocity", "needs its unit", "[m/s]"]),
-        (GOOD.replace("pressure [MPa],", "").replace(",3,", ","), ["pressure", "neither"]),
+        (GOOD.replace("pressure [MPa],", "").replace(",3,", ","), ["neither", '--fix "pressure=']),
         (GOOD.replace("thickness [nm],", "").replace("\n0,", "\n"), ["thickness", "--fix"]),
         (GOOD.replace("0,1e-3,3,303", "0,-1e-3,3,303"), [":4:", "velocity", "> 0 m/s"]),
         (GOOD.replace("0,1e-3,3,303", "0,1e-3,3,nan"), [":4:", "traction", "finite"]),
@@ -313,7 +313,9 @@ GOOD = HEAD + "\n" + "".join(f"0,1e-{k},3,{300 + k}\n" for k in range(1, 9))
         (GOOD.replace("traction [kPa]", "force [N]"), ["area", "missing"]),
         (GOOD.replace("traction [kPa]", "effective_viscosity [Pa*s]"), [":2:", "thickness = 0"]),
         (GOOD.replace("traction [kPa]", "pressure [kPa]"), ["pressure", "twice"]),
-        (HEAD + "\n0,1e-3,3,300\n", ["too few data", "1 rows for 1 parameters", "mu_s"]),
+        (HEAD + "\n0,1e-3,3,300\n", ["too few data", "mu_s", "2 rows", "found 1", "--fix"]),
+        (GOOD.replace("thickness [nm]", "Thickness (nm)"), ['"thickness"', "[m]", "brackets"]),
+        (GOOD.replace("thickness [nm]", "temperature [K]"), ["weight; take other columns out"]),
     ],
 )
 def test_wrong_data_are_one_line(tmp_path, text, words):
