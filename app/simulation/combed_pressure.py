@@ -12,7 +12,6 @@ import math
 import numpy as np
 
 from tribox.geometry.surfaces.facets import Bools, Floats
-from tribox.geometry.surfaces.projection import FacetSurface
 from tribox.geometry.surfaces.surface import ContactSurface
 
 ALTERNATES = 0.05  # share of the mean pressure from which on alternating pressures are told
@@ -25,8 +24,8 @@ def alternation(surface: ContactSurface, pressure: Floats, inside: Bools) -> flo
     """Amplitude over mean of a pressure that alternates from vertex to vertex; collective.
 
     With S the mean over the facets around each vertex of the means of their vertices, (I - S)^2 p
-    is p itself of a pressure that alternates, and nearly nothing of a smooth one. The median over
-    the contact leaves out where it is singular, as at a corner of the slave.
+    is p itself of a pressure that alternates, and nearly nothing of a smooth one. The lower
+    quartile over the contact leaves out where it is steep, as at corners and rims of the slave.
 
     Args:
         surface: the pair.
@@ -41,27 +40,20 @@ def alternation(surface: ContactSurface, pressure: Floats, inside: Bools) -> flo
     for _ in range(2):
         of_facet = rough[vertices.of_point].mean(axis=1)
         rough = rough - vertices.sums(weight * of_facet) / vertices.area
-    return float(np.median(np.abs(rough[amid])) / np.mean(pressure[amid]))
+    return float(np.quantile(np.abs(rough[amid]), 0.25) / np.mean(pressure[amid]))
 
 
-def alternation_text(index: int, surface: ContactSurface, share: float) -> str:
-    """The warning of a pressure that alternates from vertex to vertex.
+def alternation_text(index: int, share: float) -> str:
+    """The warning of a pressure that alternates from vertex to vertex over corners of the master.
 
     Args:
         index: of the contact.
-        surface: the pair.
         share: as :func:`alternation` gives it.
     """
-    faceted = isinstance(surface.target, FacetSurface) and surface.target.extraction is None
-    cure = (
-        'smooth the master (smoothing_angle = "30 deg"), or make its facets as short as those of '
-        "the slave"
-        if faceted
-        else "refine the master or coarsen the slave, so that their facets are equally long"
-    )
     return (
         f"contact.{index}: combed pressures: they alternate from vertex to vertex by "
-        f"{100.0 * share:.2g} % of their mean; {cure}"
+        f"{100.0 * share:.2g} % of their mean, over corners between the master's facets; smooth "
+        'the master (smoothing_angle = "30 deg"), or make its facets as short as those of the slave'
     )
 
 

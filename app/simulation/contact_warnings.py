@@ -20,7 +20,7 @@ vertices is summed over all.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -36,6 +36,7 @@ from tribox.app.simulation.combed_pressure import (
 )
 from tribox.app.simulation.history import Row
 from tribox.app.simulation.pair_bodies import penalty_factor, pressed_by_force
+from tribox.app.simulation.surface_faults import BENT, bend
 from tribox.app.simulation.time_text import time_text
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.state import ContactTrial
@@ -63,7 +64,8 @@ class PairState:
         layers: of pressed facets from the rim inwards, ``FEW`` for that many or more, or no rim.
         open_inside: share of open points inside the patch; scatter: of the pressure within facets;
             sagitta: m, mean over the pressed facets. All 0 where the pressure is averaged.
-        alternation: of the pressure from vertex to vertex over its mean; 0 point by point.
+        alternation: of the pressure from vertex to vertex over its mean, where the master has
+            corners; 0 point by point.
         alternation: of the pressure from vertex to vertex, over its mean; 0 point by point.
     """
 
@@ -232,7 +234,7 @@ class ContactWarnings:
             thickness: m, of the slab that the row is for; 1 otherwise.
         """
         trials = self._problem.committed
-        states = [probe.measure(t) for probe, t in zip(self._probes, trials, strict=True)]
+        states = [self._measured(index, trial) for index, trial in enumerate(trials)]
         terms = self._problem.contacts
         loose = [state for state, term in zip(states, terms, strict=True) if not term.tied]
         force = sum(state.force for state in loose) * thickness
@@ -250,6 +252,14 @@ class ContactWarnings:
             if widest is None or state.area > widest.area:
                 self._widest[index] = state
         self._look_at_ties(trials, spent / thickness)
+
+    def _measured(self, index: int, trial: ContactTrial) -> PairState:
+        """A pair at a converged step; it alternates by corners of the master only; collective."""
+        state = self._probes[index].measure(trial)
+        if state.alternation > ALTERNATES:
+            angle = bend(self._problem, self._problem.contacts[index], trial)
+            return state if angle > BENT else replace(state, alternation=0.0)
+        return state
 
     def _look_at_ties(self, trials: Sequence[ContactTrial], spent: float) -> None:
         """Hold what ties store against ``spent``, J per unit thickness, of the bodies; collective.
@@ -302,8 +312,7 @@ class ContactWarnings:
             if comb:
                 yield self._comb(index, state)
             if state.alternation > ALTERNATES:
-                surface = self._problem.contacts[index].surface
-                yield alternation_text(index, surface, state.alternation)
+                yield alternation_text(index, state.alternation)
             costly = self.over_approach[index] > APPROACH and not self._by_force[index]
             if self.over_facet[index] > PENETRATION or costly:
                 yield self._soft(index, comb)

@@ -212,7 +212,10 @@ def _of_gross_slip(problem: Equilibrium, loose: Iterable[Loose], thickness: floa
         hold, load = hold_of(problem, one.bodies, problem.committed), load_on(problem, one)
         if not _slides_away(one, hold, load) or has_spring(problem, one):
             continue
+        if hold.wet and any(mode.rate_dependent for mode in problem.evaluated.modes):
+            continue  # a film holds any force, at some speed
         axis, force = COMPONENTS[one.component], float(np.linalg.norm(hold.friction))
+        rates = ", or rate_dependent = true: a film holds any force, at some speed"
         yield (
             " and ".join(f"contact.{index}" for index in hold.contacts)
             + f": no equilibrium: T has reached mu N everywhere: a force of "
@@ -221,7 +224,7 @@ def _of_gross_slip(problem: Equilibrium, loose: Iterable[Loose], thickness: floa
             f"{hold.limit * thickness:.4g} N at the last solved step",
             f"a prescribed displacement in {axis} instead of the force, or a spring that holds it "
             f'([[boundary]] spring with direction = "{axis}"), or a smaller force, or more normal '
-            "force or friction",
+            f"force or friction{rates if hold.wet else ''}",
         )
 
 

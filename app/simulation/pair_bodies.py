@@ -15,6 +15,9 @@ from tribox.app.equilibrium.pair_bodies import bodies_of
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.pressure import PointwisePressure, PressureKind
 from tribox.forms.contact.state import ContactTrial
+from tribox.forms.friction.factored_law import FactoredLaw
+from tribox.forms.friction.friction_map import FrictionMap
+from tribox.forms.friction.law import FrictionState
 from tribox.geometry.surfaces.facets import Floats, Ints
 
 
@@ -111,13 +114,16 @@ class Hold:
     Attributes:
         contacts: their numbers.
         friction, pressure: (i,), N (N/m), resultants of both on the body.
-        limit: N (N/m), what the friction can be at most: the integral of mu(d) times the pressure.
+        limit: N (N/m), what the asperities can hold at most: the integral of mu(d) times the
+            pressure, less what a film takes off them.
+        wet: whether a film carries a part.
     """
 
     contacts: tuple[int, ...]
     friction: Floats
     pressure: Floats
     limit: float
+    wet: bool = False
 
 
 def hold_of(problem: Equilibrium, held: Sequence[str], trials: Sequence[ContactTrial]) -> Hold:
@@ -129,7 +135,7 @@ def hold_of(problem: Equilibrium, held: Sequence[str], trials: Sequence[ContactT
         trials: of the contacts.
     """
     contacts = []
-    parts = np.zeros(2 * problem.dim + 1)
+    parts = np.zeros(2 * problem.dim + 2)
     for index, (term, trial) in enumerate(zip(problem.contacts, trials, strict=False)):
         bodies = bodies_of(problem, term)
         if (bodies.slave.name in held) == (bodies.master.name in held):
@@ -139,8 +145,18 @@ def hold_of(problem: Equilibrium, held: Sequence[str], trials: Sequence[ContactT
         sign = 1.0 if bodies.slave.name in held else -1.0
         load = weight * trial.pressure
         friction = -sign * (weight @ response.traction)
-        limit = load @ term.law.coefficient(response.state)
-        parts += np.concatenate([friction, sign * (load @ trial.kinematics.normal), [limit]])
+        dry = _dry_share(term, response.state)
+        limits = [load @ (dry * term.law.coefficient(response.state)), load @ (1.0 - dry)]
+        parts += np.concatenate([friction, sign * (load @ trial.kinematics.normal), limits])
     total: Floats = problem.comm.allreduce(parts)
-    friction, pressure = total[:-1].reshape(2, -1)
-    return Hold(tuple(contacts), friction, pressure, float(total[-1]))
+    friction, pressure = total[:-2].reshape(2, -1)
+    return Hold(tuple(contacts), friction, pressure, float(total[-2]), bool(total[-1] > 0.0))
+
+
+def _dry_share(term: ContactTerm, state: FrictionState) -> Floats:
+    """How much of mu p the asperities of each point carry, (q,): 1 - alpha beside a film."""
+    law = term.law.law if isinstance(term.law, FactoredLaw) else term.law
+    if isinstance(law, FrictionMap) and law.parameters.flow_rule == "weighted":
+        share: Floats = 1.0 - state.alpha
+        return share
+    return np.ones(len(term.surface.slave.weight))

@@ -132,7 +132,7 @@ def catches(problem: Equilibrium, contacts: Sequence[Contact]) -> Findings:
     for index, (term, trial) in enumerate(zip(problem.contacts, problem.trials, strict=True)):
         if term.tied:
             continue
-        angle, here = _bend(problem, term, trial), _is_on(term.surface, worst)
+        angle, here = bend(problem, term, trial), _is_on(term.surface, worst)
         if angle > (BENT if here else CLEARLY_BENT):
             slave, master = names_of(contacts, index)
             yield (
@@ -151,7 +151,7 @@ def _is_on(surface: ContactSurface, place: Floats) -> bool:
     return bool(np.linalg.norm(nodes - place, axis=1).min() <= near)
 
 
-def _bend(problem: Equilibrium, term: ContactTerm, trial: ContactTrial) -> float:
+def bend(problem: Equilibrium, term: ContactTerm, trial: ContactTrial) -> float:
     """Largest angle, rad, at which facets of a faceted master meet where it is pressed; collective.
 
     0 of a smooth master.

@@ -18,8 +18,14 @@ _GALLERY = "docs/gallery.md"
 _RANKS = ("--np ", "mpirun ", "mpiexec ")
 # Each group is one file of tests; what is in none of them is in the last, "reference".
 _GROUPS = {
-    "start": ("README.md", "CONTRIBUTING.md", "docs/tutorials", "docs/install.md", "examples"),
-    "guides": ("docs/how-to", "docs/forming"),
+    "start": (
+        "README.md",
+        "CONTRIBUTING.md",
+        "docs/install.md",
+        "docs/tutorials/1-first-run.md",
+        "examples",
+    ),
+    "guides": ("docs/tutorials", "docs/how-to"),
 }
 
 
