@@ -63,12 +63,17 @@ def strays(attempt: Attempt) -> bool:
 
 
 def unbalanced_loads(attempt: Attempt) -> Floats:
-    """Load (d,), N, that nothing carries at the trial state, in each direction; collective."""
+    """Load (d,), N, that nothing carries at the trial state, in each direction; collective.
+
+    Rounding is none: springs for it would be so weak that the body flies off, or not, as the sum
+    over the ranks happens to come out.
+    """
     problem = attempt.newton.problem
     residual = problem.new_vector()
     problem.residual(None, attempt.trial, residual, attempt.step)
     loads: Floats = np.abs(attempt.bodies.sums(residual.array_r))
     residual.destroy()
+    loads[loads <= problem.roundoff] = 0.0
     return loads
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.docs.blocks import find_blocks
 from tribox.app.case.reading import load_case
 from tribox.app.errors import InputError
 
@@ -14,9 +15,8 @@ PAGE = Path(__file__).parents[3] / "docs" / "case-file.md"
 
 
 def documented_case() -> str:
-    section = PAGE.read_text(encoding="utf-8").split("## A complete case with a film")[1]
-    [text] = re.findall(r"```toml\n(.*?)```", section.split("\n## ")[0], re.DOTALL)
-    return text
+    [block] = [b for b in find_blocks(PAGE) if b.marks.get("file") == "slide.toml"]
+    return block.text
 
 
 def test_the_documented_film_case_is_correct(case_file):
@@ -41,6 +41,6 @@ def test_check_finds_nothing_to_remark_on(case_file, tribox):
 
 
 def test_a_body_without_a_table_is_asked_for(case_file):
-    text = re.sub(r"^aluminium = .*\n", "", documented_case(), flags=re.MULTILINE)
+    text = re.sub(r"^\[bodies\.aluminium\][^\[]*", "", documented_case(), flags=re.MULTILINE)
     with pytest.raises(InputError, match=r"missing; add \[bodies\.aluminium\] with its material"):
         load_case(case_file(text))

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
 from mpi4py import MPI
 
 import tribox.app.implicit.approach
-from tribox.app.implicit.approach import Pace, distance, is_adrift, strays
+from tribox.app.implicit.approach import Pace, distance, is_adrift, strays, unbalanced_loads
 
 LENGTH = 0.2  # m, of the slave's facets
 
@@ -64,6 +65,16 @@ def test_a_loose_body_under_load_that_touches_nothing_is_adrift(monkeypatch):
     assert not is_adrift(attempt_of(apart, directions=0))
     loads[:] = 0.0
     assert not is_adrift(attempt_of(apart))
+
+
+def test_what_rounding_leaves_is_no_load():
+    """Springs for it would be nothing, and the body as free as without them."""
+    attempt = attempt_of(contact([0.1]))
+    problem, residual = attempt.newton.problem, MagicMock()
+    problem.roundoff, problem.new_vector = 1e-9, lambda: residual
+    problem.residual = lambda *arguments: None
+    attempt.step, attempt.bodies.sums = None, lambda forces: np.array([-3e-10, -2.0, 2e-9])
+    np.testing.assert_array_equal(unbalanced_loads(attempt), [0.0, 2.0, 2e-9])
 
 
 def test_distance_is_the_longest_of_the_pairs_shortest_ways():

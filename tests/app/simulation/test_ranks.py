@@ -444,3 +444,40 @@ def test_the_command_on_ranks_that_fail_ends(
     assert out.exists() == (code == 3)
     if code == 3:
         assert json.loads((out / "summary.json").read_text())["status"] == "failed"
+
+
+# -- bodies that only contact holds ---------------------------------------------------------------
+
+# Its top can move sideways: before it touches anything, the tangent is singular.
+_LOOSE = """
+[[boundary]]
+surface = "bottom"
+displacement = { x = 0, y = 0 }
+[[boundary]]
+surface = "top"
+displacement = { y = [["0 s", "0 mm"], ["1 s", "-0.04 mm"]] }
+[[stage]]
+name = "press"
+duration = "1 s"
+steps = 3
+"""
+LOOSE = BLOCKS + BODIES + COULOMB + _LOOSE + TIGHT
+
+
+def press_loose(comm: MPI.Comm, directory: Path) -> tuple[float, float]:
+    """Normal force, and how far the top has moved sideways."""
+    case = Case.model_validate(tomllib.loads(LOOSE))
+    simulation = run_case(case, directory / "loose", quiet=True)
+    problem = simulation.model.problem
+    way = np.abs(problem.u.x.array.reshape(-1, 2)[:, 0]).max(initial=0.0)
+    return simulation.rows[-1].normal_force, comm.allreduce(float(way), op=MPI.MAX)
+
+
+@pytest.mark.mpi(press_loose, 2, 3)
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_a_body_that_only_friction_holds_stays_on_ranks_too(on_ranks, ranks):
+    """What sums to nothing over the ranks but for rounding is no load that springs carry."""
+    force, way = on_ranks(press_loose, ranks)
+    alone, _ = on_ranks(press_loose, 1)
+    assert force == pytest.approx(alone, rel=1e-7)
+    assert way < 4e-5
