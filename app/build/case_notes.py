@@ -28,6 +28,7 @@ Floats = NDArray[np.float64]
 
 LOOSE = 1e-3  # of the residual over the contact force, from which on results show it
 THICK = 1e-5  # m, film thickness that is surely a slip of units
+SOFT = 100.0  # Pa, shear modulus, below that of gels, that is surely a slip of units
 
 
 def notes_on(case: Case) -> list[str]:
@@ -43,6 +44,12 @@ def notes_on(case: Case) -> list[str]:
             f"solver.tolerance = {case.solver.tolerance:g}: forces may be wrong by about as much; "
             f"the default is 1e-8, and above {LOOSE:g} results are not to be trusted"
         )
+    notes += [
+        f"bodies.{name}: a shear modulus of {body.shear_modulus:.3g} Pa is below that of gels; "
+        'a number without a unit is in SI: write "3 MPa"'
+        for name, body in case.bodies.items()
+        if body.shear_modulus < SOFT
+    ]
     return notes + [
         f"contact.{index}: {note}"
         for index, contact in enumerate(case.contact)

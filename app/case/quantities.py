@@ -82,14 +82,22 @@ def _factor(text: str, unit: str) -> Decimal:
             raise ValueError("characters that no unit has")
         given = registry.Quantity(Decimal(1), registry.parse_units(text))
     except Exception as error:  # The library fails on odd text in many ways, all the writer's.
-        hint = _expected(unit)
+        hint = _hint(text, unit)
         if re.match(r",\d", text):
             hint = "decimals stand behind a point, as in 0.5"
         raise QuantityError(f'unknown unit "{text}"; {hint}') from error
     try:
         return Decimal(given.to(registry.parse_units(unit)).magnitude)
     except Exception as error:  # Wrong dimension, or an offset unit such as degC.
-        raise QuantityError(f'"{text}" has the wrong dimension; {_expected(unit)}') from error
+        raise QuantityError(f'"{text}" has the wrong dimension; {_hint(text, unit)}') from error
+
+
+def _hint(text: str, unit: str) -> str:
+    """What to write instead of `text`: a unit that differs from it in capitals only, or any."""
+    for common in (unit, *COMMON_UNITS.get(unit, {})):
+        if common.lower() == text.lower():
+            return f'did you mean "{common}"?'
+    return _expected(unit)
 
 
 def _expected(unit: str) -> str:

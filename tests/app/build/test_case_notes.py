@@ -55,6 +55,14 @@ def test_tension_and_thick_films_are_noted(film):
     assert any("thin films" in note for note in notes_on(Case.model_validate(data)))
 
 
+def test_a_modulus_without_its_unit_is_noted(block):
+    bodies = tomllib.loads(block)["bodies"]
+    soft = {"material": "neo-hookean", "E": 3, "nu": 0.49}
+    [note] = notes_on(case(block, bodies=bodies | {"elastomer": soft}))
+    assert note.startswith("bodies.elastomer: a shear modulus of 1.01 Pa is below that of gels")
+    assert notes_on(case(block, bodies=bodies | {"elastomer": soft | {"E": "3 kPa"}})) == []
+
+
 def test_weakening_that_is_too_steep_for_the_pressure(film):
     # Sufficient: (1 - alpha) K_T > (1 - alpha) p (mu_s - mu_d) B, here 1e12 > 0.5e6 0.02 B.
     limit = 1e12 / (0.5e6 * 0.02)
