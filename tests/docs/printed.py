@@ -9,6 +9,10 @@ from functools import lru_cache
 _NUMBER = r"(?<![\w.])[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?(?!\w)"
 _TOKEN = re.compile(rf"\.\.\.|…|{_NUMBER}|\w+|[^\w\s]")
 _IS_NUMBER = re.compile(_NUMBER)
+# What rounding decides, and with it the processor: iterations, and how closely they end.
+_OF_ROUNDING = re.compile(
+    r"Newton \d+|\d+ Newton iterations|after \d+ iterations|residual [\d.e+-]+\d"
+)
 _ELISION = ("...", "…")
 _NEARLY = 1e-4  # relative, of numbers shown with more digits than a solver is exact to
 
@@ -30,7 +34,8 @@ def difference(shown: str, printed: str, differs: str = "") -> str | None:
 
 
 def _elided(shown: str, differs: str) -> str:
-    """The block with "..." for the numbers of the pieces that may differ."""
+    """The block with "..." for the numbers of rounding, and of the pieces that may differ."""
+    shown = _OF_ROUNDING.sub(lambda piece: _IS_NUMBER.sub("...", piece.group()), shown)
     for piece in filter(None, (part.strip() for part in differs.split(";"))):
         if piece not in shown:
             raise AssertionError(f"differs: {piece!r} is not in the text")

@@ -19,7 +19,9 @@ from tribox.app.equilibrium.snapshot import AtPoints, Local, Nodal, Partial
 
 def laid_out(comm: MPI.Comm, directory: Path, name: str) -> tuple[Layout, dict[str, Any]]:
     """A layout of a small case, and a snapshot whose values follow from places alone."""
-    model = build_model(case_of(IMPLICIT[name](directory)), comm)
+    # One rank writes its mesh.
+    data = comm.bcast(IMPLICIT[name](directory) if comm.rank == 0 else None)
+    model = build_model(case_of(data), comm)
     problem = model.problem
     where = problem.space.tabulate_dof_coordinates()[: problem.owned // problem.dim, : problem.dim]
     points = [term.surface.slave.position for term in problem.contacts]
@@ -38,9 +40,6 @@ def laid_out(comm: MPI.Comm, directory: Path, name: str) -> tuple[Layout, dict[s
 
 def gathered(comm: MPI.Comm, directory: Path, name: str = "three bodies") -> dict[str, Any]:
     """What is written of a snapshot; and whether every rank gets back what was its own."""
-    if comm.rank == 0:
-        IMPLICIT[name](directory)  # writes its mesh
-    comm.barrier()
     layout, snapshot = laid_out(comm, directory, name)
     tree, arrays = layout.gather(snapshot)
     again = layout.scatter(tree, arrays, layout.ranks)

@@ -50,7 +50,8 @@ def switched(
         maker, solver = CASES[name]
         root = directory / name
         root.mkdir(exist_ok=True)
-        case = case_of(maker(root) | {"solver": solver}, fields_every=0)
+        data = comm.bcast(maker(root) if comm.rank == 0 else None)  # one rank writes its mesh
+        case = case_of(data | {"solver": solver}, fields_every=0)
         if comm.rank == 0:
             run(case, root / "one")
         if comm.rank < 2:
