@@ -35,12 +35,11 @@ def difference(shown: str, printed: str, differs: str = "") -> str | None:
 
 def _elided(shown: str, differs: str) -> str:
     """The block with "..." for the numbers of rounding, and of the pieces that may differ."""
-    shown = _OF_ROUNDING.sub(lambda piece: _IS_NUMBER.sub("...", piece.group()), shown)
     for piece in filter(None, (part.strip() for part in differs.split(";"))):
         if piece not in shown:
             raise AssertionError(f"differs: {piece!r} is not in the text")
         shown = shown.replace(piece, _IS_NUMBER.sub("...", piece))
-    return shown
+    return _OF_ROUNDING.sub(lambda piece: _IS_NUMBER.sub("...", piece.group()), shown)
 
 
 def _lines(text: str) -> list[str]:
