@@ -8,16 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from tribox.app.case.friction import FrictionMap
 from tribox.app.case.toml_writer import toml_text
 from tribox.app.fit.model import RANGES
 from tribox.app.fit.result import Estimate, FitResult
+from tribox.app.fit.setup import FitSetup
 from tribox.forms.friction.parameters import FrictionMapParameters
-
-if TYPE_CHECKING:
-    from tribox.app.fit.setup import FitSetup
 
 ABSENT = {
     "mu_d": "without it the case takes mu_d = mu_s",

@@ -66,7 +66,6 @@ class PairState:
             sagitta: m, mean over the pressed facets. All 0 where the pressure is averaged.
         alternation: of the pressure from vertex to vertex over its mean, where the master has
             corners; 0 point by point.
-        alternation: of the pressure from vertex to vertex, over its mean; 0 point by point.
     """
 
     force: float
