@@ -7,7 +7,9 @@ and the rate Δα/Δt
 
 g falls (σ_Y and R do not), so its root lies in [0, (q̂ − σ_Y(α))/3G] and is the only one. Newton's
 method from the left is monotone where σ_Y and R are concave; a step that leaves the bracket of
-the root is replaced by one to its middle, so that tables and kinks converge as well.
+the root is replaced by one to its middle, so that tables and kinks converge as well. Where the
+law is steep and Δα small beside α, g jumps with the round-off of α + Δα, and nothing less is asked
+of it there.
 """
 
 from __future__ import annotations
@@ -74,7 +76,7 @@ def flow(material: ElastoPlastic, logs: Floats, alpha: Floats, dt: float) -> Flo
     flows = trial >= (1.0 - NEUTRAL) * begin
     law = _FlowStress(material, alpha, dt)
     step = np.where(flows, plastic_step(trial, G, law), 0.0)
-    stress, slope = law(step)
+    stress, slope, _ = law(step)
     drop = 3.0 * G * step / np.where(flows, trial, 1.0)  # 1 − θ
     theta_bar = np.where(flows, 1.0 / (1.0 + slope / (3.0 * G)) - drop, 0.0)
     end = material.hardening.stress(alpha + step)
@@ -96,15 +98,16 @@ class _FlowStress:
         self.hardening, self.alpha, self.dt = material.hardening, alpha, dt
         self.rate = material.rate if np.isfinite(dt) else None
 
-    def __call__(self, step: Floats) -> tuple[Floats, Floats]:
-        """σ and dσ/dΔα (n,), Pa."""
+    def __call__(self, step: Floats) -> tuple[Floats, Floats, Floats]:
+        """σ, dσ/dΔα and the round-off of σ that α + Δα makes (n,), Pa."""
         alpha = self.alpha + step
         stress, slope = self.hardening.stress(alpha), self.hardening.slope(alpha)
+        roundoff = slope * np.spacing(alpha)
         if self.rate is None:
-            return stress, slope
+            return stress, slope, roundoff
         speed = np.asarray(step / self.dt, dtype=np.float64)
         R, by_rate = self.rate.factor(speed), self.rate.slope(speed)
-        return stress * R, slope * R + stress * by_rate / self.dt
+        return stress * R, slope * R + stress * by_rate / self.dt, roundoff * R
 
     def start(self, over: Floats, shear: float) -> Floats:
         """A Δα left of the root for concave laws, from the overstress ``over`` (n,), Pa.
@@ -135,11 +138,12 @@ def plastic_step(trial: Floats, shear: float, law: _FlowStress) -> Floats:
     for _ in range(ITERATIONS):
         if done.all():
             break
-        stress, slope = law(x)
+        stress, slope, roundoff = law(x)
         g = trial - 3.0 * shear * x - stress
         low, high = np.where(g >= 0.0, x, low), np.where(g >= 0.0, high, x)
         newton = x + g / (3.0 * shear + slope)
-        settled = (np.abs(newton - x) <= SMALL_STEP * x) | (np.abs(g) <= ROUNDOFF * trial)
+        settled = np.abs(newton - x) <= SMALL_STEP * x
+        settled |= np.abs(g) <= ROUNDOFF * trial + roundoff
         inside = (newton > low) & (newton < high)
         x = np.where(done, x, np.where(inside | settled, newton, 0.5 * (low + high)))
         done |= settled

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from tribox.forms.bodies.elastoplastic import ElastoPlastic
@@ -49,8 +49,14 @@ RATES = st.one_of(
     alpha=st.one_of(st.just(0.0), tens(-6, 1)),
     over=st.lists(tens(-10, 3), min_size=1, max_size=5),
 )
+@example(  # α + Δα has a few floating-point values about the root, between which g jumps
+    law=tables([(1.0, 0.0), (1e-4, 1.0)]), rate=None, shear=1.0, dt=1.0, alpha=1.0, over=[1e-4]
+)
 def test_the_step_is_the_root_for_any_law_rate_and_overstress(law, rate, shear, dt, alpha, over):
-    """The equation changes sign within 1e-9 of the step, or vanishes to round-off."""
+    """The equation changes sign within 1e-9 of the step, or vanishes to round-off.
+
+    The law sees α + Δα, which has no values nearer to one another than its round-off.
+    """
     strains = np.full(len(over), alpha)
     trial = law.stress(strains) * (1.0 + np.array(over))
     flow_stress = _FlowStress(ElastoPlastic(shear, shear, law, rate), strains, dt)
@@ -65,8 +71,9 @@ def test_the_step_is_the_root_for_any_law_rate_and_overstress(law, rate, shear, 
 
     step = plastic_step(trial, shear, Counted())
     assert np.isfinite(step).all() and (step >= 0.0).all()
-    for nearby, sign in ((1.0 - 1e-9, 1.0), (1.0 + 1e-9, -1.0)):
-        left = trial - 3.0 * shear * step * nearby - flow_stress(step * nearby)[0]
+    near = np.maximum(1e-9 * step, np.spacing(strains + step))
+    for nearby, sign in ((np.maximum(step - near, 0.0), 1.0), (step + near, -1.0)):
+        left = trial - 3.0 * shear * nearby - flow_stress(nearby)[0]
         assert (sign * left >= -1e-13 * trial).all()
     assert len(calls) < ITERATIONS // 2
 
