@@ -81,6 +81,7 @@ class SchurFactor(Factor):
         pc = self._ksp.getPC()
         pc.setFactorSetUpSolverType()
         self._inner = pc.getFactorMatrix()
+        self._inner.setOptionsPrefix(prefix)  # PETSc does so only where it is made later
         self._size = len(left)
         rows = PETSc.IS().createGeneral(left.astype(PETSc.IntType), comm=matrix.comm)
         _call("MatFactorSetSchurIS", self._inner.handle, rows.handle)
