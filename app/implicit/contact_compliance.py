@@ -62,23 +62,14 @@ class ContactCompliance:
             on_kept: (c, s), A_cs.
             among: (c, c), N.
         """
-        coupled = np.zeros(F.shape[0], dtype=bool)
-        coupled[of_others.indices[of_others.data != 0.0]] = True
-        coupled[np.repeat(np.arange(len(coupled)), np.diff(on_kept.indptr))[on_kept.data != 0]] = 1
-        m = np.nonzero(coupled)[0].astype(np.int32)
-        N, free = scipy.sparse.csr_matrix(among[m][:, m]), F[m]
+        m = _coupled(of_others, on_kept)
+        of_others, on_kept, among = of_others[:, m], on_kept[m], among[m][:, m]
+        free = F[m]
         square = np.ascontiguousarray(free[:, m])
-        mixed = np.asarray((N.T @ square.T).T)
+        mixed = np.asarray((among.T @ square.T).T)
         mixed[np.diag_indices(len(m))] += 1.0
         G = scipy.linalg.solve(mixed, square, check_finite=False) if len(m) else square
-        return cls(
-            m,
-            scipy.sparse.csr_matrix(of_others[:, m]),
-            scipy.sparse.csr_matrix(on_kept[m]),
-            N,
-            free,
-            G,
-        )
+        return cls(m, of_others, on_kept, among, free, G)
 
     def stiffness(self) -> Floats:
         """A_sc G A_cs (s, s), N/m: what the kept bodies take off the stiffness of contact."""
@@ -107,3 +98,13 @@ class ContactCompliance:
         given = self.on_kept @ x_s
         x_c = self.held(w) - self.G @ given
         return np.asarray(given + self.among @ x_c)
+
+
+def _coupled(of_others: scipy.sparse.csr_matrix, on_kept: scipy.sparse.csr_matrix) -> Ints:
+    """Kept unknowns (m,) that an entry couples with the others: patterns hold zeros as well."""
+    coupled = np.zeros(on_kept.shape[0], dtype=bool)
+    coupled[of_others.indices[of_others.data != 0.0]] = True
+    rows = np.repeat(np.arange(len(coupled)), np.diff(on_kept.indptr))
+    coupled[rows[on_kept.data != 0.0]] = True
+    out: Ints = np.nonzero(coupled)[0].astype(np.int32)
+    return out
