@@ -24,6 +24,7 @@ from tribox.app.implicit.factor import Factor
 from tribox.geometry.surfaces.facets import Floats, Ints
 
 _UNFACTORED, _FACTORED = 0, 1  # PETSc's MatFactorSchurStatus
+_ZERO_PIVOT = 71  # PETSc's PETSC_ERR_MAT_LU_ZRPVT
 _POINTERS = {  # how many pointers each function takes
     "MatFactorSetSchurIS": 2,
     "MatFactorGetSchurComplement": 3,
@@ -90,21 +91,26 @@ class SchurFactor(Factor):
     def make(self) -> bool:
         """Factorise the matrix as it is now; returns whether it could be done.
 
-        Solves are those with the matrix, until its dense part is exchanged.
+        Before it solves it wants a dense part: its own may be singular.
         """
         if not super().make():
             return False
         with self._dense(_UNFACTORED) as (_, values):
             self.complement = _mirrored(values)
-        self.exchange(self.complement)
         return True
 
-    def exchange(self, dense: Floats) -> None:
-        """Solve from now on with another dense part (s, s)."""
+    def exchange(self, dense: Floats) -> bool:
+        """Solve from now on with this dense part (s, s); returns whether it is regular."""
         with self._dense(_FACTORED) as (matrix, values):
             values[:] = dense
             _call("MatSetUnfactored", matrix)
-            _call("MatLUFactor", matrix, None, None, None)
+            try:
+                _call("MatLUFactor", matrix, None, None, None)
+            except PETSc.Error as error:
+                if error.ierr != _ZERO_PIVOT:
+                    raise
+                return False
+        return True
 
     @contextmanager
     def _dense(self, status: int) -> Iterator[tuple[ctypes.c_void_p, Floats]]:
