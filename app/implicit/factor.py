@@ -42,7 +42,10 @@ class Factor:
         """Factorise the matrix as it is now; returns whether it could be done; collective."""
         self._ksp.setOperators(self._matrix)
         self._ksp.setUp()
-        return int(self._ksp.getPC().getFailedReason()) == PETSc.PC.FailedReason.NOERROR
+        works = int(self._ksp.getPC().getFailedReason()) == PETSc.PC.FailedReason.NOERROR
+        if not works:
+            self._ksp.reset()  # or PETSc would say of the next that it worked, and do nothing
+        return works
 
     def solve(self, rhs: Floats) -> Floats:
         """The solution (n,) for a right-hand side (n,), owned rows each; collective."""

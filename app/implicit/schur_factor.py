@@ -79,21 +79,29 @@ class SchurFactor(Factor):
             prefix: of the options for MUMPS.
         """
         super().__init__(matrix, prefix, symmetric=True)
+        self._prefix, self._left = prefix, left.astype(PETSc.IntType)
+        self._inner: PETSc.Mat | None = None  # PETSc's factorisation
+
+    def _prepare(self) -> PETSc.Mat:
+        """A factorisation that is to leave unknowns over."""
+        self._ksp.setOperators(self._matrix)
         pc = self._ksp.getPC()
         pc.setFactorSetUpSolverType()
-        self._inner = pc.getFactorMatrix()
-        self._inner.setOptionsPrefix(prefix)  # PETSc does so only where it is made later
-        self._size = len(left)
-        rows = PETSc.IS().createGeneral(left.astype(PETSc.IntType), comm=matrix.comm)
-        _call("MatFactorSetSchurIS", self._inner.handle, rows.handle)
+        inner = pc.getFactorMatrix()
+        inner.setOptionsPrefix(self._prefix)  # PETSc does so only where it is made later
+        rows = PETSc.IS().createGeneral(self._left, comm=self._matrix.comm)
+        _call("MatFactorSetSchurIS", inner.handle, rows.handle)
         rows.destroy()
+        return inner
 
     def make(self) -> bool:
         """Factorise the matrix as it is now; returns whether it could be done.
 
         Before it solves it wants a dense part: its own may be singular.
         """
+        self._inner = self._inner or self._prepare()
         if not super().make():
+            self._inner = None
             return False
         with self._dense(_UNFACTORED) as (_, values):
             self.complement = _mirrored(values)
@@ -116,11 +124,12 @@ class SchurFactor(Factor):
     def _dense(self, status: int) -> Iterator[tuple[ctypes.c_void_p, Floats]]:
         """The dense part, PETSc's and as an array, that is in this status afterwards."""
         matrix, values = ctypes.c_void_p(), ctypes.POINTER(ctypes.c_double)()
-        by, handle = ctypes.byref, self._inner.handle
+        assert self._inner is not None
+        by, handle, size = ctypes.byref, self._inner.handle, len(self._left)
         _call("MatFactorGetSchurComplement", handle, by(matrix), None)
         _call("MatDenseGetArray", matrix, by(values))
         try:
-            yield matrix, np.ctypeslib.as_array(values, (self._size, self._size)).T
+            yield matrix, np.ctypeslib.as_array(values, (size, size)).T
         finally:
             _call("MatDenseRestoreArray", matrix, by(values))
             _call("MatFactorRestoreSchurComplement", handle, by(matrix), status)
