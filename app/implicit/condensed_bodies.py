@@ -145,7 +145,7 @@ class CondensedBodies:
         assert self._factor is not None
         dense = self._factor.complement - self._compliance.stiffness()
         dense += ss.toarray()
-        return self._factor.exchange(dense), anew
+        return bool(np.isfinite(dense).all()) and self._factor.exchange(dense), anew
 
     def _extract(self, matrix: PETSc.Mat, widened: bool) -> None:
         """Take out the block of the other bodies, and what contact couples."""

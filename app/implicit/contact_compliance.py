@@ -54,7 +54,7 @@ class ContactCompliance:
         on_kept: scipy.sparse.csr_matrix,
         among: scipy.sparse.csr_matrix,
     ) -> ContactCompliance:
-        """Make G.
+        """Make G; no numbers where 1 + F N is singular, or holds none.
 
         Args:
             F: (c, c), m/N, symmetric.
@@ -68,7 +68,11 @@ class ContactCompliance:
         square = np.ascontiguousarray(free[:, m])
         mixed = np.asarray((among.T @ square.T).T)
         mixed[np.diag_indices(len(m))] += 1.0
-        G = scipy.linalg.solve(mixed, square, check_finite=False) if len(m) else square
+        G, singular = square, 0
+        if len(m):
+            *_, G, singular = scipy.linalg.lapack.dgesv(mixed, square)
+        if singular:
+            G = np.full_like(square, np.nan)
         return cls(m, of_others, on_kept, among, free, G)
 
     def stiffness(self) -> Floats:
