@@ -86,6 +86,7 @@ class CondensedBodies:
     Attributes:
         works: whether the stiff bodies could be factorised.
         worn: whether the next tangent's bulk is factorised; it is part of a restart.
+        renewed: whether the bulk at hand was factorised because that before it did not do.
         factorised: how often a bulk was.
     """
 
@@ -121,7 +122,7 @@ class CondensedBodies:
         self._krylov: PETSc.KSP | None = None
         self._left, self._step = problem.new_vector(), problem.new_vector()
         self._image = problem.new_vector()
-        self.worn, self.factorised = True, 0
+        self.worn, self.renewed, self.factorised = True, False, 0
 
     # -- factorisations -----------------------------------------------------------------------
 
@@ -135,17 +136,31 @@ class CondensedBodies:
         Returns:
             Whether that worked, and whether nothing of an earlier tangent is in use.
         """
-        self._tangent = matrix
+        self._tangent, self.renewed = matrix, False
         self._extract(matrix, widened)
-        anew = self.worn
-        if anew and not self._factorise():
+        self._fits = self.worn  # whether the bulk is that of this tangent
+        if self.worn and not self._factorise():
             return False, True
-        ss, sc, cs, cc = (_sparse(part) for part in self._small)
+        _, sc, cs, cc = (_sparse(part) for part in self._small)
         self._compliance = ContactCompliance.of(self._F, sc, cs, cc - self._K_cc)
+        return self._exchange(), self._fits
+
+    def renew(self) -> bool:
+        """Factorise the bulk of the tangent at hand, for this one only; returns whether it worked.
+
+        So a restart need not know of a third tangent beside the bulk's and the last.
+        """
+        self.renewed = self._fits = True
+        works = self._factorise() and self._exchange()
+        self.worn = True
+        return works
+
+    def _exchange(self) -> bool:
+        """Put the contact of the tangent at hand in; returns whether that is regular."""
         assert self._factor is not None
         dense = self._factor.complement - self._compliance.stiffness()
-        dense += ss.toarray()
-        return bool(np.isfinite(dense).all()) and self._factor.exchange(dense), anew
+        dense += _sparse(self._small[0]).toarray()
+        return bool(np.isfinite(dense).all()) and self._factor.exchange(dense)
 
     def _extract(self, matrix: PETSc.Mat, widened: bool) -> None:
         """Take out the block of the other bodies, and what contact couples."""
@@ -219,6 +234,12 @@ class CondensedBodies:
         Returns:
             Whether it got there.
         """
+        if self._solve(b, x, share):
+            return True
+        return not self._fits and self.renew() and self._solve(b, x, share)
+
+    def _solve(self, b: PETSc.Vec, x: PETSc.Vec, share: float) -> bool:
+        """Solve with the bulk at hand; returns whether it got there."""
         assert self._tangent is not None
         b.copy(self._left)
         x.set(0.0)
@@ -238,7 +259,7 @@ class CondensedBodies:
             left, others = self._left.norm(), np.linalg.norm(self._left.array_r[self._others])
             if left <= share * norm and others <= most:
                 return True
-            if not left <= LESS * before:
+            if not left <= LESS * before or (iterations >= LIMIT and not self._fits):
                 break
             before = left
         self.worn = True

@@ -332,16 +332,22 @@ def test_a_run_that_falls_back_goes_on_as_if_nothing_had_been(tmp_path, by, monk
     assert resumed(case, tmp_path / "whole", place) == []
 
 
-@pytest.mark.parametrize("worn", [False, True])
-def test_a_run_with_a_bulk_of_another_tangent_goes_on_as_if_nothing_had_been(tmp_path, worn):
-    """Byte by byte: the bulk is that of an earlier step, or is about to be factorised again."""
+@pytest.mark.parametrize("bulk", ["kept", "worn", "renewed"])
+def test_a_run_with_a_bulk_of_another_tangent_goes_on_as_if_nothing_had_been(
+    tmp_path, monkeypatch, bulk
+):
+    """Byte by byte: the bulk is kept, or about to be factorised again, or was between tangents."""
+    if bulk == "renewed":
+        monkeypatch.setattr(condensed_bodies, "LIMIT", 2)
     case = case_of(changed(BLOCK, COARSE | {"stage": STAGES}))
     run(case, tmp_path / "whole")
     solvers = solvers_of(tmp_path / "whole")
+    states = {"kept": (False, False), "worn": (True, False), "renewed": (True, True)}
     place = [
         number
         for number, solver in solvers.items()
-        if solver["first"] is not None and solver["way"]["worn"] is worn
+        if solver["first"] is not None
+        and (solver["way"]["worn"], solver["way"]["renewed"]) == states[bulk]
     ]
     assert place[0] < max(solvers)
     assert resumed(case, tmp_path / "whole", place[0]) == []

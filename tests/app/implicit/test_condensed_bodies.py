@@ -1,0 +1,305 @@
+"""Where bodies are condensed, and that what they give is right in cases that are not plain."""
+
+from collections.abc import Iterator
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import scipy.sparse
+from mpi4py import MPI
+
+from tests.app.checkpoint.small_cases import BOTTOM, COARSE, STAGES, changed, pairs
+from tests.app.conftest import BLOCK, FILM
+from tests.app.implicit.test_body_blocks import METAL, assembled, exact, forces, forces_left, sunk
+from tests.conftest import SOFT
+from tribox.app.build.model import build_model
+from tribox.app.case.case import Case
+from tribox.app.equilibrium.constraints import Platen, component_dofs
+from tribox.app.implicit import condensed_bodies
+from tribox.app.implicit.condensed_bodies import CLOSE, CondensedBodies, can_condense
+from tribox.app.implicit.contact_compliance import ContactCompliance
+from tribox.app.implicit.kept_bodies import kept_bodies, stiff_solids
+from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.simulation import Simulation
+
+
+@pytest.fixture(autouse=True)
+def _however_small(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Condense bodies however many of their unknowns are of contact."""
+    monkeypatch.setattr(condensed_bodies, "DENSE", np.inf)
+    yield
+
+
+def condensed(problem, x):
+    solver = assembled(problem, x)
+    assert isinstance(solver.way._bodies, CondensedBodies)
+    return solver
+
+
+def solves(solver, rhs=None, share=1e-9):
+    """Solve, and hold what is left against what may be."""
+    rhs = rhs or forces(solver.problem)
+    found = solver.problem.new_vector()
+    solver.way.aim(share)
+    solver.ksp.solve(rhs, found)
+    assert solver.ksp.getConvergedReason() > 0
+    held = solver.problem.constrained_dofs()
+    size = 1.01 * np.linalg.norm(np.delete(rhs.array_r, held))
+    left, on_others = forces_left(solver, found, rhs)
+    assert left <= share * size and on_others <= min(share, CLOSE) * size
+    return found
+
+
+# -- conditions -----------------------------------------------------------------------------------
+
+
+def test_bodies_are_condensed_where_contact_is_small_beside_the_bulk(pair, monkeypatch):
+    problem, _ = sunk(pair())
+    bodies = kept_bodies(problem, stiff_solids(problem))
+    touched = 2 * (7 + 8)  # both sides of the contact
+    for dense, small in ((1.001, True), (0.999, False)):
+        ratio = dense * touched**3 / len(bodies.others) ** 1.5
+        monkeypatch.setattr(condensed_bodies, "DENSE", ratio)
+        assert can_condense(problem, bodies) is small
+
+
+def test_bodies_are_condensed_in_the_plane_on_one_rank_with_petsc_of_now(pair, monkeypatch):
+    problem, _ = sunk(pair())
+    bodies = kept_bodies(problem, stiff_solids(problem))
+    assert can_condense(problem, bodies)
+    one, two = (SimpleNamespace(size=size) for size in (1, 2))
+    assert not can_condense(SimpleNamespace(comm=two, dim=2), bodies)
+    assert not can_condense(SimpleNamespace(comm=one, dim=3), bodies)
+    monkeypatch.setattr(condensed_bodies, "is_at_hand", lambda: False)
+    assert not can_condense(problem, bodies)
+
+
+def inner_pair(solver):
+    """Two neighbours of the soft body that no contact touches."""
+    bodies = solver.way._bodies
+    inner = np.delete(bodies._others, bodies._s)
+    inner = np.setdiff1d(inner, solver.problem.constrained_dofs())
+    columns, _ = solver.matrix.getRow(int(inner[0]))
+    return int(inner[0]), int(np.setdiff1d(np.intersect1d(columns, inner), inner[:1])[0])
+
+
+@pytest.mark.parametrize("value", [0.5, np.nan])
+def test_a_bulk_that_is_not_symmetric_is_not_condensed(pair, value):
+    problem, x = sunk(pair())
+    solver = condensed(problem, x)
+    row, column = inner_pair(solver)
+    solver.matrix.setValue(row, column, value)
+    solver.matrix.assemble()
+    solver.way._bodies.worn = True
+    solver.way.set_up(False)
+    rhs, found = forces(problem), problem.new_vector()
+    solver.ksp.solve(rhs, found)
+    assert solver.way._whole is not None and solver.way._bodies.worn
+    if np.isfinite(value):
+        np.testing.assert_allclose(found.array_r, exact(solver.matrix, rhs), atol=1e-9)
+    solver.assemble(x)
+    solves(solver)
+    assert solver.way._whole is None
+
+
+@pytest.mark.parametrize("row", ["of the others", "of the kept"])
+def test_a_contact_without_numbers_is_left_to_the_whole(pair, row):
+    """As where Newton's method has run away; the next tangent is as any other."""
+    problem, x = sunk(pair())
+    solver = condensed(problem, x)
+    bodies = solver.way._bodies
+    felt = bodies._kept[bodies._c[bodies._compliance.touched]]
+    at = int(felt[2] if row == "of the kept" else bodies._others[bodies._s[2]])
+    solver.matrix.setValue(at, int(felt[2]), np.nan)
+    solver.matrix.assemble()
+    solver.way.set_up(False)
+    solver.ksp.solve(forces(problem), problem.new_vector())
+    assert solver.way._whole is not None
+    solver.assemble(x)
+    solves(solver)
+    assert solver.way._whole is None
+
+
+def test_a_compliance_that_is_singular_is_not_used(pair, monkeypatch):
+    problem, x = sunk(pair())
+    solver = condensed(problem, x)
+    of = ContactCompliance.of
+
+    def unstable(F, of_others, on_kept, among):
+        return of(F, of_others, on_kept, scipy.sparse.csr_matrix(-np.linalg.inv(F)))
+
+    rhs, found = forces(problem), problem.new_vector()
+    monkeypatch.setattr(condensed_bodies.ContactCompliance, "of", unstable)
+    solver.assemble(x)
+    solver.ksp.solve(rhs, found)
+    assert solver.way._whole is not None
+    np.testing.assert_allclose(found.array_r, exact(solver.matrix, rhs), atol=1e-9)
+
+
+# -- solutions ------------------------------------------------------------------------------------
+
+
+def test_forces_without_numbers_give_none(pair):
+    problem, x = sunk(pair())
+    solver = condensed(problem, x)
+    rhs, found = forces(problem), problem.new_vector()
+    rhs.array[solver.way._bodies._others[0]] = np.nan
+    solver.ksp.solve(rhs, found)
+    assert np.isnan(found.array_r).any() and solver.way._failures == 0
+
+
+def test_no_forces_move_nothing(pair):
+    problem, x = sunk(pair())
+    solver = condensed(problem, x)
+    found = forces(problem)
+    solver.ksp.solve(problem.new_vector(), found)
+    assert not found.array_r.any() and solver.way._whole is None
+
+
+@pytest.mark.parametrize("on", ["others", "kept"])
+def test_forces_on_some_of_the_bodies_only(pair, on):
+    problem, x = sunk(pair())
+    solver = condensed(problem, x)
+    rhs, bodies = forces(problem), solver.way._bodies
+    rhs.array[bodies._kept if on == "others" else bodies._others] = 0.0
+    found = solves(solver, rhs)
+    assert np.abs(found.array_r[bodies._kept]).max() > 0.0
+    wanted = exact(solver.matrix, rhs)
+    np.testing.assert_allclose(found.array_r, wanted, atol=1e-6 * np.abs(wanted).max())
+
+
+KEPT = pytest.mark.parametrize("upper", [SOFT, METAL], ids=["kept master", "kept slave"])
+
+
+def soft_moved(blocks, upper, shear, press):
+    """A pair with its soft body moved, one that is kept beside it, and the state."""
+
+    def moved(X):
+        return np.stack([shear * X[:, 1], -0.02 - press * X[:, 1]], axis=1)
+
+    def below(X):
+        return np.stack([shear * (X[:, 1] + 0.5), 0.02 + press * (X[:, 1] + 0.5)], axis=1)
+
+    if upper is SOFT:
+        return blocks.displaced(moved, np.zeros_like)
+    return blocks.displaced(np.zeros_like, below)
+
+
+@KEPT
+def test_the_bulk_of_a_tangent_before_still_solves(pair, upper):
+    """In some iterations, after which the next tangent's is factorised."""
+    blocks = pair()
+    lower = METAL if upper is SOFT else SOFT
+    problem, near = sunk(blocks, upper=upper, lower=lower)
+    solver = condensed(problem, near)
+    bodies = solver.way._bodies
+    solves(solver)
+    assert not bodies.worn  # it is that of this very tangent
+    solver.assemble(soft_moved(blocks, upper, 0.02, 0.01))
+    solves(solver)
+    assert bodies.worn and bodies.factorised == 1 and not bodies.renewed
+    solver.assemble(near)
+    solves(solver)
+    assert bodies.factorised == 2 and not bodies.worn
+
+
+@KEPT
+def test_a_bulk_that_does_not_do_is_factorised_at_once(pair, upper):
+    """States as different as can be: the whole is not factorised, and no solve has failed."""
+    blocks = pair()
+    lower = METAL if upper is SOFT else SOFT
+    problem, near = sunk(blocks, upper=upper, lower=lower)
+    solver = condensed(problem, near)
+    bodies, rhs = solver.way._bodies, forces(problem)
+    solver.assemble(soft_moved(blocks, upper, 0.9, 0.5))
+    for _ in range(2):  # the second finds the bulk there
+        found = solves(solver, rhs)
+        wanted = exact(solver.matrix, rhs)
+        np.testing.assert_allclose(found.array_r, wanted, atol=1e-6 * np.abs(wanted).max())
+        assert bodies.renewed and bodies.worn and bodies.factorised == 2
+    assert solver.way._whole is None and solver.way._failures == 0
+    solver.assemble(near)
+    assert not bodies.renewed and bodies.factorised == 3
+
+
+def test_a_soft_body_that_contact_alone_holds(pair):
+    """Without contact its bulk is singular; held at the unknowns of contact it is not."""
+    problem, x = sunk(pair(), held=("bottom",))
+    solves(condensed(problem, x))
+
+
+def test_a_platen_that_contact_is_part_of(pair):
+    """Its leading unknown is one of contact, to which those of its other nodes are sent."""
+    blocks = pair()
+    side = blocks.named.facets("elastomer_left")
+    platen = Platen(component_dofs(blocks.u.function_space, side, 0), force=-0.1)
+    problem, x = sunk(blocks, held=("bottom",), platens=[platen])
+    leader = int(platen.all_dofs[0])
+    x.array[platen.dofs] = x.array_r[leader]
+    solver = condensed(problem, x)
+    bodies = solver.way._bodies
+    assert leader in bodies._others[bodies._s]
+    rhs = forces(problem)
+    np.testing.assert_allclose(
+        solves(solver, rhs).array_r, exact(solver.matrix, rhs), rtol=1e-6, atol=1e-8
+    )
+
+
+# -- whole runs -----------------------------------------------------------------------------------
+
+
+def platen(directory):
+    """The soft body under a platen, slid on a film."""
+    thin = {"geometry.upper.elements": [5, 2], "geometry.lower.elements": [8, 2]}
+    return changed(FILM, {**thin, "stage.1.max_steps": 6})
+
+
+def tied(directory):
+    """A pad tied to a plate on two dies of metal, which it slides over."""
+    data = pairs(directory)
+    for name in ("left", "right"):
+        data["bodies"][name] = data["bodies"][name] | {"E": "70 GPa"}
+    return data
+
+
+def axisymmetric(directory):
+    """Unknowns of contact on the axis are prescribed."""
+    down = {"x": 0, "y": [["0 s", 0], ["2 s", "-0.1 mm"]]}
+    keys = {
+        "geometry.section": "axisymmetric",
+        "boundary": [BOTTOM, {"surface": "top", "displacement": down}],
+    }
+    data = changed(BLOCK, COARSE | keys | {"stage": STAGES})
+    del data["geometry"]["thickness"]
+    return data
+
+
+def q2(directory):
+    kinds = {f"bodies.{name}.formulation": "q2" for name in ("elastomer", "aluminium")}
+    return changed(BLOCK, COARSE | kinds | {"stage": STAGES})
+
+
+def swapped(directory):
+    ends = {"contact.0.slave": "aluminium_contact", "contact.0.master": "elastomer_contact"}
+    return changed(BLOCK, COARSE | ends | {"stage": STAGES})
+
+
+def simulated(data, **solver):
+    data = data | {"solver": solver}
+    sim = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
+    sim.run(Observer())
+    return sim
+
+
+@pytest.mark.parametrize("case", [platen, tied, axisymmetric, q2, swapped])
+def test_a_run_is_that_with_the_whole_factorised(tmp_path, case):
+    data = case(tmp_path)
+    ours, whole = simulated(data), simulated(data, petsc={"pc_type": "lu"})
+    way = ours.stepper.solver.way
+    assert isinstance(way._bodies, CondensedBodies) and not way._given_up
+    assert 0 < way._bodies.factorised < ours.stepper.solver.assembled
+    for a, b in zip(ours.rows, whole.rows, strict=True):
+        assert a.normal_force == pytest.approx(b.normal_force, rel=1e-8, abs=1e-9)
+        assert a.tangential_force == pytest.approx(b.tangential_force, rel=1e-8, abs=1e-9)
+    spent = [sum(row.newton_iterations for row in sim.rows) for sim in (ours, whole)]
+    assert spent[0] <= spent[1] + 1
