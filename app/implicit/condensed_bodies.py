@@ -27,6 +27,7 @@ from petsc4py import PETSc
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.matrix_values import values_in_place
 from tribox.app.implicit.contact_compliance import ContactCompliance
+from tribox.app.implicit.factor import Factor, positive_solver
 from tribox.app.implicit.kept_bodies import KeptBodies
 from tribox.app.implicit.schur_factor import SchurFactor, is_at_hand
 from tribox.geometry.surfaces.facets import Bools, Floats, Ints
@@ -90,11 +91,8 @@ class CondensedBodies:
         self._s = np.nonzero(touched[self._others])[0].astype(np.int32)
         self._inside = np.delete(self._kept, self._c)
         K = bodies.tangent(problem)
-        self._stiff = SchurFactor(K, self._c, prefix)
-        self.works = self._stiff.make()
-        if self.works:
-            self._F: Floats = np.linalg.inv(self._stiff.complement).astype(np.float64)
-            self._K_cc = _sparse(K)[self._c][:, self._c]
+        self._stiff = Factor(K, prefix, symmetric=True, solver=positive_solver(K.comm))
+        self.works = self._stiff.make() and self._find_compliance(K)
         self._rows = _numbers(self._others)
         s, c = _numbers(self._others[self._s]), _numbers(self._kept[self._c])
         self._pairs = ((s, s), (s, c), (c, s), (c, c))
@@ -107,6 +105,16 @@ class CondensedBodies:
         self._left, self._step = problem.new_vector(), problem.new_vector()
         self._image = problem.new_vector()
         self.worn, self.factorised = True, 0
+
+    def _find_compliance(self, K: PETSc.Mat) -> bool:
+        """F of the kept bodies, undeformed; returns whether it could be found."""
+        surface = SchurFactor(K, self._c, self._prefix)
+        works = surface.make()
+        if works:
+            self._F: Floats = np.linalg.inv(surface.complement).astype(np.float64)
+            self._K_cc = _sparse(K)[self._c][:, self._c]
+        surface.destroy()
+        return works
 
     # -- factorisations -----------------------------------------------------------------------
 

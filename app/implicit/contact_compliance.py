@@ -22,7 +22,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 import scipy.sparse
 
 from tribox.geometry.surfaces.facets import Floats, Ints
@@ -58,17 +57,19 @@ class ContactCompliance:
 
         Args:
             F: (c, c), m/N, symmetric.
-            of_others: (s, c), A_sc, N/m.
+            of_others: (s, c), A_sc, N/m; zeros are taken out of it, and of the next.
             on_kept: (c, s), A_cs.
             among: (c, c), N.
         """
+        of_others.eliminate_zeros()  # patterns have room for what contact may couple
+        on_kept.eliminate_zeros()
         m = _coupled(of_others, on_kept)
         of_others, on_kept, among = of_others[:, m], on_kept[m], among[m][:, m]
         free = F[m]
         square = np.ascontiguousarray(free[:, m])
         mixed = np.asarray((among.T @ square.T).T)
         mixed[np.diag_indices(len(m))] += 1.0
-        G = scipy.linalg.solve(mixed, square, check_finite=False) if len(m) else square
+        G: Floats = np.linalg.solve(mixed, square)
         return cls(m, of_others, on_kept, among, free, G)
 
     def stiffness(self) -> Floats:
@@ -101,10 +102,8 @@ class ContactCompliance:
 
 
 def _coupled(of_others: scipy.sparse.csr_matrix, on_kept: scipy.sparse.csr_matrix) -> Ints:
-    """Kept unknowns (m,) that an entry couples with the others: patterns hold zeros as well."""
-    coupled = np.zeros(on_kept.shape[0], dtype=bool)
-    coupled[of_others.indices[of_others.data != 0.0]] = True
-    rows = np.repeat(np.arange(len(coupled)), np.diff(on_kept.indptr))
-    coupled[rows[on_kept.data != 0.0]] = True
+    """Kept unknowns (m,) that are coupled with the others."""
+    coupled = np.diff(on_kept.indptr) > 0
+    coupled[of_others.indices] = True
     out: Ints = np.nonzero(coupled)[0].astype(np.int32)
     return out

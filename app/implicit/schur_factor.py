@@ -93,9 +93,9 @@ class SchurFactor(Factor):
         """
         if not super().make():
             return False
-        with self._dense(_UNFACTORED) as (_, values):
+        with self._dense(_UNFACTORED) as (matrix, values):
+            _call("MatSetUnfactored", matrix)
             self.complement = _mirrored(values)
-        self.exchange(self.complement)
         return True
 
     def exchange(self, dense: Floats) -> None:
