@@ -37,7 +37,7 @@ computed from several of them then stays within the range of numbers."""
 # through the unit library, with which a test compares this table.
 COMMON_UNITS: dict[str, dict[str, str]] = {
     "m": {"mm": "1e-3", "um": "1e-6", "µm": "1e-6", "μm": "1e-6", "nm": "1e-9"},
-    "s": {"ms": "1e-3", "us": "1e-6"},
+    "s": {"ms": "1e-3", "us": "1e-6", "ns": "1e-9"},
     "Pa": {"kPa": "1e3", "MPa": "1e6", "GPa": "1e9", "N/m^2": "1", "N/mm^2": "1e6"},
     "N": {"mN": "1e-3", "kN": "1e3"},
     "m/s": {"mm/s": "1e-3", "um/s": "1e-6", "µm/s": "1e-6", "μm/s": "1e-6", "nm/s": "1e-9"},
@@ -49,6 +49,7 @@ COMMON_UNITS: dict[str, dict[str, str]] = {
     "N/m": {"N/mm": "1e3", "kN/m": "1e3", "mN/m": "1e-3"},
     "1/s": {"1/ms": "1e3"},
     "kg": {"g": "1e-3", "mg": "1e-6"},
+    "rad": {"deg": "0.01745329251994329576923690768"},
     "": {"%": "1e-2"},
 }
 

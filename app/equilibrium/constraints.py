@@ -19,7 +19,7 @@ from petsc4py import PETSc
 from tribox.app.equilibrium.prescribed import Platen, Prescribed, component_dofs
 from tribox.app.equilibrium.slanted import SlantedPlaten, SlantedRows
 from tribox.app.equilibrium.unknowns import Unknowns
-from tribox.geometry.surfaces.facets import Floats, Ints
+from tribox.geometry.surfaces.facets import Floats, Ints, Longs
 
 __all__ = ["Constraints", "Platen", "Prescribed", "Unknowns", "component_dofs"]
 
@@ -45,6 +45,7 @@ class Constraints:
         self.slanted = [p for p in self.platens if isinstance(p, SlantedPlaten)]
         self.aligned = [p for p in self.platens if not isinstance(p, SlantedPlaten)]
         self._known: tuple[Controls, Ints] = ((), np.empty(0, dtype=np.int32))
+        self._leaders: dict[tuple[int, ...], Longs] = {}  # by the platens' identities
         self._rows: tuple[Controls, SlantedRows | None] = ((), None)
 
     @property
@@ -143,10 +144,18 @@ class Constraints:
             dofs: global unknowns.
             platens: along an axis; None: those that act at present.
         """
-        out = dofs.astype(np.int64)
-        for platen in self.acting if platens is None else platens:
-            out = np.where(np.isin(out, platen.all_dofs), platen.all_dofs[0], out)
-        return out
+        platens = self.acting if platens is None else platens
+        return self._leading(platens)[dofs] if platens else dofs.astype(np.int64)
+
+    def _leading(self, platens: Sequence[Platen]) -> Longs:
+        """For each global unknown (n,) itself, or the one that leads it."""
+        which = tuple(map(id, platens))
+        if which not in self._leaders:
+            leading = np.arange(self.unknowns.size, dtype=np.int64)
+            for platen in platens:
+                leading[np.isin(leading, platen.all_dofs)] = platen.all_dofs[0]
+            self._leaders[which] = leading
+        return self._leaders[which]
 
     def condensed_map(self) -> PETSc.LGMap:
         """Local to global numbering with every platen's unknowns sent to its leader."""
@@ -197,15 +206,18 @@ class Constraints:
     def add_pattern(self, A: PETSc.Mat, extra: PETSc.Mat, platens: Sequence[Platen]) -> None:
         """Room in ``extra`` for entries of ``A`` renumbered onto a platen's leading unknown."""
         indptr, columns, _ = A.getValuesCSR()
-        rows = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr)) + self.unknowns.first
-        target_row, target_column = (self.condensed(at, platens) for at in (rows, columns))
-        moved = (target_row != rows) | (target_column != columns)
-        pairs = np.unique(np.stack([target_row[moved], target_column[moved]], axis=1), axis=0)
-        leaders, start = np.unique(pairs[:, 0], return_index=True)
+        first, leading = self.unknowns.first, self._leading(platens)
+        follows = leading != np.arange(len(leading))
+        of_row = np.repeat(follows[first : first + self.unknowns.owned], np.diff(indptr))
+        moved = np.nonzero(of_row | follows[columns])[0]
+        rows = first + np.searchsorted(indptr, moved, side="right") - 1
+        keys = np.unique(leading[rows] * len(leading) + leading[columns[moved]])
+        row, column = np.divmod(keys, max(len(leading), 1))
+        leaders, start = np.unique(row, return_index=True)
         extra.setValuesIJV(
-            np.append(start, len(pairs)).astype(PETSc.IntType),
-            pairs[:, 1].astype(PETSc.IntType),
-            np.zeros(len(pairs)),
+            np.append(start, len(keys)).astype(PETSc.IntType),
+            column.astype(PETSc.IntType),
+            np.zeros(len(keys)),
             addv=PETSc.InsertMode.ADD_VALUES,
             rowmap=leaders.astype(PETSc.IntType),
         )

@@ -225,7 +225,21 @@ def coupled_nodes(term: ContactTerm, window: ContactWindow) -> Longs:
         nodes, touched = _with(nodes, touched, chain, active)
     around = _incidence(surface.vertices.of_point[first], surface.vertices.count).T
     patches, nodes = _of_all_ranks(around @ touched, nodes, surface.vertices)
-    return np.unique(np.concatenate([pairs, _upper(patches.T @ patches, nodes)]), axis=0)
+    return _distinct(np.concatenate([pairs, _upper(patches.T @ patches, nodes)]))
+
+
+def _distinct(pairs: Longs) -> Longs:
+    """Distinct pairs (p, 2), in order."""
+    width = np.int64(pairs.max(initial=0) + 1)
+    keys = np.unique(pairs[:, 0] * width + pairs[:, 1])
+    return np.stack(np.divmod(keys, width), axis=1)
+
+
+def without(pairs: Longs, known: Longs) -> Longs:
+    """The distinct pairs (p, 2) that are not among the ``known`` ones (k, 2)."""
+    width = np.int64(max(pairs.max(initial=0), known.max(initial=0)) + 1)
+    keys, others = (both[:, 0] * width + both[:, 1] for both in (pairs, known))
+    return np.stack(np.divmod(np.setdiff1d(keys, others, assume_unique=True), width), axis=1)
 
 
 def _with(

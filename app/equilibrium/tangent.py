@@ -22,6 +22,7 @@ from tribox.app.equilibrium.contact_sparsity import (
     ContactWindow,
     coupled_nodes,
     widened,
+    without,
 )
 from tribox.app.equilibrium.holding_springs import HoldingSprings
 from tribox.app.equilibrium.kept_tangent import KeptTangent
@@ -75,12 +76,13 @@ class Tangent:
         self._raw: PETSc.Mat | None = None
         self._mapped: tuple[bool, ...] = ()  # platens whose unknowns are sent to their leaders
         self.seen: list[tuple[bool, ...]] = []
+        self._rooms: dict[tuple[bool, ...], list[Longs]] = {}  # pairs of nodes, see `make_room`
         self._fitted: int | None = None  # pattern that a tangent with slanted platens has room for
 
     def new_matrix(self, trials: Sequence[ContactTrial]) -> PETSc.Mat:
         """A matrix with room for solids, platens and these contacts; collective."""
         self.windows = [None] * len(self.contacts)
-        self._raw, self.seen = None, []
+        self._raw, self.seen, self._rooms = None, [], {}
         if self.constraints.aligned:
             self.seen = [tuple(platen.acts for platen in self.constraints.aligned)]
         A = dolfinx.fem.petsc.assemble_matrix(pattern_form(self.constraints.unknowns.space))
@@ -268,27 +270,39 @@ class Tangent:
         self.make_room(A)
 
     def make_room(self, A: PETSc.Mat) -> None:
-        """Give ``A`` zeros wherever solids, platens and the windows may add; collective."""
+        """Give ``A`` zeros wherever solids, platens and the windows may add; collective.
+
+        What it has been given before is not looked up again.
+        """
         self.pattern_changes += 1
         self.keeper.forget()
         A = A if self._raw is None else self._raw
-        extra = self._empty_like(A)
+        extra, pairs = self._empty_like(A), self._coupled_pairs()
         for acting in self.seen or [()]:
             aligned = self.constraints.aligned
             platens = [p for p, acts in zip(aligned, acting, strict=True) if acts]
-            for term, window in zip(self.contacts, self.windows, strict=True):
-                assert window is not None, "windows come first"
-                nodes = coupled_nodes(term, window)
-                if len(nodes):
-                    self._add_blocks(extra, nodes, None, platens)
-            if platens:
+            room = self._rooms.get(acting)
+            if room is None and platens:
                 self.constraints.add_pattern(A, extra, platens)
+            for index, nodes in enumerate(pairs):
+                new = nodes if room is None else without(nodes, room[index])
+                if len(new):
+                    self._add_blocks(extra, new, None, platens)
+            self._rooms[acting] = pairs
         extra.assemble()
         A.axpy(1.0, extra, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         extra.destroy()
         A.setLGMap(*self._plain_map)
         self._mapped, self._fitted = (), None
         A.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, True)
+
+    def _coupled_pairs(self) -> list[Longs]:
+        """Pairs (p, 2) of nodes that the contacts' windows couple; collective."""
+        pairs = []
+        for term, window in zip(self.contacts, self.windows, strict=True):
+            assert window is not None, "windows come first"
+            pairs.append(coupled_nodes(term, window))
+        return pairs
 
     def _empty_like(self, A: PETSc.Mat) -> PETSc.Mat:
         """A matrix of the size of ``A`` that takes entries anywhere."""

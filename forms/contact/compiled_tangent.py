@@ -16,12 +16,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import scipy.sparse
 from numpy.typing import NDArray
 
+from tribox.forms.contact.point_groups import PointGroups
 from tribox.forms.contact.pressure import AveragedPressure
 from tribox.forms.contact.state import ContactState, ContactTrial
-from tribox.forms.contact.vertex_rows import Coupling, completed
+from tribox.forms.contact.vertex_rows import Coupling, NodeRows, completed, outside_parts
 from tribox.forms.native.libraries import library
 from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs
 from tribox.geometry.surfaces.projection import FacetSurface
@@ -75,36 +75,6 @@ class Entries:
     indices: Ints
     values: Floats
     first: Callable[[Longs], Ints]
-
-
-@dataclass(frozen=True, slots=True)
-class _Rows:
-    """Rows of vertices against nodes: entries (e, i) of row v from ``indptr[v]`` on."""
-
-    indptr: Longs
-    node: Longs
-    data: Floats
-
-    def matrix(self, columns: int) -> scipy.sparse.csr_matrix:
-        """The same with a column for each unknown of so many nodes."""
-        data = self.data[:, None, :]
-        shape = (len(self.indptr) - 1, data.shape[2] * columns)
-        return scipy.sparse.bsr_matrix((data, self.node, self.indptr), shape=shape).tocsr()
-
-
-@dataclass(frozen=True, slots=True)
-class _Groups:
-    """Points ``take`` (p,) by groups: ``group`` (p,), and a point of each group (g,)."""
-
-    take: Longs
-    group: Longs
-    point: Longs
-
-    @classmethod
-    def of(cls, take: Longs, key: Longs) -> _Groups:
-        """Points with the same ``key`` (p,) make up a group."""
-        _, first, group = np.unique(key, return_index=True, return_inverse=True)
-        return cls(take, group.reshape(-1).astype(np.int64), take[first])
 
 
 class CompiledTangent:
@@ -178,8 +148,8 @@ class CompiledTangent:
         first = _packed(entries.first(self.surface.nodes), np.int32)
         closed = np.nonzero(trial.kinematics.closed)[0]
         pair, _alive = self._pair(self._varying(tangent, state, trial))
-        groups = _Groups.of(closed, tangent.point_facets(state, trial, closed))
-        blocks = self._add_points(tangent, state, trial, entries, first, pair, groups)
+        groups = PointGroups.of(closed, tangent.point_facets(state, trial, closed))
+        blocks = self._add_points(state, trial, entries, first, pair, groups)
         rule = tangent.rule
         if not isinstance(rule, AveragedPressure):
             return blocks, []
@@ -188,7 +158,7 @@ class CompiledTangent:
         left = self._vertex_rows(pair, groups, places, tangent.left_vectors(trial, closed))
         coupled = np.nonzero(trial.coupled())[0]
         if len(coupled) != len(closed):
-            groups = _Groups.of(coupled, tangent.point_facets(state, trial, coupled))
+            groups = PointGroups.of(coupled, tangent.point_facets(state, trial, coupled))
             places = self._vertex_places(pair, groups, needs)
         normal = trial.kinematics.normal[coupled]
         along = self.surface.vertices.shape[coupled][:, :, None] * normal[:, None, :]
@@ -245,38 +215,58 @@ class CompiledTangent:
 
     def _add_points(
         self,
-        tangent: PairTangent,
         state: ContactState,
         trial: ContactTrial,
         entries: Entries,
         first: Ints,
         pair: _Pair,
-        groups: _Groups,
+        groups: PointGroups,
     ) -> Blocks:
         """Add the blocks of the groups whose nodes are all in the matrix; those of the others."""
-        surface, point = self.surface, groups.point
-        stencil, start = self._fixed["stencil"], surface.first_master
-        assert stencil is not None
-        nodes = [surface.slave_rows[point]]
-        nodes += [start + stencil[f[point]] for f in (trial.projection.facet, state.facet)]
-        inside = np.all(first[np.concatenate(nodes, axis=1)] >= 0, axis=1)
-        here = inside[groups.group]
-        order = np.argsort(groups.group[here], kind="stable")
-        points = np.ascontiguousarray(groups.take[here][order])
-        count = np.bincount(groups.group[here], minlength=len(point))[inside]
-        ends = np.append(0, np.cumsum(count)).astype(np.int64)
-        width = self._sizes["corners"] + 2 * self._sizes["movers"]
-        scratch = np.empty(9 * width**2)
+        nodes = self._nodes_of(groups.point, trial.projection.facet, state.facet)
+        inside = np.all(first[nodes] >= 0, axis=1)
+        ends, points = groups.ordered(inside)
+        scratch = np.empty(9 * nodes.shape[1] ** 2)
         made, _kept = _entries(entries, first, first)
-        arguments = _at(ends), _at(points), _at(scratch)
+        count = ctypes.c_int64(len(ends) - 1)
         _require_room(
             self._code.tribox_add_point_blocks(
-                ctypes.byref(pair), ctypes.byref(made), ctypes.c_int64(len(count)), *arguments
+                ctypes.byref(pair), ctypes.byref(made), count, *map(_at, (ends, points, scratch))
             )
         )
-        return tangent.blocks_of(state, trial, groups.take[~here])
+        stayed = (trial.projection.facet == state.facet)[groups.point]
+        folded = nodes[:, : nodes.shape[1] - self._sizes["movers"]]
+        parts = (folded, ~inside & stayed), (nodes, ~inside & ~stayed)
+        return [self._blocks_of(pair, groups, *part) for part in parts if part[1].any()]
 
-    def _vertex_places(self, pair: _Pair, groups: _Groups, needs: Bools) -> tuple[Any, ...]:
+    def _nodes_of(self, point: Longs, now: Ints, before: Ints) -> Longs:
+        """The pair's nodes (g, m) of points on the master facets (q,) now and at the last step."""
+        surface, stencil = self.surface, self._fixed["stencil"]
+        assert stencil is not None
+        masters = [surface.first_master + stencil[facet[point]] for facet in (now, before)]
+        return np.concatenate([surface.slave_rows[point], *masters], axis=1)
+
+    def _blocks_of(
+        self, pair: _Pair, groups: PointGroups, nodes: Longs, which: Bools
+    ) -> tuple[Longs, Floats]:
+        """Global nodes (p, m) and blocks (p, m, i, n, j) of some of the groups (g,).
+
+        Args:
+            pair: the structure.
+            groups: of points.
+            nodes: (g, m) of the pair, those of the last step left out where all have stayed.
+            which: (g,) the groups that are asked for.
+        """
+        ends, points = groups.ordered(which)
+        width = nodes.shape[1]
+        blocks = np.zeros((len(ends) - 1, width, 3, width, 3))
+        self._code.tribox_point_blocks(
+            *(ctypes.byref(pair), ctypes.c_int64(len(blocks)), _at(ends), _at(points)),
+            *(ctypes.c_int64(width), _at(blocks)),
+        )
+        return self.surface.nodes[nodes[which]], blocks
+
+    def _vertex_places(self, pair: _Pair, groups: PointGroups, needs: Bools) -> tuple[Any, ...]:
         """Row ends (v + 1,), nodes (e,) and the place (g, k, m) of the groups' entries."""
         k, size = self._sizes["vertices"], self._sizes["corners"] + self._sizes["movers"]
         count, nodes, g = len(needs), len(self.surface.nodes), len(groups.point)
@@ -292,8 +282,8 @@ class CompiledTangent:
         return indptr, node[: indptr[-1]], place
 
     def _vertex_rows(
-        self, pair: _Pair, groups: _Groups, places: tuple[Any, ...], along: Floats
-    ) -> _Rows:
+        self, pair: _Pair, groups: PointGroups, places: tuple[Any, ...], along: Floats
+    ) -> NodeRows:
         """Σ_q w G_aᵀ d_A of the groups' points and vectors d (p, k, i)."""
         indptr, node, place = places
         data = np.zeros((len(node), 3))
@@ -301,10 +291,10 @@ class CompiledTangent:
         arrays = take, groups.group, place, along, data
         count = ctypes.c_int64(len(take))
         self._code.tribox_vertex_rows(ctypes.byref(pair), count, *map(_at, arrays))
-        return _Rows(indptr, node, data)
+        return NodeRows(indptr, node, data)
 
     def _add_product(
-        self, left: _Rows, right: _Rows, area: Floats, entries: Entries, first: Ints
+        self, left: NodeRows, right: NodeRows, area: Floats, entries: Entries, first: Ints
     ) -> list[Coupling]:
         """Add Σ_A L_A R_Aᵀ/m_A to the matrix; what is not in it; collective."""
         vertices, nodes = self.surface.vertices, self.surface.nodes
@@ -331,9 +321,9 @@ class CompiledTangent:
             return []
         whole = left.matrix(len(nodes)), right.matrix(len(columns))
         whole[0].data /= np.repeat(area, np.diff(whole[0].indptr))
-        return _outside(whole, (nodes, columns), outside)
+        return outside_parts(whole, (nodes, columns), outside)
 
-    def _completed(self, right: _Rows) -> tuple[_Rows, Longs]:
+    def _completed(self, right: NodeRows) -> tuple[NodeRows, Longs]:
         """R with the other ranks' parts of shared vertices, and its columns' nodes; collective."""
         surface, vertices = self.surface, self.surface.vertices
         here = np.zeros(vertices.count, dtype=bool)
@@ -344,26 +334,7 @@ class CompiledTangent:
         )
         blocks = whole.tobsr(blocksize=(1, surface.dim))
         indptr, node = (_packed(a, np.int64) for a in (blocks.indptr, blocks.indices))
-        return _Rows(indptr, node, _packed(blocks.data.reshape(-1, surface.dim))), columns
-
-
-def _outside(
-    whole: tuple[scipy.sparse.csr_matrix, scipy.sparse.csr_matrix],
-    nodes: tuple[Longs, Longs],
-    outside: tuple[Bools, Bools],
-) -> list[Coupling]:
-    """The parts of LᵀR in rows, or else in columns, of nodes outside."""
-    (left, right), (rows, columns), (row_out, column_out) = whole, nodes, outside
-    by_row, by_column = np.repeat(row_out, 3), np.repeat(column_out, 3)
-    left, right = left.tocsc(), right.tocsc()
-    return [
-        Coupling(rows[row_out], columns, (left[:, by_row].T @ right).tocsr()),
-        Coupling(
-            rows[~row_out],
-            columns[column_out],
-            (left[:, ~by_row].T @ right[:, by_column]).tocsr(),
-        ),
-    ]
+        return NodeRows(indptr, node, _packed(blocks.data.reshape(-1, surface.dim))), columns
 
 
 def _packed(array: Any, kind: Any = np.float64) -> Any:

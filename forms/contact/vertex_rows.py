@@ -29,6 +29,40 @@ class Coupling:
     matrix: scipy.sparse.csr_matrix
 
 
+@dataclass(frozen=True, slots=True)
+class NodeRows:
+    """Rows of vertices against nodes: entries (e, i) of row v from ``indptr[v]`` on."""
+
+    indptr: Longs
+    node: Longs
+    data: Floats
+
+    def matrix(self, columns: int) -> scipy.sparse.csr_matrix:
+        """The same with a column for each unknown of so many nodes."""
+        data = self.data[:, None, :]
+        shape = (len(self.indptr) - 1, data.shape[2] * columns)
+        return scipy.sparse.bsr_matrix((data, self.node, self.indptr), shape=shape).tocsr()
+
+
+def outside_parts(
+    whole: tuple[scipy.sparse.csr_matrix, scipy.sparse.csr_matrix],
+    nodes: tuple[Longs, Longs],
+    outside: tuple[Bools, Bools],
+) -> list[Coupling]:
+    """The parts of LᵀR in rows, or else in columns, of nodes outside."""
+    (left, right), (rows, columns), (row_out, column_out) = whole, nodes, outside
+    by_row, by_column = np.repeat(row_out, 3), np.repeat(column_out, 3)
+    left, right = left.tocsc(), right.tocsc()
+    return [
+        Coupling(rows[row_out], columns, (left[:, by_row].T @ right).tocsr()),
+        Coupling(
+            rows[~row_out],
+            columns[column_out],
+            (left[:, ~by_row].T @ right[:, by_column]).tocsr(),
+        ),
+    ]
+
+
 def adding_up(key: Longs) -> tuple[Longs, scipy.sparse.csr_matrix]:
     """One row (g,) of each ``key`` (q,), and the matrix (g, q) that adds up rows of equal keys."""
     _, first, group = np.unique(key, return_index=True, return_inverse=True)

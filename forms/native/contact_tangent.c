@@ -327,10 +327,10 @@ INLINE void add_point_of(const Pair *p, int64_t q, int64_t a, int64_t m, int fol
         for (int i = 0; i < DIM; ++i) {
             double *row = block + (DIM * (a + k) + i) * size;
             double force = p->weight[q] * p->traction[DIM * q + i];
-            for (int64_t l = 0; l < size; ++l)
-                row[l] += w[k] * v[i][l];
             for (int64_t l = 0; l < now; ++l)
-                row[l] += force * f[l];
+                row[l] += w[k] * v[i][l] + force * f[l];
+            for (int64_t l = now; l < size; ++l)
+                row[l] += w[k] * v[i][l];
         }
     }
 }
@@ -460,6 +460,15 @@ int tribox_add_point_blocks(const Pair *p, const Entries *e, int64_t groups,
             return 1;
     }
     return 0;
+}
+
+/* Add the blocks of groups of points, each with `width` nodes, to (g, width, i, width, j). */
+void tribox_point_blocks(const Pair *p, int64_t groups, const int64_t *start,
+                         const int64_t *order, int64_t width, double *blocks)
+{
+    for (int64_t g = 0; g < groups; ++g)
+        for (int64_t k = start[g]; k < start[g + 1]; ++k)
+            add_point(p, order[k], width, blocks + g * DIM * width * DIM * width);
 }
 
 /* -- rows of the vertices -------------------------------------------------------------------- */

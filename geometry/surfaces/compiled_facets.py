@@ -96,6 +96,7 @@ class CompiledFacets:
         self._made = np.zeros((facets, sizes["facet"] // 8))
         self._tried = sizes["closest"] // 8
         self._form, self._arrays = _form(shape)
+        self._controls: Floats | None = None  # of the last call
         self._surface = _Surface(ctypes.addressof(self._form), facets, 0, None, _at(self._made))
 
     def closest(
@@ -199,10 +200,15 @@ class CompiledFacets:
         return foot, tangents
 
     def _call(self, name: str, controls: Floats, *arguments: Any) -> None:
-        """Call a function of the library on the facets as they are now."""
-        controls = _floats(controls)
-        self._surface.stamp += 1
-        self._surface.controls = _at(controls)
+        """Call a function of the library on the facets as they are now.
+
+        What it makes of them is kept for the next call with the same array, if nobody can write it.
+        """
+        if controls is not self._controls or controls.flags.writeable:
+            self._controls = controls
+            self._packed = _floats(controls)
+            self._surface.stamp += 1
+            self._surface.controls = _at(self._packed)
         function = getattr(self._code, name)
         function.restype = None
         function(ctypes.byref(self._surface), *arguments)

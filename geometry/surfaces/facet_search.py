@@ -83,8 +83,7 @@ class FacetSearch:
         alone = None
         if len(self._far):
             alone = np.full(len(points), -1, dtype=np.int32)
-            trees = self._trees(facets)
-            alone[self._far], _ = self._nearest(points[self._far], facets, trees)
+            alone[self._far] = self._of_nearest_centre(points[self._far], facets)
         # A facet further than the closest by more than twice the motion since is not closest yet.
         limit = 2.0 * motion + TIE * self.slack
         return Candidates(self._start, self._facet, self._excess, limit, alone)
@@ -185,6 +184,15 @@ class FacetSearch:
         centre, radius = self._spheres(facets)
         size = np.floor(np.log(radius / radius.max()) / np.log(_RATIO)).astype(int)
         return [(cKDTree(centre[at]), at) for s in np.unique(size) for at in [_where(size == s)]]
+
+    def _of_nearest_centre(self, points: Floats, facets: Floats) -> Ints:
+        """The facets (q,) that points far away are paired with."""
+        trees = self._trees(facets)
+        if len(trees) > 1:
+            return self._nearest(points, facets, trees)[0]
+        ((tree, at),) = trees
+        nearest: Ints = at[tree.query(points)[1]]
+        return nearest
 
     def _nearest(
         self, points: Floats, facets: Floats, trees: list[tuple[cKDTree, Ints]]

@@ -77,6 +77,7 @@ class FacetSurface:
         self.facets = np.asarray(facets, dtype=np.int32)
         self.shape, self.stencil = shape, self.facets
         self._extraction: Floats | None = None
+        self._last: tuple[Floats, Floats] | None = None  # nodes, and what they make
         if smoothing_angle is not None:
             patches = smooth_patches(shape, self.facets, nodes, smoothing_angle)
             self.shape, self.stencil = patches.shape, patches.stencil
@@ -320,9 +321,16 @@ class FacetSurface:
         return first if self._extraction is None else first @ self._extraction[facet]
 
     def _controls(self, nodes: Floats) -> Floats:
-        """Nodes (f, a, i) of the facets, or control points of the patches over them."""
-        moved: Floats = nodes[self.stencil]
-        return moved if self._extraction is None else self._extraction @ moved
+        """Nodes (f, a, i) of the facets, or control points of the patches over them.
+
+        The same array as before while the nodes (n, i), m, are where they were.
+        """
+        if self._last is None or not np.array_equal(self._last[0], nodes):
+            moved: Floats = nodes[self.stencil]
+            controls = moved if self._extraction is None else self._extraction @ moved
+            controls.flags.writeable = False
+            self._last = nodes.copy(), controls
+        return self._last[1]
 
     def _at(
         self, points: Floats, controls: Floats, facet: Ints, xi: Floats, entity: Ints
@@ -393,6 +401,9 @@ class FacetSurface:
         Baerentzen & Aanaes, IEEE Trans. Vis. Comput. Graph. 11 (2005) 243: the sign of the distance
         from a corner is that against this mean.
         """
+        distinct, of_point = np.unique(vertex, return_inverse=True)
+        if len(distinct) < len(vertex):  # many points beside few corners
+            return self._corner_outward(distinct, controls)[of_point]
         around, corner = self._around[vertex], self._corner[vertex]
         present = around >= 0
         derivative = self.shape.first(self.shape.points[: self.shape.corners])[corner]

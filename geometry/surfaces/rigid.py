@@ -153,6 +153,10 @@ class RigidSurface(ABC):
     def at(self, facet: Ints, xi: Floats) -> Places:
         """The undeformed surface at the places ξ (q, α) of facets (q,)."""
 
+    def place(self, facet: Ints, xi: Floats) -> Floats:
+        """Places (q, i), m, of :meth:`at` alone."""
+        return self.at(facet, xi).place
+
     @abstractmethod
     def outline(self, box: Floats, count: int = 64) -> Outline:
         """The undeformed surface as lines or triangles.
@@ -212,7 +216,7 @@ class RigidSurface(ABC):
 
     def weights(self, facet: Ints, xi: Floats) -> Floats:
         """N_a (q, a) at the place ξ (q, α) of each facet (q,)."""
-        apart = self.at(facet, xi).place - self._middle
+        apart = self.place(facet, xi) - self._middle
         out: Floats = 1.0 / (self.dim + 1) + apart @ self._gradients.T
         return out
 

@@ -102,6 +102,16 @@ class Pieces:
         tangent = np.where(round_one, omega * left_of(arm), way)
         return place, tangent, np.where(round_one, -(omega**2) * arm, 0.0)
 
+    def places(self, piece: Ints, xi: Floats) -> Floats:
+        """The places (q, i), m, of :meth:`at` alone."""
+        start, sweep = self.start[piece], self.sweep[piece]
+        out: Floats = start + xi[:, None] * (self.end[piece] - start)
+        arcs = np.nonzero(sweep)[0]
+        if len(arcs):
+            centre = self.centre[piece[arcs]]
+            out[arcs] = centre + turned(start[arcs] - centre, xi[arcs] * sweep[arcs])
+        return out
+
     def nearest(self, points: Floats, piece: Ints) -> Floats:
         """ξ (q,) of the nearest places on pieces (q,), as if all went on as they are."""
         start = self.start[piece]
@@ -135,19 +145,22 @@ class Pieces:
 
         By the angle from the middle, so that it jumps opposite to the arc.
         """
-        sweep = self.sweep[piece]
-        middle = turned(self.start[piece] - self.centre[piece], 0.5 * sweep)
+        arcs = np.nonzero(self.sweep[piece])[0]
+        if not len(arcs):
+            return straight
+        middle = turned(self.start - self.centre, 0.5 * self.sweep)[piece[arcs]]
+        arm = arm[arcs]
         angle = np.arctan2(
             np.einsum("qi,qi->q", left_of(middle), arm), np.einsum("qi,qi->q", middle, arm)
         )
-        round_one = sweep != 0.0
-        out: Floats = np.where(round_one, 0.5 + angle / np.where(round_one, sweep, 1.0), straight)
+        out = straight.copy()
+        out[arcs] = 0.5 + angle / self.sweep[piece[arcs]]
         return out
 
     def spheres(self) -> tuple[Floats, Floats]:
         """Centres (p, i) and radii (p,), m, that hold the pieces; infinite where one goes on."""
         every = np.arange(len(self.sweep), dtype=np.int32)
-        centre = self.at(every, np.full(len(every), 0.5))[0]
+        centre = self.places(every, np.full(len(every), 0.5))
         endless = np.isinf(self.limits()).any(axis=1)
         return centre, np.where(endless, np.inf, 0.5 * self.length)
 
@@ -171,10 +184,15 @@ class Pieces:
 
 def left_of(vectors: Floats) -> Floats:
     """Vectors (…, i) turned left by 90°."""
-    return np.stack([-vectors[..., 1], vectors[..., 0]], axis=-1)
+    out = np.empty_like(vectors)
+    out[..., 0], out[..., 1] = -vectors[..., 1], vectors[..., 0]
+    return out
 
 
 def turned(vectors: Floats, angle: Floats) -> Floats:
     """Vectors (p, i) turned left by angles (p,), rad."""
-    out: Floats = np.cos(angle)[:, None] * vectors + np.sin(angle)[:, None] * left_of(vectors)
+    cosine, sine = np.cos(angle), np.sin(angle)
+    out = np.empty_like(vectors)
+    out[:, 0] = cosine * vectors[:, 0] - sine * vectors[:, 1]
+    out[:, 1] = cosine * vectors[:, 1] + sine * vectors[:, 0]
     return out

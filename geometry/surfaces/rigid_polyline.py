@@ -106,6 +106,10 @@ class Polyline(RigidShape):
         place, tangent, bend = self.pieces.at(facet, xi[:, 0])
         return Places(place, tangent[:, None], bend[:, None, None])
 
+    def place(self, facet: Ints, xi: Floats) -> Floats:
+        """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`."""
+        return self.pieces.places(facet, xi[:, 0])
+
     def excess(self, facet: Ints, xi: Floats) -> Floats:
         """See :class:`~tribox.geometry.surfaces.target.Target`."""
         past = np.stack([-xi[:, 0], xi[:, 0] - 1.0], axis=1)
@@ -125,7 +129,7 @@ class Polyline(RigidShape):
         point, piece = self._candidates(points, _near)
         free = self.pieces.nearest(points[point], piece)
         xi = np.clip(free, *self._limits[piece].T)
-        distance = np.linalg.norm(points[point] - self.pieces.at(piece, xi)[0], axis=1)
+        distance = np.linalg.norm(points[point] - self.pieces.places(piece, xi), axis=1)
         start, count = np.searchsorted(point, np.arange(len(points))), len(self._limits)
         tie = distance <= np.minimum.reduceat(distance, start)[point] + _TIE * self.size
         rank = piece + np.where(tie, np.where(xi != free, count, 0), 2 * count)
@@ -193,7 +197,7 @@ class Polyline(RigidShape):
         inside = np.nonzero((xi >= low - _TIE) & (xi <= high + _TIE))[0]  # never NaN
         point, piece = point[inside], piece[inside]
         xi = np.clip(xi[inside], low[inside], high[inside])
-        distance = np.linalg.norm(points[point] - self.pieces.at(piece, xi)[0], axis=1)
+        distance = np.linalg.norm(points[point] - self.pieces.places(piece, xi), axis=1)
         order = np.lexsort((piece, distance, point))
         rows, first = np.unique(point[order], return_index=True)
         best = order[first]
@@ -225,7 +229,7 @@ class Polyline(RigidShape):
                 xi[end] += sign * far / pieces.length[end]
         number = np.arange(len(xi), dtype=np.int32)
         cells = np.stack([number, np.roll(number, -1)], axis=1)
-        places = pieces.at(facet, xi)[0]
+        places = pieces.places(facet, xi)
         return Outline(places, cells if pieces.closed else cells[:-1])
 
 

@@ -12,6 +12,7 @@ from tests.contact_boxes import Scene, take_all_for_kinked
 from tests.forms.contact.test_tangent_ends import at_the_rim
 from tribox.app.equilibrium.contact_sparsity import BlockPlaces, coupled_nodes, widened
 from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.prescribed import Platen, component_dofs
 from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 
 LAW = CoulombLaw(CoulombParameters(mu=0.3, K_T=60.0))
@@ -147,6 +148,28 @@ def test_room_for_the_neighbours_that_move_a_smooth_patch(shape):
         np.testing.assert_allclose(dense(A), scene.tangent(x), rtol=0, atol=1e-12)
         problem.commit()
     assert problem.pattern_changes < 6
+
+
+def test_room_made_bit_by_bit_is_that_made_at_once():
+    """Of a contact that moves on, beside a platen that acts from the third step on."""
+    scene = Scene("hex8", LAW, master=12)
+    facets = scene.surface.slave.mesh_facet
+    dofs = component_dofs(scene.space, np.unique(facets), 1)
+    platen = Platen(dofs, force=-1.0, acts=False)
+    u = dolfinx.fem.Function(scene.space)
+    problem = Equilibrium(u, [], [scene.term], platens=[platen])
+    A = problem.new_matrix(scene.vector([0.0, 0.0, -0.08], 0.02, 0.2))
+    entries = []
+    for step in range(6):
+        platen.acts = step > 2
+        problem.assemble_tangent(scene.vector([step / 12, 0.0, -0.08], 0.02, 0.2), A)
+        problem.commit()
+        entries.append(A.getValuesCSR()[:2])
+    assert len({len(columns) for _, columns in entries}) > 3  # before and after the platen came
+    problem.tangent._rooms.clear()
+    problem.tangent.make_room(A)
+    for made, once in zip(entries[-1], A.getValuesCSR()[:2], strict=True):
+        np.testing.assert_array_equal(made, once)
 
 
 def summed(nodes, blocks, size):
