@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.collections import LineCollection, PathCollection
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 from matplotlib.patheffects import withStroke
 
 from tribox.app.figures.body_shapes import Bodies, Ints
+from tribox.app.figures.coloured_cells import coloured_cells
 from tribox.app.figures.field_values import ColourScale
 from tribox.app.figures.style import Floats
 from tribox.app.figures.tractions import facets_of, line_starts
@@ -88,7 +89,7 @@ def close_up(frame: Frame, nodes: Grid) -> Frame | None:
 
 def draw_bodies(
     axes: Axes, bodies: Bodies, scale: ColourScale, frame: Frame, *, named: bool = True
-) -> PolyCollection:
+) -> PathCollection:
     """Draw all bodies of a state.
 
     Args:
@@ -103,22 +104,16 @@ def draw_bodies(
     """
     factor = frame.unit.factor
     before = bodies.reference[bodies.edges, :2] * factor
-    axes.add_collection(LineCollection(list(before), colors="0.6", linewidths=0.7, linestyles=":"))
-    cells = PolyCollection(
-        bodies.corners(factor),  # type: ignore[arg-type]  # an array is faster than a list of them
-        array=bodies.field.values * scale.unit.factor,
-        norm=scale.norm,
-        cmap=scale.colours,
-        edgecolors="face",  # or the page would shine through between cells
-        linewidths=0.3,
-        snap=False,
-    )
-    axes.add_collection(cells)
+    old = LineCollection(list(before), colors="0.6", linewidths=0.7, linestyles=":")
+    cells = coloured_cells(bodies.corners(factor), bodies.field.values, scale)
+    for drawn in (old, cells):  # the frame is known, so that nobody need seek their limits
+        axes.add_collection(drawn, autolim=False)
     if len(bodies.polygons) < CELLS_OUTLINED:
         sides = bodies.position[_sides(bodies.polygons), :2] * factor
         axes.add_artist(_as_one_path(sides))  # as a patch its limits would be sought bit by bit
     around = bodies.position[bodies.edges, :2] * factor
-    axes.add_collection(LineCollection(list(around), colors="0.25", linewidths=0.8))
+    outline = LineCollection(list(around), colors="0.25", linewidths=0.8)
+    axes.add_collection(outline, autolim=False)
     _set_frame(axes, frame)
     if named:
         _name_bodies(axes, bodies, frame)

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Tick
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
@@ -57,7 +60,11 @@ def save(figure: Figure, path: Path, *, tight: bool = True) -> None:
 
 
 def _write(figure: Figure, part: Path, tight: bool) -> None:
-    _look_for_ticks_once(figure)
+    with _ticks_once(figure):
+        _draw_and_write(figure, part, tight)
+
+
+def _draw_and_write(figure: Figure, part: Path, tight: bool) -> None:
     canvas = FigureCanvasAgg(figure)
     # Constrained layout puts everything on the page; otherwise matplotlib finds where it ends.
     within = isinstance(figure.get_layout_engine(), ConstrainedLayoutEngine)
@@ -94,12 +101,15 @@ def _cut(page: Pixels, margin: int) -> Pixels | None:
     return out
 
 
-def _look_for_ticks_once(figure: Figure) -> None:
-    """Spare axes of the plane what needs all of their ticks again and changes no pixel.
+@contextmanager
+def _ticks_once(figure: Figure) -> Iterator[None]:
+    """Draw inside; axes of the plane are spared what needs their ticks again and changes no pixel.
 
     That is the search for minor ticks that coincide with major ones where there are none, and the
-    extent of the line along an axis whose labels lie further out.
+    extent of the line along an axis whose labels lie further out. And the ticks of an axis of the
+    same limits and size are made once: layout and drawing ask for them a dozen times.
     """
+    kept: list[Any] = []
     for axes in figure.axes:
         for axis, sides in ((axes.xaxis, ("bottom", "top")), (axes.yaxis, ("left", "right"))):
             if isinstance(axis.get_minor_locator(), NullLocator):
@@ -108,6 +118,31 @@ def _look_for_ticks_once(figure: Figure) -> None:
             for side in sides:
                 if side in axes.spines and labelled.get(f"label{side}", False):
                     axes.spines[side].set_in_layout(False)
+            if axes.name == "rectilinear" and hasattr(axis, "_update_ticks"):
+                kept.append(axis)
+    for one in kept:
+        one._update_ticks = _kept_ticks(one)
+    try:
+        yield
+    finally:
+        for one in kept:
+            del one._update_ticks
+
+
+def _kept_ticks(axis: Any) -> Callable[[], list[Tick]]:
+    """What makes the ticks of an axis, kept until its limits or the size of its axes change."""
+    make, box = axis._update_ticks, axis.axes.bbox
+    last: tuple[float, ...] = ()
+    ticks: list[Tick] = []
+
+    def made() -> list[Tick]:
+        nonlocal last, ticks
+        now = (*axis.get_view_interval(), box.width, box.height)
+        if now != last:
+            last, ticks = now, make()
+        return ticks
+
+    return made
 
 
 def thin_log_ticks(axes: Axes) -> None:

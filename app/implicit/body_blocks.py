@@ -1,8 +1,9 @@
-"""Direct solves of bodies in contact, body by body where one of them is far stiffer.
+"""Direct solves of bodies in contact, each factorised by itself where one of them is far stiffer.
 
-Each body is solved for in turn (:mod:`tribox.app.implicit.body_by_body`). Where no body can be kept
-the whole tangent is factorised, and so it is where taking turns does not get there: for that
-tangent, and for good where that happens often.
+The stiff bodies are condensed (:mod:`tribox.app.implicit.condensed_bodies`), or each body is solved
+for in turn (:mod:`tribox.app.implicit.body_by_body`): in space, on several ranks, and where most
+unknowns are of contact. Where no body can be kept the whole tangent is factorised, and so it is
+where solving by bodies does not get there: for that tangent, and for good where that happens often.
 """
 
 from __future__ import annotations
@@ -16,19 +17,16 @@ from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.free_bodies import supports_at_hand
 from tribox.app.equilibrium.snapshot import Snapshot
 from tribox.app.implicit.body_by_body import BodyByBody
+from tribox.app.implicit.condensed_bodies import CLOSE, CondensedBodies, can_condense
 from tribox.app.implicit.coupled_factor import DIRECT
 from tribox.app.implicit.factor import Factor
-from tribox.app.implicit.kept_bodies import kept_bodies
-from tribox.app.implicit.linear_way import petsc_kinds
+from tribox.app.implicit.kept_bodies import KeptBodies, kept_bodies
+from tribox.app.implicit.linear_way import CLOSEST, LEFT, petsc_kinds
 from tribox.forms.bodies.solid import Solid
 
 # Solves that failed are weighed against those that did not: three in a row, or more than one in
 # six, are too many.
 FAILED, TOO_MANY = 5, 15
-MOST = 1e-6
-"""Share of the forces that a solve may leave. With 1e-3 of them at the start of a step other points
-slipped than by a factorisation of the whole: 651 Newton iterations instead of 173, with 221 700
-unknowns."""
 
 
 class BodyBlocks:
@@ -58,7 +56,7 @@ class BodyBlocks:
         pc.setType(PETSc.PC.Type.PYTHON)
         pc.setPythonContext(_Preconditioner(self))
         self._supports: tuple[object, ...] | None = None  # that the bodies were chosen for
-        self._bodies: BodyByBody | None = None
+        self._bodies: CondensedBodies | BodyByBody | None = None
         self._whole: Factor | None = None  # of the tangent; None: it is solved by the bodies
         self._fallen = False  # whether that is so of the tangent at hand only
         self._given_up = False  # whether it is so for good
@@ -66,7 +64,7 @@ class BodyBlocks:
         self._remade = False  # whether an analysis was made between two tangents
         self._works = False  # whether what was factorised last could be
         self._failures = 0
-        self._share = MOST  # of forces that a solve may leave out of balance
+        self._share = LEFT  # of forces that a solve may leave out of balance
         self._rest = problem.new_vector()
 
     def kinds(self) -> str:
@@ -121,12 +119,17 @@ class BodyBlocks:
         self._supports, self._chosen = supports, True
         bodies = kept_bodies(self._problem, self._stiff)
         if bodies is not None:
-            by_body = BodyByBody(self._problem, bodies, self._prefix)
-            if by_body.works:
-                self._bodies = by_body
+            found = self._solver_of(bodies)
+            if found.works:
+                self._bodies = found
             else:
-                by_body.destroy()
+                found.destroy()
         return True
+
+    def _solver_of(self, bodies: KeptBodies) -> CondensedBodies | BodyByBody:
+        condense = can_condense(self._problem, bodies)
+        kind = CondensedBodies if condense else BodyByBody
+        return kind(self._problem, bodies, self._prefix)
 
     def _make_whole(self, anew: bool) -> None:
         """Factorise the whole tangent, ``anew`` with its analysis."""
@@ -145,7 +148,12 @@ class BodyBlocks:
 
     def aim(self, share: float, on_path: bool = False) -> None:
         """See :class:`tribox.app.implicit.linear_way.LinearWay`."""
-        self._share = min(share, MOST)
+        self._share = share
+
+    @property
+    def closest(self) -> float:
+        """See :class:`tribox.app.implicit.linear_way.LinearWay`."""
+        return CLOSE if isinstance(self._bodies, CondensedBodies) else CLOSEST
 
     def apply(self, pc: PETSc.PC, b: PETSc.Vec, x: PETSc.Vec) -> None:
         """Solve for ``x`` (m) with forces ``b`` (N); collective."""
@@ -181,6 +189,7 @@ class BodyBlocks:
             "failures": self._failures,
             "given_up": self._given_up,
             "fallen": self._fallen,
+            "worn": isinstance(self._bodies, CondensedBodies) and self._bodies.worn,
         }
 
     def restore(self, kept: Snapshot, set_up: Callable[[], None]) -> None:
@@ -188,6 +197,8 @@ class BodyBlocks:
         self._supports, self._failures, self._given_up = None, 0, kept["given_up"]
         set_up()
         self._failures = kept["failures"]
+        if isinstance(self._bodies, CondensedBodies):
+            self._bodies.worn = kept["worn"]
         if kept["fallen"]:
             self._fall_back()
 

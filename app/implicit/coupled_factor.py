@@ -7,7 +7,7 @@ from collections.abc import Callable
 from petsc4py import PETSc
 
 from tribox.app.equilibrium.snapshot import Snapshot
-from tribox.app.implicit.linear_way import petsc_kinds
+from tribox.app.implicit.linear_way import CLOSEST, petsc_kinds
 
 DIRECT: dict[str, str | float | bool] = {
     "ksp_type": "preonly",
@@ -20,10 +20,10 @@ class CoupledFactor:
     """A new factorisation for each matrix; its analysis is kept while the pattern stays.
 
     Attributes:
-        direct, part: see :class:`tribox.app.implicit.linear_way.LinearWay`.
+        direct, part, closest: see :class:`tribox.app.implicit.linear_way.LinearWay`.
     """
 
-    direct, part = True, "factorisation"
+    direct, part, closest = True, "factorisation", CLOSEST
 
     def __init__(self, ksp: PETSc.KSP, matrix: PETSc.Mat) -> None:
         """Solve by ``ksp``, whatever its options are, with ``matrix``."""

@@ -31,7 +31,6 @@ Linear = Literal["auto", "direct", "krylov"]
 # both take the same time at about 10 000; beyond it the margin is for using a factor again.
 DIRECT_LIMIT = {2: 2_000_000, 3: 20_000}
 ENDING = 0.1  # what a linear solve may leave, over what Newton's method may leave in the end
-CLOSEST = 1e-8  # share of the forces that no linear solve has to get below
 
 
 def linear_options(problem: Equilibrium, kind: Linear) -> dict[str, str | float | bool]:
@@ -179,7 +178,7 @@ class LinearSolver:
 
         ``on_path``: see :class:`tribox.app.implicit.linear_way.LinearWay`.
         """
-        self.way.aim(float(np.clip(ENDING * share, CLOSEST, LEFT)), on_path)
+        self.way.aim(float(np.clip(ENDING * share, self.way.closest, LEFT)), on_path)
 
     def forget_failure(self) -> bool:
         """Drop a factorisation that failed, over which the next solve would stumble.

@@ -9,6 +9,8 @@ from tribox.app.equilibrium.snapshot import Snapshot
 
 LEFT = 1e-3
 """Share of the forces that a solve may leave out of balance where nothing else is said."""
+CLOSEST = 1e-8
+"""Share of the forces that no linear solve has to get below, where a way says nothing else."""
 
 
 class LinearWay(Protocol):
@@ -21,6 +23,11 @@ class LinearWay(Protocol):
 
     direct: bool
     part: str
+
+    @property
+    def closest(self) -> float:
+        """Share of the forces that no solve has to get below: less is dearer than it saves."""
+        ...
 
     def kinds(self) -> str:
         """PETSc's names of the solver, for messages."""

@@ -9,7 +9,7 @@ from petsc4py import PETSc
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.snapshot import Snapshot
-from tribox.app.implicit.linear_way import petsc_kinds
+from tribox.app.implicit.linear_way import CLOSEST, petsc_kinds
 
 KRYLOV: dict[str, str | float | bool] = {
     "ksp_type": "fgmres",
@@ -41,11 +41,11 @@ class Multigrid:
     spaces, hardly change. Nor does a wider pattern matter to them.
 
     Attributes:
-        direct, part: see :class:`tribox.app.implicit.linear_way.LinearWay`.
+        direct, part, closest: see :class:`tribox.app.implicit.linear_way.LinearWay`.
         made: how often the preconditioner was made.
     """
 
-    direct, part = False, "preconditioner"
+    direct, part, closest = False, "preconditioner", CLOSEST
 
     def __init__(self, ksp: PETSc.KSP, matrix: PETSc.Mat, near: PETSc.NullSpace) -> None:
         """Solve by ``ksp`` with ``matrix``, whose near-nullspace is ``near``."""

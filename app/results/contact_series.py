@@ -37,7 +37,7 @@ class ContactSeries:
                 Cells.of_one_kind(self._facets.nodes, VTK_KINDS[self._facets.kind]),
                 Cells.of_one_kind(np.arange(count)[:, None], VERTEX),
             ]
-            self._pair = pack(self._facets.pair)
+            self._pair = pack(self._facets.pair, lasting=True)
 
     def write(self, step: int, time: float) -> None:
         """Write the last converged state.
@@ -65,7 +65,7 @@ class ContactSeries:
         flat = {name: with_three_components(v) if v.ndim > 1 else v for name, v in values.items()}
         position = flat.pop("position")
         if not fixed:
-            fixed.update({name: pack(flat[name]) for name in _FIXED if name in flat})
+            fixed.update({name: pack(flat[name], lasting=True) for name in _FIXED if name in flat})
         cells = self._cells[which]
         write_vtu(series.path(step), position, cells, {**flat, **fixed}, cell_data, time, step)
         series.add(step, time)

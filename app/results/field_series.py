@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import dolfinx
 import numpy as np
+from numpy.typing import NDArray
 
 from tribox.app.results.cell_strain import CellStrain
 from tribox.app.results.fields import ContactPressureField, StressField
@@ -15,20 +17,10 @@ from tribox.app.results.series import Series
 from tribox.app.results.vtu import Cells, pack, with_three_components, write_vtu
 from tribox.forms.bodies.point_stress import triaxiality
 from tribox.forms.bodies.solid import Solid
-from tribox.geometry.surfaces.facets import Floats
+from tribox.geometry.surfaces.facets import Floats, Ints
 from tribox.geometry.surfaces.surface import ContactSurface
 
-# Width of each array in the rows that are gathered of the cells; 0: a plain number.
-_CELL_ARRAYS = {
-    "cauchy_stress": 9,
-    "von_mises_stress": 0,
-    "pressure": 0,
-    "J": 0,
-    "max_stretch": 0,
-    "log_strain": 9,
-}
-# Further ones where a body flows.
-_OF_FLOW = {"equivalent_plastic_strain": 0, "triaxiality": 0, "thickness_strain": 0}
+Singles = NDArray[np.float32]
 
 
 class FieldSeries:
@@ -56,15 +48,14 @@ class FieldSeries:
         self._owned = space.dofmap.index_map.size_local
         self._stress = StressField(u, solids)
         self._strain = CellStrain(u, solids[0].section)
-        self._arrays = {**_CELL_ARRAYS, **(_OF_FLOW if self._stress.flows else {})}
         self._contact = ContactPressureField(u, surfaces) if surfaces else None
         self._mesh = GatheredMesh(space, np.concatenate([solid.cells for solid in solids]))
-        body = self._mesh.cellwise(_numbers(solids, space.mesh)[:, None])
+        body = self._mesh.cellwise(_numbers(solids, space.mesh))
         self.series: Series | None = None
         if self._comm.rank == 0:
             self.series = Series(directory, "fields", times)
             self._cells = Cells.of_one_kind(self._mesh.cells, self._mesh.kind)
-            self._body = pack(body[:, 0].astype(np.int32))
+            self._body = pack(body, lasting=True)
 
     def write(self, step: int, time: float, pressures: Sequence[Floats] = ()) -> None:
         """Write the present state.
@@ -75,7 +66,7 @@ class FieldSeries:
             pressures: Pa, (v,) at the vertices of each slave surface.
         """
         nodes = self._mesh.nodal(self._at_nodes(pressures))
-        cells = self._mesh.cellwise(self._in_cells())
+        cells = {name: self._mesh.cellwise(own) for name, own in self._in_cells().items()}
         if self.series is None:
             return
         displacement = with_three_components(nodes[:, : self._dim])
@@ -84,7 +75,7 @@ class FieldSeries:
             with_three_components(self._mesh.reference) + displacement,
             self._cells,
             {"displacement": displacement, "contact_pressure": nodes[:, self._dim]},
-            {"body": self._body, **_split(cells, self._arrays)},
+            {"body": self._body, **cells},
             time,
             step,
         )
@@ -99,30 +90,41 @@ class FieldSeries:
             out[:, self._dim] = self._contact.pressure.x.array[: self._owned]
         return out
 
-    def _in_cells(self) -> Floats:
-        """Stress, Pa, and strain (c, k) in this rank's own cells, as the arrays' widths say."""
+    def _in_cells(self) -> dict[str, Floats | Singles]:
+        """Stress, Pa, and strain (c,) or (c, 9) in this rank's own cells, by name.
+
+        In single precision, 7 digits, but for what is near 1 and of interest for its difference
+        from 1.
+        """
         self._stress.update()
         strain = self._strain.evaluate()
-        own = self._stress.own()
-        parts = [*own, strain.J, strain.max_stretch, strain.log_strain]
+        stress, mises, pressure = self._stress.own()
+        out: dict[str, Floats | Singles] = {
+            "cauchy_stress": _single(stress),
+            "von_mises_stress": _single(mises),
+            "pressure": _single(pressure),
+            "J": strain.J,
+            "max_stretch": strain.max_stretch,
+            "log_strain": _single(strain.log_strain),
+        }
         if self._stress.flows:
-            parts += [self._stress.own_plastic_strain(), triaxiality(own[0])]
-            parts.append(np.asarray(np.linalg.eigvalsh(strain.log_strain)[:, 0], dtype=np.float64))
-        return np.concatenate([part.reshape(len(strain.J), -1) for part in parts], axis=1)
+            thickness = np.linalg.eigvalsh(strain.log_strain)[:, 0]
+            out |= {
+                "equivalent_plastic_strain": _single(self._stress.own_plastic_strain()),
+                "triaxiality": _single(triaxiality(stress)),
+                "thickness_strain": _single(thickness),
+            }
+        return out
 
 
-def _numbers(solids: Sequence[Solid], mesh: dolfinx.mesh.Mesh) -> Floats:
+def _single(values: NDArray[np.floating[Any]]) -> Singles:
+    """Values (c, …) in single precision, tensors as rows of nine."""
+    return values.reshape(len(values), *([9] if values.ndim > 1 else [])).astype(np.float32)
+
+
+def _numbers(solids: Sequence[Solid], mesh: dolfinx.mesh.Mesh) -> Ints:
     """Number of the body of each of this rank's own cells (c,)."""
-    out = np.zeros(mesh.topology.index_map(mesh.topology.dim).size_local)
+    out = np.zeros(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)
     for number, solid in enumerate(solids):
         out[solid.cells] = number
-    return out
-
-
-def _split(rows: Floats, arrays: Mapping[str, int]) -> dict[str, Floats]:
-    """The arrays of cells by name, of the widths ``arrays``."""
-    out, at = {}, 0
-    for name, width in arrays.items():
-        out[name] = rows[:, at : at + width] if width else rows[:, at]
-        at += width or 1
     return out

@@ -6,12 +6,18 @@ Both are found once; afterwards values alone are gathered.
 
 from __future__ import annotations
 
+import math
+from typing import TypeVar
+
 import basix
 import dolfinx
 import numpy as np
 from mpi4py import MPI
+from numpy.typing import NDArray
 
 from tribox.geometry.surfaces.facets import Floats, Ints, Longs
+
+Number = TypeVar("Number", bound=np.generic)
 
 # Reference coordinates of the nodes of VTK's cells: corners, edges, faces, middle.
 _SQUARE = ((0, 0), (1, 0), (1, 1), (0, 1))
@@ -104,21 +110,22 @@ class GatheredMesh:
         """
         return gathered(self._comm, values)[self.node_order]
 
-    def cellwise(self, values: Floats) -> Floats:
-        """Values (c, k) of the cells of those (d, k) of all this rank has; as :meth:`nodal`."""
+    def cellwise(self, values: NDArray[Number]) -> NDArray[Number]:
+        """Values (c, …) of the cells of those (d, …) of all this rank has; as :meth:`nodal`."""
         return gathered(self._comm, values)[self._cell_order]
 
 
-def gathered(comm: MPI.Comm, values: Floats) -> Floats:
-    """Rows (n, k) of all ranks one after the other, on the first; none elsewhere; collective."""
+def gathered(comm: MPI.Comm, values: NDArray[Number]) -> NDArray[Number]:
+    """Rows (n, …) of all ranks one after the other, on the first; none elsewhere; collective."""
     if comm.size == 1:
         return values
-    values = np.ascontiguousarray(values, dtype=np.float64)
+    values = np.ascontiguousarray(values)
     counts = comm.gather(values.size)
     if counts is None:
         comm.Gatherv(values, None)
-        return np.empty((0, values.shape[1]))
-    out = np.empty((sum(counts) // values.shape[1], values.shape[1]))
+        return values[:0]
+    width = math.prod(values.shape[1:])
+    out = np.empty((sum(counts) // width, *values.shape[1:]), dtype=values.dtype)
     comm.Gatherv(values, [out, counts])
     return out
 

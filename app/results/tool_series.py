@@ -44,7 +44,7 @@ class ToolSeries:
         every = np.concatenate(cells).astype(np.int64)
         number = np.repeat(np.arange(len(cells), dtype=np.int32), [len(part) for part in cells])
         self._cells = Cells.of_one_kind(every, _KINDS[every.shape[1]])
-        self._number = pack(number)
+        self._number = pack(number, lasting=True)
 
     def write(self, step: int, time: float) -> None:
         """Write the tools at the displacement spread last.

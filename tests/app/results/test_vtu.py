@@ -89,6 +89,16 @@ def test_what_is_packed_once_is_written_as_it_is(tmp_path, arrays):
     assert (tmp_path / "a.vtu").read_bytes() == (tmp_path / "b.vtu").read_bytes()
 
 
+def test_zeros_and_what_lasts_are_compressed_and_digits_are_not():
+    digits = np.random.default_rng(4).random(20 * BLOCK)
+    few = np.where(digits < 0.01, digits, 0.0)
+    stored = len(pack(digits).data)
+    assert digits.nbytes < 0.75 * stored < 1.001 * digits.nbytes  # in base64
+    assert len(pack(few).data) < 0.1 * stored
+    rows = np.arange(len(digits))
+    assert len(pack(rows, lasting=True).data) < 0.3 * len(pack(rows).data)
+
+
 def test_a_file_that_cannot_be_finished_leaves_the_old_one(tmp_path, arrays):
     write(tmp_path / "a.vtu", arrays)
     before = (tmp_path / "a.vtu").read_bytes()

@@ -1,0 +1,130 @@
+"""A symmetric matrix factorised but for some of its unknowns, which are left to a dense matrix.
+
+With the unknowns i eliminated and the unknowns s left over, A x = b is (MUMPS, user's guide: Schur
+complement)
+
+    (A_ss − A_si A_ii⁻¹ A_is) x_s = b_s − A_si A_ii⁻¹ b_i,    A_ii x_i = b_i − A_is x_s.
+
+The dense matrix on the left may be exchanged as often as wanted: what couples the unknowns s among
+themselves, as contact does, costs no factorisation of A_ii. PETSc's functions for it, which
+petsc4py leaves out, are called in its library.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+from petsc4py import PETSc
+
+from tribox.app.implicit.factor import Factor
+from tribox.geometry.surfaces.facets import Floats, Ints
+
+_UNFACTORED, _FACTORED = 0, 1  # PETSc's MatFactorSchurStatus
+_POINTERS = {  # how many pointers each function takes
+    "MatFactorSetSchurIS": 2,
+    "MatFactorGetSchurComplement": 3,
+    "MatDenseGetArray": 2,
+    "MatDenseRestoreArray": 2,
+    "MatSetUnfactored": 1,
+    "MatLUFactor": 4,
+}
+
+
+@functools.cache
+def _petsc() -> ctypes.CDLL | None:
+    """PETSc's library; None where the functions needed are not found in it."""
+    try:
+        found = ctypes.CDLL(PETSc.__file__)  # a search there goes on in what it is linked to
+        for name, count in _POINTERS.items():
+            function = getattr(found, name)
+            function.argtypes, function.restype = count * [ctypes.c_void_p], ctypes.c_int
+        last = found.MatFactorRestoreSchurComplement
+        last.argtypes, last.restype = [*2 * [ctypes.c_void_p], ctypes.c_int], ctypes.c_int
+    except (OSError, AttributeError):
+        return None
+    return found
+
+
+def is_at_hand() -> bool:
+    """Whether this PETSc has what is needed."""
+    return np.dtype(PETSc.ScalarType) == np.float64 and _petsc() is not None
+
+
+def _call(name: str, *arguments: object) -> None:
+    code = getattr(_petsc(), name)(*arguments)
+    if code:
+        raise PETSc.Error(code)
+
+
+class SchurFactor(Factor):
+    """The factorisation of all unknowns but some; on one rank.
+
+    Attributes:
+        complement: (s, s), A_ss − A_si A_ii⁻¹ A_is of the last factorisation.
+    """
+
+    complement: Floats
+
+    def __init__(self, matrix: PETSc.Mat, left: Ints, prefix: str) -> None:
+        """Prepare to factorise ``matrix`` but for the unknowns ``left`` (s,).
+
+        Args:
+            matrix: symmetric, on one rank.
+            left: unknowns, rising.
+            prefix: of the options for MUMPS.
+        """
+        super().__init__(matrix, prefix, symmetric=True)
+        pc = self._ksp.getPC()
+        pc.setFactorSetUpSolverType()
+        self._inner = pc.getFactorMatrix()
+        self._size = len(left)
+        rows = PETSc.IS().createGeneral(left.astype(PETSc.IntType), comm=matrix.comm)
+        _call("MatFactorSetSchurIS", self._inner.handle, rows.handle)
+        rows.destroy()
+
+    def make(self) -> bool:
+        """Factorise the matrix as it is now; returns whether it could be done.
+
+        Solves are those with the matrix, until its dense part is exchanged.
+        """
+        if not super().make():
+            return False
+        with self._dense(_UNFACTORED) as (_, values):
+            self.complement = _mirrored(values)
+        self.exchange(self.complement)
+        return True
+
+    def exchange(self, dense: Floats) -> None:
+        """Solve from now on with another dense part (s, s)."""
+        with self._dense(_FACTORED) as (matrix, values):
+            values[:] = dense
+            _call("MatSetUnfactored", matrix)
+            _call("MatLUFactor", matrix, None, None, None)
+
+    @contextmanager
+    def _dense(self, status: int) -> Iterator[tuple[ctypes.c_void_p, Floats]]:
+        """The dense part, PETSc's and as an array, that is in this status afterwards."""
+        matrix, values = ctypes.c_void_p(), ctypes.POINTER(ctypes.c_double)()
+        by, handle = ctypes.byref, self._inner.handle
+        _call("MatFactorGetSchurComplement", handle, by(matrix), None)
+        _call("MatDenseGetArray", matrix, by(values))
+        try:
+            yield matrix, np.ctypeslib.as_array(values, (self._size, self._size)).T
+        finally:
+            _call("MatDenseRestoreArray", matrix, by(values))
+            _call("MatFactorRestoreSchurComplement", handle, by(matrix), status)
+
+
+def _mirrored(values: Floats) -> Floats:
+    """A symmetric matrix of which a triangle may be missing, whole."""
+    below, above = np.tril(values, -1), np.triu(values, 1)
+    if not above.any():
+        above = below.T
+    elif not below.any():
+        below = above.T
+    out: Floats = below + above + np.diag(np.diag(values))
+    return out
