@@ -67,11 +67,26 @@ def _of_contact(problem: Equilibrium) -> Bools:
     return out
 
 
+def _following(problem: Equilibrium, others: Ints) -> tuple[Ints, Ints]:
+    """Which of the others (m,) move with a platen's leading one, and that one; one rank."""
+    place = np.full(problem.owned, -1, dtype=np.int32)
+    place[others] = np.arange(len(others), dtype=np.int32)
+    pairs = [np.empty((2, 0), dtype=np.int32)]
+    for platen in problem.constraints.acting:
+        if platen.displacement is None:
+            leader = int(platen.all_dofs[0])
+            rows = platen.dofs[platen.dofs != leader]
+            pairs.append(np.stack([place[rows], np.full(len(rows), place[leader])]))
+    followers, leaders = np.concatenate(pairs, axis=1)
+    return followers, leaders
+
+
 class CondensedBodies:
     """Keeps the factorisations, and solves with them.
 
     Attributes:
         works: whether the stiff bodies could be factorised.
+        symmetric: whether the last bulk was that was to be factorised; none other is.
         worn: whether the next tangent's bulk is factorised; it is part of a restart.
         factorised: how often a bulk was.
     """
@@ -90,6 +105,7 @@ class CondensedBodies:
         self._c = np.nonzero(touched[self._kept])[0].astype(np.int32)
         self._s = np.nonzero(touched[self._others])[0].astype(np.int32)
         self._inside = np.delete(self._kept, self._c)
+        self._followers, self._leaders = _following(problem, self._others)
         K = bodies.tangent(problem)
         self._stiff = Factor(K, prefix, symmetric=True, solver=positive_solver(K.comm))
         self.works = self._stiff.make() and self._find_compliance(K)
@@ -104,7 +120,7 @@ class CondensedBodies:
         self._krylov: PETSc.KSP | None = None
         self._left, self._step = problem.new_vector(), problem.new_vector()
         self._image = problem.new_vector()
-        self.worn, self.factorised = True, 0
+        self.symmetric, self.worn, self.factorised = True, True, 0
 
     def _find_compliance(self, K: PETSc.Mat) -> bool:
         """F of the kept bodies, undeformed; returns whether it could be found."""
@@ -138,8 +154,7 @@ class CondensedBodies:
         assert self._factor is not None
         dense = self._factor.complement - self._compliance.stiffness()
         dense += ss.toarray()
-        self._factor.exchange(dense)
-        return True, anew
+        return self._factor.exchange(dense), anew
 
     def _extract(self, matrix: PETSc.Mat, widened: bool) -> None:
         """Take out the block of the other bodies, and what contact couples."""
@@ -169,9 +184,10 @@ class CondensedBodies:
         return out
 
     def _factorise(self) -> bool:
-        """Factorise the bulk of the others; returns whether it could be done, and is symmetric."""
+        """Factorise the bulk of the others; returns whether it is symmetric, and could be."""
         assert self._block is not None
-        if not _is_symmetric(self._bulk_of(self._block)):
+        self.symmetric = _is_symmetric(self._bulk_of(self._block))
+        if not self.symmetric:
             return False
         if self._factor is None:
             assert self._bulk is not None
@@ -181,13 +197,18 @@ class CondensedBodies:
         return not self.worn
 
     def _bulk_of(self, block: PETSc.Mat) -> PETSc.Mat:
-        """The block with nothing that couples s among themselves; its pattern stays."""
+        """The block without what couples s among themselves; its pattern stays.
+
+        Nor is there what ties unknowns to a platen's leading one: nothing else depends on them.
+        """
         ends, columns, values = block.getValuesCSR()
         rows = np.repeat(np.arange(len(ends) - 1, dtype=columns.dtype), np.diff(ends))
         surface = np.zeros(len(ends) - 1, dtype=bool)
         surface[self._s] = True
         within = surface[rows] & surface[columns]
-        values[within] = 0.0
+        follows = np.full(len(ends) - 1, -1, dtype=columns.dtype)
+        follows[self._followers] = self._leaders
+        values[within | (columns == follows[rows])] = 0.0
         keep = ~within | (rows == columns)
         if self._bulk is None:
             counts = np.bincount(rows[keep], minlength=len(ends) - 1)
@@ -281,7 +302,9 @@ class CondensedBodies:
     def precondition(self, b: PETSc.Vec, x: PETSc.Vec) -> None:
         """Solve with the bulk that was factorised and the contact of now."""
         assert self._factor is not None
-        x.array[:] = self._factor.solve(b.array_r)
+        found = x.array
+        found[:] = self._factor.solve(b.array_r)
+        found[self._followers] += found[self._leaders]
 
     def destroy(self) -> None:
         """Give the memory back."""

@@ -62,9 +62,12 @@ class Factor:
         self._ksp.setOperators(self._matrix)
         try:
             self._ksp.setUp()
+            works = int(self._ksp.getPC().getFailedReason()) == PETSc.PC.FailedReason.NOERROR
         except PETSc.Error:  # what CHOLMOD says of a matrix that is not positive
-            return False
-        return int(self._ksp.getPC().getFailedReason()) == PETSc.PC.FailedReason.NOERROR
+            works = False
+        if not works:
+            self._ksp.reset()  # or PETSc would say of the next that it worked, and do nothing
+        return works
 
     def solve(self, rhs: Floats) -> Floats:
         """The solution (n,) for a right-hand side (n,), owned rows each; collective."""
