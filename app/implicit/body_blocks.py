@@ -115,7 +115,7 @@ class BodyBlocks:
         """
         assert self._bodies is not None
         works, anew = self._bodies.make(self._matrix, widened)
-        if isinstance(self._bodies, BodyByBody) or self._bodies.symmetric:
+        if isinstance(self._bodies, BodyByBody) or self._bodies.bulk.symmetric:
             return works, anew
         self._bodies.destroy()
         bodies = kept_bodies(self._problem, self._stiff)
@@ -205,7 +205,7 @@ class BodyBlocks:
             "failures": self._failures,
             "given_up": self._given_up,
             "fallen": self._fallen,
-            "worn": isinstance(self._bodies, CondensedBodies) and self._bodies.worn,
+            "worn": isinstance(self._bodies, CondensedBodies) and self._bodies.bulk.worn,
         }
 
     def restore(self, kept: Snapshot, set_up: Callable[[], None]) -> None:
@@ -214,7 +214,7 @@ class BodyBlocks:
         set_up()
         self._failures = kept["failures"]
         if isinstance(self._bodies, CondensedBodies):
-            self._bodies.worn = kept["worn"]
+            self._bodies.bulk.worn = kept["worn"]
         if kept["fallen"]:
             self._fall_back()
 
