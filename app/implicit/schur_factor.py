@@ -103,7 +103,8 @@ class SchurFactor(Factor):
         if not super().make():
             self._inner = None
             return False
-        with self._dense(_UNFACTORED) as (_, values):
+        with self._dense(_UNFACTORED) as (matrix, values):
+            _call("MatSetUnfactored", matrix)
             self.complement = _mirrored(values)
         return True
 

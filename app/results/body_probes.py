@@ -8,9 +8,10 @@ import numpy as np
 from mpi4py import MPI
 
 from tribox.app.build.model import Model
+from tribox.app.results.cell_strain import strain_of
 from tribox.app.results.point_probes import AXES, components, reduced_rows
 from tribox.forms.bodies.deformation import BodyPoints
-from tribox.forms.bodies.point_stress import log_strain, mean_pressure, von_mises
+from tribox.forms.bodies.point_stress import mean_pressure, von_mises
 from tribox.forms.bodies.solid import Solid
 from tribox.geometry.surfaces.facets import Floats
 from tribox.geometry.surfaces.ordering import order_by_place
@@ -89,10 +90,12 @@ class _Body:
         centre = None
         if self._centre is not None:
             centre = np.tile(self._centre.deformation(u), (count, 1, 1))
-        F = F.reshape(shape)
-        sigma, strain = self._stress.cauchy(F, centre), log_strain(F)
+        # Component by component, each in one row of memory, all that follows is faster.
+        F = np.ascontiguousarray(F.reshape(shape).transpose(1, 2, 0)).transpose(2, 0, 1)
+        sigma, measures = self._stress.cauchy(F, centre), strain_of(F, dim)
+        strain = measures.log_strain
         place = (self._points.place + self._points.displacement(u)).reshape(-1, dim)
-        weight = self._points.weight.reshape(-1) * np.linalg.det(F)
+        weight = self._points.weight.reshape(-1) * measures.J
         mises = von_mises(sigma)
         parts = [np.ones(len(F)), *place.T]
         parts += [sigma[:, i, j] for _, i, j in tensor] + [mises, mean_pressure(sigma)]
@@ -101,7 +104,7 @@ class _Body:
         total = np.empty_like(local)
         comm.Allreduce(local, total, op=MPI.SUM)
         volume, means, energy = total[0], total[1:-1] / total[0], total[-1]
-        stretch = float(np.exp(np.linalg.eigvalsh(strain)[:, -1].max(initial=-np.inf)))
+        stretch = float(measures.max_stretch.max(initial=0.0))
         largest = comm.allreduce(stretch, op=MPI.MAX)
         reference = self._points.place.reshape(-1, dim)
         extreme, where = _largest(mises, reference, comm)

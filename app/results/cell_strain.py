@@ -28,6 +28,11 @@ class Strain:
     log_strain: Floats
 
 
+def strain_of(F: Floats, dim: int) -> Strain:
+    """The measures of deformation gradients (c, 3, 3) of a mesh in the plane or in space."""
+    return strain_in_plane(F) if dim == 2 else strain_in_space(F)
+
+
 class CellStrain:
     """Evaluates the deformation gradient F at the centres of this rank's own cells."""
 

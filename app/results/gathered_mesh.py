@@ -108,11 +108,11 @@ class GatheredMesh:
         Returns:
             On the first rank; on the others no row.
         """
-        return gathered(self._comm, values)[self.node_order]
+        return gathered(self._comm, values).take(self.node_order, axis=0)
 
     def cellwise(self, values: NDArray[Number]) -> NDArray[Number]:
         """Values (c, …) of the cells of those (d, …) of all this rank has; as :meth:`nodal`."""
-        return gathered(self._comm, values)[self._cell_order]
+        return gathered(self._comm, values).take(self._cell_order, axis=0)
 
 
 def gathered(comm: MPI.Comm, values: NDArray[Number]) -> NDArray[Number]:

@@ -26,7 +26,7 @@ from tribox.app.results.directory import written_whole
 
 Array = NDArray[Any]
 
-BLOCK = 1 << 15  # bytes compressed at a time; what VTK itself takes
+BLOCK = 1 << 20  # bytes in a block: zlib makes itself ready for each anew
 FEW = 0.25  # share of numbers other than zero below which an array is compressed
 _STORED, _QUICK, _SMALL = 0, 1, 6  # levels of zlib
 _TYPES = {"f4": "Float32", "f8": "Float64", "i4": "Int32", "i8": "Int64", "u1": "UInt8"}
@@ -37,11 +37,11 @@ class Packed:
     """An array as it stands in a file.
 
     Attributes:
-        data: header and compressed blocks, in base64; kind: VTK's name of the type.
+        data: header, and blocks, in base64; kind: VTK's name of the type.
         width: number of components, 0 of plain numbers.
     """
 
-    data: bytes
+    data: tuple[bytes, bytes]
     kind: str
     width: int
 
@@ -63,7 +63,7 @@ def pack(values: Array | Packed, *, lasting: bool = False) -> Packed:
     blocks = [zlib.compress(raw[at : at + BLOCK], level) for at in range(0, len(raw), BLOCK)]
     last = len(raw) - BLOCK * (len(blocks) - 1) if blocks else 0
     header = np.array([len(blocks), BLOCK, last, *map(len, blocks)], dtype=np.uint32)
-    data = base64.b64encode(header.tobytes()) + base64.b64encode(b"".join(blocks))
+    data = base64.b64encode(header.tobytes()), base64.b64encode(b"".join(blocks))
     width = values.shape[1] if values.ndim > 1 else 0
     return Packed(data, _TYPES[values.dtype.str[1:]], width)
 
@@ -152,7 +152,7 @@ def _write_group(stream: BinaryIO, tag: str, arrays: Mapping[str, Array | Packed
         width = f' NumberOfComponents="{packed.width}"' if packed.width else ""
         of = f'type="{packed.kind}" Name="{name}"{width} format="binary"'
         stream.write(f"        <DataArray {of}>".encode())
-        stream.write(packed.data)
+        stream.writelines(packed.data)
         stream.write(b"</DataArray>\n")
     stream.write(f"      </{tag}>\n".encode())
 

@@ -69,25 +69,44 @@ class PointStress:
     def cauchy(self, F: Floats, volumetric: Floats | None = None) -> Floats:
         """See :meth:`StressAt.cauchy`."""
         first, second = self._distortional, self._volumetric
-        return self._part(first, F) + self._part(second, F if volumetric is None else volumetric)
+        if volumetric is None:
+            return self._of([*first, *second], F)
+        return self._of(first, F) + self._of(second, volumetric)
 
     def plastic_strain(self) -> None:
         """None: the material does not flow."""
 
-    def _part(self, slopes: Sequence[Any], F: Floats) -> Floats:
-        """Cauchy stress (p, 3, 3) of one part of the energy, from its slopes."""
-        invariants = _space_invariants(F) if self._space else _plane_invariants(F)
+    def _of(self, slopes: Sequence[Any], F: Floats) -> Floats:
+        """Cauchy stress (p, 3, 3) of parts of the energy, from the three slopes of each."""
+        rows = np.ascontiguousarray(F.transpose(1, 2, 0))  # numpy is several times faster so
+        invariants = _space_invariants(rows) if self._space else _plane_invariants(rows)
         found = values_of(slopes, dict(zip(self._constants, invariants, strict=True)))
-        w = [np.broadcast_to(value, len(F))[:, None, None] for value in found]
-        b = F @ F.transpose(0, 2, 1)
-        volume = np.linalg.det(F)[:, None, None]
-        if self._space:
-            first = invariants[1][:, None, None]
-            parts = 2.0 * (w[1] + first * w[2]) * b - 2.0 * w[2] * (b @ b)
-            return np.asarray(w[0] * np.eye(3) + parts / volume)
-        in_plane, across = np.diag([1.0, 1.0, 0.0]), np.diag([0.0, 0.0, 1.0])
-        plane = invariants[0][:, None, None] * w[0] * in_plane + 2.0 * w[1] * (in_plane @ b)
-        return np.asarray((plane + invariants[2][:, None, None] * w[2] * across) / volume)
+        w = [sum(found[k::3]) for k in range(3)]
+        stress = _space_stress if self._space else _plane_stress
+        return stress(w, invariants, rows).transpose(2, 0, 1)
+
+
+def _space_stress(w: Sequence[Floats | float], invariants: Sequence[Floats], F: Floats) -> Floats:
+    """Cauchy stress (3, 3, p) of the slopes W_J, W_1 and W_2 at F (3, 3, p)."""
+    J, first, _ = invariants
+    b = np.einsum("ikp,jkp->ijp", F, F)
+    out = np.asarray(2.0 * (w[1] + first * w[2]) / J * b)
+    if np.any(w[2]):
+        out -= 2.0 * w[2] / J * np.einsum("ikp,kjp->ijp", b, b)
+    for i in range(3):
+        out[i, i] += w[0]
+    return out
+
+
+def _plane_stress(w: Sequence[Floats | float], invariants: Sequence[Floats], F: Floats) -> Floats:
+    """Cauchy stress (3, 3, p) of the slopes W_j, W_i and W_λ at F (3, 3, p)."""
+    plane, _, across = invariants
+    out = np.zeros_like(F)
+    out[:2, :2] = 2.0 * w[1] / (plane * across) * np.einsum("ikp,jkp->ijp", F[:2, :2], F[:2, :2])
+    for i in range(2):
+        out[i, i] += w[0] / across
+    out[2, 2] = w[2] / plane
+    return out
 
 
 def _of_invariants(variables: Sequence[Any], space: bool) -> Kinematics:
@@ -98,22 +117,17 @@ def _of_invariants(variables: Sequence[Any], space: bool) -> Kinematics:
     return plane_kinematics(None, PlanePart(stretch=third, J=first, I1=second))
 
 
-def _space_invariants(F: Floats) -> tuple[Floats, Floats, Floats]:
-    """J, I1 and I2 (p,): I2 is the sum of squares of all cofactors."""
-    x, y, z = F[:, 0], F[:, 1], F[:, 2]
-    cofactors = np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)])
-    return np.linalg.det(F), _square(F), _square(cofactors.transpose(1, 0, 2))
+def _space_invariants(F: Floats) -> Sequence[Floats]:
+    """J, I1 and I2 (p,) of F (3, 3, p): I2 is the sum of squares of all cofactors."""
+    x, y, z = F
+    cofactors = np.stack([np.cross(*pair, axis=0) for pair in ((y, z), (z, x), (x, y))])
+    return (x * cofactors[0]).sum(axis=0), (F**2).sum(axis=(0, 1)), (cofactors**2).sum(axis=(0, 1))
 
 
-def _square(A: Floats) -> Floats:
-    """A:A (p,) of tensors (p, i, j)."""
-    return np.asarray(np.einsum("pij,pij->p", A, A))
-
-
-def _plane_invariants(F: Floats) -> tuple[Floats, Floats, Floats]:
-    """Determinant and trace of C (p,) of the in-plane part, and the stretch across the plane."""
-    plane = F[:, :2, :2]
-    return np.linalg.det(plane), _square(plane), F[:, 2, 2]
+def _plane_invariants(F: Floats) -> Sequence[Floats]:
+    """Determinant and trace of C (p,) of the in-plane part of F (3, 3, p), stretch across it."""
+    (a, b), (c, d) = F[:2, :2]
+    return a * d - b * c, a**2 + b**2 + c**2 + d**2, F[2, 2]
 
 
 def log_strain(F: Floats) -> Floats:
@@ -126,13 +140,18 @@ def log_strain(F: Floats) -> Floats:
 
 def mean_pressure(stress: Floats) -> Floats:
     """−tr σ/3 (p,), Pa, of stresses (p, 3, 3)."""
-    return np.asarray(-np.einsum("pii->p", stress) / 3.0)
+    return np.asarray(-(stress[:, 0, 0] + stress[:, 1, 1] + stress[:, 2, 2]) / 3.0)
 
 
 def von_mises(stress: Floats) -> Floats:
-    """√(3/2 s:s) (p,), Pa, of stresses (p, 3, 3) with the deviator s."""
-    s = stress + mean_pressure(stress)[:, None, None] * np.eye(3)
-    return np.asarray(np.sqrt(1.5 * _square(s)))
+    """√(3/2 s:s) (p,), Pa, of symmetric stresses (p, 3, 3) with the deviator s.
+
+    √(½ Σ (σ_ii − σ_jj)² + 3 Σ σ_ij²), both sums over the three pairs of axes.
+    """
+    pairs = ((0, 1), (1, 2), (2, 0))
+    normal = sum((stress[:, i, i] - stress[:, j, j]) ** 2 for i, j in pairs)
+    shear = sum(stress[:, i, j] ** 2 for i, j in pairs)
+    return np.asarray(np.sqrt(0.5 * normal + 3.0 * shear))
 
 
 def triaxiality(stress: Floats) -> Floats:

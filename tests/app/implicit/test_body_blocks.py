@@ -154,7 +154,7 @@ def test_the_stiff_body_is_factorised_once_and_the_other_analysed_once(pair, by,
     assert [anew for _, _, anew in seen] == [True, False, False]
     assert any(widened for _, widened, _ in seen[1:])
     if by is CondensedBodies:
-        assert solver.way._bodies.factorised == 1
+        assert solver.way._bodies.bulk.factorised == 1
 
 
 # -- conditions -----------------------------------------------------------------------------------

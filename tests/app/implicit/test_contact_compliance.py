@@ -5,8 +5,9 @@ import pytest
 import scipy.sparse
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from petsc4py import PETSc
 
-from tribox.app.implicit.contact_compliance import ContactCompliance
+from tribox.app.implicit.contact_compliance import ContactCompliance, KeptCompliance
 
 
 def positive(rng, n):
@@ -43,7 +44,8 @@ class System:
         self.felt = np.nonzero(felt)[0]
         self.F = np.linalg.inv(self.K)[:c, :c]
         self.b_s, self.b_k = rng.normal(size=s), rng.normal(size=k)
-        self.made = ContactCompliance.of(self.F, self.A_sc, self.A_cs, self.N)
+        parts = (part.copy() for part in (self.A_sc, self.A_cs, self.N))
+        self.made = ContactCompliance.of(self.F, *parts)
 
     def whole(self):
         """The tangent of all, others first."""
@@ -108,7 +110,6 @@ def test_only_what_contact_couples_takes_part(system):
     """A place in the pattern that holds a zero is no contact."""
     np.testing.assert_array_equal(system.made.touched, system.felt)
     assert system.made.G.shape == 2 * (len(system.felt),)
-    np.testing.assert_array_equal(system.made.free, system.F[system.felt])
 
 
 def test_without_contact_the_bodies_know_nothing_of_each_other():
@@ -127,3 +128,46 @@ def test_a_spring_between_two_points_is_in_series_with_the_body():
     parts = [scipy.sparse.csr_matrix([[value]]) for value in (-k, -k, k)]
     made = ContactCompliance.of(np.array([[F]]), *parts)
     assert k - made.stiffness()[0, 0] == pytest.approx(k / (1.0 + k * F), rel=1e-14)
+
+
+def test_what_is_singular_has_no_numbers():
+    parts = [scipy.sparse.csr_matrix([[value]]) for value in (1.0, 1.0, -5.0)]
+    assert np.isnan(ContactCompliance.of(np.array([[0.2]]), *parts).G).all()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_factorisation_of_kept_bodies_gives_the_same(seed):
+    """Of forces inside the bodies only a solve with them tells."""
+    system = System(seed)
+    surface = np.array([1, 2, 4, 5], dtype=np.int32)
+    order = np.concatenate([surface, np.delete(np.arange(6), surface)])
+    K = np.zeros((6, 6))
+    K[np.ix_(order, order)] = system.K
+    matrix = PETSc.Mat().createAIJ((6, 6), csr=[*_csr(K)])
+    kept = KeptCompliance(matrix, surface, "kept_")
+    assert kept.works
+    b = system.b_k[np.argsort(order)]
+    np.testing.assert_allclose(kept.solve(b), np.linalg.solve(K, b), rtol=1e-10)
+    np.testing.assert_allclose(kept.alone(b, True), np.linalg.solve(K, b)[surface], rtol=1e-10)
+    outside = np.zeros(6)
+    outside[surface] = b[surface]
+    wanted = np.linalg.solve(K, outside)[surface]
+    np.testing.assert_allclose(kept.alone(b, False), wanted, rtol=1e-10)
+    own = scipy.sparse.csr_matrix(K[np.ix_(surface, surface)])
+    made = kept.against(system.A_sc, system.A_cs, system.N + own)
+    np.testing.assert_array_equal(made.touched, system.made.touched)
+    np.testing.assert_allclose(made.G, system.made.G, rtol=1e-9, atol=1e-12)
+    kept.destroy()
+
+
+def test_bodies_that_nothing_holds_cannot_be_kept():
+    K = np.array([[2.0, -2.0, 0.0], [-2.0, 3.0, -1.0], [0.0, -1.0, 1.0]])
+    matrix = PETSc.Mat().createAIJ((3, 3), csr=[*_csr(K)])
+    kept = KeptCompliance(matrix, np.array([0], dtype=np.int32), "kept_")
+    # Rounding may leave a pivot, and then a compliance that is no use to anyone.
+    assert not kept.works or np.abs(kept.alone(np.ones(3), False)).max() > 1e10
+
+
+def _csr(A):
+    whole = scipy.sparse.csr_matrix(A)
+    return whole.indptr, whole.indices, whole.data
