@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tribox.app.figures.style import Floats
+Floats = NDArray[np.float64]
 
 # Towards the eye: from the front (z), from the right (x), and from above (y).
 EYE = np.array([0.435, 0.375, 0.819]) / np.linalg.norm([0.435, 0.375, 0.819])
