@@ -201,11 +201,13 @@ class BodyBlocks:
 
     def snapshot(self) -> Snapshot:
         """See :class:`tribox.app.implicit.linear_way.LinearWay`."""
+        condensed = self._bodies if isinstance(self._bodies, CondensedBodies) else None
         return {
             "failures": self._failures,
             "given_up": self._given_up,
             "fallen": self._fallen,
-            "worn": isinstance(self._bodies, CondensedBodies) and self._bodies.bulk.worn,
+            "worn": condensed is not None and condensed.bulk.worn,
+            "renewed": condensed is not None and condensed.renewed and self._whole is None,
         }
 
     def restore(self, kept: Snapshot, set_up: Callable[[], None]) -> None:
@@ -215,6 +217,8 @@ class BodyBlocks:
         self._failures = kept["failures"]
         if isinstance(self._bodies, CondensedBodies):
             self._bodies.bulk.worn = kept["worn"]
+            if kept["renewed"]:
+                self._bodies.renew()
         if kept["fallen"]:
             self._fall_back()
 

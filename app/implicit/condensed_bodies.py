@@ -83,6 +83,7 @@ class CondensedBodies:
     Attributes:
         works: whether the stiff bodies could be factorised.
         bulk: the factorisation of the others.
+        renewed: whether that was made because the one before did not do for the tangent at hand.
     """
 
     def __init__(self, problem: Equilibrium, bodies: KeptBodies, prefix: str) -> None:
@@ -106,6 +107,7 @@ class CondensedBodies:
         self._pairs = ((s, s), (s, c), (c, s), (c, c))
         self._small: list[PETSc.Mat] = []  # what the tangent couples at these pairs
         self._tangent: PETSc.Mat | None = None
+        self.renewed = self._fits = False  # whether the bulk is that of the tangent
         self._block: PETSc.Mat | None = None  # of the others
         self._krylov: PETSc.KSP | None = None
         self._left, self._step = problem.new_vector(), problem.new_vector()
@@ -123,17 +125,34 @@ class CondensedBodies:
         Returns:
             Whether that worked, and whether nothing of an earlier tangent is in use.
         """
-        self._tangent = matrix
-        block = self._extract(matrix, widened)
-        anew = self.bulk.worn
-        if anew and not self.bulk.factorise(block):
-            return False, True
-        ss, sc, cs, cc = (sparse(part) for part in self._small)
+        self._tangent, self.renewed = matrix, False
+        self._extract(matrix, widened)
+        self._fits = self.bulk.worn
+        _, sc, cs, cc = (sparse(part) for part in self._small)
         self._compliance = self._stiff.against(sc, cs, cc)
-        return self.bulk.complete(ss.toarray() - self._compliance.stiffness()), anew
+        works = not self._fits or self._factorise()
+        return works and self._complete(), self._fits
 
-    def _extract(self, matrix: PETSc.Mat, widened: bool) -> PETSc.Mat:
-        """Take out what contact couples, and the block of the other bodies, which is returned."""
+    def renew(self) -> bool:
+        """Factorise the bulk of the tangent at hand, for this one only; returns whether it worked.
+
+        So a restart need not know of a third tangent beside the bulk's and the last.
+        """
+        self.renewed = self._fits = True
+        works = self._factorise() and self._complete()
+        self.bulk.worn = True
+        return works
+
+    def _factorise(self) -> bool:
+        assert self._block is not None
+        return self.bulk.factorise(self._block)
+
+    def _complete(self) -> bool:
+        """Put the contact of the tangent at hand in; returns whether that is regular."""
+        return self.bulk.complete(sparse(self._small[0]).toarray() - self._compliance.stiffness())
+
+    def _extract(self, matrix: PETSc.Mat, widened: bool) -> None:
+        """Take out the block of the other bodies, and what contact couples."""
         if self._block is None or widened:
             for old in (self._block, self._krylov, *self._small):
                 if old is not None:
@@ -141,11 +160,10 @@ class CondensedBodies:
             self._block = matrix.createSubMatrix(self._rows, self._rows)
             self._small = [matrix.createSubMatrix(*pair) for pair in self._pairs]
             self._krylov = self._new_krylov(self._block)
-            return self._block
+            return
         matrix.createSubMatrix(self._rows, self._rows, self._block)
         for pair, part in zip(self._pairs, self._small, strict=True):
             matrix.createSubMatrix(*pair, part)
-        return self._block
 
     def _new_krylov(self, block: PETSc.Mat) -> PETSc.KSP:
         """Flexible GMRES on the condensed system."""
@@ -168,6 +186,12 @@ class CondensedBodies:
         Returns:
             Whether it got there.
         """
+        if self._solve(b, x, share):
+            return True
+        return not self._fits and self.renew() and self._solve(b, x, share)
+
+    def _solve(self, b: PETSc.Vec, x: PETSc.Vec, share: float) -> bool:
+        """Solve with the bulk at hand; returns whether it got there."""
         assert self._tangent is not None
         b.copy(self._left)
         x.set(0.0)
@@ -187,7 +211,7 @@ class CondensedBodies:
             left, others = self._left.norm(), np.linalg.norm(self._left.array_r[self._others])
             if left <= share * norm and others <= most:
                 return True
-            if not left <= LESS * before:
+            if not left <= LESS * before or (iterations >= LIMIT and not self._fits):
                 break
             before = left
         self.bulk.worn = True

@@ -68,7 +68,8 @@ class KeptBulk:
             contact: the bodies' own part included.
         """
         assert self._factor is not None
-        return self._factor.exchange(self._factor.complement + contact)
+        dense = self._factor.complement + contact
+        return bool(np.isfinite(dense).all()) and self._factor.exchange(dense)
 
     def solve(self, rhs: Floats) -> Floats:
         """Displacements (n,), m, for forces (n,), N."""
