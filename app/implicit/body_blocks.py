@@ -101,11 +101,27 @@ class BodyBlocks:
             self._drop_whole()
         self._given_up = self._given_up or self._failures >= TOO_MANY
         if self._bodies is not None and not self._given_up:
-            self._works, anew = self._bodies.make(self._matrix, widened)
+            self._works, anew = self._make_bodies(widened)
         else:
             anew = self._whole is None or widened
             self._make_whole(anew)
         return anew or chosen
+
+    def _make_bodies(self, widened: bool) -> tuple[bool, bool]:
+        """Factorise by bodies; in turn from where the bulk is not symmetric: pressure that follows.
+
+        Returns:
+            Whether that worked, and whether nothing of earlier tangents is in use.
+        """
+        assert self._bodies is not None
+        works, anew = self._bodies.make(self._matrix, widened)
+        if isinstance(self._bodies, BodyByBody) or self._bodies.bulk.symmetric:
+            return works, anew
+        self._bodies.destroy()
+        bodies = kept_bodies(self._problem, self._stiff)
+        assert bodies is not None
+        self._bodies = BodyByBody(self._problem, bodies, self._prefix)
+        return self._bodies.make(self._matrix, True)
 
     def _choose(self) -> bool:
         """Choose the bodies that are kept, if that is to be done anew; returns whether it was."""
@@ -185,11 +201,13 @@ class BodyBlocks:
 
     def snapshot(self) -> Snapshot:
         """See :class:`tribox.app.implicit.linear_way.LinearWay`."""
+        condensed = self._bodies if isinstance(self._bodies, CondensedBodies) else None
         return {
             "failures": self._failures,
             "given_up": self._given_up,
             "fallen": self._fallen,
-            "worn": isinstance(self._bodies, CondensedBodies) and self._bodies.worn,
+            "worn": condensed is not None and condensed.bulk.worn,
+            "renewed": condensed is not None and condensed.renewed and self._whole is None,
         }
 
     def restore(self, kept: Snapshot, set_up: Callable[[], None]) -> None:
@@ -198,7 +216,9 @@ class BodyBlocks:
         set_up()
         self._failures = kept["failures"]
         if isinstance(self._bodies, CondensedBodies):
-            self._bodies.worn = kept["worn"]
+            self._bodies.bulk.worn = kept["worn"]
+            if kept["renewed"]:
+                self._bodies.renew()
         if kept["fallen"]:
             self._fall_back()
 

@@ -22,7 +22,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.implicit.factor import Factor
+from tribox.app.implicit.factor import Factor, positive_solver
 from tribox.app.implicit.kept_bodies import KeptBodies
 from tribox.geometry.surfaces.facets import Ints
 
@@ -54,7 +54,8 @@ class BodyByBody:
             prefix: of the options for MUMPS.
         """
         self._prefix = prefix
-        self._stiff = Factor(bodies.tangent(problem), prefix, symmetric=True)
+        K = bodies.tangent(problem)
+        self._stiff = Factor(K, prefix, symmetric=True, solver=positive_solver(K.comm))
         self.works = self._stiff.make()
         self._kept, self._others = bodies.dofs, bodies.others
         self._first = problem.first

@@ -5,10 +5,9 @@ contact. So:
 
 - Stiff bodies, of which one factorisation is kept, take part in a system for the others alone, by a
   small dense matrix (:mod:`tribox.app.implicit.contact_compliance`).
-- The others are factorised but for their unknowns s of contact
-  (:mod:`tribox.app.implicit.schur_factor`), and for several tangents: that of the bulk before, with
-  the contact of now, preconditions flexible GMRES on what is solved. It is exact for the tangent
-  that the bulk was factorised for: one iteration.
+- The others are factorised but for their unknowns s of contact, and for several tangents
+  (:mod:`tribox.app.implicit.kept_bulk`): the bulk of before, with the contact of now, preconditions
+  flexible GMRES on what is solved. It is exact for the tangent that was factorised: one iteration.
 
 What is left then is due to the kept bodies, whose tangent is that of the undeformed state. The pass
 is repeated until it is little. As contact enters dense matrices only, no pattern ever changes, and
@@ -21,15 +20,14 @@ from __future__ import annotations
 from weakref import ref
 
 import numpy as np
-import scipy.sparse
 from petsc4py import PETSc
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.matrix_values import values_in_place
-from tribox.app.implicit.contact_compliance import ContactCompliance
+from tribox.app.implicit.contact_compliance import KeptCompliance, sparse
 from tribox.app.implicit.kept_bodies import KeptBodies
-from tribox.app.implicit.schur_factor import SchurFactor, is_at_hand
-from tribox.geometry.surfaces.facets import Bools, Floats, Ints
+from tribox.app.implicit.kept_bulk import Followers, KeptBulk
+from tribox.app.implicit.schur_factor import is_at_hand
+from tribox.geometry.surfaces.facets import Bools, Ints
 
 CLOSE = 1e-5
 """Share of the forces that a solve may leave on the bodies that are not kept, and need not get
@@ -66,13 +64,26 @@ def _of_contact(problem: Equilibrium) -> Bools:
     return out
 
 
+def _followers(problem: Equilibrium, others: Ints) -> Followers:
+    """Of platens under a force, among the others."""
+    place = np.full(problem.owned, -1, dtype=np.int32)
+    place[others] = np.arange(len(others), dtype=np.int32)
+    pairs = [np.empty((2, 0), dtype=np.int32)]
+    for platen in problem.constraints.acting:
+        if platen.displacement is None:
+            leader = int(platen.all_dofs[0])
+            rows = platen.dofs[platen.dofs != leader]
+            pairs.append(np.stack([place[rows], np.full(len(rows), place[leader])]))
+    return Followers(*np.concatenate(pairs, axis=1))
+
+
 class CondensedBodies:
     """Keeps the factorisations, and solves with them.
 
     Attributes:
         works: whether the stiff bodies could be factorised.
-        worn: whether the next tangent's bulk is factorised; it is part of a restart.
-        factorised: how often a bulk was.
+        bulk: the factorisation of the others.
+        renewed: whether that was made because the one before did not do for the tangent at hand.
     """
 
     def __init__(self, problem: Equilibrium, bodies: KeptBodies, prefix: str) -> None:
@@ -83,30 +94,23 @@ class CondensedBodies:
             bodies: which are stiff.
             prefix: of the options for MUMPS.
         """
-        self._prefix = prefix
         self._kept, self._others = bodies.dofs, bodies.others
         touched = _of_contact(problem)
         self._c = np.nonzero(touched[self._kept])[0].astype(np.int32)
         self._s = np.nonzero(touched[self._others])[0].astype(np.int32)
         self._inside = np.delete(self._kept, self._c)
-        K = bodies.tangent(problem)
-        self._stiff = SchurFactor(K, self._c, prefix)
-        self.works = self._stiff.make()
-        if self.works:
-            self._F: Floats = np.linalg.inv(self._stiff.complement).astype(np.float64)
-            self._K_cc = _sparse(K)[self._c][:, self._c]
-        self._rows = _numbers(self._others)
-        s, c = _numbers(self._others[self._s]), _numbers(self._kept[self._c])
-        self._pairs = ((s, s), (s, c), (c, s), (c, c))
-        self._small: list[PETSc.Mat] = []  # what the tangent couples at these pairs
+        self._stiff = KeptCompliance(bodies.tangent(problem), self._c, prefix)
+        self.works = self._stiff.works
+        self.bulk = KeptBulk(self._s, _followers(problem, self._others), prefix)
+        every, s = _numbers(self._others), _numbers(self._others[self._s])
+        c = _numbers(self._kept[self._c])
+        self._pairs = ((every, every), (s, s), (s, c), (c, s), (c, c))
+        self._parts: list[PETSc.Mat] = []  # of the tangent, at these pairs
         self._tangent: PETSc.Mat | None = None
-        self._block: PETSc.Mat | None = None  # of the others
-        self._bulk: PETSc.Mat | None = None  # the same without s among themselves, as factorised
-        self._factor: SchurFactor | None = None
+        self.renewed = self._fits = False  # whether the bulk is that of the tangent
         self._krylov: PETSc.KSP | None = None
         self._left, self._step = problem.new_vector(), problem.new_vector()
         self._image = problem.new_vector()
-        self.worn, self.factorised = True, 0
 
     # -- factorisations -----------------------------------------------------------------------
 
@@ -120,32 +124,43 @@ class CondensedBodies:
         Returns:
             Whether that worked, and whether nothing of an earlier tangent is in use.
         """
-        self._tangent = matrix
+        self._tangent, self.renewed = matrix, False
         self._extract(matrix, widened)
-        anew = self.worn
-        if anew and not self._factorise():
-            return False, True
-        ss, sc, cs, cc = (_sparse(part) for part in self._small)
-        self._compliance = ContactCompliance.of(self._F, sc, cs, cc - self._K_cc)
-        assert self._factor is not None
-        dense = self._factor.complement - self._compliance.stiffness()
-        dense += ss.toarray()
-        self._factor.exchange(dense)
-        return True, anew
+        self._fits = self.bulk.worn
+        sc, cs, cc = (sparse(part) for part in self._parts[2:])
+        self._compliance = self._stiff.against(sc, cs, cc)
+        works = not self._fits or self._factorise()
+        return works and self._complete(), self._fits
+
+    def renew(self) -> bool:
+        """Factorise the bulk of the tangent at hand, for this one only; returns whether it worked.
+
+        So a restart need not know of a third tangent beside the bulk's and the last.
+        """
+        self.renewed = self._fits = True
+        works = self._factorise() and self._complete()
+        self.bulk.worn = True
+        return works
+
+    def _factorise(self) -> bool:
+        return self.bulk.factorise(self._parts[0])
+
+    def _complete(self) -> bool:
+        """Put the contact of the tangent at hand in; returns whether that is regular."""
+        own = sparse(self._parts[1]).toarray()
+        return self.bulk.complete(own - self._compliance.stiffness())
 
     def _extract(self, matrix: PETSc.Mat, widened: bool) -> None:
-        """Take out the block of the other bodies, and what contact couples."""
-        if self._block is None or widened:
-            for old in (self._block, self._krylov, *self._small):
-                if old is not None:
-                    old.destroy()
-            self._block = matrix.createSubMatrix(self._rows, self._rows)
-            self._small = [matrix.createSubMatrix(*pair) for pair in self._pairs]
-            self._krylov = self._new_krylov(self._block)
+        """Take out the block of the other bodies, and the entries at the unknowns of contact."""
+        if self._parts and not widened:
+            for pair, part in zip(self._pairs, self._parts, strict=True):
+                matrix.createSubMatrix(*pair, part)
             return
-        matrix.createSubMatrix(self._rows, self._rows, self._block)
-        for pair, part in zip(self._pairs, self._small, strict=True):
-            matrix.createSubMatrix(*pair, part)
+        for old in (self._krylov, *self._parts):
+            if old is not None:
+                old.destroy()
+        self._parts = [matrix.createSubMatrix(*pair) for pair in self._pairs]
+        self._krylov = self._new_krylov(self._parts[0])
 
     def _new_krylov(self, block: PETSc.Mat) -> PETSc.KSP:
         """Flexible GMRES on the condensed system."""
@@ -160,38 +175,6 @@ class CondensedBodies:
         self._x, self._b = block.createVecs()
         return out
 
-    def _factorise(self) -> bool:
-        """Factorise the bulk of the others; returns whether it could be done, and is symmetric."""
-        assert self._block is not None
-        if not _is_symmetric(self._bulk_of(self._block)):
-            return False
-        if self._factor is None:
-            assert self._bulk is not None
-            self._factor = SchurFactor(self._bulk, self._s, self._prefix)
-        self.worn = not self._factor.make()
-        self.factorised += 1
-        return not self.worn
-
-    def _bulk_of(self, block: PETSc.Mat) -> PETSc.Mat:
-        """The block with nothing that couples s among themselves; its pattern stays."""
-        ends, columns, values = block.getValuesCSR()
-        rows = np.repeat(np.arange(len(ends) - 1, dtype=columns.dtype), np.diff(ends))
-        surface = np.zeros(len(ends) - 1, dtype=bool)
-        surface[self._s] = True
-        within = surface[rows] & surface[columns]
-        values[within] = 0.0
-        keep = ~within | (rows == columns)
-        if self._bulk is None:
-            counts = np.bincount(rows[keep], minlength=len(ends) - 1)
-            starts = np.concatenate([[0], np.cumsum(counts)]).astype(PETSc.IntType)
-            self._bulk = PETSc.Mat().createAIJ(
-                block.getSizes(), csr=(starts, columns[keep], values[keep]), comm=block.comm
-            )
-            return self._bulk
-        with values_in_place(self._bulk) as here:
-            here[:] = values[keep]
-        return self._bulk
-
     # -- solution -----------------------------------------------------------------------------
 
     def solve(self, b: PETSc.Vec, x: PETSc.Vec, share: float) -> bool:
@@ -200,6 +183,12 @@ class CondensedBodies:
         Returns:
             Whether it got there.
         """
+        if self._solve(b, x, share):
+            return True
+        return not self._fits and self.renew() and self._solve(b, x, share)
+
+    def _solve(self, b: PETSc.Vec, x: PETSc.Vec, share: float) -> bool:
+        """Solve with the bulk at hand; returns whether it got there."""
         assert self._tangent is not None
         b.copy(self._left)
         x.set(0.0)
@@ -212,17 +201,17 @@ class CondensedBodies:
             if not before > 0.0:
                 return True
             iterations = self._pass(most)
-            self.worn |= number == 0 and iterations > WORN
+            self.bulk.worn |= number == 0 and iterations > WORN
             x.axpy(1.0, self._step)
             self._tangent.mult(self._step, self._image)
             self._left.axpy(-1.0, self._image)
             left, others = self._left.norm(), np.linalg.norm(self._left.array_r[self._others])
             if left <= share * norm and others <= most:
                 return True
-            if not left <= LESS * before:
+            if not left <= LESS * before or (iterations >= LIMIT and not self._fits):
                 break
             before = left
-        self.worn = True
+        self.bulk.worn = True
         return False
 
     def _pass(self, most: float) -> int:
@@ -232,26 +221,17 @@ class CondensedBodies:
             most: N, forces that may be left on the others.
         """
         forces, compliance = self._left.array_r, self._compliance
-        on_kept = forces[self._kept]
-        w = self._alone(on_kept, most)
+        on_kept, touched = forces[self._kept], compliance.touched
+        # The solve that ends the pass has those inside in any case.
+        stirred = np.linalg.norm(forces[self._inside]) > STIRRED * most
+        w = self._stiff.alone(on_kept, whole=bool(stirred))[touched]
         self._b.array[:] = forces[self._others]
         self._b.array[self._s] -= compliance.pull(w)
         iterations = self._solve_condensed(most)
-        x_s = self._x.array_r[self._s]
-        on_kept[self._c[compliance.touched]] -= compliance.load(w, x_s)
+        on_kept[self._c[touched]] -= compliance.load(w, self._x.array_r[self._s])
         self._step.array[self._others] = self._x.array_r
         self._step.array[self._kept] = self._stiff.solve(on_kept)
         return iterations
-
-    def _alone(self, forces: Floats, most: float) -> Floats:
-        """What forces (k,), N, on the kept bodies move their touched unknowns by without contact.
-
-        Forces inside them count where they are large only; the solve that ends the pass has all.
-        """
-        touched = self._compliance.touched
-        if np.linalg.norm(self._left.array_r[self._inside]) > STIRRED * most:
-            return np.asarray(self._stiff.solve(forces)[self._c[touched]])
-        return self._compliance.free @ forces[self._c]
 
     def _solve_condensed(self, most: float) -> int:
         """Solve for the others; returns the iterations."""
@@ -266,19 +246,16 @@ class CondensedBodies:
 
     def apply_condensed(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """The others' forces y (N) against displacements x (m), with what the kept ones give."""
-        assert self._block is not None
-        self._block.mult(x, y)
+        self._parts[0].mult(x, y)
         y.array[self._s] -= self._compliance.relief(x.array_r[self._s])
 
     def precondition(self, b: PETSc.Vec, x: PETSc.Vec) -> None:
         """Solve with the bulk that was factorised and the contact of now."""
-        assert self._factor is not None
-        x.array[:] = self._factor.solve(b.array_r)
+        x.array[:] = self.bulk.solve(b.array_r)
 
     def destroy(self) -> None:
         """Give the memory back."""
-        parts = (self._factor, self._stiff, self._bulk, self._block, self._krylov, *self._small)
-        for part in parts:
+        for part in (self._stiff, self.bulk, self._krylov, *self._parts):
             if part is not None:
                 part.destroy()
 
@@ -304,19 +281,3 @@ class _Condensed:
 
 def _numbers(unknowns: Ints) -> PETSc.IS:
     return PETSc.IS().createGeneral(unknowns.astype(PETSc.IntType), comm=PETSc.COMM_SELF)
-
-
-def _sparse(matrix: PETSc.Mat) -> scipy.sparse.csr_matrix:
-    ends, columns, values = matrix.getValuesCSR()
-    return scipy.sparse.csr_matrix((values, columns, ends), shape=matrix.getSize())
-
-
-def _is_symmetric(matrix: PETSc.Mat) -> bool:
-    """Whether a matrix and its transpose do the same to a vector of noise, to round-off."""
-    x, y = matrix.createVecs()
-    x.array[:] = np.random.default_rng(0).normal(size=x.getSize())
-    z = y.duplicate()
-    matrix.mult(x, y)
-    matrix.multTranspose(x, z)
-    z.axpy(-1.0, y)
-    return bool(z.norm() <= 1e-12 * y.norm())

@@ -22,10 +22,71 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 import scipy.sparse
+from petsc4py import PETSc
 
+from tribox.app.implicit.factor import Factor, positive_solver
+from tribox.app.implicit.schur_factor import SchurFactor
 from tribox.geometry.surfaces.facets import Floats, Ints
+
+
+class KeptCompliance:
+    """The factorisation of kept bodies, and their compliance where contact may touch them.
+
+    Attributes:
+        works: whether they could be factorised.
+    """
+
+    def __init__(self, K: PETSc.Mat, surface: Ints, prefix: str) -> None:
+        """Factorise the bodies.
+
+        Args:
+            K: (k, k), N/m, their stiffness without contact, on one rank.
+            surface: their unknowns c that contact may touch.
+            prefix: of the options for MUMPS.
+        """
+        self._surface = surface
+        self._factor = Factor(K, prefix, symmetric=True, solver=positive_solver(K.comm))
+        part = SchurFactor(K, surface, prefix)
+        self.works = self._factor.make() and part.make()
+        if self.works:
+            self._F: Floats = np.linalg.inv(part.complement).astype(np.float64)
+            self._own = sparse(K)[surface][:, surface]
+        part.destroy()
+
+    def against(
+        self,
+        of_others: scipy.sparse.csr_matrix,
+        on_kept: scipy.sparse.csr_matrix,
+        among: scipy.sparse.csr_matrix,
+    ) -> ContactCompliance:
+        """The answer to a tangent; see :meth:`ContactCompliance.of`.
+
+        Args:
+            of_others: A_sc, N/m.
+            on_kept: A_cs.
+            among: K + N, (c, c).
+        """
+        return ContactCompliance.of(self._F, of_others, on_kept, among - self._own)
+
+    def alone(self, forces: Floats, whole: bool) -> Floats:
+        """Displacements (c,), m, under forces (k,), N, without contact.
+
+        Args:
+            forces: on all unknowns.
+            whole: whether those inside the bodies count, which takes a solve.
+        """
+        if whole:
+            return np.asarray(self.solve(forces)[self._surface])
+        return np.asarray(self._F @ forces[self._surface])
+
+    def solve(self, forces: Floats) -> Floats:
+        """Displacements (k,), m, under forces (k,), N."""
+        return self._factor.solve(forces)
+
+    def destroy(self) -> None:
+        """Give the memory back."""
+        self._factor.destroy()
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +96,6 @@ class ContactCompliance:
     Attributes:
         touched: (m,) of the unknowns c those that contact couples in this tangent.
         of_others: (s, m) sparse, A_sc; on_kept: (m, s) sparse, A_cs; among: (m, m) sparse, N.
-        free: (m, c), F of the touched unknowns; F: (c, c).
         G: (m, m), m/N.
     """
 
@@ -43,7 +103,6 @@ class ContactCompliance:
     of_others: scipy.sparse.csr_matrix
     on_kept: scipy.sparse.csr_matrix
     among: scipy.sparse.csr_matrix
-    free: Floats
     G: Floats
 
     @classmethod
@@ -58,18 +117,19 @@ class ContactCompliance:
 
         Args:
             F: (c, c), m/N, symmetric.
-            of_others: (s, c), A_sc, N/m.
+            of_others: (s, c), A_sc, N/m; zeros are taken out of it, and of the next.
             on_kept: (c, s), A_cs.
             among: (c, c), N.
         """
+        of_others.eliminate_zeros()  # patterns have room for what contact may couple
+        on_kept.eliminate_zeros()
         m = _coupled(of_others, on_kept)
         of_others, on_kept, among = of_others[:, m], on_kept[m], among[m][:, m]
-        free = F[m]
-        square = np.ascontiguousarray(free[:, m])
+        square = F[np.ix_(m, m)]
         mixed = np.asarray((among.T @ square.T).T)
         mixed[np.diag_indices(len(m))] += 1.0
-        G = scipy.linalg.solve(mixed, square, check_finite=False) if len(m) else square
-        return cls(m, of_others, on_kept, among, free, G)
+        G: Floats = np.linalg.solve(mixed, square)
+        return cls(m, of_others, on_kept, among, G)
 
     def stiffness(self) -> Floats:
         """A_sc G A_cs (s, s), N/m: what the kept bodies take off the stiffness of contact."""
@@ -101,10 +161,14 @@ class ContactCompliance:
 
 
 def _coupled(of_others: scipy.sparse.csr_matrix, on_kept: scipy.sparse.csr_matrix) -> Ints:
-    """Kept unknowns (m,) that an entry couples with the others: patterns hold zeros as well."""
-    coupled = np.zeros(on_kept.shape[0], dtype=bool)
-    coupled[of_others.indices[of_others.data != 0.0]] = True
-    rows = np.repeat(np.arange(len(coupled)), np.diff(on_kept.indptr))
-    coupled[rows[on_kept.data != 0.0]] = True
+    """Kept unknowns (m,) that are coupled with the others."""
+    coupled = np.diff(on_kept.indptr) > 0
+    coupled[of_others.indices] = True
     out: Ints = np.nonzero(coupled)[0].astype(np.int32)
     return out
+
+
+def sparse(matrix: PETSc.Mat) -> scipy.sparse.csr_matrix:
+    """A copy of a matrix on one rank."""
+    ends, columns, values = matrix.getValuesCSR()
+    return scipy.sparse.csr_matrix((values, columns, ends), shape=matrix.getSize())

@@ -24,6 +24,7 @@ from tribox.app.implicit.factor import Factor
 from tribox.geometry.surfaces.facets import Floats, Ints
 
 _UNFACTORED, _FACTORED = 0, 1  # PETSc's MatFactorSchurStatus
+_ZERO_PIVOT = 71  # PETSc's PETSC_ERR_MAT_LU_ZRPVT
 _POINTERS = {  # how many pointers each function takes
     "MatFactorSetSchurIS": 2,
     "MatFactorGetSchurComplement": 3,
@@ -78,42 +79,58 @@ class SchurFactor(Factor):
             prefix: of the options for MUMPS.
         """
         super().__init__(matrix, prefix, symmetric=True)
+        self._prefix, self._left = prefix, left.astype(PETSc.IntType)
+        self._inner: PETSc.Mat | None = None  # PETSc's factorisation
+
+    def _prepare(self) -> PETSc.Mat:
+        """A factorisation that is to leave unknowns over."""
+        self._ksp.setOperators(self._matrix)
         pc = self._ksp.getPC()
         pc.setFactorSetUpSolverType()
-        self._inner = pc.getFactorMatrix()
-        self._size = len(left)
-        rows = PETSc.IS().createGeneral(left.astype(PETSc.IntType), comm=matrix.comm)
-        _call("MatFactorSetSchurIS", self._inner.handle, rows.handle)
+        inner = pc.getFactorMatrix()
+        inner.setOptionsPrefix(self._prefix)  # PETSc does so only where it is made later
+        rows = PETSc.IS().createGeneral(self._left, comm=self._matrix.comm)
+        _call("MatFactorSetSchurIS", inner.handle, rows.handle)
         rows.destroy()
+        return inner
 
     def make(self) -> bool:
         """Factorise the matrix as it is now; returns whether it could be done.
 
-        Solves are those with the matrix, until its dense part is exchanged.
+        Before it solves it wants a dense part: its own may be singular.
         """
+        self._inner = self._inner or self._prepare()
         if not super().make():
+            self._inner = None
             return False
-        with self._dense(_UNFACTORED) as (_, values):
+        with self._dense(_UNFACTORED) as (matrix, values):
+            _call("MatSetUnfactored", matrix)
             self.complement = _mirrored(values)
-        self.exchange(self.complement)
         return True
 
-    def exchange(self, dense: Floats) -> None:
-        """Solve from now on with another dense part (s, s)."""
+    def exchange(self, dense: Floats) -> bool:
+        """Solve from now on with this dense part (s, s); returns whether it is regular."""
         with self._dense(_FACTORED) as (matrix, values):
             values[:] = dense
             _call("MatSetUnfactored", matrix)
-            _call("MatLUFactor", matrix, None, None, None)
+            try:
+                _call("MatLUFactor", matrix, None, None, None)
+            except PETSc.Error as error:
+                if error.ierr != _ZERO_PIVOT:
+                    raise
+                return False
+        return True
 
     @contextmanager
     def _dense(self, status: int) -> Iterator[tuple[ctypes.c_void_p, Floats]]:
         """The dense part, PETSc's and as an array, that is in this status afterwards."""
         matrix, values = ctypes.c_void_p(), ctypes.POINTER(ctypes.c_double)()
-        by, handle = ctypes.byref, self._inner.handle
+        assert self._inner is not None
+        by, handle, size = ctypes.byref, self._inner.handle, len(self._left)
         _call("MatFactorGetSchurComplement", handle, by(matrix), None)
         _call("MatDenseGetArray", matrix, by(values))
         try:
-            yield matrix, np.ctypeslib.as_array(values, (self._size, self._size)).T
+            yield matrix, np.ctypeslib.as_array(values, (size, size)).T
         finally:
             _call("MatDenseRestoreArray", matrix, by(values))
             _call("MatFactorRestoreSchurComplement", handle, by(matrix), status)

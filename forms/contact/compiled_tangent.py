@@ -303,8 +303,9 @@ class CompiledTangent:
             right, columns = self._completed(right)
             of_column = _packed(entries.first(columns), np.int32)
         made, _kept = _entries(entries, first, of_column)
-        counts = len(nodes) + 1, len(left.node), len(left.node), len(columns), len(columns)
+        counts = len(nodes) + 1, len(left.node), len(left.node), len(columns)
         scratch = [np.empty(count, dtype=np.int64) for count in counts]
+        node_of, right_node = _one_each(of_column, len(entries.indptr) - 1, right.node)
         sums, area = np.empty((len(columns), 3, 4)), _packed(area)
         padded = np.zeros((len(right.node), 4))
         padded[:, :3] = right.data
@@ -312,8 +313,8 @@ class CompiledTangent:
             self._code.tribox_add_product(
                 *(ctypes.byref(made), ctypes.c_int64(vertices.count), _at(area)),
                 *(ctypes.c_int64(len(nodes)), *map(_at, (left.indptr, left.node, left.data))),
-                *(ctypes.c_int64(len(columns)), *map(_at, (right.indptr, right.node, padded))),
-                *(*map(_at, scratch), _at(sums)),
+                *(ctypes.c_int64(len(columns)), *map(_at, (right.indptr, right_node, padded))),
+                *(*map(_at, scratch), _at(node_of), _at(sums)),
             )
         )
         outside = first < 0, of_column < 0
@@ -335,6 +336,25 @@ class CompiledTangent:
         blocks = whole.tobsr(blocksize=(1, surface.dim))
         indptr, node = (_packed(a, np.int64) for a in (blocks.indptr, blocks.indices))
         return NodeRows(indptr, node, _packed(blocks.data.reshape(-1, surface.dim))), columns
+
+
+def _one_each(of_column: Ints, count: int, node: Longs) -> tuple[Ints, Longs]:
+    """One number for each node of ``of_column`` (n,), which may hold some of them twice.
+
+    Args:
+        of_column: first of their unknowns in a matrix, −1 of nodes that are not in it.
+        count: columns of the matrix.
+        node: (e,) numbers of nodes.
+
+    Returns:
+        The node (c,) that begins at each of the matrix's columns, −1 elsewhere; and ``node`` so.
+    """
+    there = np.nonzero(of_column >= 0)[0]
+    node_of = np.full(count, -1, dtype=np.int32)
+    node_of[of_column[there]] = there
+    number = np.arange(len(of_column))
+    number[there] = node_of[of_column[there]]
+    return node_of, number[node]
 
 
 def _packed(array: Any, kind: Any = np.float64) -> Any:

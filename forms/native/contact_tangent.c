@@ -364,12 +364,11 @@ INLINE int32_t place_from(const Entries *e, int32_t low, int32_t end, int32_t co
     return size == 1 && e->indices[low] == column ? low : -1;
 }
 
-/* Add the numbers (i, j) of a row node and a column node, looked for from the place `from` on;
- * `step` from row to row. Returns the place, -1 where the matrix has no room for them. */
-INLINE int32_t add_numbers(const Entries *e, int32_t row, int32_t column, int32_t from,
-                           const double *x, int64_t step)
+/* Add the numbers (i, j) of a row node and a column node, whose place in the first row is known;
+ * `step` from row to row. Returns 0 where the matrix has no room for them. */
+INLINE int add_at(const Entries *e, int32_t row, int32_t column, int32_t first, const double *x,
+                  int64_t step)
 {
-    const int32_t first = place_from(e, from, e->indptr[row + 1], column);
     for (int i = 0; i < DIM; ++i) {
         int32_t place = first, end = e->indptr[row + i + 1];
         if (i) { /* most rows of a node have the same columns */
@@ -378,11 +377,19 @@ INLINE int32_t add_numbers(const Entries *e, int32_t row, int32_t column, int32_
                 place = place_from(e, e->indptr[row + i], end, column);
         }
         if (place < 0 || place + 2 >= end || e->indices[place + 2] != column + 2)
-            return -1;
+            return 0;
         for (int j = 0; j < DIM; ++j)
             e->values[place + j] += x[i * step + j];
     }
-    return first;
+    return 1;
+}
+
+/* The same, looked for from the place `from` on. Returns the place, -1 where there is no room. */
+INLINE int32_t add_numbers(const Entries *e, int32_t row, int32_t column, int32_t from,
+                           const double *x, int64_t step)
+{
+    const int32_t first = place_from(e, from, e->indptr[row + 1], column);
+    return first >= 0 && add_at(e, row, column, first, x, step) ? first : -1;
 }
 
 /* Add rows [low, high) of a block, columns of the nodes in `sorted` (count). */
@@ -544,15 +551,16 @@ void tribox_vertex_rows(const Pair *p, int64_t points, const int64_t *take,
 typedef double four __attribute__((vector_size(32), aligned(8)));
 
 /* Add sum_A L_A R_A^T / m_A. L and R have rows of vertices A with entries (…, i) at nodes, R with
- * a zero after each three; `area` (v); `by_node` (rows + 1), `vertex` and `entry` (entries of L)
- * scratch, and of the columns `seen`, `touched` and sums (i, j and a zero). Nodes that are not in
- * the matrix are left out. Returns 1 where it has no room. */
+ * a zero after each three; `area` (v); `node_of` the columns of the matrix, -1 but for the first of
+ * a node; `by_node` (rows + 1), `vertex` and `entry` (entries of L) scratch, and of the columns
+ * `seen` and sums (i, j and a zero). Nodes that are not in the matrix are left out. Returns 1 where
+ * it has no room. */
 EXPORT int tribox_add_product(const Entries *e, int64_t vertices, const double *area,
                               int64_t rows, const int64_t *left, const int64_t *left_node,
                               const double *left_data, int64_t columns, const int64_t *right,
                               const int64_t *right_node, const double *right_data,
                               int64_t *by_node, int64_t *vertex, int64_t *entry, int64_t *seen,
-                              int64_t *touched, double *sum)
+                              const int32_t *node_of, double *sum)
 {
     memset(by_node, 0, sizeof(int64_t) * (rows + 1));
     for (int64_t k = 0; k < left[vertices]; ++k)
@@ -567,9 +575,12 @@ EXPORT int tribox_add_product(const Entries *e, int64_t vertices, const double *
     for (int64_t n = 0; n < columns; ++n)
         seen[n] = -1;
     for (int64_t n = 0; n < rows; ++n) {
-        int64_t count = 0;
+        const int32_t row = e->row_first[n];
         const int64_t begin = n ? by_node[n - 1] : 0;
-        for (int64_t at = begin; at < by_node[n] && e->row_first[n] >= 0; ++at) {
+        int64_t count = 0;
+        if (row < 0)
+            continue;
+        for (int64_t at = begin; at < by_node[n]; ++at) {
             const int64_t v = vertex[at];
             const double *l = left_data + DIM * entry[at], over = 1.0 / area[v];
             const double one = over * l[0], two = over * l[1], three = over * l[2];
@@ -577,7 +588,7 @@ EXPORT int tribox_add_product(const Entries *e, int64_t vertices, const double *
                 const int64_t column = right_node[k];
                 if (seen[column] != n) {
                     seen[column] = n;
-                    touched[count++] = column;
+                    count += e->column_first[column] >= 0;
                     memset(sum + 4 * DIM * column, 0, sizeof(double) * 4 * DIM);
                 }
             }
@@ -587,13 +598,17 @@ EXPORT int tribox_add_product(const Entries *e, int64_t vertices, const double *
                 x[0] += one * r, x[1] += two * r, x[2] += three * r;
             }
         }
-        for (int64_t k = 0; k < count; ++k) {
-            const int32_t column = e->column_first[touched[k]];
-            const int32_t row = e->row_first[n];
-            const double *x = sum + 4 * DIM * touched[k];
-            if (column >= 0 && add_numbers(e, row, column, e->indptr[row], x, 4) < 0)
+        /* So many columns are touched that going along the row is faster than searching it. */
+        for (int32_t place = e->indptr[row]; count && place < e->indptr[row + 1]; ++place) {
+            const int32_t column = e->indices[place], node = node_of[column];
+            if (node < 0 || seen[node] != n)
+                continue;
+            if (!add_at(e, row, column, place, sum + 4 * DIM * node, 4))
                 return 1;
+            --count;
         }
+        if (count)
+            return 1;
     }
     return 0;
 }

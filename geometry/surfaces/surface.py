@@ -266,8 +266,10 @@ class ContactSurface:
         The current tangents t_α = T_α + ∂u/∂T_α span the area |t_1| or |t_1 × t_2|; a ring also
         grows by r/R.
         """
-        grad = np.einsum("qba,qai->qbi", self.slave.shape_derivative, displacement)
-        now = self.slave.tangents + grad
+        now = self.slave.tangents.copy()
+        slope = self.slave.shape_derivative
+        for a in range(slope.shape[2]):  # few; a sum over all at once takes ten times as long
+            now += slope[:, :, a, None] * displacement[:, None, a]
         ratio: Floats = _measure(now)
         if self.axisymmetric:
             ratio *= self.slave_positions(displacement)[:, 0] / self.slave.position[:, 0]
@@ -279,7 +281,9 @@ def _measure(tangents: Floats) -> Floats:
     if tangents.shape[1] == 1:
         out: Floats = np.linalg.norm(tangents[:, 0], axis=1)
         return out
-    return np.linalg.norm(np.cross(tangents[:, 0], tangents[:, 1]), axis=1)
+    (x, y, z), (u, v, w) = tangents.transpose(1, 2, 0)
+    area: Floats = np.sqrt((y * w - z * v) ** 2 + (z * u - x * w) ** 2 + (x * v - y * u) ** 2)
+    return area
 
 
 def _master_and_target(

@@ -180,3 +180,11 @@ def test_a_structure_of_another_size_is_refused(monkeypatch):
     monkeypatch.setattr(compiled_tangent, "_Pair", Short)
     with pytest.raises(RuntimeError, match="structure Pair is not that of"):
         CompiledTangent(scene.surface, library(compiled_tangent.SOURCE))
+
+
+def test_a_node_named_twice_has_one_number():
+    """As nodes do that slave and master share, or that two ranks know."""
+    of_column = np.array([3, -1, 0, 3], dtype=np.int32)
+    node_of, nodes = compiled_tangent._one_each(of_column, 6, np.array([0, 1, 2, 3, 0]))
+    np.testing.assert_array_equal(node_of, [2, -1, -1, 3, -1, -1])
+    np.testing.assert_array_equal(nodes, [3, 1, 2, 3, 3])
