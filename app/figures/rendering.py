@@ -11,6 +11,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -58,8 +59,19 @@ def _child(directory: Path, count: int) -> bool:
     return done.returncode == 0 and all((directory / f"{k}.png").is_file() for k in range(count))
 
 
+def _lacks_display() -> bool:
+    """Whether VTK would render to a display, and there is none: it would end the process then."""
+    if os.environ.get("DISPLAY"):
+        return False
+    import_module("vtkmodules.vtkRenderingOpenGL2")  # the windows that there are
+    window = import_module("vtkmodules.vtkRenderingCore").vtkRenderWindow()
+    return "XOpenGL" in type(window).__name__
+
+
 def _render_files(directory: Path, count: int) -> None:
     """What the child does."""
+    if _lacks_display():
+        sys.exit(1)
     import pyvista
 
     for number in range(count):

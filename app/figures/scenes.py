@@ -1,6 +1,6 @@
 """Bodies in space as a picture: the camera, and a renderer of its own that needs no display.
 
-Axis letters: n nodes, f facets, a corners, i space, s samples of a facet.
+Axis letters: n nodes, f facets, a corners, i space, t triangles, r rows of pixels in triangles.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tribox.app.figures.style import Floats
+Floats = NDArray[np.float64]
 
 # Towards the eye: from the front (z), from the right (x), and from above (y).
 EYE = np.array([0.435, 0.375, 0.819]) / np.linalg.norm([0.435, 0.375, 0.819])
@@ -22,8 +22,8 @@ MARGIN = 0.03  # round the frame, of its longer side
 AMBIENT = 0.62  # brightness of a facet that is turned away from the light
 EDGE, OUTLINE = 0.72, 0.35  # brightness of the lines between facets, and round bodies
 EDGES_SHOWN = 20_000  # facets beyond which the lines between them are left out
-DENSITY = 1.5  # samples per pixel in each direction of a facet
-CHUNK = 4_000_000  # samples at a time
+CHUNK = 4_000_000  # pixels of facets at a time
+SHARED = 1e-6  # pixels, by which triangles are wider: a common side is of both
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,43 +69,84 @@ class Scene:
 def facets_seen(scene: Scene) -> NDArray[np.int64]:
     """The facet (h, w) that each pixel shows, from the top row on; −1 where there is none.
 
-    Every facet is sampled more densely than there are pixels; the sample nearest to the eye wins.
+    Of all facets at the middle of a pixel the one nearest to the eye wins.
     """
     width, height = scene.size
     low, _ = scene.window
     corners = scene.position[scene.polygons]
     flat = (corners @ np.stack([RIGHT, UP]).T - low) / scene.pixel
-    depth = corners @ EYE
+    parts = [[0, k, k + 1] for k in range(1, corners.shape[1] - 1)]  # triangles of a facet
+    places = flat[:, parts].reshape(-1, 3, 2)
+    facet = np.repeat(np.arange(len(flat)), len(parts))
+    origin, slopes = _depths(places, (corners @ EYE)[:, parts].reshape(-1, 3))
+    triangle, row, first, count = _spans(places, width, height)
     image = np.full(width * height, -1, dtype=np.int64)
     nearest = np.full(width * height, -np.inf)
-    extent = np.ptp(flat, axis=1).max(axis=1)
-    counts = 2 ** np.ceil(np.log2(np.maximum(DENSITY * extent, 1.0))).astype(np.int64) + 1
-    for count in np.unique(counts):
-        weights = _weights(int(count), corners.shape[1])
-        some = np.flatnonzero(counts == count)
-        for part in np.array_split(some, -(-len(some) * len(weights) // CHUNK)):
-            place = np.einsum("sa,fai->fsi", weights, flat[part])
-            away = np.einsum("sa,fa->fs", weights, depth[part]).reshape(-1)
-            column, row = np.floor(place).astype(np.int64).reshape(-1, 2).T
-            at = (height - 1 - row) * width + column
-            inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-            facet = np.repeat(part, len(weights))
-            order = np.argsort(away)
-            order = order[inside[order]]
-            order = order[away[order] > nearest[at[order]]]
-            image[at[order]] = facet[order]  # of several for one pixel the last stays: the nearest
-            nearest[at[order]] = away[order]
+    chunk = np.cumsum(count) // CHUNK
+    for part in np.split(np.arange(len(row)), np.flatnonzero(np.diff(chunk)) + 1):
+        many = count[part]
+        of = np.repeat(triangle[part], many)
+        column = np.repeat(first[part] - np.cumsum(many) + many, many) + np.arange(len(of))
+        line = np.repeat(row[part], many)
+        at = (height - 1 - line) * width + column
+        depth = origin[of] + slopes[of, 0] * column + slopes[of, 1] * line
+        np.maximum.at(nearest, at, depth)
+        shown = depth == nearest[at]
+        image[at[shown]] = facet[of[shown]]
     return image.reshape(height, width)
 
 
-def _weights(count: int, corners: int) -> Floats:
-    """Weights (s, a) of the corners at a grid of samples over a facet."""
-    u, v = (g.reshape(-1) for g in np.meshgrid(*2 * [np.linspace(0.0, 1.0, count)]))
-    if corners == 3:
-        below = u + v <= 1.0 + 1e-12
-        u, v = u[below], v[below]
-        return np.stack([1.0 - u - v, u, v], axis=1)
-    return np.stack([(1 - u) * (1 - v), u * (1 - v), u * v, (1 - u) * v], axis=1)
+def _depths(places: Floats, depth: Floats) -> tuple[Floats, Floats]:
+    """Depth (t,) at the middle of pixel 0, 0, and its growth (t, 2) from pixel to pixel.
+
+    Args:
+        places: (t, 3, 2) corners of triangles, in pixels.
+        depth: (t, 3) there.
+    """
+    sides, rise = places[:, 1:] - places[:, :1], depth[:, 1:] - depth[:, :1]
+    twice = sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]
+    over = np.divide(1.0, twice, out=np.zeros_like(twice), where=twice != 0.0)
+    along = (rise[:, 0] * sides[:, 1, 1] - rise[:, 1] * sides[:, 0, 1]) * over
+    up = (rise[:, 1] * sides[:, 0, 0] - rise[:, 0] * sides[:, 1, 0]) * over
+    slopes = np.stack([along, up], axis=1)
+    return depth[:, 0] + ((0.5 - places[:, 0]) * slopes).sum(axis=1), slopes
+
+
+def _spans(
+    places: Floats, width: int, height: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """The pixels in triangles, row by row: triangle, row, first column and number of columns (r,).
+
+    Args:
+        places: (t, 3, 2) corners, in pixels.
+        width: of the picture.
+        height: likewise.
+    """
+    y = places[:, :, 1]
+    lowest = np.maximum(np.ceil(y.min(axis=1) - 0.5), 0.0).astype(np.int64)
+    highest = np.minimum(np.floor(y.max(axis=1) - 0.5), height - 1.0).astype(np.int64)
+    rows = np.maximum(highest - lowest + 1, 0)
+    triangle = np.repeat(np.arange(len(places)), rows)
+    row = np.repeat(lowest - np.cumsum(rows) + rows, rows) + np.arange(len(triangle))
+    left: Floats = np.full(len(row), -np.inf)
+    right: Floats = np.full(len(row), np.inf)
+    for k in range(3):
+        here, there, other = (places[:, (k + m) % 3] for m in range(3))
+        side = there - here
+        level = side[:, 1] == 0.0
+        slope = np.divide(side[:, 0], side[:, 1], out=np.zeros(len(side)), where=~level)
+        where = here[triangle, 0] + slope[triangle] * (row + 0.5 - here[triangle, 1])
+        # The triangle lies to the right of a side that its third corner lies to the right of.
+        beyond = other[:, 0] - here[:, 0] - slope * (other[:, 1] - here[:, 1])
+        begins, ends = (beyond > 0.0) & ~level, (beyond < 0.0) & ~level
+        left = np.where(begins[triangle], np.maximum(left, where), left)
+        right = np.where(ends[triangle], np.minimum(right, where), right)
+    first = np.maximum(np.ceil(left - 0.5 - SHARED), 0.0)
+    last = np.minimum(np.floor(right - 0.5 + SHARED), width - 1.0)
+    some = last >= first  # false of triangles without area, which have no sides
+    some &= np.isfinite(left) & np.isfinite(right)
+    count = (last - first)[some].astype(np.int64) + 1
+    return triangle[some], row[some], first[some].astype(np.int64), count
 
 
 def rendered(scene: Scene, seen: NDArray[np.int64]) -> NDArray[np.uint8]:

@@ -83,7 +83,7 @@ class CondensedBodies:
     Attributes:
         works: whether the stiff bodies could be factorised.
         bulk: the factorisation of the others.
-        renewed: whether it was made for the tangent at hand after that before it did not do.
+        renewed: whether that was made because the one before did not do for the tangent at hand.
     """
 
     def __init__(self, problem: Equilibrium, bodies: KeptBodies, prefix: str) -> None:
@@ -102,16 +102,15 @@ class CondensedBodies:
         self._stiff = KeptCompliance(bodies.tangent(problem), self._c, prefix)
         self.works = self._stiff.works
         self.bulk = KeptBulk(self._s, _followers(problem, self._others), prefix)
-        self._rows = _numbers(self._others)
-        s, c = _numbers(self._others[self._s]), _numbers(self._kept[self._c])
-        self._pairs = ((s, s), (s, c), (c, s), (c, c))
-        self._small: list[PETSc.Mat] = []  # what the tangent couples at these pairs
+        every, s = _numbers(self._others), _numbers(self._others[self._s])
+        c = _numbers(self._kept[self._c])
+        self._pairs = ((every, every), (s, s), (s, c), (c, s), (c, c))
+        self._parts: list[PETSc.Mat] = []  # of the tangent, at these pairs
         self._tangent: PETSc.Mat | None = None
-        self._block: PETSc.Mat | None = None  # of the others
+        self.renewed = self._fits = False  # whether the bulk is that of the tangent
         self._krylov: PETSc.KSP | None = None
         self._left, self._step = problem.new_vector(), problem.new_vector()
         self._image = problem.new_vector()
-        self.renewed = False
 
     # -- factorisations -----------------------------------------------------------------------
 
@@ -126,44 +125,42 @@ class CondensedBodies:
             Whether that worked, and whether nothing of an earlier tangent is in use.
         """
         self._tangent, self.renewed = matrix, False
-        block = self._extract(matrix, widened)
-        self._fits = self.bulk.worn  # whether the bulk is that of this tangent
-        if self._fits and not self.bulk.factorise(block):
-            return False, True
-        _, sc, cs, cc = (sparse(part) for part in self._small)
+        self._extract(matrix, widened)
+        self._fits = self.bulk.worn
+        sc, cs, cc = (sparse(part) for part in self._parts[2:])
         self._compliance = self._stiff.against(sc, cs, cc)
-        return self._complete(), self._fits
+        works = not self._fits or self._factorise()
+        return works and self._complete(), self._fits
 
     def renew(self) -> bool:
         """Factorise the bulk of the tangent at hand, for this one only; returns whether it worked.
 
         So a restart need not know of a third tangent beside the bulk's and the last.
         """
-        assert self._block is not None
         self.renewed = self._fits = True
-        works = self.bulk.factorise(self._block) and self._complete()
+        works = self._factorise() and self._complete()
         self.bulk.worn = True
         return works
 
+    def _factorise(self) -> bool:
+        return self.bulk.factorise(self._parts[0])
+
     def _complete(self) -> bool:
         """Put the contact of the tangent at hand in; returns whether that is regular."""
-        own = sparse(self._small[0]).toarray()
+        own = sparse(self._parts[1]).toarray()
         return self.bulk.complete(own - self._compliance.stiffness())
 
-    def _extract(self, matrix: PETSc.Mat, widened: bool) -> PETSc.Mat:
-        """Take out what contact couples, and the block of the other bodies, which is returned."""
-        if self._block is None or widened:
-            for old in (self._block, self._krylov, *self._small):
-                if old is not None:
-                    old.destroy()
-            self._block = matrix.createSubMatrix(self._rows, self._rows)
-            self._small = [matrix.createSubMatrix(*pair) for pair in self._pairs]
-            self._krylov = self._new_krylov(self._block)
-            return self._block
-        matrix.createSubMatrix(self._rows, self._rows, self._block)
-        for pair, part in zip(self._pairs, self._small, strict=True):
-            matrix.createSubMatrix(*pair, part)
-        return self._block
+    def _extract(self, matrix: PETSc.Mat, widened: bool) -> None:
+        """Take out the block of the other bodies, and the entries at the unknowns of contact."""
+        if self._parts and not widened:
+            for pair, part in zip(self._pairs, self._parts, strict=True):
+                matrix.createSubMatrix(*pair, part)
+            return
+        for old in (self._krylov, *self._parts):
+            if old is not None:
+                old.destroy()
+        self._parts = [matrix.createSubMatrix(*pair) for pair in self._pairs]
+        self._krylov = self._new_krylov(self._parts[0])
 
     def _new_krylov(self, block: PETSc.Mat) -> PETSc.KSP:
         """Flexible GMRES on the condensed system."""
@@ -249,8 +246,7 @@ class CondensedBodies:
 
     def apply_condensed(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """The others' forces y (N) against displacements x (m), with what the kept ones give."""
-        assert self._block is not None
-        self._block.mult(x, y)
+        self._parts[0].mult(x, y)
         y.array[self._s] -= self._compliance.relief(x.array_r[self._s])
 
     def precondition(self, b: PETSc.Vec, x: PETSc.Vec) -> None:
@@ -259,7 +255,7 @@ class CondensedBodies:
 
     def destroy(self) -> None:
         """Give the memory back."""
-        for part in (self._stiff, self.bulk, self._block, self._krylov, *self._small):
+        for part in (self._stiff, self.bulk, self._krylov, *self._parts):
             if part is not None:
                 part.destroy()
 
