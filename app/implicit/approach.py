@@ -98,11 +98,15 @@ class HeldApproach:
     """Newton's method with loose bodies held by springs, which give way to the contacts."""
 
     def run(self, attempt: Attempt) -> tuple[int, int]:
-        """See :class:`tribox.app.implicit.globalisation.Phase`."""
+        """See :class:`tribox.app.implicit.globalisation.Phase`.
+
+        Bodies that pressed on each other may balance; then no springs hold them, and the stages are
+        those of soft contacts.
+        """
         problem, trial = attempt.newton.problem, attempt.trial
         trial.array[:] = problem.constrained_values(attempt.x)
         loads = unbalanced_loads(attempt)
-        if not loads.any():
+        if not loads.any() and not attempt.pressed:
             return 0, PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH
         pace = Pace(FIRST * facet_length(problem))
         way, carried, place = distance(problem) + pace.way, loads, trial.array_r.copy()

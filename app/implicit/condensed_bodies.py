@@ -36,7 +36,7 @@ factorisation of the whole: 651 Newton iterations instead of 173, with 221 700 u
 PASSES = 6
 LIMIT = 20  # iterations of GMRES: a factorisation is no dearer than seven
 WORN = 2  # iterations beyond which the bulk is factorised for the next tangent
-MARGIN = 0.3  # of the forces that may be left on the others: what GMRES leaves
+MARGIN = 0.9  # of the forces that may be left on the others: what GMRES leaves
 LESS = 0.5  # of the forces that a pass must not leave
 STIRRED = 10.0
 """Forces inside the kept bodies, over those that may be left on the others, from which on these
