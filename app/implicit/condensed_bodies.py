@@ -40,7 +40,8 @@ MARGIN = 0.9  # of the forces that may be left on the others: what GMRES leaves
 LESS = 0.5  # of the forces that a pass must not leave
 STIRRED = 10.0
 """Forces inside the kept bodies, over those that may be left on the others, from which on these
-bodies are solved for first: about 1/100 of them comes through to the others."""
+bodies are solved for first: about 1/100 of them comes through to the others. Of bodies that bend
+more does: they are solved for first as well after a pass that left too much."""
 DENSE = 200.0
 """Operations of the dense matrices, (s + c)³, over n^1.5 of n unknowns that are factorised, at
 most: then they take about two fifths of an LU factorisation (the plane, nested dissection)."""
@@ -197,10 +198,11 @@ class CondensedBodies:
             x.set(np.nan)
             return True
         most = min(share, CLOSE) * norm
+        thorough = False
         for number in range(PASSES):
             if not before > 0.0:
                 return True
-            iterations = self._pass(most)
+            iterations = self._pass(most, thorough)
             self.bulk.worn |= number == 0 and iterations > WORN
             x.axpy(1.0, self._step)
             self._tangent.mult(self._step, self._image)
@@ -208,22 +210,25 @@ class CondensedBodies:
             left, others = self._left.norm(), np.linalg.norm(self._left.array_r[self._others])
             if left <= share * norm and others <= most:
                 return True
-            if not left <= LESS * before or (iterations >= LIMIT and not self._fits):
+            less = left <= LESS * before
+            stuck = not less and (thorough or not np.isfinite(left))
+            if stuck or (iterations >= LIMIT and not self._fits):
                 break
-            before = left
+            thorough, before = thorough or not less, left
         self.bulk.worn = True
         return False
 
-    def _pass(self, most: float) -> int:
+    def _pass(self, most: float, thorough: bool) -> int:
         """A step for all bodies, from the forces left; returns GMRES's iterations.
 
         Args:
             most: N, forces that may be left on the others.
+            thorough: whether forces inside the kept bodies count however small they are.
         """
         forces, compliance = self._left.array_r, self._compliance
         on_kept, touched = forces[self._kept], compliance.touched
         # The solve that ends the pass has those inside in any case.
-        stirred = np.linalg.norm(forces[self._inside]) > STIRRED * most
+        stirred = thorough or np.linalg.norm(forces[self._inside]) > STIRRED * most
         w = self._stiff.alone(on_kept, whole=bool(stirred))[touched]
         self._b.array[:] = forces[self._others]
         self._b.array[self._s] -= compliance.pull(w)
