@@ -338,7 +338,7 @@ def test_a_run_with_a_bulk_of_another_tangent_goes_on_as_if_nothing_had_been(
 ):
     """Byte by byte: the bulk is kept, or about to be factorised again, or was between tangents."""
     if bulk == "renewed":
-        monkeypatch.setattr(condensed_bodies, "LIMIT", 2)
+        monkeypatch.setattr(condensed_bodies, "LIMIT", 1)
     case = case_of(changed(BLOCK, COARSE | {"stage": STAGES}))
     run(case, tmp_path / "whole")
     solvers = solvers_of(tmp_path / "whole")
