@@ -44,7 +44,7 @@ class Factor:
             symmetric: whether it is symmetric and positive.
             solver: PETSc's name of the solver.
         """
-        self._matrix = matrix
+        self._matrix, self._solver = matrix, solver
         self._ksp = PETSc.KSP().create(matrix.comm)
         self._ksp.setOptionsPrefix(prefix)
         self._ksp.setType(PETSc.KSP.Type.PREONLY)
@@ -63,8 +63,10 @@ class Factor:
         try:
             self._ksp.setUp()
             works = int(self._ksp.getPC().getFailedReason()) == PETSc.PC.FailedReason.NOERROR
-        except PETSc.Error:  # what CHOLMOD says of a matrix that is not positive
-            works = False
+        except PETSc.Error:
+            if self._solver != PETSc.Mat.SolverType.CHOLMOD:
+                raise  # MUMPS does so for options that it cannot take only
+            works = False  # CHOLMOD also for a matrix that is not positive
         if not works:
             self._ksp.reset()  # or PETSc would say of the next that it worked, and do nothing
         return works

@@ -20,6 +20,7 @@ from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.equilibrium.constraints import Platen, component_dofs
 from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.errors import InputError
 from tribox.app.implicit import body_blocks, body_by_body, condensed_bodies
 from tribox.app.implicit.body_blocks import FAILED, TOO_MANY, BodyBlocks
 from tribox.app.implicit.body_by_body import MOST, BodyByBody
@@ -213,6 +214,13 @@ def test_what_the_user_chooses_is_left_to_petsc(pair):
         ways[key] = type(sim.stepper.solver.way)
         assert sim.stepper.solver.direct
     assert list(ways.values()) == [CoupledFactor, BodyBlocks, BodyBlocks]
+
+
+def test_an_option_that_mumps_cannot_take_is_refused_with_its_reason():
+    data = tomllib.loads(BLOCK)
+    data["solver"] = {"petsc": {"mat_mumps_icntl_20": 1}}
+    with pytest.raises(InputError, match=r"ICNTL\(20\)=1 is not supported"):
+        Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
 
 
 # -- where it does not work -----------------------------------------------------------------------
