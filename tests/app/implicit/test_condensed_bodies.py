@@ -168,6 +168,18 @@ def test_forces_on_some_of_the_bodies_only(pair, on):
     np.testing.assert_allclose(found.array_r, wanted, atol=1e-6 * np.abs(wanted).max())
 
 
+def test_small_forces_inside_a_body_that_bends_are_seen_by_the_others(pair):
+    """Where it is held at its side they reach the contact, even if they are left out at first."""
+    problem, x = sunk(pair(), held=("top", "aluminium_left"))
+    solver = condensed(problem, x)
+    bodies, rhs = solver.way._bodies, forces(problem)
+    down = np.intersect1d(bodies._inside, np.arange(1, problem.owned, 2))
+    rhs.array[bodies._kept] = 0.0
+    rhs.array[down] = -9.0 * CLOSE * rhs.norm() / np.sqrt(len(down))
+    solves(solver, rhs, 1e-2)
+    assert solver.way._whole is None
+
+
 KEPT = pytest.mark.parametrize("upper", [SOFT, METAL], ids=["kept master", "kept slave"])
 
 
