@@ -173,12 +173,14 @@ class LinearSolver:
             self.ksp.solve(rhs, solution)
         return self.forget_failure()
 
-    def aim(self, share: float, on_path: bool = False) -> None:
+    def aim(self, share: float, on_path: bool = False, least: float = np.inf) -> None:
         """Solve so well that ``share`` of the forces may do as what Newton's method leaves.
 
-        ``on_path``: see :class:`tribox.app.implicit.linear_way.LinearWay`.
+        ``on_path``: see :class:`tribox.app.implicit.linear_way.LinearWay`; ``least``: share that a
+        solve may have to get to, however dear that is.
         """
-        self.way.aim(float(np.clip(ENDING * share, self.way.closest, LEFT)), on_path)
+        closest = min(self.way.closest, least)
+        self.way.aim(float(np.clip(ENDING * share, closest, LEFT)), on_path)
 
     def forget_failure(self) -> bool:
         """Drop a factorisation that failed, over which the next solve would stumble.

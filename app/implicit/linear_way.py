@@ -26,7 +26,7 @@ class LinearWay(Protocol):
 
     @property
     def closest(self) -> float:
-        """Share of the forces that no solve has to get below: less is dearer than it saves."""
+        """Share of the forces that no solve has to get below, unless the tolerance is tight."""
         ...
 
     def kinds(self) -> str:

@@ -27,6 +27,7 @@ STALLED = 0.1  # relative residual below which a stalled line search is followed
 KINKED = 1e-5  # relative residual from which on an iteration gains far more than GAIN, or wavers
 EDGED = 1e-3  # relative residual below which points on edges may be what an iteration stalls at
 GAIN = 4.0
+FURTHEST = 1e3  # of the tolerance, as share of the forces: no solve need come closer on its account
 LEAST_FORCE = 1e-6  # of the largest force of the run, that residuals are compared with at least
 STALL_WINDOW = 4  # iterations over which the residual must fall by a tenth not to count as stalled
 
@@ -270,7 +271,8 @@ class Newton:
             self.solver.assemble(x, self._step, self._before)
             x.copy(self._before)
         share = self._tolerance / max(self.residuals[-1], self._tolerance)
-        self.solver.aim(share, on_path=self.on_path and len(self.residuals) == 1)
+        first_on_path = self.on_path and len(self.residuals) == 1
+        self.solver.aim(share, first_on_path, least=FURTHEST * self._tolerance)
 
     def _reuse(self) -> bool:
         """Whether the tangent factorised last will do for an iteration that ends the step.
