@@ -1,7 +1,6 @@
 """The values of an assembled matrix where they lie, to be changed in place.
 
-petsc4py gives copies of them only. What it leaves out is called in PETSc's own library, which
-petsc4py has loaded.
+petsc4py gives copies of them only.
 """
 
 from __future__ import annotations
@@ -10,14 +9,21 @@ import ctypes
 import functools
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
 
+from tribox.app.equilibrium.petsc_library import petsc_library
 from tribox.geometry.surfaces.facets import Floats, Ints
 
-_SIGNATURE: list[Any] = [ctypes.c_void_p, ctypes.POINTER(ctypes.POINTER(ctypes.c_double))]
+_VALUES = ctypes.c_void_p, ctypes.POINTER(ctypes.POINTER(ctypes.c_double))
+_PATTERN = ctypes.c_void_p, *3 * [ctypes.c_int32], *4 * [ctypes.c_void_p]
+_SIGNATURES = {
+    "MatSeqAIJGetArray": _VALUES,
+    "MatSeqAIJRestoreArray": _VALUES,
+    "MatGetRowIJ": _PATTERN,
+    "MatRestoreRowIJ": _PATTERN,
+}
 _PLAIN = 0, 0, 0  # counted from zero, not made symmetric, not compressed
 _DIRECT = {PETSc.Mat.Type.SEQAIJ, PETSc.Mat.Type.MPIAIJ}
 
@@ -25,16 +31,7 @@ _DIRECT = {PETSc.Mat.Type.SEQAIJ, PETSc.Mat.Type.MPIAIJ}
 @functools.cache
 def _petsc() -> ctypes.CDLL | None:
     """PETSc's library; None where the functions needed are not found in it."""
-    try:
-        found = ctypes.CDLL(PETSc.__file__)  # a search there goes on in what it is linked to
-        for function in (found.MatSeqAIJGetArray, found.MatSeqAIJRestoreArray):
-            function.argtypes, function.restype = _SIGNATURE, ctypes.c_int
-        for function in (found.MatGetRowIJ, found.MatRestoreRowIJ):
-            function.argtypes = [ctypes.c_void_p, *3 * [ctypes.c_int32], *4 * [ctypes.c_void_p]]
-            function.restype = ctypes.c_int
-    except (OSError, AttributeError):
-        return None
-    return found
+    return petsc_library(_SIGNATURES)
 
 
 def is_direct(A: PETSc.Mat) -> bool:

@@ -6,8 +6,8 @@ complement)
     (A_ss − A_si A_ii⁻¹ A_is) x_s = b_s − A_si A_ii⁻¹ b_i,    A_ii x_i = b_i − A_is x_s.
 
 The dense matrix on the left may be exchanged as often as wanted: what couples the unknowns s among
-themselves, as contact does, costs no factorisation of A_ii. PETSc's functions for it, which
-petsc4py leaves out, are called in its library.
+themselves, as contact does, costs no factorisation of A_ii. petsc4py leaves
+PETSc's functions for it out.
 """
 
 from __future__ import annotations
@@ -16,38 +16,32 @@ import ctypes
 import functools
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
 
+from tribox.app.equilibrium.petsc_library import petsc_library
 from tribox.app.implicit.factor import Factor
 from tribox.geometry.surfaces.facets import Floats, Ints
 
 _UNFACTORED, _FACTORED = 0, 1  # PETSc's MatFactorSchurStatus
 _ZERO_PIVOT = 71  # PETSc's PETSC_ERR_MAT_LU_ZRPVT
-_POINTERS = {  # how many pointers each function takes
-    "MatFactorSetSchurIS": 2,
-    "MatFactorGetSchurComplement": 3,
-    "MatDenseGetArray": 2,
-    "MatDenseRestoreArray": 2,
-    "MatSetUnfactored": 1,
-    "MatLUFactor": 4,
+_SIGNATURES: dict[str, list[Any]] = {
+    "MatFactorSetSchurIS": 2 * [ctypes.c_void_p],
+    "MatFactorGetSchurComplement": 3 * [ctypes.c_void_p],
+    "MatFactorRestoreSchurComplement": [*2 * [ctypes.c_void_p], ctypes.c_int],
+    "MatDenseGetArray": 2 * [ctypes.c_void_p],
+    "MatDenseRestoreArray": 2 * [ctypes.c_void_p],
+    "MatSetUnfactored": [ctypes.c_void_p],
+    "MatLUFactor": 4 * [ctypes.c_void_p],
 }
 
 
 @functools.cache
 def _petsc() -> ctypes.CDLL | None:
     """PETSc's library; None where the functions needed are not found in it."""
-    try:
-        found = ctypes.CDLL(PETSc.__file__)  # a search there goes on in what it is linked to
-        for name, count in _POINTERS.items():
-            function = getattr(found, name)
-            function.argtypes, function.restype = count * [ctypes.c_void_p], ctypes.c_int
-        last = found.MatFactorRestoreSchurComplement
-        last.argtypes, last.restype = [*2 * [ctypes.c_void_p], ctypes.c_int], ctypes.c_int
-    except (OSError, AttributeError):
-        return None
-    return found
+    return petsc_library(_SIGNATURES)
 
 
 def is_at_hand() -> bool:

@@ -10,7 +10,14 @@ import pytest
 from mpi4py import MPI
 
 import tribox.app.implicit.approach
-from tribox.app.implicit.approach import Pace, distance, is_adrift, strays, unbalanced_loads
+from tribox.app.implicit.approach import (
+    HeldApproach,
+    Pace,
+    distance,
+    is_adrift,
+    strays,
+    unbalanced_loads,
+)
 
 LENGTH = 0.2  # m, of the slave's facets
 
@@ -75,6 +82,24 @@ def test_what_rounding_leaves_is_no_load():
     problem.residual = lambda *arguments: None
     attempt.step, attempt.bodies.sums = None, lambda forces: np.array([-3e-10, -2.0, 2e-9])
     np.testing.assert_array_equal(unbalanced_loads(attempt), [0.0, 2.0, 2e-9])
+
+
+@pytest.mark.parametrize("pressed", [False, True])
+def test_bodies_in_balance_approach_by_soft_contacts_where_they_pressed(monkeypatch, pressed):
+    """Without springs; where nothing has pressed yet there is no way to begin with."""
+    attempt = attempt_of(contact([0.1]), pressed=pressed)
+    balance = np.zeros(1)
+    monkeypatch.setattr(tribox.app.implicit.approach, "unbalanced_loads", lambda attempt: balance)
+    attempt.newton = MagicMock(problem=attempt.newton.problem)
+    attempt.newton.search.return_value = 3, 1
+    attempt.trial = MagicMock(array=np.zeros(2), array_r=np.zeros(2))
+    attempt.step, attempt.predictor, attempt.bodies = MagicMock(), MagicMock(), MagicMock()
+    attempt.predictor.restart.return_value, attempt.bodies.sums.return_value = 1, balance
+    iterations, reason = HeldApproach().run(attempt)
+    assert (iterations, reason > 0) == ((1 + 3 + 3, True) if pressed else (0, False))
+    for call in attempt.bodies.held.call_args_list:
+        np.testing.assert_array_equal(call.args[0], [0.0])
+    assert bool(attempt.bodies.held.call_args_list) == pressed
 
 
 def test_distance_is_the_longest_of_the_pairs_shortest_ways():

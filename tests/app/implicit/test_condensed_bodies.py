@@ -197,13 +197,17 @@ def soft_moved(blocks, upper, shear, press):
     return blocks.displaced(np.zeros_like, below)
 
 
+def condensed_pair(pair, upper):
+    """A pair of which one body is kept, a state in which they touch, and the solver made there."""
+    blocks = pair()
+    problem, near = sunk(blocks, upper=upper, lower=METAL if upper is SOFT else SOFT)
+    return blocks, near, condensed(problem, near)
+
+
 @KEPT
 def test_the_bulk_of_a_tangent_before_still_solves(pair, upper):
     """In some iterations, after which the next tangent's is factorised."""
-    blocks = pair()
-    lower = METAL if upper is SOFT else SOFT
-    problem, near = sunk(blocks, upper=upper, lower=lower)
-    solver = condensed(problem, near)
+    blocks, near, solver = condensed_pair(pair, upper)
     bodies = solver.way._bodies
     solves(solver)
     assert not bodies.bulk.worn  # it is that of this very tangent
@@ -218,11 +222,8 @@ def test_the_bulk_of_a_tangent_before_still_solves(pair, upper):
 @KEPT
 def test_a_bulk_that_does_not_do_is_factorised_at_once(pair, upper):
     """States as different as can be: the whole is not factorised, and no solve has failed."""
-    blocks = pair()
-    lower = METAL if upper is SOFT else SOFT
-    problem, near = sunk(blocks, upper=upper, lower=lower)
-    solver = condensed(problem, near)
-    bodies, rhs = solver.way._bodies, forces(problem)
+    blocks, near, solver = condensed_pair(pair, upper)
+    bodies, rhs = solver.way._bodies, forces(solver.problem)
     solver.assemble(soft_moved(blocks, upper, 0.9, 0.5))
     for _ in range(2):  # the second finds the bulk there
         found = solves(solver, rhs)
