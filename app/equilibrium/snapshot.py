@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -148,7 +148,8 @@ def of_step(step: StepMode) -> Snapshot:
     modes = []
     for pair, mode in enumerate(step.modes):
         frozen = mode.frozen_facets
-        kept = asdict(mode) | {"frozen_facets": None if frozen is None else AtPoints(pair, frozen)}
+        kept = asdict(replace(mode, interior=None))
+        kept |= {"frozen_facets": None if frozen is None else AtPoints(pair, frozen)}
         modes.append(kept)
     return {"dt": step.dt, "modes": modes, "holding": springs, "rates": step.rate_dependent}
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from tribox.app.equilibrium.holding_springs import HoldingSprings
 from tribox.forms.contact.penalty import ContactTerm
-from tribox.forms.contact.state import AS_IS, ContactMode, ContactTrial
+from tribox.forms.contact.state import AS_IS, ContactMode, ContactTrial, InteriorPoint
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +63,11 @@ class StepMode:
             for term, mode in self.pairs(contacts)
         ]
         return replace(self, modes=tuple(changed))
+
+    def inside(self, points: Sequence[InteriorPoint | None]) -> StepMode:
+        """The same with contacts at interior points, one for each pair."""
+        pairs = zip(self.modes, points, strict=True)
+        return replace(self, modes=tuple(replace(mode, interior=at) for mode, at in pairs))
 
     def held(self, springs: HoldingSprings | None) -> StepMode:
         """The same with bodies held by springs."""

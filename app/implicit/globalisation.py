@@ -15,6 +15,7 @@ from petsc4py import PETSc
 
 from tribox.app.implicit.approach import HeldApproach, is_adrift, strays
 from tribox.app.implicit.attempt import Attempt, Phase
+from tribox.app.implicit.interior_point import FromInside
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +33,8 @@ class PredictedStart:
         attempt.start = attempt.trial.array_r.copy()
         if strays(attempt):
             return started, PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH
-        more, reason = attempt.newton.solve(attempt.step, patient=not attempt.has_contacts)
+        hasty = attempt.has_contacts and not attempt.predictor.rubbing()
+        more, reason = attempt.newton.solve(attempt.step, not attempt.has_contacts, hasty)
         return started + more, reason
 
 
@@ -100,14 +102,16 @@ SEARCH = SoftContact(
 def phases_after(attempt: Attempt) -> tuple[Phase, ...]:
     """What is tried after the predicted start has failed.
 
-    Where the iteration came near, the bodies touch where they will: a shorter step is better.
+    Interior points first; where pressed bodies rub on each other last, as they have no cure for the
+    kink between stick and slip. There, where the iteration came near, a shorter step is better.
     """
     if not attempt.has_contacts:
         return (LinearStart(),)
-    if attempt.newton.is_near():
-        return ()
     held = (HeldApproach(),) if attempt.bodies.directions else ()
-    return (*held, APPROACH) if attempt.pressed else (*held, APPROACH, SEARCH)
+    rest = (*held, APPROACH) if attempt.pressed else (*held, APPROACH, SEARCH)
+    if attempt.predictor.rubbing() and attempt.pressed:
+        return () if attempt.newton.is_near() else (*rest, FromInside())
+    return (FromInside(),) if attempt.newton.is_near() else (FromInside(), *rest)
 
 
 def solve(attempt: Attempt) -> tuple[int, int]:

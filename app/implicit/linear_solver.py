@@ -208,7 +208,9 @@ class LinearSolver:
 
     def snapshot(self) -> Snapshot:
         """What the factorisation or preconditioner at hand was made from."""
-        first = None if self._first is self._last or self._first is None else self._first
+        first = None if self._first is self._last else self._first
+        if first is not None and any(mode.interior for mode in first.step.modes):
+            first = None  # a way into the contact is not kept: all is begun anew from the last
         return {
             "first": None if first is None else first.snapshot(self.problem),
             "first_room": None if first is None else self._first_room,

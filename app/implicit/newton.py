@@ -29,6 +29,8 @@ EDGED = 1e-3  # relative residual below which points on edges may be what an ite
 GAIN = 4.0
 FURTHEST = 1e3  # of the tolerance, as share of the forces: no solve need come closer on its account
 LEAST_FORCE = 1e-6  # of the largest force of the run, that residuals are compared with at least
+HASTY = 7  # iterations that a hasty phase makes
+SHORTEST = 6  # times that a single step is halved
 STALL_WINDOW = 4  # iterations over which the residual must fall by a tenth not to count as stalled
 
 
@@ -105,7 +107,8 @@ class Newton:
         self._residual = problem.new_vector()
         self._before = problem.new_vector()  # where the tangent was taken last
         self.largest_force, self.strayed, self.on_path = 0.0, False, False
-        self._step, self._phase, self._patient = DEFAULT_STEP, NEWTON_PHASES[0], False
+        self._step, self._phase = DEFAULT_STEP, NEWTON_PHASES[0]
+        self._patient = self._hasty = False
         self._tolerance, self._limit = options.tolerance, options.max_iterations
         prefix = f"{PREFIX}{next(_numbers)}_"  # of its own: options must not reach the next run
         self._petsc_options = PETSc.Options(prefix)
@@ -167,33 +170,66 @@ class Newton:
         Returns:
             Newton iterations, and PETSc's converged reason.
         """
+        self._hasty = False
         self._tolerance, self._limit = tolerance, min(limit, self.options.max_iterations)
         try:
             return self._run(WHOLE_STEPS, step)
         finally:
             self._tolerance, self._limit = self.options.tolerance, self.options.max_iterations
 
-    def solve(self, step: StepMode, patient: bool = False) -> tuple[int, int]:
+    def solve(self, step: StepMode, patient: bool = False, hasty: bool = False) -> tuple[int, int]:
         """Go through the phases until one converges; collective.
 
         Args:
             step: duration and contact modes.
             patient: whether a phase that stalls far from the solution uses all its iterations: for
                 where nothing else can be tried.
+            hasty: whether a phase makes a few iterations only, unless it is all but there: for
+                where something better can be tried.
 
         Returns:
             Newton iterations, and PETSc's converged reason.
         """
-        self._patient = patient
+        self._patient, self._hasty = patient, hasty
         iterations, reason = 0, 0
         for phase in NEWTON_PHASES:
-            if phase.within is not None and not self.is_near(phase.within):
+            within = phase.within if phase.within is None or not hasty else KINKED
+            if within is not None and not self.is_near(within):
                 continue
             more, reason = self._run(phase, step)
             iterations += more
             if reason > 0:
                 break
         return iterations, reason
+
+    def residual_of(self, step: StepMode) -> float:
+        """Residual at ``trial`` over the reference force; collective."""
+        self._step = step
+        self._function(self.snes, self.trial, self._residual)
+        norm, scale = self._residual.norm(), self.problem.reference_force
+        return norm / scale if scale > 0.0 else norm
+
+    def step(self, step: StepMode, falling: bool) -> None:
+        """Make one Newton step, shorter where it leads to no numbers; collective.
+
+        Args:
+            step: duration and contact modes.
+            falling: whether the residual must fall; from a step that bends bodies it first rises.
+        """
+        x, f = self.trial, self._residual
+        start, increment = x.copy(), f.duplicate()
+        self.residual_of(step)
+        most = f.norm() if falling else np.inf
+        self.solver.assemble(x, step, self._before)
+        x.copy(self._before)
+        self.solver.solve(f, increment)
+        for cut in range(SHORTEST):
+            x.waxpy(-(0.5**cut), increment, start)
+            self.residual_of(step)
+            if f.norm() <= most and np.isfinite(f.norm()):
+                break
+        start.destroy()
+        increment.destroy()
 
     def is_near(self, relative: float = STALLED) -> bool:
         """Whether the last phase came so near that the bodies touch where they will."""
@@ -302,6 +338,8 @@ class Newton:
             return reasons.CONVERGED_FNORM_RELATIVE
         if iteration >= self._limit:
             return reasons.DIVERGED_MAX_IT
+        if self._hasty and iteration >= HASTY and self.residuals[-1] > KINKED:
+            return reasons.DIVERGED_LINE_SEARCH
         if self._phase.ends_wavering and self._wavers():
             return reasons.DIVERGED_LINE_SEARCH
         if self._phase.ends_stalled and self._is_stalled():

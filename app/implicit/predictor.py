@@ -90,7 +90,7 @@ class Predictor:
         path is the better guide all the same.
         """
         left = self._residual_norm(trial, step)
-        return not left <= FAR_OFF * self.problem.reference_force and not self._rubbing()
+        return not left <= FAR_OFF * self.problem.reference_force and not self.rubbing()
 
     def _continue(self, x: PETSc.Vec, trial: PETSc.Vec, ratio: float, step: StepMode) -> None:
         """Put the better of two starts into ``trial``, which holds the last converged state ``x``.
@@ -131,7 +131,7 @@ class Predictor:
         Returns:
             The number of factorisations it took.
         """
-        if not self._rubbing():
+        if not self.rubbing():
             return 0
         left = self._residual_norm(trial, step)
         if left <= FAR_OFF * self.problem.reference_force:
@@ -178,7 +178,7 @@ class Predictor:
             trial.array[:] = flowing
         return 1
 
-    def _rubbing(self) -> bool:
+    def rubbing(self) -> bool:
         """Whether friction resists at any point of the contacts evaluated last; collective."""
         mine = any(bool(t.response.d_traction_d_slip.any()) for t in self.problem.trials)
         return bool(self.problem.comm.allreduce(mine, op=MPI.LOR))

@@ -174,7 +174,8 @@ class CompiledTangent:
         assert anchor is not None
         slope = None
         if not isinstance(tangent.rule, AveragedPressure):
-            slope = -trial.penalty_scale * tangent.rule.penalty
+            assert trial.normal_contact.stiffness is not None
+            slope = -trial.normal_contact.stiffness
         return {
             "facet": at.facet,
             "xi": at.xi,

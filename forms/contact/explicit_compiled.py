@@ -171,7 +171,7 @@ class CompiledContact(ExplicitContact):
         gap = nodal = active = None
         if isinstance(rule, AveragedPressure):
             gaps, covered = rule.vertices.total(inputs["sums"])
-            gap, active, nodal = rule.at_vertices(gaps, covered, AS_IS, ROUNDOFF_DEPTH)
+            gap, active, nodal, _ = rule.at_vertices(gaps, covered, AS_IS, ROUNDOFF_DEPTH)
             inputs["nodal_pressure"][:] = nodal if self.term.active else 0.0
             inputs["active"][:] = active & self.term.active
         self._code.tribox_pair_relate(now.at)

@@ -87,7 +87,7 @@ class AveragedPressure:
         weight = self.surface.slave.weight * np.where(at.on_surface, share, 0.0)
         gaps = vertices.sums(weight * np.where(at.on_surface, at.gap, 0.0))
         covered = vertices.sums(weight)
-        gap, active, spring = self.at_vertices(gaps, covered, mode, least_depth)
+        gap, active, spring, stiffness = self.at_vertices(gaps, covered, mode, least_depth)
         closed = at.on_surface & active[vertices.of_point].any(axis=1)
         at_points = np.where(closed, share * vertices.at_points(spring), 0.0)
         return NormalContact(
@@ -99,6 +99,7 @@ class AveragedPressure:
             active=active,
             area=self.area(covered),
             grows=None if self.others is None else covered > vertices.area - self.others,
+            stiffness=stiffness,
         )
 
     def area(self, covered: Floats) -> Floats:
@@ -113,8 +114,8 @@ class AveragedPressure:
 
     def at_vertices(
         self, gaps: Floats, covered: Floats, mode: ContactMode, least_depth: float = 0.0
-    ) -> tuple[Floats, Bools, Floats]:
-        """Mean gap g_A (v,), m, whether a vertex carries pressure or touches, and its t_N, Pa.
+    ) -> tuple[Floats, Bools, Floats, Floats]:
+        """Mean gap g_A (v,), m, whether it carries pressure or touches, s_A, Pa, −∂s_A/∂g_A, Pa/m.
 
         Args:
             gaps: (v,) Σ_q w N_A g_q over the points that have a master below them, of all ranks.
@@ -124,10 +125,9 @@ class AveragedPressure:
         """
         length = self.vertices.length
         gap: Floats = gaps / self.area(covered)
-        reach = np.maximum(TOUCHING * length, mode.adhesive_gap)
-        active: Bools = (covered > 0.0) & (gap <= reach)
-        depth = _depth(-gap, active, mode, least_depth * length)
-        return gap, active, mode.penalty_scale * self.penalty * depth
+        active: Bools = (covered > 0.0) & (gap <= _reach(length, mode))
+        law = _law(gap, active, mode, self.penalty, least_depth * length)
+        return gap, active, *law
 
     def energy(self, normal: NormalContact, penalty_scale: float) -> float:
         """See :class:`NormalRule`."""
@@ -157,10 +157,9 @@ class PointwisePressure:
         # Touching points count as closed: they carry no pressure yet, but their stiffness keeps a
         # body that only rests on another from being loose.
         size = np.sqrt(np.einsum("qai,qai->qa", at.tangents, at.tangents).max(axis=1))
-        closed = (at.gap <= np.maximum(TOUCHING * size, mode.adhesive_gap)) & at.on_surface
-        depth = _depth(-at.gap, closed, mode, least_depth * size)
-        spring = mode.penalty_scale * self.penalty * depth
-        return NormalContact(closed, spring, np.maximum(spring, 0.0))
+        closed = (at.gap <= _reach(size, mode)) & at.on_surface
+        spring, stiffness = _law(at.gap, closed, mode, self.penalty, least_depth * size)
+        return NormalContact(closed, spring, np.maximum(spring, 0.0), stiffness=stiffness)
 
     def energy(self, normal: NormalContact, penalty_scale: float) -> float:
         """See :class:`NormalRule`."""
@@ -204,11 +203,24 @@ def nodal_pressure(surface: ContactSurface, pressure: Floats) -> Floats:
     return out
 
 
-def _depth(depth: Floats, closed: Bools, mode: ContactMode, least: Floats) -> Floats:
-    """Depth that the penalty acts on: below zero only within an adhesive gap."""
-    held = np.where(mode.adhesive_gap > 0.0, depth, np.where(depth > least, depth, 0.0))
-    out: Floats = np.where(closed, held, 0.0)
-    return out
+def _reach(length: Floats, mode: ContactMode) -> Floats:
+    """Gap up to which vertices or points count as closed, m."""
+    least = mode.adhesive_gap if mode.interior is None else mode.interior.reach
+    return np.maximum(TOUCHING * length, least)
+
+
+def _law(
+    gap: Floats, closed: Bools, mode: ContactMode, penalty: Floats, least: Floats
+) -> tuple[Floats, Floats]:
+    """Pressure, Pa, negative only within an adhesive gap, and −∂p/∂g, Pa/m, where closed."""
+    stiffness = mode.penalty_scale * penalty
+    if mode.interior is not None:
+        pressure, stiffness = mode.interior.law(gap, penalty)
+    elif mode.adhesive_gap > 0.0:
+        pressure = -stiffness * gap
+    else:
+        pressure = np.where(-gap > least, -stiffness * gap, 0.0)
+    return np.where(closed, pressure, 0.0), np.where(closed, stiffness, 0.0)
 
 
 def _expanded(penalty: float | Floats, count: int, what: str) -> Floats:

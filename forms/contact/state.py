@@ -17,6 +17,51 @@ from tribox.geometry.surfaces.projection import Projection
 
 
 @dataclass(frozen=True, slots=True)
+class InteriorPoint:
+    r"""Contact pressures on their way to the penalty's law from inside: all positive.
+
+    With the slack s = g + p/K the law p = K⟨−g⟩ is p ≥ 0, s ≥ 0, p s = 0. On the way both are
+    unknowns and p s = μ. Newton's method for these, with s eliminated, is Newton's method for the
+    bodies with the linear law
+
+    .. math:: p(g) = p + \frac{\mu - p \, (g + p/K)}{s + p/K}
+
+    (the primal-dual method: J. Nocedal, S. Wright, Numerical Optimization, 2006, chapter 19).
+
+    Attributes:
+        pressure: p, Pa, and slack: s, m, of the vertices (v,), or point by point (q,).
+        barrier: μ, J/m².
+        reach: m; gap up to which the surfaces feel each other.
+    """
+
+    pressure: Floats
+    slack: Floats
+    barrier: float
+    reach: float
+
+    def law(self, gap: Floats, penalty: Floats) -> tuple[Floats, Floats]:
+        """Pressure, Pa, at gaps, m, and −∂p/∂g, Pa/m; all of the shape of ``pressure``."""
+        below = self.slack + self.pressure / penalty
+        stiffness: Floats = self.pressure / below
+        out = self.pressure + self.barrier / below - stiffness * (gap + self.pressure / penalty)
+        return out, stiffness
+
+    def advanced(self, gap: Floats, penalty: Floats, barrier: float) -> InteriorPoint:
+        """After a Newton step to ``gap``, m, with the next barrier; both stay positive."""
+        pressure, _ = self.law(gap, penalty)
+        slack = pressure / penalty + gap
+        return InteriorPoint(
+            np.maximum(pressure, KEPT * self.pressure),
+            np.maximum(slack, KEPT * self.slack),
+            barrier,
+            self.reach,
+        )
+
+
+KEPT = 0.005  # least share of pressure and slack that a step of the interior points leaves
+
+
+@dataclass(frozen=True, slots=True)
 class ContactMode:
     """How a contact is evaluated; the default is the contact as it is.
 
@@ -30,6 +75,7 @@ class ContactMode:
         frozen_facets: (q,) master facets that the points do not leave for a neighbour as soon as
             they pass an edge; None where the closest point decides.
         friction_as_load: whether friction is a given load without stiffness.
+        interior: pressures and slacks that take the place of the penalty's law; None: that law.
     """
 
     rate_dependent: bool = True
@@ -37,10 +83,12 @@ class ContactMode:
     adhesive_gap: float = 0.0
     frozen_facets: Ints | None = field(default=None, compare=False)
     friction_as_load: bool = False
+    interior: InteriorPoint | None = field(default=None, compare=False)
 
     def equals(self, other: ContactMode) -> bool:
-        """Whether both are the same mode; of frozen facets only the same array counts as equal."""
-        return self == other and self.frozen_facets is other.frozen_facets
+        """Whether both are the same mode; what holds arrays must be the same object."""
+        same = self.frozen_facets is other.frozen_facets and self.interior is other.interior
+        return self == other and same
 
 
 AS_IS = ContactMode()
@@ -61,6 +109,8 @@ class NormalContact:
             that it depends on.
         area: (v,) that the gaps are averaged over; None: m_A. grows: (v,) where that is what the
             master has below the vertex now; None: nowhere.
+        stiffness: Pa/m, −∂t_N/∂g, of points (q,), or −∂s_A/∂g_A of vertices (v,); None where
+            nobody will ask for the tangent.
     """
 
     closed: Bools
@@ -74,15 +124,18 @@ class NormalContact:
     rim: Bools | None = None
     area: Floats | None = None
     grows: Bools | None = None
+    stiffness: Floats | None = None
 
     def opened(self) -> NormalContact:
         """The same gaps of surfaces that do not feel each other."""
         none = np.zeros_like(self.pressure)
         nothing = np.zeros_like(self.closed)
         if self.gap is None:
-            return NormalContact(nothing, none, none.copy())
+            return NormalContact(nothing, none, none.copy(), stiffness=none.copy())
         nodal, active = np.zeros(len(self.gap)), np.zeros(len(self.gap), dtype=bool)
-        return NormalContact(nothing, none, none.copy(), self.gap, nodal, active)
+        return NormalContact(
+            nothing, none, none.copy(), self.gap, nodal, active, stiffness=nodal.copy()
+        )
 
     def needs(self) -> Bools:
         """Vertices (v,) whose gaps the tractions depend on."""

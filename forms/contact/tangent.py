@@ -70,7 +70,8 @@ class PairTangent:
         r, normal = trial.response, trial.kinematics.normal[take]
         out: Floats = trial.normal_contact.spring[take][:, None, None] * v.d_normal
         if not isinstance(self.rule, AveragedPressure):
-            d_pressure = -(trial.penalty_scale * self.rule.penalty[take])[:, None] * v.d_gap
+            assert trial.normal_contact.stiffness is not None
+            d_pressure = -trial.normal_contact.stiffness[take][:, None] * v.d_gap
             by_pressure = normal - r.d_traction_d_pressure[take]
             out += by_pressure[:, :, None] * d_pressure[:, None, :]
         out -= r.d_traction_d_slip[take] @ v.d_slip
@@ -233,11 +234,10 @@ class PairTangent:
     def left_vectors(self, trial: ContactTrial, take: Longs) -> Floats:
         """Vectors d (p, k, i), Pa/m, of L at closed points ``take`` (p,); L_A = Σ_q w G_aᵀ d_A."""
         rule, normal = self.rule, trial.normal_contact
-        assert isinstance(rule, AveragedPressure) and normal.active is not None
+        assert isinstance(rule, AveragedPressure) and normal.stiffness is not None
         vertices, direction = rule.vertices, trial.kinematics.normal[take]
         by_pressure = direction - trial.response.d_traction_d_pressure[take]
-        stiffness = np.where(normal.active, trial.penalty_scale * rule.penalty, 0.0)
-        share = vertices.shape[take] * stiffness[vertices.of_point[take]]
+        share = vertices.shape[take] * normal.stiffness[vertices.of_point[take]]
         if trial.projection.share is not None:
             share *= trial.projection.share[take][:, None]
         by_gap: Floats = share[:, :, None] * by_pressure[:, None, :]

@@ -11,26 +11,30 @@ from tribox.app.equilibrium.step_mode import StepMode
 from tribox.app.implicit.approach import HeldApproach
 from tribox.app.implicit.attempt import Attempt
 from tribox.app.implicit.globalisation import APPROACH, SEARCH, LinearStart, phases_after
+from tribox.app.implicit.interior_point import FromInside
 from tribox.app.implicit.linear_solver import LinearSolver
 from tribox.app.implicit.newton import EDGED, KINKED, NEWTON_PHASES, STALLED, Newton
 from tribox.app.implicit.options import ImplicitOptions
 
 
-def attempt(near, contacts=1, pressed=True, loose=()):
+def attempt(near, contacts=1, pressed=True, loose=(), rubbing=False):
     problem = SimpleNamespace(contacts=[None] * contacts)
     newton = SimpleNamespace(problem=problem, trial=None, is_near=lambda: near)
     bodies = SimpleNamespace(directions=loose)
-    return Attempt(newton, None, None, StepMode(), pressed, bodies)
+    predictor = SimpleNamespace(rubbing=lambda: rubbing)
+    return Attempt(newton, predictor, None, StepMode(), pressed, bodies)
 
 
 def test_what_is_tried_after_the_prediction_depends_on_where_it_failed():
-    assert phases_after(attempt(near=False)) == (APPROACH,)
-    assert phases_after(attempt(near=False, pressed=False)) == (APPROACH, SEARCH)
-    held = HeldApproach()
-    assert phases_after(attempt(near=False, loose=[0])) == (held, APPROACH)
+    held, inside = HeldApproach(), FromInside()
+    assert phases_after(attempt(near=False)) == (inside, APPROACH)
+    assert phases_after(attempt(near=False, pressed=False)) == (inside, APPROACH, SEARCH)
+    assert phases_after(attempt(near=False, loose=[0])) == (inside, held, APPROACH)
     apart = attempt(near=False, pressed=False, loose=[0])
-    assert phases_after(apart) == (held, APPROACH, SEARCH)
-    assert phases_after(attempt(near=True, pressed=False)) == ()
+    assert phases_after(apart) == (inside, held, APPROACH, SEARCH)
+    assert phases_after(attempt(near=True, pressed=False)) == (inside,)
+    assert phases_after(attempt(near=False, rubbing=True)) == (APPROACH, inside)
+    assert phases_after(attempt(near=True, rubbing=True)) == ()
     for near in (True, False):
         assert phases_after(attempt(near, contacts=0)) == (LinearStart(),)
 

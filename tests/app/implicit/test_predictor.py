@@ -133,7 +133,7 @@ def test_sliding_start_moves_the_body_as_a_whole(monkeypatch):
 
     assert stepper.predictor.predict(stepper.x, trial) == 2
     np.testing.assert_allclose(moved(), 1.5e-4, rtol=0.15)
-    monkeypatch.setattr(Predictor, "_rubbing", lambda self: False)
+    monkeypatch.setattr(Predictor, "rubbing", lambda self: False)
     assert stepper.predictor.predict(stepper.x, trial) == 1
     assert np.abs(moved() - 1.5e-4).max() > 0.5e-4
 
