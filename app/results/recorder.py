@@ -35,7 +35,7 @@ from tribox.geometry.surfaces.facets import Floats
 
 TINY = 1e-30  # J/m², below any dissipation
 UNBALANCED = 0.01  # energy error over the work from which a run is warned of
-LOST_FILM = 0.01  # share of a film's force lost below its onset from which a run is warned of
+LOST_FILM = 0.01  # share of the friction lost below a film's onset from which a run is warned of
 UNBALANCED_FORCE = 1e-4  # resultant on a body over the largest force from which it is
 
 
@@ -149,7 +149,7 @@ class Recorder(Observer):
         pairs = zip(self.model.film_onset, problem.contacts, problem.committed, strict=True)
         for index, (onset, term, trial) in enumerate(pairs):
             lost = lost_below_onset(term, trial, onset, self.comm)
-            if lost > LOST_FILM and self._watches.first_time(f"onset {index}"):
+            if lost > 0.0 and self._watches.first_time(f"onset {index}"):
                 self.warnings.append(
                     f"contact.{index}: stage {load_step.label}: {100.0 * lost:.2g} % of the film's "
                     f"force is lost where the pressure is below film_onset_pressure = {onset:.3g} "
@@ -348,9 +348,10 @@ class Recorder(Observer):
 
 
 def lost_below_onset(term: ContactTerm, trial: ContactTrial, onset: float, comm: MPI.Comm) -> float:
-    """Share of the film's force that pressures below the onset take away; 0 without; collective.
+    """Share of the film's force that pressures below the onset take away; collective.
 
-    By the work of a step, so that what does not slide does not count.
+    By the work of a step, so that what does not slide does not count. 0 where the friction misses
+    less than `LOST_FILM` by it, as that of a dry contact or of asperities that carry nearly all.
 
     Args:
         term: the contact.
@@ -360,10 +361,12 @@ def lost_below_onset(term: ContactTerm, trial: ContactTrial, onset: float, comm:
     """
     if onset <= 0.0:
         return 0.0
-    spent = term.surface.slave.weight * trial.response.dissipation.viscous
+    weight, parts = term.surface.slave.weight, trial.response.dissipation
     share = np.where(trial.pressure > 0.0, np.minimum(trial.pressure / onset, 1.0), 1.0)
-    felt, whole = comm.allreduce(np.array([spent.sum(), (spent / share).sum()]))
-    return float(1.0 - felt / whole) if whole > 0.0 else 0.0
+    sums = [(weight * work).sum() for work in (parts.viscous, parts.viscous / share, parts.total)]
+    felt, whole, friction = comm.allreduce(np.array(sums))
+    lost = whole - felt
+    return float(lost / whole) if lost > LOST_FILM * (friction + lost) else 0.0
 
 
 def _extent(comm: MPI.Comm, values: Floats) -> list[float]:
