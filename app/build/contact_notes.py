@@ -10,7 +10,8 @@ from mpi4py import MPI
 
 from tribox.app.case.contact import Contact
 from tribox.app.case.friction import Coulomb, Friction, Frictionless, Stribeck
-from tribox.forms.bodies.materials import Material, oedometric_modulus
+from tribox.forms.bodies.contact_stiffness import contact_shear_modulus
+from tribox.forms.bodies.materials import Material
 from tribox.forms.contact.pressure import PressureKind
 from tribox.geometry.surfaces.projection import Projection
 from tribox.geometry.surfaces.surface import ContactSurface, RigidMaster
@@ -19,7 +20,7 @@ CORNERED = 3.0  # length of master facets over that of slave facets from which t
 APART = 2.0  # distance over facet length from which bodies are said to start apart
 COARSE = 3.0  # length of slave facets over that of master facets from which they are too coarse
 ROUND = 0.5  # length of slave facets over the radius of a tool from which they are too coarse
-STIFFER = 10.0  # modulus of the slave's body over that of the master's that is pointed out
+STIFFER = 10.0  # G (or hardness) of the slave's body over that of the master's that is pointed out
 CHATTER = 10.0  # K h/M above which an explicit run pays for the penalty K
 # Penalties in units of the stiffness of the elements beside them (`penalty_factor`). Up to a
 # thousand times the default Newton's method converges as ever; from ten thousand times on it needs
@@ -57,7 +58,9 @@ def stiffer_slave(
         slave: material of that body.
         master: material of the other body; None: a tool.
     """
-    if master is not None and oedometric_modulus(slave) > STIFFER * oedometric_modulus(master):
+    if master is None:
+        return
+    if contact_shear_modulus(slave) > STIFFER * contact_shear_modulus(master):
         yield (
             f"contact.{index}: the slave {contact.slave} is on the stiffer body {body}; the "
             "softer body's surface should be the slave"

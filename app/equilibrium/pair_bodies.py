@@ -8,7 +8,7 @@ import numpy as np
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.rigid_tool import RigidTool
-from tribox.forms.bodies.materials import oedometric_modulus
+from tribox.forms.bodies.contact_stiffness import contact_shear_modulus
 from tribox.forms.bodies.solid import Solid
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.geometry.surfaces.facets import Longs
@@ -27,10 +27,10 @@ class PairBodies:
 
     @property
     def softer(self) -> Solid:
-        """The body that the penalty is compared with."""
+        """The body that bends and bulges more easily, whose stiffness the penalty is one of."""
         if isinstance(self.master, RigidTool):
             return self.slave
-        return min(self.slave, self.master, key=lambda solid: oedometric_modulus(solid.material))
+        return min(self.slave, self.master, key=lambda solid: contact_shear_modulus(solid.material))
 
 
 def bodies_of(problem: Equilibrium, term: ContactTerm) -> PairBodies:

@@ -12,7 +12,7 @@ from tribox.app.report.tables import Table
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-CLOSE, UNBALANCED = 0.01, 0.05  # energy error over the work; from the second on a run is warned of
+UNBALANCED = 0.01  # energy error over the work from which on a run is warned of
 _PARTS = (
     ("external_work", "work of supports and loads"),
     ("strain_energy", "stored in the bodies"),
@@ -73,10 +73,8 @@ def energy_verdict(history: DataFrame, summary: Mapping[str, Any]) -> Verdict | 
     scale = fitting([work], "J")
     what = f"{abs(100.0 * gap):.2g} % of the largest work or kinetic energy, "
     what += scale.text(work)
-    if abs(gap) < CLOSE:
-        return Verdict("good", "energies add up", f"All but {what}, is accounted for.")
     if abs(gap) <= UNBALANCED:
-        return Verdict("fair", "energies nearly add up", f"Unaccounted for are {what}.")
+        return Verdict("good", "energies add up", f"All but {what}, is accounted for.")
     return Verdict(
         "bad",
         "energies do not add up",

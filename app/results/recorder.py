@@ -30,10 +30,12 @@ from tribox.app.simulation.observer import Interval, Observer
 from tribox.app.simulation.run_state import RunState
 from tribox.app.simulation.simulation import Simulation
 from tribox.app.simulation.time_text import time_text
+from tribox.forms.contact.penalty import ContactTerm, ContactTrial
 from tribox.geometry.surfaces.facets import Floats
 
 TINY = 1e-30  # J/m², below any dissipation
-UNBALANCED = 0.05  # energy error over the work from which a run is warned of
+UNBALANCED = 0.01  # energy error over the work from which a run is warned of
+LOST_FILM = 0.01  # share of the friction lost below a film's onset from which a run is warned of
 UNBALANCED_FORCE = 1e-4  # resultant on a body over the largest force from which it is
 
 
@@ -129,15 +131,8 @@ class Recorder(Observer):
         self._output(state)
         self._watches.roundoff.end(load_step.label)
         self.load_steps.append({"label": load_step.label, "steady": steady, **asdict(row)})
-        onset = max(self.model.film_onset, default=0.0)
-        pressure = row.normal_force / row.contact_area if row.contact_area > 0.0 else np.inf
-        thin = load_step.stage.rate_dependent and onset > 0.1 * pressure
-        if thin and self._watches.first_time("onset"):
-            self.warnings.append(
-                f"stage {load_step.label}: the mean contact pressure {pressure:.3g} Pa is near or "
-                f"below film_onset_pressure = {onset:.3g} Pa, so the film carries less than "
-                "eta_b V/D"
-            )
+        if load_step.stage.rate_dependent:
+            self._look_at_onset(load_step)
         if state.inertia:
             self.warnings += notes_on_inertia(self.model.case, load_step, state.inertia[-1])
         if steady is False:
@@ -147,6 +142,19 @@ class Recorder(Observer):
             )
         with self.saving:
             self.mark("running")
+
+    def _look_at_onset(self, load_step: LoadStep) -> None:
+        """Warn, once, of each contact whose film loses force below its onset; collective."""
+        problem = self.model.problem
+        pairs = zip(self.model.film_onset, problem.contacts, problem.committed, strict=True)
+        for index, (onset, term, trial) in enumerate(pairs):
+            lost = lost_below_onset(term, trial, onset, self.comm)
+            if lost > 0.0 and self._watches.first_time(f"onset {index}"):
+                self.warnings.append(
+                    f"contact.{index}: stage {load_step.label}: {100.0 * lost:.2g} % of the film's "
+                    f"force is lost where the pressure is below film_onset_pressure = {onset:.3g} "
+                    "Pa: the film carries less than eta_b V/D (a lower film_onset_pressure)"
+                )
 
     def close(self, simulation: Simulation, status: str, failure: str | None = None) -> None:
         """Write history and summary; after a failure also the last state; collective.
@@ -339,6 +347,28 @@ class Recorder(Observer):
         }
 
 
+def lost_below_onset(term: ContactTerm, trial: ContactTrial, onset: float, comm: MPI.Comm) -> float:
+    """Share of the film's force that pressures below the onset take away; collective.
+
+    By the work of a step, so that what does not slide does not count. 0 where the friction misses
+    less than `LOST_FILM` by it, as that of a dry contact or of asperities that carry nearly all.
+
+    Args:
+        term: the contact.
+        trial: at the end of a step.
+        onset: Pa, pressure from which its film is whole.
+        comm: of all ranks.
+    """
+    if onset <= 0.0:
+        return 0.0
+    weight, parts = term.surface.slave.weight, trial.response.dissipation
+    share = np.where(trial.pressure > 0.0, np.minimum(trial.pressure / onset, 1.0), 1.0)
+    sums = [(weight * work).sum() for work in (parts.viscous, parts.viscous / share, parts.total)]
+    felt, whole, friction = comm.allreduce(np.array(sums))
+    lost = whole - felt
+    return float(lost / whole) if lost > LOST_FILM * (friction + lost) else 0.0
+
+
 def _extent(comm: MPI.Comm, values: Floats) -> list[float]:
     """Smallest and largest of values of all ranks; collective."""
     least = comm.allreduce(float(np.min(values, initial=np.inf)), op=MPI.MIN)
@@ -372,6 +402,6 @@ def _unbalanced(simulation: Simulation, balance: float | None) -> Iterator[str]:
     if gap > UNBALANCED:
         yield (
             f"energy is balanced only to {gap:.2g} of the work: the steps are too long for what "
-            "happens in them (smaller steps), or facets of a curved master catch (a finer master, "
-            "or smoothing_angle)"
+            "happens in them, or for the trapezoidal rule under forces that rise steeply (smaller "
+            "steps), or facets of a curved master catch (a finer master, or smoothing_angle)"
         )

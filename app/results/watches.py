@@ -34,7 +34,8 @@ class Watches:
             kept: what :meth:`snapshot` has seen, of a run that goes on.
         """
         self.roundoff = RoundOffWatch(model.problem, model.case.solver.tolerance)
-        self.contacts = ContactWarnings(model.problem, None if kept is None else kept["contacts"])
+        seen = None if kept is None else kept["contacts"]
+        self.contacts = ContactWarnings(model.problem, seen, model.case.is_explicit)
         self.left, self.floating = LeftMaster(model), FloatingWatch()
         self.flow = FlowWatch(model.problem)
         self.told: set[str] = set()

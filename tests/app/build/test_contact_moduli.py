@@ -11,6 +11,7 @@ from mpi4py import MPI
 from tribox.app.build.contacts import contact_modulus, penalty_modulus
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
+from tribox.app.equilibrium.pair_bodies import bodies_of
 from tribox.forms.bodies.elastoplastic import ElastoPlastic
 from tribox.forms.bodies.hardening import Linear
 from tribox.forms.bodies.materials import Hencky, NeoHookean, oedometric_modulus, shear_and_bulk
@@ -70,3 +71,39 @@ def test_default_penalty_goes_by_the_softer_body(block, pressure, turned):
     np.testing.assert_allclose(term.penalty, expected, rtol=1e-12)
     both = [s.material for s in model.problem.solids]
     assert term.modulus == pytest.approx(contact_modulus(*both), rel=1e-12)
+
+
+def test_the_softer_body_is_the_one_that_shears_more_easily(block):
+    """Nearly incompressible rubber on a plastic of 3 GPa, whose oedometric modulus is the lower."""
+    data = tomllib.loads(block)
+    data["bodies"]["elastomer"] = {"material": "neo-hookean", "E": 3e6, "nu": 0.4999}
+    data["bodies"]["aluminium"] = {"material": "hencky", "E": 3e9, "nu": 0.3}
+    data["contact"][0]["friction"] = {"law": "coulomb", "mu": 0.2}
+    model = build_model(Case.model_validate(data), MPI.COMM_SELF)
+    rubber, plastic = (solid.material for solid in model.problem.solids)
+    assert oedometric_modulus(rubber) > oedometric_modulus(plastic)
+    [term] = model.problem.contacts
+    assert bodies_of(model.problem, term).softer.material is rubber
+    expected = 10.0 * rubber.shear_modulus / term.surface.facet_length
+    assert model.case.contact[0].friction.K_T == pytest.approx(expected, rel=1e-12)
+    assert model.notes == []
+
+
+@pytest.mark.parametrize(("ratio", "pressure"), [(0.3, "averaged"), (0.4999, "pointwise")])
+def test_explicit_runs_have_a_penalty_that_waves_bear(block, ratio, pressure):
+    """K = M/h where none is given; with a given one nothing changes."""
+    data = tomllib.loads(block)
+    for body in data["bodies"].values():
+        body["density"] = 1e3
+    data["bodies"]["elastomer"] |= {"material": "neo-hookean", "E": 3e6, "nu": ratio}
+    data["contact"][0]["pressure"] = pressure
+    data["solver"] = {"kind": "explicit"}
+    model = build_model(Case.model_validate(data), MPI.COMM_SELF)
+    [term] = model.problem.contacts
+    surface = term.surface
+    length = surface.vertices.length if pressure == "averaged" else surface.slave.facet_length
+    rubber = model.problem.solids[0].material
+    np.testing.assert_allclose(term.penalty * length, oedometric_modulus(rubber), rtol=1e-9)
+    data["contact"][0]["penalty_factor"] = 30.0
+    [given] = build_model(Case.model_validate(data), MPI.COMM_SELF).case.contact
+    assert given.penalty_factor == 30.0

@@ -334,7 +334,7 @@ def test_energy_that_does_not_add_up_is_warned_of(block, tmp_path, steps, warned
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     found = [line for line in summary["warnings"] if "energy is balanced only to" in line]
     assert len(found) == warned
-    assert (abs(summary["energy_error_relative"]) > 0.05) is warned
+    assert (abs(summary["energy_error_relative"]) > 0.01) is warned
 
 
 def test_bodies_that_never_press_are_warned_of(block, tmp_path):
