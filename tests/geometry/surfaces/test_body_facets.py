@@ -5,8 +5,8 @@ from __future__ import annotations
 import dolfinx
 import numpy as np
 import pytest
-from mpi4py import MPI
 
+from tests.grid import grid
 from tribox.geometry.surfaces.body_facets import OuterFacets, displacement_facet, outward_facets
 
 CELLS = {2: ("triangle", "quadrilateral"), 3: ("tetrahedron", "hexahedron")}
@@ -14,9 +14,7 @@ CELLS = {2: ("triangle", "quadrilateral"), 3: ("tetrahedron", "hexahedron")}
 
 def space_on(dim: int, cell: str, degree: int) -> dolfinx.fem.FunctionSpace:
     """A unit box of four cells to a side."""
-    make = dolfinx.mesh.create_unit_square if dim == 2 else dolfinx.mesh.create_unit_cube
-    mesh = make(MPI.COMM_SELF, *[4] * dim, dolfinx.mesh.CellType[cell])
-    return dolfinx.fem.functionspace(mesh, ("Lagrange", degree, (dim,)))
+    return dolfinx.fem.functionspace(grid(cell, [4] * dim), ("Lagrange", degree, (dim,)))
 
 
 def top(space: dolfinx.fem.FunctionSpace, low: float, high: float) -> np.ndarray:
