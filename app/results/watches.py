@@ -11,9 +11,9 @@ from tribox.app.simulation.contact_warnings import ContactWarnings
 from tribox.app.simulation.floating_watch import FloatingWatch
 from tribox.app.simulation.flow_watch import FlowWatch
 from tribox.app.simulation.history import Row
-from tribox.app.simulation.left_master import LeftMaster
 from tribox.app.simulation.observer import Interval
 from tribox.app.simulation.roundoff_watch import RoundOffWatch
+from tribox.app.simulation.surface_ends import LeftMaster, PressedEnds
 
 
 class Watches:
@@ -36,13 +36,15 @@ class Watches:
         self.roundoff = RoundOffWatch(model.problem, model.case.solver.tolerance)
         seen = None if kept is None else kept["contacts"]
         self.contacts = ContactWarnings(model.problem, seen, model.case.is_explicit)
-        self.left, self.floating = LeftMaster(model), FloatingWatch()
+        self.left, self.ends = LeftMaster(model), PressedEnds(model)
+        self.floating = FloatingWatch()
         self.flow = FlowWatch(model.problem)
         self.told: set[str] = set()
         self._thickness = model.thickness
         if kept is not None:
             self.told = set(kept["told"])
             self.left.restore(kept["left"])
+            self.ends.restore(kept["ends"])
             self.floating.restore(kept["floating"])
             self.flow.restore(kept["flow"])
             self.roundoff.restore(kept["roundoff"])
@@ -52,6 +54,7 @@ class Watches:
         self.roundoff.step(row, result)
         self.contacts.step(row, self._thickness)
         self.left.step(row)
+        self.ends.step(row)
         self.floating.step(row, result)
         self.flow.step(row)
 
@@ -64,6 +67,7 @@ class Watches:
     def warnings(self, stage: str) -> Iterator[str]:
         """What there is to say at the end, in stage ``stage``; collective."""
         yield from self.left.warnings()
+        yield from self.ends.warnings()
         yield from self.contacts.warnings()
         yield from self.floating.warnings()
         yield from self.flow.warnings()
@@ -74,6 +78,7 @@ class Watches:
         return {
             "told": sorted(self.told),
             "left": self.left.snapshot(),
+            "ends": self.ends.snapshot(),
             "floating": self.floating.snapshot(),
             "flow": self.flow.snapshot(),
             "roundoff": self.roundoff.snapshot(),

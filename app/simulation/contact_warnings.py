@@ -11,7 +11,8 @@ What is judged, and against what:
   range of the gap along a facet less its linear part, which is that of both surfaces as they are
   deformed; the share of open points inside the pressed patch; the scatter of the pressure within
   facets.
-- **resolution**: layers of pressed facets from the rim inwards.
+- **resolution**: the facets that the rim of the contact crosses, whose length is what its place is
+  uncertain by, against the half-width: from the rim to where it is furthest away.
 
 Nothing depends on the number of ranks: a facet's points are on one of them, and what is known of
 vertices is summed over all.
@@ -25,6 +26,7 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
+from scipy.spatial import cKDTree
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.snapshot import Snapshot
@@ -49,7 +51,8 @@ PENETRATION = 0.02
 APPROACH = 0.01
 OPEN_INSIDE = 0.05  # share of open points inside a pressed patch
 SCATTER = 0.2  # standard deviation over mean of the pressure within facets
-FEW = 4  # layers of facets from the rim inwards below which a contact is coarsely resolved
+FEW = 4.0  # facets as long as those at the rim, up to the middle, below which a contact is coarse
+NEAR = 1.5  # facets at the rim count that are up to so many half-widths from the middle
 WHOLE = 1.0 - 1e-9  # share of a vertex's area that counts as all of it
 
 
@@ -61,7 +64,9 @@ class PairState:
         force: N (N/m), integral of the pressure; area: m or m², pressed.
         deepest: m, largest penetration; over_facet: the largest over the local facet length.
         mean: m, penetration weighted by pressure.
-        layers: of pressed facets from the rim inwards, ``FEW`` for that many or more, or no rim.
+        half_width: m, from the rim of the contact to where it is furthest away; 0 without a rim:
+            the end of a surface is none. rim: m, mean length of the facets that the rim crosses.
+        uncertain: half the area of all such facets over that of the contact.
         open_inside: share of open points inside the patch; scatter: of the pressure within facets;
             sagitta: m, mean over the pressed facets. All 0 where the pressure is averaged.
         alternation: of the pressure from vertex to vertex over its mean, where the master has
@@ -73,11 +78,18 @@ class PairState:
     deepest: float
     over_facet: float
     mean: float
-    layers: int
+    half_width: float = 0.0
+    rim: float = 0.0
+    uncertain: float = 0.0
     open_inside: float = 0.0
     scatter: float = 0.0
     sagitta: float = 0.0
     alternation: float = 0.0
+
+    @property
+    def facets(self) -> float:
+        """How many facets as long as those at the rim the contact is wide, from there inwards."""
+        return self.half_width / self.rim if self.rim > 0.0 else np.inf
 
 
 class PairProbe:
@@ -113,13 +125,13 @@ class PairProbe:
         force, area = self._total(float(weight @ pressure), float(weight @ pressed))
         patch = self._pressed_facets(trial)
         depth = self._depths(trial)
-        layers = self._layers(patch)
+        rim = self._rim(trial, patch)
         if trial.nodal_gap is None or trial.nodal_pressure is None:
             uneven = self._unevenness(trial, patch)
-            return PairState(float(force), float(area), *depth, layers, *uneven)
+            return PairState(float(force), float(area), *depth, *rim, *uneven)
         inside = self._inside(self._inside(patch))
         combed = alternation(self.surface, trial.nodal_pressure, inside)
-        return PairState(float(force), float(area), *depth, layers, alternation=combed)
+        return PairState(float(force), float(area), *depth, *rim, alternation=combed)
 
     def _depths(self, trial: ContactTrial) -> tuple[float, float, float]:
         """Largest penetration, the largest over facet length, the mean by pressure; collective."""
@@ -151,22 +163,52 @@ class PairProbe:
     def _inside(self, patch: Bools) -> Bools:
         """Points (q,) of the facets of a patch all of whose neighbours are in it; collective."""
         vertices = self.surface.vertices
-        whole = vertices.sums(self.surface.slave.weight * patch) >= WHOLE * vertices.area
-        inside: Bools = patch & whole[vertices.of_point].all(axis=1)
+        inside: Bools = patch & self._whole(patch)[vertices.of_point].all(axis=1)
         return inside
 
-    def _layers(self, patch: Bools) -> int:
-        """Layers of facets from the rim inwards; the end of the surface is no rim; collective."""
-        layers, size = 0, self._size(patch)
-        while size and layers < FEW:
-            layers, patch = layers + 1, self._inside(patch)
-            before, size = size, self._size(patch)
-            if size == before:
-                return FEW
-        return layers
+    def _whole(self, patch: Bools) -> Bools:
+        """Vertices (v,) all of whose facets are in a patch (q,); collective."""
+        vertices = self.surface.vertices
+        whole: Bools = vertices.sums(self.surface.slave.weight * patch) >= WHOLE * vertices.area
+        return whole
 
-    def _size(self, patch: Bools) -> int:
-        return int(self._comm.allreduce(int(np.count_nonzero(patch)), op=MPI.SUM))
+    def _rim(self, trial: ContactTrial, patch: Bools) -> tuple[float, float, float]:
+        """Half-width, m, length of the facets at its rim, m, their share of the area; collective.
+
+        The rim crosses the facets between a vertex that presses and one that does not; point by
+        point a vertex presses if something does on all facets around. It is taken in the middle of
+        such facets, and the half-width from the vertex or point that is furthest from it.
+
+        Args:
+            trial: the contact.
+            patch: (q,) points of the facets that press.
+        """
+        surface, vertices = self.surface, self.surface.vertices
+        weight, length = surface.slave.weight, surface.slave.facet_length
+        nodal = trial.nodal_pressure
+        pressing: Bools = self._whole(patch) if nodal is None else nodal > 0.0
+        ends = pressing[vertices.of_point]
+        crossed = ends.any(axis=1) & ~ends.all(axis=1)
+        if nodal is None:
+            crossed = patch & ~ends.all(axis=1)
+        if not self._comm.allreduce(bool(crossed.any()), op=MPI.LOR):
+            return 0.0, 0.0, 0.0
+        rim = cKDTree(vertices.position[~pressing])
+        inside = [vertices.position[pressing], surface.slave.position[ends.all(axis=1)]]
+        places = np.concatenate(inside)
+        depth = rim.query(places)[0] if len(places) else np.empty(0)
+        deepest = int(np.argmax(depth)) if len(depth) else -1
+        mine = (float(depth[deepest]), *places[deepest]) if len(depth) else (0.0,)
+        half, *middle = max(self._comm.allgather(mine))
+        near = crossed
+        if middle:
+            apart = np.linalg.norm(surface.slave.position - middle, axis=1)
+            near = crossed & (apart < NEAR * half)
+        parts = (near, near * length, crossed, ends.all(axis=1))
+        sums = self._total(*(float(weight @ part) for part in parts))
+        rim_length, half_crossed = _over(sums[1], sums[0]), 0.5 * sums[2]
+        half_width = max(half - 0.5 * rim_length, 0.5 * rim_length)
+        return half_width, rim_length, _over(half_crossed, sums[3] + half_crossed)
 
     def _unevenness(self, trial: ContactTrial, patch: Bools) -> tuple[float, float, float]:
         """Open share inside the patch, scatter within its facets, mean sagitta, m; collective."""
@@ -319,7 +361,7 @@ class ContactWarnings:
             if self.over_facet[index] > PENETRATION or costly:
                 yield self._soft(index, comb)
             widest = self._widest[index]
-            if widest is not None and widest.layers < FEW:
+            if widest is not None and widest.facets < FEW:
                 yield _few_facets(index, widest)
 
     def _of_tie(self, index: int) -> Iterator[str]:
@@ -384,9 +426,10 @@ class ContactWarnings:
 
 def _few_facets(index: int, state: PairState) -> str:
     return (
-        f"contact.{index}: the contact is less than {max(state.layers, 1) + 1} slave facets wide "
-        f"from its rim to its middle: its area, and what a film carries, are uncertain by "
-        f"{50.0 / max(state.layers, 1):.2g} %; refine the slave there"
+        f"contact.{index}: the contact is {state.facets:.2g} slave facets wide from its rim to its "
+        f"middle ({state.half_width:.3g} m; those at its rim are {state.rim:.3g} m long): its "
+        f"area, and what a film carries, are uncertain by {100.0 * state.uncertain:.2g} %; refine "
+        "the slave there"
     )
 
 

@@ -30,7 +30,8 @@ from tribox.app.simulation.pair_bodies import (
     presses,
     pressure_kind,
 )
-from tribox.app.simulation.surface_faults import Findings, catches, rests_on_edges, slid_off
+from tribox.app.simulation.surface_ends import reaches_end, slid_off
+from tribox.app.simulation.surface_faults import Findings, catches, rests_on_edges
 from tribox.forms.friction.friction_map import FrictionMap
 from tribox.geometry.compat import cell_values
 from tribox.geometry.surfaces.facets import Floats
@@ -202,8 +203,10 @@ def _of_state(
     caught = [] if edges else list(catches(problem, contacts))
     supports = [] if penalties else list(_of_supports(problem, loose, result.strayed))
     ends = list(slid_off(problem, contacts))
+    reached = [] if ends else list(reaches_end(problem, contacts))
     found = [*penalties, *supports, *ends, *_of_elements(problem, converged), *edges]
     yield from found or list(_of_firm_penalties(problem)) or caught or _of_weakening(problem)
+    yield from reached
 
 
 def _of_gross_slip(problem: Equilibrium, loose: Iterable[Loose], thickness: float) -> Findings:

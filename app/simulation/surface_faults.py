@@ -1,7 +1,4 @@
-"""Ends of masters that slaves run past, and facets of masters that catch them, in words.
-
-A message that speaks of an end or an edge says of which surface, and where it lies undeformed.
-"""
+"""Facets of masters that catch slaves, in words."""
 
 from __future__ import annotations
 
@@ -15,11 +12,10 @@ from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.places import place_text
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.state import ContactTrial
-from tribox.geometry.surfaces.facets import Bools, Floats
+from tribox.geometry.surfaces.facets import Floats
 from tribox.geometry.surfaces.projection import FacetSurface
 from tribox.geometry.surfaces.smoothing import shared_sides
 from tribox.geometry.surfaces.surface import ContactSurface, MasterFacets
-from tribox.geometry.surfaces.target import Projection
 
 Findings = Iterator[tuple[str, str]]  # what is wrong, and what to do about it
 
@@ -27,7 +23,6 @@ ON_EDGE = 1e-6  # reference distance from the edge of a facet below which a poin
 # Angles, rad, between neighbouring facets of a deformed master that a slave catches on: less is
 # flat, more is an edge that is meant.
 BENT, CLEARLY_BENT, SHARP = 1e-3, 0.01, 0.35
-SOME = 0.2  # share of the points past any end from which on an end is named
 SAME = 1e-6  # of the size of a surface, below which two places are the same
 SMOOTH = 'smoothing_angle = "30 deg"'
 
@@ -37,54 +32,6 @@ def names_of(contacts: Sequence[Contact], index: int) -> tuple[str, str]:
     if index >= len(contacts):
         return "the slave", "the master"
     return contacts[index].slave, contacts[index].master
-
-
-# -- ends -----------------------------------------------------------------------------------------
-
-
-def ends_text(surface: ContactSurface, at: Projection, off: Bools) -> str:
-    """Where the master ends that some points are past, undeformed; collective.
-
-    Two places where they are past two ends that are far from each other.
-
-    Args:
-        surface: the pair.
-        at: the slave's points on the master.
-        off: (q,) those of this rank that are past an end.
-    """
-    places, _ = surface.target.places(at.facet[off], at.xi[off], surface.master.position)
-    found = np.concatenate(surface.space.mesh.comm.allgather(places))
-    if not len(found):
-        return "an end"
-    extent = float(np.ptp(surface.master.position, axis=0).max())
-    found = np.round(found / (SAME * extent)) * (SAME * extent) + 0.0  # round-off, and no −0
-    found = found[np.lexsort(found.T[::-1])]
-    apart = np.linalg.norm(found - found[0], axis=1) > 0.5 * extent
-    ends = [part for part in (found[~apart], found[apart]) if len(part) >= SOME * len(found)]
-    return " and ".join(place_text(part[len(part) // 2]) for part in ends)
-
-
-def slid_off(problem: Equilibrium, contacts: Sequence[Contact]) -> Findings:
-    """A point that leaves the master loses its force at once: there may be no equilibrium.
-
-    Args:
-        problem: at the state evaluated last.
-        contacts: of the case, for the names.
-    """
-    for index, (now, before) in enumerate(zip(problem.trials, problem.committed, strict=False)):
-        pressed = before.pressure > 0.0
-        off = pressed & ~now.projection.on_surface
-        local = np.array([np.count_nonzero(a) for a in (off, now.pressure, pressed)])
-        count, pressing, all_ = problem.comm.allreduce(local)
-        if not (count and pressing):
-            continue
-        slave, master = names_of(contacts, index)
-        where = ends_text(problem.contacts[index].surface, now.projection, off)
-        yield (
-            f"contact.{index}: points of {slave} that pressed slide off the end of {master} at "
-            f"{where}, undeformed ({count} of {all_} points)",
-            f"a master surface {master} that reaches further there, or less sliding",
-        )
 
 
 # -- facets ---------------------------------------------------------------------------------------

@@ -1,6 +1,7 @@
-"""Facets of a body's surface as the mesh has them: nodes, lengths, and which way is out.
+"""Facets of a body's surface as the mesh has them: nodes, lengths, ends, and which way is out.
 
-Axis letters: f facets, a facet nodes, i space.
+Axis letters: f facets, a facet nodes, e ends of a surface (in space: edges), k their corners, i
+space.
 """
 
 from __future__ import annotations
@@ -11,7 +12,9 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from tribox.geometry.compat import facet_kind, facets_per_cell
-from tribox.geometry.surfaces.facets import FacetShape, Floats, facet_shape, unit_normals
+from tribox.geometry.surfaces.facets import FacetShape, Floats, Longs, facet_shape, unit_normals
+
+SMOOTH = np.radians(30.0)  # angle between facets up to which a body's surface goes on smoothly
 
 
 def displacement_facet(space: dolfinx.fem.FunctionSpace) -> FacetShape:
@@ -90,6 +93,75 @@ def require_facets(mesh: dolfinx.mesh.Mesh, facets: NDArray[np.int32], side: str
     """
     if mesh.comm.allreduce(len(owned_facets(mesh, facets)), op=MPI.SUM) == 0:
         raise ValueError(f"the {side} surface has no facet")
+
+
+class OuterFacets:
+    """This rank's facets of the boundary of all bodies, and where named surfaces end on it."""
+
+    def __init__(self, space: dolfinx.fem.FunctionSpace) -> None:
+        """Collect them; collective."""
+        mesh, shape = space.mesh, displacement_facet(space)
+        tdim = mesh.topology.dim
+        mesh.topology.create_connectivity(tdim - 1, tdim)
+        outer = dolfinx.mesh.exterior_facet_indices(mesh.topology)
+        local, position = outward_facets(space, shape, outer)
+        corners = local[:, : shape.corners]
+        glob = space.dofmap.index_map.local_to_global(corners.reshape(-1).astype(np.int32))
+        self._corners: Longs = glob.reshape(corners.shape).astype(np.int64)
+        middle = np.mean(shape.points[: shape.corners], axis=0)
+        tangents = np.einsum("ba,fai->fbi", shape.first(middle[None])[0], position)
+        self._normal: Floats = unit_normals(tangents)
+        self._shape, self._comm = shape, mesh.comm
+
+    def smooth_ends(self, surface: Longs, others: Longs) -> Longs:
+        """Ends (e, k) of a surface behind which its body's boundary goes on smoothly; collective.
+
+        At a corner of the body, an axis or a plane of symmetry it does not. Where ``others`` begin
+        there is no end.
+
+        Args:
+            surface: (f, a) global nodes of the surface's facets, this rank's or all; corners first.
+            others: (f, a) likewise, of what counts as more of it.
+
+        Returns:
+            Global nodes of the corners of each end, sorted; the same on every rank.
+        """
+        mine, more = self._gathered(surface), self._gathered(others)
+        sides, count = np.unique(self._sides(mine), axis=0, return_counts=True)
+        ends: Longs = sides[count == 1]
+        keys = np.sort(self._corners, axis=1)
+        inside, covered = (_found(keys, np.sort(rows, axis=1)) >= 0 for rows in (mine, more))
+        at = _found(self._sides(self._corners), ends).reshape(len(keys), -1)
+        normals = np.zeros((2, len(ends), self._normal.shape[1]))
+        for normal, facets in zip(normals, (inside, ~inside & ~covered), strict=True):
+            facet, side = np.nonzero((at >= 0) & facets[:, None])
+            normal[at[facet, side]] = self._normal[facet]
+        here, beyond = self._comm.allreduce(normals)
+        smooth: Longs = ends[np.einsum("ei,ei->e", here, beyond) > np.cos(SMOOTH)]
+        return smooth
+
+    def _gathered(self, facets: Longs) -> Longs:
+        """Corners (f, k) of the distinct ones of all ranks' facets (f, a); collective."""
+        corners = np.concatenate(self._comm.allgather(facets[:, : self._shape.corners]))
+        _, first = np.unique(np.sort(corners, axis=1), axis=0, return_index=True)
+        out: Longs = corners[first]
+        return out
+
+    def _sides(self, corners: Longs) -> Longs:
+        """Sorted corners (f s, k) of the sides of each facet in turn."""
+        sides = [corners[:, side.nodes[:2]] for side in self._shape.sides]
+        stacked = np.sort(np.stack(sides, axis=1), axis=2)
+        out: Longs = stacked.reshape(-1, stacked.shape[2])
+        return out
+
+
+def _found(rows: Longs, among: Longs) -> Longs:
+    """For each row (n, k) its number among distinct others (m, k); −1: not among them."""
+    _, number = np.unique(np.concatenate([among, rows]), axis=0, return_inverse=True)
+    which = np.full(int(number.max(initial=-1)) + 1, -1, dtype=np.int64)
+    which[number[: len(among)]] = np.arange(len(among))
+    out: Longs = which[number[len(among) :]]
+    return out
 
 
 def _cells_of(

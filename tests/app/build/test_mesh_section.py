@@ -131,6 +131,23 @@ def test_linear_tetrahedra_that_lock_are_pointed_out(model):
 
 
 @pytest.mark.parametrize(
+    ("shape", "cells"), [("blocks", "quadrilaterals"), ("boxes", "hexahedra")], ids=["2D", "3D"]
+)
+@pytest.mark.parametrize(
+    ("formulation", "nu", "said"), [("q1", 0.4995, 1), ("q1", 0.48, 0), ("q1-sri", 0.4995, 0)]
+)
+def test_rubber_of_full_integration_is_said_to_lock(model, shape, cells, formulation, nu, said):
+    """The metal beside it, K/G = 2.6, does not."""
+    keys = f"formulation={formulation}", f"nu={nu}"
+    notes = model(shape, "", *(f"bodies.elastomer.{key}" for key in keys)).notes
+    lines = [note for note in notes if "lock" in note]
+    assert len(lines) == said
+    for line in lines:
+        assert f"body elastomer: linear {cells} of full integration lock with K/G = 1e+03" in line
+        assert line.endswith('; use formulation = "q1-sri"')
+
+
+@pytest.mark.parametrize(
     ("shape", "geometry", "overrides", "said"),
     [
         ("boxes", 'thickness = "1 mm"', [], "geometry.thickness = 0.001 m: goes with plane strain"),

@@ -4,14 +4,23 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
+import dolfinx
 import numpy as np
 import pytest
 
 from tests.contact_boxes import PENALTY, Scene
 from tests.geometry.surfaces.test_vertices import graded
-from tribox.app.simulation.contact_warnings import FEW, ContactWarnings, PairProbe, PairState
+from tests.grid import grid
+from tribox.app.simulation.contact_warnings import (
+    FEW,
+    ContactWarnings,
+    PairProbe,
+    PairState,
+    _few_facets,
+)
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.friction.coulomb import FrictionlessLaw
+from tribox.geometry.surfaces.surface import ContactSurface
 
 
 def trial_of(surface, pressure):
@@ -42,13 +51,51 @@ def test_mean_penetration_is_weighted_by_the_force_of_the_vertices():
     assert probe.measure(trial_of(surface, pressure)).mean == pytest.approx(expected, rel=1e-12)
 
 
-@pytest.mark.parametrize(("pressed", "layers"), [(2, 1), (3, 2), (4, 3), (5, FEW), (0, 0)])
-def test_layers_are_counted_from_the_rim(pressed, layers):
-    """The end of the slave is no rim; a facet counts if all its vertices press."""
+@pytest.mark.parametrize("shape", ["Q4", "hex8"])
+@pytest.mark.parametrize("pressed", [1, 2, 4])
+def test_the_half_width_is_judged_by_the_facets_at_the_rim(shape, pressed):
+    """On a slave whose facets widen along x; its end is no rim, and in space the rim is a line."""
+    surface = graded(shape)
+    probe = PairProbe(ContactTerm(surface, FrictionlessLaw(), PENALTY))
+    x = surface.vertices.position[:, 0]
+    ends = np.unique(np.round(x, 12))
+    state = probe.measure(trial_of(surface, np.where(x < ends[pressed] - 1e-9, 1.0, 0.0)))
+    crossed = ends[pressed] - ends[pressed - 1]
+    rim = crossed if shape == "Q4" else np.sqrt(crossed * 0.5)  # the side of a square of that area
+    half = ends[pressed] - ends[0]
+    assert state.rim == pytest.approx(rim, rel=1e-9)
+    # Points of a face are a little further from the nearest open vertex than from the rim.
+    apart = {"Q4": 1e-9, "hex8": 0.03}[shape]
+    assert state.half_width == pytest.approx(half - 0.5 * rim, rel=apart)
+    assert state.uncertain == pytest.approx(0.5 * crossed / (half - 0.5 * crossed), rel=1e-9)
+
+
+def test_many_short_facets_within_a_long_one_are_few():
+    """Eight of 0.04, and the rim in one of 0.68: from its middle to the end of the slave."""
+    mesh = grid("quadrilateral", [9, 1])
+    x = mesh.geometry.x[:, 0]
+    x[:] = np.where(x < 0.99, 0.36 * x, 1.0)
+    space = dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (2,)))
+    sides = [
+        dolfinx.mesh.locate_entities_boundary(mesh, 1, lambda X, h=h: np.isclose(X[1], h))
+        for h in (0.0, 1.0)
+    ]
+    surface = ContactSurface(space, *sides, 5)
+    probe = PairProbe(ContactTerm(surface, FrictionlessLaw(), PENALTY))
+    state = probe.measure(trial_of(surface, np.append(np.ones(9), 0.0)))
+    assert state.facets == pytest.approx(0.66 / 0.68) and state.facets < FEW
+    assert (
+        "0.97 slave facets wide from its rim to its middle (0.66 m; those at its rim are 0.68 m "
+        "long): its area, and what a film carries, are uncertain by 52 %"
+    ) in _few_facets(2, state)
+
+
+@pytest.mark.parametrize("pressure", [0.0, 1.0], ids=["open", "pressed all over"])
+def test_without_a_rim_nothing_is_coarse(pressure):
     surface = graded("Q4")
     probe = PairProbe(ContactTerm(surface, FrictionlessLaw(), PENALTY))
-    pressure = np.where(np.arange(surface.vertices.count) < pressed, 1.0, 0.0)
-    assert probe.measure(trial_of(surface, pressure)).layers == layers
+    state = probe.measure(trial_of(surface, np.full(surface.vertices.count, pressure)))
+    assert state.facets == np.inf and state.uncertain == 0.0
 
 
 @pytest.mark.parametrize(("bend", "sagitta"), [(0.0, 0.0), (0.5, 0.5)])
@@ -74,5 +121,6 @@ def test_sagitta_is_what_a_gap_has_beside_its_linear_part(bend, sagitta):
 )
 def test_signs_of_a_comb(open_inside, scatter, sagitta, comb):
     """Each by itself; the sagitta against the mean penetration, here 1."""
-    state = PairState(1.0, 1.0, 2.0, 0.1, 1.0, FEW, open_inside, scatter, sagitta)
+    uneven = {"open_inside": open_inside, "scatter": scatter, "sagitta": sagitta}
+    state = PairState(1.0, 1.0, 2.0, 0.1, 1.0, **uneven)
     assert ContactWarnings._is_comb(state) == comb

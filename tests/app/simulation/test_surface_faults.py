@@ -14,7 +14,8 @@ from tribox.app.errors import SolutionError
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.run.run import run_case
 from tribox.app.simulation.failure_diagnosis import explain
-from tribox.app.simulation.surface_faults import ends_text, names_of
+from tribox.app.simulation.surface_ends import ends_text
+from tribox.app.simulation.surface_faults import names_of
 from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 
 LAW = CoulombLaw(CoulombParameters(mu=0.2, K_T=60.0))

@@ -13,9 +13,9 @@ from tests.rectangles import Rectangle, Rectangles
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.results.contact_nodes import contact_nodes
-from tribox.app.simulation.left_master import LeftMaster
 from tribox.app.simulation.observer import Observer
 from tribox.app.simulation.simulation import Simulation
+from tribox.app.simulation.surface_ends import LeftMaster
 from tribox.geometry.meshes.gmsh_model import write_msh
 
 PAD = Rectangle(-1e-3, 0.0, 1e-3, 0.5e-3, (10, 3))

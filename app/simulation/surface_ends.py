@@ -1,0 +1,358 @@
+"""Ends of the surfaces of a pair: contact that reaches them, and slaves that run past them.
+
+A message that speaks of an end says of which surface, and where it lies undeformed. Axis letters: q
+points, v vertices of the slave, k vertices of its facet, e ends (in space: edges), f facets of the
+master, s their sides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from tribox.app.build.model import Model
+from tribox.app.case.contact import Contact
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.pair_bodies import bodies_of
+from tribox.app.equilibrium.places import place_text
+from tribox.app.equilibrium.snapshot import AtPoints, Snapshot
+from tribox.app.simulation.history import Row
+from tribox.app.simulation.surface_faults import SAME, Findings, names_of
+from tribox.app.simulation.time_text import time_text
+from tribox.forms.contact.pressure import nodal_pressure
+from tribox.forms.contact.shared_slave import covered_by_others
+from tribox.forms.contact.state import ContactTrial
+from tribox.geometry.surfaces.body_facets import OuterFacets
+from tribox.geometry.surfaces.facets import Bools, Floats, Longs, facet_shape
+from tribox.geometry.surfaces.surface import ContactSurface, MasterFacets
+from tribox.geometry.surfaces.target import Projection
+
+FEW = 0.05  # share of the area above the master that may leave it without a word
+SOME = 0.2  # share of the points past any end from which on an end is named
+FELT = 0.05  # pressure at an end over its mean from which on the contact wants to go on there
+MOST = 0.9  # of the largest pressure at any end, from which on an end is named
+ON_END = 1e-6  # of a facet, within which a place is at its end
+
+
+def ends_text(surface: ContactSurface, at: Projection, off: Bools) -> str:
+    """Where the master ends that some points are past, undeformed; collective.
+
+    Args:
+        surface: the pair.
+        at: the slave's points on the master.
+        off: (q,) those of this rank that are past an end.
+    """
+    places, _ = surface.target.places(at.facet[off], at.xi[off], surface.master.position)
+    found = np.concatenate(surface.space.mesh.comm.allgather(places))
+    return _places_text(found, float(np.ptp(surface.master.position, axis=0).max()))
+
+
+def _places_text(found: Floats, extent: float) -> str:
+    """Places (n, i), m, in words: two where they lie at two ends that are far from each other.
+
+    Args:
+        found: see above.
+        extent: m, of the surface.
+    """
+    if not len(found):
+        return "an end"
+    found = np.round(found / (SAME * extent)) * (SAME * extent) + 0.0  # round-off, and no −0
+    found = found[np.lexsort(found.T[::-1])]
+    apart = np.linalg.norm(found - found[0], axis=1) > 0.5 * extent
+    ends = [part for part in (found[~apart], found[apart]) if len(part) >= SOME * len(found)]
+    return " and ".join(place_text(part[len(part) // 2]) for part in ends)
+
+
+# -- contact that reaches an end ------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class PressedEnd:
+    """Contact at an end of one of a pair's surfaces.
+
+    Attributes:
+        pressure: Pa, the largest there; share: of the mean pressure; 0 where it is not reached.
+        where: the place, undeformed, in words.
+    """
+
+    pressure: float = 0.0
+    share: float = 0.0
+    where: str = ""
+
+    def text(self, index: int, surface: str, when: str = "") -> str:
+        """The end in words.
+
+        Args:
+            index: of the contact.
+            surface: its name.
+            when: since when.
+        """
+        return (
+            f"contact.{index}: the contact reaches the end of {surface} at {self.where}, "
+            f"undeformed, behind which its body goes on: {self.pressure:.3g} Pa there, "
+            f"{100.0 * self.share:.3g} % of the mean pressure{when}; what lies beyond cannot "
+            "press: force, area and pressures are wrong"
+        )
+
+
+class SmoothEnds:
+    """Ends of a pair's surfaces behind which its bodies go on, so that contact may want to."""
+
+    def __init__(self, surface: ContactSurface, slave: Longs, master: Longs) -> None:
+        """Find them among the slave's vertices and the sides of the master's facets.
+
+        Args:
+            surface: the pair.
+            slave: (e, k) global nodes of the corners of the slave's ends.
+            master: (e, k) of the master's.
+        """
+        self._surface, vertices = surface, surface.vertices
+        self._at_end: Bools = np.isin(vertices.nodes, slave)
+        share = np.sum(vertices.shape * self._at_end[vertices.of_point], axis=1)
+        facet = surface.slave.facet
+        nearest = np.zeros(int(facet.max(initial=-1)) + 1)
+        np.maximum.at(nearest, facet, share)
+        # (q,) the points of each facet that are nearest to an end.
+        self._last: Bools = (share > 0.0) & (share > nearest[facet] - ON_END)
+        nodes = _master_facets(surface)
+        sides = [np.sort(nodes[:, side.nodes[:2]], axis=1) for side in surface.shape.sides]
+        # (s, f) whether a side of the master's facets is an end.
+        self._sides = [(of[:, None] == master[None]).all(axis=2).any(axis=1) for of in sides]
+
+    def pressed(self, trial: ContactTrial) -> tuple[PressedEnd, PressedEnd]:
+        """Contact at the ends of the slave and of the master; collective.
+
+        The slave's end is pressed where its last vertex is, or point by point the points next to
+        it; the master's where a pressed facet of the slave has points past it, inside the body.
+
+        Args:
+            trial: where the pair is.
+        """
+        surface, comm, pressure = self._surface, self._surface.space.mesh.comm, trial.pressure
+        weight, vertices = surface.slave.weight, surface.vertices
+        force, area = comm.allreduce(np.array([weight @ pressure, weight @ (pressure > 0.0)]))
+        if force <= 0.0:
+            return PressedEnd(), PressedEnd()
+        shown, mean = nodal_pressure(surface, pressure), float(force / area)
+        nodal = trial.nodal_pressure
+        last = self._touched(self._last & (pressure > 0.0)) if nodal is None else nodal > 0.0
+        ends = last & self._at_end & (shown > FELT * mean)
+        past = self._past(trial)
+        beside = self._touched(past) & ((shown if nodal is None else nodal) > 0.0)
+        beside &= shown > FELT * mean
+        past &= _largest(shown, beside)[vertices.of_point].any(axis=1)
+        places = vertices.position[_largest(shown, ends)]
+        return (
+            _pressed_end(shown[ends], mean, _places_text(places, _extent(vertices.position))),
+            _pressed_end(shown[beside], mean, ends_text(surface, trial.projection, past)),
+        )
+
+    def _touched(self, points: Bools) -> Bools:
+        """Vertices (v,) of the facets of some points (q,) of all ranks; collective."""
+        vertices = self._surface.vertices
+        mine = np.bincount(vertices.of_point[points].reshape(-1), minlength=vertices.count)
+        touched: Bools = vertices.total(mine.astype(np.float64)) > 0.0
+        return touched
+
+    def _past(self, trial: ContactTrial) -> Bools:
+        """Points (q,) past the master's ends, within what would be its body."""
+        at, surface = trial.projection, self._surface
+        off = ~at.on_surface & (trial.kinematics.gap < 0.0)
+        corners = facet_shape(surface.shape.cell, 1).values(at.xi)
+        past = np.zeros_like(off)
+        for side, is_end in zip(surface.shape.sides, self._sides, strict=True):
+            if is_end.any():
+                on_side = corners[:, side.nodes[:2]].sum(axis=1) > 1.0 - ON_END
+                past |= off & on_side & is_end[at.facet]
+        return past
+
+
+def _largest(values: Floats, among: Bools) -> Bools:
+    """Which (v,) of some values are nearly as large as the largest of them."""
+    largest: Bools = among & (values >= MOST * np.max(values, where=among, initial=0.0))
+    return largest
+
+
+def _pressed_end(pressures: Floats, mean: float, where: str) -> PressedEnd:
+    """The end with these pressures (n,), Pa, if there are any."""
+    if not len(pressures):
+        return PressedEnd()
+    return PressedEnd(float(pressures.max()), float(pressures.max()) / mean, where)
+
+
+def _extent(places: Floats) -> float:
+    return float(np.ptp(places, axis=0).max())
+
+
+def _master_facets(surface: ContactSurface) -> Longs:
+    """Global nodes (f, a) of the master's facets; none of a tool."""
+    master = surface.master
+    if not isinstance(master, MasterFacets):
+        return surface.slave.nodes[:0]
+    nodes: Longs = master.nodes[master.facets]
+    return nodes
+
+
+def smooth_ends(problem: Equilibrium) -> list[SmoothEnds]:
+    """The ends of each pair behind which its bodies go on smoothly; collective.
+
+    A surface goes on in that of another pair whose other side is on the same body.
+    """
+    outer, terms = OuterFacets(problem.space), problem.contacts
+    pairs = [(term.surface, bodies_of(problem, term)) for term in terms]
+    # Of each pair: facets of slave and master, each with the body that it meets.
+    both = [
+        ((surface.slave.nodes, of.master), (_master_facets(surface), of.slave))
+        for surface, of in pairs
+    ]
+    out = []
+    for index, (surface, _) in enumerate(pairs):
+        ends = []
+        for mine, meets in both[index]:
+            others = (two for number, two in enumerate(both) if number != index)
+            more = [facets for two in others for facets, met in two if met is meets]
+            ends.append(outer.smooth_ends(mine, np.concatenate([mine[:0], *more])))
+        out.append(SmoothEnds(surface, *ends))
+    return out
+
+
+class PressedEnds:
+    """Watches for contact that reaches the end of a surface where the body goes on."""
+
+    def __init__(self, model: Model) -> None:
+        """Find the ends; collective."""
+        self._problem, self._contacts = model.problem, model.case.contact
+        self._ends = smooth_ends(model.problem)
+        # By pair, and 0 for the slave or 1 for the master: the most pressed end, and since when.
+        self._found: dict[tuple[int, int], tuple[PressedEnd, str]] = {}
+
+    def step(self, row: Row) -> None:
+        """Look at a converged step; collective."""
+        for index, trial in enumerate(self._problem.committed):
+            term = self._problem.contacts[index]
+            if term.tied or not term.active:
+                continue
+            for side, end in enumerate(self._ends[index].pressed(trial)):
+                now = f", from time {time_text(row.time, row.dt)}, stage {row.stage}, on"
+                most, since = self._found.get((index, side), (PressedEnd(), now))
+                if end.share > most.share:
+                    self._found[index, side] = end, since
+
+    def snapshot(self) -> Snapshot:
+        """What has been seen so far."""
+        found = self._found.items()
+        return {"found": [[*key, asdict(end), since] for key, (end, since) in found]}
+
+    def restore(self, kept: Snapshot) -> None:
+        """Go on from what :meth:`snapshot` has seen."""
+        self._found = {(i, k): (PressedEnd(**end), since) for i, k, end, since in kept["found"]}
+
+    def warnings(self) -> Iterator[str]:
+        """One line for each end that was reached."""
+        for (index, side), (end, since) in sorted(self._found.items(), key=lambda one: one[0]):
+            name = names_of(self._contacts, index)[side]
+            yield f"{end.text(index, name, since)}; let {name} reach further"
+
+
+def reaches_end(problem: Equilibrium, contacts: Sequence[Contact]) -> Findings:
+    """Contact that reaches the end of a surface where the body goes on; collective.
+
+    Args:
+        problem: at the state evaluated last.
+        contacts: of the case, for the names.
+    """
+    ends, found = smooth_ends(problem), dict[tuple[int, int], PressedEnd]()
+    for trials in (problem.committed, problem.trials):
+        for index, trial in enumerate(trials):
+            if problem.contacts[index].tied or not problem.contacts[index].active:
+                continue
+            for side, end in enumerate(ends[index].pressed(trial)):
+                most = found.get((index, side), PressedEnd())
+                found[index, side] = max(most, end, key=lambda one: one.share)
+    for (index, side), end in sorted(found.items(), key=lambda one: one[0]):
+        if end.share > 0.0:
+            name = names_of(contacts, index)[side]
+            yield end.text(index, name), f"a surface {name} that reaches further there"
+
+
+# -- slaves that run past an end ------------------------------------------------------------------
+
+
+def slid_off(problem: Equilibrium, contacts: Sequence[Contact]) -> Findings:
+    """A point that leaves the master loses its force at once: there may be no equilibrium.
+
+    Args:
+        problem: at the state evaluated last.
+        contacts: of the case, for the names.
+    """
+    for index, (now, before) in enumerate(zip(problem.trials, problem.committed, strict=False)):
+        pressed = before.pressure > 0.0
+        off = pressed & ~now.projection.on_surface
+        local = np.array([np.count_nonzero(a) for a in (off, now.pressure, pressed)])
+        count, pressing, all_ = problem.comm.allreduce(local)
+        if not (count and pressing):
+            continue
+        slave, master = names_of(contacts, index)
+        where = ends_text(problem.contacts[index].surface, now.projection, off)
+        yield (
+            f"contact.{index}: points of {slave} that pressed slide off the end of {master} at "
+            f"{where}, undeformed ({count} of {all_} points)",
+            f"a master surface {master} that reaches further there, or less sliding",
+        )
+
+
+class LeftMaster:
+    """Watches the points that were above the master at some row of the history.
+
+    Those that were beside it from the start, as where a slave is simply the longer one, do not
+    count, nor do points that lie above the plane of the master's end; nor a few that leave it as a
+    pressed slave spreads.
+    """
+
+    def __init__(self, model: Model) -> None:
+        """Find what is above the masters at the start."""
+        self._problem, self._contacts = model.problem, model.case.contact
+        self._above = [np.isfinite(term.state.gap) for term in self._problem.contacts]
+        self._found: dict[int, str] = {}
+
+    def step(self, row: Row) -> None:
+        """Look at a converged step; collective."""
+        lost, whole = np.zeros(len(self._above)), np.zeros(len(self._above))
+        gone: dict[int, Bools] = {}
+        for index, trial in enumerate(self._problem.committed):
+            term = self._problem.contacts[index]
+            if term.tied or not term.active:
+                continue
+            here = trial.projection.on_surface
+            left = self._above[index] & ~here & (trial.kinematics.gap < 0.0)
+            self._above[index] |= here
+            gone[index] = left
+            weight, sums = term.surface.slave.weight, term.surface.vertices.sums
+            whole[index] = sums(weight * self._above[index]).sum()
+            # What another master has below it now has not run off.
+            others = covered_by_others(term.neighbours, term.surface.vertices.count)
+            lost[index] = np.maximum(sums(weight * left) - others, 0.0).sum()
+        when = f"first at time {time_text(row.time, row.dt)}, stage {row.stage}"
+        for index in map(int, np.nonzero(lost > FEW * whole)[0]):
+            if index not in self._found:
+                surface, at = self._problem.contacts[index].surface, self._problem.committed[index]
+                where = ends_text(surface, at.projection, gone[index])
+                self._found[index] = f"at {where}, undeformed: no contact there ({when})"
+
+    def snapshot(self) -> Snapshot:
+        """What has been seen so far."""
+        above = [AtPoints(pair, points) for pair, points in enumerate(self._above)]
+        return {"above": above, "found": list(self._found.items())}
+
+    def restore(self, kept: Snapshot) -> None:
+        """Go on from what :meth:`snapshot` has seen."""
+        self._above = list(kept["above"])
+        self._found = {int(pair): where for pair, where in kept["found"]}
+
+    def warnings(self) -> Iterator[str]:
+        """One line for each pair that has lost points."""
+        for index, where in self._found.items():
+            pair = self._contacts[index]
+            yield f"{pair.slave} runs past the end of {pair.master} {where}"

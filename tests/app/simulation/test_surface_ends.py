@@ -1,0 +1,190 @@
+"""What is said of contact that reaches the end of a surface, or runs past it."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+from mpi4py import MPI
+
+from tribox.app.case.case import Case
+from tribox.app.errors import SolutionError
+from tribox.app.run.run import run_case
+from tribox.forms.contact.pressure import nodal_pressure
+from tribox.forms.contact.state import ContactTrial
+from tribox.geometry.surfaces.surface import ContactSurface
+
+
+@pytest.mark.parametrize(
+    ("offset", "width", "sliding", "end"),
+    [
+        ("0.1 mm", "1.5 mm", "0.15 mm", None),
+        ("0.1 mm", "1.2 mm", "0.3 mm", "(0.0012, 0) m"),
+        ("0.1 mm", "1.2 mm", "-0.3 mm", "(0, 0) m"),
+        # Longer than the master from the start: what hangs over has never been above it.
+        ("-0.1 mm", "0.8 mm", "0 mm", None),
+        # Pressed, it has spread over the left end too.
+        ("-0.1 mm", "0.8 mm", "0.15 mm", "(0, 0) m and (0.0008, 0) m"),
+    ],
+)
+def test_only_points_that_were_above_the_master_run_past_its_end(
+    tmp_path, block, offset, width, sliding, end
+):
+    data = tomllib.loads(block)
+    data["geometry"]["lower"]["width"] = width
+    data["geometry"]["offset"] = offset
+    data["boundary"][1]["displacement"]["x"] = [["1 s", "0 mm"], ["2 s", sliding]]
+    run_case(Case.model_validate(data), tmp_path / "out", quiet=True, comm=MPI.COMM_SELF)
+    log = (tmp_path / "out" / "log.txt").read_text()
+    past = [line for line in log.splitlines() if "runs past the end of" in line]
+    assert len(past) == (end is not None)
+    for line in past:
+        assert f"elastomer_contact runs past the end of aluminium_contact at {end}, unde" in line
+        assert "stage slide)" in line
+
+
+# A rubber cylinder, or ball, whose contact outgrows the surfaces that are named.
+ROUND = """
+[geometry]
+kind = "cylinder-on-block"
+contact_width = "3 mm"
+contact_size = "0.25 mm"
+growth = 1.8
+cylinder = { radius = "10 mm" }
+block = { width = "16 mm", height = "6 mm" }
+[bodies.elastomer]
+material = "neo-hookean"
+E = "10 MPa"
+nu = 0.45
+[bodies.aluminium]
+material = "neo-hookean"
+E = "10 GPa"
+nu = 0.3
+[[contact]]
+slave = "elastomer_contact"
+master = "aluminium_contact"
+smoothing_angle = "30 deg"
+friction = { law = "frictionless" }
+[[boundary]]
+surface = "bottom"
+displacement = { x = 0, y = 0 }
+[[boundary]]
+surface = "top"
+displacement = { x = 0, y = [["0 s", "0 mm"], ["1 s", "-0.5 mm"]] }
+[[stage]]
+name = "press"
+duration = "1 s"
+steps = 2
+[output]
+fields_every = 0
+figures = false
+"""
+REACHED = r"contact reaches the end of (\w+) at (.*), undeformed, .*: (\S+) Pa there, (\S+) % of"
+
+
+def outgrown(
+    comm: MPI.Comm, directory: Path, **changes: dict
+) -> tuple[list[tuple[str, ...]], ContactSurface, ContactTrial]:
+    """What is said of ends that the contact reaches, and where it is; tables may be changed."""
+    data = tomllib.loads(ROUND)
+    data["boundary"][1]["displacement"]["y"][1][1] = changes.pop("depth", "-0.5 mm")
+    data["contact"][0] |= changes.pop("contact", {})
+    data["geometry"] |= changes.pop("geometry", {})
+    data |= changes
+    run = run_case(Case.model_validate(data), directory / "out", quiet=True, force=True, comm=comm)
+    comm.barrier()  # the first rank writes
+    found = re.findall(REACHED, (directory / "out" / "log.txt").read_text())
+    problem = run.model.problem
+    return found, problem.contacts[0].surface, problem.committed[0]
+
+
+ENOUGH = {"cylinder": {"radius": "10 mm", "contact_width": "5 mm"}}
+
+
+@pytest.mark.parametrize("pressure", ["averaged", "pointwise"])
+@pytest.mark.parametrize(
+    ("geometry", "surface", "where"),
+    [
+        ({}, "elastomer_contact", "(-0.0015, 0.0001131) m and (0.0015, 0.0001131) m"),
+        (ENOUGH, "aluminium_contact", "(-0.0015, 0) m and (0.0015, 0) m"),
+    ],
+    ids=["slave", "master"],
+)
+def test_contact_that_outgrows_a_surface_is_told(tmp_path, geometry, surface, where, pressure):
+    """With the pressure at the end as it is shown, and its share of the mean one."""
+    contact = {"pressure": pressure}
+    [(*place, most, share)], pair, trial = outgrown(
+        MPI.COMM_SELF, tmp_path, geometry=geometry, contact=contact
+    )
+    assert place == [surface, where]
+    shown = nodal_pressure(pair, trial.pressure)
+    mean = pair.slave.weight @ trial.pressure / (pair.slave.weight @ (trial.pressure > 0.0))
+    assert 0.5 * shown.max() < float(most) < 1.01 * shown.max()
+    assert float(share) == pytest.approx(100.0 * float(most) / mean, rel=0.01)
+
+
+@pytest.mark.parametrize("geometry", [{}, ENOUGH], ids=["slave", "master"])
+def test_contact_within_its_surfaces_reaches_no_end(tmp_path, geometry):
+    """A half-width of 1.2 mm on surfaces that reach 1.5 mm and more to either side."""
+    found, pair, trial = outgrown(MPI.COMM_SELF, tmp_path, geometry=geometry, depth="-0.16 mm")
+    assert not found
+    pressed = pair.slave.position[trial.pressure > 0.0, 0]
+    assert 1e-3 < pressed.max() < 1.5e-3
+
+
+def test_corners_of_a_body_are_no_ends(tmp_path, block):
+    """A block pressed over all its width, and one that hangs over the edge of the other."""
+    for offset in ("0.5 mm", "1.5 mm"):
+        data = tomllib.loads(block)
+        data["geometry"]["offset"] = offset
+        data["stage"] = data["stage"][:1]
+        run_case(Case.model_validate(data), tmp_path / "out", quiet=True, force=True)
+        assert "reaches the end" not in (tmp_path / "out" / "log.txt").read_text()
+
+
+def ball(comm: MPI.Comm, directory: Path) -> list[tuple[str, ...]]:
+    """A quarter of a ball, of whose surface and the block's too little is named."""
+    radius, size = {"radius": "10 mm"}, {"radius": "8 mm", "height": "6 mm"}
+    data = tomllib.loads(ROUND)
+    data["geometry"] |= {"kind": "sphere-on-block", "part": "quarter", "contact_size": "0.5 mm"}
+    del data["geometry"]["cylinder"]
+    data["geometry"] |= {"sphere": radius, "block": size, "contact_width": "2 mm"}
+    data["boundary"] = data["boundary"][:2]
+    data["boundary"][1]["displacement"]["y"][1][1] = "-0.25 mm"
+    for one in data["boundary"]:
+        one["displacement"]["z"] = 0
+    data["boundary"] += [
+        {"surface": f"{body}_symmetry_{axis}", "displacement": {axis: 0}}
+        for body in ("elastomer", "aluminium")
+        for axis in "xz"
+    ]
+    found = []
+    for slave, master in (("elastomer", "aluminium"), ("aluminium", "elastomer")):
+        names = {"slave": f"{slave}_contact", "master": f"{master}_contact"}
+        data["contact"][0] |= names
+        data["bodies"][slave]["E"], data["bodies"][master]["E"] = "10 MPa", "10 GPa"
+        run_case(Case.model_validate(data), directory / "out", quiet=True, force=True, comm=comm)
+        comm.barrier()  # the first rank writes
+        found += re.findall(REACHED, (directory / "out" / "log.txt").read_text())
+    return found
+
+
+@pytest.mark.long
+@pytest.mark.mpi(ball, 2)
+def test_ends_in_space_are_told_on_any_number_of_ranks(tmp_path, on_ranks):
+    """Planes of symmetry are none; slave first, then master."""
+    slave, master = found = ball(MPI.COMM_SELF, tmp_path)
+    assert slave[:2] == ("elastomer_contact", "(0.001, 0.0001005, 0.001) m")
+    assert master[0] == "elastomer_contact" and "0.001, 5.0" in master[1]
+    assert on_ranks(ball, 2) == [list(one) for one in found]
+
+
+def test_a_step_that_fails_tells_of_ends_that_were_reached(tmp_path):
+    solver = {"max_iterations": 4, "min_step_fraction": 0.6}
+    stage = [{"name": "press", "duration": 1.0, "steps": 2}]
+    with pytest.raises(SolutionError) as caught:
+        outgrown(MPI.COMM_SELF, tmp_path, depth="-3 mm", solver=solver, stage=stage)
+    assert re.search(REACHED, str(caught.value)), caught.value
+    assert "try a surface elastomer_contact that reaches further there" in str(caught.value)
