@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import assert_never
 
 import dolfinx
 import numpy as np
@@ -28,7 +29,7 @@ from tribox.app.build.contact_notes import (
 from tribox.app.build.facing import faces_away, facing_problem
 from tribox.app.case.case import Case
 from tribox.app.case.contact import DEFAULT_PENALTY_FACTOR, Contact
-from tribox.app.case.friction import Coulomb, Friction, FrictionMap, OwnLaw, Stribeck
+from tribox.app.case.friction import Coulomb, Friction, Frictionless, FrictionMap, OwnLaw, Stribeck
 from tribox.app.case.own_law import OwnLawError
 from tribox.app.case.time_tables import TimeTable, value_at
 from tribox.app.equilibrium.rigid_tool import RigidTool
@@ -324,27 +325,38 @@ def _penalty(contact: Contact, surface: ContactSurface, modulus: float) -> float
 def _resolved_friction(
     friction: Friction, softer: Material, length: float, pressure: float
 ) -> Friction:
-    if isinstance(friction, Coulomb | Stribeck) and friction.K_T is None:
-        stiffness = TANGENTIAL_FACTOR * contact_shear_modulus(softer) / length
-        return friction.model_copy(update={"K_T": stiffness})
-    if isinstance(friction, FrictionMap) and friction.film_onset_pressure is None:
-        # A pressure that the case prescribes says better than the body what is small.
-        scale = min(contact_shear_modulus(softer), pressure or np.inf)
-        return friction.model_copy(update={"film_onset_pressure": FILM_ONSET * scale})
+    match friction:
+        case Coulomb() | Stribeck():
+            if friction.K_T is None:
+                stiffness = TANGENTIAL_FACTOR * contact_shear_modulus(softer) / length
+                return friction.model_copy(update={"K_T": stiffness})
+        case FrictionMap():
+            if friction.film_onset_pressure is None:
+                # A pressure that the case prescribes says better than the body what is small.
+                scale = min(contact_shear_modulus(softer), pressure or np.inf)
+                return friction.model_copy(update={"film_onset_pressure": FILM_ONSET * scale})
+        case OwnLaw() | Frictionless():
+            pass
+        case _:
+            assert_never(friction)
     return friction
 
 
 def friction_law(friction: Friction) -> FrictionLaw:
     """The law of a resolved `[contact.friction]` table; one written in Python is run."""
-    if isinstance(friction, FrictionMap):
-        return friction_map.FrictionMap(friction.parameters())
-    if isinstance(friction, Coulomb):
-        return _coulomb_law(friction, 0.0)
-    if isinstance(friction, Stribeck):
-        return StribeckLaw(friction.parameters())
-    if isinstance(friction, OwnLaw):
-        return friction.friction_law()
-    return FrictionlessLaw()
+    match friction:
+        case FrictionMap():
+            return friction_map.FrictionMap(friction.parameters())
+        case Coulomb():
+            return _coulomb_law(friction, 0.0)
+        case Stribeck():
+            return StribeckLaw(friction.parameters())
+        case OwnLaw():
+            return friction.friction_law()
+        case Frictionless():
+            return FrictionlessLaw()
+        case _:
+            assert_never(friction)
 
 
 def _coulomb_law(friction: Coulomb, time: float) -> CoulombLaw:

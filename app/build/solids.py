@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import assert_never
 
 import dolfinx
 
@@ -11,6 +12,7 @@ from tribox.app.case.bodies import (
     ElastoPlasticBody,
     HenckyBody,
     MooneyRivlinBody,
+    NeoHookeanBody,
     OgdenBody,
     YeohBody,
     formulation_problems,
@@ -54,24 +56,30 @@ def displacement_on(named: NamedMesh, bodies: Bodies) -> dolfinx.fem.Function:
 
 def material_of(body: Body) -> Material:
     """The strain energy of a body, and its yield stress if it flows."""
-    if isinstance(body, MooneyRivlinBody):
-        return MooneyRivlin(body.C10, body.C01, body.K)
-    if isinstance(body, YeohBody):
-        return Yeoh(body.C10, body.C20, body.C30, body.K)
-    if isinstance(body, OgdenBody):
-        return Ogden(body.mu, body.alpha, body.K)
-    if isinstance(body, ElastoPlasticBody):
-        rate = body.rate.law_of() if body.rate is not None else None
-        return ElastoPlastic(body.shear_modulus, body.bulk_modulus, body.hardening.law_of(), rate)
-    kind = Hencky if isinstance(body, HenckyBody) else NeoHookean
-    return kind(body.shear_modulus, body.bulk_modulus)
+    match body:
+        case NeoHookeanBody():
+            return NeoHookean(body.shear_modulus, body.bulk_modulus)
+        case HenckyBody():
+            return Hencky(body.shear_modulus, body.bulk_modulus)
+        case MooneyRivlinBody():
+            return MooneyRivlin(body.C10, body.C01, body.K)
+        case YeohBody():
+            return Yeoh(body.C10, body.C20, body.C30, body.K)
+        case OgdenBody():
+            return Ogden(body.mu, body.alpha, body.K)
+        case ElastoPlasticBody():
+            moduli = body.shear_modulus, body.bulk_modulus
+            rate = body.rate.law_of() if body.rate is not None else None
+            return ElastoPlastic(*moduli, body.hardening.law_of(), rate)
+        case _:
+            assert_never(body)
 
 
 def notes_on_materials(bodies: Bodies) -> list[str]:
     """Elastomers whose energy is not stable within stretches that a run may reach."""
     notes = []
     for name, body in bodies.items():
-        if not isinstance(body, MooneyRivlinBody | YeohBody | OgdenBody):
+        if isinstance(body, NeoHookeanBody | HenckyBody | ElastoPlasticBody):  # always stable
             continue
         if limits := stability_limits(material_of(body)):
             where = ", ".join(f"{test} beyond a stretch of {at:.3g}" for test, at in limits.items())

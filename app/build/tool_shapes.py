@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Callable
+from typing import assert_never
 
 import numpy as np
 from mpi4py import MPI
 
 from tribox.app.case.tools import (
+    AnyTool,
     CircleTool,
     CylinderTool,
     MeshTool,
     PlaneTool,
     PolylineTool,
     SphereTool,
-    Tool,
 )
 from tribox.geometry.surfaces.facets import Floats, Ints
 from tribox.geometry.surfaces.rigid import RigidSurface
@@ -48,7 +49,7 @@ _TURNED = {
 _CLOSE = 1e-9  # z of nodes over the extent of a mesh in the plane that is rounding
 
 
-def tool_surface(table: Tool, box: Floats, comm: MPI.Comm) -> RigidSurface:
+def tool_surface(table: AnyTool, box: Floats, comm: MPI.Comm) -> RigidSurface:
     """The surface of a tool; collective.
 
     Args:
@@ -59,23 +60,26 @@ def tool_surface(table: Tool, box: Floats, comm: MPI.Comm) -> RigidSurface:
     Raises:
         ValueError: there is no such surface, on all ranks.
     """
-    if isinstance(table, PlaneTool):
-        return _plane(table, box)
-    if isinstance(table, CircleTool):
-        return Circle(np.array(table.centre), table.radius, table.inside)
-    if isinstance(table, SphereTool):
-        return Sphere(np.array(table.centre), table.radius, table.inside)
-    if isinstance(table, CylinderTool):
-        axis = np.array(table.axis)
-        return Cylinder(np.array(table.centre), axis, table.radius, table.inside)
-    if isinstance(table, PolylineTool):
-        radius = table.fillet_radius
-        fillets = radius if isinstance(radius, float) else np.array(radius)
-        return Polyline(np.array(table.points), fillets, table.closed, table.continued)
-    assert isinstance(table, MeshTool), "one of the shapes"
-    dim = box.shape[1]
-    nodes, facets = _on_first(lambda: facets_of(table, dim), comm)
-    return MeshSurface(nodes, facets, table.smoothing_angle)
+    match table:
+        case PlaneTool():
+            return _plane(table, box)
+        case CircleTool():
+            return Circle(np.array(table.centre), table.radius, table.inside)
+        case SphereTool():
+            return Sphere(np.array(table.centre), table.radius, table.inside)
+        case CylinderTool():
+            axis = np.array(table.axis)
+            return Cylinder(np.array(table.centre), axis, table.radius, table.inside)
+        case PolylineTool():
+            radius = table.fillet_radius
+            fillets = radius if isinstance(radius, float) else np.array(radius)
+            return Polyline(np.array(table.points), fillets, table.closed, table.continued)
+        case MeshTool():
+            dim = box.shape[1]
+            nodes, facets = _on_first(lambda: facets_of(table, dim), comm)
+            return MeshSurface(nodes, facets, table.smoothing_angle)
+        case _:
+            assert_never(table)
 
 
 def _plane(table: PlaneTool, box: Floats) -> Plane:

@@ -13,7 +13,7 @@ from tribox.app.build.tool_shapes import tool_surface
 from tribox.app.case.boundary import COMPONENTS, DRIVEN
 from tribox.app.case.case import Case
 from tribox.app.case.time_tables import TimeTable
-from tribox.app.case.tools import CylinderTool, Tool, ToolRotation
+from tribox.app.case.tools import AnyTool, CylinderTool, Tool, ToolRotation
 from tribox.app.equilibrium.constraints import Prescribed
 from tribox.app.equilibrium.nodal_load import NodalLoad
 from tribox.app.equilibrium.rigid_tool import RigidTool, reference_dofs
@@ -79,7 +79,7 @@ def extent(named: NamedMesh) -> Floats:
 def _add(
     tools: Tools,
     name: str,
-    table: Tool,
+    table: AnyTool,
     space: dolfinx.fem.FunctionSpace,
     named: NamedMesh,
     box: Floats,

@@ -141,7 +141,7 @@ class Equilibrium:
     @property
     def roundoff(self) -> float:
         """Residual norm below which only round-off is left, at ``u``; N/m; collective."""
-        bodies = self.rounding.norm(self.u.x.array[: self.owned], self.reference_force)
+        bodies = self.rounding.norm(self.reference_force)
         ties = [term for term in self.contacts if isinstance(term, TieTerm)]
         if not ties:
             return bodies

@@ -26,12 +26,14 @@ from tribox.app.simulation.pair_bodies import (
     has_spring,
     hold_of,
     load_on,
+    may_hold,
     penalty_factor,
     presses,
     pressure_kind,
 )
 from tribox.app.simulation.surface_ends import reaches_end, slid_off
 from tribox.app.simulation.surface_faults import Findings, catches, rests_on_edges
+from tribox.forms.bodies.kinematics import stretch_across
 from tribox.forms.friction.friction_map import FrictionMap
 from tribox.geometry.compat import cell_values
 from tribox.geometry.surfaces.facets import Floats
@@ -41,6 +43,7 @@ SQUEEZED = 0.2  # volume ratio J below which an element is said to be nearly col
 SUPPORT = "a support there (displacement), or a load that keeps it in contact"
 ADRIFT = 1e-6  # share of the largest displacement by which a body moves that nothing holds
 AT_LIMIT = 0.9  # friction or load over mu N from which on a body slides away
+AT_NOISE = 2.0  # residual over what rounding leaves up to which nothing else need be sought
 FIRM = 10.0  # penalty over the default from which on a lower one is worth a try
 DEFAULT_PENALTY = f"the default penalty (penalty_factor = {DEFAULT_PENALTY_FACTOR:g})"
 ALONG = 0.5  # component of the friction over all of it that a body's loose direction must have
@@ -137,7 +140,9 @@ def most_squeezed(problem: Equilibrium) -> Squeezed:
     dim = mesh.topology.dim
     cell = mesh.basix_cell()
     points, _ = basix.make_quadrature(cell, GAUSS_DEGREE)
-    ratio = dolfinx.fem.Expression(ufl.det(ufl.Identity(dim) + ufl.grad(problem.u)), points)
+    plane = ufl.det(ufl.Identity(dim) + ufl.grad(problem.u))
+    across = stretch_across(problem.u, problem.solids[0].section)  # of a whole mesh
+    ratio = dolfinx.fem.Expression(plane * across, points)
     best: tuple[float, str, tuple[float, ...]] = (np.inf, "", ())
     for solid in problem.solids:
         if not len(solid.cells):
@@ -180,7 +185,7 @@ def explain(
         f"iterations, largest at {place_text(problem.worst_place())}, undeformed"
     )
     loose = list(loose)
-    gross = list(_of_gross_slip(problem, loose, thickness))
+    gross = list(_of_rounding(problem, result)) or list(_of_gross_slip(problem, loose, thickness))
     findings = gross or list(_of_state(problem, result, converged, loose, contacts))
     trials = [what for _, what in findings]
     if not gross:
@@ -231,6 +236,20 @@ def _of_gross_slip(problem: Equilibrium, loose: Iterable[Loose], thickness: floa
         )
 
 
+def _of_rounding(problem: Equilibrium, result: StepResult) -> Findings:
+    """A residual that rounding may have left, by itself."""
+    force, rounding = problem.reference_force, problem.rounding
+    squares = np.sum(rounding.squares(), axis=0)
+    noise = float(np.sqrt(squares.sum()))
+    near = bool(result.residuals) and result.residuals[-1] <= KINKED and result.reason < 0
+    if near and result.residuals[-1] * force <= AT_NOISE * noise:
+        yield (
+            f"rounding in body {rounding.names[int(squares.argmax())]} alone leaves a residual of "
+            f"up to {noise / force:.1e} here",
+            "a larger solver.tolerance, or a lower modulus beside the stresses of the body",
+        )
+
+
 def _slides_away(one: Loose, hold: Hold, load: float) -> bool:
     """Whether a load drives a body along its contacts, and all of their friction is used up."""
     friction = np.linalg.norm(hold.friction)
@@ -257,8 +276,18 @@ def _of_supports(problem: Equilibrium, loose: Iterable[Loose], strayed: bool) ->
                 "to bring the bodies together by displacement first, or a smaller first load, or a "
                 "softer penalty (penalty_factor)",
             )
-        else:
+        elif problem.committed or not _may_be_held(problem, one):
             yield f"{one.text} and no contact presses on it", SUPPORT
+        elif strayed or not tried:
+            yield (
+                f"{one.text}, and no step has been solved yet in which a contact holds it there",
+                SUPPORT,
+            )
+
+
+def _may_be_held(problem: Equilibrium, one: Loose) -> bool:
+    """Whether a body has reached a contact that no load pulls it off; collective."""
+    return any([may_hold(problem, one, index) for index in range(len(problem.contacts))])
 
 
 def _of_elements(problem: Equilibrium, converged: PETSc.Vec) -> Findings:

@@ -15,6 +15,7 @@ import numpy as np
 from mpi4py import MPI
 
 from tribox.app.build.model import Model
+from tribox.app.build.tools import extent
 from tribox.app.case.boundary import COMPONENTS
 from tribox.app.equilibrium.bonded import bonded_groups
 from tribox.app.simulation.contact_resultants import ContactResultants
@@ -39,6 +40,9 @@ class MotionHistory:
         self._model, self._dim = model, model.problem.dim
         axes = COMPONENTS[: self._dim]
         self._turning = "xyz" if self._dim == 3 else "z"
+        box = extent(model.named)
+        self._middle: Floats = box.mean(axis=0)
+        self._extent = float(np.linalg.norm(box[1] - box[0]))
         self.held = held_dofs(model.problem)
         self._means = _Means(model)
         self._forces = _SurfaceForces(model, self._means, self.held)
@@ -92,7 +96,9 @@ class MotionHistory:
     ) -> float | None:
         """Largest resultant force on a body over the largest force of the same stages.
 
-        Bodies that are bonded count as one: the forces between them are in no table.
+        Bodies that are bonded count as one: the forces between them are in no table. A moment
+        counts as a pair of forces at the ends of its lever: under moments alone the resultant of
+        each surface is what the solver leaves, and nothing to compare with.
 
         Args:
             stages: names of those at whose rows the bodies are in equilibrium.
@@ -112,12 +118,23 @@ class MotionHistory:
         return float(np.abs(of_groups).max() / largest)
 
     def _largest_on_surfaces(self, stages: Collection[str]) -> float:
-        """Largest component of a force on a surface, N; radial ones of bodies of revolution too."""
+        """Largest component of a force on a surface, N, or force of a moment (see `force_balance`).
+
+        Radial forces on bodies of revolution count too.
+        """
         names = ("radial_force", *(f"force_{axis}" for axis in COMPONENTS))
         columns = [self.surface_columns.index(n) for n in names if n in self.surface_columns]
         stage = KEYS.index("stage")
         rows = [row for row in self.surface_rows if row[stage] in stages]
-        return max((abs(float(row[at])) for row in rows for at in columns), default=0.0)
+        forces = [abs(float(row[at])) for row in rows for at in columns]
+        return max([*forces, *(self._force_of_moment(row) for row in rows)], default=0.0)
+
+    def _force_of_moment(self, row: Sequence[Any]) -> float:
+        """Moment on a surface over the largest lever that the bodies offer about its centre, N."""
+        turned, dim = len(self._turning), self._dim
+        moment, centre = row[-turned - dim : -dim], row[-dim:]
+        lever = self._extent + np.linalg.norm(np.array(centre) - self._middle)
+        return float(np.linalg.norm(moment) / lever)
 
     def of_surface(self, name: str, column: str) -> Floats:
         """Values (r,) of a column for one surface, row by row."""

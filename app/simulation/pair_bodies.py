@@ -70,24 +70,54 @@ def _share(problem: Equilibrium, some: Ints, dofs: Ints) -> bool:
     return bool(problem.comm.allreduce(here, op=MPI.LOR))
 
 
-def presses(problem: Equilibrium, one: Loose, index: int) -> bool:
-    """Whether the load on a body drives it into contact number ``index``, which it has reached.
+def _way_out(problem: Equilibrium, one: Loose, index: int) -> Floats | None:
+    """How contact number ``index`` lies to a body that has reached it; collective.
 
     It has where the surfaces were no further than a facet's length apart when the last step was
-    solved. Collective.
+    solved, or at the start.
+
+    Returns:
+        (i,), m^(i-1), the normal out of the other body times the area within reach; None where the
+        body has not reached it, or has no part in it.
     """
     term = problem.contacts[index]
-    surface, bodies, load = term.surface, bodies_of(problem, term), load_on(problem, one)
-    if one.turns or (bodies.slave.name in one.bodies) == (bodies.master.name in one.bodies):
-        return False
+    surface, bodies = term.surface, bodies_of(problem, term)
+    if (bodies.slave.name in one.bodies) == (bodies.master.name in one.bodies):
+        return None
     at = surface.project(surface.slave.position, surface.master.position)
     if problem.committed:
         at = problem.committed[index].projection
     near = at.on_surface & (at.gap < surface.facet_length)
-    normal = problem.comm.allreduce((surface.slave.weight * near) @ at.normal)
-    # The normal points out of the master: against it the slave is pressed.
-    into = -normal if bodies.slave.name in one.bodies else normal
-    return bool(load * into[one.component] > 0.5 * float(np.linalg.norm(into)) * abs(load))
+    normal: Floats = problem.comm.allreduce((surface.slave.weight * near) @ at.normal)
+    if not normal.any():
+        return None
+    # The normal points out of the master.
+    return normal if bodies.slave.name in one.bodies else -normal
+
+
+def presses(problem: Equilibrium, one: Loose, index: int) -> bool:
+    """Whether the load on a body drives it into contact number ``index``, which it has reached.
+
+    Collective.
+    """
+    return not one.turns and _drive(problem, one, index) < 0.0
+
+
+def may_hold(problem: Equilibrium, one: Loose, index: int) -> bool:
+    """Whether a body has reached contact number ``index``, and no load pulls it off; collective."""
+    return bool(_drive(problem, one, index) <= 0.0)
+
+
+def _drive(problem: Equilibrium, one: Loose, index: int) -> float:
+    """Whether loads drive a body off a contact (1), into it (−1), or neither (0); collective.
+
+    NaN where it has not reached the contact, or has no part in it.
+    """
+    if (out := _way_out(problem, one, index)) is None:
+        return np.nan
+    load = 0.0 if one.turns else load_on(problem, one)
+    across = abs(out[one.component]) > 0.5 * float(np.linalg.norm(out))
+    return float(np.sign(load * out[one.component])) if across else 0.0
 
 
 def pressed_by_force(problem: Equilibrium, term: ContactTerm) -> bool:

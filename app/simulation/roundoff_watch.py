@@ -93,8 +93,8 @@ class RoundOffWatch:
 
     def _noisiest(self) -> tuple[str, bool]:
         """The body whose rounding leaves most, and whether by its motion; collective."""
-        rounding, u = self._problem.rounding, self._problem.u.x.array[: self._problem.owned]
-        at_rest, carried = rounding.squares(u)
+        rounding = self._problem.rounding
+        at_rest, carried = rounding.squares()
         at = int((at_rest + carried).argmax())
         return rounding.names[at], bool(carried[at] > at_rest[at])
 
@@ -112,7 +112,7 @@ class RoundOffWatch:
     def _cure(self, worst: AtRoundOff) -> str:
         moduli = {s.name: oedometric_modulus(s.material) for s in self._problem.solids}
         ratio = moduli[worst.body] / min(moduli.values())
-        if worst.carried:
+        if worst.carried and len(moduli) > 1:
             return f"letting the other body move, as {worst.body} has moved far"
         if ratio > RIGID:
             return (

@@ -16,6 +16,7 @@ import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
+import basix.cell
 import dolfinx
 import dolfinx.fem.petsc
 import numpy as np
@@ -165,7 +166,7 @@ class Solid:
             key: dolfinx.fem.Constant(mesh, PETSc.ScalarType(value))
             for key, value in material.parameters().items()
         }
-        self._roundoff = dolfinx.fem.form(self._roundoff_density() * self._dx(None))
+        self._roundoff = self._roundoff_forms()
         self.cell = mesh.topology.cell_name()
         self.full_degree = full_degree(formulation, self.cell)
         reduced = formulation == "q1-sri"
@@ -245,25 +246,43 @@ class Solid:
             [[plane[0, 0], plane[0, 1], 0], [plane[1, 0], plane[1, 1], 0], [0, 0, across]]
         )
 
-    def _roundoff_density(self) -> Any:
-        """What `roundoff_force` integrates over the body."""
-        mesh = self._u.function_space.mesh
-        if self.section != "3D":
-            one = dolfinx.fem.Constant(mesh, PETSc.ScalarType(1.0))
-            return one if self.section == "plane-strain" else circumference(mesh, self.section) ** 2
-        return abs(ufl.JacobianDeterminant(mesh)) ** (1.0 / 3.0)
+    def _roundoff_forms(self) -> list[dolfinx.fem.Form]:
+        """What :meth:`roundoff_squares` gives but for ε and M, at the middle of the cells."""
+        u, mesh, dx = self._u, self._u.function_space.mesh, self._dx(1)
+        rows, width = mesh.geometry.dim, circumference(mesh, self.section)
+        inverse = ufl.inv(ufl.Identity(rows) + ufl.grad(u))
+        thin = ufl.inner(inverse, inverse) / rows
+        edges = abs(ufl.JacobianDeterminant(mesh))
+        size = edges ** (1.0 / 3.0) if self.section == "3D" else 1.0
+        reference = basix.cell.volume(basix.CellType[mesh.topology.cell_name()])
+        share = self._nodes_per_cell() / (reference * edges)
+        at_rest = rows * width**2 * size * thin * dx
+        carried = share * (width * size * thin) ** 2 * ufl.inner(u, u) * dx
+        return [dolfinx.fem.form(at_rest), dolfinx.fem.form(carried)]
 
-    def roundoff_force(self) -> float:
-        """Square of this rank's nodal force noise from rounding F, N² ((N/m)² in plane strain).
+    def _nodes_per_cell(self) -> dolfinx.fem.Constant:
+        """Nodes of the body over its cells; collective."""
+        space = self._u.function_space
+        nodes = np.unique(space.dofmap.list[self.cells])
+        owned = nodes < space.dofmap.index_map.size_local
+        local = np.array([float(np.count_nonzero(owned)), float(len(self.cells))])
+        found, cells = space.mesh.comm.allreduce(local)
+        return dolfinx.fem.Constant(space.mesh, PETSc.ScalarType(found / max(cells, 1.0)))
+
+    def roundoff_squares(self) -> Floats:
+        """Squares (2,), N² ((N/m)²), of the nodal forces that rounding leaves on this rank.
+
+        They are those at the present displacement, from rounding F and from rounding u.
 
         A rounding error ε in F is a stress error ε M. In the plane, over cells of size h, the
         nodal forces of the n = 2 A/h² unknowns are ε M h each, of norm ε M √(2 A), A the body's
         area; of a body of revolution they are 2πx times as large. In space they are ε M h² at
-        n = 3 V/h³ unknowns, of norm ε M √(3 ∫ h dV).
+        n = 3 V/h³ unknowns, of norm ε M √(3 ∫ h dV). An error ε u of an unknown is a force
+        ε M s u, with s = 1, 2πx or h. Where the body has become thin, the same force of a cell
+        acts over less of it: forces grow with |F⁻¹|, and with its square where they follow from u.
         """
-        integral = dolfinx.fem.assemble_scalar(self._roundoff)
-        factor = 3.0 if self.section == "3D" else 2.0
-        return float(factor * integral * (np.finfo(float).eps * self._stiffness) ** 2)
+        local = [dolfinx.fem.assemble_scalar(form) for form in self._roundoff]
+        return np.array(local) * (np.finfo(float).eps * self._stiffness) ** 2
 
     @property
     def _stiffness(self) -> float:

@@ -20,15 +20,22 @@ SECTIONS = {
 }
 
 
-def squeezed(section: str, moved: float) -> Equilibrium:
-    """A unit square or cube, its ends held; all of it moved up, and squeezed by 5 %."""
+def body(section: str, inner: float = 0.0) -> tuple[dolfinx.fem.Function, Solid]:
+    """A unit square or cube; ``inner``: the radius of its left side, where that is no axis."""
     kind, counts = SECTIONS[section]
     mesh = grid(kind, counts, [1.0] * len(counts))
+    mesh.geometry.x[:, 0] += inner
     dim = len(counts)
     u = dolfinx.fem.Function(dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (dim,))))
     count = mesh.topology.index_map(dim).size_local
     cells = np.arange(count, dtype=np.int32)
-    solid = Solid("body", u, cells, NeoHookean(1.0, 5.0), "q1", section=section)
+    return u, Solid("body", u, cells, NeoHookean(1.0, 5.0), "q1", section=section)
+
+
+def squeezed(section: str, moved: float) -> Equilibrium:
+    """The body with its ends held; all of it moved up, and squeezed by 5 %."""
+    u, solid = body(section)
+    mesh, dim = u.function_space.mesh, u.function_space.dofmap.index_map_bs
     held = []
     for end in (0.0, 1.0):
         facets = dolfinx.mesh.locate_entities_boundary(
@@ -42,28 +49,53 @@ def squeezed(section: str, moved: float) -> Equilibrium:
     return Equilibrium(u, [solid], [], held)
 
 
-@pytest.mark.parametrize("moved", [0.0, 100.0])
-@pytest.mark.parametrize("section", SECTIONS)
-def test_roundoff_is_what_newton_ends_at(section, moved):
-    """Neither less, or no iteration would end, nor ten times more."""
-    problem = squeezed(section, moved)
-    x, f, step = (problem.new_vector() for _ in range(3))
-    height = problem.space.tabulate_dof_coordinates()[:, 1]
-    x.array.reshape(-1, problem.dim)[:, 1] = moved - 0.05 * height
+def endless(problem: Equilibrium, x: PETSc.Vec, iterations: int) -> list[float]:
+    """Residual norms over the floor, of Newton's iterations from ``x``, which goes along."""
+    f, step = problem.new_vector(), problem.new_vector()
     A = problem.new_matrix(x)
     ksp = PETSc.KSP().create(problem.comm)
     ksp.setType("preonly")
     ksp.getPC().setType("lu")
     norms = []
-    for _ in range(10):
+    for _ in range(iterations):
         problem.residual(None, x, f)
         norms.append(f.norm() / problem.roundoff)
         problem.jacobian(None, x, A, A)
         ksp.setOperators(A)
         ksp.solve(f, step)
         x.axpy(-1.0, step)
+    return norms
+
+
+@pytest.mark.parametrize("moved", [0.0, 100.0])
+@pytest.mark.parametrize("section", SECTIONS)
+def test_roundoff_is_what_newton_ends_at(section, moved):
+    """Neither less, or no iteration would end, nor ten times more."""
+    problem = squeezed(section, moved)
+    x = problem.new_vector()
+    height = problem.space.tabulate_dof_coordinates()[:, 1]
+    x.array.reshape(-1, problem.dim)[:, 1] = moved - 0.05 * height
+    norms = endless(problem, x, 10)
     assert norms[0] > 1e3
     assert 0.1 < np.median(norms[5:]) and max(norms[5:]) < 1.0, norms
+
+
+def test_roundoff_is_that_of_the_deformed_body():
+    """A tube widened 8 times is a sixth as thick, where the same errors are larger forces."""
+    u, solid = body("axisymmetric", inner=2.5)
+    mesh = u.function_space.mesh
+    sides = [
+        dolfinx.mesh.locate_entities_boundary(mesh, 1, lambda x, i=i, at=at: np.isclose(x[i], at))
+        for i, at in ((0, 2.5), (1, 0.0), (1, 1.0))
+    ]
+    held = [Prescribed.on(u, side, i) for side, i in zip(sides, (0, 1, 1), strict=True)]
+    problem = Equilibrium(u, [solid], [], held)
+    held[0].value = 17.5
+    x, radius = problem.new_vector(), problem.space.tabulate_dof_coordinates()[:, 0]
+    x.array[::2] = np.sqrt(radius**2 + 20.0**2 - 2.5**2) - radius  # at a volume that stays
+    norms = endless(problem, x, 20)
+    assert norms[0] > 1e3
+    assert 0.1 < np.median(norms[10:]) and max(norms[10:]) < 1.0, norms
 
 
 @pytest.mark.parametrize(

@@ -456,6 +456,48 @@ def test_element_turned_inside_out_is_found(pair):
     assert found.text.startswith("an element of body aluminium at (")
 
 
+def test_the_volume_of_a_ring_counts_its_hoop():
+    """Widened by half while it is as long and thick as before."""
+    simulation = Simulation(build_model(Case.model_validate(tomllib.loads(RING)), MPI.COMM_SELF))
+    problem = simulation.model.problem
+    x = problem.new_vector()
+    x.array[::2] = 0.5 * problem.space.tabulate_dof_coordinates()[: problem.owned // 2, 0]
+    x.array[1::2] = -0.5 * problem.space.tabulate_dof_coordinates()[: problem.owned // 2, 1]
+    problem.spread(x)
+    assert most_squeezed(problem).ratio == pytest.approx(1.5**2 * 0.5, rel=1e-12)
+
+
+def test_a_residual_that_rounding_leaves_is_not_laid_on_anything_else(pair):
+    bodies = pair()
+    problem = bodies.problem(LAW)
+    x = bodies.displaced(lambda x: x * 0.0 + [0.0, -0.01], lambda x: x * 0.0)
+    problem.residual(None, x, problem.new_vector())
+    noise = problem.roundoff / problem.reference_force
+    loose = loose_directions(problem)
+    for share, alone in ((1.5, True), (30.0, False)):
+        problem.residual(None, x, problem.new_vector())
+        text = explain(problem, StepResult(False, 30, 30, -5, [share * noise]), x, loose)
+        assert ("rounding in body aluminium alone leaves a residual of up to" in text) is alone
+        assert ("smaller steps" in text) is not alone
+
+
+@pytest.mark.parametrize("strayed", [True, False])
+def test_a_first_step_that_failed_is_not_said_to_lack_contact(pair, strayed):
+    """The bodies touch, and no step has been solved: what the iterations tried says nothing."""
+    bodies = pair()
+    held = [bodies.held("bottom", 0), bodies.held("bottom", 1), bodies.held("top", 1)]
+    problem = bodies.problem(LAW, prescribed=held)
+    result = StepResult(False, 30, 30, -5, [0.5], strayed=strayed)
+    for depth, tried in ((0.01, True), (-0.01, False)):
+        x = bodies.displaced(lambda x, d=depth: x * 0.0 + [0.0, -d], lambda x: x * 0.0)
+        problem.residual(None, x, problem.new_vector())
+        text = explain(problem, result, x, loose_directions(problem))
+        assert "no contact presses on it" not in text
+        assert ("elastomer has no support in x, and no step has been solved yet" in text) is (
+            strayed or not tried
+        )
+
+
 def test_loose_directions(pair):
     bodies = pair()
     held = [bodies.held("bottom", 0), bodies.held("bottom", 1), bodies.held("top", 0)]
