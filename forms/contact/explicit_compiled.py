@@ -244,11 +244,14 @@ class CompiledContact(ExplicitContact):
         trial, arrays = self.trial, self._sets[self._turn].arrays
         elastic = np.ascontiguousarray(trial.response.state.elastic_slip)
         self._code.tribox_pair_commit(self._sets[self._turn].at, elastic.ctypes.data)
+        opened = trial.pressure <= 0.0
+        xi, before, way = self.term.opposite(trial.projection, trial.position, None, opened)
+        moved = bool(way.any())
         self._adopted = ContactState(
             facet=arrays["facet"],
-            xi=arrays["xi"],
-            slip_components=arrays["component"],
-            slip_length=arrays["length"],
+            xi=xi,
+            slip_components=np.where(opened[:, None], before, arrays["component"]),
+            slip_length=np.where(opened, way, arrays["length"]),
             gap=arrays["gap_after"],
             area_ratio=trial.area_ratio,
             share=arrays["present"] if trial.faded else self.term.state.share,
@@ -257,6 +260,8 @@ class CompiledContact(ExplicitContact):
             friction_traction=trial.response.traction,
         )
         self.term.adopt(self._adopted)
+        if moved:  # the loops' own arrays hold the places on the surface
+            self._adopted = None
         self._turn = 1 - self._turn
 
 
