@@ -162,6 +162,7 @@ class CompiledContact(ExplicitContact):
             response=response,
             dt=dt,
             faded=now.fading(),
+            slave_tangents=term.surface.slave_tangents(self._values[self.exchange.slave_rows]),
         )
         return self.trial
 
@@ -245,8 +246,9 @@ class CompiledContact(ExplicitContact):
         elastic = np.ascontiguousarray(trial.response.state.elastic_slip)
         self._code.tribox_pair_commit(self._sets[self._turn].at, elastic.ctypes.data)
         opened = trial.pressure <= 0.0
-        xi, before, way = self.term.opposite(trial.projection, trial.position, None, opened)
-        moved = bool(way.any())
+        xi, before, way = self.term.opposite(
+            trial.projection, trial.position, trial.slave_tangents, opened
+        )
         self._adopted = ContactState(
             facet=arrays["facet"],
             xi=xi,
@@ -260,7 +262,7 @@ class CompiledContact(ExplicitContact):
             friction_traction=trial.response.traction,
         )
         self.term.adopt(self._adopted)
-        if moved:  # the loops' own arrays hold the places on the surface
+        if opened.any():  # the loops' own arrays hold the places on the surface
             self._adopted = None
         self._turn = 1 - self._turn
 
