@@ -180,7 +180,7 @@ class CompiledContact(ExplicitContact):
         normal = NormalContact(arrays["closed"], pressure, pressure, gap, nodal, active)
         if self.term.active:
             return normal
-        pressure[:], arrays["closed"][:] = 0.0, False
+        pressure[:], arrays["closed"][:], arrays["slip"][:] = 0.0, False, 0.0
         return normal.opened()
 
     @property
