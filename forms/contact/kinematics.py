@@ -6,8 +6,8 @@ Per point the motion enters through vectors that are linear in the nodal displac
 
     a   = δu¹ − δu²(ξ̄)      relative motion at the current closest point ξ̄,
     b_α = δu²_,α(ξ̄)          change of the master's tangents there,
-    c   = δu¹ − δu²(Ȳ_n)     relative motion at the master material point Ȳ_n of the last step, which
-                             the point was on, or opposite while it was open,
+    c   = δu¹ − δu²(Ȳ_n)     relative motion at the master material point Ȳ_n of the last step,
+                             which the point was on, or opposite while it was open,
     d   = e^α δu²_,α(Ȳ_n)    change of the advected elastic slip,
     f_e = δe_A, δe_B        change of the slave's chords, of points projected along rays only,
 
@@ -34,7 +34,7 @@ class Anchor:
 
     Attributes:
         foot: (q, i), m, current: φ²(Ȳ_n), where the material point that the slave point was on, or
-            opposite while it was open, is now.
+            opposite while it was open, is now: see ``ContactTerm.opposite``.
         slip_image: (q, i), m, current: e^α τ_α(Ȳ_n), the advected elastic slip.
         slip_length: (q,), m: L, the length of the elastic slip, kept by the transport.
     """
@@ -54,7 +54,8 @@ class ContactKinematics:
 
     Attributes:
         normal: (q, i); gap: (q,), m; closed: (q,) whether the point carries pressure, or touches.
-        slip: (q, i), m: Δg_T, 0 of open points; elastic_slip: (q, i), m: g_e in the current tangent plane.
+        slip: (q, i), m: Δg_T, 0 of open points.
+        elastic_slip: (q, i), m: g_e in the current tangent plane.
     """
 
     normal: Floats

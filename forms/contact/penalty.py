@@ -353,6 +353,7 @@ class ContactTerm:
         which is no slip: equal bodies pressed on each other would rub. Past the end the last facet
         goes on, so that the slip of a step is that of its speed; as the asperities touch from the
         end on only, such a point begins with the elastic slip that takes the way up to there away.
+        On curved facets (second order, smooth, of arcs) it is the closest point.
 
         Args:
             at: the points (q,) on the master.
@@ -497,8 +498,7 @@ def _straight(target: Target, at: Projection, rows: Longs) -> Bools:
         return np.full(len(rows), target.shape.degree == 1)
     if at.curvature is None:
         return np.ones(len(rows), dtype=bool)
-    out: Bools = ~at.curvature[rows].any(axis=(1, 2, 3))
-    return out
+    return np.logical_not(np.any(at.curvature[rows] != 0.0, axis=(1, 2, 3)))
 
 
 def _without_stiffness(response: FrictionResponse) -> FrictionResponse:
