@@ -10,6 +10,7 @@ from mpi4py import MPI
 from tests.app.conftest import BOXES
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
+from tribox.app.checkpoint.layout import Layout
 from tribox.app.equilibrium.step_mode import StepMode
 from tribox.app.implicit.globalisation import APPROACH, SEARCH, PredictedStart
 from tribox.app.implicit.options import ImplicitOptions
@@ -173,3 +174,49 @@ def test_points_on_edges_of_the_master_do_not_stop_the_iteration():
     nodes = nodes + term.surface.displacements(sim.implicit.stepper.x)[1]
     closest = term.surface.project(points, nodes)
     np.testing.assert_array_equal(again.projection.facet, closest.facet)
+
+
+FREE = """
+[geometry]
+kind = "blocks"
+blocks = { strip = { x = [0, 2e-3], y = [0, 1e-3], elements = [4, 2] } }
+[bodies.strip]
+material = "neo-hookean"
+E = "5 MPa"
+nu = 0.3
+[[boundary]]
+surface = "strip_left"
+displacement = { x = 0, y = 0 }
+stages = ["pull"]
+[[boundary]]
+surface = "strip_right"
+displacement = { x = [["0 s", 0], ["1 s", "0.1 mm"]] }
+stages = ["pull"]
+[[stage]]
+name = "pull"
+duration = "1 s"
+steps = 1
+[[stage]]
+name = "free"
+duration = "1 s"
+steps = 2
+"""
+
+
+@pytest.mark.parametrize(("pressed", "floating"), [(True, ()), (False, ("strip",))])
+def test_a_restored_stepper_knows_what_pressed_and_what_floated(pressed, floating):
+    """The next step begins as it would have: soft where nothing pressed, held where it floated."""
+    case = Case.model_validate(tomllib.loads(CYLINDER if pressed else FREE))
+    simulation = Simulation(build_model(case, MPI.COMM_SELF))
+    simulation.run(Observer())
+    stepper, layout = simulation.stepper, Layout(simulation.model)
+    kept = layout.scatter(*layout.gather(stepper.snapshot()), layout.ranks)
+    assert (kept["pressed"], tuple(kept["floating"])) == (pressed, floating)
+    restored = ImplicitStepper(simulation.model.problem, stepper.options)
+    restored.restore(kept)
+    again = restored.snapshot()
+    assert (again["pressed"], tuple(again["floating"])) == (pressed, floating)
+    tried = [one.attempt(0.1) for one in (stepper, restored)]
+    assert tried[0].converged and tried[1].converged
+    assert tried[0].iterations == tried[1].iterations
+    assert tried[0].floating == tried[1].floating == floating

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.simulation.observer import Observer
 from tribox.app.simulation.simulation import Simulation
-from tribox.app.simulation.steady import SlidWay, change_over
+from tribox.app.simulation.steady import SlidWay, change_over, measure_settling
 from tribox.forms.closed_forms.homogeneous_sliding import steady_traction
 from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 from tribox.forms.friction.slip_weakening import SlipWeakening
@@ -145,6 +146,34 @@ def test_dry_friction_at_the_next_velocity_is_steady_at_once():
     force = np.array([-0.2, -1.0, -1.0, -1.0])
     found = steady_after((back, force, np.zeros(4)), COULOMB, before=before)
     assert found == -3e-6
+
+
+@pytest.mark.parametrize(("presliding", "steady"), [(1e-6, False), (1e-8, True)])
+def test_a_force_must_stay_over_the_pre_sliding_length(presliding, steady):
+    """It falls by 0.75 of the tolerance over an eighth of the way, by three over the length."""
+    way = np.linspace(0.0, 2e-6, 41)[1:]
+    force = 1.0 - 3e-4 * (way - way[-1]) / 1e-6
+    record = SlidWay([COULOMB])
+    record.add(1e-12, force[0], 0.0, presliding)  # at once: no length but the pre-sliding one
+    for at, value in zip(way, force, strict=True):
+        record.add(at, value, 0.0, presliding)
+    assert record.judge(0, TOLERANCE).steady is steady
+
+
+def test_the_pre_sliding_length_is_the_mean_over_the_pressure():
+    """Of all pairs; μp/K_T at each point, and what has opened has none."""
+    pairs = []
+    for weight, pressure, stiffness in (([1.0, 2.0], [3.0, 0.0], 5.0), ([4.0], [6.0], 7.0)):
+        law = CoulombLaw(CoulombParameters(mu=0.1, K_T=stiffness))
+        count = len(weight)
+        surface = SimpleNamespace(slave=SimpleNamespace(weight=np.array(weight)))
+        response = SimpleNamespace(state=law.initial_state(count, 2))
+        trial = SimpleNamespace(response=response, pressure=np.array(pressure))
+        pairs.append((SimpleNamespace(surface=surface, law=law), trial))
+    terms, trials = zip(*pairs, strict=True)
+    mean = (3.0 * 0.3 / 5.0 + 24.0 * 0.6 / 7.0) / 27.0
+    assert measure_settling(terms, trials, MPI.COMM_SELF) == pytest.approx((0.0, mean))
+    assert measure_settling(terms[:0], trials[:0], MPI.COMM_SELF) == (0.0, 0.0)
 
 
 def test_a_loose_tolerance_holds_for_the_weakening_too():
