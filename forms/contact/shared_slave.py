@@ -128,7 +128,7 @@ def brought_along(
         theirs = neighbour.term.state.friction
         if not neighbour.same_points:
             continue
-        take = theirs.closed & ~state.closed
+        take = theirs.closed & ~state.closed & ~taken
         if take.any():
             mine, other = state.arrays(), theirs.arrays()
             state = type(state).from_arrays(
