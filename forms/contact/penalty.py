@@ -105,9 +105,8 @@ class ContactTerm:
                 pressure.
         """
         self.surface = surface
-        self.law, self.active = law, True
+        self.law, self.active, self.modulus = law, True, modulus
         self.neighbours: list[Neighbour] = []
-        self.modulus = modulus
         self.rule = normal_rule(pressure, surface, penalty)
         self.linearised = PairTangent(surface, self.rule)
         self.compiled = compiled_tangent(surface)
