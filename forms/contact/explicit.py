@@ -119,7 +119,6 @@ class ExplicitContact:
             dt=dt,
             carried=carried_by(surface, self._values),
             faded=fading(projection, normal, surface.vertices, term.state),
-            slave_tangents=surface.slave_tangents(slave),
         )
         return self.trial
 

@@ -162,7 +162,6 @@ class CompiledContact(ExplicitContact):
             response=response,
             dt=dt,
             faded=now.fading(),
-            slave_tangents=term.surface.slave_tangents(self._values[self.exchange.slave_rows]),
         )
         return self.trial
 
@@ -180,7 +179,7 @@ class CompiledContact(ExplicitContact):
         normal = NormalContact(arrays["closed"], pressure, pressure, gap, nodal, active)
         if self.term.active:
             return normal
-        pressure[:], arrays["closed"][:], arrays["slip"][:] = 0.0, False, 0.0
+        pressure[:], arrays["closed"][:] = 0.0, False
         return normal.opened()
 
     @property
@@ -245,15 +244,11 @@ class CompiledContact(ExplicitContact):
         trial, arrays = self.trial, self._sets[self._turn].arrays
         elastic = np.ascontiguousarray(trial.response.state.elastic_slip)
         self._code.tribox_pair_commit(self._sets[self._turn].at, elastic.ctypes.data)
-        opened = trial.pressure <= 0.0
-        xi, before, way = self.term.opposite(
-            trial.projection, trial.position, trial.slave_tangents, opened
-        )
         self._adopted = ContactState(
             facet=arrays["facet"],
-            xi=xi,
-            slip_components=np.where(opened[:, None], before, arrays["component"]),
-            slip_length=np.where(opened, way, arrays["length"]),
+            xi=arrays["xi"],
+            slip_components=arrays["component"],
+            slip_length=arrays["length"],
             gap=arrays["gap_after"],
             area_ratio=trial.area_ratio,
             share=arrays["present"] if trial.faded else self.term.state.share,
@@ -262,8 +257,6 @@ class CompiledContact(ExplicitContact):
             friction_traction=trial.response.traction,
         )
         self.term.adopt(self._adopted)
-        if opened.any():  # the loops' own arrays hold the places on the surface
-            self._adopted = None
         self._turn = 1 - self._turn
 
 

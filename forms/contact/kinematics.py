@@ -7,7 +7,6 @@ Per point the motion enters through vectors that are linear in the nodal displac
     a   = δu¹ − δu²(ξ̄)      relative motion at the current closest point ξ̄,
     b_α = δu²_,α(ξ̄)          change of the master's tangents there,
     c   = δu¹ − δu²(Ȳ_n)     relative motion at the master material point Ȳ_n of the last step,
-                             which the point was on, or opposite while it was open,
     d   = e^α δu²_,α(Ȳ_n)    change of the advected elastic slip,
     f_e = δe_A, δe_B        change of the slave's chords, of points projected along rays only,
 
@@ -33,8 +32,7 @@ class Anchor:
     """State of the last converged step at each point, moved with the current master.
 
     Attributes:
-        foot: (q, i), m, current: φ²(Ȳ_n), where the material point that the slave point was on, or
-            opposite while it was open, is now: see ``ContactTerm.opposite``.
+        foot: (q, i), m, current: φ²(Ȳ_n), where the last closest material point is now.
         slip_image: (q, i), m, current: e^α τ_α(Ȳ_n), the advected elastic slip.
         slip_length: (q,), m: L, the length of the elastic slip, kept by the transport.
     """
@@ -54,8 +52,7 @@ class ContactKinematics:
 
     Attributes:
         normal: (q, i); gap: (q,), m; closed: (q,) whether the point carries pressure, or touches.
-        slip: (q, i), m: Δg_T, 0 of open points.
-        elastic_slip: (q, i), m: g_e in the current tangent plane.
+        slip: (q, i), m: Δg_T; elastic_slip: (q, i), m: g_e in the current tangent plane.
     """
 
     normal: Floats
@@ -96,8 +93,9 @@ def relate(
 ) -> ContactKinematics:
     """Contact kinematics of the slave points against their projections.
 
-    The slip of a point that closes within the step counts in full, from the place that it was
-    opposite: a share of it would depend on penalty and step. An open point does not slip.
+    The slip of a point that closes within the step counts in full: a share of it would depend on
+    penalty and step. That of a point which comes over the end of the master counts from there,
+    where its closest point was.
 
     Args:
         points: (q, i), m, current: slave points.
@@ -106,7 +104,7 @@ def relate(
         closed: (q,) points in contact.
     """
     n = projection.normal
-    slip = np.where(closed[:, None], _in_plane(n, _apart(points, projection, anchor)), 0.0)
+    slip = _in_plane(n, _apart(points, projection, anchor))
     image = _in_plane(n, anchor.slip_image)
     elastic = _rescaled(image, anchor)[0][:, None] * image
     return ContactKinematics(n, projection.gap, closed, slip, elastic)

@@ -39,15 +39,11 @@ from tribox.forms.contact.tangent import Coupling, PairTangent
 from tribox.forms.friction.film import FilmThickness, film_thickness
 from tribox.forms.friction.law import FrictionLaw, FrictionResponse
 from tribox.geometry.surfaces.closest_point import solve_small
-from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs, unit_normals
+from tribox.geometry.surfaces.facets import Floats, Ints, Longs, unit_normals
 from tribox.geometry.surfaces.projection import FacetSurface, Projection
 from tribox.geometry.surfaces.surface import QUADRATURE_DEGREE, ContactSurface, RigidMaster
-from tribox.geometry.surfaces.target import Target
 
 __all__ = ["AS_IS", "ContactMode", "ContactState", "ContactTerm", "ContactTrial"]
-
-
-_FACING = 0.5  # cosine between the surfaces from which on they face each other
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,12 +111,11 @@ class ContactTerm:
         self.film.at(np.zeros(q))  # Refuses a field that is not one of these points.
         points, nodes = surface.slave.position, surface.master.position
         at = surface.project(points, nodes)
-        xi, components, length = self.opposite(at, points, surface.slave.tangents)
         self.state = ContactState(
             facet=at.facet,
-            xi=xi,
-            slip_components=components,
-            slip_length=length,
+            xi=at.xi,
+            slip_components=np.zeros_like(at.xi),
+            slip_length=np.zeros(q),
             gap=np.where(at.on_surface, at.gap, np.inf),
             area_ratio=np.ones(q),
             share=np.where(at.on_surface, 1.0, 0.0),
@@ -210,7 +205,6 @@ class ContactTerm:
             of_point=surface.vertices.of_point,
             carried=carried_by(surface, values),
             faded=fading(current, normal, surface.vertices, self.state),
-            slave_tangents=surface.slave_tangents(slave),
         )
 
     def leave_to_others(self) -> None:
@@ -279,17 +273,13 @@ class ContactTerm:
         """
         brought = brought_along(self) if self.neighbours else None
         state, elastic = self.state.friction, kinematics.elastic_slip
-        entering = ~state.closed & (self.state.slip_length > 0.0) & (normal.pressure > 0.0)
-        # What was open and stays so has no elastic slip to lose.
-        none = ~state.closed & (normal.pressure <= 0.0)
         if brought is not None:
             state, taken = brought
-            entering &= ~taken
-        elastic = np.where(none[:, None], 0.0, elastic)
+            elastic = np.where((taken & (normal.pressure <= 0.0))[:, None], 0.0, elastic)
         cover: dict[str, Any] = {}
         if self._has_film:
             cover["film_cover"] = normal.cover
-        response = self.law.update(
+        return self.law.update(
             kinematics.slip,
             dt,
             normal.pressure,
@@ -299,9 +289,6 @@ class ContactTerm:
             rate_dependent=rate_dependent,
             **cover,
         )
-        if not entering.any():
-            return response
-        return _entered(response, entering, kinematics.slip, self.law.stored_energy(response.state))
 
     def anchor(self, nodes: Floats) -> Anchor:
         """Places of the last converged step on the master's current ``nodes`` (n, i), m."""
@@ -322,13 +309,11 @@ class ContactTerm:
         slip = trial.response.state.elastic_slip
         metric = np.einsum("qai,qbi->qab", at.tangents, at.tangents)
         covariant = np.einsum("qai,qi->qa", at.tangents, _on_facet(slip, at))
-        opened = trial.pressure <= 0.0
-        xi, before, way = self.opposite(at, trial.position, trial.slave_tangents, opened)
         self.state = ContactState(
             facet=at.facet,
-            xi=xi,
-            slip_components=np.where(opened[:, None], before, solve_small(metric, covariant)),
-            slip_length=np.where(opened, way, np.linalg.norm(slip, axis=1)),
+            xi=self._anchored(trial, metric),
+            slip_components=solve_small(metric, covariant),
+            slip_length=np.linalg.norm(slip, axis=1),
             gap=np.where(at.on_surface, at.gap, np.inf),
             area_ratio=trial.area_ratio,
             share=self.state.share if trial.faded is None else trial.faded.share,
@@ -338,50 +323,20 @@ class ContactTerm:
         )
         self._last = None
 
-    def opposite(
-        self,
-        at: Projection,
-        points: Floats,
-        slave_tangents: Floats | None,
-        opened: Bools | None = None,
-    ) -> tuple[Floats, Floats, Floats]:
-        """Where open points are opposite the master: what their next slip is measured from.
+    def _anchored(self, trial: ContactTrial, metric: Floats) -> Floats:
+        """Coordinates ξ (q, α) of the material places that the next slip is measured from.
 
-        That is where the line along the mean of both surfaces' normals meets the plane of the
-        facet. The closest point would be off by the gap times half the angle between the surfaces,
-        which is no slip: equal bodies pressed on each other would rub. Past the end the last facet
-        goes on, so that the slip of a step is that of its speed; as the asperities touch from the
-        end on only, such a point begins with the elastic slip that takes the way up to there away.
-        On curved facets (second order, smooth, of arcs) it is the closest point.
-
-        Args:
-            at: the points (q,) on the master.
-            points: (q, i), m, current.
-            slave_tangents: (q, α, i) of the slave facets; None: the master's normals serve.
-            opened: (q,) points without pressure; None: all.
-
-        Returns:
-            Coordinates ξ (q, α), components (q, α) of that elastic slip, its length (q,), m.
+        A point over another master is opposite a place past the end of this one, as if its last
+        facet went on: when it comes over this master the whole way that it has made counts.
         """
-        xi, before, way = at.xi.copy(), np.zeros_like(at.xi), np.zeros(len(at.xi))
-        apart = ~at.on_surface if slave_tangents is None else np.ones(len(way), dtype=bool)
-        rows = np.nonzero(apart if opened is None else apart & opened)[0]
-        rows = rows[_straight(self.surface.target, at, rows)]
-        tau, past = at.tangents[rows], ~at.on_surface[rows]
-        normal, vector = unit_normals(tau), points[rows] - at.foot[rows]
-        mean, faces = normal, np.ones(len(rows), dtype=bool)
-        if slave_tangents is not None:
-            mine = unit_normals(slave_tangents[rows])
-            cosine = np.einsum("qi,qi->q", mine, normal)
-            faces = np.abs(cosine) > _FACING
-            mean = np.where(faces[:, None], normal + np.sign(cosine)[:, None] * mine, normal)
-        height = np.einsum("qi,qi->q", vector, normal) / np.einsum("qi,qi->q", mean, normal)
-        vector = np.where((faces | past)[:, None], vector - height[:, None] * mean, 0.0)
-        metric = np.einsum("qai,qbi->qab", tau, tau)
-        shift = solve_small(metric, np.einsum("qai,qi->qa", tau, vector))
-        xi[rows] += shift
-        before[rows[past]], way[rows[past]] = shift[past], np.linalg.norm(vector[past], axis=1)
-        return xi, before, way
+        at, target = trial.projection, self.surface.target
+        if not self.neighbours or not isinstance(target, FacetSurface) or target.shape.degree > 1:
+            return at.xi
+        rows = np.nonzero(~at.on_surface & at.clamped)[0]
+        xi = at.xi.copy()
+        apart = np.einsum("qai,qi->qa", at.tangents, trial.position - at.foot)
+        xi[rows] += solve_small(metric[rows], apart[rows])
+        return xi
 
     def renew(self, active: bool | None = None, law: FrictionLaw | None = None) -> None:
         """Take what a stage or a program of time has changed, from the next evaluation on.
@@ -466,38 +421,6 @@ def carried_by(surface: ContactSurface, values: Floats) -> Carried | None:
     if not isinstance(master, RigidMaster) or master.motion is None:
         return None
     return Carried.at(master.motion, values[surface.first_master :])
-
-
-def _entered(
-    response: FrictionResponse, entering: Bools, slip: Floats, stored: Floats
-) -> FrictionResponse:
-    """The work of points that come over the end: nothing was stored in the way up to there.
-
-    Args:
-        response: the law's.
-        entering: (q,) such points.
-        slip: (q, i), m, of the step.
-        stored: (q,), J/m², after it.
-    """
-    parts = response.dissipation
-    rest = np.einsum("qi,qi->q", response.traction, slip) - stored - parts.coulomb - parts.viscous
-    return replace(
-        response,
-        dissipation=replace(
-            parts,
-            switching=np.where(entering, 0.0, parts.switching),
-            numerical=np.where(entering, rest, parts.numerical),
-        ),
-    )
-
-
-def _straight(target: Target, at: Projection, rows: Longs) -> Bools:
-    """Whether the facets of the points ``rows`` (p,) can go on straight past their ends."""
-    if isinstance(target, FacetSurface):
-        return np.full(len(rows), target.shape.degree == 1)
-    if at.curvature is None:
-        return np.ones(len(rows), dtype=bool)
-    return np.logical_not(np.any(at.curvature[rows] != 0.0, axis=(1, 2, 3)))
 
 
 def _without_stiffness(response: FrictionResponse) -> FrictionResponse:

@@ -16,8 +16,7 @@ undeformed are no open ends: nothing fades there.
 
 A point that was pressed by another master, and comes over this one, brings its friction along:
 elastic slip, slip path, film fraction and speed, if both laws are of one kind and both contacts
-have the same points. Its slip is measured as if this master had gone on below it; what comes from
-nowhere begins with the elastic slip that takes the way up to this master away.
+have the same points. Its slip is measured as if this master had gone on below it.
 """
 
 from __future__ import annotations

@@ -198,7 +198,6 @@ class ContactTrial:
         carried: how the control points of a tool follow its unknowns; None: no tool.
         pull: (v, i), Pa, s_A of a tie, and moved: (n, i), m, the displacements it is of; None of
             others.
-        slave_tangents: (q, α, i), current, of the slave facets; None of ties.
         faded: (q,) and more of points at the end of the master; None point by point, and of ties.
     """
 
@@ -218,7 +217,6 @@ class ContactTrial:
     pull: Floats | None = None
     moved: Floats | None = None
     faded: Fading | None = None
-    slave_tangents: Floats | None = None
 
     def coupled(self) -> Bools:
         """Points (q,) whose gaps the tractions of some point depend on."""

@@ -13,13 +13,11 @@ import pytest
 from mpi4py import MPI
 
 from benchmarks.curved_contact.shapes import ridge
-from tests.rectangles import Rectangle, Rectangles
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.simulation.history import Row
 from tribox.app.simulation.observer import Observer
 from tribox.app.simulation.simulation import Simulation
-from tribox.geometry.meshes.gmsh_model import write_msh
 
 MM = 1e-3
 
@@ -154,67 +152,3 @@ def test_block_is_dragged_over_a_ridge_by_much_friction(block, tmp_path, degrees
     # load's: T is mu times the load to the last digit.
     assert run.rows[-1].stick_fraction == 0.0
     assert run.rows[-1].tangential_force == pytest.approx(0.5 * load_of(run), rel=1e-6)
-
-
-# -- what the slip of points that come into contact is measured from -------------------------------
-
-
-def test_equal_cylinders_do_not_rub():
-    """Pressed on each other they spread alike: no friction, however few the steps."""
-    data = tomllib.loads(Path("cases/hertz-two-cylinders.toml").read_text())
-    data["geometry"] |= {"contact_size": "40 um", "growth": 2.0}
-    data["boundary"][1]["displacement"]["y"] = [["0 s", "0 um"], ["1 s", "-10 um"]]
-    data["stage"][0]["steps"] = 5
-    last = simulate(data)[0].rows[-1]
-    assert last.normal_force > 0.0
-    assert last.friction_force < 1e-3 * last.normal_force
-
-
-FILM = """
-geometry = { mesh = "MESH" }
-contact = [{ slave = "strip_top", master = "pad_bottom", film = { thickness = "1 um" } }]
-boundary = [
-    { surface = "pad_top", displacement = { x = 0, y = [["0 s", 0], ["1 s", "-5 um"]] } },
-    { surface = "strip_bottom", displacement = { x = [["1 s", 0], ["2 s", "0.6 mm"]], y = 0 } },
-]
-stage = [
-    { name = "press", duration = "1 s", steps = 1, rate_dependent = false },
-    { name = "slide", duration = "1 s", steps = 3 },
-]
-[bodies]
-strip = { material = "hencky", E = "70 GPa", nu = 0.3 }
-pad = { material = "neo-hookean", E = "50 MPa", nu = 0.3 }
-[law]
-law = "friction-map"
-preset = "friction-map"
-mu_s = 0.1
-mu_d = 0.1
-A_d = "1 um"
-B = 1e6
-K_T = "1e12 Pa/m"
-alpha = 0.5
-V_star = "1 mm/s"
-V_star_at = "10 nm"
-D_max = "1 um"
-eta_b = "0.8 Pa*s"
-"""
-
-
-def test_a_film_acts_at_once_on_points_that_come_over_the_end(tmp_path):
-    """T = η_b V A/D, and its work is dissipated, in steps of a fifth of the contact."""
-    mesh = tmp_path / "strip.msh"
-    bodies = {
-        "strip": Rectangle(-2e-3, -0.4e-3, 2e-3, 0.0, (40, 1)),
-        "pad": Rectangle(0.0, 0.0, 1e-3, 0.3e-3, (10, 2)),
-    }
-    write_msh(Rectangles(bodies), mesh)
-    data = tomllib.loads(FILM.replace("MESH", str(mesh)))
-    data["contact"][0]["friction"] = data.pop("law")
-    run, cuts = simulate(data)
-    assert cuts == 0
-    for row in run.rows[-2:]:
-        film = 0.8 * 0.6e-3 * row.contact_area / 1e-6
-        assert abs(row.tangential_force) == pytest.approx(film, rel=5e-3)
-    start, end = run.rows[-3], run.rows[-1]
-    work = film * (end.time - start.time) * 0.6e-3
-    assert end.dissipation - start.dissipation == pytest.approx(work, rel=5e-3)
