@@ -172,7 +172,7 @@ HOPELESS = {
 }
 
 
-AFTER_A_STEP = (lifted, collapsing, wedged, firm, pushed_on_a_film)
+AFTER_A_STEP = (stiff, lifted, collapsing, wedged, firm, pushed_on_a_film)
 
 
 def rows_of(directory: Path) -> list[dict[str, str]]:
