@@ -39,6 +39,7 @@ REACH = 3.0  # gap in facets, and in least gaps less one, up to which vertices f
 SETTLED = 1.0  # relative residual above which the bodies move before pressures change
 SOLVED = 0.3  # relative residual below which μ falls
 NEAR = 1e-3  # relative residual of the exact law that is near enough for Newton's method on it
+NOWHERE = 1e6  # m; gap of points that have no master below them
 LIMIT = 16  # iterations for one start of μ
 
 Points = list[InteriorPoint | None]
@@ -77,7 +78,6 @@ def approached(attempt: Attempt, barrier: float) -> tuple[int, bool]:
     points = starting_points(attempt, barrier)
     step = attempt.step.inside(points)
     iterations = attempt.predictor.restart(attempt.x, trial, step)
-    settled = True
     while iterations < LIMIT:
         left = newton.residual_of(step)
         if not np.isfinite(left):
@@ -114,7 +114,7 @@ def _starting_point(
     pressure = np.where(gap < 0.0, -penalty * gap, 0.0)
     stiffest = penalty.max(initial=0.0) * facet
     here = np.array([pressure @ pressure, pressure.sum()])
-    least = float(np.min(gap, initial=np.inf))
+    least = float(np.min(gap, initial=NOWHERE))
     if trial.normal_contact.gap is None:  # each rank has points of its own
         comm = term.surface.vertices.comm
         here, stiffest = comm.allreduce(here), comm.allreduce(stiffest, op=MPI.MAX)
@@ -125,16 +125,16 @@ def _starting_point(
     mu = barrier * mean * ahead
     open_ = mu / np.maximum(gap, np.finfo(float).tiny)
     pressure = np.maximum(pressure, np.minimum(open_, mean))
-    near = max(REACH * facet, 2.0 * least if np.isfinite(least) else 0.0)
+    near = max(REACH * facet, 2.0 * least if least < NOWHERE else 0.0)
     return InteriorPoint(pressure, mu / pressure, mu, near)
 
 
 def _gap(trial: ContactTrial) -> Floats:
-    """Gap (v,) or (q,), m, that the pressure follows from."""
+    """Gap (v,) or (q,), m, that the pressure follows from; large and finite without a master."""
     nodal = trial.normal_contact.gap
     if nodal is not None:
         return nodal
-    return np.where(trial.projection.on_surface, trial.projection.gap, np.inf)
+    return np.where(trial.projection.on_surface, trial.projection.gap, NOWHERE)
 
 
 def _advanced(problem: Equilibrium, points: Points, shrinks: float) -> Points:

@@ -64,9 +64,16 @@ def test_the_half_width_is_judged_by_the_facets_at_the_rim(shape, pressed):
     rim = crossed if shape == "Q4" else np.sqrt(crossed * 0.5)  # the side of a square of that area
     half = ends[pressed] - ends[0]
     assert state.rim == pytest.approx(rim, rel=1e-9)
-    # Points of a face are a little further from the nearest open vertex than from the rim.
-    apart = {"Q4": 1e-9, "hex8": 0.25}[shape] * rim
-    assert state.half_width == pytest.approx(max(half - 0.5 * rim, 0.5 * rim), abs=apart)
+    # In space points of a face are further from the nearest open vertex than from the rim.
+    vertices, points = surface.vertices.position, surface.slave.position
+    places = np.concatenate(
+        [vertices[x < ends[pressed] - 1e-9], points[points[:, 0] < ends[pressed - 1]]]
+    )
+    outside = vertices[x > ends[pressed] - 1e-9]
+    furthest = np.linalg.norm(places[:, None] - outside[None], axis=2).min(axis=1).max()
+    across = {"Q4": 0.0, "hex8": 0.25}[shape]  # half a face along the rim
+    assert half * (1.0 - 1e-9) <= furthest <= np.hypot(half, across) * (1.0 + 1e-9)
+    assert state.half_width == pytest.approx(max(furthest - 0.5 * rim, 0.5 * rim), rel=1e-9)
     assert state.uncertain == pytest.approx(0.5 * crossed / (half - 0.5 * crossed), rel=1e-9)
 
 
