@@ -28,7 +28,7 @@ from tribox.app.build.contact_notes import (
 )
 from tribox.app.build.facing import faces_away, facing_problem
 from tribox.app.case.case import Case
-from tribox.app.case.contact import DEFAULT_PENALTY_FACTOR, Contact
+from tribox.app.case.contact import Contact
 from tribox.app.case.friction import Coulomb, Friction, Frictionless, FrictionMap, OwnLaw, Stribeck
 from tribox.app.case.own_law import OwnLawError
 from tribox.app.case.time_tables import TimeTable, value_at
@@ -61,9 +61,6 @@ OVERLAP = 0.01  # depth over facet length up to which bodies only touch at the s
 # flows, over the length of a slave facet): stiff against the shear of the elements beside it, yet
 # soft enough for the onset of slip to spread without a fight.
 TANGENTIAL_FACTOR = 10.0
-# Default penalty of a case with explicit stages, K h/M: stiffer contacts shorten the steps, and
-# nodes that open and close make energy (docs/explicit.md).
-EXPLICIT_STIFFNESS = 1.0
 # Default of film_onset_pressure, as a share of the softer body's G, or hardness, or of the highest
 # prescribed pressure, whichever is less: only the rim of a contact feels it.
 FILM_ONSET = 0.01
@@ -121,7 +118,6 @@ class ContactBuilder:
         asked = asked.model_copy(update={"quadrature_degree": asked.quadrature_degree or degree})
         surface = self._surface(index, asked)
         softer = min(materials, key=contact_shear_modulus)
-        asked = self._with_penalty(asked, softer)
         if asked.tied:
             return self._tie(index, asked, surface, softer)
         length = surface.facet_length
@@ -153,16 +149,6 @@ class ContactBuilder:
         if fault := law_fault([term]):
             raise InputError(f"contact.{index}.friction: {fault}")
         return BuiltContact(table, term, notes, friction_program(table, term))
-
-    def _with_penalty(self, asked: Contact, softer: Material) -> Contact:
-        """The table with the penalty of explicit runs, where none is given; else as it is."""
-        given = "penalty_factor" in asked.model_fields_set or asked.penalty is not None
-        if given or not self.case.is_explicit:
-            return asked
-        kind = "averaged" if asked.tied else asked.pressure
-        waves = oedometric_modulus(softer) / penalty_modulus(softer, kind)
-        factor = min(DEFAULT_PENALTY_FACTOR, EXPLICIT_STIFFNESS * waves)
-        return asked.model_copy(update={"penalty_factor": factor})
 
     def _tie(
         self, index: int, asked: Contact, surface: ContactSurface, softer: Material

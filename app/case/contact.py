@@ -57,7 +57,7 @@ class Contact(Model):
         description="K_N = penalty_factor * max(10 G, M/10)/h, with shear and oedometric modulus G "
         "and M of the softer body and the local length h of the slave facets; with pointwise "
         f"pressure penalty_factor * M/h; of a softer body that flows penalty_factor * 10 H/h, H "
-        f"its hardness; default: {DEFAULT_PENALTY_FACTOR:g}, with explicit stages what gives M/h",
+        f"its hardness; default: {DEFAULT_PENALTY_FACTOR:g}, without penalty",
     )
     smoothing_angle: Annotated[float, Quantity("rad", gt=0.0, le=math.pi)] | None = Field(
         default=None,

@@ -34,8 +34,7 @@ class Watches:
             kept: what :meth:`snapshot` has seen, of a run that goes on.
         """
         self.roundoff = RoundOffWatch(model.problem, model.case.solver.tolerance)
-        seen = None if kept is None else kept["contacts"]
-        self.contacts = ContactWarnings(model.problem, seen, model.case.is_explicit)
+        self.contacts = ContactWarnings(model.problem, None if kept is None else kept["contacts"])
         self.left, self.ends = LeftMaster(model), PressedEnds(model)
         self.floating = FloatingWatch()
         self.flow = FlowWatch(model.problem)

@@ -243,18 +243,15 @@ class ContactWarnings:
             stores most.
     """
 
-    def __init__(
-        self, problem: Equilibrium, resumed: Snapshot | None = None, explicit: bool = False
-    ) -> None:
+    def __init__(self, problem: Equilibrium, resumed: Snapshot | None = None) -> None:
         """Make ready; collective.
 
         Args:
             problem: whose contacts are looked at.
             resumed: what :meth:`snapshot` has seen, of a run that goes on; None: nothing has
                 pressed yet.
-            explicit: whether a stage runs with explicit dynamics.
         """
-        self._problem, self._explicit = problem, explicit
+        self._problem = problem
         self._probes = [PairProbe(term) for term in problem.contacts]
         self._factor = [penalty_factor(problem, term) for term in problem.contacts]
         count = len(self._probes)
@@ -415,8 +412,6 @@ class ContactWarnings:
             if comb
             else "raise the penalty (penalty_factor) or refine the surface"
         )
-        if self._explicit and not comb:
-            cure = "refine the surface (with a higher penalty_factor nodes chatter)"
         return (
             f"contact.{index}: penetration up to {depth:.3g} m (time {time_text(time, dt)}, stage "
             f"{stage}), up to {self.over_facet[index]:.2g} of the local slave facet's length, and "

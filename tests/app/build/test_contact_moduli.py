@@ -87,23 +87,3 @@ def test_the_softer_body_is_the_one_that_shears_more_easily(block):
     expected = 10.0 * rubber.shear_modulus / term.surface.facet_length
     assert model.case.contact[0].friction.K_T == pytest.approx(expected, rel=1e-12)
     assert model.notes == []
-
-
-@pytest.mark.parametrize(("ratio", "pressure"), [(0.3, "averaged"), (0.4999, "pointwise")])
-def test_explicit_runs_have_a_penalty_that_waves_bear(block, ratio, pressure):
-    """K = M/h where none is given; with a given one nothing changes."""
-    data = tomllib.loads(block)
-    for body in data["bodies"].values():
-        body["density"] = 1e3
-    data["bodies"]["elastomer"] |= {"material": "neo-hookean", "E": 3e6, "nu": ratio}
-    data["contact"][0]["pressure"] = pressure
-    data["solver"] = {"kind": "explicit"}
-    model = build_model(Case.model_validate(data), MPI.COMM_SELF)
-    [term] = model.problem.contacts
-    surface = term.surface
-    length = surface.vertices.length if pressure == "averaged" else surface.slave.facet_length
-    rubber = model.problem.solids[0].material
-    np.testing.assert_allclose(term.penalty * length, oedometric_modulus(rubber), rtol=1e-9)
-    data["contact"][0]["penalty_factor"] = 30.0
-    [given] = build_model(Case.model_validate(data), MPI.COMM_SELF).case.contact
-    assert given.penalty_factor == 30.0

@@ -229,21 +229,6 @@ def test_without_rates_no_viscosity_counts_from_the_first_forces_on():
     assert column(runs[0], "kinetic_energy")[-1] > 0.0
 
 
-def test_a_deep_overlap_is_not_cured_by_a_stiffer_contact(tmp_path):
-    """An impact at 4 % of the speed of waves, with the default penalty."""
-    data = tomllib.loads(THROWN)
-    data["bodies"]["elastomer"]["nu"] = 0.3
-    data["bodies"]["elastomer"]["velocity"]["y"] = "-3 m/s"
-    del data["contact"][0]["penalty_factor"]
-    data["geometry"]["upper"]["elements"] = [5, 3]
-    data["geometry"]["lower"]["elements"] = [5, 1]
-    data["stage"][0] |= {"duration": "10 us", "steps": 5}
-    run_case(Case.model_validate(data), tmp_path / "out", quiet=True, comm=MPI.COMM_SELF)
-    said = json.loads((tmp_path / "out" / "summary.json").read_text())["warnings"]
-    [line] = [line for line in said if "penetration up to" in line]
-    assert line.endswith("refine the surface (with a higher penalty_factor nodes chatter)")
-
-
 def test_files_of_an_explicit_run(tmp_path):
     case = Case.model_validate(tomllib.loads(SLID.replace("figures = false", "figures = true")))
     run = run_case(case, tmp_path / "out", quiet=True, comm=MPI.COMM_SELF)

@@ -68,7 +68,6 @@ V_star_at = "10 nm"
 # Without a fall of friction with slip or speed, where dynamics are chaotic: there a change of the
 # speed by 1e-13 changes forces by 1e-3 after a thousand steps, and that on one rank.
 STEADY_FILM = FILM.replace("mu_s = 0.12", "mu_s = 0.10").replace('"1 mm/s"', '"0.3 m/s"')
-STIFF_FILM = STEADY_FILM.replace("film =", "penalty_factor = 30\nfilm =")
 BOXES = """
 [geometry]
 kind = "two-boxes"
@@ -198,7 +197,7 @@ CASES = {
     "hexes-lifted": BOXES + BODIES + COULOMB + LIFTED + KRYLOV,
     "tets-lifted": _TETS + BODIES + COULOMB + LIFTED + APART,
     "rings-explicit": _RINGS + BODIES + COULOMB + _ROUND,
-    "hexes-explicit": BOXES + BODIES + STIFF_FILM + THROWN,
+    "hexes-explicit": BOXES + BODIES + STEADY_FILM + THROWN,
 }
 SLIDING = ("plane-steady", "plane-explicit")  # the others lift off
 # Beside one rank. Explicit steps make ranks wait for each other many times each.

@@ -162,7 +162,6 @@ def test_explicit_steps_come_to_the_implicit_state(mesh, loaded):
     still = last(run(block_case(mesh, tools={"punch": circle(**motion)})))
     data = block_case(mesh, tools={"punch": circle(**slow)})
     data["bodies"]["block"]["density"] = 1000
-    data["contact"][0]["penalty_factor"] = 30  # that of the implicit run
     data["solver"] = {"kind": "explicit", "damping": "2e4 1/s"}
     data["stage"] = [{"name": "all", "duration": "2.5 ms", "steps": 5}]
     moved = run(data)
