@@ -11,6 +11,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from tribox.app.implicit.approach import HeldApproach, is_adrift, strays
@@ -102,16 +104,31 @@ SEARCH = SoftContact(
 def phases_after(attempt: Attempt) -> tuple[Phase, ...]:
     """What is tried after the predicted start has failed.
 
-    Interior points first; where pressed bodies rub on each other last, as they have no cure for the
-    kink between stick and slip. There, where the iteration came near, a shorter step is better.
+    Interior points have no cure for the kink between stick and slip: where pressed bodies rub they
+    are left out, and where a body floats, on which nothing presses. Where the iteration came near
+    there, a shorter step is better. Bodies that forces alone bring together find each other sooner
+    by springs.
     """
     if not attempt.has_contacts:
         return (LinearStart(),)
+    near, inside = attempt.newton.is_near(), FromInside()
     held = (HeldApproach(),) if attempt.bodies.directions else ()
-    rest = (*held, APPROACH) if attempt.pressed else (*held, APPROACH, SEARCH)
-    if attempt.predictor.rubbing() and attempt.pressed:
-        return () if attempt.newton.is_near() else (*rest, FromInside())
-    return (FromInside(),) if attempt.newton.is_near() else (FromInside(), *rest)
+    floats = attempt.step.holding is not None
+    if floats or (attempt.pressed and attempt.predictor.rubbing()):
+        return () if near else (*held, APPROACH)
+    if near:
+        return (inside,)
+    if attempt.pressed:
+        return (inside, *held, APPROACH)
+    found = (inside, *held) if is_moved(attempt) else (*held, inside)
+    return (*found, APPROACH, SEARCH)
+
+
+def is_moved(attempt: Attempt) -> bool:
+    """Whether a prescribed displacement changes in the step: not forces alone drive; collective."""
+    problem = attempt.newton.problem
+    moved = not np.array_equal(problem.constrained_values(attempt.x), attempt.x.array_r)
+    return bool(problem.comm.allreduce(moved, op=MPI.LOR))
 
 
 def solve(attempt: Attempt) -> tuple[int, int]:

@@ -29,7 +29,7 @@ EDGED = 1e-3  # relative residual below which points on edges may be what an ite
 GAIN = 4.0
 FURTHEST = 1e3  # of the tolerance, as share of the forces: no solve need come closer on its account
 LEAST_FORCE = 1e-6  # of the largest force of the run, that residuals are compared with at least
-HASTY = 7  # iterations that a hasty phase makes
+HASTY = 7  # iterations from which on a hasty phase ends where it is slow
 SHORTEST = 6  # times that a single step is halved
 STALL_WINDOW = 4  # iterations over which the residual must fall by a tenth not to count as stalled
 
@@ -184,8 +184,8 @@ class Newton:
             step: duration and contact modes.
             patient: whether a phase that stalls far from the solution uses all its iterations: for
                 where nothing else can be tried.
-            hasty: whether a phase makes a few iterations only, unless it is all but there: for
-                where something better can be tried.
+            hasty: whether a phase that is slow after a few iterations ends: for where something
+                better can be tried.
 
         Returns:
             Newton iterations, and PETSc's converged reason.
@@ -338,13 +338,18 @@ class Newton:
             return reasons.CONVERGED_FNORM_RELATIVE
         if iteration >= self._limit:
             return reasons.DIVERGED_MAX_IT
-        if self._hasty and iteration >= HASTY and self.residuals[-1] > KINKED:
+        if self._hasty and iteration >= HASTY and self._is_slow():
             return reasons.DIVERGED_LINE_SEARCH
         if self._phase.ends_wavering and self._wavers():
             return reasons.DIVERGED_LINE_SEARCH
         if self._phase.ends_stalled and self._is_stalled():
             return reasons.DIVERGED_LINE_SEARCH
         return None
+
+    def _is_slow(self) -> bool:
+        """Whether the residual is far from small, and has not lately fallen to a tenth."""
+        last = self.residuals[-1]
+        return last > KINKED and last > 0.1 * self.residuals[-STALL_WINDOW]
 
     def _wavers(self) -> bool:
         """Whether the iteration is so near that it should gain far more than it does."""

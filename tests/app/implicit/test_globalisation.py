@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 
 from tribox.app.equilibrium.step_mode import StepMode
 from tribox.app.implicit.approach import HeldApproach
@@ -17,12 +18,17 @@ from tribox.app.implicit.newton import EDGED, KINKED, NEWTON_PHASES, STALLED, Ne
 from tribox.app.implicit.options import ImplicitOptions
 
 
-def attempt(near, contacts=1, pressed=True, loose=(), rubbing=False):
-    problem = SimpleNamespace(contacts=[None] * contacts)
+def attempt(near, contacts=1, pressed=True, loose=(), rubbing=False, moved=0.0):
+    problem = SimpleNamespace(
+        contacts=[None] * contacts,
+        comm=MPI.COMM_SELF,
+        constrained_values=lambda x: x.array_r + moved,
+    )
+    x = SimpleNamespace(array_r=np.zeros(1))
     newton = SimpleNamespace(problem=problem, trial=None, is_near=lambda: near)
     bodies = SimpleNamespace(directions=loose)
     predictor = SimpleNamespace(rubbing=lambda: rubbing)
-    return Attempt(newton, predictor, None, StepMode(), pressed, bodies)
+    return Attempt(newton, predictor, x, StepMode(), pressed, bodies)
 
 
 def test_what_is_tried_after_the_prediction_depends_on_where_it_failed():
@@ -31,9 +37,11 @@ def test_what_is_tried_after_the_prediction_depends_on_where_it_failed():
     assert phases_after(attempt(near=False, pressed=False)) == (inside, APPROACH, SEARCH)
     assert phases_after(attempt(near=False, loose=[0])) == (inside, held, APPROACH)
     apart = attempt(near=False, pressed=False, loose=[0])
-    assert phases_after(apart) == (inside, held, APPROACH, SEARCH)
+    assert phases_after(apart) == (held, inside, APPROACH, SEARCH)
+    driven = attempt(near=False, pressed=False, loose=[0], moved=1e-3)
+    assert phases_after(driven) == (inside, held, APPROACH, SEARCH)
     assert phases_after(attempt(near=True, pressed=False)) == (inside,)
-    assert phases_after(attempt(near=False, rubbing=True)) == (APPROACH, inside)
+    assert phases_after(attempt(near=False, rubbing=True, loose=[0])) == (held, APPROACH)
     assert phases_after(attempt(near=True, rubbing=True)) == ()
     for near in (True, False):
         assert phases_after(attempt(near, contacts=0)) == (LinearStart(),)
