@@ -14,6 +14,7 @@ from functools import lru_cache
 from pathlib import Path
 
 import dolfinx
+import hypothesis
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -34,6 +35,9 @@ TESTS = Path(__file__).parent
 pytest_plugins = ["tests.budget", "tests.ranks"]
 # Two processes may want a form at once: s that one waits for the other's compiler.
 dolfinx.jit.DOLFINX_DEFAULT_JIT_OPTIONS["timeout"] = (300, "Timeout for JIT compilation")
+# The same examples every time: a change is not to fail by what another run would not have tried.
+hypothesis.settings.register_profile("the same", derandomize=True, deadline=None)
+hypothesis.settings.load_profile("the same")
 Motion = Callable[[np.ndarray], np.ndarray]
 SOFT = NeoHookean(shear_modulus=1.0, bulk_modulus=5.0)
 STIFF = NeoHookean(shear_modulus=3.0, bulk_modulus=8.0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 from pathlib import Path
 
+import hypothesis
 import pytest
 
 TESTS = Path(__file__).parent
@@ -36,3 +37,11 @@ def test_every_test_file_is_collected(pytestconfig):
     assert there - finder.files == set()
     misnamed = {path.name for path in there if not path.name.startswith("test_")}
     assert misnamed == set()
+
+
+def test_examples_are_the_same_every_time(pytestconfig):
+    """Unless others are asked for."""
+    if pytestconfig.getoption("--hypothesis-profile", default=None):
+        pytest.skip("other examples are asked for")
+    settings = hypothesis.settings()
+    assert settings.derandomize and settings.deadline is None

@@ -95,11 +95,15 @@ def _converts(name: str, unit: str) -> bool:
 
 
 def _is_read_as(prefix: str, name: str, end: str, dimension: object) -> bool:
-    """Whether the library reads a word as a unit of this dimension."""
+    """Whether the library reads a word as a multiple of units of this dimension.
+
+    "dB" could be a tenth of a byte, and is read as a level.
+    """
     word = f"{prefix}{name}{end}"
     if _readings()[word] == 1:
         return True
-    return bool(_names()[_library().parse_unit_name(word)[0][1]] == dimension)
+    read = _library().parse_unit_name(word)[0][1]
+    return bool(_names()[read] == dimension and _library()._units[read].is_multiplicative)
 
 
 @functools.cache

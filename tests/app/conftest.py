@@ -11,6 +11,7 @@ from typing import TextIO
 
 import pytest
 
+from tests.ranks import LIMIT
 from tribox.app.cli import main
 from tribox.app.results.recorder import force_balance
 from tribox.app.simulation.observer import Observer
@@ -270,7 +271,7 @@ def tribox(
     home.mkdir()
 
     def run(
-        *words: object, ranks: int | None = None, process: bool = False, timeout: float = 120.0
+        *words: object, ranks: int | None = None, process: bool = False, timeout: float = LIMIT
     ) -> subprocess.CompletedProcess[str]:
         arguments = [str(word) for word in words]
         if ranks is None and not process:

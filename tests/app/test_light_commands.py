@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 from tests.app.figures.made_results import write_strip
+from tests.ranks import LIMIT
 from tribox.app.simulation.history import COLUMNS
 
 ROOT = Path(__file__).parents[2]
@@ -66,7 +67,7 @@ def test_commands_that_solve_nothing_load_no_solver(tmp_path, block):
     ]
     done = subprocess.run(
         [sys.executable, "-c", SCRIPT, json.dumps(lines)],
-        capture_output=True, text=True, cwd=ROOT, timeout=120,
+        capture_output=True, text=True, cwd=ROOT, timeout=LIMIT,
     )  # fmt: skip
     told = [json.loads(line) for line in done.stderr.splitlines() if line.startswith("[")]
     codes = {"check": 2}
@@ -83,7 +84,7 @@ def test_the_case_that_runs_loads_the_solver(tmp_path, block):
     right.write_text(block)
     done = subprocess.run(
         [sys.executable, "-c", SCRIPT, json.dumps([["check", str(right)]])],
-        capture_output=True, text=True, cwd=ROOT, timeout=120,
+        capture_output=True, text=True, cwd=ROOT, timeout=LIMIT,
     )  # fmt: skip
     assert json.loads(done.stderr.splitlines()[-1]) == ["check", 0, list(HEAVY)]
 
@@ -93,7 +94,7 @@ def test_commands_without_a_terminal_load_neither_rich_nor_units(tmp_path):
     script = SCRIPT.replace(repr(HEAVY), repr((*HEAVY, "pint", "rich", "scipy")))
     done = subprocess.run(
         [sys.executable, "-c", script, json.dumps(lines)],
-        capture_output=True, text=True, cwd=ROOT, timeout=120,
+        capture_output=True, text=True, cwd=ROOT, timeout=LIMIT,
     )  # fmt: skip
     told = [json.loads(line) for line in done.stderr.splitlines() if line.startswith("[")]
     assert told == [["--version", 0, []], ["map", 0, []]]
@@ -115,6 +116,6 @@ heavy = [name for name in {(*HEAVY, "basix", PYPLOT)!r} if name in sys.modules]
 print(heavy)
 """
     done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, cwd=ROOT, timeout=120
+        [sys.executable, "-c", script], capture_output=True, text=True, cwd=ROOT, timeout=LIMIT
     )
     assert done.stdout == "[]\n", done.stderr

@@ -18,7 +18,8 @@ from typing import Any
 
 from tribox.app.errors import TriboxError
 
-SECONDS = 10.0
+SECONDS = 10.0  # of computing that one input may take; a busy machine takes longer for them
+WAITING = 20.0  # times as long on the clock: what waits for ever computes nothing
 MEMORY = 2 << 30  # bytes that one input may take beside what there is
 LONGEST = 800  # letters of a message
 # Control characters, those that turn the direction of writing, line ends and halves of pairs.
@@ -95,7 +96,7 @@ def watched(*allowed: Path, seconds: float = SECONDS) -> Iterator[None]:
 
     Args:
         allowed: directories that may be written.
-        seconds: wall time after which it hangs.
+        seconds: of computing after which it hangs, or ``WAITING`` times that on the clock.
 
     Raises:
         AssertionError: a file was written elsewhere.
@@ -109,18 +110,21 @@ def watched(*allowed: Path, seconds: float = SECONDS) -> Iterator[None]:
     places = [*map(str, allowed), *(cache for cache in caches if cache), *homes]
     _WATCH.allowed = tuple(os.path.realpath(place) for place in places)
     _WATCH.outside = []
-    before = signal.signal(signal.SIGALRM, _hang)
+    before = [signal.signal(number, _hang) for number in (signal.SIGPROF, signal.SIGALRM)]
     _WATCH.active = True
-    timer = signal.setitimer(signal.ITIMER_REAL, seconds)  # of pytest's own time limit
+    signal.setitimer(signal.ITIMER_PROF, seconds)
+    timer = signal.setitimer(signal.ITIMER_REAL, WAITING * seconds)  # of pytest's own time limit
     limits = resource.getrlimit(resource.RLIMIT_AS)
     resource.setrlimit(resource.RLIMIT_AS, (_size() + MEMORY, limits[1]))
     try:
         yield
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)  # before the handler is another's again
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        signal.setitimer(signal.ITIMER_REAL, 0.0)  # before the handlers are another's again
         resource.setrlimit(resource.RLIMIT_AS, limits)
         _WATCH.active = False
-        signal.signal(signal.SIGALRM, before)
+        signal.signal(signal.SIGPROF, before[0])
+        signal.signal(signal.SIGALRM, before[1])
         signal.setitimer(signal.ITIMER_REAL, *timer)
     assert not _WATCH.outside, f"written outside: {_WATCH.outside}"
 

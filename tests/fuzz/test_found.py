@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import os
+import time
 import tomllib
 from pathlib import Path
 
@@ -239,3 +240,15 @@ def test_a_start_that_turns_elements_inside_out_is_a_line_with_the_file(tmp_path
     case = load_case(path, [wrong])
     came_to = outcome(lambda: notes_on_building(case), tmp_path)
     assert came_to.startswith(f"refused: {path}: the start: an element has been turned inside out")
+
+
+def test_an_input_hangs_that_computes_for_too_long_and_not_one_that_waits_for_its_turn():
+    """A busy machine takes longer; what waits for ever is ended by the clock all the same."""
+
+    def computes() -> None:
+        while True:
+            pass
+
+    assert outcome(lambda: time.sleep(0.15), seconds=0.1) == "fine"
+    assert outcome(computes, seconds=0.1).startswith("hang: ")
+    assert outcome(lambda: time.sleep(60.0), seconds=0.01).startswith("hang: ")

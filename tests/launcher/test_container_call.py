@@ -66,7 +66,7 @@ def test_a_reader_that_leaves_does_not_end_the_container(docker: Machine) -> Non
         cwd=docker.checkout,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=300,
     )
     assert (done.stdout, done.stderr) == ("a line\n", "0\n")
 

@@ -126,7 +126,7 @@ def installing(machine: Machine, answer: str | None, **environment: str) -> tupl
         stdin=terminal,
         stdout=subprocess.PIPE,
         stderr=terminal,
-        timeout=60,
+        timeout=300,
     )
     os.close(terminal)
     said = b""

@@ -36,7 +36,7 @@ def enter(
         env={"PATH": f"{directory}:/usr/bin:/bin", "TRIBOX_RESULTS": "/results", **environment},
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=300,
         check=True,
     )
     return done.stdout.splitlines()

@@ -74,7 +74,7 @@ def test_spellings_in_use_and_the_unit_itself_match(unit):
     [
         ("10 ms", "m"), ("10ms", "m"), ("1e-5 ms", "m"), ("1.5ms ", "m"), ("12 mn", "m"),
         ("5 Mpa", "Pa"), ("5 N", "Pa"), ("3 m", "s"), ("ten nm", "m"), ("1,5 mm", "s"), ("", "m"),
-        ("0.2 m", ""), ("3 kms", "Pa"),
+        ("0.2 m", ""), ("3 kms", "Pa"), ("1dB", "rad"), ("1 dB", ""),
     ],
 )  # fmt: skip
 def test_what_an_editor_sees_at_once(text, unit):

@@ -23,11 +23,10 @@ from tests.app.checkpoint.small_cases import COARSE, changed
 from tests.app.conftest import BLOCK, BOXES, SLID
 from tests.app.run.test_signals import SWEEP, of_run
 from tests.app.simulation.test_explicit_run import THROWN
-from tests.ranks import ROOT, mpi_environment
+from tests.ranks import LIMIT, ROOT, mpi_environment
 from tribox.app.case.toml_writer import toml_text
 from tribox.app.results import read
 
-LIMIT = 200.0  # s for one run
 SLACK = 0.01  # s, the most that a kill comes after the row that was drawn
 OUTPUT = {"figures": False, "fields_every": 3, "checkpoint_every": 2, "checkpoint_interval": 0.3}
 DENSE = {"bodies.elastomer.density": 1100, "bodies.aluminium.density": 2700}

@@ -20,6 +20,7 @@ from tests.app.checkpoint.campaign import (
 )
 from tests.app.checkpoint.going_on import as_killed, numbers, unlike
 from tests.app.run.test_signals import of_run, statuses
+from tests.ranks import LIMIT
 from tribox.app.results import read
 
 MOMENTS = int(os.environ.get("TRIBOX_KILLS", "0"))
@@ -60,7 +61,7 @@ def test_a_refusal_is_one_line_also_when_petsc_has_been_told_more(work, tmp_path
     out = as_killed(reference, tmp_path / "out", numbers(reference)[0])
     (out / "summary.json").write_text('{"status": "running"}')
     process = start(path, out, "--resume", "--set", "solver.linear=krylov")
-    said, _ = process.communicate(timeout=60.0)
+    said, _ = process.communicate(timeout=LIMIT)
     assert process.returncode == 2 and said.count("\n") == 1
     assert 'solver.linear = "krylov" instead of "direct"' in said
 
@@ -96,7 +97,7 @@ def test_a_sweep_that_is_told_to_stop_goes_on(work, tmp_path):
     while not list(out.glob("*/checkpoints/000002")):
         assert process.poll() is None
     process.send_signal(signal.SIGTERM)
-    process.communicate(timeout=60.0)
+    process.communicate(timeout=LIMIT)
     assert process.returncode == 130 and not of_run(out)
     finish(start(path, out, "--resume"))
     assert differences("sweep", reference, out) == []

@@ -15,6 +15,7 @@ import pytest
 from pandas import DataFrame
 from PIL import Image
 
+from tests.ranks import LIMIT
 from tribox.app.case.given import given_keys
 from tribox.app.case.reading import load_case
 from tribox.app.errors import InputError
@@ -236,7 +237,7 @@ def test_the_command_loads_no_solver_and_keeps_what_is_there(run, tmp_path, trib
          "from pathlib import Path; write_report(Path(sys.argv[1])); "
          "print([m for m in ('dolfinx', 'petsc4py', 'mpi4py', 'pint') if m in sys.modules])",
          str(run)],
-        capture_output=True, text=True, cwd=ROOT, timeout=60,
+        capture_output=True, text=True, cwd=ROOT, timeout=LIMIT,
     )  # fmt: skip
     assert done.stdout == "[]\n", done.stderr
     out = tmp_path / "page.html"

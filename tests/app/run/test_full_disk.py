@@ -19,6 +19,7 @@ from unittest.mock import patch
 import pytest
 
 from tests.app.conftest import BLOCK
+from tests.ranks import LIMIT
 from tribox.app.case.case import Case
 from tribox.app.errors import OutputError
 from tribox.app.results import read
@@ -145,7 +146,7 @@ def test_a_disk_that_becomes_full_in_truth(
         env=environment,
         capture_output=True,
         text=True,
-        timeout=100.0,
+        timeout=LIMIT,
         check=False,
     )
     assert told.returncode == 4

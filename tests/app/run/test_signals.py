@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 
 from tests.app.simulation.test_explicit_run import THROWN
+from tests.ranks import LIMIT
 from tribox.app.results import read
 from tribox.app.results.directory import LOCK, RESERVE
 
@@ -93,7 +94,7 @@ def assert_tidy(out: Path) -> None:
 
 
 def assert_stopped(process: subprocess.Popen[str], out: Path) -> None:
-    said, _ = process.communicate(timeout=60.0)
+    said, _ = process.communicate(timeout=LIMIT)
     assert process.returncode == 130 and "Traceback" not in said
     assert said.count("\ntribox: interrupted; the results so far are saved") == 1
     assert "prterun" not in said and "MPI_ABORT" not in said
@@ -146,7 +147,7 @@ def test_a_signal_stops_all_ranks(start, tmp_path, number, whom):
         assert_stopped(process, out)
     else:
         os.kill(starters[0], number)
-        assert process.wait(60.0) == 130
+        assert process.wait(LIMIT) == 130
         assert_tidy(out)
     results = read(out)
     assert results.summary["status"] == "interrupted" and results.summary["ranks"] == 2
@@ -160,7 +161,7 @@ def test_mpirun_itself_told_to_end_leaves_no_rank_and_a_history(start, tmp_path)
     read_steps(process)
     (starter,) = [pid for pid, words in of_run(out).items() if words[0].endswith("prterun")]
     os.kill(starter, signal.SIGTERM)
-    assert process.wait(60.0) == 130 and not of_run(out)
+    assert process.wait(LIMIT) == 130 and not of_run(out)
     assert statuses(out) == {"out": "interrupted"} and len(read(out).history) >= 3
 
 
@@ -193,7 +194,7 @@ def test_who_is_killed_leaves_no_orphans(start, tmp_path, kind, words):
     read_steps(process)
     process.kill()
     process.wait()
-    ends = time.monotonic() + 30.0
+    ends = time.monotonic() + LIMIT
     while of_run(out) and time.monotonic() < ends:
         time.sleep(0.1)
     assert not of_run(out)
@@ -218,7 +219,7 @@ def test_a_run_outlives_its_pipe_and_its_terminal(start, tmp_path):
     read_steps(process, 1)
     process.stdout.close()
     process.send_signal(signal.SIGHUP)
-    assert process.wait(60.0) == 0
+    assert process.wait(LIMIT) == 0
     assert statuses(out) == {"out": "done"} and len(read(out).history) == 15
     assert (out / "log.txt").read_text().splitlines()[-1] == f"results in {out}"
     assert_tidy(out)
@@ -229,7 +230,7 @@ def test_a_killed_run_is_readable_and_in_nobodys_way(start, environment, tmp_pat
     read_steps(process)
     # Meanwhile nobody else may have the directory, whatever they say.
     second = start("single", "--force")
-    said, _ = second.communicate(timeout=60.0)
+    said, _ = second.communicate(timeout=LIMIT)
     assert second.returncode == 2 and f"{out}: tribox is writing there (process " in said
     assert read(out).unfinished == f"goes on, as process {process.pid} on {os.uname().nodename}"
     process.kill()
@@ -244,7 +245,7 @@ def test_a_killed_run_is_readable_and_in_nobodys_way(start, environment, tmp_pat
     told = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
     assert "note: the run ended from outside; this is what it had written" in told.stdout
     again = start("single", "--force", steps=1)
-    assert again.wait(60.0) == 0 and statuses(out) == {"out": "done"}
+    assert again.wait(LIMIT) == 0 and statuses(out) == {"out": "done"}
 
 
 @pytest.mark.parametrize(("target", "code"), [("closed", 0), ("/dev/full", 4)])

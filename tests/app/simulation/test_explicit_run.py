@@ -17,6 +17,7 @@ from matplotlib.axes import Axes
 from mpi4py import MPI
 
 from tests.app.conftest import FILM, SLID
+from tests.ranks import LIMIT
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.errors import SolutionError
@@ -387,7 +388,7 @@ def test_a_long_interval_can_be_interrupted(case_file, environment, tmp_path):
                 assert re.search(r"\d+ steps/s", line)
                 os.kill(process.pid, signal.SIGINT)
                 break
-        rest, _ = process.communicate(timeout=60.0)
+        rest, _ = process.communicate(timeout=LIMIT)
     assert process.returncode == 130 and "Traceback" not in rest
     summary = json.loads((out / "summary.json").read_text())
     assert (summary["status"], summary["steps"]) == ("interrupted", 2)

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from tests.app.conftest import BLOCK
-from tests.ranks import command
+from tests.ranks import LIMIT, command
 from tribox.app.results.directory import read_table
 from tribox.app.simulation.history import PHYSICAL
 
@@ -112,7 +112,7 @@ def test_ranks_stop_together_when_interrupted(case_file, block, environment, tmp
                 # One rank only, and not mpirun, which kills the ranks a moment later.
                 os.kill(children(process.pid)[0], signal.SIGINT)
                 break
-        rest, _ = process.communicate(timeout=100.0)
+        rest, _ = process.communicate(timeout=LIMIT)
     assert process.returncode != 0 and "Traceback" not in rest
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     rows = read_table(tmp_path / "out" / "history.csv")

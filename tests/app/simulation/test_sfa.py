@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from tests.ranks import LIMIT
 from tribox.app.case.reading import load_case
 from tribox.app.figures import run_figures as figures
 from tribox.app.figures import steady_points
@@ -91,7 +92,7 @@ def sfa(tmp_path_factory: pytest.TempPathFactory, environment: dict[str, str]) -
         env=environment,
         capture_output=True,
         text=True,
-        timeout=500.0,
+        timeout=LIMIT,
     )
     assert done.returncode == 0, done.stderr
     return directory

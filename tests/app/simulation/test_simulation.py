@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from tests.ranks import LIMIT
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.errors import SolutionError
@@ -337,7 +338,7 @@ def test_interrupted_run_leaves_valid_files(case_file, block, tmp_path, environm
             if re.match(r"step +5 ", line):
                 process.send_signal(signal.SIGINT)
                 break
-        rest, stderr = process.communicate(timeout=60.0)
+        rest, stderr = process.communicate(timeout=LIMIT)
     assert process.returncode == 130
     assert "Traceback" not in stderr and "interrupted" in rest + stderr
     rows = read_table(out / "history.csv")
