@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import sys
 from collections.abc import Iterator
 
@@ -90,7 +91,7 @@ def _notes_on_contact(case: Case, contact: Contact) -> Iterator[str]:
             film,
             position_error=sys.float_info.epsilon * _size(case),
             dt=min(dt for _, dt in steps),
-            slowest=min(speed for speed, _ in steps),
+            slowest=None if _comes_to_rest(case) else min(speed for speed, _ in steps),
         )
         if note:
             yield note
@@ -146,6 +147,13 @@ def _driven_steps(case: Case) -> Iterator[tuple[float, float]]:
             yield abs(velocity), stage.slip_step / abs(velocity)
         if stage.velocity and stage.duration is not None:
             yield abs(stage.velocity), stage.duration / stage.steps
+
+
+def _comes_to_rest(case: Case) -> bool:
+    """Whether a stage without motion follows a driven one, which slows through V* then."""
+    felt = [stage for stage in case.stage if stage.rate_dependent]
+    moves = [bool(stage.velocities or stage.velocity) for stage in felt]
+    return any(before and not now for before, now in itertools.pairwise(moves))
 
 
 def _size(case: Case) -> float:

@@ -183,6 +183,12 @@ class Predictor:
         mine = any(bool(t.response.d_traction_d_slip.any()) for t in self.problem.trials)
         return bool(self.problem.comm.allreduce(mine, op=MPI.LOR))
 
+    def is_driven(self, x: PETSc.Vec) -> bool:
+        """Whether displacements or loads change in the step from ``x``; collective."""
+        drive = self._driving(x)
+        moves = bool(drive.constrained.any() or drive.loads.any())
+        return bool(self.problem.comm.allreduce(moves, op=MPI.LOR))
+
     def restart(self, x: PETSc.Vec, trial: PETSc.Vec, step: StepMode = DEFAULT_STEP) -> int:
         """Put the linear step from ``x`` into ``trial``, whatever the path was; collective."""
         x.copy(trial)

@@ -57,6 +57,8 @@ class StepResult:
             that hold them, over the largest force of the run
             (:mod:`tribox.app.implicit.weak_hold`).
         strayed: whether an iteration led too far away to be evaluated.
+        too_long: whether a friction law says so of the step that was solved
+            (:class:`tribox.forms.friction.law.FrictionResponse`), while the bodies are driven.
     """
 
     converged: bool
@@ -67,6 +69,7 @@ class StepResult:
     floating: tuple[str, ...] = ()
     holding: float = 0.0
     strayed: bool = False
+    too_long: bool = False
 
 
 class ImplicitStepper:
@@ -118,6 +121,8 @@ class ImplicitStepper:
         iterations, reason, holding = self._solve(step)
         if reason > 0 and not problem.is_held_slightly():
             reason = PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH
+        fitting = [trial.response.too_long is None for trial in problem.trials]
+        early = problem.comm.allreduce(not all(fitting), op=MPI.LOR)
         return StepResult(
             # An element may be turned inside out and its residual finite all the same; the strain
             # energy, with its logarithm of J, is not.
@@ -131,6 +136,8 @@ class ImplicitStepper:
             floating=self._trial_floating,
             holding=holding,
             strayed=newton.strayed,
+            # A body that nothing drives stays where it came to rest.
+            too_long=early and self.predictor.is_driven(self.x),
         )
 
     def _solve(self, step: StepMode) -> tuple[int, int, float]:

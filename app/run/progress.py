@@ -183,8 +183,9 @@ class Reporter(Observer):
 
     def cut(self, state: RunState, dt: float, result: StepResult) -> None:
         """Say that a step is tried again shorter."""
+        how = "too long" if result.too_long else "not solved"
         self.say(
-            f"          step of {dt:.3g} s not solved after {result.iterations} iterations "
+            f"          step of {dt:.3g} s {how} after {result.iterations} iterations "
             f"({reason_of(result)}): cut in two",
             always=False,
         )

@@ -62,6 +62,8 @@ def reason_of(result: StepResult) -> str:
     if result.floating:
         bodies = " and ".join(result.floating)
         return f"no support and no contact holds body {bodies} any more, and something moves it"
+    if result.too_long:
+        return "points that slow down through V* come to rest early in it"
     if result.reason > 0:  # solved, but by a state without a strain energy
         return "an element is turned inside out"
     return REASONS.get(result.reason, f"reason {result.reason}")

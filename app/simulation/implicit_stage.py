@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from tribox.app.build.load_steps import LoadStep
 from tribox.app.build.supports import Loose, loose_directions
@@ -20,6 +21,7 @@ from tribox.forms.contact.law_faults import law_fault, law_not_finite
 from tribox.forms.contact.state import ContactTrial
 
 EASY_ITERATIONS = 6  # up to here a cut step may grow back
+SHORTEST = 1.0 / 16.0  # piece of a step down to which a friction law may have it cut
 
 
 class ImplicitStage:
@@ -94,10 +96,14 @@ class ImplicitStage:
             dt = (end - at.done) * load_step.dt
             result = self.stepper.attempt(dt)
             self._heed_laws(load_step)
+            half = 0.5 * (end - at.done)
+            least = max(SHORTEST, self.model.case.solver.min_step_fraction)
+            if result.converged and result.too_long and half >= least:
+                result = replace(result, converged=False)
             if not result.converged:
                 at.failures += 1
                 at.wasted += result.iterations
-                at.piece = 0.5 * (end - at.done)
+                at.piece = half
                 if at.piece < self.model.case.solver.min_step_fraction:
                     self._give_up(load_step, dt, result)
                 observer.cut(state, dt, result)

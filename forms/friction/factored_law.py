@@ -99,6 +99,7 @@ class FactoredLaw:
             state=_with_factor(out.state, np.full(len(kept), factor)),
             regime=out.regime,
             dissipation=Dissipation(**parts),
+            too_long=out.too_long,
         )
 
     def _multiplied(self, member: str, state: FrictionState, pressure: Floats) -> Floats:

@@ -1,4 +1,4 @@
-r"""The friction map: film fraction over film thickness D and slip speed V.
+r"""The friction map: what the film carries, over film thickness D and slip speed V.
 
 .. math:: \alpha_0(D) = \min\left\{\left(\frac{\langle D - D_{min}\rangle_+}
    {D_{max} - D_{min}}\right)^\beta, 1\right\}, \qquad V^*(D) = \sqrt{\gamma D_{max}/(\eta_b D)}
@@ -11,6 +11,14 @@ from one to the other may have a relative width w:
 
 so that alpha is continuously differentiable in V for w > 0. Where D <= D_min there is no film:
 alpha = 0 at every speed; where D >= D_max there is only film: alpha = 1 at every speed.
+
+The film resists a slip increment by its stress per length of slip. With :math:`\hat\eta` the
+viscosity at the shear rate :math:`|\Delta g_T|/(D \Delta t)`:
+
+.. math:: f = \min\{t_N/p_{on}, 1\}\, \frac{\hat\eta}{D \Delta t} \frac{da}{dA}, \qquad
+   T_{film} = \alpha f \Delta g_T
+
+The film's pressure is per current area, :math:`t_N/(da/dA)`.
 """
 
 from __future__ import annotations
@@ -20,6 +28,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tribox.forms.friction.film_rheology import FilmRheology
 from tribox.forms.friction.parameters import FrictionMapParameters, Table
 
 Floats = NDArray[np.float64]
@@ -112,6 +121,73 @@ def film_point(parameters: FrictionMapParameters, film: Floats, speed: Floats) -
     # The state keeps alpha: with 1 - alpha taken from it (exactly, as alpha >= 1/2 or the loss is
     # below its own round-off) a constant film fraction is constant to the last bit.
     return FilmPoint(alpha, 1.0 - alpha, d_speed, d_film)
+
+
+@dataclass(frozen=True, slots=True)
+class FilmResistance:
+    """Resistance f at q points, with its derivatives; all zero where the contact is open.
+
+    Attributes:
+        value: (q,), Pa/m.
+        d_length: (q,), Pa/m^2, for the length of the slip; None where the film is Newtonian.
+        d_pressure: (q,), 1/m, for the pressure t_N; None where it is zero at all points.
+        d_film: (q,), Pa/m^2, for the film thickness.
+    """
+
+    value: Floats
+    d_length: Floats | None
+    d_pressure: Floats | None
+    d_film: Floats
+
+
+def film_resistance(
+    parameters: FrictionMapParameters,
+    rheology: FilmRheology,
+    film: Floats,
+    length: Floats,
+    dt: Floats | float,
+    pressure: Floats,
+    area_ratio: Floats | float,
+    cover: Floats | float = 1.0,
+) -> FilmResistance:
+    """Resistance of the film, for alpha = 1.
+
+    Args:
+        parameters: Of the law.
+        rheology: ``parameters.rheology``.
+        film: (q,) or (1,), m, film thickness D; one entry stands for all points.
+        length: (q,), m, length of the slip increment.
+        dt: (q,) or a number, s, > 0; infinity takes the film away.
+        pressure: (q,), Pa, t_N.
+        area_ratio: (q,) or a number, da/dA.
+        cover: (q,) or a number, share of the area that the film covers.
+    """
+    area = np.asarray(area_ratio, dtype=np.float64)
+    closed = pressure > 0.0
+    wet = film > parameters.D_min
+    thickness = np.where(wet, film, 1.0)
+    onset = parameters.film_onset_pressure
+    scale = np.where(wet, 1.0 / (thickness * dt), 0.0) * area * cover
+    scale = np.where(closed, scale, 0.0)
+    if onset > 0.0:
+        scale *= np.minimum(pressure / onset, 1.0)
+    d_length: Floats | None = None
+    d_pressure: Floats | None = None
+    if rheology.newtonian:
+        value = rheology.eta_b * scale
+        d_film = -value / thickness
+    else:
+        rate = length / (thickness * dt)
+        eta = rheology.viscosity(rate, np.asarray(pressure / area))
+        value = eta.value * scale
+        d_length = scale * eta.d_rate / (thickness * dt)
+        d_film = -(value + scale * eta.d_rate * rate) / thickness
+        d_pressure = scale * eta.d_pressure / area
+    forming = closed & (pressure < onset)
+    if forming.any():
+        growth = np.where(forming, value / np.where(forming, pressure, 1.0), 0.0)
+        d_pressure = growth if d_pressure is None else d_pressure + growth
+    return FilmResistance(value, d_length, d_pressure, d_film)
 
 
 def _linear(value: float | Table, film: Floats) -> tuple[Floats, Floats]:

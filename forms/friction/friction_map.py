@@ -19,14 +19,18 @@ re-entry rule has r = 1. Options of the film's flow: :mod:`tribox.forms.friction
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tribox.forms.friction.film_map import FilmPoint, film_point
-from tribox.forms.friction.film_resistance import FilmResistance, film_resistance
+from tribox.forms.friction.film_map import (
+    FilmPoint,
+    FilmResistance,
+    film_point,
+    film_resistance,
+)
 from tribox.forms.friction.film_rheology import FilmRheology
 from tribox.forms.friction.law import (
     Dissipation,
@@ -36,9 +40,16 @@ from tribox.forms.friction.law import (
     require_time_step,
 )
 from tribox.forms.friction.parameters import FrictionMapParameters
-from tribox.forms.friction.return_mapping import Returned, components_first, dot, return_mapping
+from tribox.forms.friction.return_mapping import (
+    TINY,
+    Returned,
+    components_first,
+    dot,
+    return_mapping,
+)
 from tribox.forms.friction.settling import SETTLED
 from tribox.forms.friction.slip_weakening import SlipWeakening
+from tribox.forms.friction.slowing import Motion, Slowing, slowing
 
 Floats = NDArray[np.float64]
 
@@ -64,6 +75,8 @@ class _Step:
     """(q,), Pa/m, film traction per slip of the step: alpha f."""
     flow: FilmResistance
     """f: the same for alpha = 1, with its derivatives."""
+    slowed: Slowing | None = None
+    """Points that slowed down through V*, and whose asperities are held back."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,6 +159,8 @@ class FrictionMap:
         traction += step.resistance * step.slip
         d_slip, d_elastic, d_film = self._derivatives(step, dt)
         d_pressure = step.weight * step.returned.d_pressure * step.returned.direction
+        if step.slowed is not None:
+            self._add_held_back(step, step.slowed, dt, (d_slip, d_elastic, d_pressure, d_film))
         if step.flow.d_pressure is not None:
             d_pressure += (step.at.alpha * step.flow.d_pressure) * step.slip
         return FrictionResponse(
@@ -157,6 +172,7 @@ class FrictionMap:
             state=new,
             regime=_regime(step),
             dissipation=self._dissipation(step, state),
+            too_long=_too_long(step, dt),
         )
 
     def _solve(
@@ -186,16 +202,9 @@ class FrictionMap:
             state.slip_path,
             self._friction,
         )
-        flow = film_resistance(
-            parameters,
-            self._rheology,
-            film,
-            np.sqrt(dot(slip, slip)),
-            dt if rate_dependent else math.inf,
-            pressure,
-            *area,
-        )
-        return _Step(
+        length, felt = np.sqrt(dot(slip, slip)), dt if rate_dependent else math.inf
+        flow = film_resistance(parameters, self._rheology, film, length, felt, pressure, *area)
+        step = _Step(
             slip=slip,
             elastic_before=before,
             closed=closed,
@@ -208,6 +217,36 @@ class FrictionMap:
             resistance=at.alpha * flow.value,
             flow=flow,
         )
+        return _held_back(
+            step, self._slowing(step, state, dt, pressure, film, area, rate_dependent)
+        )
+
+    def _slowing(
+        self,
+        step: _Step,
+        state: FrictionState,
+        dt: Floats | float,
+        pressure: Floats,
+        film: Floats,
+        area: tuple[Floats | float, Floats | float],
+        rate_dependent: bool,
+    ) -> Slowing | None:
+        """The points that slow down through V*, where the law looks into the step."""
+        lagged, literal = self.parameters.switch == "lagged", self.parameters.reentry == "literal"
+        if lagged or literal or not rate_dependent:
+            return None
+        motion = Motion(
+            length=np.sqrt(dot(step.slip, step.slip)),
+            dt=dt,
+            speed_before=state.speed,
+            solid_before=1.0 - state.alpha,
+            bend=np.sqrt(dot(step.elastic_before, step.elastic_before)),
+            pressure=pressure,
+            film=film,
+            area_ratio=area[0],
+            cover=area[1],
+        )
+        return slowing(self.parameters, step.at, motion)
 
     def _speed(
         self, slip: Floats, dt: Floats | float, state: FrictionState, rate_dependent: bool
@@ -271,6 +310,39 @@ class FrictionMap:
                 d_slip += d_alpha[:, None] * ((d_speed / dt) * ahead)[None, :]
         return d_slip, d_elastic, d_film
 
+    def _add_held_back(
+        self,
+        step: _Step,
+        slowed: Slowing,
+        dt: Floats | float,
+        into: tuple[Floats, Floats, Floats, Floats],
+    ) -> None:
+        """Add the derivatives of what asperities took over where the film gave it up.
+
+        Args:
+            step: the step.
+            slowed: its points that slowed down.
+            dt: s.
+            into: of T for slip (i, j, q), elastic slip (i, j, q), pressure and film (i, q), all
+                with the elastic slip's length kept.
+        """
+        q = slowed.points
+        d_slip, d_elastic, d_pressure, d_film = into
+        slopes, ahead = slowed.slopes.copy(), step.returned.direction[:, q]
+        if self.parameters.flow_rule == "weighted":
+            # There (1 - alpha) of the traction is varied with the rest of the law.
+            whole = (step.returned.secant * step.returned.length)[q]
+            if step.at.d_alpha_d_speed is not None:
+                slopes[0] += whole * (step.at.d_alpha_d_speed / dt)[q]
+            slopes[2] += whole * np.broadcast_to(step.at.d_alpha_d_film, step.closed.shape)[q]
+        slip, bend = step.slip[:, q], step.elastic_before[:, q]
+        along = slip / np.maximum(np.sqrt(dot(slip, slip)), TINY)
+        bent = bend / np.maximum(np.sqrt(dot(bend, bend)), TINY)
+        d_slip[:, :, q] += ahead[:, None] * (slopes[0] * along)[None, :]
+        d_elastic[:, :, q] += ahead[:, None] * (slowed.d_bend * bent)[None, :]
+        d_pressure[:, q] += slopes[1] * ahead
+        d_film[:, q] += slopes[2] * ahead
+
     def _d_traction_d_alpha(self, step: _Step) -> Floats:
         """dT/dalpha with slip, film thickness and pressure fixed, (i, q), Pa."""
         returned = step.returned
@@ -309,6 +381,41 @@ class FrictionMap:
             numerical=0.5 * K_T * step.at.solid * dot(change, change),
             opening=opening,
         )
+
+
+def _held_back(step: _Step, slowed: Slowing | None) -> _Step:
+    """The step with asperities that took over no more than the film gave up."""
+    if slowed is None:
+        return step
+    returned = step.returned
+    traction = step.weight * returned.secant * returned.length
+    slowed = slowed.take(slowed.elastic < traction[slowed.points])
+    points, share = slowed.points, np.ones_like(traction)
+    share[points] = slowed.elastic / traction[points]
+    held = share < 1.0
+    return replace(
+        step,
+        slowed=slowed,
+        returned=replace(
+            returned,
+            elastic_slip=share * returned.elastic_slip,
+            slip=returned.length - share * (returned.length - returned.slip),
+            slipping=returned.slipping | held,
+            secant=share * returned.secant,
+            tangent=np.where(held, 0.0, returned.tangent),
+            d_pressure=np.where(held, 0.0, returned.d_pressure),
+            d_stiffness=np.where(held, 0.0, returned.d_stiffness),
+        ),
+    )
+
+
+def _too_long(step: _Step, dt: Floats | float) -> NDArray[np.bool_] | None:
+    """Points (q,) that come to rest early in the step; None where there are none."""
+    if step.slowed is None:
+        return None
+    out, q = np.zeros_like(step.closed), step.slowed.points
+    out[q] = step.slowed.time < 0.5 * np.broadcast_to(dt, step.closed.shape)[q]
+    return out if out.any() else None
 
 
 def _where_closed(vectors: Floats, closed: NDArray[np.bool_]) -> Floats:

@@ -149,6 +149,8 @@ class FrictionResponse:
         state: Trial state at the end of the step; the caller commits or discards it.
         regime: (q,), codes of ``Regime``.
         dissipation: The work of the step, split.
+        too_long: (q,), points whose motion the law cannot follow in one step of this length, so
+            that an implicit step should be cut; None: nowhere.
     """
 
     traction: Floats
@@ -159,6 +161,7 @@ class FrictionResponse:
     state: FrictionState
     regime: NDArray[np.int8]
     dissipation: Dissipation
+    too_long: NDArray[np.bool_] | None = None
 
 
 class FrictionLaw(Protocol):

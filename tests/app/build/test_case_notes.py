@@ -100,6 +100,17 @@ def test_speeds_count_only_where_rates_do(film, rate_dependent):
     assert len(notes_on(Case.model_validate(data))) == rate_dependent
 
 
+def test_bodies_that_come_to_rest_pass_every_threshold_speed(film):
+    slow = {"V_star": "0.01 um/s", "V_star_at": "10 nm"}
+    stages = tomllib.loads(film)["stage"]
+    [note] = notes_on(case(film, slow))
+    assert "below every speed" in note
+    hold = {"name": "hold", "duration": "1 s", "steps": 2}
+    assert notes_on(case(film, slow, stage=[*stages, hold])) == []
+    [note] = notes_on(case(film, slow, stage=[*stages, hold | {"rate_dependent": False}]))
+    assert "below every speed" in note
+
+
 def test_what_the_law_takes_by_itself_is_told_where_it_matters(film):
     """The fixture gives alpha as a number, and the preset's viscosity: nothing to tell of."""
     data = tomllib.loads(film)

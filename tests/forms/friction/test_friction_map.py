@@ -276,9 +276,13 @@ def signature(law: FrictionMap, step: Step, state: FrictionState, **changes: Any
     ratio = speed / threshold_speed(p, film)
     edges = np.array([1.0 - p.transition_width, 1.0 + p.transition_width])
     rows = p.beta if isinstance(p.beta, tuple) else ()
+    stiffness = p.K_T * (1.0 - response.state.alpha if p.flow_rule == "literal" else 1.0)
+    carried = stiffness * np.linalg.norm(response.state.elastic_slip, axis=1)
+    threshold = law.coefficient(response.state) * changes.get("pressure", step.pressure)
     return np.array(
         [
             response.regime,
+            carried < (1.0 - 1e-9) * threshold,
             np.digitize(ratio, edges),
             np.sign(response.state.alpha - state.alpha),
             response.state.slip_path > p.A_d,
@@ -307,11 +311,13 @@ def sizes(law: FrictionMap, step: Step, state: FrictionState) -> dict[str, np.nd
     p = law.parameters
     width = 5e-4 * max(p.transition_width, 0.03)
     moved = np.linalg.norm(step.slip, axis=1)
-    trial = moved + np.linalg.norm(state.elastic_slip, axis=1)
+    bend = np.linalg.norm(state.elastic_slip, axis=1)
+    trial = moved + bend
+    within = np.where(bend > 0.0, np.minimum(10.0 * bend, 1e-7), 1e-7)  # a kink where it is zero
     room = np.minimum(np.abs(step.film - p.D_min), np.abs(step.film - p.D_max))
     return {
         "slip": width * np.where(moved > 0.0, np.minimum(moved, 1e-6), 1e-11),
-        "elastic": 5e-4 * np.minimum(np.where(trial > 0.0, trial, 1e-9), 1e-7),
+        "elastic": 5e-4 * np.minimum(np.where(trial > 0.0, trial, 1e-9), within),
         "pressure": 2e-4 * step.pressure,
         "film": width * np.minimum(step.film, room),
     }
