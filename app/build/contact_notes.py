@@ -16,7 +16,7 @@ from tribox.forms.contact.pressure import PressureKind
 from tribox.geometry.surfaces.projection import Projection
 from tribox.geometry.surfaces.surface import ContactSurface, RigidMaster
 
-CORNERED = 3.0  # length of master facets over that of slave facets from which these feel corners
+CORNERED = 1.9  # spacing of a master's corners over the length of slave facets that feels them
 APART = 2.0  # distance over facet length from which bodies are said to start apart
 COARSE = 3.0  # length of slave facets over that of master facets from which they are too coarse
 ROUND = 0.5  # length of slave facets over the radius of a tool from which they are too coarse
@@ -38,8 +38,8 @@ class Corners:
     """Corners of a round master made of facets, as the slave beside it meets them.
 
     Attributes:
-        ratio: largest length of a master facet that has a corner over that of the slave's beside
-            it; 0 without corners. degrees: largest angle at which such facets meet.
+        ratio: largest distance between corners over the length of the slave's facets beside them; 0
+            without corners. degrees: largest angle at which facets meet there.
     """
 
     ratio: float
@@ -149,10 +149,10 @@ def note_on_corners(place: str, contact: Contact, corners: Corners) -> Iterator[
     """
     if corners.ratio > CORNERED:
         yield (
-            f"{place}: beside it the facets of {contact.master} are {corners.ratio:.2g} times as "
-            f"long as those of the slave {contact.slave} and meet at up to {corners.degrees:.2g} "
-            "degrees: each corner presses with a peak of its own; set smoothing_angle, or refine "
-            f"{contact.master}"
+            f"{place}: corners of {contact.master}, of up to {corners.degrees:.2g} degrees, are up "
+            f"to {corners.ratio:.2g} facets of the slave {contact.slave} apart: each corner "
+            "presses with a peak of its own; set smoothing_angle, or draw "
+            f"{contact.master} with shorter facets (dividing its cells keeps the corners)"
         )
 
 

@@ -50,7 +50,7 @@ from tribox.geometry.meshes.mesh import NamedMesh
 from tribox.geometry.surfaces.body_facets import facet_length
 from tribox.geometry.surfaces.facets import Floats
 from tribox.geometry.surfaces.projection import Projection
-from tribox.geometry.surfaces.smoothing import shared_sides
+from tribox.geometry.surfaces.smoothing import corner_spacing
 from tribox.geometry.surfaces.surface import QUADRATURE_DEGREE, ContactSurface, RigidMaster
 
 # Angles, rad, between neighbouring facets of a master that are a round one's: from about 5 to 20
@@ -396,15 +396,15 @@ def corners_of(
     comm, master = surface.space.mesh.comm, surface.master
     if isinstance(master, RigidMaster):
         return Corners(0.0, 0.0)
-    angle, size = np.zeros(len(master.facets)), master.sizes()
+    size = master.sizes()
+    spacing: Floats = np.zeros(len(master.facets))
+    angle = spacing
     if contact.smoothing_angle is None:
-        shared = shared_sides(surface.shape, master.facets, master.position)
-        round_ones = np.where(shared.angle < SHARP, shared.angle, 0.0)
-        for facets in shared.facets.T:
-            np.maximum.at(angle, facets, round_ones)
-    cornered = at.on_surface & (angle[at.facet] > STRAIGHT)
-    near = cornered & (at.gap < distance + size[at.facet])
-    ratio = np.where(near, size[at.facet] / surface.slave.facet_length, 0.0)
+        spacing, angle = corner_spacing(
+            surface.shape, master.facets, master.position, STRAIGHT, SHARP
+        )
+    near = at.on_surface & (at.gap < distance + size[at.facet])
+    ratio = np.where(near, spacing[at.facet] / surface.slave.facet_length, 0.0)
     worst = int(np.argmax(ratio)) if len(ratio) else -1
     mine = (float(ratio[worst]), float(angle[at.facet[worst]])) if worst >= 0 else (0.0, 0.0)
     largest, turned = max(comm.allgather(mine))

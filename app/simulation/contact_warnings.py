@@ -31,18 +31,21 @@ from scipy.spatial import cKDTree
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.snapshot import Snapshot
 from tribox.app.simulation.combed_pressure import (
-    ALTERNATES,
-    alternation,
-    alternation_text,
+    WAVES,
     softer_factor,
+    waves,
+    waves_text,
 )
 from tribox.app.simulation.history import Row
 from tribox.app.simulation.pair_bodies import penalty_factor, pressed_by_force
-from tribox.app.simulation.surface_faults import BENT, bend
+from tribox.app.simulation.surface_faults import BENT, SHARP, bend
 from tribox.app.simulation.time_text import time_text
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.state import ContactTrial
 from tribox.geometry.surfaces.facets import Bools, Floats, Longs
+from tribox.geometry.surfaces.projection import FacetSurface
+from tribox.geometry.surfaces.smoothing import corner_spacing
+from tribox.geometry.surfaces.surface import ContactSurface, MasterFacets
 
 # Largest penetration over the local facet length, and mean one over the approach, from which on
 # they are warned of. On blocks of 10 elements forces are 0.1 % too small at 0.001 of the facet and
@@ -69,8 +72,8 @@ class PairState:
         uncertain: half the area of all such facets over that of the contact.
         open_inside: share of open points inside the patch; scatter: of the pressure within facets;
             sagitta: m, mean over the pressed facets. All 0 where the pressure is averaged.
-        alternation: of the pressure from vertex to vertex over its mean, where the master has
-            corners; 0 point by point.
+        waves: of the pressure from vertex to vertex over its mean, where the master has corners; 0
+            point by point. corners: m, how far these are apart.
     """
 
     force: float
@@ -84,7 +87,8 @@ class PairState:
     open_inside: float = 0.0
     scatter: float = 0.0
     sagitta: float = 0.0
-    alternation: float = 0.0
+    waves: float = 0.0
+    corners: float = 0.0
 
     @property
     def facets(self) -> float:
@@ -106,6 +110,7 @@ class PairProbe:
         xi = self._by_facet(term.surface.slave.xi)
         ones = np.ones((*xi.shape[:2], 1))
         linear = np.concatenate([ones, xi], axis=2)
+        self._corners = _corner_spacing(self.surface)
         # Takes values at the points of a facet to what is left of them beside a linear function.
         self._bent = np.eye(xi.shape[1]) - linear @ np.linalg.pinv(linear)
 
@@ -130,8 +135,8 @@ class PairProbe:
             uneven = self._unevenness(trial, patch)
             return PairState(float(force), float(area), *depth, *rim, *uneven)
         inside = self._inside(self._inside(patch))
-        combed = alternation(self.surface, trial.nodal_pressure, inside)
-        return PairState(float(force), float(area), *depth, *rim, alternation=combed)
+        found = self._waves(trial, inside)
+        return PairState(float(force), float(area), *depth, *rim, waves=found[0], corners=found[1])
 
     def _depths(self, trial: ContactTrial) -> tuple[float, float, float]:
         """Largest penetration, the largest over facet length, the mean by pressure; collective."""
@@ -159,6 +164,21 @@ class PairProbe:
         count = np.bincount(self.surface.slave.facet, trial.pressure > 0.0)
         some: Bools = np.greater(count, 0)[self.surface.slave.facet]
         return some
+
+    def _waves(self, trial: ContactTrial, inside: Bools) -> tuple[float, float]:
+        """Waves of the vertices' pressure over its mean, and how far corners are apart; collective.
+
+        Corners are those of the undeformed master, or where it has none those between its facets,
+        which may have bent since.
+        """
+        if self._corners is None or trial.nodal_pressure is None:
+            return 0.0, 0.0
+        weight = self.surface.slave.weight * inside
+        sums = self._total(
+            float(weight @ self._corners[trial.projection.facet]), float(weight.sum())
+        )
+        spacing = _over(sums[0], sums[1])
+        return waves(self.surface, trial.nodal_pressure, inside, spacing), spacing
 
     def _inside(self, patch: Bools) -> Bools:
         """Points (q,) of the facets of a patch all of whose neighbours are in it; collective."""
@@ -295,11 +315,11 @@ class ContactWarnings:
         self._look_at_ties(trials, spent / thickness)
 
     def _measured(self, index: int, trial: ContactTrial) -> PairState:
-        """A pair at a converged step; it alternates by corners of the master only; collective."""
+        """A pair at a converged step; corners of the master alone make waves; collective."""
         state = self._probes[index].measure(trial)
-        if state.alternation > ALTERNATES:
+        if state.waves > WAVES:
             angle = bend(self._problem, self._problem.contacts[index], trial)
-            return state if angle > BENT else replace(state, alternation=0.0)
+            return state if angle > BENT else replace(state, waves=0.0)
         return state
 
     def _look_at_ties(self, trials: Sequence[ContactTrial], spent: float) -> None:
@@ -352,8 +372,8 @@ class ContactWarnings:
             comb = self._is_comb(state)
             if comb:
                 yield self._comb(index, state)
-            if state.alternation > ALTERNATES:
-                yield alternation_text(index, state.alternation)
+            if state.waves > WAVES:
+                yield waves_text(index, state.waves, state.corners)
             costly = self.over_approach[index] > APPROACH and not self._by_force[index]
             if self.over_facet[index] > PENETRATION or costly:
                 yield self._soft(index, comb)
@@ -426,6 +446,17 @@ def _few_facets(index: int, state: PairState) -> str:
         f"area, and what a film carries, are uncertain by {100.0 * state.uncertain:.2g} %; refine "
         "the slave there"
     )
+
+
+def _corner_spacing(surface: ContactSurface) -> Floats | None:
+    """How far corners are apart (f,), m, of a master that is made of facets; None of others."""
+    master, target = surface.master, surface.target
+    if not isinstance(master, MasterFacets) or not isinstance(target, FacetSurface):
+        return None
+    if target.extraction is not None:
+        return None
+    spacing, _ = corner_spacing(surface.shape, master.facets, master.position, BENT, SHARP)
+    return np.where(spacing > 0.0, spacing, master.sizes())
 
 
 def _over(value: float, total: float) -> float:

@@ -24,6 +24,7 @@ from typing import TypeAlias
 
 import numpy as np
 import scipy.sparse
+from scipy.sparse.csgraph import connected_components
 
 from tribox.geometry.surfaces.facets import (
     Bools,
@@ -202,6 +203,71 @@ def shared_sides(shape: FacetShape, facets: Ints, nodes: Floats) -> SharedSides:
     # By the chord between the unit normals: exact for small angles too.
     angle = 2.0 * np.arcsin(0.5 * np.minimum(np.linalg.norm(one - other, axis=1), 2.0))
     return SharedSides(owner[both], ends[both[:, 0]], angle)
+
+
+def corner_spacing(
+    shape: FacetShape, facets: Ints, nodes: Floats, least: float, most: float
+) -> tuple[Floats, Floats]:
+    """How far apart the corners of a round surface made of facets are: (f,), m, and angles (f,).
+
+    Facets that meet at less than ``least`` are one: new nodes of a refined mesh lie on the old
+    chords. Such a piece is as wide as its area over half the length of its ends, taken across the
+    direction in which these are longest. A corner is between the narrower of its two pieces and the
+    next: flats beside arcs do not count. Facets without a corner at their own sides have 0.
+
+    Args:
+        shape: of the facets.
+        facets: (f, a) their nodes.
+        nodes: (n, i), m.
+        least: rad, angle between neighbours up to which they are straight on.
+        most: rad, from which on they form an edge that is meant.
+    """
+    shared = shared_sides(shape, facets, nodes)
+    straight = shared.angle <= least
+    size = (len(facets), len(facets))
+    graph = scipy.sparse.coo_matrix(
+        (np.ones(np.count_nonzero(straight)), tuple(shared.facets[straight].T)), shape=size
+    )
+    piece = connected_components(graph, directed=False)[1]
+    width = _widths(shape, facets, nodes, piece, shared.ends[straight])
+    corner = (shared.angle > least) & (shared.angle < most)
+    beside = shared.facets[corner]
+    apart = width[piece[beside]].min(axis=1)
+    spacing, angle = np.zeros(len(facets)), np.zeros(len(facets))
+    for side in beside.T:
+        np.maximum.at(spacing, side, apart)
+        np.maximum.at(angle, side, shared.angle[corner])
+    return spacing, angle
+
+
+def _widths(shape: FacetShape, facets: Ints, nodes: Floats, piece: Longs, inner: Ints) -> Floats:
+    """Widths (p,), m, of pieces of a surface across their longer ends.
+
+    Args:
+        shape: of the facets.
+        facets: (f, a) their nodes.
+        nodes: (n, i), m.
+        piece: (f,) the piece that each belongs to.
+        inner: (s, k) nodes of the sides within pieces.
+    """
+    middle = shape.points[: shape.corners].mean(axis=0)[None]
+    tangents = np.einsum("ba,fai->fbi", shape.first(middle)[0], nodes[facets])
+    if shape.directions == 1:
+        length = np.linalg.norm(tangents[:, 0], axis=1)
+        return np.bincount(piece, length).astype(np.float64)
+    normal = np.cross(tangents[:, 0], tangents[:, 1])
+    area = np.linalg.norm(normal, axis=1) * (0.5 if shape.cell == "triangle" else 1.0)
+    normal = unit_normals(tangents)
+    ends = np.zeros((int(piece.max()) + 1, 3, 3))
+    for side in shape.sides:
+        mine = np.sort(facets[:, list(side.nodes)], axis=1)
+        number = np.unique(np.concatenate([inner, mine]), axis=0, return_inverse=True)[1]
+        is_end = ~np.isin(number[len(inner) :], number[: len(inner)])
+        start, end = (nodes[facets[:, node]] for node in side.nodes[:2])
+        out = np.cross(end - start, normal) * is_end[:, None]
+        length = np.linalg.norm(end - start, axis=1)
+        np.add.at(ends, piece, out[:, :, None] * out[:, None] / length[:, None, None])
+    return 2.0 * np.bincount(piece, area) / np.linalg.eigvalsh(ends)[:, -1]
 
 
 def _rows(matrix: Sparse, index: Longs, factor: Floats) -> Sparse:

@@ -76,7 +76,8 @@ duration = "1 s"
 @pytest.mark.parametrize(
     ("tool", "block", "smoothing", "said"),
     [
-        ("200 um", "25 um", None, "6.7 times as long as those of the slave"),
+        ("200 um", "25 um", None, "of up to 1.9 degrees, are up to 6.7 facets of the slave"),
+        ("140 um", "50 um", None, "of up to 1.4 degrees, are up to 2.5 facets of the slave"),
         ("200 um", "25 um", "30 deg", None),
         ("80 um", "50 um", None, None),
     ],
@@ -90,7 +91,7 @@ def test_corners_of_a_round_tool_are_noted_where_the_slave_feels_them(tool, bloc
     ]
     assert len(notes) == (said is not None)
     for note in notes:
-        assert said in note and "meet at up to 1.9 degrees" in note
+        assert said in note
 
 
 def test_a_film_that_the_law_does_not_know_is_noted(block):

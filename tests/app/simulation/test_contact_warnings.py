@@ -112,20 +112,26 @@ def test_the_penalty_that_a_comb_is_told_to_have_smooths_it(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("cure", "combed"), [({}, True), ({"smoothing_angle": "30 deg"}, False), (None, False)]
+    ("size", "cure", "combed"),
+    [
+        ("100 um", {}, True),
+        ("140 um", {}, True),
+        ("140 um", {"smoothing_angle": "30 deg"}, False),
+        ("50 um", {}, False),
+    ],
 )
-def test_pressures_that_alternate_over_corners_name_what_smooths_them(tmp_path, cure, combed):
-    """Facets of the cylinder twice as long as the slave's, or smooth, or as short as those."""
+def test_pressures_that_wave_over_corners_name_what_smooths_them(tmp_path, size, cure, combed):
+    """Facets of the cylinder 2 or 2.8 times as long as the slave's, or smooth, or as short."""
     data = tomllib.loads(ROUND)
-    data["geometry"]["contact_size"] = "50 um" if cure is None else "100 um"
+    data["geometry"]["contact_size"] = size
     del data["contact"][0]["smoothing_angle"]
-    data["contact"][0] |= cure or {}
+    data["contact"][0] |= cure
     run_case(Case.model_validate(data), tmp_path / "out", quiet=True)
     warnings = json.loads((tmp_path / "out" / "summary.json").read_text())["warnings"]
     found = [line for line in warnings if "combed pressures" in line]
     assert len(found) == combed
     if combed:
-        assert "they alternate from vertex to vertex by" in found[0]
+        assert "from vertex to vertex they are off a smooth curve by" in found[0]
         assert 'smooth the master (smoothing_angle = "30 deg")' in found[0]
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
 from tribox.geometry.surfaces.facets import facet_shape
 from tribox.geometry.surfaces.projection import FacetSurface
-from tribox.geometry.surfaces.smoothing import smooth_patches
+from tribox.geometry.surfaces.smoothing import corner_spacing, smooth_patches
 
 KINDS = ["interval", "quadrilateral"]
 SMOOTHING_ANGLE = np.pi / 6
@@ -188,3 +190,62 @@ def test_closed_chain():
 def test_other_facets_are_refused(sheet, kind):
     with pytest.raises(ValueError, match="a smooth master needs first-order"):
         FacetSurface(*sheet(*kind, (2, 2), sphere), SMOOTHING_ANGLE)
+
+
+FLAT, EDGE = 1e-3, 0.35  # rad
+
+
+def polygon(angles, divided, flat=0.0):
+    """Nodes on an arc of radius 1 at some angles, chords divided evenly, then a flat; facets."""
+    corners = np.stack([np.sin(angles), np.cos(angles)], axis=1)
+    parts = np.linspace(0.0, 1.0, divided, endpoint=False)[:, None]
+    pieces = [a + parts * (b - a) for a, b in pairwise(corners)]
+    nodes = np.concatenate([*pieces, corners[-1:]])
+    if flat:
+        nodes = np.concatenate([nodes[:1] - [[flat, 0.0]], nodes])
+    count = np.arange(len(nodes) - 1, dtype=np.int32)
+    return nodes, np.stack([count, count + 1], axis=1)
+
+
+@pytest.mark.parametrize("divided", [1, 2, 5])
+def test_corners_are_where_chords_meet_however_these_are_divided(divided):
+    """The end of an arc may be the end of a flat: that counts as the chord beside it."""
+    nodes, facets = polygon(np.linspace(0.0, 0.6, 4), divided, flat=3.0)
+    spacing, angle = corner_spacing(facet_shape("interval", 1), facets, nodes, FLAT, EDGE)
+    chord = 2.0 * np.sin(0.1)
+    at_corner = spacing > 0.0
+    assert spacing[at_corner] == pytest.approx(np.full(np.count_nonzero(at_corner), chord))
+    assert at_corner[:2].all() and angle.max() == pytest.approx(0.2)
+    assert np.count_nonzero(at_corner) == 1 + min(2 * 3 - 1, 3 * divided)
+
+
+@pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
+@pytest.mark.parametrize("along", [1, 4])
+def test_corners_in_space_are_apart_across_their_edges(cell, along):
+    """A cylinder of chords, each divided into two by a line along it and ``along`` across."""
+    flat, _ = polygon(np.linspace(0.0, 0.6, 4), 2)
+    rows = [
+        np.column_stack([flat, np.full(len(flat), z)]) for z in np.linspace(0.0, 2.0, along + 1)
+    ]
+    count = len(flat)
+    quads = [
+        [r * count + i, r * count + i + 1, (r + 1) * count + i, (r + 1) * count + i + 1]
+        for r in range(along)
+        for i in range(count - 1)
+    ]
+    facets = np.array(quads, dtype=np.int32)
+    if cell == "triangle":
+        facets = np.concatenate([facets[:, [0, 1, 2]], facets[:, [1, 3, 2]]])
+    spacing, _ = corner_spacing(facet_shape(cell, 1), facets, np.concatenate(rows), FLAT, EDGE)
+    assert spacing.max() == pytest.approx(2.0 * np.sin(0.1))
+
+
+def test_a_ball_of_squares_has_corners_a_square_apart():
+    x = np.linspace(-0.3, 0.3, 7)
+    nodes = np.stack([*np.meshgrid(x, x, indexing="ij")], axis=2).reshape(-1, 2)
+    nodes = np.column_stack([nodes, -0.5 * np.sum(nodes**2, axis=1)])
+    number = np.arange(49).reshape(7, 7)
+    quads = np.stack([number[:-1, :-1], number[1:, :-1], number[:-1, 1:], number[1:, 1:]], axis=2)
+    facets = quads.reshape(-1, 4).astype(np.int32)
+    spacing, _ = corner_spacing(facet_shape("quadrilateral", 1), facets, nodes, FLAT, EDGE)
+    assert spacing == pytest.approx(np.full(36, 0.1), rel=0.1)
