@@ -24,7 +24,6 @@ from typing import TypeAlias
 
 import numpy as np
 import scipy.sparse
-from scipy.sparse.csgraph import connected_components
 
 from tribox.geometry.surfaces.facets import (
     Bools,
@@ -224,16 +223,21 @@ def corner_spacing(
     """
     shared = shared_sides(shape, facets, nodes)
     straight = shared.angle <= least
+    corner = (shared.angle > least) & (shared.angle < most)
+    spacing, angle = np.zeros(len(facets)), np.zeros(len(facets))
+    if not corner.any():
+        return spacing, angle
+    # Loaded only here: a run without corners has no use for it.
+    from scipy.sparse.csgraph import connected_components
+
     size = (len(facets), len(facets))
     graph = scipy.sparse.coo_matrix(
         (np.ones(np.count_nonzero(straight)), tuple(shared.facets[straight].T)), shape=size
     )
     piece = connected_components(graph, directed=False)[1]
     width = _widths(shape, facets, nodes, piece, shared.ends[straight])
-    corner = (shared.angle > least) & (shared.angle < most)
     beside = shared.facets[corner]
     apart = width[piece[beside]].min(axis=1)
-    spacing, angle = np.zeros(len(facets)), np.zeros(len(facets))
     for side in beside.T:
         np.maximum.at(spacing, side, apart)
         np.maximum.at(angle, side, shared.angle[corner])

@@ -27,7 +27,10 @@ def trial_of(surface, pressure):
     """Averaged contact with these pressures (v,) at its vertices."""
     gap = -pressure / PENALTY
     at_points = surface.vertices.at_points(pressure)
-    return SimpleNamespace(pressure=at_points, nodal_pressure=pressure, nodal_gap=gap)
+    below = SimpleNamespace(facet=np.zeros(len(at_points), dtype=np.int32))
+    return SimpleNamespace(
+        pressure=at_points, nodal_pressure=pressure, nodal_gap=gap, projection=below
+    )
 
 
 def test_depths_are_judged_by_the_local_facets():
