@@ -95,6 +95,14 @@ def _notes_on_contact(case: Case, contact: Contact) -> Iterator[str]:
         )
         if note:
             yield note
+    if parameters.switch == "lagged" and _comes_to_rest(case):
+        longest = parameters.eta_b / (float(film.max()) * parameters.K_T)
+        yield (
+            'friction.switch = "lagged": a stage without motion follows a driven one, and with the '
+            "film fraction of the step before a body that comes to rest keeps the right traction "
+            f"only in steps shorter than eta_b/(D K_T) = {longest:.2g} s; "
+            'switch = "implicit" takes any'
+        )
 
 
 def notes_on_choices(friction: FrictionMap, film: Floats) -> Iterator[str]:

@@ -14,12 +14,14 @@ from tribox.app.case.time_tables import TimeTable
 from tribox.geometry.meshes.mesh import NamedMesh
 
 FAR = 10.0  # displacement over the extent of the mesh from which it is told
+ROUGHEST = 5.0  # coefficient of friction that rubber, stickiest of all, stays below by far
 YIELD_STRAIN = (1e-5, 0.1)  # yield stress over Young's modulus: of metals from 1e-4 to 2e-2
 
 
 def notes_on_slips(case: Case, named: NamedMesh) -> Iterator[str]:
     """A line on each value that is out of proportion; collective."""
     yield from _yield_strains(case)
+    yield from _coefficients(case)
     x = named.mesh.geometry.x
     ends = np.concatenate([x.max(axis=0, initial=-np.inf), -x.min(axis=0, initial=np.inf)])
     named.mesh.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
@@ -31,6 +33,36 @@ def notes_on_slips(case: Case, named: NamedMesh) -> Iterator[str]:
                 f"{key}: goes as far as {way:.3g} m, {way / extent:.2g} times the extent of the "
                 "mesh; a number without a unit is in m"
             )
+    for index, key, step in _driven_steps(case):
+        if step > extent:
+            yield (
+                f"stage.{index}.{key}: driven boundaries move {step:.3g} m in one step, "
+                f"{step / extent:.2g} times the extent of the mesh; a number without a unit is in m"
+            )
+
+
+def _coefficients(case: Case) -> Iterator[str]:
+    """A line on each coefficient of friction that no pair of bodies has."""
+    for index, contact in enumerate(case.contact):
+        for key in ("mu", "mu_s"):
+            value = getattr(contact.friction, key, 0.0)
+            most = max(map(abs, value.values)) if isinstance(value, TimeTable) else value
+            if most > ROUGHEST:
+                yield (
+                    f"contact.{index}.friction.{key} = {most:g}: rubber on dry metal has 1 to 3, "
+                    "lubricated 0.05 to 0.3; is it in per cent?"
+                )
+
+
+def _driven_steps(case: Case) -> Iterator[tuple[int, str, float]]:
+    """Number of the stage, key and way (m) of a step of every driven stage that is implicit."""
+    for index, stage in enumerate(case.stage):
+        if stage.slip_step is not None:
+            yield index, "slip_step", stage.slip_step
+        elif (stage.solver or case.solver.kind) == "explicit":
+            continue  # its steps are many to a row
+        elif stage.velocity and stage.duration is not None:
+            yield index, "velocity", abs(stage.velocity) * stage.duration / stage.steps
 
 
 def _yield_strains(case: Case) -> Iterator[str]:

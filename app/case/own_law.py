@@ -98,9 +98,11 @@ def _try_out(law: GuardedLaw, dim: int) -> None:
     for n in (2, 0):
         slip, pressure = np.full((n, dim), 1e-9), np.array([1e5, 0.0])[:n]
         state = law.initial_state(n, dim)
-        film, more = np.full(n, 1e-8), {"area_ratio": np.ones(n)}
+        film, more = np.full(n, 1e-8), dict[str, Any](area_ratio=np.ones(n))
         if law.takes_film_cover:
             more["film_cover"] = np.ones(n)
+        if law.looks_inside:
+            more["look_inside"] = False
         response = law.update(slip, 1.0, pressure, film, state, **more)
         law.try_state(response.state, pressure)
         if law.fault or law.not_finite:

@@ -113,7 +113,8 @@ def _uneven(history: Table, time: Floats) -> bool:
 def _made(results: Results, values: Floats, label: str) -> Abscissa:
     history = results.table("history")
     several = {stage.name for stage in results.case.stage if stage.velocities}
-    keys = list(zip(history["stage"], history["velocity"], strict=True))
+    rows = zip(history["stage"], history["velocity"], strict=True)
+    keys = [(stage, velocity if stage in several else 0.0) for stage, velocity in rows]
     begins = [i for i, key in enumerate(keys) if i == 0 or key != keys[i - 1]]
     starts = []
     for i in begins:

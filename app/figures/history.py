@@ -103,7 +103,7 @@ def _draw_resultant(panels: Sequence[Axes], at: Floats, history: Table, unit: Un
 
 def _fit_scales(panels: Sequence[Axes], history: Table) -> None:
     """Friction on logarithmic scales where it spans decades while surfaces are driven."""
-    log = spans_decades(history["friction_force"][history["velocity"] != 0.0])
+    log = spans_decades(history["friction_force"][np.abs(history["velocity"]) > 0.0])
     for axes in panels:
         values = np.concatenate([np.asarray(line.get_ydata(), np.float64) for line in axes.lines])
         values = values[np.isfinite(values)]

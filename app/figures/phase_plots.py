@@ -85,12 +85,12 @@ def draw_overlay(
             at, force, speed = columns(
                 implicit, "driven_displacement", "friction_force", "velocity"
             )
-            driven = speed != 0.0
+            driven = np.abs(speed) > 0.0
             axes.semilogy(at[driven] * 1e6, force[driven], "o", ms=4, mfc="none", color=colour)
             at, force, speed = columns(
                 explicit, "driven_displacement", "friction_force", "velocity"
             )
-            middle, driven = 0.5 * (at[1:] + at[:-1]), speed[1:] != 0.0
+            middle, driven = 0.5 * (at[1:] + at[:-1]), np.abs(speed[1:]) > 0.0
             axes.semilogy(middle[driven] * 1e6, force[1:][driven], color=colour, label=label)
         axes.plot([], [], "o", color="0.4", mfc="none", label="implicit")
         axes.plot([], [], "-", color="0.4", label="explicit")

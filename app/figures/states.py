@@ -120,7 +120,7 @@ def _title(results: Results, step: int, notes: list[str]) -> str:
         return "; ".join([f"step {step}", *words])
     total = int(history["step"][-1])
     velocity, time = float(row.get("velocity", 0.0)), float(row["time"])
-    moving = f" at {fitting([velocity], 'm/s').text(velocity)}" if velocity else ""
+    moving = f" at {fitting([velocity], 'm/s').text(velocity)}" if abs(velocity) > 0.0 else ""
     when = time_text(time, float(row.get("dt", 0.0)))
     said = f"stage {row['stage']}{moving}, t = {when}, step {step} of {total}"
     return "; ".join([said, *words])

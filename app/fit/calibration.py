@@ -5,7 +5,9 @@ r"""Calibration: least squares of the logarithms of measured and computed fricti
 over the logarithms x of the parameters (for alpha of :math:`\alpha/(1 - \alpha)`), so that errors
 and intervals are relative. The threshold speed is not searched that way: where alpha switches over
 a narrow width, only the order of V* among the measured speeds matters and the residual is flat in
-between. Each gap between two speeds is tried, and the interval of V* is made of gaps.
+between. Each gap between two speeds is tried, and the interval of V* is made of gaps. Where one or
+two rows lie within the transition, V* would follow from them and the width that is assumed; the
+interval then goes from the row below them to the row above.
 """
 
 from __future__ import annotations
@@ -41,6 +43,10 @@ MOST_GAPS = 40
 """Gaps of V* that are tried at first; then those beside the best."""
 ROWS_FOR_SLOPE = 3
 """Rows within the transition from which on V* has an interval from the Jacobian."""
+OFF_BRANCH = 0.999
+"""Confidence with which a row must lie off both branches to count as within the transition."""
+ROUNDED = 1e-8
+"""Logarithms of speeds that are no further apart are the same."""
 
 
 class Calibration:
@@ -259,15 +265,38 @@ class Calibration:
             inside = self._as_good(tried)
             beside = {gap + step for gap in inside for step in (-1, 1)}
             wanted = sorted(beside & set(range(len(edges) - 1)) - tried.keys())
-        low, high = min(inside), max(inside) + 1
-        # A row inside the transition can be fitted by V* alone: that is no reason to prefer it.
+        # A row inside the transition can be fitted by V* alone: that is no reason to prefer it, nor
+        # is a row that lies off by what one in twenty does.
         plain = [gap for gap in inside if not tried[gap].free]
+        if not plain:
+            plain = [gap for gap in self._as_good(tried, OFF_BRANCH) if not tried[gap].free]
+            inside += plain
+        low, high = min(inside), max(inside) + 1
         best = min(plain or inside, key=lambda gap: tried[gap].squares)
         ends = (
             float(edges[low]) if low > 0 else None,
             float(edges[high]) if high < len(edges) - 1 else None,
         )
+        if self._rests_on_few(tried[best]):
+            ends = self._neighbours(speeds, *ends)
         return tried[best], ends, [tried[gap] for gap in plain if gap != best]
+
+    def _rests_on_few(self, found: Found) -> bool:
+        """Whether V* was chosen by one or two rows in the transition, whose width is not known."""
+        return found.free and self._in_transition(float(found.x[self.star or 0])) < ROWS_FOR_SLOPE
+
+    def _neighbours(self, speeds: Floats, low: float | None, high: float | None) -> Ends:
+        """The next rows below and above the transition of every V* between two ends.
+
+        A wider transition than the one assumed has V* elsewhere: anywhere between those rows.
+        """
+        width = self.base.transition_width
+        below = speeds[speeds <= (-math.inf if low is None else low + math.log1p(-width) + ROUNDED)]
+        above = speeds[speeds >= (math.inf if high is None else high + math.log1p(width) - ROUNDED)]
+        return (
+            float(below[-1]) if below.size else None,
+            float(above[0]) if above.size else None,
+        )
 
     def _gaps(self, speeds: Floats) -> tuple[Floats, list[int]]:
         """Edges of intervals of ln V* in which the same rows lie below, at and above it.
@@ -289,13 +318,13 @@ class Calibration:
         one = self._best(0.5 * (low + high))
         return one if clear else self._minimum(one.x, None, (low, high))
 
-    def _as_good(self, tried: Mapping[int, Found]) -> list[int]:
+    def _as_good(self, tried: Mapping[int, Found], confidence: float = CONFIDENCE) -> list[int]:
         """The intervals that the data do not rule out beside the best (F test)."""
         degrees = len(self.data) - len(self.coordinates)
         least = min(one.squares for one in tried.values())
         # Of data without scatter, round-off would choose: some scatter is assumed at least.
         variance = max(least / degrees, NOISE**2)
-        limit = least + float(f_distribution.ppf(CONFIDENCE, 1, degrees)) * variance
+        limit = least + float(f_distribution.ppf(confidence, 1, degrees)) * variance
         return [gap for gap, one in tried.items() if one.squares <= limit]
 
     def run(self) -> FitResult:
@@ -307,7 +336,7 @@ class Calibration:
             name = self.coordinates[self.star].name
             raise InputError(f"{name}: no row has a film between D_min and D_max to fit it to")
         found, ends, as_good = self._search_star(speeds)
-        if found.free and self._in_transition(float(found.x[self.star])) >= ROWS_FOR_SLOPE:
+        if found.free and not self._rests_on_few(found):
             return self._judged(found, None)
         return self._judged(found, ends, as_good)
 
@@ -353,7 +382,8 @@ class Calibration:
                     scale /= math.exp(float(found.x[self.star]))
                 power = 2.0 if c.key == "gamma" else 1.0
                 low, high = (None if end is None else scale * math.exp(power * end) for end in star)
-                warning = star_warning(c.name, *star)
+                few = self._rests_on_few(found)
+                warning = star_warning(c.name, *star, self.base.transition_width if few else None)
             estimates.append(Estimate(c, value, low, high, warning))
         parameters = self.parameters(found.x)
         return FitResult(

@@ -74,6 +74,8 @@ def _panel(top: Axes, bottom: Axes, data: TribometerData, result: FitResult, ste
         top.plot(x, y, marker, ms=4.5, mfc="none", color=colour, label=group.label)
         bottom.plot(x, residual[group.rows], marker, ms=4, mfc="none", color=colour)
         _line(top, data, result.parameters, group, colour)
+        if steady:
+            _open_speeds(top, data, result, group, colour)
     _finish(top, bottom, data, steady)
 
 
@@ -131,6 +133,24 @@ def _line(
     if group.thickness < parameters.D_max:  # No line across the fall at V*.
         shown[np.abs(velocity / star - 1.0) <= max(parameters.transition_width, 0.01)] = np.nan
     axes.plot(velocity, shown, color=colour, lw=1)
+
+
+def _open_speeds(
+    axes: Axes, data: TribometerData, result: FitResult, group: _Group, colour: str
+) -> None:
+    """The speeds at which a group's film may take over, where the data do not determine V*."""
+    law = result.parameters
+    star = next((e for e in result.estimates if e.coordinate.key in ("V_star", "gamma")), None)
+    if star is None or not star.warning or not law.D_min < group.thickness < law.D_max:
+        return
+    at = float(threshold_speed(group.thickness, law))
+    power = 0.5 if star.coordinate.key == "gamma" else 1.0
+    V = data.velocity[group.rows]
+    low = V.min() / 1.3 if star.low is None else at * (star.low / star.value) ** power
+    high = V.max() * 1.3 if star.high is None else at * (star.high / star.value) ** power
+    film = f"{group.thickness * 1e9:g} nm"
+    label = f"V* at {film}, not determined: 95 % interval"
+    axes.axvspan(low, high, color=colour, alpha=0.12, lw=0, label=label)
 
 
 def _shown(data: TribometerData, traction: Floats, rows: NDArray[np.intp]) -> Floats:

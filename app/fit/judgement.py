@@ -161,13 +161,16 @@ def interval(
     return coordinate.to_value(at - half), coordinate.to_value(at + half)
 
 
-def star_warning(name: str, low: float | None, high: float | None) -> str | None:
+def star_warning(
+    name: str, low: float | None, high: float | None, width: float | None
+) -> str | None:
     """Why the data do not determine the threshold speed; None if they do.
 
     Args:
         name: Of the parameter.
         low: Logarithm of the lower end of V*'s interval; None: open.
         high: Upper end.
+        width: Of the transition that is assumed, where V* rests on one or two rows in it.
     """
     if low is None and high is None:
         reason, rows = "they fit with every threshold speed", CURES["V_star"]
@@ -178,6 +181,12 @@ def star_warning(name: str, low: float | None, high: float | None) -> str | None
     elif high - low > 2.0 * BROAD:
         factor = _factor(0.5 * (high - low))
         reason, rows = f"the interval spans a factor of {factor} either way", CURES["V_star"]
+    elif width is not None:
+        reason = (
+            "it rests on one or two rows between both branches, and with them on "
+            f"transition_width = {width:g}, which is assumed"
+        )
+        rows = CURES["V_star"]
     else:
         return None
     return f"{name}: the data cannot determine it: {reason}; {_cure(name, rows)}"

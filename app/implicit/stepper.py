@@ -36,6 +36,8 @@ from tribox.app.implicit.options import ImplicitOptions
 from tribox.app.implicit.predictor import Predictor
 from tribox.app.implicit.weak_hold import SHARE, WeakHold
 
+HELD_BACK = 0.05  # share of a contact's friction that a law may leave out in a driven step
+
 __all__ = ["ImplicitOptions", "ImplicitStepper", "NotConvergedError", "StepResult"]
 
 
@@ -57,8 +59,8 @@ class StepResult:
             that hold them, over the largest force of the run
             (:mod:`tribox.app.implicit.weak_hold`).
         strayed: whether an iteration led too far away to be evaluated.
-        too_long: whether a friction law says so of the step that was solved
-            (:class:`tribox.forms.friction.law.FrictionResponse`), while the bodies are driven.
+        too_long: whether a friction law has left out traction
+            (:class:`tribox.forms.friction.law.FrictionResponse`) while the bodies are driven.
     """
 
     converged: bool
@@ -121,8 +123,6 @@ class ImplicitStepper:
         iterations, reason, holding = self._solve(step)
         if reason > 0 and not problem.is_held_slightly():
             reason = PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH
-        fitting = [trial.response.too_long is None for trial in problem.trials]
-        early = problem.comm.allreduce(not all(fitting), op=MPI.LOR)
         return StepResult(
             # An element may be turned inside out and its residual finite all the same; the strain
             # energy, with its logarithm of J, is not.
@@ -136,9 +136,25 @@ class ImplicitStepper:
             floating=self._trial_floating,
             holding=holding,
             strayed=newton.strayed,
-            # A body that nothing drives stays where it came to rest.
-            too_long=early and self.predictor.is_driven(self.x),
+            too_long=self._is_too_long(),
         )
+
+    def _is_too_long(self) -> bool:
+        """Whether a law leaves out traction that the drive of the bodies brings back; collective.
+
+        A body that nothing drives stays where it came to rest.
+        """
+        problem = self.problem
+        sums = np.zeros((len(problem.contacts), 2))
+        for term, trial, into in zip(problem.contacts, problem.trials, sums, strict=True):
+            held_back = getattr(trial.response, "held_back", None)
+            if held_back is not None:
+                traction = np.linalg.norm(trial.response.traction, axis=1)
+                into[:] = term.surface.slave.weight @ np.stack([held_back, traction], axis=1)
+        problem.comm.Allreduce(MPI.IN_PLACE, sums, op=MPI.SUM)
+        left_out, carried = sums.T
+        much = (left_out > HELD_BACK * carried) & (left_out > problem.roundoff)
+        return bool(much.any()) and self.predictor.is_driven(self.x)
 
     def _solve(self, step: StepMode) -> tuple[int, int, float]:
         """Solve a step, with weak springs if a body floats; collective.

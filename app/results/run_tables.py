@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple
+import math
+from dataclasses import astuple, replace
 from pathlib import Path
 
 from tribox.app.results.directory import GrowingTable
@@ -16,6 +17,7 @@ class RunTables:
     def __init__(self, directory: Path, state: RunState, after: int | None = None) -> None:
         """Begin the files, or go on with those of a run ``after`` a step of it."""
         motion = state.motion
+        self._driven = {stage.name for stage in state.model.case.stage if stage.is_driven}
         self._history = GrowingTable(directory / "history.csv", COLUMNS, after)
         self._surfaces = GrowingTable(directory / "surfaces.csv", motion.surface_columns, after)
         self._bodies = GrowingTable(directory / "bodies.csv", motion.body_columns, after)
@@ -29,7 +31,13 @@ class RunTables:
     def write(self, state: RunState) -> None:
         """Append the rows that are new."""
         motion = state.motion
-        self._history.extend([astuple(row) for row in state.rows[self._history.written :]])
+        new = state.rows[self._history.written :]
+        self._history.extend(
+            [
+                astuple(row if row.stage in self._driven else replace(row, velocity=math.nan))
+                for row in new
+            ]
+        )
         if self._contacts is not None:
             self._contacts.extend(state.pair_rows[self._contacts.written :])
         self._surfaces.extend(motion.surface_rows[self._surfaces.written :])

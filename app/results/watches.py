@@ -13,7 +13,7 @@ from tribox.app.simulation.flow_watch import FlowWatch
 from tribox.app.simulation.history import Row
 from tribox.app.simulation.observer import Interval
 from tribox.app.simulation.roundoff_watch import RoundOffWatch
-from tribox.app.simulation.surface_ends import LeftMaster, PressedEnds
+from tribox.app.simulation.surface_ends import LateFilm, LeftMaster, PressedEnds
 
 
 class Watches:
@@ -21,7 +21,8 @@ class Watches:
 
     Attributes:
         roundoff: steps that ended at round-off; contacts: penetration, evenness, resolution;
-            left: points that run past the end of their master; floating: bodies that nothing holds;
+            left: points that run past the end of their master; late: films of points that come
+            under pressure in too long a step; floating: bodies that nothing holds;
             flow: how far bodies flow.
         told: warnings that are given once only and have been, by a word for each.
     """
@@ -36,6 +37,7 @@ class Watches:
         self.roundoff = RoundOffWatch(model.problem, model.case.solver.tolerance)
         self.contacts = ContactWarnings(model.problem, None if kept is None else kept["contacts"])
         self.left, self.ends = LeftMaster(model), PressedEnds(model)
+        self.late = LateFilm(model)
         self.floating = FloatingWatch()
         self.flow = FlowWatch(model.problem)
         self.told: set[str] = set()
@@ -44,6 +46,7 @@ class Watches:
             self.told = set(kept["told"])
             self.left.restore(kept["left"])
             self.ends.restore(kept["ends"])
+            self.late.restore(kept["late"])
             self.floating.restore(kept["floating"])
             self.flow.restore(kept["flow"])
             self.roundoff.restore(kept["roundoff"])
@@ -54,6 +57,7 @@ class Watches:
         self.contacts.step(row, self._thickness)
         self.left.step(row)
         self.ends.step(row)
+        self.late.step(row, result)
         self.floating.step(row, result)
         self.flow.step(row)
 
@@ -67,6 +71,7 @@ class Watches:
         """What there is to say at the end, in stage ``stage``; collective."""
         yield from self.left.warnings()
         yield from self.ends.warnings()
+        yield from self.late.warnings()
         yield from self.contacts.warnings()
         yield from self.floating.warnings()
         yield from self.flow.warnings()
@@ -78,6 +83,7 @@ class Watches:
             "told": sorted(self.told),
             "left": self.left.snapshot(),
             "ends": self.ends.snapshot(),
+            "late": self.late.snapshot(),
             "floating": self.floating.snapshot(),
             "flow": self.flow.snapshot(),
             "roundoff": self.roundoff.snapshot(),

@@ -116,16 +116,16 @@ class Reporter(Observer):
         here = self._progress.at(row.time, row.dt)
         if isinstance(result, Interval):
             if self._pace.is_due():
-                self._explicit_line(row, result)
+                self._explicit_line(state, row, result)
             return
         residual = f"residual {result.residuals[-1]:.1e}"
         self.say(
             f"step {row.step:4d}  {row.stage:<10s} t {time_text(row.time, row.dt)}  "
-            f"{self._forces(row)}  "
+            f"{self._forces(state, row)}  "
             f"Newton {row.newton_iterations} ({residual})",
             always=False,
         )
-        self._tell(f"step {row.step}  {self._forces(row)}  {residual}  {_cuts(here)}")
+        self._tell(f"step {row.step}  {self._forces(state, row)}  {residual}  {_cuts(here)}")
 
     def within(self, state: RunState, load_step: LoadStep, steps: int) -> None:
         """A line where no row has come for a while."""
@@ -140,23 +140,23 @@ class Reporter(Observer):
             )
             self._tell(f"time step {steps}, {speed:.0f} steps/s")
 
-    def _explicit_line(self, row: Row, interval: Interval) -> None:
+    def _explicit_line(self, state: RunState, row: Row, interval: Interval) -> None:
         speed = self._pace.speed(interval.total)
         ratio = f"E_kin/E_strain {interval.kinetic_ratio:.1e}"
         self.say(
             f"row {row.step:4d}  {row.stage:<10s} t {time_text(row.time, row.dt)}  "
-            f"{self._forces(row)}  {ratio}  "
+            f"{self._forces(state, row)}  {ratio}  "
             f"time step {interval.total} of {interval.dt:.3g} s, {speed:.0f} steps/s",
             always=False,
         )
-        self._tell(f"row {row.step}  {self._forces(row)}  {ratio}  {speed:.0f} steps/s")
+        self._tell(f"row {row.step}  {self._forces(state, row)}  {ratio}  {speed:.0f} steps/s")
 
-    def _forces(self, row: Row) -> str:
-        """Velocity and forces of a step, or the work where there is no contact."""
-        moving = f"V {row.velocity:.3g} m/s"
+    def _forces(self, state: RunState, row: Row) -> str:
+        """Speed, if anything moves, and forces of a step; the work where there is no contact."""
+        moving = f"V {state.speed:.3g} m/s  " if state.speed else ""
         if not self._touching:
-            return f"{moving}  {_work(asdict(row))}"
-        return f"{moving}  N {row.normal_force:.5g} N  F_T {row.friction_force:.5g} N"
+            return f"{moving}{_work(asdict(row))}"
+        return f"{moving}N {row.normal_force:.5g} N  F_T {row.friction_force:.5g} N"
 
     def _tell(self, details: str) -> None:
         if self._bars is not None:

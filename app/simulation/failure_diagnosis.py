@@ -63,7 +63,7 @@ def reason_of(result: StepResult) -> str:
         bodies = " and ".join(result.floating)
         return f"no support and no contact holds body {bodies} any more, and something moves it"
     if result.too_long:
-        return "points that slow down through V* come to rest early in it"
+        return "points slow down through V* and are driven on in it"
     if result.reason > 0:  # solved, but by a state without a strain energy
         return "an element is turned inside out"
     return REASONS.get(result.reason, f"reason {result.reason}")

@@ -31,6 +31,7 @@ class MotionHistory:
 
     Attributes:
         held: owned unknowns that :class:`OutsideForces` are wanted at.
+        extent: m, of all bodies, from corner to corner.
         surface_columns, body_columns: names of the columns.
         surface_rows, body_rows: their values, a row for each surface or body and step.
     """
@@ -42,7 +43,7 @@ class MotionHistory:
         self._turning = "xyz" if self._dim == 3 else "z"
         box = extent(model.named)
         self._middle: Floats = box.mean(axis=0)
-        self._extent = float(np.linalg.norm(box[1] - box[0]))
+        self.extent = float(np.linalg.norm(box[1] - box[0]))
         self.held = held_dofs(model.problem)
         self._means = _Means(model)
         self._forces = _SurfaceForces(model, self._means, self.held)
@@ -91,6 +92,16 @@ class MotionHistory:
         self._add_surfaces(key, means[: len(self._on)], forces)
         self._add_bodies(key, means[len(self._on) :], forces, pairs)
 
+    def fastest(self, velocity: Floats) -> float:
+        """Speed of the fastest node of supports and platens, m/s; collective.
+
+        Args:
+            velocity: (n,), m/s, of the owned unknowns.
+        """
+        squares = np.bincount(self.held // self._dim, velocity[self.held] ** 2, minlength=1)
+        fastest = float(np.sqrt(squares.max()))
+        return self._model.problem.comm.allreduce(fastest, op=MPI.MAX)
+
     def force_balance(
         self, stages: Collection[str], noise: float = 0.0, largest: float = 0.0
     ) -> float | None:
@@ -133,7 +144,7 @@ class MotionHistory:
         """Moment on a surface over the largest lever that the bodies offer about its centre, N."""
         turned, dim = len(self._turning), self._dim
         moment, centre = row[-turned - dim : -dim], row[-dim:]
-        lever = self._extent + np.linalg.norm(np.array(centre) - self._middle)
+        lever = self.extent + np.linalg.norm(np.array(centre) - self._middle)
         return float(np.linalg.norm(moment) / lever)
 
     def of_surface(self, name: str, column: str) -> Floats:

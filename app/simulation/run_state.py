@@ -34,6 +34,8 @@ from tribox.forms.contact.shared_slave import keep_what_went_over
 from tribox.forms.contact.state import ContactTrial
 from tribox.geometry.surfaces.facets import Floats
 
+STILL = 1e-9  # of the bodies' extent: what moves less in a step rests
+
 
 @dataclass(frozen=True, slots=True)
 class Effort:
@@ -72,6 +74,8 @@ class RunState:
             motion: surfaces and bodies, tools: rigid tools, likewise.
         resultants: the contacts after the last step.
         inertia: kinetic against strain energy, of each explicit load step.
+        speed: m/s, of driven boundaries; where the stage drives none, of the fastest support,
+            platen or tool, and 0 where these do not move.
         way: tangential force over the way of driven boundaries; steadiness: as last judged.
         position: where the loops over load steps and steps stand.
     """
@@ -81,7 +85,7 @@ class RunState:
     def __init__(self, model: Model) -> None:
         """Begin at rest, under the loads of the start; collective."""
         self.model = model
-        self.time = self.driven = 0.0
+        self.time = self.driven = self.speed = 0.0
         self.step = 0
         self.rows: list[Row] = []
         dim = model.problem.dim
@@ -159,7 +163,13 @@ class RunState:
         self.motion.add(at, motion, moved.outside, self.resultants)
         self.tools.add(at, motion, moved.outside, self.resultants)
         self._add_to_way(row)
+        self.speed = row.velocity if stage.is_driven else self._fastest(moved.velocity, effort.dt)
         return row
+
+    def _fastest(self, velocity: Floats, dt: float) -> float:
+        """Speed of the fastest support, platen or tool, m/s; 0 for round-off; collective."""
+        speed = max(self.motion.fastest(velocity), self.tools.fastest())
+        return speed if speed * dt > STILL * self.motion.extent else 0.0
 
     def _loose_resultants(self) -> list[ContactResultants]:
         """The resultants of the contacts that are not tied, whose sums are those of friction."""

@@ -1,4 +1,4 @@
-"""Ends of the surfaces of a pair: contact that reaches them, and slaves that run past them.
+"""Where a contact ends: surfaces that end there, slaves that run past them, films that begin.
 
 A message that speaks of an end says of which surface, and where it lies undeformed. Axis letters: q
 points, v vertices of the slave, k vertices of its facet, e ends (in space: edges), f facets of the
@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
+from mpi4py import MPI
 
 from tribox.app.build.model import Model
 from tribox.app.case.contact import Contact
@@ -18,7 +19,9 @@ from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.pair_bodies import bodies_of
 from tribox.app.equilibrium.places import place_text
 from tribox.app.equilibrium.snapshot import AtPoints, Snapshot
+from tribox.app.implicit.stepper import StepResult
 from tribox.app.simulation.history import Row
+from tribox.app.simulation.observer import Interval
 from tribox.app.simulation.surface_faults import SAME, Findings, names_of
 from tribox.app.simulation.time_text import time_text
 from tribox.forms.contact.pressure import nodal_pressure
@@ -33,6 +36,7 @@ FEW = 0.05  # share of the area above the master that may leave it without a wor
 SOME = 0.2  # share of the points past any end from which on an end is named
 FELT = 0.05  # pressure at an end over its mean from which on the contact wants to go on there
 MOST = 0.9  # of the largest pressure at any end, from which on an end is named
+SHORT = 3e-3  # share of the friction that films may lack at points that come under pressure
 ON_END = 1e-6  # of a facet, within which a place is at its end
 
 
@@ -356,3 +360,79 @@ class LeftMaster:
         for index, where in self._found.items():
             pair = self._contacts[index]
             yield f"{pair.slave} runs past the end of {pair.master} {where}"
+
+
+# -- films that begin within a step ---------------------------------------------------------------
+
+
+class LateFilm:
+    """Watches for steps so long that the film of points that come under pressure counts too little.
+
+    The law takes the slip of a step for its speed, and such a point has slipped under pressure, or
+    along the surface, for a part of the step. Its neighbours that pressed before lack about as
+    much together, by the slip's change along the contact, so what is told is a lower bound.
+    """
+
+    def __init__(self, model: Model) -> None:
+        """Begin before the first step."""
+        self._problem = model.problem
+        self._pressed = [term.state.friction.closed for term in self._problem.contacts]
+        # By pair: share that lacks, facets of slip in the step, length of a facet (m), when.
+        self._found: dict[int, tuple[float, float, float, str]] = {}
+
+    def step(self, row: Row, result: StepResult | Interval) -> None:
+        """Look at a converged step; collective."""
+        trials, before = self._problem.committed, self._pressed
+        self._pressed = [trial.pressure > 0.0 for trial in trials]
+        if isinstance(result, Interval):  # of explicit steps, which are short
+            return
+        sums = np.array([self._sums(index, before[index]) for index in range(len(trials))])
+        self._problem.comm.Allreduce(MPI.IN_PLACE, sums, op=MPI.SUM)
+        when = f"time {time_text(row.time, row.dt)}, stage {row.stage}"
+        for index, (area, slip, length, friction, *deficit) in enumerate(sums):
+            if not (area > 0.0 and friction > 0.0 and slip > length):
+                continue
+            # Of a slip as long as the mean one, less what they have made.
+            share = max(deficit[0] * slip / area - deficit[1], 0.0) / friction
+            if share > max(SHORT, self._found.get(index, (0.0,))[0]):
+                self._found[index] = share, slip / length, length / area, when
+
+    def _sums(self, index: int, before: Bools) -> tuple[float, ...]:
+        """This rank's area that pressed before and does, its slip and facets; friction; deficit."""
+        term, trial = self._problem.contacts[index], self._problem.committed[index]
+        slip = np.linalg.norm(trial.kinematics.slip, axis=1)
+        viscous = trial.response.dissipation.viscous
+        if term.tied or not viscous.any():
+            return (0.0,) * 6
+        surface, weight = term.surface.slave, term.surface.slave.weight
+        stays, comes = weight * (before & self._pressed[index]), ~before & self._pressed[index]
+        traction = np.linalg.norm(trial.response.traction, axis=1)
+        per_slip = np.divide(viscous, slip**2, out=np.zeros_like(slip), where=comes & (slip > 0.0))
+        return (
+            float(stays.sum()),
+            float(stays @ slip),
+            float(stays @ surface.facet_length),
+            float(weight @ traction),
+            float(weight @ per_slip),
+            float(weight @ (per_slip * slip)),
+        )
+
+    def snapshot(self) -> Snapshot:
+        """What has been seen so far."""
+        pressed = [AtPoints(pair, points) for pair, points in enumerate(self._pressed)]
+        return {"pressed": pressed, "found": [[pair, *one] for pair, one in self._found.items()]}
+
+    def restore(self, kept: Snapshot) -> None:
+        """Go on from what :meth:`snapshot` has seen."""
+        self._pressed = list(kept["pressed"])
+        self._found = {int(pair): tuple(one) for pair, *one in kept["found"]}
+
+    def warnings(self) -> Iterator[str]:
+        """One line for each pair whose film was late."""
+        for index, (share, facets, length, when) in self._found.items():
+            yield (
+                f"contact.{index}: a step slides {facets:.2g} facets of the slave, and the film of "
+                f"points that come under pressure in it counts for a part of it only: friction is "
+                f"at least {share:.1%} too low ({when}); slide at most a facet, {length:.3g} m, in "
+                "a step (slip_step, steps)"
+            )

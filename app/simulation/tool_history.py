@@ -92,6 +92,18 @@ class ToolHistory:
             )
             self.rows.append((*key, tool.name, *map(float, values)))
 
+    def fastest(self) -> float:
+        """Speed of the fastest tool at the last rows, m/s; of one that turns, at its length."""
+        names = [self.columns.index(n) for n in self.columns if n.startswith("velocity_")]
+        turning = self.columns.index("angular_velocity")
+        speeds = [
+            np.linalg.norm(
+                [*(float(row[at]) for at in names), float(row[turning]) * tool.motion.length]
+            )
+            for row, tool in zip(self.rows[-len(self._tools) :], self._tools, strict=True)
+        ]
+        return float(max(speeds, default=0.0))
+
     def last(self) -> dict[str, dict[str, int | float | str]]:
         """The last row of each tool by its name: numbers by column."""
         found = {}

@@ -106,7 +106,7 @@ class ExplicitContact:
         kinematics = relate(points, projection, term.anchor(nodes), normal.closed)
         film = term.film.at(normal.pressure)[0]
         term.cover_rim(normal, projection)
-        response = term.respond(kinematics, dt, normal, film, rate_dependent)
+        response = term.respond(kinematics, dt, normal, film, rate_dependent, look_inside=False)
         self.trial = ContactTrial(
             position=points,
             area_ratio=surface.slave_area_ratio(slave),

@@ -148,7 +148,7 @@ class CompiledContact(ExplicitContact):
         film = term.film.at(normal.pressure)[0]
         projection = now.projection()
         term.cover_rim(normal, projection)
-        response = term.respond(kinematics, dt, normal, film, rate_dependent)
+        response = term.respond(kinematics, dt, normal, film, rate_dependent, look_inside=False)
         self._dry[:] = response.traction
         self._code.tribox_pair_load(now.at)
         self.trial = ContactTrial(

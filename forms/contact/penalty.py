@@ -266,19 +266,23 @@ class ContactTerm:
         normal: NormalContact,
         film: Floats,
         rate_dependent: bool = True,
+        look_inside: bool = True,
     ) -> FrictionResponse:
         """The law's answer to kinematics and pressure at film thickness (q,), m.
 
         The committed state holds the elastic slip of the last step; the law sees it transported.
+        Into a short step, as explicit ones are, it need not look.
         """
         brought = brought_along(self) if self.neighbours else None
         state, elastic = self.state.friction, kinematics.elastic_slip
         if brought is not None:
             state, taken = brought
             elastic = np.where((taken & (normal.pressure <= 0.0))[:, None], 0.0, elastic)
-        cover: dict[str, Any] = {}
+        more: dict[str, Any] = {}
         if self._has_film:
-            cover["film_cover"] = normal.cover
+            more["film_cover"] = normal.cover
+        if not look_inside and getattr(self.law, "looks_inside", False):
+            more["look_inside"] = False
         return self.law.update(
             kinematics.slip,
             dt,
@@ -287,7 +291,7 @@ class ContactTerm:
             replace(state, elastic_slip=elastic),
             area_ratio=self.state.area_ratio,
             rate_dependent=rate_dependent,
-            **cover,
+            **more,
         )
 
     def anchor(self, nodes: Floats) -> Anchor:

@@ -54,6 +54,7 @@ class FactoredLaw:
         self.law, self.factor = law, factor
         self.largest = factor if largest is None else max(largest, factor)
         self.takes_film_cover = bool(getattr(law, "takes_film_cover", False))
+        self.looks_inside = bool(getattr(law, "looks_inside", False))
         if hasattr(law, "settling_slip"):
             self.settling_slip = float(law.settling_slip)
         if hasattr(law, "unsettled"):
@@ -99,7 +100,7 @@ class FactoredLaw:
             state=_with_factor(out.state, np.full(len(kept), factor)),
             regime=out.regime,
             dissipation=Dissipation(**parts),
-            too_long=out.too_long,
+            held_back=None if out.held_back is None else factor * out.held_back,
         )
 
     def _multiplied(self, member: str, state: FrictionState, pressure: Floats) -> Floats:

@@ -77,6 +77,8 @@ class _Step:
     """f: the same for alpha = 1, with its derivatives."""
     slowed: Slowing | None = None
     """Points that slowed down through V*, and whose asperities are held back."""
+    held_back: Floats | None = None
+    """(q,), Pa, by how much."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,9 +88,11 @@ class FrictionMap:
     Attributes:
         parameters: Its parameters.
         takes_film_cover: That ``update`` takes the share of the area that is wet.
+        looks_inside: That it looks into the step, and takes ``look_inside=False`` for a short one.
     """
 
     takes_film_cover: ClassVar[bool] = True
+    looks_inside: ClassVar[bool] = True
     parameters: FrictionMapParameters
     _friction: SlipWeakening = field(init=False, repr=False)
     _rheology: FilmRheology = field(init=False, repr=False)
@@ -143,6 +147,7 @@ class FrictionMap:
         area_ratio: Floats | float = 1.0,
         film_cover: Floats | float = 1.0,
         rate_dependent: bool = True,
+        look_inside: bool = True,
     ) -> FrictionResponse:
         """Traction, derivatives and trial state of one step; see ``FrictionLaw.update``.
 
@@ -151,9 +156,10 @@ class FrictionMap:
         With ``rate_dependent=False`` the film carries no stress and alpha is that of V = 0.
         """
         require_time_step(dt, rate_dependent)
-        step = self._solve(
-            slip_increment, dt, pressure, film, state, (area_ratio, film_cover), rate_dependent
-        )
+        area = area_ratio, film_cover
+        step = self._solve(slip_increment, dt, pressure, film, state, area, rate_dependent)
+        if rate_dependent and look_inside:
+            step = _held_back(step, self._slowing(step, state, dt, pressure, film, area))
         new = self._new_state(step, state, dt, rate_dependent)
         traction = step.weight * step.returned.secant * step.trial
         traction += step.resistance * step.slip
@@ -172,7 +178,7 @@ class FrictionMap:
             state=new,
             regime=_regime(step),
             dissipation=self._dissipation(step, state),
-            too_long=_too_long(step, dt),
+            held_back=step.held_back,
         )
 
     def _solve(
@@ -204,7 +210,7 @@ class FrictionMap:
         )
         length, felt = np.sqrt(dot(slip, slip)), dt if rate_dependent else math.inf
         flow = film_resistance(parameters, self._rheology, film, length, felt, pressure, *area)
-        step = _Step(
+        return _Step(
             slip=slip,
             elastic_before=before,
             closed=closed,
@@ -217,9 +223,6 @@ class FrictionMap:
             resistance=at.alpha * flow.value,
             flow=flow,
         )
-        return _held_back(
-            step, self._slowing(step, state, dt, pressure, film, area, rate_dependent)
-        )
 
     def _slowing(
         self,
@@ -229,11 +232,9 @@ class FrictionMap:
         pressure: Floats,
         film: Floats,
         area: tuple[Floats | float, Floats | float],
-        rate_dependent: bool,
     ) -> Slowing | None:
         """The points that slow down through V*, where the law looks into the step."""
-        lagged, literal = self.parameters.switch == "lagged", self.parameters.reentry == "literal"
-        if lagged or literal or not rate_dependent:
+        if self.parameters.switch == "lagged" or self.parameters.reentry == "literal":
             return None
         motion = Motion(
             length=np.sqrt(dot(step.slip, step.slip)),
@@ -242,7 +243,7 @@ class FrictionMap:
             solid_before=1.0 - state.alpha,
             bend=np.sqrt(dot(step.elastic_before, step.elastic_before)),
             pressure=pressure,
-            film=film,
+            film=_shortened(film),
             area_ratio=area[0],
             cover=area[1],
         )
@@ -393,9 +394,12 @@ def _held_back(step: _Step, slowed: Slowing | None) -> _Step:
     points, share = slowed.points, np.ones_like(traction)
     share[points] = slowed.elastic / traction[points]
     held = share < 1.0
+    if not held.any():
+        return step
     return replace(
         step,
         slowed=slowed,
+        held_back=(1.0 - share) * traction,
         returned=replace(
             returned,
             elastic_slip=share * returned.elastic_slip,
@@ -407,15 +411,6 @@ def _held_back(step: _Step, slowed: Slowing | None) -> _Step:
             d_stiffness=np.where(held, 0.0, returned.d_stiffness),
         ),
     )
-
-
-def _too_long(step: _Step, dt: Floats | float) -> NDArray[np.bool_] | None:
-    """Points (q,) that come to rest early in the step; None where there are none."""
-    if step.slowed is None:
-        return None
-    out, q = np.zeros_like(step.closed), step.slowed.points
-    out[q] = step.slowed.time < 0.5 * np.broadcast_to(dt, step.closed.shape)[q]
-    return out if out.any() else None
 
 
 def _where_closed(vectors: Floats, closed: NDArray[np.bool_]) -> Floats:

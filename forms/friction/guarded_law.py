@@ -59,6 +59,7 @@ class GuardedLaw:
         self.fault: str | None = None
         self.not_finite: str | None = None
         self.takes_film_cover = bool(getattr(law, "takes_film_cover", False))
+        self.looks_inside = bool(getattr(law, "looks_inside", False))
         self._directory = os.getcwd()
         # Only what the law has: whoever asks looks whether it is there.
         if hasattr(law, "settling_slip"):

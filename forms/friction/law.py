@@ -149,8 +149,8 @@ class FrictionResponse:
         state: Trial state at the end of the step; the caller commits or discards it.
         regime: (q,), codes of ``Regime``.
         dissipation: The work of the step, split.
-        too_long: (q,), points whose motion the law cannot follow in one step of this length, so
-            that an implicit step should be cut; None: nowhere.
+        held_back: (q,), Pa, traction that the law leaves out since bodies unload in the step; where
+            something drives them instead, it would be there. None: nowhere.
     """
 
     traction: Floats
@@ -161,7 +161,7 @@ class FrictionResponse:
     state: FrictionState
     regime: NDArray[np.int8]
     dissipation: Dissipation
-    too_long: NDArray[np.bool_] | None = None
+    held_back: Floats | None = None
 
 
 class FrictionLaw(Protocol):
@@ -197,7 +197,8 @@ class FrictionLaw(Protocol):
             area_ratio: (q,) or a number, -, da/dA of the slave surface. A law whose attribute
                 ``takes_film_cover`` is true is also given ``film_cover``, (q,), the share of the
                 area at each point that its viscous traction acts on: less than 1 at the rim of a
-                contact.
+                contact. One whose ``looks_inside`` is true is given ``look_inside=False`` in
+                explicit steps, which are too short for anything to change within them.
             rate_dependent: False switches off all that depends on time.
 
         Raises:

@@ -59,19 +59,16 @@ class Slowing:
         elastic: (c,), Pa, the most that their asperities can have taken over, |T^e|.
         slopes: (3, c), derivatives of it for the length of the slip (Pa/m), the pressure (-) and
             the film thickness (Pa/m); d_bend: (c,), Pa/m, that for the length of the elastic slip.
-        time: (c,), s, from the start of the step in which they come to rest.
     """
 
     points: Longs
     elastic: Floats
     slopes: Floats
     d_bend: Floats
-    time: Floats
 
     def take(self, which: NDArray[np.bool_]) -> Slowing:
         """Some of the points, by a mask (c,)."""
-        names = ("points", "elastic", "slopes", "d_bend", "time")
-        return Slowing(*(getattr(self, name)[..., which] for name in names))
+        return Slowing(*(getattr(self, name)[..., which] for name in self.__slots__))
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,17 +169,12 @@ def _taken_over(
     f_t = _where(speed < v_star * (1.0 - width), lower, end)
     bent = (parameters.K_T * here.solid_before) * here.bend
     falls = (f_n - f_c, f_c - f_t, f_t - end)
-    elastic, kappa = _taken(parameters.K_T, here.length, falls, one - alpha_n, one - alpha)
-    # The film alone slows from one speed to the other; what follows is made at the latter.
-    turn = np.minimum(before, v_star * (1.0 + width))
-    alone = np.where(falls[0].value > 0.0, falls[0].value / kappa, 0.0)
-    time = alone / (0.5 * (before + turn)) + (here.length - alone) / turn
+    elastic = _taken(parameters.K_T, here.length, falls, one - alpha_n, one - alpha)
     return Slowing(
         points=points,
         elastic=np.maximum(bent + elastic.value, 0.0),
         slopes=elastic.slopes,
         d_bend=parameters.K_T * here.solid_before,
-        time=time,
     )
 
 
@@ -234,8 +226,8 @@ def _stress(
 
 def _taken(
     K_T: float, length: Floats, falls: tuple[_Value, _Value, _Value], y_n: _Value, y: _Value
-) -> tuple[_Value, Floats]:
-    """Traction that the asperities have taken over, with its derivatives, Pa; kappa, (c,), Pa/m.
+) -> _Value:
+    """Traction that the asperities have taken over, with its derivatives, Pa.
 
     Args:
         K_T: Pa/m.
@@ -273,7 +265,7 @@ def _taken(
     slopes[0] -= kappa
     lost = np.log(x) <= np.log((alone + through + below) / length) + 0.5 * SMALLEST
     whole = alone + through + below - kappa * length
-    return _Value(np.where(lost, whole, value), slopes), kappa
+    return _Value(np.where(lost, whole, value), slopes)
 
 
 def _one_less_log(z: Floats) -> Floats:

@@ -425,6 +425,7 @@ def test_run_prints_plain_lines_while_it_goes_and_changes_by_set(tribox, case_fi
     with (out / "history.csv").open() as stream:
         header = next(csv.reader(stream))
     assert not set(REQUIRED) - set(header)
+    assert [row["stage"] for row in rows if math.isnan(row.pop("velocity"))] == ["press"] * 3
     numbers = [v for row in rows for key, v in row.items() if key != "stage"]
     assert all(math.isfinite(v) for v in numbers)
     films = [row["film_thickness"] for row in rows if row["stage"] == "slide"]

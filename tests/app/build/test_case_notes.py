@@ -111,6 +111,16 @@ def test_bodies_that_come_to_rest_pass_every_threshold_speed(film):
     assert "below every speed" in note
 
 
+def test_a_stop_with_the_film_fraction_of_the_step_before_is_told(film):
+    stages = tomllib.loads(film)["stage"]
+    hold = {"name": "hold", "duration": "1 s", "steps": 2}
+    assert notes_on(case(film, {"switch": "lagged"})) == []
+    assert notes_on(case(film, stage=[*stages, hold])) == []
+    [note] = notes_on(case(film, {"switch": "lagged"}, stage=[*stages, hold]))
+    # 0.8 Pa s/(30 nm 1e12 Pa/m)
+    assert 'switch = "lagged"' in note and "comes to rest" in note and "= 2.7e-05 s" in note
+
+
 def test_what_the_law_takes_by_itself_is_told_where_it_matters(film):
     """The fixture gives alpha as a number, and the preset's viscosity: nothing to tell of."""
     data = tomllib.loads(film)

@@ -41,7 +41,8 @@ def test_the_case_in_the_results_reruns_to_the_same_numbers(name, tmp_path):
     run_case(load_case(asked), first, quiet=True, comm=MPI.COMM_SELF)
     run_case(load_case(first / "case.toml"), second, quiet=True, comm=MPI.COMM_SELF)
     before, after = history(first), history(second)
-    assert before.pop("stage") == after.pop("stage")
+    for text in ("stage", "velocity"):  # which may be nan
+        assert before.pop(text) == after.pop(text)
     for column, values in before.items():
         numbers, again = np.array(values, float), np.array(after[column], float)
         assert np.abs(again - numbers).max() <= 1e-12 * np.abs(numbers).max(), column

@@ -43,3 +43,25 @@ def test_a_yield_stress_out_of_proportion_is_told(tmp_path, stress, said):
     told = [note for note in found if "yields at" in note]
     assert len(told) == (said is not None)
     assert all(note.startswith(f"bodies.block: {said}") for note in told)
+
+
+def test_steps_beyond_the_mesh_and_coefficients_that_nothing_has_are_told(tmp_path):
+    """The block is 4 mm wide."""
+    sides = [{"surface": "bottom", "displacement": {"x": "driven", "y": 0}}]
+
+    def told(mu, **stage):
+        tables = {"boundary": sides, "stage": [{"name": "slide", **stage}]}
+        data = block_case(block_mesh(tmp_path / "block.msh", (2, 1)), **tables)
+        data["contact"][0]["friction"] = {"law": "coulomb", "mu": mu}
+        found = build_model(case_of(data), MPI.COMM_SELF).notes
+        return [note for note in found if "in one step" in note or "friction.mu" in note]
+
+    far = {"velocities": ["1 mm/s"], "slip_step": 10}
+    step, *_ = told(0.3, **far)
+    assert step.startswith("stage.0.slip_step: driven boundaries move 10 m in one step, 2.5e+03")
+    assert told(0.3, **far | {"slip_step": "3.9 mm"}) == []
+    one = {"velocity": "1 m/s", "duration": "8 ms"}
+    assert told(0.3, **one, steps=1)[0].startswith("stage.0.velocity: driven boundaries move 0.008")
+    assert told(0.3, **one, steps=3) == []
+    [mu] = told([["0 s", 1], ["1 s", 15]], **one, steps=3)
+    assert mu.startswith("contact.0.friction.mu = 15: rubber")

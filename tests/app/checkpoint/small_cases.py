@@ -226,6 +226,10 @@ _RAMPED = {
     **{"slip_step": "0.3 um", "min_steps": 2, "max_steps": 3},
 }
 
+_SLOWED = [  # through V*, with steps that are too long
+    {"name": "slide", "velocity": "2 mm/s", "duration": "4 ms", "steps": 2},
+    {"name": "back", "velocity": "-0.1 mm/s", "duration": "4 ms", "steps": 2},
+]
 _WEIGHT = {"gravity": {"y": [["0 s", 0], ["1 s", "-10 m/s^2"]]}}
 _LET_GO = {"name": "let go", "duration": "1 s", "steps": 3, "release": ["aluminium_right"]}
 # Loads that come and go, a force that is held, a support that appears and is released.
@@ -260,6 +264,7 @@ IMPLICIT: dict[str, Maker] = {
     "coulomb": block(probe=PROBES),
     "cut": block(stage=[STAGES[0], STAGES[1] | {"steps": 2}], solver={"max_iterations": 2}),
     "frozen": block(stage=[STAGES[0], STAGES[1] | {"steps": 1}], solver={"max_iterations": 4}),
+    "slowed out of the film": plain(FILM, {**_THIN, "stage": [STAGES[0], *_SLOWED]}),
     "film until steady": plain(FILM, {**_THIN, "stage.1.max_steps": 8}),
     "platen by both": block(
         {

@@ -13,6 +13,7 @@ from tribox.app.case import check_case, load_case
 from tribox.app.errors import InputError
 from tribox.app.fit.calibration import Calibration
 from tribox.app.fit.data import TribometerData, read_data
+from tribox.app.fit.figures import draw_fit
 from tribox.app.fit.model import RANGES, coordinates, friction
 from tribox.app.fit.run import run_fit
 from tribox.app.fit.setup import fit_setup
@@ -166,6 +167,58 @@ def test_a_wide_transition_gives_the_threshold_speed_a_slope():
     [star] = result.estimates
     assert "V_star" in result.correlated
     assert star.low < 1e-3 < star.high < 1.1 * star.low
+
+
+def between_branches(truth: FrictionMapParameters, noise: float, seed: int) -> TribometerData:
+    """Dry rows and rows with a film, of speeds that are a factor of 3 apart."""
+    speeds = 0.55e-3 * 3.0 ** np.arange(-5.0, 4.0)
+    D, V = np.meshgrid([0.0, 10e-9], speeds)
+    return measured(truth, rows(D, V), noise, seed)
+
+
+def test_a_row_between_both_branches_leaves_the_threshold_speed_between_its_neighbours():
+    """How far V* is from it goes with the width of the transition, which no row tells."""
+    data = between_branches(law(alpha=0.2, V_star=0.462e-3, transition_width=0.3), 0.01, 1)
+    result = fitted(data, law(alpha=0.5), "mu_s", "alpha", "eta_b", "V_star")
+    star = result.estimates[-1]
+    assert star.low == pytest.approx(0.55e-3 / 3.0) and star.high == pytest.approx(0.55e-3 * 3.0)
+    assert names_of(result) == {"V_star"}
+    assert "one or two rows between both branches" in star.warning
+    assert "transition_width = 0.03" in star.warning
+    # A row on a branch leaves it between that row and the next, as ever.
+    data = between_branches(law(alpha=0.2, V_star=0.8e-3), 0.01, 1)
+    [*_, star] = fitted(data, law(alpha=0.5), "mu_s", "alpha", "eta_b", "V_star").estimates
+    assert star.warning is None
+    assert [star.low, star.high] == pytest.approx([0.55e-3 / 1.03, 1.65e-3 / 0.97])
+
+
+def test_intervals_of_the_threshold_speed_hold_whatever_the_width_of_the_transition():
+    """95 % intervals in 12 tables whose transition is up to .5 wide where .03 is assumed."""
+    missed = 0
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        speed = 0.55e-3 * 3.0 ** rng.uniform(-0.5, 0.5)
+        truth = law(alpha=0.2, V_star=speed, transition_width=rng.uniform(0.03, 0.5))
+        data = between_branches(truth, 0.03, seed)
+        star = fitted(data, law(alpha=0.5), "mu_s", "alpha", "eta_b", "V_star").estimates[-1]
+        missed += not (star.low or 0.0) <= speed <= (star.high or np.inf)
+    assert missed <= 1
+
+
+def test_the_figure_shows_where_the_threshold_speed_may_lie(tmp_path, monkeypatch):
+    data = between_branches(law(alpha=0.2, V_star=0.462e-3, transition_width=0.3), 0.01, 1)
+    gamma = {"V_star": None, "V_star_at": None, "gamma": 1e-10}
+    for base, name in ((law(alpha=0.2), "V_star"), (law(alpha=0.2, **gamma), "gamma")):
+        drawn: list = []
+        monkeypatch.setattr(
+            "tribox.app.fit.figures.save", lambda figure, path: drawn.append(figure)
+        )
+        draw_fit(data, fitted(data, base, name), tmp_path)
+        top = drawn[0].axes[0]
+        [band] = top.patches
+        ends = band.get_x(), band.get_x() + band.get_width()
+        assert ends == pytest.approx((0.55e-3 / 3.0, 0.55e-3 * 3.0))
+        assert "V* at 10 nm, not determined" in top.get_legend().get_texts()[-1].get_text()
 
 
 def test_weights_decide_between_rows_that_disagree():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from pathlib import Path
 
@@ -60,6 +61,19 @@ def test_what_is_not_determined_is_a_comment():
     found = contact_with(live(uncommented(text))).friction.parameters()
     assert found.eta_b == pytest.approx(result.parameters.eta_b, rel=1e-5)
     assert found.V_star == pytest.approx(result.parameters.V_star, rel=1e-5)
+
+
+def test_a_threshold_speed_that_rests_on_one_row_is_a_comment(tmp_path):
+    lines = ["thickness [nm],velocity [mm/s],pressure [MPa],traction [kPa]"]
+    for speed in (0.55 * 3.0 ** np.arange(-5.0, 4.0)).tolist():
+        # The asperities' share is one below V*, none above, and .3 at the row in between.
+        share = 1.0 if speed < 0.5 else 0.3 * (speed < 1.0)
+        lines += [f"0,{speed!r},3,300", f"10,{speed!r},3,{240 * share + 0.05e3 * speed!r}"]
+    (tmp_path / "data.csv").write_text("\n".join(lines), encoding="utf-8")
+    text, result = section(tmp_path / "data.csv", parameters="mu_s,eta_b,alpha,V_star")
+    assert {e.coordinate.name for e in result.estimates if e.warning} == {"V_star"}
+    assert {"V_star", "V_star_at"}.isdisjoint(live(text)) and "alpha" in live(text)
+    assert re.search(r"\n# V_star = .*# not determined: the case needs a value of yours\n", text)
 
 
 def test_a_preset_does_not_fill_the_gap():

@@ -32,12 +32,14 @@ def tell(case, log, stream) -> str:
     """Let a reporter tell of two steps, one cut, an interval and the end of the load step."""
     console = Console(file=stream, width=200, highlight=False, soft_wrap=True)
     reporter = Reporter(log, case, Saving(log.parent), console=console)
-    state = SimpleNamespace(time=0.1, step=1, last_of_pairs=lambda: [])
+    state = SimpleNamespace(time=0.1, step=1, speed=0.0, last_of_pairs=lambda: [])
     [load_step] = load_steps_of(case.stage[0])
     solved = StepResult(True, 3, 2, 2, [1.0, 1e-9])
     reporter.say("note: step 1 is not a step")
     reporter.step(state, row(1, 0.1, 1e-9), solved)
     reporter.cut(state, 1e-9, StepResult(False, 25, 25, -5, [1.0]))
+    reporter.cut(state, 1e-9, StepResult(False, 5, 5, 2, [1.0], too_long=True))
+    state.speed = 0.25
     reporter.step(state, row(2, 0.1 + 5e-10, 5e-10), solved)
     reporter._pace._last = -10.0
     reporter.step(state, row(3, 0.2, 1e-3), Interval(100, 1e-3, 2e-3, 300, 1e-4))
@@ -69,7 +71,8 @@ def test_without_a_terminal_all_lines_are_plain_and_in_the_log(told):
 def test_a_terminal_keeps_only_lines_that_stay_and_shows_bars(told):
     log, terminal = told(Terminal())
     passing = [line for line in log.splitlines() if is_passing(line)]
-    assert len(passing) == 5
+    assert len(passing) == 6
+    assert "step of 1e-09 s too long after 5 iterations (points slow down through V*" in log
     for line in log.splitlines():
         assert (line in terminal) is (line not in passing), line
     assert "1/2 press" in terminal and "━" in terminal
@@ -89,3 +92,5 @@ def test_times_of_short_steps_differ(told):
     log, _ = told(io.StringIO())
     first, second = (line for line in log.splitlines() if line.startswith("step"))
     assert "t 0.1 s" in first and "t 0.1000000005 s" in second
+    # The velocity of what is driven says nothing where nothing is.
+    assert "V " not in first and "  V 0.25 m/s  N " in second

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 
 import pytest
@@ -73,3 +74,21 @@ def test_rounding_has_no_friction_coefficient(tmp_path, block):
     assert found.history["friction_coefficient"].tolist() == [0.0] * 4
     assert found.contacts["friction_coefficient"].tolist() == [0.0] * 4
     assert not [w for w in found.summary["warnings"] if "balanced" in w or "add up" in w]
+
+
+def test_where_nothing_is_driven_the_log_tells_the_speed_of_what_moves(tmp_path, block):
+    """Pressed by 50 um and drawn by tables, then held, then driven; and nothing is 0 m/s."""
+    data = tomllib.loads(block)
+    data["boundary"][1]["displacement"]["x"] = "driven"
+    data["stage"] = [
+        {"name": "press", "duration": "1 s", "steps": 2},
+        {"name": "hold", "duration": "1 s", "steps": 1},
+        {"name": "slide", "duration": "1 s", "steps": 1, "velocity": "0.1 mm/s"},
+        {"name": "stop", "duration": "1 s", "steps": 1, "velocity": "0 m/s"},
+    ]
+    run_case(Case.model_validate(data), tmp_path / "out", quiet=True, comm=MPI.COMM_SELF)
+    log = (tmp_path / "out" / "log.txt").read_text(encoding="utf-8").splitlines()
+    found = [re.search(r"  V (\S+) m/s  N ", line) for line in log if line.startswith("step ")]
+    assert [one and one[1] for one in found] == ["5e-05", "5e-05", None, "0.0001", None]
+    velocity = read(tmp_path / "out").history["velocity"]
+    assert velocity[:3].isna().all() and velocity[3:].tolist() == [1e-4, 0.0]

@@ -11,6 +11,7 @@ from mpi4py import MPI
 
 from tribox.app.case.case import Case
 from tribox.app.errors import SolutionError
+from tribox.app.results import read
 from tribox.app.run.run import run_case
 from tribox.forms.contact.pressure import nodal_pressure
 from tribox.forms.contact.state import ContactTrial
@@ -188,3 +189,76 @@ def test_a_step_that_fails_tells_of_ends_that_were_reached(tmp_path):
         outgrown(MPI.COMM_SELF, tmp_path, depth="-3 mm", solver=solver, stage=stage)
     assert re.search(REACHED, str(caught.value)), caught.value
     assert "try a surface elastomer_contact that reaches further there" in str(caught.value)
+
+
+# A round tool that slides along a rubber strip, whose facets are .5 mm long, by 2.5 mm.
+ROLLED = """
+[geometry]
+kind = "blocks"
+thickness = "1 mm"
+[geometry.blocks.strip]
+x = ["0 mm", "14 mm"]
+y = ["0 mm", "2 mm"]
+elements = [28, 2]
+[bodies.strip]
+material = "neo-hookean"
+E = "5 MPa"
+nu = 0.45
+[tools.roll]
+shape = "circle"
+centre = ["5 mm", "12 mm"]
+radius = "10 mm"
+displacement = { x = "driven", y = [["0 s", "0 mm"], ["1 s", "-0.2 mm"]] }
+[[contact]]
+slave = "strip_top"
+master = "roll"
+film = { thickness = "180 nm" }
+[contact.friction]
+law = "friction-map"
+mu_s = 0.2
+alpha = 0.99
+eta_b = "0.8 Pa*s"
+D_max = "250 nm"
+V_star = "0.1 mm/s"
+V_star_at = "30 nm"
+K_T = 1e11
+[[boundary]]
+surface = "strip_bottom"
+displacement = { x = 0, y = 0 }
+[[stage]]
+name = "press"
+duration = "1 s"
+steps = 2
+rate_dependent = false
+[[stage]]
+name = "slide"
+velocity = "5 mm/s"
+duration = "0.5 s"
+steps = 1
+[output]
+figures = false
+"""
+
+
+def rolled(directory: Path, steps: int, **contact: object) -> tuple[float, list[str]]:
+    """Friction at the end, N, and what is said of long steps."""
+    data = tomllib.loads(ROLLED)
+    data["contact"][0] |= contact
+    data["stage"][1]["steps"] = steps
+    run_case(Case.model_validate(data), directory / "out", quiet=True, force=True)
+    log = (directory / "out" / "log.txt").read_text()
+    found = [line for line in log.splitlines() if "facets of the slave, and" in line]
+    return float(read(directory / "out").history["friction_force"].iloc[-1]), found
+
+
+def test_steps_of_many_facets_are_told_where_the_film_of_new_points_lacks(tmp_path):
+    exact, silent = rolled(tmp_path, 10)
+    assert silent == []
+    force, [line] = rolled(tmp_path, 1)
+    told = re.search(
+        r"slides 5.\d facets .* at least (\S+)% too low \(time 1.5 s, st.* 0.0005 m", line
+    )
+    assert told, line
+    assert 0.5 < float(told[1]) < 100.0 * (1.0 - force / exact) < 10.0
+    dry = {"law": "coulomb", "mu": 0.3}
+    assert rolled(tmp_path, 1, friction=dry, film=None)[1] == []

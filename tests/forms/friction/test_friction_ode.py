@@ -136,7 +136,7 @@ def test_backward_euler_converges_at_first_order_under_slip_weakening():
 # A point of an elastic body that slides on its film and is stopped, or drawn back slowly.
 SPEED, SWITCH, DRAG, SPRING = 4e-4, 1e-4, 0.8 / FILM, 4.36e8
 PRESSURE, LENGTH, WIDTH = 0.26e6, 2.0, 0.03
-DRAWN = {"stopped": 0.0, "drawn back": -2e-5}
+DRAWN = {"stopped": 0.0, "drawn back": -2e-5, "drawn on": 2e-5}
 
 
 def slowing_law(K_T: float, **changes: Any) -> FrictionMap:
@@ -184,12 +184,13 @@ def slowed(law: FrictionMap, steps: int, drawn: float) -> float:
         def missing(slip: float, drive: float = drive, dt: float = dt) -> float:
             return answer(slip, dt).traction[0, 0] - SPRING * (drive - place - slip)
 
-        far = np.copysign(1e-9, -missing(0.0))
-        while missing(far) * far < 0.0:
-            far *= 2.0
-        slip = brentq(missing, 0.0, far, xtol=1e-20)
+        near, far = 0.0, np.copysign(1e-9, -missing(0.0))
+        while missing(far) * far < 0.0:  # to the first solution
+            near, far = far, 1.5 * far
+        slip = brentq(missing, near, far, xtol=1e-20)
         found = answer(slip, dt)
-        if drawn and found.too_long is not None and 0.5 * (end - done) >= 1.0 / 16.0:
+        much = found.held_back is not None and found.held_back[0] > 0.05 * abs(found.traction[0, 0])
+        if drawn and much and 0.5 * (end - done) >= 1.0 / 16.0:
             piece = 0.5 * (end - done)
             continue
         assert found.dissipation.total[0] >= 0.0
@@ -203,11 +204,17 @@ def slowed(law: FrictionMap, steps: int, drawn: float) -> float:
 @pytest.mark.parametrize("how", DRAWN)
 def test_a_point_that_slows_through_the_threshold_rests_where_it_should(how, K_T):
     exact = resting_traction(K_T, DRAWN[how])
-    found = np.array([slowed(slowing_law(K_T), n, DRAWN[how]) for n in (1, 3, 8, 20, 50)])
-    # Stopped, 1 % but for one step in all: backward Euler has no part in where it rests. Drawn
-    # back, it rests late by up to half a step, or a piece of one.
-    allowed = {"stopped": [0.07, 0.012, 0.012, 0.012, 0.012], "drawn back": [0.07] * 3 + [0.04] * 2}
-    assert np.all(np.abs(found / exact - 1.0) < allowed[how])
+    found = np.array([slowed(slowing_law(K_T), n, DRAWN[how]) for n in (1, 3, 20)])
+    # Stopped, 1 % but for one step in all: backward Euler has no part in where it rests. Drawn, it
+    # rests late by a piece of a step.
+    allowed = [0.07, 0.012, 0.012] if how == "stopped" else [0.08, 0.08, 0.04]
+    assert np.all(np.abs(found / exact - 1.0) < allowed)
+
+
+def test_a_point_that_is_drawn_on_just_below_the_threshold_slides_on_its_asperities():
+    """It unloads for a small part of the step only, and slips for all of it."""
+    found = slowed(slowing_law(1e10), 1, 0.8 * SWITCH)
+    assert found == pytest.approx(0.5 * (0.2 * PRESSURE + DRAG * 0.8 * SWITCH), rel=0.01)
 
 
 def test_a_sudden_and_a_wide_transition_rest_where_they_should():
