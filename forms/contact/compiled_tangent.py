@@ -40,7 +40,7 @@ _TRIAL = (
     *("position", "foot", "spring", "pressure_slope", "traction", "by_slip", "by_elastic"),
     "by_pressure",
 )
-_STATE = ("facet_before", "xi_before", "components", "anchor", "image", "slip_length")
+_STATE = ("facet_before", "xi_before", "ahead", "components", "anchor", "image", "slip_length")
 
 Blocks = list[tuple[Longs, Floats]]
 
@@ -195,7 +195,8 @@ class CompiledTangent:
             "by_pressure": response.d_traction_d_pressure,
             "facet_before": state.facet,
             "xi_before": state.xi,
-            "components": state.slip_components,
+            "ahead": state.ahead,
+            "components": anchor.components,
             "anchor": anchor.foot,
             "image": anchor.slip_image,
             "slip_length": anchor.slip_length,

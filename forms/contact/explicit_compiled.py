@@ -65,6 +65,7 @@ class CompiledContact(ExplicitContact):
             self._connect(mine, other)
         self._turn = 0
         self._adopted: ContactState | None = None
+        self._nothing_ahead = np.zeros_like(term.state.ahead)
 
     def _input_arrays(self) -> dict[str, NDArray[Any]]:
         """What both sets of results read, by the fields of the structure."""
@@ -125,7 +126,7 @@ class CompiledContact(ExplicitContact):
             return
         for name, value in (
             ("facet", state.facet),
-            ("xi", state.xi),
+            ("xi", state.xi + state.ahead),  # facets go on straight: the place opposite
             ("component", state.slip_components),
             ("length", state.slip_length),
             ("present", state.share),
@@ -179,7 +180,7 @@ class CompiledContact(ExplicitContact):
         normal = NormalContact(arrays["closed"], pressure, pressure, gap, nodal, active)
         if self.term.active:
             return normal
-        pressure[:], arrays["closed"][:] = 0.0, False
+        pressure[:], arrays["closed"][:], arrays["slip"][:] = 0.0, False, 0.0
         return normal.opened()
 
     @property
@@ -247,6 +248,7 @@ class CompiledContact(ExplicitContact):
         self._adopted = ContactState(
             facet=arrays["facet"],
             xi=arrays["xi"],
+            ahead=self._nothing_ahead,
             slip_components=arrays["component"],
             slip_length=arrays["length"],
             gap=arrays["gap_after"],

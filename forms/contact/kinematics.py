@@ -7,6 +7,7 @@ Per point the motion enters through vectors that are linear in the nodal displac
     a   = δu¹ − δu²(ξ̄)      relative motion at the current closest point ξ̄,
     b_α = δu²_,α(ξ̄)          change of the master's tangents there,
     c   = δu¹ − δu²(Ȳ_n)     relative motion at the master material point Ȳ_n of the last step,
+                             which the point was on, or opposite while it was open,
     d   = e^α δu²_,α(Ȳ_n)    change of the advected elastic slip,
     f_e = δe_A, δe_B        change of the slave's chords, of points projected along rays only,
 
@@ -22,9 +23,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tribox.geometry.surfaces.facets import Bools, Floats, Longs
+from tribox.geometry.surfaces.closest_point import solve_small
+from tribox.geometry.surfaces.facets import Bools, Floats, Longs, unit_normals
 from tribox.geometry.surfaces.projection import Projection
 from tribox.geometry.surfaces.slave_normals import PointNormals
+
+_FACING = 0.5  # cosine between the surfaces from which on they face each other
 
 
 @dataclass(slots=True)
@@ -32,18 +36,22 @@ class Anchor:
     """State of the last converged step at each point, moved with the current master.
 
     Attributes:
-        foot: (q, i), m, current: φ²(Ȳ_n), where the last closest material point is now.
+        foot: (q, i), m, current: φ²(Ȳ_n), where the material point that the slave point was on, or
+            opposite while it was open, is now: see :func:`opposite`.
+        components: (q, α), e^α of the elastic slip; 0 where it came over from another master.
         slip_image: (q, i), m, current: e^α τ_α(Ȳ_n), the advected elastic slip.
         slip_length: (q,), m: L, the length of the elastic slip, kept by the transport.
     """
 
     foot: Floats
+    components: Floats
     slip_image: Floats
     slip_length: Floats
 
     def of(self, take: Longs) -> Anchor:
         """The same of the points ``take`` (p,)."""
-        return Anchor(self.foot[take], self.slip_image[take], self.slip_length[take])
+        arrays = self.foot, self.components, self.slip_image, self.slip_length
+        return Anchor(*(array[take] for array in arrays))
 
 
 @dataclass(slots=True)
@@ -52,7 +60,8 @@ class ContactKinematics:
 
     Attributes:
         normal: (q, i); gap: (q,), m; closed: (q,) whether the point carries pressure, or touches.
-        slip: (q, i), m: Δg_T; elastic_slip: (q, i), m: g_e in the current tangent plane.
+        slip: (q, i), m: Δg_T, 0 of open points.
+        elastic_slip: (q, i), m: g_e in the current tangent plane.
     """
 
     normal: Floats
@@ -88,14 +97,42 @@ def _dot(u: Floats, v: Floats) -> Floats:
     return out
 
 
+def opposite(at: Projection, points: Floats, slave_tangents: Floats) -> tuple[Floats, Floats]:
+    """Where open points are opposite the master: what their next slip is measured from.
+
+    That is where the line along the mean of both surfaces' normals meets the tangent plane of the
+    master. The closest point would be off by the gap times half the angle between the surfaces,
+    which is no slip: equal bodies pressed on each other would rub. Past the end the tangent plane
+    goes on, so that the slip of a step is that of its speed.
+
+    Args:
+        at: the points (q,) on the master.
+        points: (q, i), m, current.
+        slave_tangents: (q, α, i), current, of the slave facets.
+
+    Returns:
+        Way (q, α) to there from the projection, in components of the tangents there; and its length
+        (q,), m, of points past the end, 0 of the others.
+    """
+    tau, past = at.tangents, ~at.on_surface
+    normal, mine, apart = unit_normals(tau), unit_normals(slave_tangents), points - at.foot
+    cosine = _dot(mine, normal)
+    faces = np.abs(cosine) > _FACING
+    mean = np.where(faces[:, None], normal + np.sign(cosine)[:, None] * mine, normal)
+    way = apart - (_dot(apart, normal) / _dot(mean, normal))[:, None] * mean
+    way = np.where((faces | past)[:, None], way, 0.0)
+    metric = np.einsum("qai,qbi->qab", tau, tau)
+    ahead = solve_small(metric, np.einsum("qai,qi->qa", tau, way))
+    return ahead, np.where(past, np.linalg.norm(way, axis=1), 0.0)
+
+
 def relate(
     points: Floats, projection: Projection, anchor: Anchor, closed: Bools
 ) -> ContactKinematics:
     """Contact kinematics of the slave points against their projections.
 
-    The slip of a point that closes within the step counts in full: a share of it would depend on
-    penalty and step. That of a point which comes over the end of the master counts from there,
-    where its closest point was.
+    The slip of a point that closes within the step counts in full, from the place that it was
+    opposite: a share of it would depend on penalty and step. An open point does not slip.
 
     Args:
         points: (q, i), m, current: slave points.
@@ -104,7 +141,7 @@ def relate(
         closed: (q,) points in contact.
     """
     n = projection.normal
-    slip = _in_plane(n, _apart(points, projection, anchor))
+    slip = np.where(closed[:, None], _in_plane(n, _apart(points, projection, anchor)), 0.0)
     image = _in_plane(n, anchor.slip_image)
     elastic = _rescaled(image, anchor)[0][:, None] * image
     return ContactKinematics(n, projection.gap, closed, slip, elastic)

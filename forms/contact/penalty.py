@@ -19,7 +19,7 @@ from petsc4py import PETSc
 from tribox.forms.contact.carried import Carried
 from tribox.forms.contact.compiled_tangent import Entries, compiled_tangent
 from tribox.forms.contact.fading import fading
-from tribox.forms.contact.kinematics import Anchor, ContactKinematics, relate
+from tribox.forms.contact.kinematics import Anchor, ContactKinematics, opposite, relate
 from tribox.forms.contact.pressure import (
     ROUNDOFF_DEPTH,
     AveragedPressure,
@@ -39,8 +39,8 @@ from tribox.forms.contact.tangent import Coupling, PairTangent
 from tribox.forms.friction.film import FilmThickness, film_thickness
 from tribox.forms.friction.law import FrictionLaw, FrictionResponse
 from tribox.geometry.surfaces.closest_point import solve_small
-from tribox.geometry.surfaces.facets import Floats, Ints, Longs, unit_normals
-from tribox.geometry.surfaces.projection import FacetSurface, Projection
+from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs, unit_normals
+from tribox.geometry.surfaces.projection import Projection
 from tribox.geometry.surfaces.surface import QUADRATURE_DEGREE, ContactSurface, RigidMaster
 
 __all__ = ["AS_IS", "ContactMode", "ContactState", "ContactTerm", "ContactTrial"]
@@ -111,18 +111,9 @@ class ContactTerm:
         self.film.at(np.zeros(q))  # Refuses a field that is not one of these points.
         points, nodes = surface.slave.position, surface.master.position
         at = surface.project(points, nodes)
-        self.state = ContactState(
-            facet=at.facet,
-            xi=at.xi,
-            slip_components=np.zeros_like(at.xi),
-            slip_length=np.zeros(q),
-            gap=np.where(at.on_surface, at.gap, np.inf),
-            area_ratio=np.ones(q),
-            share=np.where(at.on_surface, 1.0, 0.0),
-            sunk=np.zeros(q),
-            friction=law.initial_state(q, surface.dim),
-            friction_traction=np.zeros((q, surface.dim)),
-        )
+        ahead, way = opposite(at, points, surface.slave.tangents)
+        history = law.initial_state(q, surface.dim)
+        self.state = ContactState.undeformed(at, ahead, way, history)
         self._last: _Evaluation | None = None
 
     @classmethod
@@ -205,6 +196,7 @@ class ContactTerm:
             of_point=surface.vertices.of_point,
             carried=carried_by(surface, values),
             faded=fading(current, normal, surface.vertices, self.state),
+            slave_tangents=surface.slave_tangents(slave),
         )
 
     def leave_to_others(self) -> None:
@@ -275,15 +267,19 @@ class ContactTerm:
         """
         brought = brought_along(self) if self.neighbours else None
         state, elastic = self.state.friction, kinematics.elastic_slip
+        entering = ~state.closed & (self.state.slip_length > 0.0) & (normal.pressure > 0.0)
+        # What was open and stays so has no elastic slip to lose.
+        none = ~state.closed & (normal.pressure <= 0.0)
         if brought is not None:
             state, taken = brought
-            elastic = np.where((taken & (normal.pressure <= 0.0))[:, None], 0.0, elastic)
+            entering &= ~taken
+        elastic = np.where(none[:, None], 0.0, elastic)
         more: dict[str, Any] = {}
         if self._has_film:
             more["film_cover"] = normal.cover
         if not look_inside and getattr(self.law, "looks_inside", False):
             more["look_inside"] = False
-        return self.law.update(
+        response = self.law.update(
             kinematics.slip,
             dt,
             normal.pressure,
@@ -293,19 +289,26 @@ class ContactTerm:
             rate_dependent=rate_dependent,
             **more,
         )
+        if not entering.any():
+            return response
+        return _entered(response, entering, kinematics.slip, self.law.stored_energy(response.state))
 
     def anchor(self, nodes: Floats) -> Anchor:
         """Places of the last converged step on the master's current ``nodes`` (n, i), m."""
         state = self.state
         foot, tangents = self.surface.target.places(state.facet, state.xi, nodes)
-        image = np.einsum("qb,qbi->qi", state.slip_components, tangents)
+        foot = foot + np.einsum("qb,qbi->qi", state.ahead, tangents)
+        components = state.slip_components
         brought = brought_along(self) if self.neighbours else None
         if brought is None:
-            return Anchor(foot, image, state.slip_length)
+            image = np.einsum("qb,qbi->qi", components, tangents)
+            return Anchor(foot, components, image, state.slip_length)
         before, taken = brought
+        components = np.where(taken[:, None], 0.0, components)
+        image = np.einsum("qb,qbi->qi", components, tangents)
         image = np.where(taken[:, None], before.elastic_slip, image)
         length = np.linalg.norm(before.elastic_slip, axis=1)
-        return Anchor(foot, image, np.where(taken, length, state.slip_length))
+        return Anchor(foot, components, image, np.where(taken, length, state.slip_length))
 
     def commit(self, trial: ContactTrial) -> None:
         """Make a converged trial the state that the next step starts from."""
@@ -313,11 +316,20 @@ class ContactTerm:
         slip = trial.response.state.elastic_slip
         metric = np.einsum("qai,qbi->qab", at.tangents, at.tangents)
         covariant = np.einsum("qai,qi->qa", at.tangents, _on_facet(slip, at))
+        components, length = solve_small(metric, covariant), np.linalg.norm(slip, axis=1)
+        ahead = np.zeros_like(at.xi)
+        if trial.slave_tangents is not None:
+            opened = trial.pressure <= 0.0
+            there, way = opposite(at, trial.position, trial.slave_tangents)
+            ahead = np.where(opened[:, None], there, 0.0)
+            components = np.where((opened & (way > 0.0))[:, None], there, components)
+            length = np.where(opened, way, length)
         self.state = ContactState(
             facet=at.facet,
-            xi=self._anchored(trial, metric),
-            slip_components=solve_small(metric, covariant),
-            slip_length=np.linalg.norm(slip, axis=1),
+            xi=at.xi,
+            ahead=ahead,
+            slip_components=components,
+            slip_length=length,
             gap=np.where(at.on_surface, at.gap, np.inf),
             area_ratio=trial.area_ratio,
             share=self.state.share if trial.faded is None else trial.faded.share,
@@ -326,21 +338,6 @@ class ContactTerm:
             friction_traction=trial.response.traction,
         )
         self._last = None
-
-    def _anchored(self, trial: ContactTrial, metric: Floats) -> Floats:
-        """Coordinates ξ (q, α) of the material places that the next slip is measured from.
-
-        A point over another master is opposite a place past the end of this one, as if its last
-        facet went on: when it comes over this master the whole way that it has made counts.
-        """
-        at, target = trial.projection, self.surface.target
-        if not self.neighbours or not isinstance(target, FacetSurface) or target.shape.degree > 1:
-            return at.xi
-        rows = np.nonzero(~at.on_surface & at.clamped)[0]
-        xi = at.xi.copy()
-        apart = np.einsum("qai,qi->qa", at.tangents, trial.position - at.foot)
-        xi[rows] += solve_small(metric[rows], apart[rows])
-        return xi
 
     def renew(self, active: bool | None = None, law: FrictionLaw | None = None) -> None:
         """Take what a stage or a program of time has changed, from the next evaluation on.
@@ -425,6 +422,29 @@ def carried_by(surface: ContactSurface, values: Floats) -> Carried | None:
     if not isinstance(master, RigidMaster) or master.motion is None:
         return None
     return Carried.at(master.motion, values[surface.first_master :])
+
+
+def _entered(
+    response: FrictionResponse, entering: Bools, slip: Floats, stored: Floats
+) -> FrictionResponse:
+    """The work of points that come over the end: nothing was stored in the way up to there.
+
+    Args:
+        response: the law's.
+        entering: (q,) such points.
+        slip: (q, i), m, of the step.
+        stored: (q,), J/m², after it.
+    """
+    parts = response.dissipation
+    rest = np.einsum("qi,qi->q", response.traction, slip) - stored - parts.coulomb - parts.viscous
+    return replace(
+        response,
+        dissipation=replace(
+            parts,
+            switching=np.where(entering, 0.0, parts.switching),
+            numerical=np.where(entering, rest, parts.numerical),
+        ),
+    )
 
 
 def _without_stiffness(response: FrictionResponse) -> FrictionResponse:

@@ -16,7 +16,8 @@ undeformed are no open ends: nothing fades there.
 
 A point that was pressed by another master, and comes over this one, brings its friction along:
 elastic slip, slip path, film fraction and speed, if both laws are of one kind and both contacts
-have the same points. Its slip is measured as if this master had gone on below it.
+have the same points. Its slip is measured as if this master had gone on below it; what comes from
+nowhere begins with the elastic slip that takes the way up to this master away.
 """
 
 from __future__ import annotations
@@ -122,12 +123,12 @@ def brought_along(
         The state, and the points (q,) whose history comes from another master; None without any.
     """
     state = term.state.friction
-    taken = np.zeros(len(state.closed), dtype=bool)
+    taken: Bools = np.zeros(len(state.closed), dtype=bool)
     for neighbour in term.neighbours:
         theirs = neighbour.term.state.friction
         if not neighbour.same_points:
             continue
-        take = theirs.closed & ~state.closed & ~taken
+        take = theirs.closed & ~state.closed
         if take.any():
             mine, other = state.arrays(), theirs.arrays()
             state = type(state).from_arrays(

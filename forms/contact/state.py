@@ -163,7 +163,12 @@ class ContactState:
 
     Attributes:
         facet: (q,) and xi: (q, α): the master material point Ȳ_n.
-        slip_components: (q, α), e^α = τ^α·g_e on that facet; slip_length: (q,), m, L = |g_e|.
+        ahead: (q, α), the way from there to the place that an open point is opposite
+            (:func:`tribox.forms.contact.kinematics.opposite`), in components of the tangents; 0 of
+            closed points.
+        slip_components: (q, α), e^α = τ^α·g_e on that facet; slip_length: (q,), m, L = |g_e|. Of an
+            open point past the end, which the asperities touch from there on only, the way ahead:
+            it takes the slip up to the end away.
         gap: (q,), m; +inf where there was no projection on the surface.
         area_ratio: (q,) area ratio da/dA of the slave surface.
         share: (q,) and sunk: (q,), J/m²: see :mod:`tribox.forms.contact.fading`.
@@ -172,6 +177,7 @@ class ContactState:
 
     facet: Ints
     xi: Floats
+    ahead: Floats
     slip_components: Floats
     slip_length: Floats
     gap: Floats
@@ -180,6 +186,32 @@ class ContactState:
     sunk: Floats
     friction: FrictionState
     friction_traction: Floats
+
+    @classmethod
+    def undeformed(
+        cls, at: Projection, ahead: Floats, way: Floats, friction: FrictionState
+    ) -> ContactState:
+        """Before the first step: all points are open.
+
+        Args:
+            at: the points (q,) on the master.
+            ahead: (q, α), and
+            way: (q,), m, see :func:`tribox.forms.contact.kinematics.opposite`.
+            friction: the law's state.
+        """
+        return cls(
+            facet=at.facet,
+            xi=at.xi,
+            ahead=ahead,
+            slip_components=np.where(way[:, None] > 0.0, ahead, 0.0),
+            slip_length=way,
+            gap=np.where(at.on_surface, at.gap, np.inf),
+            area_ratio=np.ones(len(way)),
+            share=np.where(at.on_surface, 1.0, 0.0),
+            sunk=np.zeros(len(way)),
+            friction=friction,
+            friction_traction=np.zeros_like(at.foot),
+        )
 
 
 @dataclass(slots=True)
@@ -198,6 +230,8 @@ class ContactTrial:
         carried: how the control points of a tool follow its unknowns; None: no tool.
         pull: (v, i), Pa, s_A of a tie, and moved: (n, i), m, the displacements it is of; None of
             others.
+        slave_tangents: (q, α, i), current, of the slave facets; None of ties, and where steps are
+            so short that closest points serve as the places opposite.
         faded: (q,) and more of points at the end of the master; None point by point, and of ties.
     """
 
@@ -217,6 +251,7 @@ class ContactTrial:
     pull: Floats | None = None
     moved: Floats | None = None
     faded: Fading | None = None
+    slave_tangents: Floats | None = None
 
     def coupled(self) -> Bools:
         """Points (q,) whose gaps the tractions of some point depend on."""

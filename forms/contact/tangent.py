@@ -169,6 +169,7 @@ class PairTangent:
         self, state: ContactState, trial: ContactTrial, take: Longs
     ) -> tuple[Floats, Longs]:
         """Coefficients (q, r, m) of z = (a, b_α, c, d, f_e) on nodes of the pair (q, m)."""
+        assert trial.anchor is not None
         slave, target = self.surface.slave, self.surface.target
         xi, facet = trial.projection.xi[take], trial.projection.facet[take]
         mine = slave.shape[take]
@@ -182,9 +183,10 @@ class PairTangent:
         rows[:, 1:lead, now] = target.slopes(facet, xi)
         rows[:, lead, :a] = mine
         last = state.facet[take], state.xi[take]
+        slopes = target.slopes(*last)
         rows[:, lead, before] = -target.weights(*last)
-        components = state.slip_components[take]
-        rows[:, lead + 1, before] = np.einsum("qb,qbm->qm", components, target.slopes(*last))
+        rows[:, lead, before] -= np.einsum("qb,qbm->qm", state.ahead[take], slopes)
+        rows[:, lead + 1, before] = np.einsum("qb,qbm->qm", trial.anchor.components[take], slopes)
         nodes = [self.surface.slave_rows[take], *map(self._master_rows, (facet, last[0]))]
         if trial.projection.rays is None:
             return rows, np.concatenate(nodes, axis=1)

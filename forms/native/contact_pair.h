@@ -5,7 +5,8 @@
  * the closest points on the candidate facets and adds the gaps up at the slave's vertices. From the
  * sums of all ranks the caller finds the vertices' pressures. The second gives pressure, slip
  * against the material point of the last step and transport of the elastic slip. The nodal loads
- * follow the friction law, which is not here.
+ * follow the friction law, which is not here. Steps are so short that closest points serve as the
+ * places that open points are opposite.
  */
 
 #include <math.h>
@@ -245,14 +246,14 @@ static void press(Pair *p, int64_t q)
     p->lost[q] = (share > 0.0 ? mean : sunk_before) * (share - before);
 }
 
-/* Slip and elastic slip. */
+/* Slip, of closed points, and elastic slip. */
 static void relate(Pair *p, int64_t q)
 {
     Vector n = at(p->normal, q), tangents[ALONG], image = {{0.0}};
     p->gap_after[q] = p->on_surface[q] ? p->gap[q] : INFINITY;
     Vector anchor = place_on(p, p->facet_before[q], p->xi_before + ALONG * q, tangents);
     Vector here = p->clamped[q] ? at(p->foot, q) : at(p->position, q);
-    put(p->slip, q, in_plane(n, less(here, anchor)));
+    put(p->slip, q, times(p->closed[q] ? 1.0 : 0.0, in_plane(n, less(here, anchor))));
     for (int b = 0; b < ALONG; ++b)
         image = plus(image, p->component_before[ALONG * q + b], tangents[b]);
     image = in_plane(n, image);

@@ -43,9 +43,9 @@ typedef struct {
      * none; (q, i) traction and the law's derivatives, (q, i, j) and (q, i). */
     const double *position, *foot, *spring, *pressure_slope, *traction, *by_slip, *by_elastic;
     const double *by_pressure;
-    /* State of the last step: (q), (q, 2), (q, 2), (q, i), (q, i), (q). */
+    /* State of the last step: (q), (q, 2), (q, 2), (q, 2), (q, i), (q, i), (q). */
     const int32_t *facet_before;
-    const double *xi_before, *components, *anchor, *image, *slip_length;
+    const double *xi_before, *ahead, *components, *anchor, *image, *slip_length;
 } Pair;
 
 /* A sparse matrix of unknowns, rows in ascending order of columns; first unknown of each of the
@@ -286,11 +286,14 @@ INLINE void add_point_of(const Pair *p, int64_t q, int64_t a, int64_t m, int fol
     double w[MOVERS], s[2][MOVERS], before[MOVERS], slope[2][MOVERS];
     double dt[DIM][ALL], d_xi[2][NOW], v[DIM][WIDTH], e[2][WIDTH], f[WIDTH];
     const double *shape = p->shape + a * q, *parts = p->components + 2 * q;
+    const double *ahead = p->ahead + 2 * q;
     vary_traction(p, q, dt, d_xi);
     shares_at(p, p->facet[q], p->xi + 2 * q, w, s);
     shares_at(p, p->facet_before[q], p->xi_before + 2 * q, before, slope);
-    for (int64_t k = 0; k < m; ++k)
+    for (int64_t k = 0; k < m; ++k) {
+        before[k] += ahead[0] * slope[0][k] + ahead[1] * slope[1][k];
         slope[0][k] = parts[0] * slope[0][k] + parts[1] * slope[1][k];
+    }
     for (int i = 0; i < DIM; ++i) {
         const double *c = dt[i];
         for (int64_t k = 0; k < a; ++k)

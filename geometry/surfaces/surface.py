@@ -260,17 +260,21 @@ class ContactSurface:
         moved: Floats = np.einsum("qa,qai->qi", self.slave.shape, displacement)
         return self.slave.position + moved
 
+    def slave_tangents(self, displacement: Floats) -> Floats:
+        """Current tangents (q, α, i) of the slave facets from nodal displacements (q, a, i)."""
+        now: Floats = self.slave.tangents.copy()
+        slope = self.slave.shape_derivative
+        for a in range(slope.shape[2]):  # few; a sum over all at once takes ten times as long
+            now += slope[:, :, a, None] * displacement[:, None, a]
+        return now
+
     def slave_area_ratio(self, displacement: Floats) -> Floats:
         """Area ratio da/dA (q,) of the slave surface from nodal displacements (q, a, i).
 
         The current tangents t_α = T_α + ∂u/∂T_α span the area |t_1| or |t_1 × t_2|; a ring also
         grows by r/R.
         """
-        now = self.slave.tangents.copy()
-        slope = self.slave.shape_derivative
-        for a in range(slope.shape[2]):  # few; a sum over all at once takes ten times as long
-            now += slope[:, :, a, None] * displacement[:, None, a]
-        ratio: Floats = _measure(now)
+        ratio: Floats = _measure(self.slave_tangents(displacement))
         if self.axisymmetric:
             ratio *= self.slave_positions(displacement)[:, 0] / self.slave.position[:, 0]
         return ratio

@@ -6,6 +6,7 @@ The cases are as small as they can be with stick, slip, film and lift-off in the
 from __future__ import annotations
 
 import json
+import math
 import tomllib
 from pathlib import Path
 
@@ -113,6 +114,50 @@ duration = "0.1 s"
 steps = 3
 velocity = "1 mm/s"
 """
+# A pad that the other body is dragged over, askew and over its ends, by a fifth in each step.
+OVER = """
+[geometry]
+kind = "two-boxes"
+upper = { width = "1 mm", height = "0.3 mm", depth = "0.5 mm", elements = [4, 1, 2] }
+lower = { width = "3 mm", height = "0.3 mm", depth = "1 mm", elements = [18, 1, 7] }
+[bodies]
+elastomer = { material = "neo-hookean", E = "50 MPa", nu = 0.3 }
+aluminium = { material = "hencky", E = "70 GPa", nu = 0.3 }
+[[boundary]]
+surface = "top"
+displacement = { x = 0, y = [["0 s", 0], ["1 s", "-5 um"]], z = 0 }
+[[boundary]]
+surface = "bottom"
+displacement = { x = [["1 s", 0], ["2 s", "0.4 mm"]], y = 0, z = [["1 s", 0], ["2 s", "0.1 mm"]] }
+[[stage]]
+name = "press"
+duration = "1 s"
+steps = 1
+rate_dependent = false
+[[stage]]
+name = "slide"
+duration = "1 s"
+steps = 2
+[output]
+figures = false
+[[contact]]
+slave = "aluminium_contact"
+master = "elastomer_contact"
+film = { thickness = "1 um" }
+[contact.friction]
+law = "friction-map"
+preset = "friction-map"
+mu_s = 0.1
+mu_d = 0.1
+A_d = "1 um"
+B = "1e6 1/m"
+K_T = "1e12 Pa/m"
+alpha = 0.5
+V_star = "1 mm/s"
+V_star_at = "10 nm"
+D_max = "1 um"
+eta_b = "0.8 Pa*s"
+"""
 # Pressed, dragged to and fro, and lifted off altogether.
 LIFTED = """
 [[boundary]]
@@ -194,12 +239,13 @@ CASES = {
     "plane-lifted": BLOCKS + BODIES + COULOMB + _plane(LIFTED) + KRYLOV,
     "rings": _DEEP + BODIES + COULOMB + PRESSED + APART,
     "hexes-film": BOXES + BODIES + FILM + PLATEN + TIGHT,
+    "hexes-over": OVER + TIGHT,
     "hexes-lifted": BOXES + BODIES + COULOMB + LIFTED + KRYLOV,
     "tets-lifted": _TETS + BODIES + COULOMB + LIFTED + APART,
     "rings-explicit": _RINGS + BODIES + COULOMB + _ROUND,
     "hexes-explicit": BOXES + BODIES + STEADY_FILM + THROWN,
 }
-SLIDING = ("plane-steady", "plane-explicit")  # the others lift off
+SLIDING = ("plane-steady", "plane-explicit", "hexes-over")  # the others lift off
 # Beside one rank. Explicit steps make ranks wait for each other many times each.
 RANKS = dict.fromkeys(CASES, (3,)) | {"rings-explicit": (2,), "hexes-explicit": (2,)}
 LONG = dict.fromkeys(CASES, (2, 4)) | {
@@ -278,6 +324,14 @@ def test_history(results, case, ranks):
         for name in (*PHYSICAL, *RESULTANTS)
     }
     assert {n: v for n, v in apart.items() if v > SAME * largest(alone, n)} == {}
+
+
+def test_a_film_acts_at_once_on_points_that_come_over_an_end_in_space(results):
+    """T = η_b V A/D in steps of a fifth of the contact."""
+    speed = math.hypot(0.4e-3, 0.1e-3)
+    for row in rows_of(results, "hexes-over")[-2:]:
+        film = 0.8 * speed * row["contact_area"] / 1e-6
+        assert row["friction_force"] == pytest.approx(film, rel=5e-3)
 
 
 @pytest.mark.parametrize(("case", "ranks"), sharing(["plane-explicit"]))

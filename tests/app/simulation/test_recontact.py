@@ -13,11 +13,13 @@ import pytest
 from mpi4py import MPI
 
 from benchmarks.curved_contact.shapes import ridge
+from tests.rectangles import Rectangle, Rectangles
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.simulation.history import Row
 from tribox.app.simulation.observer import Observer
 from tribox.app.simulation.simulation import Simulation
+from tribox.geometry.meshes.gmsh_model import write_msh
 
 MM = 1e-3
 
@@ -152,3 +154,94 @@ def test_block_is_dragged_over_a_ridge_by_much_friction(block, tmp_path, degrees
     # load's: T is mu times the load to the last digit.
     assert run.rows[-1].stick_fraction == 0.0
     assert run.rows[-1].tangential_force == pytest.approx(0.5 * load_of(run), rel=1e-6)
+
+
+# -- what the slip of points that come into contact is measured from -------------------------------
+
+
+def test_equal_cylinders_do_not_rub():
+    """Pressed on each other they spread alike: no friction, however few the steps."""
+    data = tomllib.loads(Path("cases/hertz-two-cylinders.toml").read_text())
+    data["geometry"] |= {"contact_size": "40 um", "growth": 2.0}
+    data["boundary"][1]["displacement"]["y"] = [["0 s", "0 um"], ["1 s", "-10 um"]]
+    data["stage"][0]["steps"] = 5
+    last = simulate(data)[0].rows[-1]
+    assert last.normal_force > 0.0
+    assert last.friction_force < 1e-3 * last.normal_force
+
+
+FILM = """
+geometry = { mesh = "MESH" }
+contact = [{ slave = "strip_top", master = "pad_bottom", film = { thickness = "1 um" } }]
+boundary = [
+    { surface = "pad_top", displacement = { x = 0, y = [["0 s", 0], ["1 s", "-5 um"]] } },
+    { surface = "strip_bottom", displacement = { x = [["1 s", 0], ["2 s", "0.6 mm"]], y = 0 } },
+]
+stage = [
+    { name = "press", duration = "1 s", steps = 1, rate_dependent = false },
+    { name = "slide", duration = "1 s", steps = 3 },
+]
+[bodies]
+strip = { material = "hencky", E = "70 GPa", nu = 0.3 }
+pad = { material = "neo-hookean", E = "50 MPa", nu = 0.3 }
+[law]
+law = "friction-map"
+preset = "friction-map"
+mu_s = 0.1
+mu_d = 0.1
+A_d = "1 um"
+B = 1e6
+K_T = "1e12 Pa/m"
+alpha = 0.5
+V_star = "1 mm/s"
+V_star_at = "10 nm"
+D_max = "1 um"
+eta_b = "0.8 Pa*s"
+"""
+
+
+def slid_over_the_end(directory: Path, contact: dict, formulation: str = "q1-sri") -> list[Row]:
+    """Rows of a strip dragged over the ends of a pad by a fifth of the contact in each step."""
+    mesh = directory / "strip.msh"
+    bodies = {
+        "strip": Rectangle(-2e-3, -0.4e-3, 2e-3, 0.0, (40, 1)),
+        "pad": Rectangle(0.0, 0.0, 1e-3, 0.3e-3, (10, 2)),
+    }
+    write_msh(Rectangles(bodies), mesh)
+    data = tomllib.loads(FILM.replace("MESH", str(mesh)))
+    data["contact"][0] |= {"friction": data.pop("law")} | contact
+    for body in data["bodies"].values():
+        body["formulation"] = formulation
+    run, cuts = simulate(data)
+    assert cuts == 0
+    return run.rows
+
+
+def dissipated(rows: list[Row]) -> float:
+    """What is dissipated in the last two steps over the work of the last tangential force."""
+    start, end = rows[-3], rows[-1]
+    work = abs(end.tangential_force) * (end.time - start.time) * 0.6e-3
+    return (end.dissipation - start.dissipation) / work
+
+
+@pytest.mark.parametrize(
+    ("contact", "formulation"),
+    [({}, "q1-sri"), ({"smoothing_angle": "30 deg"}, "q1-sri"), ({}, "q2")],
+    ids=["facets", "smooth", "q2"],
+)
+def test_a_film_acts_at_once_on_points_that_come_over_the_end(tmp_path, contact, formulation):
+    """T = η_b V A/D, and its work is dissipated, in steps of a fifth of the contact."""
+    rows = slid_over_the_end(tmp_path, contact, formulation)
+    for row in rows[-2:]:
+        film = 0.8 * 0.6e-3 * row.contact_area / 1e-6
+        assert abs(row.tangential_force) == pytest.approx(film, rel=5e-3)
+    assert dissipated(rows) == pytest.approx(1.0, rel=5e-3)
+
+
+def test_dry_points_that_come_over_the_end_dissipate_the_work_of_the_step(tmp_path):
+    """Their springs have nothing of the way up to there."""
+    dry = {"friction": {"law": "coulomb", "mu": 0.2, "K_T": "1e11 Pa/m"}, "film": None}
+    rows = slid_over_the_end(tmp_path, dry)
+    # Those that have come over by less than the spring's give stick.
+    assert rows[-1].friction_coefficient == pytest.approx(0.2, rel=1e-3)
+    assert dissipated(rows) == pytest.approx(1.0, rel=5e-3)

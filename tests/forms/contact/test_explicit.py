@@ -115,7 +115,10 @@ def residual(term, trial, size):
 @pytest.mark.parametrize("kind", get_args(PressureKind))
 @pytest.mark.parametrize("name", LAWS)
 def test_the_same_contact_along_a_path(pair, name, kind, compiled):
-    """Positions, projections, slip, elastic slip, law, loads and history of every step."""
+    """Positions, projections, slip, elastic slip, law, loads and history of every step.
+
+    Explicit steps are so short that closest points serve as the places opposite.
+    """
     blocks = pair(lower=(5, 2))
     law, film = LAWS[name]
     surface = blocks.surface()
@@ -158,9 +161,10 @@ def test_the_same_contact_along_a_path(pair, name, kind, compiled):
         seen |= {("closes", bool((closes & np.isfinite(reference.state.gap)).any()))}
         seen |= {("closes from nowhere", bool((closes & np.isinf(reference.state.gap)).any()))}
         seen |= {("open beneath a pressure", bool(((expected.pressure > 0) & (at.gap > 0)).any()))}
+        expected.slave_tangents = None
         reference.commit(expected)
         contact.commit()
-        for part in ("facet", "xi", "slip_components", "slip_length", "gap", "area_ratio"):
+        for part in ("facet", "xi", "ahead", "slip_components", "slip_length", "gap", "area_ratio"):
             mine, theirs = (getattr(t.state, part) for t in (contact.term, reference))
             np.testing.assert_allclose(mine, theirs, atol=1e-11, err_msg=f"{part}, step {step}")
     assert {("clamped", True), ("off", True), ("closes", True)} <= seen

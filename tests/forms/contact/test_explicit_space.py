@@ -16,7 +16,10 @@ from tribox.forms.contact.pressure import PressureKind
 from tribox.geometry.surfaces.exchange import NodalVector
 
 PROJECTION = ("facet", "xi", "foot", "normal", "tangents", "gap", "clamped", "on_surface")
-STATE = ("facet", "xi", "slip_components", "slip_length", "gap", "area_ratio", "share", "sunk")
+STATE = (
+    *("facet", "xi", "ahead", "slip_components", "slip_length", "gap", "area_ratio"),
+    *("share", "sunk"),
+)
 
 
 def path():
@@ -89,6 +92,7 @@ def test_the_same_contact_along_a_path(shape, law, kind):
         seen["at a corner"] |= bool((at.clamped & ~at.along.any(axis=1)).any())
         seen["past the end"] |= bool((~at.on_surface).any())
         seen["far"] |= bool(len(reference.surface.target.search._far))
+        expected.slave_tangents = None  # explicit steps are so short that closest points serve
         reference.commit(expected)
         contact.commit()
         compare(contact.term.state, reference.state, STATE, step)

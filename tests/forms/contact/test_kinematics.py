@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tribox.forms.contact.kinematics import Anchor, relate, vary
+from tribox.forms.contact.kinematics import Anchor, opposite, relate, vary
 from tribox.forms.contact.pressure import PointwisePressure
 from tribox.forms.contact.state import AS_IS
 from tribox.geometry.surfaces.facets import facet_shape
@@ -46,6 +46,7 @@ class Scene:
         tangents = np.einsum("qba,qai->qbi", SEGMENT.first(self.xi), ends)
         anchor = Anchor(
             foot=np.einsum("qa,qai->qi", SEGMENT.values(self.xi), ends),
+            components=self.components,
             slip_image=np.einsum("qb,qbi->qi", self.components, tangents),
             slip_length=self.length,
         )
@@ -250,6 +251,7 @@ class Triangle:
         )
         anchor = Anchor(
             foot=nodes[0] + self.xi_before @ tau,
+            components=self.components,
             slip_image=self.components @ tau,
             slip_length=self.length,
         )
@@ -290,3 +292,32 @@ def test_variations_with_two_surface_directions():
             np.testing.assert_allclose(
                 exact, difference, rtol=0, atol=2e-7 * np.abs(difference).max()
             )
+
+
+# -- open points ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_open_points_of_equal_bodies_are_opposite_their_images(sign):
+    """A straight master falls by 0.2 radians, its image rises; also past its end, at x = 1."""
+    fall = np.array([np.cos(0.2), -np.sin(0.2)])
+    image = np.array([1.0, -1.0])
+    along = np.array([0.3, 0.8, 1.3])
+    points = along[:, None] * fall * image + [0.0, 0.3]
+    line = FacetSurface(SEGMENT, np.array([[0, 1]], dtype=np.int32), np.array([[0.0, 0.0], fall]))
+    at = line.project(points, np.array([[0.0, 0.0], fall]))
+    ahead, way = opposite(at, points, np.tile(sign * fall * image, (3, 1, 1)))
+    np.testing.assert_allclose(at.xi[:, 0] + ahead[:, 0], along, atol=1e-14)
+    assert not np.allclose(ahead[:2], 0.0)
+    np.testing.assert_array_equal(at.on_surface, [True, True, False])
+    np.testing.assert_allclose(way, [0.0, 0.0, 0.3], atol=1e-14)
+
+
+def test_where_surfaces_do_not_face_each_other_closest_points_serve():
+    nodes = np.array([[0.0, 0.0], [1.0, 0.0]])
+    points = np.array([[0.4, 0.1], [1.3, 0.1]])
+    at = FacetSurface(SEGMENT, np.array([[0, 1]], dtype=np.int32), nodes).project(points, nodes)
+    ahead, way = opposite(at, points, np.tile([0.1, 1.0], (2, 1, 1)))
+    # Past the end the place is that below the point.
+    np.testing.assert_allclose(at.xi[:, 0] + ahead[:, 0], points[:, 0], atol=1e-14)
+    np.testing.assert_allclose(way, [0.0, 0.3], atol=1e-14)
