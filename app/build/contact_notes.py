@@ -173,8 +173,9 @@ def notes_on_penalty(
     if explicit and factor * ratio > (1.0 + 1e-9) * CHATTER:
         yield (
             f"contact.{index}: a penalty of penalty_factor = {factor:.4g}, {factor * ratio:.3g} "
-            "times the oedometric modulus over the length of a facet, shortens explicit steps and "
-            f"lets nodes chatter; {1.0 / ratio:.2g} to {3.0 / ratio:.2g} is stiff enough for most"
+            "times the oedometric modulus over the length of a facet, shortens explicit steps, and "
+            "its dashpots take what the nodes at the surface bring to an impact; "
+            f"{1.0 / ratio:.2g} to {3.0 / ratio:.2g} is stiff enough for most"
         )
     note = penalty_note(index, factor, pressure)
     if note is not None:

@@ -37,7 +37,8 @@ class Energies:
 
     Attributes:
         work: J/m, of supports, platens and loads, this rank's part.
-        damped: J/m, taken by mass-proportional damping, this rank's part.
+        damped: J/m, taken by mass-proportional damping and the contacts' dashpots, this rank's
+            part.
     """
 
     def __init__(
@@ -81,7 +82,7 @@ class Energies:
         Args:
             forces: from outside, at the end of the step.
             motion: what made the step.
-            damped: J/m, what the damping took in it.
+            damped: J/m, what damping and dashpots took in it.
         """
         state, last = self._state, self._forces
         self.damped += damped

@@ -17,6 +17,7 @@ from petsc4py import PETSc
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.load_residuals import foundation_springs, load_residuals
+from tribox.app.equilibrium.pair_bodies import bodies_of
 from tribox.app.equilibrium.places import place_text
 from tribox.app.equilibrium.snapshot import AtPoints, Local, Nodal, Snapshot, of_bodies, of_contacts
 from tribox.app.explicit.energies import Energies, LoadForces
@@ -29,6 +30,7 @@ from tribox.app.explicit.options import ExplicitOptions, MassScaling
 from tribox.app.explicit.stable_step import StableStep, StableSteps, StepEstimate, Stiffness
 from tribox.app.explicit.state import ExplicitState
 from tribox.forms.bodies.internal_force import InternalForce
+from tribox.forms.bodies.materials import oedometric_modulus
 from tribox.forms.contact.explicit_compiled import explicit_contact
 from tribox.forms.contact.law_faults import has_fault, law_fault, law_not_finite
 from tribox.forms.contact.state import ContactTrial
@@ -120,6 +122,9 @@ class ExplicitStepper:
         stiffness = Stiffness(dynamics, self.internal, self.state.u, problem.space, pairs)
         stable_steps = StableSteps(stiffness, problem.space, film=not implicit)
         self._estimate = StepEstimate(stable_steps, options.reestimate_every)
+        softer = [bodies_of(problem, term).softer.material for term in problem.contacts]
+        self._moduli = [oedometric_modulus(material) for material in softer]
+        self._set_dashpots()
         stored = self.energies.stored(trials)
         self._watch = EnergyWatch(problem, options.energy_limit, stored)
 
@@ -187,7 +192,7 @@ class ExplicitStepper:
                 error = self._invalid(dt)
                 self._motion.take_back(dt)
                 raise error
-            self._commit(dt, damped, trials)
+            self._commit(dt, damped + sum(contact.lost for contact in self.contacts), trials)
 
     def _constrain(self) -> None:
         """Take supports in that act from now on, and let go of those that do no longer; collective.
@@ -224,10 +229,18 @@ class ExplicitStepper:
         problem.trials = problem.committed = trials
         self.loads = self._loads()
         self.energies.add_step(self.loads, self._motion, damped)
+        if state.steps % self.options.reestimate_every == 0:
+            self._set_dashpots()
         if state.steps % self.options.check_every == 0:
             stored = self.energies.stored(trials)
             work = self.energies.work_of_all_ranks()
             self._watch.check(stored, work, state.time, self.energies.twice_kinetic())
+
+    def _set_dashpots(self) -> None:
+        """Fit the contacts' dashpots to the masses they now lie between; collective."""
+        scratch = NodalVector(self.problem.space)
+        for contact, modulus in zip(self.contacts, self._moduli, strict=True):
+            contact.set_dashpots(modulus, self.dynamics.inverse, scratch)
 
     def _forces(self, dt: float) -> tuple[list[ContactTrial], bool]:
         """Forces and accelerations at the present displacements; collective.
@@ -289,6 +302,7 @@ class ExplicitStepper:
         vectors = {name: Nodal(getattr(state, name).owned) for name in ("u", "v", "a")}
         films = [c.film_arrays() for c in self.contacts]
         places = [c.searched_at for c in self.contacts]
+        dashpots = [(c.by_points, c.dashpot_arrays()) for c in self.contacts]
         return {
             **vectors,
             "residual": Nodal(self._residual.owned),
@@ -301,6 +315,10 @@ class ExplicitStepper:
             "films": [
                 {name: AtPoints(pair, a) for name, a in film.items()}
                 for pair, film in enumerate(films)
+            ],
+            "dashpots": [
+                {name: AtPoints(pair, a) if by_points else a for name, a in arrays.items()}
+                for pair, (by_points, arrays) in enumerate(dashpots)
             ],
             "searches": Local(
                 {
@@ -344,6 +362,8 @@ class ExplicitStepper:
         self._residual.owned[:] = kept["residual"]
         self._watch.restore(kept["watch"])
         self._estimate.restore(kept["estimate"])
+        for contact, arrays in zip(self.contacts, kept["dashpots"], strict=True):
+            contact.restore_dashpots(**arrays)
 
     # -- energy -------------------------------------------------------------------------------
 
@@ -354,7 +374,7 @@ class ExplicitStepper:
 
     @property
     def damped(self) -> float:
-        """Energy taken by mass-proportional damping so far, J/m, this rank's part."""
+        """Energy taken by damping and dashpots so far, J/m, this rank's part."""
         return self.energies.damped
 
     def kinetic_energy(self) -> float:

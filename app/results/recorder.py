@@ -24,6 +24,7 @@ from tribox.app.results.run_tables import RunTables
 from tribox.app.results.saving import Reserve, Saving
 from tribox.app.results.versions import versions
 from tribox.app.results.watches import Watches
+from tribox.app.simulation.explicit_stage import notes_on_bouncing
 from tribox.app.simulation.history import Row, energy_gap
 from tribox.app.simulation.inertia import notes_on_inertia
 from tribox.app.simulation.observer import Interval, Observer
@@ -135,6 +136,7 @@ class Recorder(Observer):
             self._look_at_onset(load_step)
         if state.inertia:
             self.warnings += notes_on_inertia(self.model.case, load_step, state.inertia[-1])
+            self.warnings += notes_on_bouncing(state, load_step)
         if steady is False:
             self.warnings.append(
                 f"stage {load_step.label}: not steady after {load_step.stage.max_steps} steps: "

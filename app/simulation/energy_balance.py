@@ -11,8 +11,11 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.snapshot import Nodal, Snapshot
+from tribox.app.equilibrium.snapshot import AtPoints, Nodal, Snapshot
 from tribox.app.simulation.contact_resultants import ContactResultants
+from tribox.forms.contact.penalty import ContactTerm
+from tribox.forms.contact.pressure import AveragedPressure
+from tribox.forms.contact.state import ContactTrial
 from tribox.geometry.surfaces.facets import Floats
 
 _SUMS = (
@@ -28,10 +31,12 @@ class Work:
     Attributes:
         force: owned part of the forces of supports, platens and loads, N/m.
         position: owned unknowns, m.
+        contacts: of each pair gaps, m, and pressures, Pa, of its vertices (v,) or points (q,).
     """
 
     force: Floats
     position: Floats
+    contacts: list[tuple[Floats, Floats]]
 
     @classmethod
     def at(cls, problem: Equilibrium, position: Floats) -> Work:
@@ -43,12 +48,62 @@ class Work:
         ]
         given = np.unique(np.concatenate(moved))  # a platen's displacement may be prescribed
         force[given] += problem.unbalanced[given]
-        return cls(force, position.copy())
+        pairs = zip(problem.contacts, problem.trials, strict=True)
+        contacts = [gaps_and_pressures(term, trial) for term, trial in pairs]
+        return cls(force, position.copy(), contacts)
 
-    def until(self, other: Work, comm: MPI.Comm) -> float:
-        """Work from this state to ``other`` by the trapezoidal rule, J/m; collective."""
+    def until(self, other: Work, problem: Equilibrium) -> float:
+        """Work from this state to ``other``, J/m; collective.
+
+        By the trapezoidal rule, less what that adds where contact begins or ends in between.
+        """
         mean = 0.5 * (self.force + other.force)
-        return float(comm.allreduce(float(mean @ (other.position - self.position))))
+        work = float(mean @ (other.position - self.position))
+        pairs = zip(problem.contacts, self.contacts, other.contacts, strict=True)
+        work -= sum(kinks(term, before, after) for term, before, after in pairs)
+        return float(problem.comm.allreduce(work))
+
+
+def gaps_and_pressures(term: ContactTerm, trial: ContactTrial) -> tuple[Floats, Floats]:
+    """Gaps, m, and pressures, Pa, of a pair's vertices (v,), or point by point (q,).
+
+    Pressures are per area of the slave, whatever part of it other masters have.
+    """
+    normal, at = trial.normal_contact, trial.projection
+    if not _by_vertices(term):
+        return np.where(at.on_surface, trial.kinematics.gap, 0.0), trial.pressure.copy()
+    if normal.gap is None or normal.nodal_pressure is None:
+        none = np.zeros(term.surface.vertices.count)
+        return none, none
+    share = 1.0 if normal.area is None else normal.area / term.surface.vertices.area
+    return normal.gap, normal.nodal_pressure * share
+
+
+def _by_vertices(term: ContactTerm) -> bool:
+    return term.tied or isinstance(term.rule, AveragedPressure)
+
+
+def kinks(term: ContactTerm, before: tuple[Floats, Floats], after: tuple[Floats, Floats]) -> float:
+    """What the trapezoidal rule adds to the work where a pair closes or opens, J/m, of this rank.
+
+    A spring that closes between a gap g and a pressure p takes p²/2K per area, and the rule p g/2
+    more: in truth nothing presses while there is a gap. It takes as much less where one opens.
+    Forces from outside have the same kink.
+
+    Args:
+        term: the pair.
+        before: gaps, m, and pressures, Pa, at the start of a step; after: at its end.
+        after: see before.
+    """
+    if term.tied or not term.active:
+        return 0.0
+    (first, low), (last, high) = before, after
+    closes, opens = (low <= 0.0) & (high > 0.0), (low > 0.0) & (high <= 0.0)
+    density = 0.5 * np.where(closes, high, 0.0) * np.maximum(first, 0.0)
+    density -= 0.5 * np.where(opens, low, 0.0) * np.maximum(last, 0.0)
+    if _by_vertices(term):
+        density = term.surface.vertices.at_points(density)
+    return float(term.surface.slave.weight @ density)
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +112,7 @@ class EnergyFlow:
 
     Attributes:
         work: of supports, platens and loads on the bodies.
-        damping: taken by mass-proportional damping, and by relaxation.
+        damping: taken by mass-proportional damping, contacts' dashpots and relaxation.
         kinetic: kinetic energy at the end.
     """
 
@@ -76,7 +131,8 @@ class EnergyBalance:
         strain, interface: J/m, stored now, less what was stored at the start.
         plastic: J/m since the start, of the bodies' materials; its numerical part, the yield stress
             at the end of a step less the mean over it, is contained in ``numerical`` too.
-        kinetic: J/m, present; damping: J/m taken by mass-proportional damping and relaxation.
+        kinetic: J/m, present; damping: J/m taken by mass-proportional damping, the contacts'
+            dashpots and relaxation.
     """
 
     def __init__(self, problem: Equilibrium, x: PETSc.Vec) -> None:
@@ -120,18 +176,23 @@ class EnergyBalance:
     def add(self, x: PETSc.Vec, resultants: Sequence[ContactResultants]) -> None:
         """Enter the converged step that was evaluated last, at ``x``; collective."""
         now = Work.at(self.problem, x.array_r)
-        self.work += self._last.until(now, self.problem.comm)
+        self.work += self._last.until(now, self.problem)
         self._last = now
         self._enter_contacts(resultants)
 
     def snapshot(self) -> Snapshot:
         """All sums so far."""
+        pairs = zip(self.problem.contacts, self._last.contacts, strict=True)
         return {
             "sums": {name: getattr(self, name) for name in _SUMS},
             "start": list(self._start),
             "flow": list(self._flow),
             "force": Nodal(self._last.force),
             "position": Nodal(self._last.position),
+            "contacts": [
+                arrays if _by_vertices(term) else tuple(AtPoints(pair, a) for a in arrays)
+                for pair, (term, arrays) in enumerate(pairs)
+            ],
         }
 
     def restore(self, kept: Snapshot) -> None:
@@ -140,11 +201,12 @@ class EnergyBalance:
             setattr(self, name, kept["sums"][name])
         self._flow = (kept["flow"][0], kept["flow"][1])
         self._start = (kept["start"][0], kept["start"][1])
-        self._last = Work(kept["force"], kept["position"])
+        contacts = [(gap, pressure) for gap, pressure in kept["contacts"]]
+        self._last = Work(kept["force"], kept["position"], contacts)
 
     @property
     def error(self) -> float:
-        """External work that is neither stored nor dissipated, by the trapezoidal rule, J/m."""
+        """External work that is neither stored nor dissipated, J/m."""
         stored = self.strain + self.interface + self.kinetic - self._initial_kinetic
         dissipated = self.dissipation + self.plastic - self.numerical
         return self.work - stored - dissipated - self.damping

@@ -9,7 +9,10 @@ by step, on each rank by itself, and put together once an interval.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Any
+
+import numpy as np
 
 from tribox.app.build.load_steps import LoadStep, load_steps_of
 from tribox.app.build.model import Model, initial_velocity
@@ -34,6 +37,11 @@ from tribox.geometry.surfaces.facets import Floats
 CHECK_EVERY = 100  # time steps between two looks at the stable step and for an interruption
 MANY_STEPS = 1e6  # time steps of a stage that deserve a word of advice
 MOST_STEPS = 10**9  # time steps of one interval from which the run would never end
+OPEN = 0.15  # share of the area at the start of a stage that may be open in the mean
+LOADED = 0.9  # of the force at the start, from which on the load counts as the same
+# A patch that shrinks evenly loses in all twice what it lacks in the mean; one that goes up and
+# down more than this many times as much flickers.
+FLICKER = 4.0
 
 
 def explicit_options(solver: Solver) -> ExplicitOptions:
@@ -88,6 +96,36 @@ def notes_on_steps(model: Model) -> list[str]:
         if count > MANY_STEPS:
             notes[-1] += ' (shorten it, scale the mass, or give it solver = "implicit")'
     return notes
+
+
+def notes_on_bouncing(state: RunState, load_step: LoadStep) -> Iterator[str]:
+    """Warnings after an explicit load step: contact that flickers while its load stays.
+
+    Args:
+        state: of the run, whose last rows are those of the load step.
+        load_step: the part that has ended.
+    """
+    columns = ("stage", "contact_area", "normal_force")
+    at = [state.pair_columns.index(name) for name in columns]
+    pairs, count = len(state.resultants), state.position.count
+    for index, term in enumerate(state.model.problem.contacts):
+        rows = [tuple(row[i] for i in at) for row in state.pair_rows[index::pairs]]
+        before = [row for row in rows if row[0] != load_step.stage.name]
+        if term.tied or not before:
+            continue
+        first, load = float(before[-1][1]), float(before[-1][2])
+        area = np.array([first, *(row[1] for row in rows[-count:])], dtype=np.float64)
+        force = float(np.mean([row[2] for row in rows[-count:]]))
+        lacks = first - float(area[1:].mean())
+        moved = float(np.abs(np.diff(area)).sum())
+        if lacks > OPEN * first and force > LOADED * load and moved > FLICKER * lacks:
+            yield (
+                f"contact.{index}: stage {load_step.label}: the contact bounces: of the area at "
+                f"the start of the stage {100.0 * (1.0 - lacks / first):.2g} % are closed in the "
+                f"mean, at times {100.0 * area.min() / first:.2g} %, under "
+                f"{100.0 * force / load:.3g} % of the force: viscous friction and film are too "
+                "small by about what is open (a longer ramp, damping, a lower penalty_factor)"
+            )
 
 
 class ExplicitStage:

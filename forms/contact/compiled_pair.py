@@ -26,7 +26,7 @@ _DOUBLES = ("touching", "roundoff", "slack", "tie", "moved")
 _INPUTS = (
     *("weight", "shape", "slope", "reference", "direction", "rows", "master", "facets"),
     *("previous", "next", "around", "around_corner", "across", "across_side", "open"),
-    *("facet_notes", "far_notes", "penalty", "reach"),
+    *("facet_notes", "far_notes", "penalty", "reach", "damping"),
     *("of_point", "vertex_shape", "sums", "nodal_pressure", "active"),
     *("candidate", "searched_points", "searched_nodes", "values", "load"),
 )

@@ -25,10 +25,19 @@ from tribox.forms.contact.carried import Carried
 from tribox.forms.contact.fading import fading
 from tribox.forms.contact.kinematics import relate
 from tribox.forms.contact.penalty import ContactTerm, carried_by
-from tribox.forms.contact.pressure import ROUNDOFF_DEPTH, AveragedPressure
-from tribox.forms.contact.state import AS_IS, ContactTrial
+from tribox.forms.contact.pressure import ROUNDOFF_DEPTH, AveragedPressure, PointwisePressure
+from tribox.forms.contact.state import (
+    AS_IS,
+    ContactMode,
+    ContactTrial,
+    Dashpots,
+    NormalContact,
+)
 from tribox.geometry.surfaces.exchange import NodalVector, SurfaceExchange
 from tribox.geometry.surfaces.facets import Floats, Longs
+
+# Share of critical damping ζ_∞ of the dashpots beside a stiff penalty.
+DAMPING = 0.3
 
 
 def _in_plane(n: Floats, v: Floats) -> Floats:
@@ -43,6 +52,9 @@ class ExplicitContact:
         term: the pair, whose state is kept up to date.
         trial: the pair at the last evaluation.
         film_traction: (q, i), Pa, τ; film: (q,), Pa s/m, c of the last evaluation.
+        dashpots: damping, Pa s/m, and mass, kg/m², of the vertices (v,), or point by point (q,);
+            None: there are none. damped: (v,) or (q,), Pa, their pressure at the last evaluation.
+        lost: J per unit thickness, what they took in the last step, this rank's part.
     """
 
     def __init__(self, term: ContactTerm) -> None:
@@ -58,11 +70,24 @@ class ExplicitContact:
         self._values = np.zeros((len(self.exchange.nodes), dim))
         self._other = np.zeros_like(self._values)
         self._dry = np.zeros((q, dim))
+        self.dashpots: tuple[Floats, Floats] | None = None
+        self.damped: Floats = np.zeros(len(term.rule.penalty))
+        self.lost = 0.0
+        # Of the points of this rank, so that what is added up over vertices counts once.
+        vertices, weight = surface.vertices, surface.slave.weight
+        own = np.zeros(vertices.count)
+        np.add.at(own, vertices.of_point, vertices.shape * weight[:, None])
+        self._own_area: Floats = weight if self.by_points else own
 
     @property
     def searches(self) -> int:
         """How often candidate facets were searched for."""
         return self.term.surface.target.search.searches
+
+    @property
+    def by_points(self) -> bool:
+        """Whether each point has a pressure of its own, not each vertex of the slave."""
+        return isinstance(self.term.rule, PointwisePressure)
 
     def film_arrays(self) -> dict[str, Floats]:
         """What is carried from step to step beside the state of the pair: (q, …), in place."""
@@ -93,16 +118,17 @@ class ExplicitContact:
                 :meth:`correct_film` may follow.
         """
         self.exchange.gather(u, self._values)
-        term, surface = self.term, self.term.surface
+        term, surface, mode = self.term, self.term.surface, self._mode(dt)
         slave = self._values[self.exchange.slave_rows]
         points = surface.slave_positions(slave)
         nodes = surface.master_positions(self._values)
         averaged = isinstance(term.rule, AveragedPressure)
         term.leave_to_others()
         projection = surface.project(points, nodes, fading=averaged)
-        normal = term.rule.evaluate(projection, AS_IS, ROUNDOFF_DEPTH)
+        normal = term.rule.evaluate(projection, mode, ROUNDOFF_DEPTH)
         if not term.active:
             normal = normal.opened()
+        self._enter_damping(normal, projection.gap, mode)
         kinematics = relate(points, projection, term.anchor(nodes), normal.closed)
         film = term.film.at(normal.pressure)[0]
         term.cover_rim(normal, projection)
@@ -289,13 +315,84 @@ class ExplicitContact:
             inverse_mass: (n,), 1/m of the owned unknowns, 0 at constrained ones.
             work: scratch.
         """
+        self.compliance[:] = self._compliance(inverse_mass, work)
+
+    def _compliance(self, inverse_mass: Floats, work: NodalVector) -> Floats:
         work.owned[:] = 0.0
         self.spread_weights(0.5, work)
         work.owned[:] *= inverse_mass
         self.exchange.gather(work, self._values)
         rows, share = self._shares()
         per_node = self._values.max(axis=1)
-        self.compliance[:] = np.einsum("qm,qm->q", share, per_node[rows])
+        out: Floats = np.einsum("qm,qm->q", share, per_node[rows])
+        return out
+
+    # -- dashpots -------------------------------------------------------------------------------
+
+    def set_dashpots(self, modulus: float, inverse_mass: Floats, work: NodalVector) -> None:
+        r"""Give the penalty dashpots, from the next step on; collective.
+
+        .. math:: \zeta = \zeta_\infty \langle 1 - 2 M/(K h) \rangle
+
+        of critical damping. Central differences need 4 − Δt² ω² − 4 ζ Δt ω_c > 0 with the frequency
+        ω_c of the contact and ω of contact and elements. At Δt ω_c = √2, the limit for contacts
+        that open and close, that is ζ < (2 − (ω/ω_c)²)/√8, or ζ < 1/√8 beside stiff contacts, where
+        ω is ω_c. Beside soft ones the elements take that room. So dashpots shorten no step.
+
+        Args:
+            modulus: M, Pa, of the softer body; its elements answer to waves with M/h.
+            inverse_mass: (n,), 1/m of the owned unknowns, 0 at constrained ones.
+            work: scratch.
+        """
+        rule, slave = self.term.rule, self.term.surface.slave
+        give, length = self._compliance(inverse_mass, work), slave.facet_length
+        if isinstance(rule, AveragedPressure):
+            length = rule.vertices.length
+            give = rule.vertices.sums(slave.weight * give) / rule.vertices.area
+        mass = np.divide(1.0, give, out=np.zeros_like(give), where=give > 0.0)
+        ratio = DAMPING * np.maximum(1.0 - 2.0 * modulus / (rule.penalty * length), 0.0)
+        self.dashpots = 2.0 * ratio * np.sqrt(rule.penalty * mass), mass
+
+    def dashpot_arrays(self) -> dict[str, Floats]:
+        """What is known of the dashpots: (v,), the same on all ranks, or point by point (q,)."""
+        if self.dashpots is None:
+            return {}
+        return {"damping": self.dashpots[0], "mass": self.dashpots[1], "damped": self.damped}
+
+    def restore_dashpots(self, **kept: Floats) -> None:
+        """Go on with the dashpots that :meth:`dashpot_arrays` has seen."""
+        if kept:
+            self.dashpots, self.damped = (kept["damping"], kept["mass"]), kept["damped"]
+
+    def _mode(self, dt: float) -> ContactMode:
+        """How a step of ``dt`` (s) is evaluated that starts at the last evaluation."""
+        before = self._gap_before()
+        if self.dashpots is None or before is None:
+            return AS_IS
+        return ContactMode(dashpots=Dashpots(*self.dashpots, before, dt))
+
+    def _gap_before(self) -> Floats | None:
+        """Gaps (v,), or point by point (q,), m, at the last evaluation; infinite off the master."""
+        if self.trial is None:
+            return None
+        gap = self.trial.normal_contact.gap
+        at = self.trial.projection
+        return np.where(at.on_surface, at.gap, np.inf) if gap is None else gap
+
+    def _enter_damping(self, normal: NormalContact, gap: Floats, mode: ContactMode) -> None:
+        """What the dashpots take in the step that ends at gaps (q,), m, of the points.
+
+        It follows the trapezoidal rule, as all work that the energy balance of a run knows.
+        """
+        self.lost = 0.0
+        if mode.dashpots is None:
+            return
+        now = np.zeros_like(self.damped) if normal.damping is None else normal.damping
+        way = mode.dashpots.way(gap if normal.gap is None else normal.gap)
+        if normal.area is not None:
+            way *= normal.area / self.term.surface.vertices.area
+        self.lost = 0.5 * float((self.damped + now) @ (self._own_area * way))
+        self.damped = now
 
     # -- history --------------------------------------------------------------------------------
 

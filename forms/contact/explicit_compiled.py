@@ -27,7 +27,7 @@ from tribox.forms.contact.explicit import ExplicitContact
 from tribox.forms.contact.explicit_tie import ExplicitTie
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.pressure import ROUNDOFF_DEPTH, TOUCHING, AveragedPressure
-from tribox.forms.contact.state import AS_IS, ContactState, ContactTrial, NormalContact
+from tribox.forms.contact.state import ContactMode, ContactState, ContactTrial, NormalContact
 from tribox.forms.contact.tie import TieTerm
 from tribox.forms.native.libraries import library
 from tribox.geometry.surfaces.exchange import NodalVector
@@ -83,6 +83,7 @@ class CompiledContact(ExplicitContact):
             "master": master.position,
             "facets": master.facets.astype(np.int32),
             "penalty": self.term.rule.point_stiffness(),
+            "damping": np.zeros(q),
             "reach": slave.reach,
             "of_point": vertices.of_point.astype(np.int64),
             "vertex_shape": vertices.shape,
@@ -138,12 +139,13 @@ class CompiledContact(ExplicitContact):
     def evaluate(self, u: NodalVector, dt: float, rate_dependent: bool = True) -> ContactTrial:
         """See ``ExplicitContact.evaluate``."""
         self.exchange.gather(u, self._values)
-        now, term = self._sets[self._turn], self.term
+        now, term, mode = self._sets[self._turn], self.term, self._mode(dt)
         self._take_over(self._sets[1 - self._turn])
         if self._code.tribox_pair_project(now.at):
             self.search_at(now.arrays["position"], now.arrays["current"])
             self._code.tribox_pair_project(now.at)
-        normal = self._press(now)
+        normal = self._press(now, mode)
+        self._enter_damping(normal, now.arrays["gap"], mode)
         arrays = now.arrays
         kinematics = now.kinematics()
         film = term.film.at(normal.pressure)[0]
@@ -166,18 +168,29 @@ class CompiledContact(ExplicitContact):
         )
         return self.trial
 
-    def _press(self, now: PairArrays) -> NormalContact:
+    def _press(self, now: PairArrays, mode: ContactMode) -> NormalContact:
         """Pressure of the points that have been projected, and their kinematics; collective."""
         rule, inputs, arrays = self.term.rule, self._inputs, now.arrays
-        gap = nodal = active = None
+        gap = nodal = active = damping = None
         if isinstance(rule, AveragedPressure):
             gaps, covered = rule.vertices.total(inputs["sums"])
-            gap, active, nodal, _ = rule.at_vertices(gaps, covered, AS_IS, ROUNDOFF_DEPTH)
+            gap, active, nodal, _ = rule.at_vertices(gaps, covered, mode, ROUNDOFF_DEPTH)
+            if mode.dashpots is not None:
+                damping = mode.dashpots.pressure(gap, nodal)
+                nodal = nodal + damping
             inputs["nodal_pressure"][:] = nodal if self.term.active else 0.0
             inputs["active"][:] = active & self.term.active
+        elif mode.dashpots is not None:
+            spring = -rule.penalty * arrays["gap"]
+            damping = mode.dashpots.pressure(arrays["gap"], spring)
+            inputs["damping"][:] = damping
         self._code.tribox_pair_relate(now.at)
         pressure = arrays["pressure"]
-        normal = NormalContact(arrays["closed"], pressure, pressure, gap, nodal, active)
+        if gap is None and damping is not None:
+            damping = np.where(arrays["closed"], damping, 0.0)
+        normal = NormalContact(
+            arrays["closed"], pressure, pressure, gap, nodal, active, damping=damping
+        )
         if self.term.active:
             return normal
         pressure[:], arrays["closed"][:], arrays["slip"][:] = 0.0, False, 0.0

@@ -88,6 +88,8 @@ class AveragedPressure:
         gaps = vertices.sums(weight * np.where(at.on_surface, at.gap, 0.0))
         covered = vertices.sums(weight)
         gap, active, spring, stiffness = self.at_vertices(gaps, covered, mode, least_depth)
+        damping = None if mode.dashpots is None else mode.dashpots.pressure(gap, spring)
+        spring = spring if damping is None else spring + damping
         closed = at.on_surface & active[vertices.of_point].any(axis=1)
         at_points = np.where(closed, share * vertices.at_points(spring), 0.0)
         return NormalContact(
@@ -100,6 +102,7 @@ class AveragedPressure:
             area=self.area(covered),
             grows=None if self.others is None else covered > vertices.area - self.others,
             stiffness=stiffness,
+            damping=damping,
         )
 
     def area(self, covered: Floats) -> Floats:
@@ -132,7 +135,8 @@ class AveragedPressure:
     def energy(self, normal: NormalContact, penalty_scale: float) -> float:
         """See :class:`NormalRule`."""
         assert normal.nodal_pressure is not None
-        density = 0.5 * normal.nodal_pressure**2 / (penalty_scale * self.penalty)
+        spring = _of_springs(normal.nodal_pressure, normal)
+        density = 0.5 * spring**2 / (penalty_scale * self.penalty)
         if normal.area is not None:
             density = density * (normal.area / self.vertices.area)
         return float(self.surface.slave.weight @ self.vertices.at_points(density))
@@ -159,11 +163,15 @@ class PointwisePressure:
         size = np.sqrt(np.einsum("qai,qai->qa", at.tangents, at.tangents).max(axis=1))
         closed = (at.gap <= _reach(size, mode)) & at.on_surface
         spring, stiffness = _law(at.gap, closed, mode, self.penalty, least_depth * size)
-        return NormalContact(closed, spring, np.maximum(spring, 0.0), stiffness=stiffness)
+        damping = None if mode.dashpots is None else mode.dashpots.pressure(at.gap, spring)
+        spring = spring if damping is None else spring + damping
+        pressure = np.maximum(spring, 0.0)
+        return NormalContact(closed, spring, pressure, stiffness=stiffness, damping=damping)
 
     def energy(self, normal: NormalContact, penalty_scale: float) -> float:
         """See :class:`NormalRule`."""
-        density = 0.5 * normal.pressure**2 / (penalty_scale * self.penalty)
+        spring = _of_springs(normal.pressure, normal)
+        density = 0.5 * spring**2 / (penalty_scale * self.penalty)
         return float(self.surface.slave.weight @ density)
 
     def point_stiffness(self) -> Floats:
@@ -201,6 +209,11 @@ def nodal_pressure(surface: ContactSurface, pressure: Floats) -> Floats:
     vertices = surface.vertices
     out: Floats = vertices.sums(surface.slave.weight * pressure) / vertices.area
     return out
+
+
+def _of_springs(pressure: Floats, normal: NormalContact) -> Floats:
+    """Pressure, Pa, without what is the dashpots'."""
+    return pressure if normal.damping is None else pressure - normal.damping
 
 
 def _reach(length: Floats, mode: ContactMode) -> Floats:

@@ -62,6 +62,47 @@ KEPT = 0.005  # least share of pressure and slack that a step of the interior po
 
 
 @dataclass(frozen=True, slots=True)
+class Dashpots:
+    r"""Dashpots beside the springs of the penalty, at vertices (v,) or, point by point, (q,).
+
+    A node that meets a stiff spring bounces on it. Central differences err by K d g/2 per area in
+    every step that begins at an overlap d and ends at a gap g, or the other way round, and friction
+    has no pressure to act under while the node is open. So where an explicit step ends closed
+
+    .. math:: p = K \langle -g \rangle + c \, r, \quad r = (g_n - g_{n+1})/\Delta t, \quad
+       c = 2 \zeta \sqrt{K m}
+
+    with the mass m per area that gives way. The dashpot pulls at most as much as the spring
+    pushes, and pushes at most until all of it stops the node in one step, p <= m r/Δt: by itself
+    it never turns a node round.
+
+    Attributes:
+        damping: c, Pa s/m, and mass: m, kg/m².
+        before: m, the gaps g_n at the start of the step, infinite where none is known; dt: s, its
+            length.
+    """
+
+    damping: Floats
+    mass: Floats
+    before: Floats
+    dt: float
+
+    def pressure(self, gap: Floats, spring: Floats) -> Floats:
+        """What the dashpots add to ``spring``, Pa, at gaps, m."""
+        rate = self.way(gap) / self.dt
+        most = np.maximum(self.mass / self.dt * rate - spring, 0.0)
+        out: Floats = np.maximum(np.minimum(self.damping * rate, most), -spring)
+        out[spring <= 0.0] = 0.0
+        return out
+
+    def way(self, gap: Floats) -> Floats:
+        """By how much gaps have closed in the step, m."""
+        out: Floats = self.before - gap
+        out[np.isinf(out)] = 0.0
+        return out
+
+
+@dataclass(frozen=True, slots=True)
 class ContactMode:
     """How a contact is evaluated; the default is the contact as it is.
 
@@ -76,6 +117,7 @@ class ContactMode:
             they pass an edge; None where the closest point decides.
         friction_as_load: whether friction is a given load without stiffness.
         interior: pressures and slacks that take the place of the penalty's law; None: that law.
+        dashpots: beside the penalty, in explicit steps.
     """
 
     rate_dependent: bool = True
@@ -84,6 +126,7 @@ class ContactMode:
     frozen_facets: Ints | None = field(default=None, compare=False)
     friction_as_load: bool = False
     interior: InteriorPoint | None = field(default=None, compare=False)
+    dashpots: Dashpots | None = field(default=None, compare=False)
 
     def equals(self, other: ContactMode) -> bool:
         """Whether both are the same mode; what holds arrays must be the same object."""
@@ -111,6 +154,7 @@ class NormalContact:
             master has below the vertex now; None: nowhere.
         stiffness: Pa/m, −∂t_N/∂g, of points (q,), or −∂s_A/∂g_A of vertices (v,); None where
             nobody will ask for the tangent.
+        damping: Pa, part of s_A (v,), or of t_N (q,), that is the dashpots'; None without any.
     """
 
     closed: Bools
@@ -125,6 +169,7 @@ class NormalContact:
     area: Floats | None = None
     grows: Bools | None = None
     stiffness: Floats | None = None
+    damping: Floats | None = None
 
     def opened(self) -> NormalContact:
         """The same gaps of surfaces that do not feel each other."""

@@ -36,8 +36,9 @@ typedef struct {
     const uint8_t *open;
     double *facet_notes, *far_notes;
     /* Penalty (q) of points, where the pressure is not averaged; where it is, in the plane, the way
-     * (q) up to the open end of the master over which a point fades. */
-    const double *penalty, *reach;
+     * (q) up to the open end of the master over which a point fades. Pressure (q) of the dashpots
+     * of points that are closed, likewise not averaged. */
+    const double *penalty, *reach, *damping;
     /* Vertices of the slave facets: (q, k) numbers and shape functions; the sums (2, v) of gaps and
      * of covered area that the first pass makes; (v) what the second pass is given. */
     const int64_t *of_point;
@@ -233,7 +234,7 @@ static void press(Pair *p, int64_t q)
             size = fmax(size, norm(at(p->tangent, ALONG * q + b)));
         p->closed[q] = p->on_surface[q] && gap <= p->touching * size;
         if (p->closed[q] && -gap > p->roundoff * size)
-            pressure = -p->penalty[q] * gap;
+            pressure = -p->penalty[q] * gap + p->damping[q];
     }
     p->pressure[q] = pressure;
     /* What is given up at the end of the master, see forms/contact/fading.py. */

@@ -86,6 +86,12 @@ def growth(stepper, dt, steps):
     return np.abs(stepper.v).max() / before
 
 
+def without_dashpots(one):
+    for contact in one.contacts:
+        contact.dashpots, contact.set_dashpots = None, lambda *given: None
+    return one
+
+
 @pytest.mark.parametrize(
     ("penalty", "kind"), [(20.0, "averaged"), (800.0, "averaged"), (800.0, "pointwise")]
 )
@@ -102,12 +108,15 @@ def test_penalty_contact(pair, penalty, kind):
     # Points that are open now count as closed, and the estimate is on the safe side.
     assert 0.97 * exact < found.penalty < 1.001 * exact
     assert found.limit <= found.penalty
-    assert growth(one, 0.95 * found.penalty, 4000) < 20.0
+    # What dashpots there are, they take from the step only beyond that limit.
+    assert growth(one, found.limit, 4000) < 20.0
+    problem, x = pressed(pair, law, penalty, pressure=kind)
+    assert growth(without_dashpots(stepper(problem, x)), 0.95 * found.penalty, 4000) < 20.0
     assert growth(stepper(problem, x), 1.1 * exact, 400) > 1e3
 
 
 def test_what_opens_and_closes_needs_a_shorter_step(pair):
-    """Dozens of rebounds on a stiff penalty: the energy runs away at the linear limit."""
+    """Dozens of rebounds on stiff springs alone: the energy runs away at the linear limit."""
     problem, x = pressed(pair, FrictionlessLaw(), 800.0)
     x[:] = 0.0
     problem.prescribed[3].value = 0.0
@@ -125,12 +134,14 @@ def test_what_opens_and_closes_needs_a_shorter_step(pair):
         assert found.limit == found.closing < 0.75 * found.penalty
         assert "opening and closing" in found.reason
         start = one.kinetic_energy()
+        one = one if share == "reported" else without_dashpots(one)
         while one.time < 30.0:
             one.advance(0.95 * (found.limit if share == "reported" else found.penalty))
         term = problem.contacts[0]
         stored = one.internal.energy(problem.u.x.array) + term.interface_energy(problem.trials[0])
-        energies[share] = (stored + one.kinetic_energy()) / start
-    assert 0.9 < energies["reported"] < 1.3
+        energies[share] = (stored + one.kinetic_energy() + one.damped) / start
+    # At the very limit closing springs lose some more than the dashpots take; nothing is made.
+    assert 0.85 < energies["reported"] < 1.0
     assert energies["linear"] > 2.5
 
 

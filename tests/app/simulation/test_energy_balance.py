@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from itertools import pairwise
+from pathlib import Path
 
 import pytest
 from mpi4py import MPI
@@ -38,3 +39,25 @@ def test_error_falls_with_the_square_of_the_step_and_what_euler_adds_with_the_st
         assert coarse / fine == pytest.approx(4.0, rel=0.15)
     for coarse, fine in pairwise(numerical):
         assert coarse / fine == pytest.approx(2.0, rel=0.15)
+
+
+@pytest.mark.parametrize("pressure", ["averaged", "pointwise"])
+def test_what_closes_and_opens_within_a_step_takes_no_work_on_its_way(pressure):
+    """A cylinder is pressed on a flat and lifted in steps in which much of the contact changes.
+
+    The trapezoidal rule alone misses 1.7 % of the work.
+    """
+    data = tomllib.loads(Path("cases/hertz-line.toml").read_text())
+    data["geometry"]["contact_size"] = "80 um"
+    data["boundary"][1]["displacement"] = {
+        "x": 0,
+        "y": [["0 s", 0], ["1 s", "-30 um"], ["2 s", "-3 um"]],
+    }
+    data["contact"][0]["pressure"] = pressure
+    data["stage"] = [{"name": name, "duration": "1 s", "steps": 2} for name in ("press", "lift")]
+    data["output"] = {"figures": False}
+    run = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
+    run.run(Observer())
+    work = max(row.external_work for row in run.rows)
+    assert len(run.rows) == 4
+    assert max(abs(row.energy_error) for row in run.rows) < 3e-4 * work

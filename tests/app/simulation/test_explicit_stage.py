@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 
 import numpy as np
@@ -9,12 +10,14 @@ import pytest
 from mpi4py import MPI
 from scipy.integrate import quad
 
+import tribox.forms.contact.explicit
 from tribox.app.build.load_steps import LoadStep, load_steps_of
 from tribox.app.build.model import body_dofs, build_model, initial_velocity
 from tribox.app.case.case import Case, resolved_toml
 from tribox.app.case.reading import check_case, load_case
 from tribox.app.case.stage import Stage
 from tribox.app.case.time_tables import Program, TimeTable, smooth_step, smooth_step_integral
+from tribox.app.simulation.explicit_stage import notes_on_bouncing
 from tribox.app.simulation.inertia import Inertia, notes_on_inertia
 from tribox.app.simulation.observer import Observer
 from tribox.app.simulation.simulation import Simulation
@@ -240,3 +243,70 @@ def test_a_stiff_penalty_is_noted_where_steps_are_explicit(film):
     data["contact"][0]["penalty_factor"] = 3.0
     assert said(data) == []
     assert said(implicit) == []
+
+
+# -- contact that bounces -------------------------------------------------------------------------
+
+DRAWN = """
+geometry = { kind = "blocks", blocks.block = { x = [0, 2e-3], y = [0, 5e-4], elements = [8, 2] } }
+tools.plane = { shape = "plane", point = [0, 0], normal = [0, 1] }
+[bodies.block]
+material = "neo-hookean"
+E = "5 MPa"
+nu = 0.45
+density = "1100 kg/m^3"
+[[contact]]
+slave = "block_bottom"
+master = "plane"
+friction = { law = "stribeck", mu_s = 0.5, mu_d = 0.1, V_s = "0.1 m/s", viscous = "1e4 Pa*s/m" }
+[[boundary]]
+surface = "block_top"
+platen = { direction = "y", pressure = "50 kPa" }
+displacement = { x = "driven" }
+[[stage]]
+name = "press"
+solver = "implicit"
+duration = "1 s"
+steps = 1
+rate_dependent = false
+[[stage]]
+name = "slide"
+velocities = ["2 m/s"]
+slip_step = "4 um"
+ramp = "20 us"
+min_steps = 149
+max_steps = 150
+[solver]
+kind = "explicit"
+"""
+
+
+class Bouncing(Observer):
+    said: tuple[str, ...] = ()
+
+    def load_step(self, state, load_step, row, steady):
+        self.said += tuple(notes_on_bouncing(state, load_step))
+
+
+@pytest.mark.parametrize("share", [None, 0.0], ids=["dashpots", "springs alone"])
+def test_a_block_stays_on_the_plane_that_it_is_drawn_over(share, monkeypatch):
+    """Where it bounces all the same, the run says how much of the contact is open."""
+    if share is not None:
+        monkeypatch.setattr(tribox.forms.contact.explicit, "DAMPING", share)
+    told = Bouncing()
+    simulation = Simulation(build_model(Case.model_validate(tomllib.loads(DRAWN)), MPI.COMM_SELF))
+    simulation.run(told)
+    first, *rows = simulation.rows
+    half = rows[len(rows) // 2 :]
+    area = np.mean([row.contact_area for row in half]) / first.contact_area
+    friction = np.mean([row.tangential_force for row in half]) / first.normal_force
+    if share is None:
+        assert told.said == () and area > 0.9
+        assert friction == pytest.approx(0.1 + 0.4 * area, rel=0.05)  # viscous: 2 m/s 1e4 Pa s/m
+        return
+    assert area < 0.6 and friction < 0.7 * 0.5
+    [line] = told.said
+    assert line.startswith("contact.0: stage slide 2 m/s: the contact bounces: of the area at the")
+    closed = re.search(r"stage ([0-9.]+) % are closed", line)
+    mean = np.mean([row.contact_area for row in rows]) / first.contact_area
+    assert closed is not None and float(closed[1]) == pytest.approx(100.0 * mean, rel=0.02)
