@@ -46,6 +46,13 @@ class _Stopped(Exception):
 class _Commands(TyperGroup):
     """All commands."""
 
+    def make_context(self, *args: Any, **more: Any) -> Context:
+        """Read the words of the command line."""
+        try:
+            return super().make_context(*args, **more)
+        except KeyboardInterrupt:
+            raise _Stopped(False) from None
+
     def invoke(self, ctx: Context) -> Any:
         """Run one of them."""
         try:

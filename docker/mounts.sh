@@ -75,25 +75,6 @@ parent_of() {
     esac
 }
 
-# Add what directory $1 may refer to: the work tree it is in, or else its parent and thus its
-# neighbours, unless that is a place shared by everybody.
-add_around() {
-    tree=$1
-    while [ -n "$tree" ]; do
-        if [ -e "$tree/.git" ] && [ "$tree" != "$home" ]; then
-            add_input "$tree"
-            return 0
-        fi
-        tree=${tree%/*}
-    done
-    tree=${1%/*}
-    case $tree in
-        '' | /home | /media | /mnt | /opt | /root | /srv | /tmp | /var/tmp) tree=$1 ;;
-    esac
-    if is_system "$tree" || [ "$1" = "$home" ]; then tree=$1; fi
-    add_input "$tree"
-}
-
 # Add what is needed to read path $1, which is there. A path through a symbolic link is added as
 # it is called and as it is.
 add_named() {
@@ -104,16 +85,17 @@ add_named() {
             parent_of "$named"
             named=$parent
         fi
-        ! directory_path "$named" -L || add_around "$path"
+        ! directory_path "$named" -L || add_input "$path"
     done
 }
 
 # Add the files that case file $1 names relative to itself: of a mesh that file alone, of a law in
-# Python its neighbours too.
+# Python and of a drawing the directory too, as it matters who may write there and what lies beside.
 add_files_of_case() {
     parent_of "$1"
     beside=$parent
-    names=$(grep -oE "\"[^\"]*\.(msh|py:[^\"]*)\"|'[^']*\.(msh|py:[^']*)'" 2>/dev/null <"$1" |
+    kinds='msh|geo|step|stp'
+    names=$(grep -oiE "\"[^\"]*\.($kinds|py:[^\"]*)\"|'[^']*\.($kinds|py:[^']*)'" 2>/dev/null <"$1" |
         sed -e 's/^.//' -e 's/.$//' -e 's/\.py:.*/.py/')$newline
     while [ -n "$names" ]; do
         name=${names%%"$newline"*}
@@ -124,13 +106,13 @@ add_files_of_case() {
             *) name=$beside/$name ;;
         esac
         case $name in
-            *.py) [ ! -f "$name" ] || add_named "$name" ;;
-            *.msh)
+            *.[mM][sS][hH])
                 parent_of "$name"
                 if [ -f "$name" ] && directory_path "$parent" -L; then
                     add_input "$path/${name##*/}"
                 fi
                 ;;
+            *) [ ! -f "$name" ] || add_named "$name" ;;
         esac
     done
 }

@@ -73,11 +73,12 @@ def from_library(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
     """
     if not isinstance(value, Mapping):
         return handler(value)
-    word = value.get("material")
-    if isinstance(word, str) and word not in LAWS and word not in entries():
-        raise problems_error([Problem(("material",), _unknown(word), word)])
-    name = word if word in entries() else value.get("library")
-    if not isinstance(name, str) or name not in entries():
+    word, name = value.get("material"), value.get("library")
+    if isinstance(word, str) and word not in LAWS:
+        if word not in entries():
+            raise problems_error([Problem(("material",), _unknown(word), word)])
+        name = word
+    if not isinstance(word, str | None) or not isinstance(name, str) or name not in entries():
         return handler(value)
     entry = entries()[name]
     law = entry.keys["material"]

@@ -8,7 +8,9 @@ nobody else may write it.
 
 from __future__ import annotations
 
+import grp
 import os
+import pwd
 import stat
 from collections.abc import Iterator
 from pathlib import Path
@@ -73,8 +75,8 @@ def trust_directory(directory: Path) -> Path:
         raise InputError(f"{directory}: is no directory; trust is given to directories")
     if real == Path(real.anchor):
         raise InputError(f"{directory}: is everything there is; trust a directory of your own")
-    if mode & stat.S_IWOTH:
-        raise InputError(f"{directory}: anybody may write in it, so it is not to be trusted")
+    if why := _open_to_others(real, real):
+        raise InputError(f"{directory}: is not to be trusted{why}")
     if len(str(real).splitlines()) != 1:
         raise InputError(f"{str(directory)!r}: has a line break in its name")
     known = trusted_directories()
@@ -135,7 +137,7 @@ def require_trust(case: Case, case_file: Path, given: bool) -> bool:
         return True
     for path, (place, file) in ((case_file, files[0]), *((one[1], one) for one in files)):
         said = f'{place}.law = "python" makes this case code: {file} would be run'
-        require_trusted_file(path, f"{case_file}: {said}")
+        require_trusted_file(path, f"{case_file}: {said}", exact=path == file)
     return True
 
 
@@ -170,12 +172,13 @@ def require_drawing(drawing: Path) -> None:
         require_trusted_file(drawing, said)
 
 
-def require_trusted_file(path: Path, said: str) -> None:
+def require_trusted_file(path: Path, said: str, exact: bool = False) -> None:
     """See that a file lies in a directory that the user trusts, and only he can have written it.
 
     Args:
         path: the file.
         said: what it is and would do, for the message.
+        exact: whether the name must lead there without links, as it will be opened by it later.
 
     Raises:
         InputError: it does not.
@@ -183,6 +186,8 @@ def require_trusted_file(path: Path, said: str) -> None:
     real = path.resolve()
     above = next((one for one in trusted_directories() if one in real.parents), None)
     why = "" if above is None else _open_to_others(real, above)
+    if exact and real != path:
+        why = f" ({path} has become a link)"
     if above is None or why:
         raise InputError(
             f"{said}{why}; allow it for this time with --trust, or for all in a directory with: "
@@ -193,11 +198,30 @@ def require_trusted_file(path: Path, said: str) -> None:
 def _open_to_others(path: Path, above: Path) -> str:
     """Why a file below a trusted directory is not to be trusted all the same; "" if it is."""
     for one in (path, *path.parents):
-        if one.stat().st_mode & stat.S_IWOTH:
-            return f" (anybody may write {one})"
-        if one == above:
-            break
+        about = one.stat()
+        if one in above.parents:
+            # Who may write there may put another directory in the place of the trusted one.
+            if about.st_mode & stat.S_IWOTH and not about.st_mode & stat.S_ISVTX:
+                return f" (anybody may write {one})"
+        elif about.st_uid not in (os.geteuid(), 0):
+            return f" ({one} belongs to somebody else)"
+        elif who := _others_who_write(about):
+            return f" ({who} may write {one})"
     return ""
+
+
+def _others_who_write(about: os.stat_result) -> str:
+    """Who but the user may write a file: "anybody", its group unless it is his alone, or ""."""
+    if about.st_mode & stat.S_IWOTH:
+        return "anybody"
+    if not about.st_mode & stat.S_IWGRP:
+        return ""
+    try:
+        user, group = pwd.getpwuid(os.geteuid()), grp.getgrgid(about.st_gid)
+    except KeyError:  # in a container, which knows no names: the primary group is taken for his
+        return "" if about.st_gid == os.getegid() else f"group {about.st_gid}"
+    own = group.gr_gid == user.pw_gid and group.gr_name == user.pw_name
+    return "" if own and not set(group.gr_mem) - {user.pw_name} else f"group {group.gr_name}"
 
 
 def _see_that_it_is_ours(path: Path) -> None:

@@ -94,7 +94,9 @@ def _problems_of(detail: ErrorDetails, model: type[Model], data: object) -> Iter
         yield Problem(place, _missing(model, loc))
     elif kind == "union_tag_invalid":
         reason = f"must be one of {_quoted(context['expected_tags'])}"
-        yield Problem((*place, context["discriminator"].strip("'")), reason, context["tag"])
+        key = context["discriminator"].strip("'")
+        tag = found[key] if isinstance(found, Mapping) else context["tag"]
+        yield Problem((*place, key), reason, tag)
     elif kind == "union_tag_not_found":
         reason = f"missing; one of {', '.join(_tags(_type_at(model, loc)))}"
         yield Problem((*place, context["discriminator"].strip("'")), reason)

@@ -181,26 +181,45 @@ class Layout:
 
     # -- and back -----------------------------------------------------------------------------
 
-    def check(self, tree: Any, arrays: dict[str, Array]) -> None:
-        """See that all arrays of a tree are there and have the rows that they are to have.
+    def check(
+        self, tree: Any, arrays: dict[str, Array], like: tuple[Any, dict[str, Array]]
+    ) -> None:
+        """See that all arrays of a tree are there and of the shape that they are to have.
 
         On the first rank: what :meth:`scatter` fails at there, the others would wait for.
+
+        Args:
+            tree: as :meth:`gather` made it once.
+            arrays: likewise.
+            like: what :meth:`gather` makes of a run that has not begun. What a run gets only later
+                is not in it.
 
         Raises:
             ValueError: one has not.
             LookupError: one is missing.
         """
-
-        def leaf(value: Any) -> Any:
-            if not (isinstance(value, dict) and "$" in value):
-                return value
-            kind, name, *rest = value["$"]
+        for place, (kind, name, *rest) in _leaves(tree):
             rows = self._rows(kind, rest)
-            if KINDS[kind] is not Local and rows not in (None, len(arrays[name])):
-                raise ValueError(f"{len(arrays[name])} rows instead of {rows}")
-            return value
+            if KINDS[kind] is Local:
+                continue
+            array, row = arrays[name], (self._dim,) if kind == "nodal" else None
+            if not array.ndim or rows not in (None, len(array)):
+                raise ValueError(f"{len(np.atleast_1d(array))} rows instead of {rows} in {place}")
+            if row not in (None, array.shape[1:]) or array.dtype.kind not in "fiub":
+                raise ValueError(f"{array.dtype} of shape {array.shape} in {place}")
+        expected = dict(_leaves(like[0]))
+        for place, leaf in _leaves(tree):
+            if place in expected and KINDS[leaf[0]] is not Local:
+                self._compare(place, arrays[leaf[1]], like[1][expected[place][1]])
 
-        _mapped(tree, leaf, lambda value: "$" in value)
+    @staticmethod
+    def _compare(place: str, array: Array, other: Array) -> None:
+        """See that an array is one of rows like those of another."""
+        if (array.shape[1:], array.dtype.kind) != (other.shape[1:], other.dtype.kind):
+            raise ValueError(
+                f"{array.dtype} of shape {array.shape} instead of {other.dtype}, "
+                f"{other.shape} in {place}"
+            )
 
     def _rows(self, kind: str, rest: list[Any]) -> int | None:
         """Rows of an array of a kind; None: any number."""
@@ -252,6 +271,15 @@ class Layout:
                     parts[int(rank)][what] = array
         mine: dict[str, Array] = self.comm.scatter(parts)
         return mine
+
+
+def _leaves(tree: Any, place: str = "") -> Iterator[tuple[str, list[Any]]]:
+    """Dotted places of the arrays of a plain tree, and what stands for each."""
+    if isinstance(tree, dict) and "$" in tree:
+        yield place, tree["$"]
+    elif isinstance(tree, dict | list):
+        for key, value in tree.items() if isinstance(tree, dict) else enumerate(tree):
+            yield from _leaves(value, f"{place}.{key}" if place else str(key))
 
 
 def _mapped(

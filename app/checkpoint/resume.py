@@ -21,7 +21,9 @@ from tribox.app.equilibrium.snapshot import Array, Snapshot
 from tribox.app.errors import InputError
 from tribox.app.results.directory import CHECKPOINTS
 from tribox.app.results.first_rank import on_first
+from tribox.app.results.status import is_beginning
 from tribox.app.results.versions import versions
+from tribox.app.results.watches import Watches
 from tribox.app.simulation.simulation import Simulation
 from tribox.app.simulation.time_text import time_text
 
@@ -69,6 +71,8 @@ def _latest(directory: Path) -> tuple[Checkpoint | None, list[str]]:
     Raises:
         InputError: as of :func:`find_checkpoint`, or its manifest is not that of a run.
     """
+    if is_beginning(directory):  # what is there is what was to be cleared
+        return None, []
     found, notes = latest(directory)
     if found is None and notes:  # the run began, and its tables are not to be lost
         raise InputError(
@@ -107,7 +111,8 @@ def go_on(
     model, comm = simulation.model, simulation.model.problem.comm
     checkpoint = found.checkpoint
     layout = Layout(model)
-    on_first(comm, lambda: _compare(simulation, checkpoint, layout, directory))
+    like = layout.gather(_not_begun(simulation))
+    on_first(comm, lambda: _compare(simulation, checkpoint, layout, like, directory))
     on_first(comm, lambda: _same_laws(found.about["inputs"], inputs, directory))
     tree: Any = None if checkpoint is None else checkpoint.tree
     arrays: dict[str, Array] = {} if checkpoint is None else checkpoint.arrays
@@ -143,8 +148,21 @@ def started_line(found: Found, simulation: Simulation) -> str:
     )
 
 
+def _not_begun(simulation: Simulation) -> Snapshot:
+    """What a run remembers before its first step, as it stands in a checkpoint; collective."""
+    whole: Snapshot = {"state": simulation.state.snapshot(), "model": simulation.model.snapshot()}
+    if simulation.implicit is not None:
+        whole["runner"] = simulation.implicit.snapshot()
+    watches = Watches(simulation.model).snapshot()
+    return {"simulation": whole, "recorder": {"watches": watches}}
+
+
 def _compare(
-    simulation: Simulation, checkpoint: Checkpoint | None, layout: Layout, directory: Path
+    simulation: Simulation,
+    checkpoint: Checkpoint | None,
+    layout: Layout,
+    like: tuple[Any, dict[str, Array]],
+    directory: Path,
 ) -> None:
     """Refuse another case or mesh; on the first rank."""
     assert checkpoint is not None
@@ -161,7 +179,9 @@ def _compare(
     try:
         found = list(differences(layout.identity, mesh))
         if not found:
-            layout.check(checkpoint.tree, checkpoint.arrays)
+            if checkpoint.tree["simulation"]["solver"] != "implicit":
+                like[0]["simulation"].pop("runner", None)
+            layout.check(checkpoint.tree, checkpoint.arrays, like)
     except DAMAGE as error:
         raise InputError(_strange(directory, error)) from error
     if found:

@@ -29,6 +29,7 @@ from tribox.app.figures.style import CASE_STYLE
 from tribox.app.figures.tool_lines import draw_tools, tool_lines, with_room
 from tribox.app.figures.tool_surfaces import room_for, tool_triangles, veil_of
 from tribox.app.figures.tractions import pairs_shown, roundoff_of, without_roundoff
+from tribox.app.results.directory import create
 
 if TYPE_CHECKING:
     from tribox.app.results import Results
@@ -72,6 +73,7 @@ def animate(results: Results, path: Path, field: str) -> int:
     rate = int(np.clip(len(steps) / SECONDS, SLOWEST, FASTEST))
     writer: AbstractMovieWriter = GifWriter(rate) if kind == "gif" else FFMpegWriter(rate)
     part = path.with_name(f".{path.stem}.part{path.suffix}")
+    create(part)
     with rc_context(CASE_STYLE | FFMPEG):
         figure, draw = (_in_space if states[0].dim == 3 else _in_the_plane)(
             results, steps, states, scale

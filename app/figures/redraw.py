@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from tribox.app.errors import InputError
 from tribox.app.figures.field_values import named_after
 from tribox.app.figures.run_figures import draw_figures
 from tribox.app.results import read
@@ -24,6 +25,8 @@ def redraw(directory: Path, field: str, animate: str | None) -> None:
     for one in [results, *results.parts.values()]:
         if one.unfinished:
             print(f"note: {one.directory}: the run {one.unfinished}")
+        if one is not results and one.directory.is_symlink():
+            raise InputError(f"{one.directory}: is a link, and tribox writes through none")
         draw_figures(one, field)
         if animate is not None and one.case.sweep is None:
             from tribox.app.figures.animation import animate as write_animation

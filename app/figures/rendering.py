@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 import tribox
 from tribox.app.figures.scenes import EDGES_SHOWN, EYE, RIGHT, UP, Scene
 
+MODULE = "tribox.app.figures.rendering"
 START, EACH = 60.0, 20.0  # s that the child may take to start, and for each picture
 
 
@@ -50,7 +51,7 @@ def _child(directory: Path, count: int) -> bool:
     )
     try:
         done = subprocess.run(
-            [sys.executable, "-m", "tribox.app.figures.rendering", str(directory), str(count)],
+            [sys.executable, "-P", "-m", MODULE, str(directory), str(count)],
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, stdin=subprocess.DEVNULL,
             env={**os.environ, "PYTHONPATH": path}, timeout=START + EACH * count, check=False,
         )  # fmt: skip

@@ -41,6 +41,8 @@ def draw_figures(results: Results, field: str = DEFAULT_FIELD) -> list[Path]:
         InputError: a file is cut off, there is no such array, or the files are not of one run.
     """
     figures = results.directory / "figures"
+    if figures.is_symlink():
+        raise InputError(f"{figures}: is a link, and tribox writes through none; remove it")
     try:
         figures.mkdir(exist_ok=True)
     except OSError as error:

@@ -18,6 +18,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 from numpy.typing import NDArray
 
 from tribox.app.figures.png import LEVEL, Pixels, write_png
+from tribox.app.results.directory import create
 
 Floats = NDArray[np.float64]
 Longs = NDArray[np.int64]
@@ -51,6 +52,7 @@ def save(figure: Figure, path: Path, *, tight: bool = True) -> None:
         tight: cut or widen the page to what is drawn and a margin.
     """
     part = path.with_suffix(".part.png")
+    create(part)
     try:
         _write(figure, part, tight)
         part.replace(path)

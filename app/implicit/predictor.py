@@ -225,8 +225,14 @@ class Predictor:
 
     def restore(self, kept: Snapshot) -> None:
         """Continue the path that :meth:`snapshot` has seen."""
+        problem, drive = self.problem, kept["drive"]
+        loads = [len(load.drive) for load in problem.loads]
+        count = (len(problem.platens) + sum(loads) + len(problem.nodal_loads),)
+        driven = () if drive is None else (drive["loads"], drive["total"])
+        if kept["loads"].shape not in ((0,), count) or any(one.shape != count for one in driven):
+            raise ValueError("another number of loads")
         self._path = list(zip(kept["at"], kept["path"], strict=True))
-        self._loads, drive, self._drive = kept["loads"], kept["drive"], None
+        self._loads, self._drive = kept["loads"], None
         if drive is not None:
             dofs = np.nonzero(drive["prescribed"])[0].astype(np.int32)
             self._drive = Drive(dofs, drive["constrained"][dofs], drive["loads"], drive["total"])

@@ -7,6 +7,8 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
+from tribox.app.errors import InputError
+
 _KNOWN = {
     "history": ("Forces and friction", "Normal force, friction force and their ratio over the run"),
     "deformed": ("Deformed bodies", "The deformed bodies, and the tractions between them"),
@@ -51,18 +53,27 @@ def pictures_of(directory: Path, subject: str) -> list[Picture]:
     Args:
         directory: of the results.
         subject: title of the run, for the alternative texts.
+
+    Raises:
+        InputError: one is no picture.
     """
     from PIL import Image
 
-    paths = [p for p in (directory / "figures").glob("*.*") if p.suffix in _KINDS]
+    found = (p for p in (directory / "figures").glob("*.*") if p.suffix in _KINDS)
+    paths = [p for p in found if p.is_file() and not p.is_symlink()]
     pictures = []
     for path in sorted(paths, key=_rank):
         if ".part" in path.name:
             continue
         title, shows = _title(path.stem)
-        data = base64.b64encode(path.read_bytes()).decode("ascii")
-        with Image.open(path) as image:
-            width, height = image.size
+        try:
+            data = base64.b64encode(path.read_bytes()).decode("ascii")
+            with Image.open(path, formats=[path.suffix[1:]]) as image:
+                width, height = image.size
+        except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+            raise InputError(
+                f"{path}: is no picture that can be read ({error}); tribox plot draws it again"
+            ) from None
         source = f"data:{_KINDS[path.suffix]};base64,{data}"
         pictures.append(Picture(title, f"{shows}. {subject}", source, width, height))
     return pictures

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from tribox.app.errors import InputError
-from tribox.app.results.directory import check_free, prepare
+from tribox.app.results.directory import check_free, check_no_links, prepare
 from tribox.app.results.earlier_sweep import sweep_labels
 from tribox.app.results.lock import DirectoryLock, in_use, owner_of
 
@@ -32,24 +32,28 @@ class Claim:
             goes_on: whether it is for a run that goes on, so that there are results.
 
         Raises:
-            InputError: it holds results and ``force`` is not given, or other files, or another
-                process is writing there.
+            InputError: it holds results and ``force`` is not given, or other files, or links, or
+                another process is writing there.
             OutputError: it cannot be made or written.
         """
         if goes_on:
             check_not_in_use(self.directory)
+            check_no_links(self.directory)
         else:
             self._check()
         self._lock.take()
 
-    def clear(self) -> None:
+    def clear(self, begins: bool = False) -> None:
         """Look again, and clear old results.
+
+        Args:
+            begins: whether a run begins here, as of :func:`~tribox.app.results.directory.prepare`.
 
         Raises:
             InputError: as of :meth:`take`, if somebody has come between.
             OutputError: the directory cannot be written.
         """
-        prepare(self.directory, self._check())
+        prepare(self.directory, self._check(), begins)
 
     def release(self) -> None:
         """Unlock the directory; it goes if it was made for this claim and nothing was written."""

@@ -9,6 +9,7 @@ import io
 import json
 import os
 import re
+import stat
 import weakref
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -69,6 +70,8 @@ _GONE_ON = re.compile(r"_after_\d+(?=\.bp$)")
 EARLIER = ("motion.csv", "contact_nodes.pvd")
 EARLIER_BELOW = {"contact_nodes": _SERIES}
 SUMS = "SHA256SUMS"  # in the directory of inputs
+BEGINNING = {"status": "running", "begins": True}
+"""The summary of a directory that is being made ready: what else is there counts for nothing."""
 TEXT_COLUMNS = ("stage", "label", "pair", "surface", "body", "tool", "probe")
 
 
@@ -113,7 +116,7 @@ def check_free(directory: Path, force: bool, labels: Sequence[str] = ()) -> None
         )
 
 
-def prepare(directory: Path, labels: Sequence[str] = ()) -> None:
+def prepare(directory: Path, labels: Sequence[str] = (), begins: bool = False) -> None:
     """Make the directory and clear old results from it, after :func:`check_free`.
 
     Whatever else is there by now stays.
@@ -121,20 +124,37 @@ def prepare(directory: Path, labels: Sequence[str] = ()) -> None:
     Args:
         directory: where results are to go.
         labels: as of :func:`check_free`.
+        begins: whether a run begins there. Then there is a summary, ``BEGINNING``, before anything
+            is cleared or written, so that who is killed from here on can begin again.
 
     Raises:
         OutputError: it cannot be made or written.
     """
+    summary = directory / "summary.json"
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        for path in reversed(_sort_out(directory, labels)[0]):
+        if begins:
+            _mark_as_beginning(summary)
+        own = [path for path in _sort_out(directory, labels)[0] if not (begins and path == summary)]
+        own.sort(key=lambda path: path != directory / "case.toml")  # goes last: it names the labels
+        for path in reversed(own):
             if not path.is_dir():
                 path.unlink()
                 continue
             with contextlib.suppress(OSError):  # somebody has put something there
                 path.rmdir()
+        if begins and not summary.exists():
+            write_json(summary, BEGINNING)
     except OSError as error:
         raise unwritable(directory, error) from None
+
+
+def _mark_as_beginning(summary: Path) -> None:
+    """Say that what is there is being cleared, also on a disk without room for another summary."""
+    try:
+        write_json(summary, BEGINNING)
+    except OSError:
+        summary.unlink(missing_ok=True)
 
 
 def foreign_inputs(directory: Path) -> list[str]:
@@ -148,6 +168,7 @@ def foreign_inputs(directory: Path) -> list[str]:
     except (OSError, UnicodeDecodeError):
         lines = []
     known = {line.partition("  ")[2] for line in lines} | ({SUMS} if lines else set())
+    known.add(f"{SUMS}.part")  # of a run that was killed before the list had its name
     present = folder.iterdir() if folder.is_dir() else ()
     return sorted(path.name for path in present if path.name not in known)
 
@@ -201,6 +222,56 @@ def unwritable(directory: Path, error: OSError) -> OutputError:
     return OutputError(f"{directory}: cannot be written ({why})")
 
 
+def create(path: Path) -> None:
+    """Make an empty file; what has its name, be it a link of somebody else, goes.
+
+    Raises:
+        OSError: it cannot be made.
+    """
+    path.unlink(missing_ok=True)
+    os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666))
+
+
+def open_own(path: Path, flags: int, mode: int = 0o666) -> int:
+    """Open a file of a results directory: no link to another file, nor a pipe.
+
+    Returns:
+        Its descriptor.
+
+    Raises:
+        OSError: it cannot be opened, or is none.
+    """
+    safe = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
+    try:
+        descriptor = os.open(path, flags | safe, mode)
+    except OSError as error:
+        if error.errno == errno.ELOOP:
+            raise OSError(errno.ELOOP, _LINK, str(path)) from None
+        raise
+    about = os.fstat(descriptor)
+    if not stat.S_ISREG(about.st_mode) or about.st_nlink > 1:
+        os.close(descriptor)
+        raise OSError(errno.ELOOP, _LINK, str(path))
+    return descriptor
+
+
+_LINK = "is a link or no file, and is not followed"
+
+
+def check_no_links(directory: Path) -> None:
+    """See that nothing that a run goes on with is a link, which others may have put there.
+
+    Raises:
+        InputError: something is.
+    """
+    for path in directory.rglob("*") if directory.is_dir() else ():
+        top = path.relative_to(directory).parts[0]
+        known = (*OWN, *BELOW, LOCK, "inputs")
+        ours = top.removesuffix(".part") in known or _GONE_ON.sub("", top) in BELOW
+        if ours and path.is_symlink():
+            raise InputError(f"{path}: is a link, and tribox writes through none; remove it")
+
+
 @contextlib.contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
     """Context that gives a temporary name to write to; at its end the file gets its own name.
@@ -208,6 +279,7 @@ def written_whole(path: Path) -> Iterator[Path]:
     After an error there is no file, or the old one.
     """
     part = path.with_name(path.name + ".part")
+    create(part)
     try:
         yield part
         part.replace(path)
@@ -255,7 +327,8 @@ class Place:
             OSError: it cannot be opened.
         """
         self.path = path
-        self.descriptor = os.open(path, flags | os.O_CLOEXEC, 0o666)
+        opened = os.open if flags == os.O_RDONLY else open_own
+        self.descriptor = opened(path, flags | os.O_CLOEXEC, 0o666)
         weakref.finalize(self, os.close, self.descriptor)
 
     def check(self) -> None:

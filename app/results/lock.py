@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from tribox.app.errors import InputError
-from tribox.app.results.directory import LOCK, unwritable
+from tribox.app.results.directory import LOCK, open_own, unwritable
 
 TRIES, PAUSE = 5, 0.05  # who only looks whether a directory is locked holds it for a moment
 _HELD = (errno.EAGAIN, errno.EACCES)
@@ -82,7 +82,7 @@ class DirectoryLock:
 
     def _try(self) -> bool:
         """Open and lock the file; whether that is done, and the file still the one there."""
-        descriptor = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        descriptor = open_own(self._path, os.O_RDWR | os.O_CREAT, 0o644)
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
             mine = _same(descriptor, self._path)
@@ -110,7 +110,7 @@ def owner_of(directory: Path) -> dict[str, Any] | None:
     """Who is writing into a results directory: pid, host, started, command; None: nobody."""
     path = directory / LOCK
     try:
-        descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+        descriptor = open_own(path, os.O_RDONLY)
     except OSError:
         return None
     try:

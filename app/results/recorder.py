@@ -22,7 +22,7 @@ from tribox.app.results.inputs import NOTHING, KeptInputs, write_case
 from tribox.app.results.output_files import OutputFiles
 from tribox.app.results.run_tables import RunTables
 from tribox.app.results.saving import Reserve, Saving
-from tribox.app.results.versions import versions
+from tribox.app.results.versions import kernels, versions
 from tribox.app.results.watches import Watches
 from tribox.app.simulation.explicit_stage import notes_on_bouncing
 from tribox.app.simulation.history import Row, energy_gap
@@ -313,6 +313,7 @@ class Recorder(Observer):
             "inputs": self.inputs,
             "resumed": self.resumed,
             "versions": versions(),
+            "kernels": kernels(),
         }
 
     def _summary(

@@ -11,7 +11,7 @@ from typing import Self
 from mpi4py import MPI
 
 from tribox.app.errors import OutputError
-from tribox.app.results.directory import RESERVE, Place, unwritable
+from tribox.app.results.directory import RESERVE, Place, open_own, unwritable
 
 SIZE = 1 << 20  # bytes, more than rows and summary of a step take
 
@@ -96,7 +96,7 @@ class Reserve:
             OSError: there is no room.
         """
         self._path = directory / RESERVE
-        descriptor = os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        descriptor = open_own(self._path, os.O_WRONLY | os.O_CREAT, 0o644)
         try:
             os.posix_fallocate(descriptor, 0, SIZE)
         finally:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from tribox.app.errors import InputError
-from tribox.app.results.directory import LOCK
+from tribox.app.results.directory import BEGINNING, LOCK
 
 UNFINISHED = ("running", "interrupted", "failed")
 
@@ -46,6 +46,11 @@ def is_done(directory: Path) -> bool:
     return status_of(directory) == "done"
 
 
+def is_beginning(directory: Path) -> bool:
+    """Whether a run has not begun there yet: it was ended while the directory was made ready."""
+    return _summary(directory) == BEGINNING
+
+
 def check_may_begin_anew(directory: Path) -> None:
     """See that a run that cannot be gone on with may be begun again in its directory.
 
@@ -54,7 +59,7 @@ def check_may_begin_anew(directory: Path) -> None:
     """
     try:
         present = directory.iterdir() if directory.exists() else ()
-        empty = all(path.name == LOCK for path in present)
+        empty = all(path.name in (LOCK, "summary.json.part") for path in present)
     except OSError as error:
         raise InputError(f"{directory}: cannot be read ({error.strerror or error})") from None
     if not empty and status_of(directory) not in UNFINISHED:

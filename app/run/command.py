@@ -70,10 +70,11 @@ def run_command(case_file: Path, options: RunOptions) -> int:
     """
     if options.force and (options.resume or options.extend):
         raise InputError("--force begins anew, --resume and --extend go on: give one of them")
-    case = load_case(case_file, options.overrides)
+    directory = options.out or default_directory(case_file)
+    case, case_file, runs_code = _trusted_case(case_file, options)
     changes = [word for item in options.overrides for word in ("--set", item)]
-    changes += ["--trust"] * require_trust(case, case_file, options.trust)
-    directory = _results_directory(case, case_file, options)
+    changes += ["--trust"] * runs_code
+    _keep_results_apart(directory, case, case_file, options)
     if case.sweep is not None and options.part is None:
         if reason := without_effect(options.overrides, case.sweep.key):
             raise InputError(reason)
@@ -91,14 +92,27 @@ def run_command(case_file: Path, options: RunOptions) -> int:
     return 0
 
 
-def _results_directory(case: Case, case_file: Path, options: RunOptions) -> Path:
-    """Where the results go; not where they would be cleared with what the run is made from."""
-    directory = options.out or default_directory(case_file)
+def _trusted_case(case_file: Path, options: RunOptions) -> tuple[Case, Path, bool]:
+    """The case, the name that it is read by, and whether it runs code, which is then trusted.
+
+    In a trusted directory that is a name without links, which nobody else can have lead elsewhere
+    by the time that the ranks or the values of a sweep read the case again.
+    """
+    case = load_case(case_file, options.overrides)
+    runs_code = require_trust(case, case_file, options.trust)
+    if not runs_code or options.trust:
+        return case, case_file, runs_code
+    real = case_file.resolve()
+    case = load_case(real, options.overrides)
+    return case, real, require_trust(case, real, False)
+
+
+def _keep_results_apart(directory: Path, case: Case, case_file: Path, options: RunOptions) -> None:
+    """Refuse results where they would be cleared with what the run is made from."""
     swept = case.sweep is not None
     begun = (directory / "case.toml").exists() if swept else checkpoint_numbers(directory)
     if not ((options.resume or options.extend) and begun):  # else nothing is cleared
         _keep_inputs(directory, case_file, case)
-    return directory
 
 
 def _keep_inputs(directory: Path, case_file: Path, case: Case) -> None:

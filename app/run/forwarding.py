@@ -11,7 +11,8 @@ from collections.abc import Callable, Mapping
 from types import FrameType, TracebackType
 from typing import Self
 
-STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+from tribox.app.run.process import STOPPING
+
 SAID = "finishing the step at hand; Ctrl-C, or the same signal again, stops at once"
 Handler = Callable[[int, FrameType | None], None]
 

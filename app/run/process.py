@@ -9,15 +9,18 @@ import io
 import os
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from types import FrameType
 from typing import Any, TextIO
 
+import tribox
 from tribox.app.errors import OutputError
 
 PARENT = "TRIBOX_PARENT"
 """Variable of the environment: id of the process of tribox that waits for this one."""
+STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _PETSC = "PETSC_OPTIONS"
 _NO_HANDLER = "-no_signal_handler"
 _PR_SET_PDEATHSIG = 1
@@ -27,9 +30,6 @@ _GONE = (errno.EPIPE, errno.EIO)
 def begin_process() -> None:
     """Outlive the terminal, but not the process of tribox that has started this one."""
     leave_signals_alone()
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        if signal.getsignal(number) == signal.SIG_DFL:
-            signal.signal(number, _interrupt)
     sys.stdout = _outliving(sys.stdout)
     sys.stderr = _outliving(sys.stderr)
     parent = os.environ.pop(PARENT, None)
@@ -43,15 +43,22 @@ def begin_process() -> None:
 def lasting_imports() -> Iterator[None]:
     """Import what stays to the end: the garbage collector looks through it neither now nor later.
 
+    Nothing has been begun by then that a signal could cut short.
+
     Imports make a million objects. Looking through them again and again, and once more at the end
     of Python, costs more than all other collections of a run.
     """
+    ours = [number for number in STOPPING if signal.getsignal(number) is interrupt]
+    for number in ours:
+        signal.signal(number, leave_at_once)
     gc.disable()
     try:
         yield
     finally:
         gc.freeze()
         gc.enable()
+        for number in ours:
+            signal.signal(number, interrupt)
 
 
 def collect_the_rest() -> None:
@@ -65,9 +72,45 @@ def collect_the_rest() -> None:
     gc.freeze()
 
 
-def _interrupt(number: int, frame: FrameType | None) -> None:
+def interrupt(number: int, frame: FrameType | None) -> None:
     """What Ctrl-C does, for other signals too."""
     raise KeyboardInterrupt
+
+
+def leave_at_once(number: int, frame: FrameType | None) -> None:
+    """End as a signal ends a command that has not begun anything.
+
+    In the middle of imports an exception ends in others' errors, or is lost.
+    """
+    if os.environ.get("OMPI_COMM_WORLD_RANK", "0") == "0":
+        os.write(2, b"tribox: interrupted\n")
+    os._exit(130)
+
+
+def obey_signals(handler: Callable[[int, FrameType | None], None] = interrupt) -> None:
+    """Set what signals to stop do, but those that were ignored, as by nohup."""
+    for number in STOPPING:
+        if signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, handler)
+
+
+def tribox_command(*words: str, before: Sequence[str] = ()) -> list[str]:
+    """The command line of another process of tribox.
+
+    Python looks for no module in the working directory, which may be that of anyone's case.
+
+    Args:
+        words: of the command line of tribox.
+        before: of that of Python, ahead of the program.
+    """
+    return [sys.executable, "-P", *before, "-m", "tribox", *words]
+
+
+def with_sources(environment: Mapping[str, str]) -> dict[str, str]:
+    """An environment in which another process finds this package, wherever it was found."""
+    root = str(Path(tribox.__file__).parents[1])
+    path = environment.get("PYTHONPATH")
+    return {**environment, "PYTHONPATH": f"{root}{os.pathsep}{path}" if path else root}
 
 
 def leave_signals_alone() -> None:
@@ -114,7 +157,7 @@ def end_process() -> None:
     Raises:
         SystemExit: it has not.
     """
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    for number in STOPPING:
         signal.signal(number, signal.SIG_IGN)
     try:
         sys.stdout.flush()

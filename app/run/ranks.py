@@ -6,14 +6,13 @@ import os
 import shutil
 import signal
 import subprocess
-import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
 from tribox.app.errors import InputError
 from tribox.app.run.forwarding import Forwarding
-from tribox.app.run.process import end_with_parent
+from tribox.app.run.process import end_with_parent, tribox_command, with_sources
 
 EXIT_CODE = "TRIBOX_EXIT_CODE"
 """Variable of the environment: file into which the first rank writes the exit code of all.
@@ -42,7 +41,8 @@ def run_on_ranks(count: int, arguments: Sequence[str]) -> int:
     mpirun = shutil.which("mpirun")
     if mpirun is None:
         raise InputError(f"--np {count}: there is no mpirun here")
-    command = [mpirun, "-n", str(count), sys.executable, "-m", "mpi4py", "-m", "tribox", *arguments]
+    python = tribox_command(*arguments, before=("-m", "mpi4py"))
+    command = [mpirun, "-n", str(count), *python]
     with tempfile.TemporaryDirectory(prefix="tribox-") as place:
         told = Path(place) / "exit-code"
         code, asked = _supervise(command, told)
@@ -69,7 +69,8 @@ def tell_exit_code(code: int) -> bool:
 def _supervise(command: Sequence[str], told: Path) -> tuple[int, bool]:
     """Exit code of mpirun, and whether it was asked to stop."""
     # Open MPI refuses more ranks than cores otherwise, with a page of advice.
-    environment = {"PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe", **os.environ}
+    oversubscribed = {"PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe"}
+    environment = with_sources(oversubscribed | dict(os.environ))
     with Forwarding(signal.SIGUSR1, signal.SIGTERM) as forwarding:
         process = subprocess.Popen(
             command,

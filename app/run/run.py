@@ -167,7 +167,7 @@ def _recorder(case: Case, simulation: Simulation, opening: Opening, saving: Savi
         if found is not None:
             kept = kept_inputs(case)
             return
-        opening.claim.clear()
+        opening.claim.clear(begins=True)
         kept = keep_inputs(case, directory, opening.inputs_of)
 
     on_first(model.problem.comm, make_ready)

@@ -6,7 +6,6 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -16,12 +15,14 @@ from typing import Any
 from tribox.app.case.case import Case
 from tribox.app.errors import InputError, Interrupted, OutputError, SolutionError, TriboxError
 from tribox.app.results.directory import write_json, write_table
+from tribox.app.results.status import is_done
 from tribox.app.run.forwarding import Forwarding
-from tribox.app.run.process import PARENT
+from tribox.app.run.process import PARENT, tribox_command, with_sources
 from tribox.app.run.ranks import INTERRUPTED
 from tribox.app.run.sweep_lines import SweepLines
 from tribox.app.simulation.history import COLUMNS
 
+NO_SUMMARY = "failed: it ended with exit code 0 and wrote no summary of a finished run"
 KEPT = ("status", "warnings", "steps", "newton_iterations")  # of the summary of a part
 
 
@@ -42,7 +43,8 @@ def run_side_by_side(parts: Sequence[Part], jobs: int, lines: SweepLines) -> Non
         SolutionError: a part failed; the others have been run.
         OutputError: a part could not write its results.
         Interrupted: a signal came, which the running parts have obeyed too; none followed.
-        TriboxError: a part could not be started or ended oddly.
+        TriboxError: a part could not be started or ended oddly, such as well and without a summary
+            that says so.
     """
     lock = threading.Lock()
     waiting = list(parts)
@@ -83,11 +85,12 @@ def _error_of(codes: set[int]) -> type[TriboxError]:
 
 
 def _run_part(part: Part, lines: SweepLines, lock: threading.Lock, forwarding: Forwarding) -> int:
+    before = _summary_file(part.directory)
     with lock:
         lines.begin(part.label)
     process = subprocess.Popen(
         part.command,
-        env={**os.environ, PARENT: str(os.getpid())},
+        env=with_sources(os.environ) | {PARENT: str(os.getpid())},
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
@@ -103,8 +106,20 @@ def _run_part(part: Part, lines: SweepLines, lock: threading.Lock, forwarding: F
     code = process.wait()
     forwarding.remove(process)
     with lock:
+        if code == 0 and (_summary_file(part.directory) == before or not is_done(part.directory)):
+            code = TriboxError.exit_code
+            lines.say(part.label, NO_SUMMARY)
         lines.end(part.label, code)
     return code
+
+
+def _summary_file(directory: Path) -> tuple[int, int] | None:
+    """Which summary a directory holds, to tell one that is new from one that was there."""
+    try:
+        about = (directory / "summary.json").stat()
+    except OSError:
+        return None
+    return about.st_ino, about.st_mtime_ns
 
 
 def cores() -> int:
@@ -114,10 +129,9 @@ def cores() -> int:
 
 def part_command(case_file: Path, index: int, directory: Path, options: Sequence[str]) -> list[str]:
     """The command that runs one value of the sweep in ``case_file``."""
-    return [
-        *(sys.executable, "-m", "tribox", "run", str(case_file)),
-        *("--part", str(index), "--out", str(directory), *options),
-    ]
+    return tribox_command(
+        *("run", str(case_file), "--part", str(index), "--out", str(directory), *options)
+    )
 
 
 def _summary_of_part(path: Path) -> dict[str, Any] | None:

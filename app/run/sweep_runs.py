@@ -13,7 +13,8 @@ from tribox.app.errors import InputError, SolutionError
 from tribox.app.results.claim import Claim, claimed
 from tribox.app.results.directory import checkpoint_numbers, unwritable
 from tribox.app.results.inputs import NOTHING, KeptInputs, keep_inputs, kept_inputs, write_case
-from tribox.app.results.status import is_done
+from tribox.app.results.status import check_may_begin_anew, is_beginning, is_done
+from tribox.app.run.process import lasting_imports
 from tribox.app.run.sweep import Part, collate, cores, part_command, run_side_by_side
 from tribox.app.run.sweep_lines import sweep_lines
 
@@ -44,7 +45,8 @@ class SweepOptions:
 
     def how(self, directory: Path) -> dict[str, bool]:
         """How the value in a directory goes on: one that never got far, from its start."""
-        extend = self.extend and bool(checkpoint_numbers(directory))
+        begun = checkpoint_numbers(directory) and not is_beginning(directory)
+        extend = self.extend and bool(begun)
         return {"resume": self.goes_on and not extend, "extend": extend}
 
 
@@ -68,9 +70,10 @@ def run_sweep(
     if around > 1:
         _run_in_turn(case, directory, options)
         return
-    from tribox.app.run.building import notes_on_building
+    with lasting_imports():
+        from tribox.app.run.building import notes_on_building
 
-    with claimed(directory, options.force, options.goes_on) as claim:
+    with claimed(directory, options.force or options.goes_on, options.goes_on) as claim:
         notes_on_building(case.sweep_cases()[0][1], runs_code=True)
         to_run = _to_run(case, directory, options)
         kept = _make_ready(case, claim, options.goes_on)
@@ -131,9 +134,12 @@ def _to_run(case: Case, directory: Path, options: SweepOptions) -> list[tuple[in
             there is nothing to extend.
     """
     out = []
+    goes_on = options.goes_on and not is_beginning(directory)
     for index, (label, single) in enumerate(case.sweep_cases()):
         where = directory / label
-        if options.goes_on and is_done(where):
+        if where.is_symlink():
+            raise InputError(f"{where}: is a link, and tribox writes through none; remove it")
+        if goes_on and is_done(where):
             if is_whole(where, single):
                 continue
             if not options.extend:
@@ -152,9 +158,11 @@ def _to_run(case: Case, directory: Path, options: SweepOptions) -> list[tuple[in
 def _make_ready(case: Case, claim: Claim, goes_on: bool) -> KeptInputs:
     """Clear the directory, unless its sweep goes on, and write what is the same for all values."""
     directory = claim.directory
-    begun = goes_on and (directory / "case.toml").is_file()
+    begun = goes_on and (directory / "case.toml").is_file() and not is_beginning(directory)
     if not begun:
-        claim.clear()
+        if goes_on:
+            check_may_begin_anew(directory)
+        claim.clear(begins=True)
     try:
         kept = kept_inputs(case) if begun else keep_inputs(case, directory)
         write_case(case, directory, kept)

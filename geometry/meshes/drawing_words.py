@@ -3,8 +3,9 @@
 gmsh has no option that forbids it. So a drawing is read word by word first, by the rules of gmsh's
 own scanner, and what is not known to draw only is named: commands with a text behind them
 (``SystemCall "..."``, ``Merge``, ``Save``), output to files (``Printf(...) > "..."``), fields that
-start a process, options that name files, and whatever is not known. A drawing in which nothing is
-found can be meshed safely whoever made it.
+start a process, options that name files, formats that gmsh would overrun its memory with
+(``Printf("%n")``), and whatever is not known. A drawing in which nothing is found can be meshed
+safely whoever made it.
 """
 
 from __future__ import annotations
@@ -43,6 +44,9 @@ WITH_TEXT = frozenset(
 # Statements that are a word with a bracket.
 CALLS = frozenset("Printf SetFactory Error Warning If ElseIf For Macro Call".split())
 TELLS = frozenset("Printf Error Warning Print".split())
+FORMATS = frozenset("Printf Sprintf Error Warning".split())
+# A format that gmsh hands to C's printf, with rooms of 256 and 5000 characters for the outcome.
+PLAIN_FORMAT = re.compile(r"""["'](?:[^%]|%[-+]?[0-9]{0,2}(?:\.[0-9]{1,2})?[gGeE]){0,200}["']""")
 FIELDS = frozenset(
     """
     Attractor AttractorAnisoCurve AutomaticMeshSizeField Ball BoundaryLayer Box Constant Curvature
@@ -109,6 +113,8 @@ def beyond_drawing(script: str) -> Beyond | None:
             return Beyond("a text or comment without end", token.line)
         if token.kind == "word" and _reaches_out(tokens, at):
             return Beyond(token.text, token.line)
+        if token.text in FORMATS and _text(tokens, at + 1) in "([" and _overruns(tokens, at + 1):
+            return Beyond(f"{token.text} with another format than %g", token.line)
     return None
 
 
@@ -159,6 +165,15 @@ def _call_reaches_out(tokens: Sequence[Token], at: int) -> bool:
         return True
     begins = _text(tokens, at - 1) in ("", ";", "{", "}", ")")
     return begins and _text(tokens, end + 1) == ";" and word not in CALLS
+
+
+def _overruns(tokens: Sequence[Token], bracket: int) -> bool:
+    """Whether a format, the first in a bracket, is not a short text with one %g for each value."""
+    text, after = _text(tokens, bracket + 1), _text(tokens, bracket + 2)
+    if _kind(tokens, bracket + 1) != "text" or after not in (",", ")", "]"):
+        return True
+    values = after == ","
+    return not PLAIN_FORMAT.fullmatch(text) or ("%" in text) != values
 
 
 def _closing(tokens: Sequence[Token], at: int) -> int:

@@ -8,6 +8,9 @@ import gc
 
 def start() -> None:
     """Run the command line as a process of its own, with little time for the garbage collector."""
+    from tribox.app.run.process import leave_at_once, obey_signals
+
+    obey_signals(leave_at_once)
     from tribox.app.run.late_modules import load_late
     from tribox.app.run.process import begin_process, collect_the_rest, end_process, lasting_imports
 
@@ -19,6 +22,7 @@ def start() -> None:
         from tribox.app.cli import main
 
     try:
+        obey_signals()
         main()
     finally:
         end_process()

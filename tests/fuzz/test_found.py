@@ -6,15 +6,17 @@ import copy
 import os
 import time
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from tests.app.conftest import BLOCK, FILM, SLID
-from tests.fuzz.case_files import SWEEP, place
+from tests.fuzz.case_files import SWEEP, Key, good_cases, place, text_keys, value_at
 from tests.fuzz.guard import outcome, see_line
 from tests.fuzz.hostile import Raw, toml_of
 from tests.fuzz.other_files import WET
+from tests.fuzz.targets import read_case
 from tribox.app.case.reading import check_case, load_case
 from tribox.app.errors import InputError, as_line
 from tribox.app.fit.data import read_data
@@ -70,6 +72,9 @@ FOUND = [
     ("solver", {"tolerance": 1}, "must be > 0 and < 1"),
     ("stage.0.steady_tolerance", 1.0, "must be > 0 and < 1"),
     ("boundary.1.displacement.y", [[n, 0] for n in range(100_001)], "has 100001 rows"),
+    ("bodies.elastomer.material", ["a"], 'bodies.elastomer.material = ["a"]: must be one of'),
+    ("bodies.elastomer.material", {"a": 1}, "bodies.elastomer.material: must be one of"),
+    ("bodies.elastomer", {"material": ["a"], "library": "AA1050-O"}, 'material = ["a"]: must be'),
     ("geometry.thickness", "1e300 m", "must be of a size up to 1e+50 m"),
     ("geometry.thickness", "1e-300 m", "must be of a size from 1e-50 m on"),
     ("geometry", radius(ROUND, "cylinder", "1e300 m"), "must be of a size up to 1e+50 m"),
@@ -101,6 +106,41 @@ def test_a_value_that_no_case_may_hold_is_a_line_with_file_and_key(key, value, s
         assert "nested" in said or "digits" in said or key.split(".")[0] in line
     came_to = outcome(lambda: load_case(path), tmp_path)
     assert came_to.startswith("refused"), came_to
+
+
+def name_of(key: Key) -> tuple[str, ...]:
+    return tuple("0" if isinstance(part, int) else part for part in key)
+
+
+def places_of_text() -> Iterator[tuple[dict, Key]]:
+    """Each text key of the good cases once, beside the laws and kinds that stand with it."""
+    seen = set()
+    for case in good_cases():
+        for key in text_keys(case):
+            table = value_at(case, key[:-1])
+            kinds = [table.get(n) for n in ("law", "kind", "shape") if isinstance(table, dict)]
+            mark = (name_of(key), *map(str, kinds))
+            if mark not in seen:
+                seen.add(mark)
+                yield case, key
+
+
+def test_a_list_or_a_table_at_any_text_key_is_a_line(tmp_path):
+    """As a value, and as one that a sweep puts there."""
+    found, tried = {}, 0
+    for case, key in places_of_text():
+        text = value_at(case, key)
+        for number, shape in enumerate([[text], [[text]], {"name": text}, [], {}]):
+            changed = copy.deepcopy(case)
+            if number == 1:
+                changed["sweep"] = {"key": ".".join(map(str, key)), "values": [shape]}
+            else:
+                place(changed, key, shape)
+            came_to = outcome(lambda: read_case(toml_of(changed), tmp_path), tmp_path)
+            tried += 1
+            if not came_to.startswith(("refused: ", "fine")):
+                found[".".join(map(str, key)), str(shape)] = came_to
+    assert tried > 200 and not found, found
 
 
 OVERRIDES = [

@@ -12,23 +12,22 @@ import pytest
 from tests.launcher.stand_ins import ENGINE, Machine, mounted, values
 
 
-def test_case_elsewhere_is_read_with_its_neighbours(docker: Machine, tmp_path: Path) -> None:
-    (tmp_path / "mine/cases").mkdir(parents=True)
+def test_of_a_case_elsewhere_no_more_is_read_than_its_directory(
+    docker: Machine, tmp_path: Path
+) -> None:
+    """And what it names: not the directories beside it, nor the work tree around it."""
+    for name in ("mine/.git", "mine/cases", "mine/meshes", "mine/drawings", "mine/secrets"):
+        (tmp_path / name).mkdir(parents=True)
+    for name in ("meshes/a.msh", "meshes/b.MSH", "drawings/c.geo"):
+        (tmp_path / "mine" / name).touch()
     case = tmp_path / "mine/cases/my case.toml"
-    case.write_text("[geometry]\nmesh = '../meshes/a.msh'\n")
+    named = ("meshes/a.msh", "meshes/b.MSH", "drawings/c.geo")
+    case.write_text("".join(f"mesh = '../{name}'\n" for name in named))
     docker.launch("run", str(case))
-    call = docker.container()
-    assert mounted(call, "ro") == {f"{tmp_path}/mine", str(docker.checkout)}
+    call, mine = docker.container(), f"{tmp_path}/mine"
+    read = {f"{mine}/cases", f"{mine}/meshes/a.msh", f"{mine}/meshes/b.MSH", f"{mine}/drawings"}
+    assert mounted(call, "ro") == {*read, str(docker.checkout)}
     assert mounted(call, "rw") == {f"{docker.checkout}/results/my case"}
-
-
-def test_case_in_a_work_tree_is_read_with_the_tree(docker: Machine, tmp_path: Path) -> None:
-    (tmp_path / "tree/.git").mkdir(parents=True)
-    (tmp_path / "tree/a/b").mkdir(parents=True)
-    (tmp_path / "tree/a/b/c.toml").touch()
-    docker.launch("check", "../tree/a/b/c.toml")
-    assert f"{tmp_path}/tree" in mounted(docker.container(), "ro")
-    assert not mounted(docker.container(), "rw")
 
 
 def test_files_far_from_their_case_are_read(docker: Machine, tmp_path: Path) -> None:
@@ -43,7 +42,7 @@ def test_files_far_from_their_case_are_read(docker: Machine, tmp_path: Path) -> 
     )
     docker.launch("run", str(case))
     read = mounted(docker.container(), "ro")
-    assert {f"{tmp_path}/far/away/meshes/a.msh", f"{tmp_path}/laws"} <= read
+    assert {f"{tmp_path}/far/away/meshes/a.msh", f"{tmp_path}/laws/mine"} <= read
 
 
 def test_linked_case_is_read_where_it_is(docker: Machine, tmp_path: Path) -> None:
@@ -52,7 +51,8 @@ def test_linked_case_is_read_where_it_is(docker: Machine, tmp_path: Path) -> Non
     (tmp_path / "links/here").mkdir(parents=True)
     (tmp_path / "links/here/c.toml").symlink_to(tmp_path / "real/cases/c.toml")
     docker.launch("run", str(tmp_path / "links/here/c.toml"))
-    assert {f"{tmp_path}/real", f"{tmp_path}/links"} <= mounted(docker.container(), "ro")
+    read = mounted(docker.container(), "ro")
+    assert {f"{tmp_path}/real/cases", f"{tmp_path}/links/here"} <= read
 
 
 # What each command may write; W is the working directory, with what WORK names in it.
@@ -118,6 +118,17 @@ def test_results_directory_without_results_goes_away(docker: Machine, writes: bo
     while not writes and results.exists() and time.monotonic() < waited:
         time.sleep(0.01)
     assert results.exists() == writes
+
+
+def test_a_file_that_runs_as_its_owner_is_made_a_plain_one(docker: Machine) -> None:
+    results = docker.checkout / "results/sfa"
+    left = "touch results/sfa/tool; chmod 6755 results/sfa/tool; exit"
+    docker.install("docker", ENGINE.replace("exit", left, 3))
+    docker.launch("run", "cases/sfa.toml")
+    waited = time.monotonic() + 100.0
+    while (mode := (results / "tool").stat().st_mode) & 0o6000 and time.monotonic() < waited:
+        time.sleep(0.01)
+    assert mode & 0o7777 == 0o755
 
 
 def test_the_program_cannot_be_written_from_its_checkout(docker: Machine) -> None:

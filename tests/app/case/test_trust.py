@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import grp
 import os
+import pwd
 from pathlib import Path
 
 import pytest
 
 from tests.own_law import OWN, documented_law, with_law
+from tribox.app.case.case import Case
 from tribox.app.case.reading import load_case
 from tribox.app.case.trust import (
     forget_directory,
@@ -17,6 +20,7 @@ from tribox.app.case.trust import (
     trusted_directories,
 )
 from tribox.app.errors import InputError
+from tribox.app.run import command
 
 
 @pytest.fixture
@@ -139,7 +143,7 @@ def test_what_anybody_may_write_is_not_trusted(places):
     open_to_all.mkdir()
     open_to_all.chmod(0o1777)
     for wrong, said in [
-        (open_to_all, "anybody may write in it"),
+        (open_to_all, rf"is not to be trusted \(anybody may write {open_to_all}\)"),
         (Path("/"), "is everything there is"),
         (mine / "a.toml", "is no directory"),
         (mine / "none", "no such directory"),
@@ -147,3 +151,61 @@ def test_what_anybody_may_write_is_not_trusted(places):
         with pytest.raises(InputError, match=said):
             trust_directory(wrong)
     assert trusted_directories() == [mine]
+
+
+def test_what_a_group_or_somebody_else_may_write_is_not_trusted(places, monkeypatch):
+    mine = places / "mine"
+    trust_directory(mine)
+    me = pwd.getpwuid(os.geteuid())
+    group = grp.struct_group(("lab", "x", me.pw_gid, ["somebody"]))
+    monkeypatch.setattr(grp, "getgrgid", lambda number: group)
+    for path in (mine / "my_law.py", mine / "a.toml", mine):
+        path.chmod(path.stat().st_mode | 0o020)
+        assert f"(group lab may write {path})" in (needs_trust(mine / "a.toml") or "")
+        group = grp.struct_group((me.pw_name, "x", me.pw_gid, []))  # as Debian gives each user
+        assert needs_trust(mine / "a.toml") is None
+        group = grp.struct_group(("lab", "x", me.pw_gid, ["somebody"]))
+        path.chmod(path.stat().st_mode & ~0o020)
+    if os.geteuid() == 0:
+        for path in (mine / "my_law.py", mine):
+            os.chown(path, 12345, 12345)
+            assert f"({path} belongs to somebody else)" in (needs_trust(mine / "a.toml") or "")
+            os.chown(path, 0, 0)
+    places.chmod(0o777)  # who may write here may put another directory in the place of mine
+    assert f"(anybody may write {places})" in (needs_trust(mine / "a.toml") or "")
+
+
+def test_what_is_trusted_is_what_is_opened(places, block, monkeypatch):
+    """A link that leads elsewhere, and to the trusted case only while that is looked at."""
+    mine, other = places / "mine", places / "other"
+    trust_directory(mine)
+    other.mkdir()
+    (other / "in.toml").write_text(with_law(block, OWN.replace("my_law.py", f"{mine}/my_law.py")))
+    link = other / "case.toml"
+    link.symlink_to(other / "in.toml")
+    ran = []
+
+    def load_and_swap(path: Path, overrides: list[str]) -> Case:
+        case = load_case(path, overrides)
+        link.unlink()
+        link.symlink_to(mine / "a.toml")
+        return case
+
+    monkeypatch.setattr(command, "load_case", load_and_swap)
+    monkeypatch.setattr(command, "_run_here", lambda case, *more: ran.append(case))
+    out = places / "out"
+    options = command.RunOptions(
+        out, [], 1, False, None, None, False, resume=False, extend=False, inputs_of=None
+    )
+    command.run_command(link, options)
+    assert [case.source for case in ran] == [mine / "a.toml"]
+
+
+def test_a_law_that_has_become_a_link_is_not_trusted(places):
+    mine = places / "mine"
+    trust_directory(mine)
+    case = load_case(mine / "a.toml")
+    (mine / "my_law.py").rename(mine / "other.py")
+    (mine / "my_law.py").symlink_to(mine / "other.py")
+    with pytest.raises(InputError, match="has become a link"):
+        require_trust(case, mine / "a.toml", False)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import random
 import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -19,8 +21,12 @@ from tests.app.checkpoint.campaign import (
     start,
 )
 from tests.app.checkpoint.going_on import as_killed, numbers, unlike
+from tests.app.checkpoint.small_cases import changed
+from tests.app.checkpoint.test_resume import CASE
 from tests.app.run.test_signals import of_run, statuses
-from tests.ranks import LIMIT
+from tests.own_law import documented_law, with_law
+from tests.ranks import LIMIT, ROOT, mpi_environment
+from tribox.app.case.toml_writer import toml_text
 from tribox.app.results import read
 
 MOMENTS = int(os.environ.get("TRIBOX_KILLS", "0"))
@@ -44,6 +50,30 @@ def test_a_killed_run_goes_on_with_the_same_bytes(work, kind):
     again = finish(start(work / f"{kind}.toml", out, "--resume"))
     if kind != "sweep":
         assert again == f"{out}: the run is done; --extend goes on past its end\n"
+
+
+FEW_FILES = {"output.fields_every": 0, "output.checkpoint_every": 4, "stage.1.steps": 3}
+
+
+@pytest.mark.long
+def test_a_run_that_is_killed_at_any_rename_goes_on_with_the_same_bytes(tmp_path):
+    """Into a new directory and into one with other results, with a copied law among the files."""
+    path = tmp_path / "case.toml"
+    data = changed(with_law(CASE), FEW_FILES)
+    path.write_text(toml_text(data), encoding="utf-8")
+    (tmp_path / "my_law.py").write_text(documented_law(), encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "-m", "tests.app.checkpoint.at_renames", str(path), str(tmp_path / "out")],
+        cwd=ROOT,
+        env=mpi_environment(),
+        capture_output=True,
+        text=True,
+        timeout=LIMIT,
+        check=False,
+    )
+    lines = done.stdout.splitlines()
+    assert done.returncode == 0 and len(lines) > 12, done.stderr
+    assert all(line.endswith("done, same bytes") for line in lines), done.stdout + done.stderr
 
 
 @pytest.mark.long

@@ -6,6 +6,7 @@ import hashlib
 import json
 import shutil
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from tests.own_law import documented_law
 from tribox.app.case.case import Case
 from tribox.app.case.reading import load_case
 from tribox.app.checkpoint.files import _sum, latest
+from tribox.app.checkpoint.layout import _leaves
 from tribox.app.checkpoint.same_case import changes
 from tribox.app.errors import InputError, Interrupted
 from tribox.app.results.directory import check_free, checkpoint_numbers
@@ -109,13 +111,18 @@ def damage_manifest(path: Path, about: Any) -> None:
     (path / "manifest.json").write_text(about if isinstance(about, str) else json.dumps(about))
 
 
-def rewritten(path: Path, state: Any = None, arrays: dict[str, Any] | None = None) -> None:
+def rewritten(
+    path: Path,
+    state: Any = None,
+    arrays: dict[str, Any] | None = None,
+    save: Callable[..., None] = np.savez,
+) -> None:
     """Put something else into a checkpoint, with a manifest that agrees."""
     about = json.loads((path / "manifest.json").read_text())
     if state is not None:
         (path / "state.json").write_text(state if isinstance(state, str) else json.dumps(state))
     if arrays is not None:
-        np.savez_compressed(path / "arrays.npz", **arrays)
+        save(path / "arrays.npz", **arrays)
     for name in about["files"]:
         content = (path / name).read_bytes()
         about["files"][name] = {
@@ -151,7 +158,9 @@ def test_a_run_whose_checkpoints_are_all_damaged_is_not_begun_anew(done, tmp_pat
 
 def test_compressed_arrays_are_not_unpacked(done, tmp_path):
     out = as_killed(done, tmp_path / "out", 2)
-    rewritten(out / "checkpoints" / "000002", arrays={"a0": np.zeros(10_000_000)})
+    rewritten(
+        out / "checkpoints" / "000002", arrays={"a0": np.zeros(10**7)}, save=np.savez_compressed
+    )
     found, notes = latest(out)
     assert found is not None and found.about["step"] == 1 and "arrays.npz" in notes[0]
 
@@ -177,6 +186,30 @@ def test_a_checkpoint_of_another_make_is_one_line(done, tmp_path, change, said):
     with pytest.raises(InputError, match="not as this version of tribox writes it") as error:
         run(case_of(), out, resume=True)
     assert said in str(error.value)
+
+
+WRONG = [
+    ("simulation.runner.x", lambda array: array[:, :1], r"\(48, 1\)"),
+    ("simulation.runner.x", lambda array: np.array(1.0), "rows instead of 48"),
+    ("simulation.state.way.force", lambda array: array[:, None], r"float64, \(1,\) in"),
+    ("simulation.state.way.driven", lambda array: array[:0], "samples of unlike number"),
+    ("simulation.state.energies.force", lambda array: array.astype(str), "<U32 of shape"),
+    ("simulation.runner.predictor.drive.loads", lambda array: np.zeros(3), "number of loads"),
+    ("recorder.watches.left.above.0", lambda array: array[:, None], r"bool of shape \(25, 1\)"),
+]
+
+
+@pytest.mark.parametrize(("place", "change", "said"), WRONG, ids=range(len(WRONG)))
+def test_an_array_of_another_shape_is_one_line(done, tmp_path, place, change, said):
+    """With sums that are right, as somebody else's program may write them."""
+    out = as_killed(done, tmp_path / "out", 3)
+    path = out / "checkpoints" / "000003"
+    with np.load(path / "arrays.npz") as stored:
+        arrays = dict(stored)
+    name = "a" + dict(_leaves(json.loads((path / "state.json").read_text())))[place][1]
+    rewritten(path, arrays=arrays | {name: change(arrays[name])})
+    with pytest.raises(InputError, match=f"not as this version of tribox writes it.*{said}"):
+        run(case_of(), out, resume=True)
 
 
 @pytest.mark.parametrize(

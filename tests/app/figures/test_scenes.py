@@ -102,3 +102,13 @@ def test_rendering_that_fails_gives_none_or_pictures_of_the_same_size():
     made = scene(SQUARE)
     pictures = render([made])
     assert pictures is None or [p.shape for p in pictures] == [(*made.size[::-1], 3)]
+
+
+def test_rendering_imports_nothing_from_the_working_directory(tmp_path, monkeypatch):
+    """Where a case of somebody else, or results, may lie beside modules of any name."""
+    for name in ("numpy", "tribox", "pyvista"):
+        (tmp_path / f"{name}.py").write_text(f"open({str(tmp_path / 'ran')!r}, 'w')\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("PYTHONSAFEPATH", raising=False)
+    render([scene(SQUARE)])
+    assert not (tmp_path / "ran").exists()

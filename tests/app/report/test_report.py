@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import os
 import re
 import subprocess
 import sys
@@ -229,6 +230,23 @@ def test_a_sweep_has_a_table_and_a_section_for_each_value(tmp_path, block):
     assert "All values at the end of each load step" in page.words("caption")
     assert len(page.all("img")) == 4
     assert re.search(r'<tr class="default"><th scope="row">penalty_factor', text)
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"no picture", b"\x89PNG\r\n\x1a\n" + b"\0" * 60, b"GIF89a\xff\xff\xff\xff"]
+)
+def test_a_picture_that_is_none_is_one_line(tmp_path, content):
+    (tmp_path / "figures").mkdir()
+    (tmp_path / "figures" / "history.png").write_bytes(content)
+    with pytest.raises(InputError, match=r"history\.png: is no picture that can be read"):
+        pictures_of(tmp_path, "run")
+
+
+def test_pictures_that_are_links_or_pipes_are_left_out(tmp_path):
+    (tmp_path / "figures").mkdir()
+    (tmp_path / "figures" / "history.png").symlink_to("/dev/zero")
+    os.mkfifo(tmp_path / "figures" / "energy.png")
+    assert pictures_of(tmp_path, "run") == []
 
 
 def test_the_command_loads_no_solver_and_keeps_what_is_there(run, tmp_path, tribox):

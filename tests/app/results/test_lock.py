@@ -10,14 +10,19 @@ import re
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from matplotlib.figure import Figure
 
 from tests.ranks import ROOT
 from tribox.app.errors import InputError, OutputError
+from tribox.app.figures.run_figures import draw_figures
+from tribox.app.figures.style import save
+from tribox.app.results import read
 from tribox.app.results.claim import Claim, claimed
-from tribox.app.results.directory import LOCK
+from tribox.app.results.directory import LOCK, GrowingTable, write_text
 from tribox.app.results.lock import DirectoryLock, owner_of
 
 HOLD = """
@@ -143,6 +148,73 @@ def test_links_are_never_followed_nor_cleared(tmp_path):
     with pytest.raises(InputError, match="holds fields, which is no result"):
         Claim(tmp_path / "out", True).take()
     assert (tmp_path / "elsewhere" / "000001.vtu").exists()
+
+
+@pytest.fixture
+def victim(tmp_path: Path) -> Iterator[Path]:
+    """A file elsewhere, which must stay as it is."""
+    path = tmp_path / "victim"
+    path.write_text("precious")
+    yield path
+    assert path.read_text() == "precious"
+
+
+@pytest.mark.parametrize("link", [Path.symlink_to, Path.hardlink_to])
+def test_a_lock_that_is_a_link_is_not_written(tmp_path, victim, link):
+    (tmp_path / "out").mkdir()
+    link(tmp_path / "out" / LOCK, victim)
+    assert owner_of(tmp_path / "out") is None
+    for force in (False, True):
+        with pytest.raises(OutputError, match=r"is a link or no file.*tribox\.lock"):
+            Claim(tmp_path / "out", force).take()
+
+
+def test_a_lock_that_is_a_pipe_waits_for_nobody(tmp_path):
+    os.mkfifo(tmp_path / LOCK)
+    assert owner_of(tmp_path) is None
+    with pytest.raises(OutputError, match="is a link or no file"):
+        Claim(tmp_path, True).take()
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("history.csv", "contacts.csv", "log.txt", "summary.json.part", "figures", "fields"),
+        *("fields/000001.vtu", "checkpoints", "checkpoints/000001", "fields_after_000002.bp"),
+    ],
+)
+def test_a_run_does_not_go_on_among_links(tmp_path, victim, name):
+    path = tmp_path / "out" / name
+    path.parent.mkdir(parents=True)
+    path.symlink_to(victim)
+    (tmp_path / "out" / "of-mine").symlink_to(victim)  # which no run writes
+    with pytest.raises(InputError, match=f"out/{name}: is a link, and tribox writes through none"):
+        Claim(tmp_path / "out", True).take(goes_on=True)
+    path.unlink()
+    with claimed(tmp_path / "out", True, goes_on=True):
+        pass
+
+
+@pytest.mark.parametrize("link", [Path.symlink_to, Path.hardlink_to])
+def test_nothing_is_written_through_a_link(tmp_path, victim, link):
+    for name in ("summary.json.part", "history.csv", "figures.part.png"):
+        link(tmp_path / name, victim)
+    write_text(tmp_path / "summary.json", "new")
+    assert (tmp_path / "summary.json").read_text() == "new"
+    save(Figure(), tmp_path / "figures.png")
+    with pytest.raises(OSError, match="is a link or no file"):
+        GrowingTable(tmp_path / "history.csv", ["step"], after=1)
+
+
+def test_figures_are_not_drawn_through_a_link(tmp_path, victim, block):
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "case.toml").write_text(block)
+    (tmp_path / "out" / "figures").symlink_to(elsewhere)
+    with pytest.raises(InputError, match="figures: is a link, and tribox writes through none"):
+        draw_figures(read(tmp_path / "out"))
+    assert list(elsewhere.iterdir()) == []
 
 
 def test_the_part_of_a_sweep_that_runs_alone_is_not_cleared(tmp_path, block):

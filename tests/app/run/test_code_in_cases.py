@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import re
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +14,7 @@ from mpi4py import MPI
 
 from tests.app.conftest import BLOCK
 from tests.own_law import OWN, documented_law, mischief, with_law
-from tests.ranks import command
+from tests.ranks import LIMIT, command
 from tribox.app.case.case import Case
 from tribox.app.case.reading import load_case
 from tribox.app.errors import SolutionError
@@ -87,6 +89,30 @@ def test_ranks_and_the_values_of_a_sweep_are_told(marked, tmp_path, tribox):
     summary = json.loads((tmp_path / "sweep" / "summary.json").read_text())
     assert {part["status"] for part in summary["parts"].values()} == {"done"}
     assert list(summary["inputs"]) == ["my_law.py"]
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not Path("/usr/bin/mpirun").exists(), reason="needs Debian's mpirun")
+def test_nothing_is_imported_from_the_working_directory(block, tmp_path, environment):
+    """Nor by the values of a sweep and by their ranks, with the system's own mpirun."""
+    for name in ("tribox", "numpy", "pydantic", "mpi4py", "dolfinx", "typer"):
+        (tmp_path / f"{name}.py").write_text(f"open({str(tmp_path / 'ran')!r}, 'a')\n")
+    sweep = '[sweep]\nkey = "contact.0.friction.mu"\nvalues = [0.1]\n'
+    (tmp_path / "case.toml").write_text(block + sweep)
+    kept = {key: value for key, value in environment.items() if key != "PYTHONSAFEPATH"}
+    done = subprocess.run(
+        [sys.executable, "-P", "-m", "tribox", "run", "case.toml", "--np", "2"],
+        cwd=tmp_path,
+        env=kept | {"PATH": "/usr/bin:/bin"},
+        capture_output=True,
+        text=True,
+        timeout=LIMIT,
+        check=False,
+    )
+    assert not (tmp_path / "ran").exists()
+    assert done.returncode == 0, done.stderr
+    summary = read(tmp_path / "results" / "case" / "mu=0.1").summary
+    assert (summary["status"], summary["ranks"]) == ("done", 2)
 
 
 def test_check_tries_laws(marked, tmp_path, tribox):

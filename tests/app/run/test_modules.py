@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -48,6 +49,9 @@ def test_a_run_with_figures_loads_what_it_needs(case_file, block, tmp_path):
     found, waiting, drew = json.loads(done.stderr.splitlines()[-1])
     assert found == []
     assert drew and (out / "figures" / "deformed.png").is_file()
+    kernels = json.loads((out / "summary.json").read_text())["kernels"]
+    assert {"closest_points", "plane_contact"} & kernels.keys()
+    assert all(re.fullmatch("[0-9a-f]{24}", key) for key in kernels.values())
     assert {"numpy.f2py", "scipy.sparse.csgraph", "scipy.spatial.transform"} <= set(waiting)
 
 

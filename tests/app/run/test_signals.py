@@ -102,6 +102,33 @@ def assert_stopped(process: subprocess.Popen[str], out: Path) -> None:
     assert_tidy(out)
 
 
+@pytest.mark.parametrize(
+    ("module", "number"),
+    [("typer", signal.SIGINT), ("pydantic", signal.SIGTERM), ("dolfinx", signal.SIGHUP)],
+)
+def test_a_signal_while_the_program_starts_is_no_traceback(
+    case_file, block, environment, tmp_path, module, number
+):
+    """It comes while a module is imported, which makes another error of an exception."""
+    (tmp_path / "first").mkdir()
+    (tmp_path / "first" / f"{module}.py").write_text(
+        f"import os\ntry:\n    os.kill(os.getpid(), {int(number)})\nexcept BaseException:\n"
+        "    raise ImportError('in the middle')\n"
+    )
+    path = f"{tmp_path / 'first'}{os.pathsep}{environment['PYTHONPATH']}"
+    words = ["run", str(case_file(block)), "--out", str(tmp_path / "out")]
+    done = subprocess.run(
+        [sys.executable, "-P", "-m", "tribox", *words],
+        env=environment | {"PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=LIMIT,
+    )
+    assert (done.returncode, done.stderr) == (130, "tribox: interrupted\n")
+    assert not (tmp_path / "out").exists()
+
+
 def long(*values: object):
     return pytest.param(*values, marks=pytest.mark.long)
 

@@ -18,12 +18,35 @@ from tests.ranks import LIMIT
 from tribox.app.case.reading import load_case
 from tribox.app.errors import InputError, SolutionError, TriboxError
 from tribox.app.results import read
-from tribox.app.run.sweep import Part, _summary_of_part, collate, part_command, run_side_by_side
+from tribox.app.results.claim import claimed
+from tribox.app.results.directory import BEGINNING
+from tribox.app.results.status import is_beginning
+from tribox.app.run.sweep import (
+    NO_SUMMARY,
+    Part,
+    _summary_of_part,
+    collate,
+    part_command,
+    run_side_by_side,
+)
 from tribox.app.run.sweep_lines import SweepLines, SweepScreen, sweep_lines
+from tribox.app.run.sweep_runs import SweepOptions, _make_ready, _to_run, run_sweep
 
 
-def part(label: str, program: str) -> Part:
-    return Part(label, [sys.executable, "-c", program], Path(label))
+@pytest.fixture
+def part(tmp_path: Path) -> Callable[[str, str], Part]:
+    """Makes parts of a sweep out of programs; each that ends well leaves a summary."""
+
+    def make(label: str, program: str) -> Part:
+        directory = tmp_path / "parts" / label
+        directory.mkdir(parents=True)
+        left = f"; open({str(directory / 'summary.json')!r}, 'w').write('{{\"status\": \"done\"}}')"
+        return Part(label, [sys.executable, "-c", program + left], directory)
+
+    return make
+
+
+SWEPT = '[sweep]\nkey = "contact.0.friction.mu"\nvalues = [0.1, 0.3]\n'
 
 
 class Said(SweepLines):
@@ -33,7 +56,7 @@ class Said(SweepLines):
         self.say = hear
 
 
-def test_all_parts_run_and_their_lines_are_labelled(capsys):
+def test_all_parts_run_and_their_lines_are_labelled(part, capsys):
     program = "import sys; print('one'); print('two', file=sys.stderr)"
     run_side_by_side([part(label, program) for label in "abc"], 2, SweepLines())
     said = capsys.readouterr().out.splitlines()
@@ -41,7 +64,7 @@ def test_all_parts_run_and_their_lines_are_labelled(capsys):
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_no_more_parts_run_at_a_time_than_asked_for(jobs):
+def test_no_more_parts_run_at_a_time_than_asked_for(part, jobs):
     running: set[str] = set()
     most = []
 
@@ -58,30 +81,45 @@ def test_no_more_parts_run_at_a_time_than_asked_for(jobs):
     ("codes", "kind"),
     [((0, 3, 0), SolutionError), ((2, 3, 0), SolutionError), ((2, 0, 2), InputError)],
 )
-def test_failures_are_reported_after_all_have_run(tmp_path, codes, kind):
+def test_failures_are_reported_after_all_have_run(part, tmp_path, codes, kind):
+    ran = tmp_path / "ran"
+    ran.mkdir()
     parts = [
-        part(f"p{i}", f"open({str(tmp_path / str(i))!r}, 'w'); raise SystemExit({code})")
+        part(f"p{i}", f"open({str(ran / str(i))!r}, 'w'); {code} and exit({code})")
         for i, code in enumerate(codes)
     ]
     failed = ", ".join(f"p{i}" for i, code in enumerate(codes) if code)
     count = sum(code != 0 for code in codes)
     with pytest.raises(kind, match=rf"^{count} of 3 runs of the sweep failed: {failed}$"):
         run_side_by_side(parts, 1, Said())
-    assert len(list(tmp_path.iterdir())) == 3
+    assert len(list(ran.iterdir())) == 3
 
 
-def test_a_part_that_crashes_is_neither_wrong_input_nor_no_solution():
+def test_a_part_that_ends_well_and_writes_nothing_has_failed(part, capsys):
+    parts = [part("a", "pass"), part("b", "import os; os._exit(0)"), part("c", "os = 0")]
+    old = parts[1].directory / "summary.json"
+    for there in (None, '{"status": "running"}', '{"status": "done"}'):  # of an earlier run
+        if there is not None:
+            old.write_text(there)
+        with pytest.raises(TriboxError, match=r"^1 of 3 runs of the sweep failed: b$"):
+            run_side_by_side(parts, 1, SweepLines())
+        assert capsys.readouterr().out == f"[b] {NO_SUMMARY}\n"
+
+
+def test_a_part_that_crashes_is_neither_wrong_input_nor_no_solution(part):
     with pytest.raises(TriboxError) as caught:
         run_side_by_side([part("a", "raise SystemExit(1)")], 1, Said())
     assert caught.value.exit_code == 1
 
 
-def test_after_an_interrupted_part_no_other_begins(tmp_path):
+def test_after_an_interrupted_part_no_other_begins(part, tmp_path):
+    ran = tmp_path / "ran"
+    ran.mkdir()
     parts = [part("a", "raise SystemExit(130)")]
-    parts += [part(label, f"open({str(tmp_path / label)!r}, 'w')") for label in "bc"]
+    parts += [part(label, f"open({str(ran / label)!r}, 'w')") for label in "bc"]
     with pytest.raises(KeyboardInterrupt):
         run_side_by_side(parts, 1, Said())
-    assert list(tmp_path.iterdir()) == []
+    assert list(ran.iterdir()) == []
 
 
 def lines_of(screen: SweepScreen) -> list[str]:
@@ -121,16 +159,48 @@ def test_lines_are_plain_where_there_is_no_terminal(monkeypatch, terminal, term,
 
 def test_commands_name_case_value_and_directory():
     command = part_command(Path("a.toml"), 2, Path("out/x"), ["--set", "a=1"])
-    assert command[:3] == [sys.executable, "-m", "tribox"]
-    assert command[3:] == ["run", "a.toml", "--part", "2", "--out", "out/x", "--set", "a=1"]
+    assert command[:4] == [sys.executable, "-P", "-m", "tribox"]
+    assert command[4:] == ["run", "a.toml", "--part", "2", "--out", "out/x", "--set", "a=1"]
 
 
 def test_collating_tells_of_parts_that_were_not_run(case_file, block, tmp_path):
-    text = block + '[sweep]\nkey = "contact.0.friction.mu"\nvalues = [0.1, 0.3]\n'
-    collate(load_case(case_file(text)), tmp_path, "done")
+    collate(load_case(case_file(block + SWEPT)), tmp_path, "done")
     parts = json.loads((tmp_path / "summary.json").read_text())["parts"]
     assert parts == {"mu=0.1": {"status": "not run"}, "mu=0.3": {"status": "not run"}}
     assert len((tmp_path / "sweep.csv").read_text().splitlines()) == 1
+
+
+LEFT = {"summary.json": json.dumps(BEGINNING), "case.toml": "", "mu=0.1/history.csv": "x"}
+
+
+@pytest.mark.parametrize("left", [{}, {"summary.json.part": "{"}, LEFT], ids=range(3))
+def test_a_sweep_that_was_killed_before_it_began_begins_anew(case_file, block, tmp_path, left):
+    """While its directory was made ready; LEFT: in the middle of clearing other results."""
+    case = load_case(case_file(block + SWEPT))
+    out = tmp_path / "out"
+    for name, text in left.items():
+        (out / name).parent.mkdir(parents=True, exist_ok=True)
+        (out / name).write_text(text)
+    if left is LEFT:
+        (out / "case.toml").write_text(block + SWEPT)
+        (out / "mu=0.1" / "summary.json").write_text('{"status": "done"}')
+    options = SweepOptions(resume=True)
+    assert [label for _, label in _to_run(case, out, options)] == ["mu=0.1", "mu=0.3"]
+    with claimed(out, force=True, goes_on=True) as claim:
+        _make_ready(case, claim, goes_on=True)
+        assert {path.name for path in out.iterdir()} == {
+            *("case.toml", "summary.json", "sweep.csv", "tribox.lock")
+        }
+    assert not is_beginning(out)
+
+
+def test_a_sweep_does_not_go_on_in_the_place_of_something_else(case_file, block, tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "history.csv").write_text("")
+    path = case_file(block + SWEPT)
+    with pytest.raises(InputError, match="holds no checkpoint and no unfinished run to go on with"):
+        run_sweep(load_case(path), path, tmp_path / "out", SweepOptions(resume=True), 1)
+    assert [p.name for p in (tmp_path / "out").iterdir()] == ["history.csv"]
 
 
 @pytest.mark.parametrize(

@@ -38,7 +38,7 @@ Mesh.CharacteristicLengthMax = 0.2; Mesh.Algorithm = 6; Geometry.Tolerance = 1e-
 General.Terminal = 0; Characteristic Length {1, 2} = 0.1;
 Macro Corner Point(newp) = {1, 2, 3}; Return
 Call Corner;
-Printf("%g nodes", n); Coherence;
+Printf("%g nodes, %-6.3g and %E", n, 2, 3); Printf("done, 'as said'"); Coherence;
 Rotate {{0, 0, 1}, {0, 0, 0}, Pi/4} { Duplicata { Point{1}; } }
 """
 
@@ -67,6 +67,20 @@ def test_what_draws_only_is_left_alone():
         ('Printf("a") > "x";', "Printf"),
         ("Printf(Sprintf(name)) >> name;", "Printf"),
         ('Error("a") > "x";', "Error"),
+        *(
+            (words, f"{words.split('(')[0].split('[')[0]} with another format than %g")
+            for words in (
+                *('Printf("%n");', 'Printf("%s%s", n);', 'Error("%n", n);', 'Warning("%d");'),
+                *(
+                    "Printf(name);",
+                    'Printf("%99999g", n);',
+                    'Printf("%f", 1e300);',
+                    'Printf("", l());',
+                ),
+                *('Sprintf["%n", n];', 'Printf("%*g", n);'),
+                f'Printf("{"a" * 300} %g", n);',
+            )
+        ),
         ('OnelabRun("name", "touch x");', "OnelabRun"),
         ("Plugin(NewView).Run;", "Plugin"),
         ("Field[1] = ExternalProcess;", "Field"),
