@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import dolfinx
@@ -150,15 +150,23 @@ class Loads:
         for one in self.remembering:
             one.begin(change)
 
-    def finish(self) -> None:
+    def finish(self, pairs: Mapping[str, Sequence[tuple[int, str]]] | None = None) -> None:
         """Add what the stages release, and see that corners agree; collective.
+
+        Args:
+            pairs: contacts by the names that release them: number, and each surface of a body;
+                None: there are none.
 
         Raises:
             InputError: two boundaries disagree at a shared node.
         """
+        pairs = pairs or {}
         for stage in self._stages.values():
-            for surface in stage.release:
-                self._release(surface, stage)
+            for name in stage.release:
+                for number, surface in pairs.get(name, ()):
+                    self._release_contact(number, surface, stage)
+                if name not in pairs:
+                    self._release(name, stage)
         self.check_corners()
 
     def acting(self, stage: str) -> list[Constraint]:
@@ -185,17 +193,33 @@ class Loads:
         return lambda stage: boundary.acts_in(stage) and stage not in free
 
     def _release(self, surface: str, stage: Stage) -> None:
-        assert stage.duration is not None
+        """Let what holds a surface be taken off over a stage."""
         held = [one for one in self.constraints if one.surface == surface]
         others = [one for one in self.constraints if one.surface != surface]
         dofs = np.unique(np.concatenate([one.dofs for one in held]))
 
-        def still_held() -> Ints:
-            parts = [one.dofs for one in others if one.acts(stage.name)]
-            return np.concatenate([*parts, np.empty(0, dtype=np.int32)])
+        def reactions(problem: Equilibrium) -> Floats:
+            forces = problem.unbalanced.copy()
+            for one in others:
+                if one.acts(stage.name):  # what still holds a node bears all of its force
+                    forces[one.dofs] = 0.0
+            return forces
 
+        self._take_off(surface, dofs, stage, reactions)
+
+    def _release_contact(self, pair: int, surface: str, stage: Stage) -> None:
+        """Let the forces of a contact on one of its surfaces be taken off over a stage."""
+        dim = self.named.mesh.geometry.dim
+        dofs = np.sort(np.concatenate([self._dofs(surface, axis) for axis in range(dim)]))
+        self._take_off(surface, dofs, stage, lambda problem: problem.pair_forces(pair))
+
+    def _take_off(
+        self, surface: str, dofs: Ints, stage: Stage, given_up: Callable[[Equilibrium], Floats]
+    ) -> None:
+        """Take off forces at unknowns of a surface evenly over a stage."""
+        assert stage.duration is not None
         load = self._at_nodes(surface, dofs, np.zeros(len(dofs)))
-        released = Released(load, stage.name, stage.duration, still_held)
+        released = Released(load, stage.name, stage.duration, given_up)
         self.remembering.append(released)
 
         def program(time: float, driven: float) -> None:

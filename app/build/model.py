@@ -22,7 +22,7 @@ from tribox.app.build.mesh_notes import (
     notes_on_ranks,
 )
 from tribox.app.build.numbers import failures_as
-from tribox.app.build.probes import PointPlaces, place_probes
+from tribox.app.build.probes import PointPlaces, SurfaceLine, place_lines, place_probes
 from tribox.app.build.slips import notes_on_slips
 from tribox.app.build.solids import (
     displacement_on,
@@ -61,7 +61,7 @@ class Model:
         notes: what the user should know before the run, one line each.
         platen_names: of the problem's platens, such as "top_x": surface and direction.
         loads: what the boundaries prescribe.
-        probes: places of the probes that are points or lines.
+        probes: places of the probes that are points or lines; lines: those of surfaces.
         loaded: s and m, time and driven displacement of the loads that are set; loaded_in: the
             stage that they were set in.
     """
@@ -76,6 +76,7 @@ class Model:
     platen_names: list[str] = field(default_factory=list)
     loads: Loads | None = None
     probes: list[PointPlaces] = field(default_factory=list)
+    lines: list[SurfaceLine] = field(default_factory=list)
     loaded: tuple[float, float] = (0.0, 0.0)
     loaded_in: str = ""
 
@@ -156,14 +157,15 @@ def _built(case: Case, comm: MPI.Comm, runs_code: bool) -> Model:
     bodies = resolved_bodies(case.bodies, named)
     u = displacement_on(named, bodies)
     probes = place_probes(case, named, u.function_space, section)
+    lines = place_lines(case, named, u.function_space)
     solids = make_solids(bodies, named, u, section)
     materials = {solid.name: solid.material for solid in solids}
-    tools = make_tools(case, named, u.function_space, section)
+    loads = _loads(case, named, u, section)
+    tools = make_tools(case, named, u.function_space, section, loads)
     builder = ContactBuilder(
         case, named, u.function_space, section, materials, runs_code, tools.by_name()
     )
     contacts = [builder.build(index) for index in range(len(case.contact))]
-    loads = _loads(case, named, u, section)
     terms = [contact.term for contact in contacts]
     introduce(terms)
     problem = Equilibrium(
@@ -171,7 +173,7 @@ def _built(case: Case, comm: MPI.Comm, runs_code: bool) -> Model:
         solids,
         terms,
         [*loads.prescribed, *tools.prescribed],
-        loads.platens,
+        [*loads.platens, *tools.platens],
         loads.forms.loads,
         [*loads.nodal_loads, *tools.nodal_loads],
         tools.members,
@@ -181,6 +183,7 @@ def _built(case: Case, comm: MPI.Comm, runs_code: bool) -> Model:
     programs = [*loads.programs, *tools.programs, *changing]
     model = Model(resolved, named, problem, programs, section, case.geometry.slab)
     model.platen_names, model.loads, model.probes = loads.platen_names, loads, probes
+    model.lines = lines
     model.begin_stage(case.stage[0].name)
     model.notes = _notes(case, model, contacts, loads)
     return model
@@ -199,12 +202,24 @@ def _loads(case: Case, named: NamedMesh, u: dolfinx.fem.Function, section: Secti
         density = {name: body.density for name, body in case.bodies.items()}
         known = {name: value for name, value in density.items() if value is not None}
         loads.programs += loads.forms.gravity(case.gravity, known, lambda: loads.stage)
-    loads.finish()
+    loads.finish(_released_surfaces(case))
     if case.is_explicit and any(one.component < 0 for one in loads.constraints):
         raise InputError(
             "boundary: a plane of symmetry that is across no axis does not go with explicit stages"
         )
     return loads
+
+
+def _released_surfaces(case: Case) -> dict[str, list[tuple[int, str]]]:
+    """Of each name that releases contacts their numbers, with each surface that is a body's."""
+    found: dict[str, list[tuple[int, str]]] = {}
+    for name in dict.fromkeys(name for stage in case.stage for name in stage.release):
+        for number, contact in enumerate(case.contact):
+            if name in case.names_of(contact):
+                surfaces = (contact.slave, contact.master)
+                mine = [(number, s) for s in surfaces if s not in case.tools]
+                found.setdefault(name, []).extend(mine)
+    return found
 
 
 def _resolved(case: Case, contacts: Sequence[BuiltContact], problem: Equilibrium) -> Case:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -17,8 +18,8 @@ from tribox.app.errors import InputError
 from tribox.forms.bodies.kinematics import Section
 from tribox.geometry.meshes.mesh import NamedMesh
 from tribox.geometry.meshes.places import CellPlaces, nearest_place, places_in
-from tribox.geometry.surfaces.facets import Floats, Longs
-from tribox.geometry.surfaces.ordering import order_by_place
+from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs
+from tribox.geometry.surfaces.ordering import chains, order_by_place
 
 EQUALLY_NEAR = 1e-10  # over the largest coordinate: distances of nodes that count as equal
 
@@ -42,6 +43,122 @@ class PointPlaces:
     bodies: tuple[str, ...]
     found: dict[str, CellPlaces]
     share: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class SurfaceLine:
+    """The line of nodes that a probe follows, the same on all ranks.
+
+    Attributes:
+        probe: the probe.
+        nodes: (n,) global nodes one after the other from the left end.
+        place: (n, i), m, undeformed; way: (n,), m, undeformed arc length.
+        opposite: (m,) global nodes of the other line, none without; opposite_place: (m, i), m.
+        straight: (2, n) nodes of the straight pieces, none at all without; bend: (n,) of the bend.
+    """
+
+    probe: Probe
+    nodes: Longs
+    place: Floats
+    way: Floats
+    opposite: Longs
+    opposite_place: Floats
+    straight: Bools
+    bend: Bools
+
+
+def place_lines(
+    case: Case, named: NamedMesh, space: dolfinx.fem.FunctionSpace
+) -> list[SurfaceLine]:
+    """The lines of nodes of all probes of surfaces; collective.
+
+    Raises:
+        InputError: a surface is not there, or no line, or pieces hold too few of its nodes.
+    """
+    return [
+        _surface_line(probe, ("probe", index), named, space)
+        for index, probe in enumerate(case.probe)
+        if probe.kind == "surface"
+    ]
+
+
+def _surface_line(
+    probe: Probe, at: Place, named: NamedMesh, space: dolfinx.fem.FunctionSpace
+) -> SurfaceLine:
+    assert probe.surface is not None
+    nodes, place = _line_of((*at, "surface"), probe.surface, named, space)
+    opposite, other = nodes[:0], place[:0]
+    if probe.opposite is not None:
+        opposite, other = _line_of((*at, "opposite"), probe.opposite, named, space)
+    way = np.cumsum([0.0, *np.linalg.norm(np.diff(place, axis=0), axis=1)])
+    pieces = [_within(way, piece, 2, (*at, "straight")) for piece in probe.straight or ()]
+    bend = probe.bend
+    if bend is None:
+        ends = probe.straight or ((0.0, 0.0), (float(way[-1]), float(way[-1])))
+        bend = (ends[0][1], ends[1][0])
+    chosen = _within(way, bend, 3, (*at, "bend"))
+    straight = np.array(pieces, dtype=bool).reshape(len(pieces), len(way))
+    return SurfaceLine(probe, nodes, place, way, opposite, other, straight, chosen)
+
+
+def _within(way: Floats, piece: tuple[float, float], least: int, at: Place) -> Bools:
+    """Nodes (n,) of a piece of a line.
+
+    Raises:
+        InputError: there are fewer than ``least``.
+    """
+    slack = EQUALLY_NEAR * way[-1]
+    found: Bools = (way >= piece[0] - slack) & (way <= piece[1] + slack)
+    if found.sum() < least:
+        reason = (
+            f"{piece[0]:.4g} m to {piece[1]:.4g} m holds {found.sum()} of the nodes of the line, "
+            f"which is {way[-1]:.4g} m long; {least} are needed"
+        )
+        raise InputError(format_problem(Problem(at, reason)))
+    return found
+
+
+def _line_of(
+    at: Place, surface: str, named: NamedMesh, space: dolfinx.fem.FunctionSpace
+) -> tuple[Longs, Floats]:
+    """Global nodes (n,) of a surface in the plane, one after the other, and places; collective."""
+    if surface not in named.surfaces:
+        known = f"no such surface; there are {', '.join(named.surfaces)}"
+        raise InputError(format_problem(Problem(at, known, surface)))
+    local = _segments(space, named.facets(surface))
+    comm, dim = named.mesh.comm, named.mesh.geometry.dim
+    index = space.dofmap.index_map
+    numbers = index.local_to_global(local.reshape(-1)).reshape(local.shape)
+    places = space.tabulate_dof_coordinates()[local.reshape(-1), :dim].reshape(*local.shape, dim)
+    every = np.concatenate(comm.allgather(numbers)).astype(np.int64)
+    where = np.concatenate(comm.allgather(places)).reshape(-1, dim)
+    nodes, first, inverse = np.unique(every, return_index=True, return_inverse=True)
+    order = order_by_place(where[first])
+    rank = np.empty(len(order), dtype=np.int64)
+    rank[order] = np.arange(len(order))
+    pieces = list(chains(rank[inverse.reshape(-1)].reshape(-1, 2)))
+    chain = pieces[0]
+    if len(pieces) > 1 or len(np.unique(chain)) < len(chain):
+        found = f"is in {len(pieces)} pieces" if len(pieces) > 1 else "closes on itself"
+        reason = f"{found}; a probe follows one line with two ends"
+        raise InputError(format_problem(Problem(at, reason, surface)))
+    return nodes[order][chain], where[first][order][chain]
+
+
+def _segments(space: dolfinx.fem.FunctionSpace, facets: Ints) -> Ints:
+    """Local nodes (s, 2) of the pieces between the nodes of owned facets in the plane."""
+    topology, layout = space.mesh.topology, space.dofmap.dof_layout
+    topology.create_connectivity(1, 2)
+    topology.create_connectivity(2, 1)
+    cells, sides = topology.connectivity(1, 2), topology.connectivity(2, 1)
+    found: list[Ints] = [np.empty((0, 2), dtype=np.int32)]
+    for facet in facets[facets < topology.index_map(1).size_local]:
+        cell = int(cells.links(facet)[0])
+        side = int(np.nonzero(sides.links(cell) == facet)[0][0])
+        closure = space.dofmap.cell_dofs(cell)[layout.entity_closure_dofs(1, side)]
+        along = [closure[0], *closure[2:], closure[1]]  # a node within comes after the corners
+        found.append(np.array(list(itertools.pairwise(along)), dtype=np.int32))
+    return np.concatenate(found)
 
 
 def place_probes(

@@ -13,7 +13,7 @@ from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.nodal_load import NodalLoad
 from tribox.app.equilibrium.prescribed import Platen, Prescribed
 from tribox.app.equilibrium.snapshot import Snapshot, scattered
-from tribox.geometry.surfaces.facets import Floats, Ints
+from tribox.geometry.surfaces.facets import Floats
 
 Acts = Callable[[str], bool]
 """Whether something acts in the stage of this name."""
@@ -50,22 +50,22 @@ class Remembering(Protocol):
 
 @dataclass(slots=True)
 class ReachedForce:
-    """The force that a platen's displacement has led to.
+    """The force that the displacement of a platen, or of a tool's component, has led to.
 
     Attributes:
-        platen: the platen; stages: in which its displacement is given.
+        part: what is moved; stages: in which its displacement is given.
         force: N (per unit thickness), along its direction, at the end of the last of them; None
             before.
     """
 
-    platen: Platen
+    part: Platen | Prescribed
     stages: tuple[str, ...]
     force: float | None = None
 
     def begin(self, change: StageChange) -> None:
         """See :class:`Remembering`."""
         if change.before in self.stages and change.now not in self.stages:
-            self.force = change.problem.reaction(self.platen)
+            self.force = change.problem.reaction(self.part)
 
     def snapshot(self, owned: int) -> Snapshot:
         """See :class:`Remembering`."""
@@ -116,23 +116,24 @@ class MovedOn:
 
 @dataclass(slots=True)
 class Released:
-    """Reactions of a surface that is given up, taken off evenly over a stage.
+    """Forces that are given up, of what held a surface or of a contact, taken off over a stage.
 
     Attributes:
         load: forces at its unknowns, those at the start of the stage for a factor of one.
         stage: its name; duration: s.
-        still_held: owned unknowns that something else holds in the stage.
+        given_up: forces (n,), N per unit thickness, on the owned unknowns that are given up;
+            collective.
         time: s, when it began.
     """
 
     load: NodalLoad
     stage: str
     duration: float
-    still_held: Callable[[], Ints]
+    given_up: Callable[[Equilibrium], Floats]
     time: float = 0.0
 
     def factor(self, stage: str, time: float) -> float:
-        """Share of the reactions that acts at ``time`` (s) of a stage."""
+        """Share of the forces that acts at ``time`` (s) of a stage."""
         if stage != self.stage:
             return 0.0
         return min(max(1.0 - (time - self.time) / self.duration, 0.0), 1.0)
@@ -140,9 +141,7 @@ class Released:
     def begin(self, change: StageChange) -> None:
         """See :class:`Remembering`."""
         if change.now == self.stage:
-            dofs = self.load.dofs
-            reactions = change.problem.unbalanced[dofs]
-            self.load.shares = np.where(np.isin(dofs, self.still_held()), 0.0, reactions)
+            self.load.shares = self.given_up(change.problem)[self.load.dofs]
             self.time = change.time
 
     def snapshot(self, owned: int) -> Snapshot:

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import dolfinx
 import numpy as np
 from mpi4py import MPI
 
+from tribox.app.build.boundary_conditions import Loads
+from tribox.app.build.motion_programs import Program, of_drive, of_time
+from tribox.app.build.stage_memory import Acts, MovedOn, ReachedForce
 from tribox.app.build.tool_shapes import tool_surface
-from tribox.app.case.boundary import COMPONENTS, DRIVEN
+from tribox.app.case.boundary import COMPONENTS, DRIVEN, Spring
 from tribox.app.case.case import Case
 from tribox.app.case.time_tables import TimeTable
 from tribox.app.case.tools import AnyTool, CylinderTool, Tool, ToolRotation
-from tribox.app.equilibrium.constraints import Prescribed
+from tribox.app.equilibrium.constraints import Platen, Prescribed
 from tribox.app.equilibrium.nodal_load import NodalLoad
 from tribox.app.equilibrium.rigid_tool import RigidTool, reference_dofs
 from tribox.app.errors import InputError
@@ -23,22 +26,23 @@ from tribox.geometry.meshes.mesh import NamedMesh
 from tribox.geometry.surfaces.facets import Floats, Ints
 from tribox.geometry.surfaces.rigid_motion import RigidMotion
 
-Program = Callable[[float, float], float]
-"""Value of a slot's displacement (m) or force (N) at (time, driven displacement)."""
-
 
 @dataclass(slots=True)
 class Tools:
     """The tools of a case and what moves them.
 
     Attributes:
+        case: what was asked for; loads: they know the stage, and remember earlier ones.
         members: for the equilibrium, in the order of the case.
-        prescribed, nodal_loads: likewise.
+        prescribed, platens, nodal_loads: likewise.
         programs: each sets one of them from (time, driven displacement), s and m.
     """
 
+    case: Case
+    loads: Loads
     members: list[RigidTool] = field(default_factory=list)
     prescribed: list[Prescribed] = field(default_factory=list)
+    platens: list[Platen] = field(default_factory=list)
     nodal_loads: list[NodalLoad] = field(default_factory=list)
     programs: list[Callable[[float, float], None]] = field(default_factory=list)
 
@@ -48,7 +52,11 @@ class Tools:
 
 
 def make_tools(
-    case: Case, named: NamedMesh, space: dolfinx.fem.FunctionSpace, section: Section
+    case: Case,
+    named: NamedMesh,
+    space: dolfinx.fem.FunctionSpace,
+    section: Section,
+    loads: Loads,
 ) -> Tools:
     """The tools of a case; collective.
 
@@ -57,14 +65,15 @@ def make_tools(
         named: the mesh, with a carrier cell for each tool.
         space: of the displacement.
         section: what the mesh stands for.
+        loads: of its boundaries.
 
     Raises:
         InputError: a shape cannot be made.
     """
-    tools = Tools()
+    tools = Tools(case, loads)
     box = extent(named)
     for name, table in case.tools.items():
-        _add(tools, name, table, space, named, box, case.geometry.slab)
+        _add(tools, name, table, space, named, box)
     return tools
 
 
@@ -83,13 +92,13 @@ def _add(
     space: dolfinx.fem.FunctionSpace,
     named: NamedMesh,
     box: Floats,
-    thickness: float,
 ) -> None:
     """Add one tool; collective."""
     try:
         surface = tool_surface(table, box, named.mesh.comm)
     except ValueError as error:
         raise InputError(f"tools.{name}: {error}") from None
+    thickness = tools.case.geometry.slab
     dim, rotation = space.dofmap.index_map_bs, table.rotation
     length = float(np.linalg.norm(box[1] - box[0]))
     motion = _motion(table, surface.control_points, length)
@@ -98,17 +107,18 @@ def _add(
     free = np.zeros(dim + 1, dtype=bool)
     for slot in range(dim + 1):
         mine = dofs[[slot]][here[[slot]]]
+        if slot < dim and table.spring is not None and table.spring.direction == COMPONENTS[slot]:
+            _draw(tools, mine, table.spring, thickness)
+            free[slot] = True
+            continue
+        part = Prescribed(mine)
+        tools.prescribed.append(part)
         if slot < dim:
-            program, load = _component(table, COMPONENTS[slot]), _force(table, COMPONENTS[slot])
-            share = 1.0 / thickness
+            how = _component(table, COMPONENTS[slot], 1.0 / thickness)
         else:
-            program, load = _angle(rotation, length), None if rotation is None else rotation.moment
-            share = 1.0 / (length * thickness)
-        free[slot] = load is not None
-        if load is not None:
-            _drive(tools, mine, share, load)
-        else:
-            _prescribe(tools, mine, program)
+            how = _angle(rotation, length, 1.0 / (length * thickness))
+        free[slot] = how.is_loaded
+        _move(tools, name, part, how)
     moment = None if rotation is None else rotation.moment
     tools.members.append(
         RigidTool(
@@ -123,6 +133,95 @@ def _add(
             mass=np.asarray(_masses(table, dim, length) / thickness, dtype=np.float64),
         )
     )
+
+
+@dataclass(frozen=True, slots=True)
+class _Slot:
+    """What moves one component, or the angle, of a tool.
+
+    Attributes:
+        value: displacement, m, where it is prescribed.
+        load: N (of the angle N m), None: nothing drives it.
+        share: of the load, in the slot's unit and per unit thickness.
+        given: stages in which the displacement is given and not the force.
+        speed: m/s, if it is that which is given and goes on from where the tool is.
+        holds: whether the force reached in these stages is held after them.
+    """
+
+    value: Program
+    load: TimeTable | None = None
+    share: float = 1.0
+    given: tuple[str, ...] = ()
+    speed: TimeTable | None = None
+    holds: bool = False
+
+    @property
+    def is_loaded(self) -> bool:
+        """Whether a load moves it in some stage."""
+        return self.load is not None or self.holds
+
+
+def _move(tools: Tools, name: str, part: Prescribed, how: _Slot) -> None:
+    """Let one unknown follow what its tool is given, stage by stage.
+
+    Where the tool touches nothing, what a load drives stays where it is: nothing would hold it.
+    """
+    if not how.is_loaded:
+        tools.programs.append(_follows(part, how.value))
+        return
+    load, loads = NodalLoad(part.dofs, how.share), tools.loads
+    tools.nodal_loads.append(load)
+    kept = MovedOn(part, TimeTable.constant(0.0), _stays(tools.case, name, how))
+    moved = MovedOn(part, how.speed or TimeTable.constant(0.0), lambda stage: stage in how.given)
+    reached = ReachedForce(part, how.given if how.holds else ())
+    loads.remembering += [kept, moved, reached]
+    first = tools.case.stage[0].name
+    part.acts = first in how.given or kept.acts(first)
+
+    def program(time: float, driven: float) -> None:
+        load.factor, given = 0.0, loads.stage in how.given
+        part.acts = given or kept.acts(loads.stage)
+        if given:
+            part.value = how.value(time, driven) if how.speed is None else moved.value(time, driven)
+        elif part.acts:
+            part.value = kept.value(time, driven)
+        elif reached.force is not None:
+            load.factor = reached.force / how.share
+        elif how.load is not None:
+            load.factor = how.load(time)
+
+    tools.programs.append(program)
+
+
+def _draw(tools: Tools, dofs: Ints, spring: Spring, thickness: float) -> None:
+    """Let a spring draw one unknown: it moves as one surface of a body would."""
+    platen, end = Platen(dofs, stiffness=spring.stiffness / thickness), spring.end
+    tools.platens.append(platen)
+
+    def program(time: float, driven: float) -> None:
+        platen.end = end(time) if isinstance(end, TimeTable) else driven
+
+    tools.programs.append(program)
+
+
+def _follows(part: Prescribed, value: Program) -> Callable[[float, float], None]:
+    def program(time: float, driven: float) -> None:
+        part.value = value(time, driven)
+
+    return program
+
+
+def _stays(case: Case, name: str, how: _Slot) -> Acts:
+    """In which stages a load does not move a tool, as it touches nothing, or there is none yet."""
+    names = [stage.name for stage in case.stage]
+    known = names if how.load is not None else _after(names, how.given)
+    free = {s for s in known if case.touches_in(name, s) and s not in how.given}
+    return lambda stage: stage not in free
+
+
+def _after(names: Sequence[str], first: Sequence[str]) -> Sequence[str]:
+    """Stages after the first one of some."""
+    return names[min(names.index(name) for name in first) + 1 :]
 
 
 def _motion(table: Tool, points: Floats, length: float) -> RigidMotion:
@@ -149,54 +248,34 @@ def _masses(table: Tool, dim: int, length: float) -> Floats:
     return np.array(masses, dtype=np.float64)
 
 
-def _component(table: Tool, component: str) -> Program:
-    """Displacement of a component; 0 where nothing is given."""
+def _component(table: Tool, component: str, share: float) -> _Slot:
+    """What moves a component; it stays at 0 where nothing is given."""
     moved = getattr(table.displacement, component, None)
-    speed = getattr(table.velocity, component, None)
+    speed: TimeTable | None = getattr(table.velocity, component, None)
+    force: TimeTable | None = getattr(table.force, component, None)
+    value = of_drive(0.0)
     if table.displacement is not None and moved == DRIVEN:
-        share = table.displacement.driven_share(component)
-        return lambda time, driven: share * driven
-    if isinstance(moved, TimeTable):
-        return lambda time, driven: moved(time)
-    if isinstance(speed, TimeTable):
-        return lambda time, driven: speed.integral(time)
-    return lambda time, driven: 0.0
+        value = of_drive(table.displacement.driven_share(component))
+    elif isinstance(moved, TimeTable):
+        value = of_time(moved)
+    elif speed is not None:
+        value = of_time(speed.integral)
+    if table.is_switched(component):
+        holds = component in table.hold_force
+        return _Slot(value, force, share, table.displacement_stages, speed, holds)
+    return _Slot(value, force, share)
 
 
-def _angle(rotation: ToolRotation | None, length: float) -> Program:
-    """Angle times length; 0 where nothing is given."""
+def _angle(rotation: ToolRotation | None, length: float, share: float) -> _Slot:
+    """What moves the angle, times a length (m)."""
     if rotation is not None and rotation.angle is not None:
         angle = rotation.angle
-        return lambda time, driven: length * angle(time)
+        return _Slot(of_time(lambda time: length * angle(time)))
     if rotation is not None and rotation.rate is not None:
         rate = rotation.rate
-        return lambda time, driven: length * rate.integral(time)
-    return lambda time, driven: 0.0
-
-
-def _force(table: Tool, component: str) -> TimeTable | None:
-    force: TimeTable | None = getattr(table.force, component, None)
-    return force
-
-
-def _prescribe(tools: Tools, dofs: Ints, value: Program) -> None:
-    part = Prescribed(dofs)
-    tools.prescribed.append(part)
-
-    def program(time: float, driven: float) -> None:
-        part.value = value(time, driven)
-
-    tools.programs.append(program)
-
-
-def _drive(tools: Tools, dofs: Ints, share: float, load: TimeTable) -> None:
-    part = NodalLoad(dofs, share)
-    tools.nodal_loads.append(part)
-
-    def program(time: float, driven: float) -> None:
-        part.factor = load(time)
-
-    tools.programs.append(program)
+        return _Slot(of_time(lambda time: length * rate.integral(time)))
+    moment = None if rotation is None else rotation.moment
+    return _Slot(of_drive(0.0), moment, share)
 
 
 def notes_on_tools(case: Case) -> Iterator[str]:

@@ -180,7 +180,7 @@ class Case(Model):
 
     @field_validator("bodies", mode="before")
     @classmethod
-    def _names_of_bodies(cls, bodies: Any, info: ValidationInfo) -> Any:
+    def names_of_bodies(cls, bodies: Any, info: ValidationInfo) -> Any:
         """The bodies are those of the generator; said before anything inside them is looked at."""
         geometry = info.data.get("geometry")
         if isinstance(geometry, GeneratedGeometry) and isinstance(bodies, Mapping):
@@ -233,7 +233,8 @@ class Case(Model):
         yield from order_problems(self.stage, self.solver.kind, ("stage",))
         solvers = {stage.name: solver_of(stage, self.solver.kind) for stage in self.stage}
         yield from control_problems(self.boundary, solvers, ("boundary",))
-        yield from release_problems(self.stage, self.boundary, self.solver.kind, ("stage",))
+        kind, holding = self.solver.kind, self._releasable()
+        yield from release_problems(self.stage, holding, self._presses_in, kind, ("stage",))
         yield from self._gravity_problems(solvers)
         yield from self._inertia_problems()
         for index, stage in enumerate(self.stage):
@@ -266,7 +267,38 @@ class Case(Model):
     def acts_in(self, contact: Contact, stage: str) -> bool:
         """Whether a contact's surfaces, or its tool, feel each other in a stage."""
         tool = self.tools.get(contact.master)
-        return contact.acts_in(stage) and (tool is None or tool.acts_in(stage))
+        acts = contact.acts_in(stage) and (tool is None or tool.acts_in(stage))
+        return acts and not self.is_released(contact, stage)
+
+    def is_released(self, contact: Contact, stage: str) -> bool:
+        """Whether a contact's forces are being given up in a stage, or have been before it."""
+        names = [one.name for one in self.stage]
+        past = self.stage[: names.index(stage) + 1] if stage in names else ()
+        given_up = {name for one in past for name in one.release}
+        return bool(given_up & self.names_of(contact))
+
+    def touches_in(self, tool: str, stage: str) -> bool:
+        """Whether a contact with this tool acts in a stage."""
+        return any(self.acts_in(one, stage) for one in self.contact if one.master == tool)
+
+    def names_of(self, contact: Contact) -> set[str]:
+        """What a contact is released by: its name, or its tool's."""
+        return {contact.label} | ({contact.master} & self.tools.keys())
+
+    def _presses_in(self, name: str, stage: str) -> bool:
+        """Whether a contact of this name, or with this tool, acts in a stage."""
+        mine = [one for one in self.contact if name in self.names_of(one)]
+        return any(self.acts_in(one, stage) for one in mine)
+
+    def _releasable(self) -> dict[str, str]:
+        """What a stage may release, by name: a surface, a tool, a contact pair, or two of them."""
+        kinds: dict[str, list[str]] = {b.surface: ["surface"] for b in self.boundary if b.holds}
+        for tool in self.tools:
+            if any(contact.master == tool for contact in self.contact):
+                kinds.setdefault(tool, []).append("tool")
+        for label in dict.fromkeys(contact.label for contact in self.contact):
+            kinds.setdefault(label, []).append("contact pair")
+        return {name: " and a ".join(found) for name, found in kinds.items()}
 
     @property
     def is_explicit(self) -> bool:
@@ -325,7 +357,7 @@ class Case(Model):
         named: list[tuple[Place, str]] = []
         masters = (*geometry.named_surfaces, *self.tools)
         for name in self.tools:
-            if name in geometry.named_surfaces:
+            if name in (*geometry.named_surfaces, *geometry.named_groups):
                 yield Problem(("tools", name), "a surface of the mesh has this name already")
         for index, contact in enumerate(self.contact):
             if contact.slave not in self.tools:
@@ -336,8 +368,11 @@ class Case(Model):
                 yield Problem(("contact", index, "master"), reason, contact.master)
         for index, boundary in enumerate(self.boundary):
             named.append((("boundary", index, "surface"), boundary.surface))
+            if boundary.surface in geometry.named_groups:
+                yield from boundary.group_problems(("boundary", index))
         for place, name in named:
-            if name not in geometry.named_surfaces:
+            is_group = place[0] == "boundary" and name in geometry.named_groups
+            if name not in geometry.named_surfaces and not is_group:
                 reason = f"no such surface; {_hint(name, geometry.named_surfaces)}"
                 yield Problem(place, of_a_tool(name) if name in self.tools else reason, name)
 

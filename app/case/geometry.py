@@ -104,6 +104,11 @@ class GeneratedGeometry(Model):
         return self.surfaces
 
     @property
+    def named_groups(self) -> tuple[str, ...]:
+        """The groups of points and edges of this mesh."""
+        return ()
+
+    @property
     def extent(self) -> float:
         """Largest extent of a body, m."""
         raise NotImplementedError

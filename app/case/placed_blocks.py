@@ -9,7 +9,7 @@ from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
 
 from tribox.app.case.geometry import NO_SLAB, SECTION, GeneratedGeometry, PlaneSection
 from tribox.app.case.quantities import Quantity
-from tribox.app.case.table import Elements, Model, Name, Place, Problem
+from tribox.app.case.table import Elements, Model, Name, Place, Problem, Text
 
 if TYPE_CHECKING:
     from tribox.forms.bodies.kinematics import Section
@@ -73,6 +73,11 @@ class PlacedBlocksGeometry(GeneratedGeometry):
         description="one table [geometry.blocks.NAME] for each body; its sides are the surfaces "
         "NAME_left, NAME_right, NAME_bottom, NAME_top (and NAME_back, NAME_front)",
     )
+    groups: dict[Name, tuple[Text, ...]] = Field(
+        default={},
+        description="points and edges with names of their own, for [[boundary]]: each is where the "
+        "sides of one block meet that it lists, two in the plane, two (an edge) or three in space",
+    )
     thickness: Annotated[float, Quantity("m", gt=0.0)] = Field(
         default=1.0, description="thickness of the plane-strain slab for which forces are reported"
     )
@@ -102,6 +107,11 @@ class PlacedBlocksGeometry(GeneratedGeometry):
         return tuple(f"{name}_{side}" for name in self.blocks for side in sides)
 
     @property
+    def named_groups(self) -> tuple[str, ...]:
+        """The points and edges that have names."""
+        return tuple(self.groups)
+
+    @property
     def built_section(self) -> Section:
         """As the case says; boxes are in space."""
         return "3D" if self._in_space else self.section
@@ -120,7 +130,7 @@ class PlacedBlocksGeometry(GeneratedGeometry):
     def _without_idle_keys(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Leave out what means nothing for this section."""
         idle = {"3D": ("section", "thickness"), "axisymmetric": ("thickness",)}
-        found = idle.get(self.built_section, ())
+        found = (*idle.get(self.built_section, ()), *(["groups"] * (not self.groups)))
         return {key: value for key, value in handler(self).items() if key not in found}
 
     def shape(self) -> Blocks:
@@ -131,7 +141,8 @@ class PlacedBlocksGeometry(GeneratedGeometry):
         """
         from tribox.geometry.generators.blocks import Blocks
 
-        return Blocks(tuple(b.block(name) for name, b in self.blocks.items()), self.cell)
+        blocks = tuple(b.block(name) for name, b in self.blocks.items())
+        return Blocks(blocks, self.cell, dict(self.groups))
 
     def problems(self, place: Place) -> Iterator[Problem]:
         """Mistakes in the blocks; `place` is where this table stands in the case."""
@@ -159,5 +170,11 @@ class PlacedBlocksGeometry(GeneratedGeometry):
                 wrong = True
                 text = str(error).removeprefix(f"{name}: ")
                 yield Problem((*place, "blocks", name), text)
+        taken = (*self.named_bodies, *self.named_surfaces)
+        for name in self.groups:
+            if name in taken:
+                wrong = True
+                reason = "is the name of a block or of one of its sides already"
+                yield Problem((*place, "groups", name), reason)
         if not wrong:
             yield from self.shape_problems(place)

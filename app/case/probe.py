@@ -15,9 +15,11 @@ from tribox.app.case.table import Model, Name, Place, Points, Problem, Text
 if TYPE_CHECKING:
     from tribox.forms.bodies.kinematics import Section
 
-Kind = Literal["point", "line", "contact", "body"]
+Kind = Literal["point", "line", "contact", "surface", "body"]
 _Length = Annotated[float, Quantity("m")]
 Point = tuple[_Length, ...]
+_Way = Annotated[float, Quantity("m", ge=0.0)]
+_Piece = tuple[_Way, _Way]
 
 
 if TYPE_CHECKING:
@@ -78,9 +80,33 @@ class Probe(Model):
         "default: its vertices; with contact only",
     )
 
+    surface: Text | None = Field(
+        default=None,
+        description="named surface, in the plane: the line of its nodes, with angle, radius and "
+        "thickness",
+    )
+    opposite: Text | None = Field(
+        default=None,
+        description="named surface on the other side of the sheet, which the thickness is the "
+        "distance to; with surface only",
+    )
+    straight: tuple[_Piece, _Piece] | None = Field(
+        default=None,
+        description="two pieces [[from, to], [from, to]] of the line, by undeformed arc length "
+        "from its left end, between whose directions the angle is; default: between the tangents "
+        "at its ends; with surface only",
+    )
+    bend: _Piece | None = Field(
+        default=None,
+        description="piece [from, to] of the line, by undeformed arc length, that the circle is "
+        "fitted to; default: that between the straight pieces, or all; with surface only",
+    )
+
     @property
     def kind(self) -> Kind:
         """What is followed."""
+        if self.surface is not None:
+            return "surface"
         if self.point is not None:
             return "point"
         if self.line is not None:
@@ -97,11 +123,14 @@ class Probe(Model):
             bodies: names of all bodies.
             pairs: names of all contact pairs.
         """
-        given = [key for key in ("point", "line", "contact") if getattr(self, key) is not None]
+        kinds = ("point", "line", "contact", "surface")
+        given = [key for key in kinds if getattr(self, key) is not None]
         if len(given) > 1:
-            yield Problem(place, f"give one of point, line and contact, found {', '.join(given)}")
+            reason = f"give one of point, line, contact and surface, found {', '.join(given)}"
+            yield Problem(place, reason)
         elif not given and self.body is None:
-            yield Problem(place, "follows nothing; give point, line, body or contact")
+            yield Problem(place, "follows nothing; give point, line, body, contact or surface")
+        yield from self._surface_problems(place)
         if self.line is not None:
             yield from self.line.problems((*place, "line"))
         if self.point is None and self.at == "node":
@@ -110,14 +139,34 @@ class Probe(Model):
             yield Problem((*place, "points"), "goes with contact only", self.points)
         if self.points is not None and self.points < 2:
             yield Problem((*place, "points"), "must be at least 2", self.points)
-        if self.contact is not None and self.body is not None:
-            yield Problem((*place, "body"), "does not go with contact", self.body)
+        for key in ("contact", "surface"):
+            if getattr(self, key) is not None and self.body is not None:
+                yield Problem((*place, "body"), f"does not go with {key}", self.body)
         yield from _unknown("body", self.body, bodies, place)
         yield from _unknown("contact", self.contact, pairs, place)
+
+    def _surface_problems(self, place: Place) -> Iterator[Problem]:
+        """Keys of a named line, and pieces of it that are none."""
+        for key in ("opposite", "straight", "bend"):
+            if self.surface is None and getattr(self, key) is not None:
+                yield Problem((*place, key), "goes with surface only")
+        if self.opposite is not None and self.opposite == self.surface:
+            yield Problem((*place, "opposite"), "must differ from surface", self.opposite)
+        pieces = [("bend", self.bend)] if self.bend is not None else []
+        pieces += [("straight", piece) for piece in self.straight or ()]
+        for key, (start, end) in pieces:
+            if start >= end:
+                yield Problem((*place, key), "must go from a smaller to a larger arc length")
+                return
+        if self.straight is not None and self.straight[0][1] > self.straight[1][0]:
+            yield Problem((*place, "straight"), "the second piece must begin behind the first")
 
     def section_problems(self, section: Section, place: Place) -> Iterator[Problem]:
         """What does not go with what the mesh stands for."""
         dim = 3 if section == "3D" else 2
+        if dim == 3 and self.surface is not None:
+            reason = "goes with meshes in the plane; in space follow points and lines"
+            yield Problem((*place, "surface"), reason, self.surface)
         places: list[tuple[Place, Point]] = []
         if self.point is not None:
             places.append((("point",), self.point))

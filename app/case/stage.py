@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
@@ -78,8 +78,9 @@ class Stage(Model):
     )
     release: tuple[Text, ...] = Field(
         default=(),
-        description="surfaces whose displacements are given up: their reactions are taken off "
-        "evenly over the stage, and they are free for the rest of the run; with duration",
+        description="surfaces whose displacements are given up, and tools and contact pairs whose "
+        "forces are: reactions and contact forces are taken off evenly over the stage, and do not "
+        "come back in the rest of the run; with duration",
     )
 
     @property
@@ -157,33 +158,47 @@ def stage_problems(
 
 
 def release_problems(
-    stages: Sequence[Stage], boundaries: Sequence[Boundary], default: str, place: Place
+    stages: Sequence[Stage],
+    holding: Mapping[str, str],
+    acts: Callable[[str, str], bool],
+    default: str,
+    place: Place,
 ) -> Iterator[Problem]:
-    """Releases of what nothing holds, and where there are no reactions.
+    """Releases of what holds or presses nothing, and where there are no forces.
 
     Args:
         stages: all of them.
-        boundaries: all of them.
+        holding: what may be released, by name: "surface", "tool" or "contact pair", or two of them.
+        acts: whether a contact of a tool or pair (its name) acts in a stage (its name).
         default: time integration of [solver].
         place: where the stages stand in the case.
     """
-    holding = {b.surface: b for b in boundaries if b.holds}
     released: dict[str, str] = {}
     for index, stage in enumerate(stages):
         here = (*place, index, "release")
         if stage.release and index == 0:
-            yield Problem(here, "the first stage has no reactions to release", list(stage.release))
+            reason = "the first stage has no reactions or contact forces to release"
+            yield Problem(here, reason, list(stage.release))
         if stage.release and stage.velocities:
             yield Problem(here, "goes with duration only: reactions are taken off over it")
         if stage.release and solver_of(stage, default) == "explicit":
             yield Problem(here, "goes with implicit stages only", list(stage.release))
         for name in stage.release:
-            if name not in holding:
+            kind = holding.get(name)
+            if kind is None:
                 known = ", ".join(holding) or "none"
-                reason = f"no boundary holds or moves this surface; those that are held: {known}"
+                reason = (
+                    "no boundary holds or moves a surface of this name, and no tool in contact or "
+                    f"contact pair has it; there are: {known}"
+                )
                 yield Problem(here, reason, name)
+            elif " and " in kind:
+                yield Problem(here, f"is the name of a {kind}; give the pair another name", name)
             elif name in released:
                 reason = f"is released in stage {released[name]} already"
+                yield Problem(here, reason, name)
+            elif index and kind != "surface" and not acts(name, stages[index - 1].name):
+                reason = f"does not act in stage {stages[index - 1].name}, the one before"
                 yield Problem(here, reason, name)
             released.setdefault(name, stage.name)
 
@@ -224,9 +239,7 @@ def _driving_problems(
         for keys in boundary.driven_keys()
     ]
     movers += [
-        ("tools", name, "displacement", component)
-        for name, tool in tools.items()
-        for component in tool.driven_components()
+        ("tools", name, *keys) for name, tool in tools.items() for keys in tool.driven_keys()
     ]
     moving = [index for index, stage in enumerate(stages) if stage.is_driven]
     if moving and not movers:

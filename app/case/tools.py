@@ -19,8 +19,9 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from tribox.app.case.geometry import Scale
-from tribox.app.case.motions import COMPONENTS, Displacement, Velocity
+from tribox.app.case.motions import COMPONENTS, DRIVEN, Component, Displacement, Velocity
 from tribox.app.case.named_file import found_file
+from tribox.app.case.platens import Spring
 from tribox.app.case.quantities import (
     Quantity,
     QuantityError,
@@ -181,8 +182,23 @@ class Tool(Model):
         description="given components of the force that drives the tool, along the axes; its "
         "displacement follows",
     )
+    spring: Spring | None = Field(
+        default=None,
+        description="spring that draws the tool in one direction; its displacement follows",
+    )
+    displacement_stages: tuple[Text, ...] = Field(
+        default=(),
+        max_length=MOST_ENTRIES,
+        description="names of the stages in which displacement or velocity moves the components "
+        "that a force drives in the others; default: all, and no component has both",
+    )
+    hold_force: tuple[Component, ...] = Field(
+        default=(),
+        description='components, such as ["y"], that after stages of displacement_stages hold the '
+        "force that was reached at their end, instead of that of force (which is not needed then)",
+    )
     mass: Annotated[float, Quantity("kg", gt=0.0)] | None = Field(
-        default=None, description=f"mass of the tool, {_SLAB}; with force, explicit only"
+        default=None, description=f"mass of the tool, {_SLAB}; with force or spring, explicit only"
     )
     rotation: ToolRotation | None = Field(
         default=None, description="rotation; default: the tool does not turn"
@@ -209,14 +225,30 @@ class Tool(Model):
             for component in COMPONENTS:
                 if table is not None and getattr(table, component) is not None:
                     yield component, key
+        if self.spring is not None:
+            yield self.spring.direction, "spring"
 
     def acts_in(self, stage: str) -> bool:
         """Whether the tool touches in a stage."""
         return self.stages is None or stage in self.stages
 
+    def is_switched(self, component: str) -> bool:
+        """Whether a component is moved in some stages and driven by a force in others."""
+        keys = [key for name, key in self.components() if name == component]
+        moved = "displacement" in keys or "velocity" in keys
+        loaded = "force" in keys or component in self.hold_force
+        return bool(self.displacement_stages) and moved and loaded
+
     def driven_components(self) -> tuple[str, ...]:
         """Components that move with the velocity of the stage."""
         return () if self.displacement is None else self.displacement.driven_components()
+
+    def driven_keys(self) -> Iterator[tuple[str, str]]:
+        """The keys that say "driven"."""
+        for component in self.driven_components():
+            yield "displacement", component
+        if self.spring is not None and self.spring.end == DRIVEN:
+            yield "spring", "end"
 
     def positions(self) -> Iterator[tuple[str, Sequence[float]]]:
         """Points and directions of the shape, which have as many numbers as space dimensions."""
@@ -227,18 +259,43 @@ class Tool(Model):
         seen: dict[str, str] = {}
         for component, key in self.components():
             first = seen.setdefault(component, key)
-            if first != key:
+            if first != key and not (key == "force" and self.displacement_stages):
                 reason = f"{first}.{component} is given too; a component is given by one of them"
+                if key == "force":
+                    reason += ", unless displacement_stages names the stages of the first"
                 yield Problem((*place, key, component), reason)
+        yield from self._switching_problems(place)
         if self.displacement is not None:
             yield from self.displacement.problems((*place, "displacement"))
-        if self.mass is not None and self.force is None:
-            yield Problem((*place, "mass"), "goes with force only", self.mass)
+        if self.mass is not None and self.force is None and self.spring is None:
+            yield Problem((*place, "mass"), "goes with force or spring only", self.mass)
+        if self.spring is not None and self.spring.mass > 0.0:
+            reason = "is that of a surface; give the tool its mass"
+            yield Problem((*place, "spring", "mass"), reason, self.spring.mass)
         if self.rotation is not None:
             yield from self.rotation.problems((*place, "rotation"))
             if self.rotation.centre is None and not self.has_centre:
                 reason = f'missing; a shape "{self.shape}" has no centre of its own'
                 yield Problem((*place, "rotation", "centre"), reason)
+
+    def _switching_problems(self, place: Place) -> Iterator[Problem]:
+        """Stages of motion without a component that is moved there only."""
+        here, found = (*place, "hold_force"), list(self.hold_force)
+        if self.hold_force and not self.displacement_stages:
+            reason = "holds what displacement_stages end with, and there are none"
+            yield Problem(here, reason, found)
+            return
+        for component in self.hold_force:
+            if not self.is_switched(component):
+                yield Problem(
+                    here, f"neither displacement.{component} nor velocity is given", found
+                )
+        if self.displacement_stages and not any(map(self.is_switched, COMPONENTS)):
+            reason = (
+                "no component has both a force and a displacement or velocity; give the force of "
+                "the other stages, or hold_force"
+            )
+            yield Problem((*place, "displacement_stages"), reason, list(self.displacement_stages))
 
     def section_problems(self, section: Section, place: Place) -> Iterator[Problem]:
         """What does not go with what the mesh stands for."""
@@ -468,10 +525,14 @@ def tool_problems(
         if section is not None:
             yield from tool.section_problems(section, place)
         yield from _inertia_problems(tool, explicit, place)
-        for stage in tool.stages or ():
-            if stage not in stages:
-                reason = f"no stage has this name; there are {', '.join(stages)}"
-                yield Problem((*place, "stages"), reason, stage)
+        for key in ("stages", "displacement_stages"):
+            for stage in getattr(tool, key) or ():
+                if stage not in stages:
+                    reason = f"no stage has this name; there are {', '.join(stages)}"
+                    yield Problem((*place, key), reason, stage)
+        if explicit and tool.hold_force:
+            reason = "does not go with explicit stages; give the force"
+            yield Problem((*place, "hold_force"), reason, list(tool.hold_force))
 
 
 def _inertia_problems(tool: Tool, explicit: bool, place: Place) -> Iterator[Problem]:
@@ -479,7 +540,7 @@ def _inertia_problems(tool: Tool, explicit: bool, place: Place) -> Iterator[Prob
     turned = tool.rotation is not None and tool.rotation.moment is not None
     inertia = None if tool.rotation is None else tool.rotation.inertia
     parts = (
-        (("mass",), tool.force is not None, tool.mass, "kg"),
+        (("mass",), tool.force is not None or tool.spring is not None, tool.mass, "kg"),
         (("rotation", "inertia"), turned, inertia, "kg*m^2"),
     )
     for keys, needed, value, unit in parts:

@@ -26,11 +26,10 @@ def restore_rows(state: RunState, directory: Path, step: int, comm: MPI.Comm) ->
         InputError: a table has been changed.
     """
     motion, case = state.motion, state.model.case
-    surfaces_of = {boundary.surface for boundary in case.boundary}
     names = {
         "history.csv": (COLUMNS, 1),
         "contacts.csv": (state.pair_columns, len(case.contact)),
-        "surfaces.csv": (motion.surface_columns, len(surfaces_of)),
+        "surfaces.csv": (motion.surface_columns, len(motion.surfaces)),
         "bodies.csv": (motion.body_columns, len(state.model.problem.solids)),
     }
 

@@ -243,17 +243,34 @@ class Equilibrium:
 
     def _contact_forces(self, f: PETSc.Vec) -> float:
         """Add the contact residuals to ``f``; returns the norm of this rank's, squared."""
-        squared = 0.0
-        for term, trial in zip(self.contacts, self.trials, strict=True):
-            nodes, values, of_points = term.forces_at_nodes(trial)
-            f.setValues(
-                self.unknowns.of_nodes(nodes).reshape(-1),
-                values.reshape(-1),
-                addv=PETSc.InsertMode.ADD_VALUES,
-            )
-            squared += of_points
+        pairs = zip(self.contacts, self.trials, strict=True)
+        squared = sum(self._add_forces_of(term, trial, f) for term, trial in pairs)
         f.assemble()
         return squared
+
+    def _add_forces_of(self, term: ContactTerm, trial: ContactTrial, f: PETSc.Vec) -> float:
+        """Add a contact's residual to ``f``, without assembling; its norm on this rank, squared."""
+        nodes, values, squared = term.forces_at_nodes(trial)
+        f.setValues(
+            self.unknowns.of_nodes(nodes).reshape(-1),
+            values.reshape(-1),
+            addv=PETSc.InsertMode.ADD_VALUES,
+        )
+        return squared
+
+    def pair_forces(self, pair: int) -> Floats:
+        """Forces (n,), N/m, of a contact on the owned unknowns at the converged state; collective.
+
+        Args:
+            pair: its number; that it acts no longer does not matter.
+        """
+        f = self.new_vector()
+        if self.committed:
+            self._add_forces_of(self.contacts[pair], self.committed[pair], f)
+        f.assemble()
+        forces: Floats = -f.array_r
+        f.destroy()
+        return forces
 
     def load_forces(self) -> Floats:
         """Owned part of the loads' forces on the bodies at the last state, N/m; collective."""

@@ -21,7 +21,7 @@ class RigidTool:
         name: of the tool; surface: its shape; motion: of its control points.
         nodes: (2,) global numbers of its reference nodes.
         dofs: (k,) local unknowns of the slots; here: (k,) whether this rank owns them.
-        free: (k,) whether a force or a moment moves the slot, and nothing prescribes it.
+        free: (k,) whether a force or a moment moves the slot, in some stage at least.
         idle: whether no moment drives the angle, so that nothing may hold it.
         mass: (k,) kg per unit thickness: the mass, and the moment of inertia over L².
     """

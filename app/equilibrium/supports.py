@@ -80,7 +80,7 @@ def loose_directions(problem: Equilibrium, supports: Ints | None = None) -> list
         for axis in range(1 if group[0].section == "axisymmetric" else 0, problem.dim):
             if loose[names[0]][axis]:
                 found.append(Loose(names, axis, nodes))
-    return [*found, *_loose_tools(problem)]
+    return [*found, *_loose_tools(problem, supports)]
 
 
 def _axes_of(problem: Equilibrium, joined: JoinedBodies, supports: Ints) -> Bools:
@@ -107,10 +107,15 @@ def _loose_axes(problem: Equilibrium, nodes: Ints, held: Bools) -> Bools:
     return out
 
 
-def _loose_tools(problem: Equilibrium) -> Iterator[Loose]:
-    """Slots of tools that a force or a moment drives; an idle angle has a spring of its own."""
+def _loose_tools(problem: Equilibrium, supports: Ints) -> Iterator[Loose]:
+    """Slots of tools that a force or a moment drives at present; collective.
+
+    An idle angle has a spring of its own.
+    """
     for tool in problem.tools:
-        for slot in np.nonzero(tool.free)[0]:
+        here = tool.here & np.isin(tool.dofs, supports)
+        held = problem.comm.allreduce(here.astype(np.int32), op=MPI.SUM)
+        for slot in np.nonzero(tool.free & (held == 0))[0]:
             turns = bool(slot == tool.slots - 1)
             if not (turns and tool.idle):
                 component = 0 if turns else int(slot)

@@ -84,6 +84,8 @@ class WeakHold:
     def is_loaded(self, largest: float) -> bool:
         """Whether a load acts on a free body, which springs as weak could not hold; collective.
 
+        Loads along an axis in which a support holds the body are borne by that.
+
         Args:
             largest: N, force of the run that loads are compared with.
         """
@@ -93,9 +95,13 @@ class WeakHold:
             if platen.displacement is None and len(platen.all_dofs):
                 at = platen.dofs
                 forces[at] += platen.force / len(platen.all_dofs)
-        local = [forces.reshape(-1, dim)[body.nodes].sum(axis=0) for body in self.bodies]
-        total = problem.comm.allreduce(np.array(local).reshape(-1, dim))
-        return bool(np.abs(total).max(initial=0.0) > SHARE * largest)
+        held, axes = problem.constrained_dofs(), np.arange(dim)
+        local = [
+            [forces.reshape(-1, dim)[body.nodes].sum(axis=0) for body in self.bodies],
+            [np.isin(body.nodes[:, None] * dim + axes, held).sum(axis=0) for body in self.bodies],
+        ]
+        total, supports = problem.comm.allreduce(np.array(local, dtype=float).reshape(2, -1, dim))
+        return bool(np.abs(total[supports == 0.0]).max(initial=0.0) > SHARE * largest)
 
     def springs(self, place: Floats, largest: float) -> HoldingSprings:
         """Springs of all free bodies, without force at ``place`` (n,), m.

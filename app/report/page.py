@@ -126,7 +126,12 @@ def _run_part(results: Results, label: str, title: str) -> RunPart:
         None if ended else end_table(history, len(results.case.contact)),
     )
     details = detail_tables(
-        results.load_steps, results.contacts, results.surfaces, results.bodies, results.tools
+        results.load_steps,
+        results.contacts,
+        results.surfaces,
+        results.bodies,
+        results.tools,
+        results.shape_probes,
     )
     return RunPart(
         label,

@@ -45,6 +45,10 @@ _OF_A_TOOL = (
     *(f"driving_force_{axis}" for axis in "xyz"),
     "driving_moment",
 )
+_OF_A_SHAPE = (
+    *("probe", "label", "angle", "bend_angle", "radius", "off_circle", "length"),
+    *("mean_thickness", "min_thickness", "max_thickness", "thinnest_at"),
+)
 _OF_NO_PAIR = ("label", "stage", "steady", "velocity", "time")
 _OF_ONE_PAIR = ("film_thickness", "effective_viscosity")  # their means over several say little
 _NONE_AT_0 = _OF_ONE_PAIR  # 0 stands for pairs without a film, and where nothing is driven
@@ -52,7 +56,19 @@ _FRICTION = ("friction_force", "tangential_force")  # in one unit, to be compare
 _OVER_DECADES = ("velocity", "effective_viscosity", "slip_speed")  # with their SI unit then
 MANY = 1e4  # largest over smallest
 MANY_ROWS = 12  # from which a table of details is folded
-_ALWAYS = ("label", "pair", "surface", "body", "tool", "time", "normal_force", "force_x", "force_y")
+_ALWAYS = (
+    "label",
+    "pair",
+    "surface",
+    "body",
+    "tool",
+    "probe",
+    "bend_angle",
+    "time",
+    "normal_force",
+    "force_x",
+    "force_y",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,8 +134,9 @@ def detail_tables(
     surfaces: DataFrame,
     bodies: DataFrame,
     tools: DataFrame,
+    shapes: DataFrame,
 ) -> list[Table]:
-    """Pairs, tools, surfaces and bodies at the end of each load step, those that there are.
+    """Pairs, shapes, tools, surfaces and bodies at the end of each load step, those that there are.
 
     Of one pair alone the table of load steps has told all. Of tools there is a table of the largest
     values of all steps too.
@@ -130,6 +147,7 @@ def detail_tables(
         frame_table(_ends(frame, load_steps, first), names, caption)
         for frame, first, names, caption in (
             (contacts, "pair", _OF_A_PAIR, "Each pair at the end of each load step"),
+            (shapes, "probe", _OF_A_SHAPE, "Shape of surfaces: angle, radius and thickness"),
             (tools, "tool", _OF_A_TOOL, "Tools: force and moment of the bodies on them"),
             (surfaces, "surface", _OF_A_SURFACE, "Surfaces with a boundary: force on the body"),
             (bodies, "body", _OF_A_BODY, "Bodies: forces on them, and their centres"),
@@ -137,7 +155,7 @@ def detail_tables(
     ]
     peaks = [name for name in _OF_A_TOOL if name != "label"]
     most = frame_table(_largest(tools, "tool"), peaks, "Tools: largest value of each over the run")
-    made.insert(2, most)
+    made.insert(3, most)
     tables = [table for table in made if table is not None]
     return [replace(t, folded=len(t.rows) > MANY_ROWS) for t in tables]
 

@@ -108,7 +108,7 @@ def _values(index: int, model: Model, term: ContactTerm, trial: ContactTrial) ->
     """Values of one pair, on all ranks; collective."""
     vertices, of_points = term.surface.vertices, point_values(term, trial)
     out: dict[str, Array] = {
-        "position": vertices.position + _displacement(model, vertices.nodes),
+        "position": vertices.position + displacement_at(model, vertices.nodes),
         "reference": vertices.position,
         "pair": np.full(vertices.count, index, dtype=np.int32),
         "area": vertices.area,
@@ -159,7 +159,7 @@ def _gap(term: ContactTerm, trial: ContactTrial) -> Floats:
     return out
 
 
-def _displacement(model: Model, nodes: Longs) -> Floats:
+def displacement_at(model: Model, nodes: Longs) -> Floats:
     """Displacements (v, i), m, of global nodes, on all ranks; collective."""
     problem = model.problem
     index = problem.space.dofmap.index_map

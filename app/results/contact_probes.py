@@ -1,4 +1,4 @@
-"""Values along the slave surfaces of the contact pairs that a case follows."""
+"""Values along surfaces: the slaves of pairs, and the lines of nodes that a case follows."""
 
 from __future__ import annotations
 
@@ -8,12 +8,26 @@ from dataclasses import dataclass
 import numpy as np
 
 from tribox.app.build.model import Model
-from tribox.app.results.contact_nodes import ContactNodes, contact_nodes, slave_facets
+from tribox.app.build.probes import SurfaceLine
+from tribox.app.results.contact_nodes import (
+    ContactNodes,
+    contact_nodes,
+    displacement_at,
+    slave_facets,
+)
 from tribox.app.results.point_probes import AXES
 from tribox.geometry.surfaces.facets import Floats, Longs
-from tribox.geometry.surfaces.ordering import chains
+from tribox.geometry.surfaces.ordering import (
+    chains,
+    distances_to_line,
+    fitted_circle,
+    line_curvatures,
+    straight_angle,
+    tangent_angles,
+)
 
 AT_VERTEX = 1e-9  # share of a segment up to which a point lies at its end
+AS_THIN = 1e-7  # relative difference up to which two places are as thin
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,3 +147,104 @@ def arc_length(facets: Longs, place: Floats) -> tuple[Longs, Floats]:
         way.append(end + np.cumsum([0.0, *steps]))
         end = float(way[-1][-1])
     return np.concatenate(order), np.concatenate(way)
+
+
+class SurfaceLines:
+    """The lines of nodes of surfaces, where they are at present."""
+
+    def __init__(self, model: Model) -> None:
+        """Take the lines of a model."""
+        self.model, self.lines = model, model.lines
+
+    def places(self) -> list[tuple[Floats, Floats]]:
+        """Places of each line (n, i) and of the opposite one (m, i), m; collective."""
+        found = []
+        for line in self.lines:
+            moved = displacement_at(self.model, np.concatenate([line.nodes, line.opposite]))
+            own = line.place + moved[: len(line.nodes)]
+            found.append((own, line.opposite_place + moved[len(line.nodes) :]))
+        return found
+
+
+@dataclass(frozen=True, slots=True)
+class NodeTable:
+    """The table of the nodes of the lines: a row for each.
+
+    Attributes:
+        lines: the lines.
+    """
+
+    lines: SurfaceLines
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns after those that say when."""
+        places = [f"{kind}_{x}" for kind in ("reference", "displacement") for x in AXES[:2]]
+        return ("probe", "point", "arc_length", *places, "tangent_angle", "curvature", "thickness")
+
+    def rows(self) -> list[tuple[object, ...]]:
+        """Rows at the present displacement, on the first rank; collective."""
+        found: list[tuple[object, ...]] = []
+        for line, (own, other) in zip(self.lines.lines, self.lines.places(), strict=True):
+            if self.lines.model.problem.comm.rank == 0:
+                parts = (line.way, *line.place.T, *(own - line.place).T, tangent_angles(own))
+                table = np.stack([*parts, line_curvatures(own), thickness(own, other)], axis=1)
+                rows = enumerate(table.tolist())
+                found += [(line.probe.name, point, *row) for point, row in rows]
+        return found
+
+
+@dataclass(frozen=True, slots=True)
+class ShapeTable:
+    """The table of the shapes of the lines: a row for each line.
+
+    Attributes:
+        lines: the lines.
+    """
+
+    lines: SurfaceLines
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns after those that say when."""
+        thicknesses = (f"{kind}_thickness" for kind in ("mean", "min", "max"))
+        turned = ("angle", "bend_angle")
+        return ("probe", *turned, "radius", "off_circle", "length", *thicknesses, "thinnest_at")
+
+    def rows(self) -> list[tuple[object, ...]]:
+        """Rows at the present displacement, on the first rank; collective."""
+        found = zip(self.lines.lines, self.lines.places(), strict=True)
+        if self.lines.model.problem.comm.rank > 0:
+            return []
+        return [(line.probe.name, *_shape(line, *places)) for line, places in found]
+
+
+def _shape(line: SurfaceLine, own: Floats, other: Floats) -> tuple[float, ...]:
+    """Numbers of a line's row, with the places (n, i) and (m, i), m, of it and the opposite one."""
+    angle = _angle(line, own)
+    radius, off = fitted_circle(own[line.bend])
+    length = np.linalg.norm(np.diff(own, axis=0), axis=1)
+    thick = thickness(own, other)
+    share = np.concatenate([length, [0.0]]) + np.concatenate([[0.0], length])
+    mean = float(share @ thick / share.sum())
+    thin = np.nan
+    if len(other):  # of equally thin places the first
+        thin = float(line.way[np.argmax(thick <= (1.0 + AS_THIN) * thick.min())])
+    spread = (mean, float(thick.min()), float(thick.max()), thin)
+    return (angle, angle - _angle(line, line.place), radius, off, float(length.sum()), *spread)
+
+
+def _angle(line: SurfaceLine, place: Floats) -> float:
+    """Angle, rad, from the first straight piece to the second, or from end to end, at places."""
+    angles = tangent_angles(place)
+    if not len(line.straight):
+        return float(angles[-1] - angles[0])
+    first, second = (
+        straight_angle(place[piece], float(angles[piece].mean())) for piece in line.straight
+    )
+    return second - first
+
+
+def thickness(own: Floats, other: Floats) -> Floats:
+    """Distances (n,), m, of nodes (n, i) from the line opposite (m, i); NaN without one."""
+    return distances_to_line(own, other) if len(other) else np.full(len(own), np.nan)

@@ -18,7 +18,10 @@ from typing import Any
 from tribox.app.errors import InputError, OutputError
 
 LOCK, RESERVE, CHECKPOINTS = "tribox.lock", "tribox.reserve", "checkpoints"
-PROBE_TABLES = ("probes.csv", "body_probes.csv", "contact_probes.csv")  # points, bodies, contact
+PROBE_TABLES = (  # points, bodies, contact, shape of surfaces, their nodes
+    *("probes.csv", "body_probes.csv", "contact_probes.csv"),
+    *("shape_probes.csv", "surface_probes.csv"),
+)
 OWN = (
     "case.toml",
     "summary.json",

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 from tribox.app.build.model import Model
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.results.body_probes import BodyProbes
-from tribox.app.results.contact_probes import ContactProbes
-from tribox.app.results.directory import PROBE_TABLES, GrowingTable, has_rows
+from tribox.app.results.contact_probes import ContactProbes, NodeTable, ShapeTable, SurfaceLines
+from tribox.app.results.directory import PROBE_TABLES, GrowingTable, has_rows, read_table
 from tribox.app.results.point_probes import PointProbes
 from tribox.app.results.saving import Saving
 from tribox.app.simulation.history import Row
@@ -106,11 +108,50 @@ def _tables(model: Model) -> dict[str, Table]:
     bodies = [(p.name, p.body) for p in probes if p.kind == "body" and p.body]
     contacts = [(p.name, p.contact, p.points) for p in probes if p.contact]
     tables: dict[str, Table] = {}
-    points_table, body_table, contact_table = PROBE_TABLES
+    points_table, body_table, contact_table, shape_table, node_table = PROBE_TABLES
     if model.probes:
         tables[points_table] = PointProbes(model, model.probes)
     if bodies:
         tables[body_table] = BodyProbes(model, bodies)
     if contacts:
         tables[contact_table] = ContactProbes(model, contacts)
+    if model.lines:
+        lines = SurfaceLines(model)
+        tables[shape_table], tables[node_table] = ShapeTable(lines), NodeTable(lines)
     return tables
+
+
+def final_shapes(directory: Path, ends: Sequence[int]) -> dict[str, dict[str, float | None]]:
+    """The last row of each probe of a surface by its name, with its springback, rad.
+
+    That is the bend angle at the end of the load step in which it was largest, less the last one.
+
+    Args:
+        directory: of the results.
+        ends: numbers of the steps that load steps ended with.
+    """
+    path, found = directory / PROBE_TABLES[3], {}
+    if not has_rows(path):
+        return {}
+    rows = read_table(path)
+    for name in dict.fromkeys(str(row["probe"]) for row in rows):
+        mine = [row for row in rows if row["probe"] == name]
+        bent = [float(row["bend_angle"]) for row in mine if int(row["step"]) in ends]
+        last = {key: value for key, value in mine[-1].items() if key not in (*KEYS, "probe")}
+        most = max(bent, key=abs, default=math.nan)
+        last["springback"] = most - last["bend_angle"]
+        found[name] = {k: float(v) if math.isfinite(v) else None for k, v in last.items()}
+    return found
+
+
+def shape_line(name: str, shape: Mapping[str, Any]) -> str:
+    """What the log says of a shape of :func:`final_shapes` in the end."""
+    springback = shape["springback"]
+    back = "" if springback is None else f", springback {math.degrees(springback):.4g} deg"
+    radius = "straight" if shape["radius"] is None else f"radius {shape['radius']:.4g} m"
+    thick = ""
+    if shape["mean_thickness"] is not None:
+        least, most = shape["min_thickness"], shape["max_thickness"]
+        thick = f", thickness {least:.4g} to {most:.4g} m"
+    bent = math.degrees(shape["bend_angle"])
+    return f"probe {name}: bent by {bent:.4g} deg{back}, {radius}{thick}"

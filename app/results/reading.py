@@ -53,6 +53,8 @@ NAME_COLUMNS = {
     "probes": ("probe",),
     "body_probes": ("probe",),
     "contact_probes": ("probe",),
+    "shape_probes": ("probe",),
+    "surface_probes": ("probe",),
 }
 SWEEP_COLUMNS = ("label", "steady")
 SUMMARY_KINDS: dict[str, type] = {"load_steps": list, "parts": dict, "bodies": list}
@@ -181,6 +183,16 @@ class Results:
     def contact_probes(self) -> DataFrame:
         """One row a step and point of the probes along slave surfaces."""
         return _frame(self.table("contact_probes"))
+
+    @cached_property
+    def shape_probes(self) -> DataFrame:
+        """One row a step and probe of a surface: angle, radius, thickness."""
+        return _frame(self.table("shape_probes"))
+
+    @cached_property
+    def surface_probes(self) -> DataFrame:
+        """One row a step and node of the probes of surfaces."""
+        return _frame(self.table("surface_probes"))
 
     @cached_property
     def load_steps(self) -> DataFrame:

@@ -20,6 +20,7 @@ from tribox.app.implicit.stepper import StepResult
 from tribox.app.results.directory import write_json
 from tribox.app.results.inputs import NOTHING, KeptInputs, write_case
 from tribox.app.results.output_files import OutputFiles
+from tribox.app.results.probes import final_shapes
 from tribox.app.results.run_tables import RunTables
 from tribox.app.results.saving import Reserve, Saving
 from tribox.app.results.versions import kernels, versions
@@ -316,6 +317,10 @@ class Recorder(Observer):
             "kernels": kernels(),
         }
 
+    def shapes(self) -> dict[str, dict[str, float | None]]:
+        """What :func:`final_shapes` says; on the first rank."""
+        return final_shapes(self.directory, [int(one["step"]) for one in self.load_steps])
+
     def _summary(
         self,
         simulation: Simulation,
@@ -344,6 +349,7 @@ class Recorder(Observer):
             ],
             "bodies": [solid.name for solid in problem.solids],
             **({"tools": simulation.state.tools.last()} if problem.tools else {}),
+            **({"shapes": self.shapes()} if self.model.lines else {}),
             "dofs": int(problem.space.dofmap.index_map.size_global * problem.dim),
             "seconds": {"run": round(wall, 4), **timings},
             **{f"{part}_per_rank": [share[part] for share in shares] for part in shares[0]},

@@ -20,7 +20,7 @@ from tribox.app.implicit.petsc_options import silence
 from tribox.app.results.claim import Claim
 from tribox.app.results.first_rank import on_first
 from tribox.app.results.inputs import NOTHING, keep_inputs, kept_inputs
-from tribox.app.results.probes import ProbeRecorder
+from tribox.app.results.probes import ProbeRecorder, shape_line
 from tribox.app.results.recorder import Recorder
 from tribox.app.results.saving import Saving
 from tribox.app.results.status import check_may_begin_anew
@@ -220,9 +220,13 @@ def _say_warnings(reporter: Reporter, recorder: Recorder) -> None:
 
 
 def _say_end(reporter: Reporter, simulation: Simulation, recorder: Recorder, quiet: bool) -> None:
-    """Warnings, figures of the run, its tools and the place of the results."""
+    """Warnings, figures of the run, its tools and shapes, and the place of the results."""
     _say_warnings(reporter, recorder)
-    closing = (_closing_line(simulation), *tool_lines(simulation.state))
+    shapes = recorder.shapes().items() if recorder.first else ()
+    closing = (
+        *(_closing_line(simulation), *tool_lines(simulation.state)),
+        *(shape_line(name, shape) for name, shape in shapes),
+    )
     for line in (*closing, f"results in {recorder.directory}"):
         reporter.say(line, always=not quiet)
 

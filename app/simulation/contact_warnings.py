@@ -29,6 +29,7 @@ from mpi4py import MPI
 from scipy.spatial import cKDTree
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.places import place_text
 from tribox.app.equilibrium.snapshot import Snapshot
 from tribox.app.simulation.combed_pressure import (
     WAVES,
@@ -38,7 +39,7 @@ from tribox.app.simulation.combed_pressure import (
 )
 from tribox.app.simulation.history import Row
 from tribox.app.simulation.pair_bodies import penalty_factor, pressed_by_force
-from tribox.app.simulation.surface_faults import BENT, SHARP, bend
+from tribox.app.simulation.surface_faults import BENT, SHARP, Sunk, SunkVertices, bend
 from tribox.app.simulation.time_text import time_text
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.state import ContactTrial
@@ -56,6 +57,7 @@ OPEN_INSIDE = 0.05  # share of open points inside a pressed patch
 SCATTER = 0.2  # standard deviation over mean of the pressure within facets
 FEW = 4.0  # facets as long as those at the rim, up to the middle, below which a contact is coarse
 NEAR = 1.5  # facets at the rim count that are up to so many half-widths from the middle
+SUNK = 0.05  # depth of a vertex of the master in a slave facet, over the length of the facet
 WHOLE = 1.0 - 1e-9  # share of a vertex's area that counts as all of it
 
 
@@ -273,6 +275,7 @@ class ContactWarnings:
         """
         self._problem = problem
         self._probes = [PairProbe(term) for term in problem.contacts]
+        self._sunk_in = [SunkVertices.of(term) for term in problem.contacts]
         self._factor = [penalty_factor(problem, term) for term in problem.contacts]
         count = len(self._probes)
         self.over_facet, self.over_approach = [0.0] * count, [0.0] * count
@@ -280,6 +283,7 @@ class ContactWarnings:
         self._strongest: list[PairState | None] = [None] * count
         self._widest: list[PairState | None] = [None] * count
         self._stored = [0.0] * count
+        self._sunk: list[tuple[Sunk, float, str, float]] = [(Sunk(), 0.0, "", 0.0)] * count
         if resumed is not None:
             self._restore(resumed)
             return
@@ -313,6 +317,18 @@ class ContactWarnings:
             if widest is None or state.area > widest.area:
                 self._widest[index] = state
         self._look_at_ties(trials, spent / thickness)
+        self._look_at_edges(row, states)
+
+    def _look_at_edges(self, row: Row, states: Sequence[PairState]) -> None:
+        """Find the vertices of masters that are inside facets of their slaves; collective."""
+        terms, x = self._problem.contacts, self._problem.u.x.petsc_vec
+        for index, (term, state) in enumerate(zip(terms, states, strict=True)):
+            probe = self._sunk_in[index]
+            if probe is None or not term.active or state.force <= 0.0:
+                continue
+            sunk = probe.deepest(term.surface.gather(x), state.deepest)
+            if sunk.share > self._sunk[index][0].share:
+                self._sunk[index] = (sunk, row.time, row.stage, row.dt)
 
     def _measured(self, index: int, trial: ContactTrial) -> PairState:
         """A pair at a converged step; corners of the master alone make waves; collective."""
@@ -343,6 +359,7 @@ class ContactWarnings:
             "over": [self.over_facet, self.over_approach],
             "deepest": [list(one) for one in self._deepest],
             "stored": self._stored,
+            "sunk": [[asdict(one[0]), *one[1:]] for one in self._sunk],
             "strongest": [None if one is None else asdict(one) for one in self._strongest],
             "widest": [None if one is None else asdict(one) for one in self._widest],
         }
@@ -352,6 +369,10 @@ class ContactWarnings:
         self.over_facet, self.over_approach = map(list, kept["over"])
         self._stored = list(kept["stored"])
         self._deepest = [(one[0], one[1], one[2], one[3]) for one in kept["deepest"]]
+        self._sunk = [
+            (Sunk(one[0]["share"], one[0]["depth"], tuple(one[0]["place"])), *one[1:])
+            for one in kept["sunk"]
+        ]
         self._strongest, self._widest = (
             [None if one is None else PairState(**one) for one in kept[name]]
             for name in ("strongest", "widest")
@@ -377,6 +398,8 @@ class ContactWarnings:
             costly = self.over_approach[index] > APPROACH and not self._by_force[index]
             if self.over_facet[index] > PENETRATION or costly:
                 yield self._soft(index, comb)
+            if self._sunk[index][0].share > SUNK:
+                yield self._edge(index)
             widest = self._widest[index]
             if widest is not None and widest.facets < FEW:
                 yield _few_facets(index, widest)
@@ -397,6 +420,17 @@ class ContactWarnings:
                 f"{100.0 * share / (1.0 + share):.2g} % too small; raise the penalty "
                 "(penalty_factor)"
             )
+
+    def _edge(self, index: int) -> str:
+        sunk, time, stage, dt = self._sunk[index]
+        return (
+            f"contact.{index}: a vertex of the master, at {place_text(sunk.place)}, sinks up to "
+            f"{sunk.depth:.3g} m into a slave facet (time {time_text(time, dt)}, stage {stage}), "
+            f"{sunk.share:.2g} of its length more than the penetration: the mean gap, which the "
+            "pressure answers to and max_penetration tells of, does not see an edge between the "
+            "slave's vertices; round the edge, make the other surface the slave, or refine the "
+            "slave there (less deep)"
+        )
 
     @staticmethod
     def _is_comb(state: PairState) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -179,6 +179,10 @@ class EnergyBalance:
         self.work += self._last.until(now, self.problem)
         self._last = now
         self._enter_contacts(resultants)
+
+    def take_over(self, force: Floats) -> None:
+        """Count forces (n,), N/m, that were those of contacts so far, as of loads from now on."""
+        self._last = replace(self._last, force=self._last.force + force)
 
     def snapshot(self) -> Snapshot:
         """All sums so far."""

@@ -102,6 +102,11 @@ class MotionHistory:
         fastest = float(np.sqrt(squares.max()))
         return self._model.problem.comm.allreduce(fastest, op=MPI.MAX)
 
+    @property
+    def surfaces(self) -> list[str]:
+        """Names of the surfaces, in the order of their rows."""
+        return self._means.surfaces
+
     def force_balance(
         self, stages: Collection[str], noise: float = 0.0, largest: float = 0.0
     ) -> float | None:
@@ -207,7 +212,7 @@ def _column(
 
 
 class _Means:
-    """Mean displacements and velocities of surfaces with a boundary, and of bodies.
+    """Mean displacements and velocities of surfaces with a boundary or released, and of bodies.
 
     Attributes:
         surfaces: names, in the order in which the case names them.
@@ -215,7 +220,8 @@ class _Means:
 
     def __init__(self, model: Model) -> None:
         problem, named, section = model.problem, model.named, model.section
-        self.surfaces = list(dict.fromkeys(b.surface for b in model.case.boundary))
+        released = model.loads.nodal_surfaces if model.loads is not None else ()
+        self.surfaces = list(dict.fromkeys([*(b.surface for b in model.case.boundary), *released]))
         self._dim, space = problem.dim, problem.space
         weights = [
             named.groups[s].shares(space)

@@ -111,7 +111,7 @@ class RunState:
         keep_what_went_over(problem.contacts, trials)
         pairs = zip(problem.contacts, trials, strict=True)
         found = [measure_contact(term, trial, problem.comm, driven) for term, trial in pairs]
-        return with_released_energy(found, self.resultants, problem.contacts)
+        return with_released_energy(found, self.resultants, self.model)
 
     def driven_direction(self) -> list[float] | None:
         """Direction of the first driven boundary, spring or tool, None without."""
@@ -128,6 +128,8 @@ class RunState:
             if components and tool.displacement is not None:
                 share = tool.displacement.driven_share
                 return [share(axis) if axis in components else 0.0 for axis in axes]
+            if tool.spring is not None and tool.spring.end == DRIVEN:
+                return [float(axis == tool.spring.direction) for axis in axes]
         return None
 
     def add_row(self, load_step: LoadStep, effort: Effort, moved: Moved) -> Row:

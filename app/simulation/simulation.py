@@ -92,7 +92,8 @@ class Simulation:
         """
         state, at = self.state, self.state.position
         for load_step in all_load_steps(self.model.case)[at.load_step :]:
-            begin_stage(self.model, load_step.stage.name, state.stepper.x)
+            released = begin_stage(self.model, load_step.stage.name, state.stepper.x)
+            state.energy_balance.take_over(released)
             with failures_as(SolutionError, f"stage {load_step.stage.name}"):
                 runner = self._runner(load_step.stage)
                 if at.begin(state.time, state.driven, len(state.rows)):

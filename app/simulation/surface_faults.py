@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
+from scipy.spatial import cKDTree
 
 from tribox.app.case.contact import Contact
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.places import place_text
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.state import ContactTrial
-from tribox.geometry.surfaces.facets import Floats
+from tribox.geometry.surfaces.body_facets import outward_facets
+from tribox.geometry.surfaces.facets import FacetShape, Floats, Ints, unit_normals
 from tribox.geometry.surfaces.projection import FacetSurface
 from tribox.geometry.surfaces.smoothing import shared_sides
 from tribox.geometry.surfaces.surface import ContactSurface, MasterFacets
@@ -23,6 +26,7 @@ ON_EDGE = 1e-6  # reference distance from the edge of a facet below which a poin
 # Angles, rad, between neighbouring facets of a deformed master that a slave catches on: less is
 # flat, more is an edge that is meant.
 BENT, CLEARLY_BENT, SHARP = 1e-3, 0.01, 0.35
+FACING = 0.2  # cosine from which on normals face each other
 SAME = 1e-6  # of the size of a surface, below which two places are the same
 SMOOTH = 'smoothing_angle = "30 deg"'
 
@@ -128,3 +132,121 @@ def _needs(problem: Equilibrium) -> str:
     if cell in ("quadrilateral", "hexahedron") and degree == 1:
         return ""
     return " on a mesh of first-order quadrilaterals or hexahedra"
+
+
+# -- edges in facets ------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Sunk:
+    """How far a vertex of the master is inside a slave facet.
+
+    Attributes:
+        share: of the depth beyond the penetration in the length of the facet; depth: m.
+        place: of the vertex, m, undeformed.
+    """
+
+    share: float = 0.0
+    depth: float = 0.0
+    place: tuple[float, ...] = ()
+
+
+class SunkVertices:
+    """Finds the vertices of a meshed master that are inside the slave's facets.
+
+    The pressure answers to the mean gap around a vertex of the slave, or to that of its points:
+    an edge of the master between them is in neither.
+    """
+
+    def __init__(self, surface: ContactSurface) -> None:
+        """Find the slave facets of this rank, their normals out of the body."""
+        self._surface = surface
+        of_facet = np.unique(surface.slave.facet, return_index=True)[1]
+        local, position = outward_facets(
+            surface.space, surface.shape, surface.slave.mesh_facet[of_facet]
+        )
+        index = surface.space.dofmap.index_map
+        nodes = index.local_to_global(local.reshape(-1).astype(np.int32)).reshape(local.shape)
+        rows = np.searchsorted(surface.nodes[: surface.first_master], nodes)
+        pieces, dim = _pieces(surface.shape), surface.dim
+        self._rows = rows[:, pieces].reshape(-1, dim)  # of the pair's nodes
+        self._reference = position[:, pieces].reshape(-1, dim, dim)
+
+    @classmethod
+    def of(cls, term: ContactTerm) -> SunkVertices | None:
+        """Those of a contact; None of a tie, of a tool, and of curved facets in space."""
+        surface = term.surface
+        curved = surface.dim == 3 and surface.shape.degree > 1
+        meshed = isinstance(surface.master, MasterFacets)
+        return cls(surface) if meshed and not curved and not term.tied else None
+
+    def deepest(self, values: Floats, penetration: float) -> Sunk:
+        """The vertex that is deepest over the length of the facet; collective.
+
+        Args:
+            values: (m, i), m, displacements of the pair's nodes.
+            penetration: m, that there is anyway, the largest of the mean gaps.
+        """
+        surface, master = self._surface, self._surface.master
+        assert isinstance(master, MasterFacets)
+        place = surface.master_positions(values)
+        corners = master.facets[:, : master.shape.corners]
+        outward = _vertex_normals(master, place)
+        vertices = np.unique(corners)
+        slave = self._reference + values[self._rows]
+        sizes = np.linalg.norm(slave[:, 1] - slave[:, 0], axis=1)
+        found = Sunk()
+        if len(slave):
+            near = cKDTree(place[vertices]).query_ball_point(slave.mean(axis=1), sizes)
+            counts = [len(one) for one in near]
+            piece = np.repeat(np.arange(len(slave)), counts)
+            vertex = vertices[np.concatenate([np.array(one, dtype=np.int64) for one in near])]
+            places = place[vertex], outward[vertex], master.position[vertex]
+            found = _deepest(slave[piece], *places, penetration)
+        comm = surface.vertices.comm
+        return max(comm.allgather(found), key=lambda one: (one.share, one.place))
+
+
+def _deepest(
+    pieces: Floats, places: Floats, outward: Floats, undeformed: Floats, penetration: float
+) -> Sunk:
+    """The deepest of places (n, i), m, each beside a piece (n, i, i) of the slave.
+
+    Those count whose normal ``outward`` (n, i) faces the piece, and which are behind it and not
+    beside it.
+    """
+    along = pieces[:, 1:] - pieces[:, :1]
+    normal = unit_normals(along)
+    size = np.linalg.norm(along[:, 0], axis=1)
+    apart = places - pieces[:, 0]
+    depth = -np.einsum("ni,ni->n", normal, apart)
+    metric = np.einsum("nai,nbi->nab", along, along)
+    right = np.einsum("nai,ni->na", along, apart)
+    share = np.linalg.solve(metric, right[..., None])[..., 0]
+    inside = np.all(share >= 0.0, axis=1) & (share.sum(axis=1) <= 1.0)
+    facing = np.einsum("ni,ni->n", normal, outward) < -FACING
+    over = np.where(inside & facing & (depth > penetration), (depth - penetration) / size, 0.0)
+    if not over.any():
+        return Sunk()
+    at = int(np.argmax(over))
+    return Sunk(float(over[at]), float(depth[at]), tuple(map(float, undeformed[at])))
+
+
+def _pieces(shape: FacetShape) -> Ints:
+    """Nodes (p, i) of the straight or flat pieces of a facet, turning as it does."""
+    if shape.directions == 2:
+        parts = [[0, 1, 2]] if shape.corners == 3 else [[0, 1, 2], [3, 2, 1]]
+        return np.array(parts, dtype=np.int32)
+    order = np.argsort(shape.points[:, 0])
+    return np.stack([order[:-1], order[1:]], axis=1).astype(np.int32)
+
+
+def _vertex_normals(master: MasterFacets, place: Floats) -> Floats:
+    """Mean normals (n, i), of any length, of the facets around nodes at ``place`` (n, i), m."""
+    shape = master.shape
+    middle = np.mean(shape.points[: shape.corners], axis=0)
+    tangents = np.einsum("ba,fai->fbi", shape.first(middle[None])[0], place[master.facets])
+    normals, total = unit_normals(tangents), np.zeros_like(place)
+    for corner in range(shape.corners):
+        np.add.at(total, master.facets[:, corner], normals)
+    return total

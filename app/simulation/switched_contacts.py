@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
+import numpy as np
 from petsc4py import PETSc
 
 from tribox.app.build.contacts import OVERLAP, overlap
 from tribox.app.build.model import Model
 from tribox.app.errors import SolutionError
 from tribox.app.simulation.contact_resultants import ContactResultants
-from tribox.forms.contact.penalty import ContactTerm
+from tribox.geometry.surfaces.facets import Floats
 
 
-def begin_stage(model: Model, stage: str, x: PETSc.Vec) -> None:
+def begin_stage(model: Model, stage: str, x: PETSc.Vec) -> Floats:
     """Let the loads and contacts be those of a stage; collective.
 
     Args:
@@ -22,23 +23,31 @@ def begin_stage(model: Model, stage: str, x: PETSc.Vec) -> None:
         stage: its name.
         x: displacement, m, at its beginning.
 
+    Returns:
+        (n,), N per unit thickness, forces on the owned unknowns of contacts that are released from
+        now on: loads take their place.
+
     Raises:
         SolutionError: the surfaces of a contact that acts from now on overlap.
     """
     terms = model.problem.contacts
     before = [term.active for term in terms]
     model.begin_stage(stage)
+    released = np.zeros(model.problem.owned)
     for index, (was, term) in enumerate(zip(before, terms, strict=True)):
         if term.active and not was:
             _require_apart(model, index, stage, x)
+        if was and not term.active and model.case.is_released(model.case.contact[index], stage):
+            released += model.problem.pair_forces(index)
+    return released
 
 
 def _require_apart(model: Model, index: int, stage: str, x: PETSc.Vec) -> None:
     """Refuse a contact whose surfaces would snap apart; collective."""
     table, surface = model.case.contact[index], model.problem.contacts[index].surface
-    slave, master = surface.displacements(x)
-    points = surface.slave_positions(slave)
-    depth = overlap(surface, surface.project(points, surface.master.position + master))
+    values = surface.gather(x)
+    points = surface.slave_positions(values[surface.slave_rows])
+    depth = overlap(surface, surface.project(points, surface.master_positions(values)))
     if depth > OVERLAP * surface.facet_length:
         raise SolutionError(
             f"stage {stage}: contact.{index} begins to act while {table.slave} is {depth:.3g} m "
@@ -48,19 +57,22 @@ def _require_apart(model: Model, index: int, stage: str, x: PETSc.Vec) -> None:
 
 
 def with_released_energy(
-    resultants: Iterable[ContactResultants],
-    before: Sequence[ContactResultants],
-    terms: Sequence[ContactTerm],
+    resultants: Iterable[ContactResultants], before: Sequence[ContactResultants], model: Model
 ) -> list[ContactResultants]:
     """Resultants in which contacts that have been switched off have lost what they had stored.
+
+    The friction of contacts that are released is that of loads, whose work is counted there.
 
     Args:
         resultants: of all contacts after a step.
         before: those of the step before; empty: there was none.
-        terms: the contacts.
+        model: what is solved.
     """
-    out = list(resultants)
-    for index, (term, last) in enumerate(zip(terms, before, strict=False)):
+    out, stage = list(resultants), "" if model.loads is None else model.loads.stage
+    tables, terms = model.case.contact, model.problem.contacts
+    for index, (table, term, last) in enumerate(zip(tables, terms, before, strict=False)):
         if not term.active and last.energy > 0.0:
             out[index] = replace(out[index], dissipated=last.energy)
+        if not term.active and model.case.is_released(table, stage):
+            out[index] = replace(out[index], numerical=0.0)
     return out

@@ -125,11 +125,13 @@ class ToolHistory:
         """
         loads = np.sum(outside.loads, axis=0) if outside.loads else np.zeros_like(motion[0])
         out = np.zeros((len(self._tools), 3, self._model.problem.dim + 1))
+        springs = [platen.dofs for platen in self._model.problem.platens]
+        given = np.concatenate([self._model.problem.constrained_dofs(), *springs])
         for number, tool in enumerate(self._tools):
             for slot in np.nonzero(tool.here)[0]:
                 dof = tool.dofs[slot]
                 drive = loads[dof]
-                if not tool.free[slot]:
+                if dof in given:
                     drive = outside.held[np.searchsorted(self._held, dof)]
                 out[number, :, slot] = motion[0][dof], motion[1][dof], drive
         total = np.empty_like(out)

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 
 from tribox.geometry.generators.two_blocks import MAX_CELLS, MAX_GRADING, ROUND_OFF, check_length
 
@@ -115,13 +115,15 @@ class Blocks:
 
     Attributes:
         blocks: with different names; cell: shape of all cells, see :data:`CELLS`.
+        groups: names of points and edges, each with the names of the sides that meet there.
 
     Raises:
-        ValueError: If blocks overlap, or do not go with the cells.
+        ValueError: If blocks overlap, or do not go with the cells; if sides do not meet.
     """
 
     blocks: tuple[PlacedBlock, ...]
     cell: str = "quadrilateral"
+    groups: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.cell not in CELLS:
@@ -134,6 +136,41 @@ class Blocks:
         for one, other in itertools.combinations(self.blocks, 2):
             if _overlap(one, other):
                 raise ValueError(f"{one.name} and {other.name} overlap; they may touch")
+        for name in self.groups:
+            self._corners(name)
+
+    def _corners(self, group: str) -> tuple[PlacedBlock, list[int]]:
+        """The block of a group and its corners there, numbered as by :func:`_draw`.
+
+        Raises:
+            ValueError: its sides do not meet.
+        """
+        sides, dim = self.groups[group], CELLS[self.cell]
+        names = {
+            f"{block.name}_{side}": (block, axis, end)
+            for block in self.blocks
+            for axis, pair in enumerate(SIDES[:dim])
+            for end, side in enumerate(pair)
+        }
+        for side in sides:
+            if side not in names:
+                known = ", ".join(names)
+                raise ValueError(f"group {group}: no such side: {side}; there are {known}")
+        found = [names[side] for side in sides]
+        axes = [axis for _, axis, _ in found]
+        one_block = len({block.name for block, _, _ in found}) == 1
+        if not one_block or len(set(axes)) < len(axes) or not 2 <= len(axes) <= dim:
+            many = "two" if dim == 2 else "two or three"
+            given = " and ".join(sides) or "no sides"
+            raise ValueError(
+                f"group {group}: {given} do not meet; give {many} sides of one block that do"
+            )
+        corners = [
+            corner
+            for corner in range(2**dim)
+            if all(corner >> axis & 1 == end for _, axis, end in found)
+        ]
+        return found[0][0], corners
 
     def cells(self) -> int:
         """Number of cells of all blocks."""
@@ -148,11 +185,17 @@ class Blocks:
         gmsh.model.geo.synchronize()
         # Tags of surfaces go on from those of the bodies: no number means two things.
         tags = itertools.count(1)
-        for block, (body, _) in drawn:
-            gmsh.model.addPhysicalGroup(dim, [body], next(tags), block.name)
-        for block, (_, sides) in drawn:
-            for side, entity in sides.items():
+        for block, one in drawn:
+            gmsh.model.addPhysicalGroup(dim, [one.body], next(tags), block.name)
+        for block, one in drawn:
+            for side, entity in one.sides.items():
                 gmsh.model.addPhysicalGroup(dim - 1, [entity], next(tags), f"{block.name}_{side}")
+        parts = {block.name: one for block, one in drawn}
+        for name in self.groups:
+            block, corners = self._corners(name)
+            one = parts[block.name]
+            entity = one.points[corners[0]] if len(corners) == 1 else abs(one.edges[tuple(corners)])
+            gmsh.model.addPhysicalGroup(len(corners) - 1, [entity], next(tags), name)
         gmsh.model.mesh.generate(dim)
 
 
@@ -162,8 +205,18 @@ def _overlap(one: PlacedBlock, other: PlacedBlock) -> bool:
     return all(min(b, d) - max(a, c) > least for a, b, c, d in ends)
 
 
-def _draw(block: PlacedBlock, cell: str) -> tuple[int, dict[str, int]]:
-    """A block's own entity and those of its sides.
+@dataclass(frozen=True, slots=True)
+class _Drawn:
+    """Entities of a block: its own, those of its sides, its corners, its edges by their ends."""
+
+    body: int
+    sides: dict[str, int]
+    points: list[int]
+    edges: dict[tuple[int, ...], int]
+
+
+def _draw(block: PlacedBlock, cell: str) -> _Drawn:
+    """Draw a block.
 
     Corners are numbered by x + 2 y + 4 z, each 0 or 1.
     """
@@ -175,7 +228,7 @@ def _draw(block: PlacedBlock, cell: str) -> tuple[int, dict[str, int]]:
     for corner in range(2**dim):
         at = [ends[corner >> i & 1][i] for i in range(dim)]
         points.append(geo.addPoint(*at, *[0.0] * (3 - dim)))
-    edges: dict[tuple[int, int], int] = {}
+    edges: dict[tuple[int, ...], int] = {}
     for axis, (count, ratio) in enumerate(block.progressions()):
         for a in range(2**dim):
             if not a >> axis & 1:
@@ -186,11 +239,12 @@ def _draw(block: PlacedBlock, cell: str) -> tuple[int, dict[str, int]]:
     if dim == 2:
         face = _face(edges, (0, 1, 3, 2), cell)
         sides = {(0, 0): (0, 2), (0, 1): (1, 3), (1, 0): (0, 1), (1, 1): (2, 3)}
-        return face, {SIDES[axis][end]: edges[pair] for (axis, end), pair in sides.items()}
-    return _box(edges, cell)
+        lines = {SIDES[axis][end]: edges[pair] for (axis, end), pair in sides.items()}
+        return _Drawn(face, lines, points, edges)
+    return _Drawn(*_box(edges, cell), points, edges)
 
 
-def _face(edges: dict[tuple[int, int], int], loop: Sequence[int], cell: str) -> int:
+def _face(edges: dict[tuple[int, ...], int], loop: Sequence[int], cell: str) -> int:
     """A face with the corners of a loop."""
     import gmsh
 
@@ -206,7 +260,7 @@ def _face(edges: dict[tuple[int, int], int], loop: Sequence[int], cell: str) -> 
     return face
 
 
-def _box(edges: dict[tuple[int, int], int], cell: str) -> tuple[int, dict[str, int]]:
+def _box(edges: dict[tuple[int, ...], int], cell: str) -> tuple[int, dict[str, int]]:
     """The volume of a box and its six sides."""
     import gmsh
 

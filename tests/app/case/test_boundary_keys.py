@@ -95,11 +95,11 @@ MISTAKES = [
     ),
     (
         {"stage.0.release": ["top"]},
-        'stage.0.release = ["top"]: the first stage has no reactions to release',
+        'stage.0.release = ["top"]: the first stage has no reactions or contact forces to ',
     ),
     (
         {"stage.1.release": ["elastomer_left"]},
-        'stage.1.release = "elastomer_left": no boundary holds or moves this surface; those that',
+        'stage.1.release = "elastomer_left": no boundary holds or moves a surface of ',
     ),
     (
         {"stage.2": {"name": "b", "duration": 1, "release": ["top"]}, "stage.1.release": ["top"]},

@@ -17,7 +17,8 @@ from tribox.app.case.quantities import parse_quantity
 from tribox.app.errors import InputError
 from tribox.forms.bodies.elastoplastic import ElastoPlastic
 
-METALS = [name for name, entry in entries().items() if entry.strengths]
+METALS = [n for n, entry in entries().items() if entry.keys["material"] == "elastoplastic"]
+MEASURED = ["AA6016-T4"]
 POLYURETHANES = [name for name in entries() if name.startswith("PU-")]
 
 
@@ -53,7 +54,19 @@ def test_an_entry_is_a_stable_material_whose_numbers_have_sources(name):
     assert isinstance(material, ElastoPlastic) == (name in METALS)
 
 
-@pytest.mark.parametrize("name", METALS)
+def test_a_measured_curve_is_that_of_its_source():
+    """Yields at K ε₀ⁿ = 129.9 MPa; the load maximum is at n − ε₀, as its range says."""
+    [name] = MEASURED
+    entry = entries()[name]
+    law = material_of(read(case_with(material=name)).bodies["aluminium"]).hardening
+    assert law.stress(0.0) == pytest.approx(129.87e6, rel=1e-3)
+    slope = (law.stress(0.2762) - law.stress(0.2760)) / 2e-4
+    assert slope == pytest.approx(law.stress(0.2761), rel=1e-3)
+    assert "plastic strain up to 0.28" in entry.range and not entry.strengths
+    assert "10.1007/s12289-022-01672-w" in entry.sources["hardening.K"]
+
+
+@pytest.mark.parametrize("name", [name for name in METALS if name not in MEASURED])
 def test_hardening_is_made_from_the_strengths(name):
     """It yields at the proof stress; the nominal stress of a bar is largest at the strength."""
     entry = entries()[name]

@@ -57,7 +57,7 @@ def on_punch(**changed):
         (on_punch(velocity={"y": "1 m/s"}), "tools.punch.velocity.y: displacement.y is given too"),
         (on_punch(force={"z": "1 N"}), "tools.punch.force.z: there is no z in a mesh in the plane"),
         (on_punch(force={"x": "1 m"}), "tools.punch.force.x"),
-        (on_punch(mass="1 kg"), "tools.punch.mass = 1.0: goes with force only"),
+        (on_punch(mass="1 kg"), "tools.punch.mass = 1.0: goes with force or spring only"),
         (
             on_punch(force={"x": 1}, mass="1 kg"),
             'tools.punch.mass = 1.0: goes with solver.kind = "',
@@ -65,6 +65,31 @@ def on_punch(**changed):
         (on_punch(displacement={"x": "driven"}), "tools.punch.displacement.x = "),
         (on_punch(stages=["pres"]), 'tools.punch.stages = "pres": no stage has this name; there'),
         (on_punch(stages=[]), "tools.punch.stages"),
+        (
+            on_punch(displacement_stages=["pres"], force={"y": 0}),
+            'tools.punch.displacement_stages = "pres": no stage has this name; there',
+        ),
+        (
+            on_punch(displacement_stages=["press"]),
+            "no component has both a force and a displacement or velocity; give the force",
+        ),
+        (
+            on_punch(spring={"direction": "y", "stiffness": 1, "end": 0}),
+            "tools.punch.spring.y: displacement.y is given too",
+        ),
+        (
+            on_punch(spring={"direction": "x", "stiffness": 1, "end": 0, "mass": 1}),
+            "tools.punch.spring.mass = 1.0: is that of a surface; give the tool its mass",
+        ),
+        (
+            on_punch(spring={"direction": "x", "stiffness": 1, "end": "driven"}),
+            'tools.punch.spring.end = "driven": never moves: no stage has velocity',
+        ),
+        (on_punch(hold_force=["y"]), 'hold_force = ["y"]: holds what displacement_stages end with'),
+        (
+            on_punch(displacement_stages=["press"], force={"y": 0}, hold_force=["x"]),
+            'tools.punch.hold_force = ["x"]: neither displacement.x nor velocity is given',
+        ),
         (
             on_punch(rotation={}),
             "tools.punch.rotation: give one of angle, rate and moment, found n",
@@ -126,6 +151,43 @@ def test_so_is_one_of_a_tool_on_a_mesh_that_is_read(tmp_path):
     data["boundary"].append({"surface": "punch", "displacement": {"x": 0}})
     with pytest.raises(InputError, match=r"boundary\.1\.surface = \"punch\": is a tool; what"):
         build_model(case_of(data), MPI.COMM_SELF)
+
+
+@pytest.mark.parametrize(
+    ("stages", "tools", "line"),
+    [
+        ([["idle"]], {"idle": ROUND}, "no boundary holds or moves a surface of this name, and no "),
+        (
+            [["press_on"]],
+            {},
+            'stage.1.release = "press_on": is the name of a surface and a contact',
+        ),
+        ([["punch"], ["punch"]], {}, 'stage.2.release = "punch": is released in stage b already'),
+        (
+            [["pair"]],
+            {"punch": ROUND | {"stages": ["b"]}},
+            "does not act in stage a, the one before",
+        ),
+    ],
+)
+def test_only_what_presses_is_released(stages, tools, line):
+    stages = [[], *stages]
+    names = [{"name": "abc"[k], "duration": 1, "release": r} for k, r in enumerate(stages)]
+    boundary = [{"surface": "bottom", "displacement": {"x": 0, "y": 0}}]
+    name = "pair"
+    if stages == [[], ["press_on"]]:
+        name, boundary = "press_on", [*boundary, {"surface": "press_on", "symmetry": True}]
+    contact = {"name": name, "slave": "top", "master": "punch", "friction": {"law": "frictionless"}}
+    data = block_case(Path("none.msh"), tools={"punch": ROUND} | tools, stage=names)
+    data |= {"geometry": tomllib.loads(BLOCK)["geometry"], "contact": [contact]}
+    data["boundary"] = boundary
+    data["bodies"] = tomllib.loads(BLOCK)["bodies"]
+    found = []
+    try:
+        Case.model_validate(data, context={"source": Path("cases/x.toml")})
+    except ValidationError as error:
+        found = [format_problem(problem) for problem in problems_of(error, Case, data)]
+    assert any(line in one for one in found), found
 
 
 def test_a_tie_to_a_tool_is_refused():

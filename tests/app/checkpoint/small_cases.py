@@ -33,6 +33,7 @@ PROBES = [
     {"name": "corner", "point": ["1 mm", "0.4 mm"]},
     {"name": "upper", "body": "elastomer"},
     {"name": "along", "contact": "elastomer_contact-aluminium_contact"},
+    {"name": "shape", "surface": "elastomer_contact", "opposite": "top"},
 ]
 
 

@@ -15,13 +15,24 @@ from tribox.app.simulation import explicit_stage
 
 
 def data_of(mesh, explicit=False):
-    """A free roller, and a wall that a force presses on the block."""
+    """A free roller, and a wall that a force presses on the block.
+
+    Without explicit steps it is the force that a displacement came to, and is released in the end.
+    """
     tables = rolled(moment=0)
     wall = plane(point=[WIDTH, 0], normal=[-1, 0], force={"x": [["0 s", 0], ["1 s", "-0.1 N"]]})
     tables["tools"]["wall"] = wall
     frictionless = {"law": "frictionless"}
     tables["contact"].append({"slave": "right", "master": "wall", "friction": frictionless})
     data = block_case(mesh, **tables)
+    if not explicit:
+        moved = {"displacement": {"x": [["0 s", 0], ["1 s", "-3 um"]]}, "hold_force": ["x"]}
+        data["tools"]["wall"] = plane(
+            point=[WIDTH, 0], normal=[-1, 0], **moved, displacement_stages=["press"]
+        )
+        data["stage"][1]["steps"] = 2
+        last = {"name": "let go", "duration": "1 s", "steps": 5, "release": ["wall"]}
+        data["stage"].append(last)
     if explicit:
         data["bodies"]["block"]["density"] = 1000
         data["tools"]["punch"]["rotation"]["inertia"] = "2e-11 kg*m^2"

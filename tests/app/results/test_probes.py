@@ -16,6 +16,8 @@ from scipy.optimize import fsolve
 from tests.app.conftest import BLOCK, BOXES, SLID
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
+from tribox.app.errors import InputError
+from tribox.app.report.page import write_report
 from tribox.app.results.body_probes import BodyProbes
 from tribox.app.results.contact_probes import arc_length
 from tribox.app.results.directory import check_free, read_table
@@ -97,9 +99,50 @@ contact = "elastomer_contact-aluminium_contact"
 name = "thirteen"
 contact = "elastomer_contact-aluminium_contact"
 points = 13
+[[probe]]
+name = "shape"
+surface = "elastomer_contact"
+opposite = "top"
 """
 SAME = 1e-8  # of each column's largest value, at a solver tolerance of 1e-11
 TABLES = ("probes", "body_probes", "contact_probes")
+SHAPES = ("shape_probes", "surface_probes")
+# A strip whose right end is turned by an angle and let go again.
+LENGTH, THICK, TURN = 8e-3, 1e-3, 0.4
+STRIP = f"""
+[geometry]
+kind = "blocks"
+[geometry.blocks.strip]
+x = [0, {LENGTH}]
+y = [0, {THICK}]
+elements = [8, 2]
+[bodies]
+strip = {{ material = "neo-hookean", E = "1 MPa", nu = 0.3, formulation = "q2" }}
+[[boundary]]
+surface = "strip_left"
+platen = {{ direction = "x", force = 0 }}
+[[boundary]]
+surface = "strip_right"
+rotation = {{ centre = [{LENGTH}, {0.5 * THICK}], angle = [[0, 0], [1, {TURN}]] }}
+[[stage]]
+name = "bend"
+duration = "1 s"
+steps = 2
+[[stage]]
+name = "let go"
+duration = "1 s"
+steps = 2
+release = ["strip_right"]
+[[probe]]
+name = "low"
+surface = "strip_bottom"
+opposite = "strip_top"
+[[probe]]
+name = "high"
+surface = "strip_top"
+straight = [["0 mm", "1 mm"], ["7 mm", "8 mm"]]
+bend = ["2 mm", "6 mm"]
+"""
 
 
 def model_of(text, comm=MPI.COMM_SELF, **tables):
@@ -419,6 +462,93 @@ def test_without_probes_there_are_no_tables(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.fixture(scope="module")
+def strip(tmp_path_factory):
+    """Results of the strip, and its log."""
+    directory = tmp_path_factory.mktemp("strip") / "out"
+    case = Case.model_validate(tomllib.loads(STRIP))
+    running.run_case(case, directory, quiet=True, comm=MPI.COMM_SELF)
+    return directory
+
+
+def test_a_strip_bent_to_a_circle_has_its_angle_and_radius(strip):
+    """Pure bending: a middle line of the length L, turned by θ, has the radius L/θ."""
+    rows = read_table(strip / "shape_probes.csv")
+    low, high = ([r for r in rows if r["probe"] == n and r["step"] == 2] for n in ("low", "high"))
+    radius = LENGTH / TURN
+    for [row], outwards in ((low, 0.5), (high, -0.5)):
+        assert row["radius"] == pytest.approx(radius + outwards * THICK, rel=4e-3)
+        assert row["off_circle"] < 2e-3 * THICK
+    # The section that is turned keeps its shape, so that the tangent at its corner is a little off.
+    assert low[0]["angle"] == pytest.approx(TURN, rel=0.02)
+    assert high[0]["angle"] == pytest.approx(TURN * 7.0 / 8.0, rel=3e-3)  # between 0.5 and 7.5 mm
+    assert low[0]["length"] == pytest.approx(LENGTH + 0.5 * THICK * TURN, rel=1e-3)
+    assert low[0]["mean_thickness"] == pytest.approx(THICK, rel=3e-3)
+    assert low[0]["min_thickness"] <= low[0]["mean_thickness"] <= low[0]["max_thickness"]
+    assert np.isnan(high[0]["mean_thickness"])
+    nodes = [r for r in read_table(strip / "surface_probes.csv") if r["step"] == 2]
+    bottom = [r for r in nodes if r["probe"] == "low"]
+    assert len(bottom) == 17  # of q2, those between the corners too
+    way, angle = (np.array([r[key] for r in bottom]) for key in ("arc_length", "tangent_angle"))
+    assert angle[:-1] == pytest.approx(TURN * way[:-1] / LENGTH, abs=5e-3 * TURN)
+    inner = [r["curvature"] for r in bottom[4:-4]]
+    assert inner == pytest.approx([1.0 / (radius + 0.5 * THICK)] * 9, rel=0.01)
+
+
+def test_what_springs_back_of_an_elastic_strip_is_all(strip):
+    """In summary, log and report, with nothing left of the angle and a line without radius."""
+    shapes = json.loads((strip / "summary.json").read_text())["shapes"]
+    assert shapes["low"]["springback"] == pytest.approx(TURN, rel=0.02)
+    assert abs(shapes["low"]["bend_angle"]) < 1e-6 * TURN
+    assert shapes["low"]["mean_thickness"] == pytest.approx(THICK, rel=1e-7)
+    assert shapes["high"]["mean_thickness"] is None
+    log = (strip / "log.txt").read_text()
+    assert re.search(r"probe high: bent by \S+ deg, springback 20.0\d* deg, straight\n", log)
+    assert "thickness 0.001 to 0.001 m" in log
+    page = write_report(strip).read_text(encoding="utf-8")
+    assert "Shape of surfaces: angle, radius and thickness" in page
+    frame = read(strip).shape_probes
+    assert len(frame) == 2 * 4 and len(read(strip).surface_probes) == 2 * 4 * 17
+
+
+@pytest.mark.parametrize(
+    ("probe", "said"),
+    [
+        ({"surface": "strip_botom"}, 'surface = "strip_botom": no such surface; there are '),
+        ({"surface": "strip_top", "opposite": "no"}, 'opposite = "no": no such surface'),
+        ({"surface": "strip_top", "bend": [0, 1e-3]}, "bend: 0 m to 0.001 m holds"),
+        (
+            {"surface": "strip_top", "straight": [[0, 1e-4], [4e-3, 5e-3]]},
+            "straight: 0 m to 0.0001 m holds 1 of the nodes of the line, which is 0.008 m long; 2",
+        ),
+    ],
+)
+def test_a_line_that_is_none_is_told_before_the_run(probe, said):
+    data = tomllib.loads(STRIP)
+    data["bodies"]["strip"]["formulation"] = "q1"
+    data["probe"] = [{"name": "a", **probe}]
+    with pytest.raises(InputError, match=re.escape(said)):
+        build_model(Case.model_validate(data), MPI.COMM_SELF)
+
+
+def test_a_surface_in_two_pieces_or_closed_is_no_line(tmp_path):
+    """Of a mesh: both sides of a block as one surface, and the whole outline."""
+    from tests.tool_cases import block_case, block_mesh, case_of
+
+    path = block_mesh(tmp_path / "block.msh", (2, 1))
+    text = path.read_text()
+    for tag, said in ((4, "in 2 pieces"), (0, "closes on itself")):
+        changed = re.sub(r"^(\d+ 1 2) 2 2", rf"\1 {tag or 1} {tag or 1}", text, flags=re.M)
+        if not tag:
+            changed = re.sub(r"^(\d+ 1 2) [34] [34]", r"\1 1 1", changed, flags=re.M)
+        path.write_text(changed)
+        data = block_case(path, probe=[{"name": "a", "surface": "left" if tag else "bottom"}])
+        if not tag:
+            data |= {"contact": [], "tools": {}}
+        with pytest.raises(InputError, match=said):
+            build_model(case_of(data), MPI.COMM_SELF)
+
+
 def numbers(comm, directory):
     """The tables of a run with probes on sides, on a node, through both bodies and round them."""
     data = tomllib.loads(BLOCK + PROBES)
@@ -433,7 +563,11 @@ def numbers(comm, directory):
         simulation.run(recorder)
     if comm.rank:
         return None
-    return {name: read_table(directory / f"{name}.csv") for name in TABLES}
+    found = {name: read_table(directory / f"{name}.csv") for name in (*TABLES, *SHAPES)}
+    for name, key in (("shape_probes", "radius"), ("surface_probes", "curvature")):
+        for row in found[name]:  # second differences of places, and those are compared
+            assert np.isfinite(row.pop(key))
+    return found
 
 
 @pytest.mark.mpi(numbers, 2, 3)

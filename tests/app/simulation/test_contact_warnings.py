@@ -7,6 +7,7 @@ import re
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 from mpi4py import MPI
 
@@ -164,3 +165,126 @@ def test_a_contact_pressed_by_force_loses_none(block, tmp_path):
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["penetration_over_approach"][0] > 0.01
     assert not [line for line in summary["warnings"] if "penetration" in line]
+
+
+# A pad that hangs over the edge of a sheet, whose facets the edge is between.
+OVER_AN_EDGE = """
+[geometry]
+kind = "blocks"
+[geometry.blocks.sheet]
+x = ["0 mm", "2 mm"]
+y = ["0 mm", "0.5 mm"]
+elements = [8, 2]
+[geometry.blocks.pad]
+x = ["0 mm", "4 mm"]
+y = ["0.5 mm", "2.5 mm"]
+elements = [5, 3]
+[bodies]
+sheet = { material = "neo-hookean", E = "1 GPa", nu = 0.3 }
+pad = { material = "neo-hookean", E = "1 MPa", nu = 0.45 }
+[[contact]]
+slave = "pad_bottom"
+master = "sheet_top"
+friction = { law = "frictionless" }
+[[boundary]]
+surface = "sheet_bottom"
+displacement = { x = 0, y = 0 }
+[[boundary]]
+surface = "pad_left"
+displacement = { x = 0 }
+[[boundary]]
+surface = "pad_top"
+displacement = { x = 0, y = [["0 s", "0 mm"], ["1 s", "-0.3 mm"]] }
+[[stage]]
+name = "press"
+duration = "1 s"
+steps = 3
+[output]
+fields_every = 0
+figures = false
+"""
+
+
+@pytest.fixture(scope="module")
+def over_an_edge(tmp_path_factory):
+    """Runs the pad, and keeps what it is asked for again; yields its rows and warnings."""
+    done = {}
+
+    def run(swapped: bool = False):
+        if swapped not in done:
+            data = tomllib.loads(OVER_AN_EDGE)
+            if swapped:
+                data["contact"][0] |= {"slave": "sheet_top", "master": "pad_bottom"}
+            directory = tmp_path_factory.mktemp("edge") / "out"
+            simulation = run_case(
+                Case.model_validate(data), directory, quiet=True, comm=MPI.COMM_SELF
+            )
+            summary = json.loads((directory / "summary.json").read_text())
+            done[swapped] = simulation, [w for w in summary["warnings"] if "sinks" in w]
+        return done[swapped]
+
+    return run
+
+
+def test_an_edge_that_sinks_between_vertices_is_warned_of(over_an_edge):
+    """Depth by hand: the end of the sheet below the chord of the pad's facet over it."""
+    simulation, [line] = over_an_edge()
+    assert "contact.0: a vertex of the master, at (0.002, 0.0005) m, sinks up to" in line
+    told, share = map(float, re.search(r"to (\S+) m into .*, (\S+) of its length", line).groups())
+    problem = simulation.model.problem
+    place = problem.space.tabulate_dof_coordinates()[:, :2]
+    moved = place + problem.u.x.array.reshape(-1, 2)
+    at = {tuple(p.round(9)): m for p, m in zip(place, moved, strict=True) if p[1] == 5e-4}
+    pad = np.unique(problem.space.dofmap.list[simulation.model.named.cells("pad")])
+    left, right = (
+        moved[n]
+        for x in (1.6e-3, 2.4e-3)
+        for n in pad
+        if np.allclose(place[n], (x, 5e-4), rtol=0, atol=1e-9)
+    )
+    corner = at[(0.002, 5e-4)]
+    along = right - left
+    length = np.linalg.norm(along)
+    depth = ((corner - left) @ [-along[1], along[0]]) / length
+    assert told == pytest.approx(depth, rel=6e-3)
+    row = simulation.rows[-1]
+    assert share == pytest.approx((depth - row.max_penetration) / length, rel=0.06)
+    # What max_penetration tells of is a small part of it.
+    assert depth > 5.0 * row.max_penetration
+
+
+def test_an_edge_of_the_slave_meets_the_facets_with_its_points(over_an_edge):
+    assert over_an_edge(swapped=True)[1] == []
+
+
+def facets_of(comm, directory):
+    """What is found of an edge on any number of ranks: in the plane and in space."""
+    from tests.tool_cases import run as run_data
+    from tribox.app.simulation.surface_faults import SunkVertices
+
+    found = []
+    for depth in (None, 1e-3):
+        data = tomllib.loads(OVER_AN_EDGE)
+        del data["output"]
+        data["stage"][0]["steps"] = 1
+        if depth:
+            for block in data["geometry"]["blocks"].values():
+                block["z"] = [0, depth]
+                block["elements"] = [block["elements"][0], 2, 1]
+        for surface in data["boundary"]:
+            surface["displacement"] |= {"z": 0} if depth and "y" in surface["displacement"] else {}
+        simulation = run_data(data, comm)
+        [term] = simulation.model.problem.contacts
+        x = simulation.stepper.x
+        sunk = SunkVertices.of(term).deepest(term.surface.gather(x), 0.0)
+        found.append([sunk.share, sunk.depth, *sunk.place])
+    return found
+
+
+@pytest.mark.mpi(facets_of, 2)
+def test_the_edge_is_found_on_any_number_of_ranks(on_ranks):
+    flat, space = on_ranks(facets_of, 1)
+    assert flat[2:4] == pytest.approx([2e-3, 5e-4]) and space[2:4] == pytest.approx([2e-3, 5e-4])
+    assert 0.05 < flat[0] < 0.2 and 0.05 < space[0] < 0.2
+    for one, other in zip(on_ranks(facets_of, 2), (flat, space), strict=True):
+        assert one[:4] == pytest.approx(other[:4], rel=1e-6)

@@ -149,16 +149,19 @@ def test_one_tool_is_the_master_of_two_pairs(tmp_path, mesh):
         assert forces[0] == pytest.approx(forces[1], rel=1e-6)
 
 
-@pytest.mark.parametrize("loaded", [False, True])
+@pytest.mark.parametrize("loaded", [False, True, "spring"])
 def test_explicit_steps_come_to_the_implicit_state(mesh, loaded):
     motion = {"displacement": down()}
-    slow = {
-        "displacement": {"y": {"table": [["0 s", "0 m"], ["1 ms", "-50 um"]], "ramp": "smooth"}}
-    }
+    slow_way = {"table": [["0 s", "0 m"], ["1 ms", "-50 um"]], "ramp": "smooth"}
+    slow = {"displacement": {"y": slow_way}}
     if loaded:
         motion = {"force": pushed("-0.5 N")}
         table = [["0 s", "0 N"], ["1 ms", "-0.5 N"]]
         slow = {"force": {"y": {"table": table, "ramp": "smooth"}}, "mass": "10 mg"}
+    if loaded == "spring":
+        spring = {"direction": "y", "stiffness": "20 N/mm"}
+        motion = {"spring": {**spring, "end": down()["y"]}}
+        slow = {"spring": {**spring, "end": slow_way}, "mass": "10 mg"}
     still = last(run(block_case(mesh, tools={"punch": circle(**motion)})))
     data = block_case(mesh, tools={"punch": circle(**slow)})
     data["bodies"]["block"]["density"] = 1000
@@ -200,8 +203,125 @@ def test_a_tool_that_acts_in_some_stages_is_left_by_the_block(mesh):
     assert abs(forces[3]) < 1e-6
 
 
+def of_tool(simulation, column, tool="punch"):
+    """Values of a column for a tool, row by row."""
+    columns, rows = simulation.state.tools.columns, simulation.state.tools.rows
+    which, at = columns.index("tool"), columns.index(column)
+    return np.array([row[at] for row in rows if row[which] == tool])
+
+
+def stages(*names, steps=2):
+    return [{"name": name, "duration": "1 s", "steps": steps} for name in names]
+
+
+def test_a_tool_goes_on_by_force_from_where_its_displacement_led(mesh):
+    """Held at the force it reached it stays; by a given force it comes where that leads."""
+    press = {"displacement": down(), "displacement_stages": ["press"]}
+    held = run(
+        block_case(
+            mesh,
+            tools={"punch": circle(**press, hold_force=["y"])},
+            stage=stages("press", "hold", steps=1),
+        )
+    )
+    force, place = (of_tool(held, f"{what}_y").tolist() for what in ("force", "displacement"))
+    assert force[1] == pytest.approx(force[0], rel=1e-8) and place[1] == pytest.approx(place[0])
+    # From force to velocity and to the force so reached; the punch slides on in x.
+    table = [["0 s", "0 N"], ["1 s", f"{-force[0]!r} N"]]
+    mixed = {"velocity": {"y": "-10 um/s"}, "displacement_stages": ["push"], "force": {"y": table}}
+    mixed["displacement"] = {"x": [["2 s", "0 m"], ["3 s", "1 um"]]}
+    tools = {"punch": circle(**mixed, hold_force=["y"])}
+    moved = run(block_case(mesh, tools=tools, stage=stages("press", "push", "hold", steps=1)))
+    assert of_tool(moved, "displacement_y") == pytest.approx([-50e-6, -60e-6, -60e-6], rel=1e-5)
+    assert of_tool(moved, "displacement_x") == pytest.approx([0.0, 0.0, 1e-6], abs=1e-12)
+    force = of_tool(moved, "force_y")
+    assert force[2] == pytest.approx(force[1], rel=1e-8) and force[1] > 1.1 * force[0]
+    assert of_tool(moved, "driving_force_y") == pytest.approx(-force, rel=1e-8)
+    work = moved.rows[-1].external_work
+    assert abs(moved.rows[-1].energy_error) < 0.2 * work  # three steps in all
+
+
+def test_a_tool_goes_on_by_force_in_explicit_steps_too(mesh):
+    """Let go at a smaller force than it had, it comes to rest where that force leads."""
+    program = {"table": [["0 s", "0 m"], ["1 ms", "-50 um"]], "ramp": "smooth"}
+    switched = {
+        "displacement": {"y": program},
+        "displacement_stages": ["press"],
+        "force": {"y": "-0.5 N"},
+        "mass": "10 mg",
+    }
+    data = block_case(mesh, tools={"punch": circle(**switched)})
+    data["bodies"]["block"]["density"] = 1000
+    data["solver"] = {"kind": "explicit", "damping": "2e4 1/s"}
+    data["stage"] = [{"name": name, "duration": "1.5 ms", "steps": 3} for name in ("press", "load")]
+    moved = run(data)
+    still = last(run(block_case(mesh, tools={"punch": circle(force=pushed("-0.5 N"))})))
+    assert last(moved)["displacement_y"] == pytest.approx(still["displacement_y"], rel=1e-3)
+    assert last(moved)["force_y"] == pytest.approx(0.5, rel=1e-3)
+    assert abs(moved.rows[-1].energy_error) < 0.01 * moved.rows[-1].external_work
+
+
+def test_a_holder_presses_with_its_force_from_first_touch_on(tmp_path):
+    """Block and holder are apart from what they lie on, and from each other: only contact holds.
+
+    With 2 N on 8 mm² the block is pressed by σ(1 − ν²)/E, and more as it widens.
+    """
+    mesh = block_mesh(tmp_path / "block.msh", (8, 2))
+    gap = 30e-6
+    tools = {
+        "table": plane(point=[0, -gap], normal=[0, 1]),
+        "punch": plane(point=[2e-3, HEIGHT + gap], force={"y": "-2 N"}),
+    }
+    pairs = [
+        {"slave": slave, "master": master, "friction": {"law": "frictionless"}}
+        for slave, master in (("bottom", "table"), ("top", "punch"))
+    ]
+    left = {"surface": "left", "displacement": {"x": 0}}
+    data = block_case(mesh, tools=tools, contact=pairs, boundary=[left], stage=stages("hold"))
+    simulation = run(data)
+    assert of_tool(simulation, "force_y") == pytest.approx([2.0, 2.0], rel=1e-7)
+    assert of_tool(simulation, "force_y", "table") == pytest.approx([-2.0, -2.0], rel=1e-7)
+    strain = 2.0 / (WIDTH * THICKNESS) * (1.0 - 0.4**2) / 5e6
+    moved = -of_tool(simulation, "displacement_y") - 2.0 * gap
+    assert moved == pytest.approx([strain * HEIGHT] * 2, rel=0.05)
+    assert sum(row.newton_iterations for row in simulation.rows) <= 15
+
+
+def test_what_a_force_drives_stays_where_it_is_while_it_touches_nothing(mesh):
+    tools = {"punch": plane(force=pushed("-3 N"), stages=["press"])}
+    simulation = run(block_case(mesh, tools=tools, stage=stages("press", "rest")))
+    place, force = of_tool(simulation, "displacement_y"), of_tool(simulation, "force_y")
+    assert place[2:] == pytest.approx([place[1]] * 2, rel=1e-12)
+    assert force == pytest.approx([1.5, 3.0, 0.0, 0.0], abs=1e-6)
+
+
+def test_a_tool_that_has_left_touches_again_in_a_later_stage(mesh):
+    way = [["0 s", "0 m"], ["1 s", "-50 um"], ["2 s", "10 um"], ["3 s", "-50 um"]]
+    tools = {"punch": plane(displacement={"y": way}, stages=["press", "again"])}
+    simulation = run(block_case(mesh, tools=tools, stage=stages("press", "rest", "again")))
+    force = of_tool(simulation, "force_y")
+    assert force[2:4] == pytest.approx([0.0, 0.0], abs=1e-9)
+    assert force[5] == pytest.approx(force[1], rel=1e-6)
+
+
+def test_a_tool_on_a_spring_is_in_balance_between_spring_and_block(mesh):
+    """k (end − u) is the force; a stiff spring is a displacement; work is in spring and block."""
+    end = {"direction": "y", "end": [["0 s", "0 m"], ["1 s", "-50 um"]]}
+    soft = run(block_case(mesh, tools={"punch": circle(spring={"stiffness": "20 N/mm", **end})}))
+    force, place = (float(of_tool(soft, f"{w}_y")[-1]) for w in ("force", "displacement"))
+    assert force == pytest.approx(20e3 * (50e-6 + place), rel=1e-7)
+    assert place == pytest.approx(-30e-6, abs=15e-6)
+    assert of_tool(soft, "driving_force_y")[-1] == pytest.approx(-force, rel=1e-7)
+    assert not any("only contact holds" in note for note in soft.model.notes)
+    loaded = last(run(block_case(mesh, tools={"punch": circle(force=pushed(f"{-force!r} N"))})))
+    assert loaded["displacement_y"] == pytest.approx(place, rel=1e-6)
+    stiff = last(run(block_case(mesh, tools={"punch": circle(spring={"stiffness": 1e10, **end})})))
+    moved = last(run(block_case(mesh, tools={"punch": circle(displacement=down())})))
+    assert stiff["force_y"] == pytest.approx(moved["force_y"], rel=1e-5)
+
+
 def facts(comm, directory):
-    """A roller and a plane that a force moves, on a block: rows of tools and history."""
+    """A roller on a spring, and a plane that a force moves, and which then lets go: rows, work."""
     mesh = directory / "ranks.msh"
     if comm.rank == 0:
         block_mesh(mesh)
@@ -210,6 +330,12 @@ def facts(comm, directory):
     tables["tools"]["wall"] = plane(point=[WIDTH, 0], normal=[-1, 0], force={"x": "-0.1 N"})
     wall = {"slave": "right", "master": "wall", "friction": {"law": "frictionless"}}
     tables["contact"].append(wall)
+    del tables["tools"]["punch"]["displacement"]["y"]
+    end = [["0 s", "0 m"], ["1 s", "-60 um"]]
+    spring = {"direction": "y", "stiffness": "0.1 N/um", "end": end}
+    tables["tools"]["punch"]["spring"] = spring
+    tables["stage"][1]["steps"] = 3
+    tables["stage"].append({"name": "end", "duration": "1 s", "steps": 2, "release": ["wall"]})
     simulation = run(block_case(mesh, **tables), comm, Observer())
     columns = simulation.state.tools.columns
     rows = [row[4:] for row in simulation.state.tools.rows]
