@@ -15,7 +15,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from tests.grid import coordinate_element, grid
-from tribox.forms.contact.penalty import ContactTerm
+from tribox.forms.contact.penalty import AS_IS, ContactTerm
 from tribox.geometry.compat import cell_nodes
 from tribox.geometry.surfaces.rays import RaySearch
 from tribox.geometry.surfaces.surface import ContactSurface
@@ -138,20 +138,20 @@ class Scene:
         out.array[:] = values[:owned].reshape(-1)
         return out
 
-    def residual(self, x, dt=1.0):
-        trial = self.term.evaluate(x, dt)
+    def residual(self, x, dt=1.0, mode=AS_IS):
+        trial = self.term.evaluate(x, dt, mode)
         nodes, values = self.term.nodal_forces(trial)
         out = np.zeros((len(self.where), self.dim))
         np.add.at(out, nodes.reshape(-1), values.reshape(-1, self.dim))
         return out.reshape(-1), trial
 
-    def tangent(self, x, dt=1.0):
+    def tangent(self, x, dt=1.0, mode=AS_IS):
         out = np.zeros((self.size, self.size))
-        for nodes, blocks in self.term.tangent(self.term.evaluate(x, dt)):
+        for nodes, blocks in self.term.tangent(self.term.evaluate(x, dt, mode)):
             dofs = (nodes[..., None] * self.dim + np.arange(self.dim)).reshape(len(nodes), -1)
             blocks = blocks.reshape(len(nodes), dofs.shape[1], dofs.shape[1])
             np.add.at(out, (dofs[:, :, None], dofs[:, None, :]), blocks)
-        coupling = self.term.coupling(self.term.evaluate(x, dt))
+        coupling = self.term.coupling(self.term.evaluate(x, dt, mode))
         if coupling is not None:
             axes = np.arange(self.dim)
             rows, columns = (
@@ -162,12 +162,12 @@ class Scene:
             np.add.at(out, (rows[:, None], columns[None, :]), whole)
         return out
 
-    def error(self, x, steps=(1e-5, 2e-6)):
+    def error(self, x, steps=(1e-5, 2e-6), mode=AS_IS):
         """Largest difference of K d from central differences over the largest entry.
 
         In random directions, the best of some steps: truncation and round-off are both bounded so.
         """
-        K = self.tangent(x)
+        K = self.tangent(x, mode=mode)
         rng = np.random.default_rng(0)
         moved, worst = x.copy(), 0.0
         for _ in range(2):
@@ -177,7 +177,7 @@ class Scene:
                 sides = []
                 for sign in (2.0, 1.0, -1.0, -2.0):
                     moved.array[:] = x.array_r + sign * h * d
-                    sides.append(self.residual(moved)[0])
+                    sides.append(self.residual(moved, mode=mode)[0])
                 slope = (8.0 * (sides[1] - sides[2]) - (sides[0] - sides[3])) / (12.0 * h)
                 found.append(np.abs(K @ d - slope).max() / np.abs(slope).max())
             worst = max(worst, min(found))

@@ -7,8 +7,9 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from tribox.app.equilibrium.holding_springs import HoldingSprings
+from tribox.forms.contact.interior_point import InteriorPoint
 from tribox.forms.contact.penalty import ContactTerm
-from tribox.forms.contact.state import AS_IS, ContactMode, ContactTrial, InteriorPoint
+from tribox.forms.contact.state import AS_IS, ContactMode, ContactTrial
 
 
 @dataclass(frozen=True, slots=True)

@@ -33,10 +33,17 @@ class PredictedStart:
         started = attempt.predictor.predict(attempt.x, attempt.trial, attempt.step)
         attempt.newton.on_path = started == 0
         attempt.start = attempt.trial.array_r.copy()
+        failed = PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH
         if strays(attempt):
-            return started, PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH
-        hasty = attempt.has_contacts and not attempt.predictor.rubbing()
-        more, reason = attempt.newton.solve(attempt.step, not attempt.has_contacts, hasty)
+            return started, failed
+        newton = attempt.newton
+        if newton.inside.last and newton.residual_of(attempt.step) > FAR:
+            return started, failed
+        more, reason = newton.solve(
+            attempt.step,
+            patient=not attempt.has_contacts,
+            hasty=attempt.has_contacts and not attempt.predictor.rubbing(),
+        )
         return started + more, reason
 
 
@@ -95,6 +102,8 @@ class SoftContact:
         return iterations, reason
 
 
+FAR = 1e-2  # relative residual of a prediction from which on contacts change much
+
 APPROACH = SoftContact((Softness(0.03),))
 SEARCH = SoftContact(
     (Softness(1e-3, adhesive_facets=2.0), Softness(1e-3), Softness(0.03)), from_last_state=True
@@ -104,20 +113,22 @@ SEARCH = SoftContact(
 def phases_after(attempt: Attempt) -> tuple[Phase, ...]:
     """What is tried after the predicted start has failed.
 
-    Interior points have no cure for the kink between stick and slip: where pressed bodies rub they
-    are left out, and where a body floats, on which nothing presses. Where the iteration came near
-    there, a shorter step is better. Bodies that forces alone bring together find each other sooner
-    by springs.
+    Where a body floats, on which nothing presses, nothing is found from inside. Where pressed
+    bodies rub, a shorter step is better if the iteration came near, and softer contacts are tried
+    sooner. Bodies that forces alone bring together find each other sooner by springs.
     """
     if not attempt.has_contacts:
         return (LinearStart(),)
     near, inside = attempt.newton.is_near(), FromInside()
     held = (HeldApproach(),) if attempt.bodies.directions else ()
     floats = attempt.step.holding is not None
-    if floats or (attempt.pressed and attempt.predictor.rubbing()):
-        return () if near else (*held, APPROACH)
     if near:
-        return (inside,)
+        rubs = floats or (attempt.pressed and attempt.predictor.rubbing())
+        return () if rubs else (inside,)
+    if floats:
+        return (*held, APPROACH)
+    if attempt.pressed and attempt.predictor.rubbing():
+        return (*held, APPROACH, inside)
     if attempt.pressed:
         return (inside, *held, APPROACH)
     found = (inside, *held) if is_moved(attempt) else (*held, inside)
@@ -132,16 +143,33 @@ def is_moved(attempt: Attempt) -> bool:
 
 
 def solve(attempt: Attempt) -> tuple[int, int]:
-    """Solve a step by the phases in turn; iterations and PETSc's converged reason; collective."""
-    iterations, reason = PredictedStart().run(attempt)
+    """Solve a step by the phases in turn; iterations and PETSc's converged reason; collective.
+
+    After a step that was found from inside the next one begins there, unless its prediction is
+    near.
+    """
+    newton, start = attempt.newton, PredictedStart()
+    iterations, reason = start.run(attempt)
+    again: tuple[Phase, ...] = (FromInside(), start) if newton.inside.last else ()
+    newton.inside.last = False
+    for phase in again if reason <= 0 else ():
+        newton.begin(attempt.x)
+        more, reason = phase.run(attempt)
+        iterations += more
+        if reason > 0:
+            newton.inside.last = isinstance(phase, FromInside)
+            return iterations, reason
     if reason > 0:
         return iterations, reason
     phases = phases_after(attempt)
     attempt.return_to_start()
     for phase in phases:
-        attempt.newton.begin(attempt.x)
+        if again and isinstance(phase, FromInside):
+            continue
+        newton.begin(attempt.x)
         more, reason = phase.run(attempt)
         iterations += more
         if reason > 0:
+            newton.inside.last = isinstance(phase, FromInside)
             break
     return iterations, reason

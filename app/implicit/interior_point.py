@@ -2,21 +2,21 @@ r"""A way into contact from inside: all pressures and slacks positive, and their
 
 With the slack s = g + p/K of each vertex (or point) the penalty's law p = K⟨−g⟩ reads p ≥ 0, s ≥ 0,
 p s = 0. Newton's method on the law itself moves the border of a contact by about a facet in an
-iteration where bodies resist by bending, so that iterations grow with the mesh, and no shorter step
-helps. Here p and s are unknowns of their own, p s = μ, and μ falls from iteration to iteration
-(primal-dual interior points: J. Nocedal, S. Wright, Numerical Optimization, 2006, chapters 14
-and 19). For the bodies an iteration is one of Newton's with a linear law at each vertex
-(:class:`tribox.forms.contact.state.InteriorPoint`): no kink in it, and a tangent that is never
-singular where bodies are held by contact alone.
+iteration where bodies resist by bending, and that of the sticking region likewise, so that
+iterations grow with the mesh, and no shorter step helps. Here p and s are unknowns of their own,
+p s = μ, and μ falls from iteration to iteration, as are the two sides of the onset of slip. For the
+bodies an iteration is one of Newton's with laws that are linear
+(:mod:`tribox.forms.contact.interior_point`): no kink in it, and a tangent that is never singular
+where bodies are held by contact alone.
 
 The pressures begin as those of the last state, and μ as a small part of the energy that the contact
 may take up in the step: a pressure times the way of what moves. What is found is a start for the
-exact law, by which the step is solved in the end.
+exact laws, by which the step is solved in the end.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from mpi4py import MPI
@@ -24,13 +24,30 @@ from petsc4py import PETSc
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.implicit.attempt import Attempt
+from tribox.forms.contact.interior_point import TINY, InteriorPoint, InteriorSlip
 from tribox.forms.contact.penalty import ContactTerm
-from tribox.forms.contact.state import ContactTrial, InteriorPoint
+from tribox.forms.contact.pressure import AveragedPressure
+from tribox.forms.contact.state import ContactTrial
+from tribox.forms.friction.settling import presliding_length
 from tribox.geometry.surfaces.facets import Floats
 
-# μ over mean pressure and way, one after the other: more finds contacts that change much, less
-# leaves alone what friction holds.
-BARRIERS = (1e-2, 1e-4)
+
+@dataclass(frozen=True, slots=True)
+class Opening:
+    """How an iteration begins.
+
+    Attributes:
+        barrier: μ over mean pressure and way: more finds contacts that change much.
+        kept: least share of pressures and slacks that an iteration leaves: more is slower, and
+            keeps vertices from opening and closing in turn.
+    """
+
+    barrier: float
+    kept: float
+
+
+# What solves the most steps in the fewest iterations comes first.
+OPENINGS = (Opening(1e-2, 0.005), Opening(1e-2, 0.1), Opening(1e-4, 0.005))
 SHRINKS = 0.03  # μ from an iteration to the next
 UNPRESSED = 1e-4  # pressure over E*, of a pair that pressed nowhere
 UNKNOWN = 1e-6  # the same over penalty times facet length, where E* is not known
@@ -40,7 +57,13 @@ SETTLED = 1.0  # relative residual above which the bodies move before pressures 
 SOLVED = 0.3  # relative residual below which μ falls
 NEAR = 1e-3  # relative residual of the exact law that is near enough for Newton's method on it
 NOWHERE = 1e6  # m; gap of points that have no master below them
-LIMIT = 16  # iterations for one start of μ
+SMALLEST = 1e-6  # threshold to begin with at least, over the largest
+MOST_SLIP = 30.0  # permanent slip to begin with at most, over the part of the way that μ is of
+STALLED, STALLS = 0.5, 2  # residual over that before, and how often in turn, of a stall
+# Friction that weakens with the slip has no interior point: the exact law stays some way off.
+CLOSE, ENDED = 1e-2, 0.9  # its residual there at most, and over that before at least
+SAME = 1.2  # residual of the exact law over that of the linear one, where it is the bodies' own
+LIMIT = 20  # iterations for one opening
 
 Points = list[InteriorPoint | None]
 
@@ -52,10 +75,11 @@ class FromInside:
     def run(self, attempt: Attempt) -> tuple[int, int]:
         """See :class:`tribox.app.implicit.attempt.Phase`."""
         iterations, reason = 0, int(PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH)
-        for barrier in BARRIERS:
+        first = attempt.newton.inside.opening
+        for number in sorted(range(len(OPENINGS)), key=lambda number: number != first):
             attempt.trial.array[:] = attempt.x.array_r
             attempt.newton.begin(attempt.x)
-            more, found = approached(attempt, barrier)
+            more, found = approached(attempt, OPENINGS[number])
             iterations += more
             if found:
                 more, reason = attempt.newton.solve(attempt.step)
@@ -63,30 +87,41 @@ class FromInside:
                 if more == 0:  # the tangent that is kept belongs to the exact law
                     attempt.newton.solver.assemble(attempt.trial, attempt.step)
             if reason > 0:
+                attempt.newton.inside.opening = number
                 break
         return iterations, reason
 
 
-def approached(attempt: Attempt, barrier: float) -> tuple[int, bool]:
-    """Iterate on interior points; iterations, and whether the exact law is near; collective.
+def approached(attempt: Attempt, opening: Opening) -> tuple[int, bool]:
+    """Iterate on interior points; iterations, and whether the exact law should go on; collective.
+
+    It should where it is near, and where what stalls are the bodies, which may need a line search.
 
     Args:
         attempt: its trial holds the last converged state, and in the end what was found.
-        barrier: μ over mean pressure and way.
+        opening: how it begins.
     """
     newton, problem, trial = attempt.newton, attempt.newton.problem, attempt.trial
-    points = starting_points(attempt, barrier)
+    points = starting_points(attempt, opening.barrier)
     step = attempt.step.inside(points)
-    iterations = attempt.predictor.restart(attempt.x, trial, step)
-    while iterations < LIMIT:
+    iterations, before, stalls = attempt.predictor.restart(attempt.x, trial, step), np.inf, 0
+    exact, limit = np.inf, min(LIMIT, newton.options.max_iterations)
+    while iterations < limit:
         left = newton.residual_of(step)
         if not np.isfinite(left):
             return iterations, False
+        stalls = stalls + 1 if STALLED * before < left < SETTLED else 0
+        if stalls > STALLS and newton.residual_of(attempt.step) < SAME * left:
+            return iterations, True
+        before = left
         settled = left < SETTLED
         if settled:
-            points = _advanced(problem, points, SHRINKS if left < SOLVED else 1.0)
-            if left < NEAR**0.5 and newton.residual_of(attempt.step) < NEAR:
-                return iterations, True
+            shrinks = SHRINKS if left < SOLVED else 1.0
+            points = _advanced(problem, points, shrinks, opening.kept)
+            if left < NEAR**0.5:
+                last, exact = exact, newton.residual_of(attempt.step)
+                if exact < NEAR or ENDED * last < exact < CLOSE:
+                    return iterations, True
             step = attempt.step.inside(points)
         newton.step(step, falling=not settled and iterations > 1)
         iterations += 1
@@ -126,7 +161,45 @@ def _starting_point(
     open_ = mu / np.maximum(gap, np.finfo(float).tiny)
     pressure = np.maximum(pressure, np.minimum(open_, mean))
     near = max(REACH * facet, 2.0 * least if least < NOWHERE else 0.0)
-    return InteriorPoint(pressure, mu / pressure, mu, near)
+    found = InteriorPoint(pressure, mu / pressure, mu, near)
+    return replace(found, slip=_starting_slip(term, trial, found, mean, barrier * ahead))
+
+
+def _starting_slip(
+    term: ContactTerm, trial: ContactTrial, at: InteriorPoint, mean: float, way: float
+) -> InteriorSlip | None:
+    """Slips of one pair's points; None without friction.
+
+    Args:
+        term: the pair.
+        trial: of the last converged state.
+        at: pressures to begin with.
+        mean: Pa, of the pair.
+        way: m, a small part of that of what moves.
+    """
+    typical = presliding_length(term.law, term.state.friction, np.full(len(trial.pressure), mean))
+    if not typical.any():
+        return None
+    part = way / (MOST_WAY * term.surface.facet_length) * typical
+    least = np.maximum(part, SMALLEST * typical.max())  # none, where a film carries all
+    threshold = np.maximum(_thresholds(term, at), least)
+    elastic, barrier = trial.response.state.elastic_slip, way * typical
+    length = np.linalg.norm(elastic, axis=1)
+    shorter = np.minimum(length, threshold - np.minimum(part, 0.5 * threshold))
+    slack = threshold * (1.0 - (shorter / threshold) ** 2)
+    return InteriorSlip(
+        elastic=(shorter / np.maximum(length, TINY))[:, None] * elastic,
+        permanent=np.minimum(barrier / slack, MOST_SLIP * way),
+        threshold=threshold,
+        barrier=barrier,
+    )
+
+
+def _thresholds(term: ContactTerm, at: InteriorPoint) -> Floats:
+    """Elastic slip (q,), m, at which points slip under the pressures of an interior point."""
+    averaged = isinstance(term.rule, AveragedPressure)
+    pressure = term.surface.vertices.at_points(at.pressure) if averaged else at.pressure
+    return presliding_length(term.law, term.state.friction, pressure)
 
 
 def _gap(trial: ContactTrial) -> Floats:
@@ -137,10 +210,21 @@ def _gap(trial: ContactTrial) -> Floats:
     return np.where(trial.projection.on_surface, trial.projection.gap, NOWHERE)
 
 
-def _advanced(problem: Equilibrium, points: Points, shrinks: float) -> Points:
+def _advanced(problem: Equilibrium, points: Points, shrinks: float, kept: float) -> Points:
     """The points after the step evaluated last, with a barrier ``shrinks`` times as high."""
     pairs = zip(problem.contacts, problem.trials, points, strict=True)
     return [
-        at if at is None else at.advanced(_gap(trial), term.penalty, shrinks * at.barrier)
-        for term, trial, at in pairs
+        None if at is None else _next(term, trial, at, shrinks, kept) for term, trial, at in pairs
     ]
+
+
+def _next(
+    term: ContactTerm, trial: ContactTrial, at: InteriorPoint, shrinks: float, kept: float
+) -> InteriorPoint:
+    out = at.advanced(_gap(trial), term.penalty, shrinks * at.barrier, kept)
+    if at.slip is None:
+        return out
+    moved = trial.kinematics.slip + trial.kinematics.elastic_slip
+    threshold = presliding_length(term.law, term.state.friction, trial.pressure)
+    slip = at.slip.advanced(moved, threshold, _thresholds(term, out), shrinks)
+    return replace(out, slip=slip)

@@ -76,6 +76,19 @@ NEWTON_PHASES = (
 WHOLE_STEPS = NewtonPhase("whole steps", line_search="basic", starts_over=True)
 
 
+@dataclass(slots=True)
+class Inside:
+    """Steps that were found from inside (:mod:`tribox.app.implicit.interior_point`).
+
+    Attributes:
+        last: whether the last step was, as the next one may be.
+        opening: the one that worked last.
+    """
+
+    last: bool = False
+    opening: int = 0
+
+
 class Newton:
     """Solves for the unknowns at given loads, from the start that ``trial`` holds.
 
@@ -86,6 +99,7 @@ class Newton:
         strayed: whether an iteration led too far away to be evaluated; reset by the caller.
         largest_force: N (N/m), largest reference force of a solution that was committed.
         on_path: whether the start continues the path of the last steps.
+        inside: what is known of steps that were found from inside.
         snes: PETSc's solver.
     """
 
@@ -106,7 +120,8 @@ class Newton:
         self.residuals: list[float] = []
         self._residual = problem.new_vector()
         self._before = problem.new_vector()  # where the tangent was taken last
-        self.largest_force, self.strayed, self.on_path = 0.0, False, False
+        self.largest_force, self.strayed = 0.0, False
+        self.on_path, self.inside = False, Inside()
         self._step, self._phase = DEFAULT_STEP, NEWTON_PHASES[0]
         self._patient = self._hasty = False
         self._tolerance, self._limit = options.tolerance, options.max_iterations
@@ -251,11 +266,15 @@ class Newton:
 
     def snapshot(self) -> Snapshot:
         """What the next solution depends on beside its start."""
-        return {"largest_force": self.largest_force}
+        return {
+            "largest_force": self.largest_force,
+            "inside": [self.inside.last, self.inside.opening],
+        }
 
     def restore(self, kept: Snapshot) -> None:
         """Go on from what :meth:`snapshot` has seen."""
         self.largest_force = kept["largest_force"]
+        self.inside = Inside(*kept.get("inside", ()))
 
     def _run(self, phase: NewtonPhase, step: StepMode) -> tuple[int, int]:
         problem = self.problem

@@ -7,6 +7,7 @@ the centre of its rotation, where that is now.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Sequence
 
 import numpy as np
@@ -97,12 +98,10 @@ class ToolHistory:
         names = [self.columns.index(n) for n in self.columns if n.startswith("velocity_")]
         turning = self.columns.index("angular_velocity")
         speeds = [
-            np.linalg.norm(
-                [*(float(row[at]) for at in names), float(row[turning]) * tool.motion.length]
-            )
+            math.hypot(*(float(row[at]) for at in names), float(row[turning]) * tool.motion.length)
             for row, tool in zip(self.rows[-len(self._tools) :], self._tools, strict=True)
         ]
-        return float(max(speeds, default=0.0))
+        return max(speeds, default=0.0)
 
     def last(self) -> dict[str, dict[str, int | float | str]]:
         """The last row of each tool by its name: numbers by column."""

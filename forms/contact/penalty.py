@@ -19,6 +19,7 @@ from petsc4py import PETSc
 from tribox.forms.contact.carried import Carried
 from tribox.forms.contact.compiled_tangent import Entries, compiled_tangent
 from tribox.forms.contact.fading import fading
+from tribox.forms.contact.interior_point import InteriorSlip
 from tribox.forms.contact.kinematics import Anchor, ContactKinematics, opposite, relate
 from tribox.forms.contact.pressure import (
     ROUNDOFF_DEPTH,
@@ -37,7 +38,8 @@ from tribox.forms.contact.state import (
 )
 from tribox.forms.contact.tangent import Coupling, PairTangent
 from tribox.forms.friction.film import FilmThickness, film_thickness
-from tribox.forms.friction.law import FrictionLaw, FrictionResponse
+from tribox.forms.friction.law import FrictionLaw, FrictionResponse, FrictionState
+from tribox.forms.friction.settling import presliding_length
 from tribox.geometry.surfaces.closest_point import solve_small
 from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs, unit_normals
 from tribox.geometry.surfaces.projection import Projection
@@ -243,7 +245,8 @@ class ContactTerm:
     ) -> tuple[Floats, FrictionResponse]:
         """Film thickness (q,), m, and the law's answer, its derivatives through the film too."""
         film, d_film = self.film.at(normal.pressure)
-        response = self.respond(kinematics, dt, normal, film, mode.rate_dependent)
+        inside = None if mode.interior is None else mode.interior.slip
+        response = self.respond(kinematics, dt, normal, film, mode.rate_dependent, inside=inside)
         if d_film.any():
             through_film = d_film[:, None] * response.d_traction_d_film
             response = replace(
@@ -259,36 +262,44 @@ class ContactTerm:
         film: Floats,
         rate_dependent: bool = True,
         look_inside: bool = True,
+        inside: InteriorSlip | None = None,
     ) -> FrictionResponse:
         """The law's answer to kinematics and pressure at film thickness (q,), m.
 
         The committed state holds the elastic slip of the last step; the law sees it transported.
-        Into a short step, as explicit ones are, it need not look.
+        Into a short, explicit step it need not look. ``inside``: in place of the onset of slip.
         """
-        brought = brought_along(self) if self.neighbours else None
         state, elastic = self.state.friction, kinematics.elastic_slip
         entering = ~state.closed & (self.state.slip_length > 0.0) & (normal.pressure > 0.0)
         # What was open and stays so has no elastic slip to lose.
         none = ~state.closed & (normal.pressure <= 0.0)
-        if brought is not None:
+        if self.neighbours and (brought := brought_along(self)) is not None:
             state, taken = brought
             entering &= ~taken
         elastic = np.where(none[:, None], 0.0, elastic)
         more: dict[str, Any] = {}
         if self._has_film:
             more["film_cover"] = normal.cover
-        if not look_inside and getattr(self.law, "looks_inside", False):
+        if (inside or not look_inside) and getattr(self.law, "looks_inside", False):
             more["look_inside"] = False
-        response = self.law.update(
-            kinematics.slip,
-            dt,
-            normal.pressure,
-            film,
-            replace(state, elastic_slip=elastic),
-            area_ratio=self.state.area_ratio,
-            rate_dependent=rate_dependent,
-            **more,
-        )
+
+        def answer(pressure: Floats, state: FrictionState) -> FrictionResponse:
+            return self.law.update(
+                kinematics.slip,
+                dt,
+                pressure,
+                film,
+                state,
+                area_ratio=self.state.area_ratio,
+                rate_dependent=rate_dependent,
+                **more,
+            )
+
+        pressure, start = normal.pressure, replace(state, elastic_slip=elastic)
+        if inside is not None:
+            threshold = presliding_length(self.law, state, pressure)
+            return inside.respond(answer, threshold, kinematics.slip, start, pressure)
+        response = answer(pressure, start)
         if not entering.any():
             return response
         return _entered(response, entering, kinematics.slip, self.law.stored_energy(response.state))

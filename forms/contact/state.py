@@ -10,55 +10,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tribox.forms.contact.carried import Carried
+from tribox.forms.contact.interior_point import InteriorPoint
 from tribox.forms.contact.kinematics import Anchor, ContactKinematics
 from tribox.forms.friction.law import FrictionResponse, FrictionState
 from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs
 from tribox.geometry.surfaces.projection import Projection
-
-
-@dataclass(frozen=True, slots=True)
-class InteriorPoint:
-    r"""Contact pressures on their way to the penalty's law from inside: all positive.
-
-    With the slack s = g + p/K the law p = K⟨−g⟩ is p ≥ 0, s ≥ 0, p s = 0. On the way both are
-    unknowns and p s = μ. Newton's method for these, with s eliminated, is Newton's method for the
-    bodies with the linear law
-
-    .. math:: p(g) = p + \frac{\mu - p \, (g + p/K)}{s + p/K}
-
-    (the primal-dual method: J. Nocedal, S. Wright, Numerical Optimization, 2006, chapter 19).
-
-    Attributes:
-        pressure: p, Pa, and slack: s, m, of the vertices (v,), or point by point (q,).
-        barrier: μ, J/m².
-        reach: m; gap up to which the surfaces feel each other.
-    """
-
-    pressure: Floats
-    slack: Floats
-    barrier: float
-    reach: float
-
-    def law(self, gap: Floats, penalty: Floats) -> tuple[Floats, Floats]:
-        """Pressure, Pa, at gaps, m, and −∂p/∂g, Pa/m; all of the shape of ``pressure``."""
-        below = self.slack + self.pressure / penalty
-        stiffness: Floats = self.pressure / below
-        out = self.pressure + self.barrier / below - stiffness * (gap + self.pressure / penalty)
-        return out, stiffness
-
-    def advanced(self, gap: Floats, penalty: Floats, barrier: float) -> InteriorPoint:
-        """After a Newton step to ``gap``, m, with the next barrier; both stay positive."""
-        pressure, _ = self.law(gap, penalty)
-        slack = pressure / penalty + gap
-        return InteriorPoint(
-            np.maximum(pressure, KEPT * self.pressure),
-            np.maximum(slack, KEPT * self.slack),
-            barrier,
-            self.reach,
-        )
-
-
-KEPT = 0.005  # least share of pressure and slack that a step of the interior points leaves
 
 
 @dataclass(frozen=True, slots=True)

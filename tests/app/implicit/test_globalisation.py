@@ -41,7 +41,7 @@ def test_what_is_tried_after_the_prediction_depends_on_where_it_failed():
     driven = attempt(near=False, pressed=False, loose=[0], moved=1e-3)
     assert phases_after(driven) == (inside, held, APPROACH, SEARCH)
     assert phases_after(attempt(near=True, pressed=False)) == (inside,)
-    assert phases_after(attempt(near=False, rubbing=True, loose=[0])) == (held, APPROACH)
+    assert phases_after(attempt(near=False, rubbing=True)) == (APPROACH, inside)
     assert phases_after(attempt(near=True, rubbing=True)) == ()
     for near in (True, False):
         assert phases_after(attempt(near, contacts=0)) == (LinearStart(),)

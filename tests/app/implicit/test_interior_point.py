@@ -2,36 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
 from tests.tool_cases import run
-from tribox.forms.contact.state import KEPT, InteriorPoint
 
 E, NU = 70e9, 0.33
 WIDTH = 0.1  # m, of the slab
-PENALTY = 1e13  # Pa/m
-
-
-def test_the_law_of_an_interior_point_is_linear_and_holds_the_product():
-    """Where p (g + p/K) = μ already the pressure stays; its slope is the stiffness, at most K."""
-    pressure, barrier = np.array([1e3, 1e6, 1e9]), 2.0
-    gap = barrier / pressure - pressure / PENALTY
-    at = InteriorPoint(pressure, barrier / pressure, barrier, 1.0)
-    now, stiffness = at.law(gap, np.full(3, PENALTY))
-    np.testing.assert_allclose(now, pressure, rtol=1e-12)
-    assert np.all((stiffness > 0.0) & (stiffness < PENALTY))
-    further, _ = at.law(gap + 1e-6, np.full(3, PENALTY))
-    np.testing.assert_allclose(further, now - 1e-6 * stiffness, rtol=1e-9, atol=1e-3)
-
-
-def test_pressures_and_slacks_stay_positive():
-    """A step that would part a vertex, and one that would press it in, are cut short."""
-    at = InteriorPoint(np.full(2, 1e6), np.full(2, 1e-6), 1.0, 1.0)
-    now = at.advanced(np.array([1e-3, -1e-3]), np.full(2, PENALTY), 0.1)
-    assert now.pressure[0] == KEPT * 1e6 and now.slack[0] > 1e-6
-    assert now.slack[1] == KEPT * 1e-6 and now.pressure[1] > 1e6
-    assert now.barrier == 0.1
 
 
 def strip(cells, length, tools, stroke_steps):

@@ -68,6 +68,7 @@ def lifted(block: str, film: str) -> dict:
 def stiff(block: str, film: str) -> dict:
     data = plain(block)
     data["contact"][0]["penalty_factor"] = 3e7
+    data["solver"]["max_iterations"] = 4
     return data
 
 
@@ -97,6 +98,8 @@ def overrun(block: str, film: str) -> dict:
     data["geometry"]["upper"]["elements"] = [30, 8]
     data["geometry"]["lower"] = {"width": 1.5e-3, "height": 5e-4, "elements": [45, 4]}
     data["boundary"][1]["displacement"]["x"] = [[1.0, 0.0], [2.0, 4e-4]]
+    data["stage"][1]["steps"] = 4
+    data["solver"]["max_iterations"] = 6
     return data
 
 
@@ -172,7 +175,7 @@ HOPELESS = {
 }
 
 
-AFTER_A_STEP = (stiff, lifted, collapsing, wedged, firm, pushed_on_a_film)
+AFTER_A_STEP = (lifted, collapsing, wedged, firm, pushed_on_a_film)
 
 
 def rows_of(directory: Path) -> list[dict[str, str]]:
@@ -429,7 +432,9 @@ def test_numbers_that_are_none_end_the_run_and_are_not_written(monkeypatch, bloc
         assert "contact.0: dissipated = nan" in str(caught.value)
     rows = rows_of(tmp_path / "out")
     assert rows
-    numbers = [float(v) for row in rows for key, v in row.items() if key != "stage"]
+    # Nothing moves in this stage, and what does not move has no speed to tell.
+    told = set(rows[0]) - {"stage", "velocity"}
+    numbers = [float(row[key]) for row in rows for key in told]
     assert np.all(np.isfinite(numbers))
     assert "NaN" not in (tmp_path / "out" / "summary.json").read_text()
 

@@ -140,7 +140,7 @@ def test_a_step_that_was_cut_ends_where_its_pieces_would_have(monkeypatch, block
 
 
 def test_steps_cut_for_want_of_iterations_end_where_their_pieces_would_have(block):
-    data = plain(block, max_iterations=1)
+    data = plain(block, max_iterations=2)
     data["stage"][1]["steps"] = 1
     seen = Cuts()
     run = simulate(data, seen)

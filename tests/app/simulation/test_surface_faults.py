@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from tribox.app.case.case import Case
-from tribox.app.errors import SolutionError
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.run.run import run_case
 from tribox.app.simulation.failure_diagnosis import explain
@@ -86,14 +85,16 @@ def test_contacts_without_names_are_called_by_their_parts():
     assert names_of([], 0) == ("the slave", "the master")
 
 
-def begun(directory, **contact):
+def begun(directory, smoothing_angle=None):
     """The first three steps of a rubber pad that bends a strip, both coarse, on two attempts."""
     data = tomllib.loads(PAD.read_text(encoding="utf-8"))
     data["geometry"]["blocks"]["strip"]["elements"] = [30, 2]
     data["geometry"]["blocks"]["pad"]["elements"] = [21, 5]
     for key in ("smoothing_angle", "film"):
         del data["contact"][0][key]
-    data["contact"][0] |= {"friction": {"law": "coulomb", "mu": 0.1}, **contact}
+    data["contact"][0]["friction"] = {"law": "coulomb", "mu": 0.1}
+    if smoothing_angle:
+        data["contact"][0]["smoothing_angle"] = smoothing_angle
     data["stage"] = [{"name": "press", "duration": 0.15, "steps": 3}]
     data |= {
         "solver": {"min_step_fraction": 0.4, "max_iterations": 15},
@@ -104,11 +105,8 @@ def begun(directory, **contact):
 
 
 @pytest.mark.long
-def test_a_pad_that_catches_on_the_strip_it_bends_is_told_what_lets_it_slide(tmp_path):
-    with pytest.raises(SolutionError) as caught:
-        begun(tmp_path / "faceted")
-    text = str(caught.value)
-    assert "contact.0: pad_bottom catches on the facets of strip_top, which meet at" in text
-    assert 'try smoothing_angle = "30 deg" for contact.0, or' in text
-    done = begun(tmp_path / "smooth", smoothing_angle="30 deg")
-    assert done.rows[-1].time == pytest.approx(0.15)
+def test_a_pad_that_catches_on_the_strip_it_bends_is_brought_over_its_facets(tmp_path):
+    """On facets as on the smooth surface, with nearly the same force."""
+    faceted, smooth = begun(tmp_path / "faceted"), begun(tmp_path / "smooth", "30 deg")
+    assert faceted.rows[-1].time == smooth.rows[-1].time == pytest.approx(0.15)
+    assert faceted.rows[-1].normal_force == pytest.approx(smooth.rows[-1].normal_force, rel=0.05)

@@ -79,10 +79,10 @@ class Dies(Scene):
             out = out + part(x)
         return out
 
-    def residual(self, x, dt=1.0):
+    def residual(self, x, dt=1.0, mode=None):
         return self._sum(lambda x: Scene.residual(self, x, dt)[0], x), None
 
-    def tangent(self, x, dt=1.0):
+    def tangent(self, x, dt=1.0, mode=None):
         return self._sum(lambda x: Scene.tangent(self, x, dt), x)
 
 

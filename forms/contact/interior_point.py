@@ -1,0 +1,202 @@
+r"""Contacts on their way to their laws from inside: pressed everywhere, at their threshold nowhere.
+
+The laws of contact have kinks, at which points open or close, stick or slip. Newton's method goes
+from one set of them to the next, and its iterations grow with their number. Interior points have no
+kinks: "one of two numbers is zero" becomes "their product is a small number", which falls from
+iteration to iteration, with both as unknowns of their own (the primal-dual method: J. Nocedal,
+S. Wright, Numerical Optimization, 2006, chapter 19). Eliminated point by point, they leave the
+bodies with laws that are *linear* in gap and slip.
+
+- Normal: pressure p > 0 and slack s = g + p/K > 0, with p s = \mu.
+- Tangential: elastic slip e, shorter than its threshold \ell, at which asperities slip, and
+  permanent slip y > 0 of the step, with e + y e/\ell = q, the trial slip, and
+  y (\ell - |e|^2/\ell) = \nu.
+
+Axis letters: q points, v vertices, i, j space.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tribox.forms.friction.law import FrictionResponse, FrictionState
+from tribox.geometry.surfaces.facets import Floats
+
+KEPT = 0.1  # least share of permanent slip, and of the distance to slip, that an iteration leaves
+BEYOND = 1.01  # pressure that the law is asked at, over that at which it would slip
+ROUND_OFF = 1e-12  # least distance to slip over the threshold
+TINY = float(np.finfo(float).tiny)
+
+Answer = Callable[[Floats, FrictionState], FrictionResponse]  # of pressure, Pa, and state
+
+
+@dataclass(frozen=True, slots=True)
+class LinearSlip:
+    """Elastic slips that are linear in trial slip and threshold.
+
+    Attributes:
+        elastic: (q, i), m, may be longer than the threshold; permanent: (q,), m, may be negative.
+        d_trial: (q, i, j), derivative of ``elastic`` for the trial slip, symmetric, between 0 and
+            1; d_threshold: (q, i), that for the length at the threshold.
+    """
+
+    elastic: Floats
+    permanent: Floats
+    d_trial: Floats
+    d_threshold: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class InteriorSlip:
+    r"""Elastic slips inside of their threshold.
+
+    Attributes:
+        elastic: e, (q, i), m; permanent: y, (q,), m; threshold: \ell, (q,), m, longer than e.
+        barrier: \nu, (q,), m^2.
+    """
+
+    elastic: Floats
+    permanent: Floats
+    threshold: Floats
+    barrier: Floats
+
+    def linear(self, trial: Floats, threshold: Floats) -> LinearSlip:
+        r"""One step of Newton's method for e and y, at a trial slip and a threshold.
+
+        With :math:`a = e/\ell` and :math:`h = \ell (1 - |a|^2)` it is linear in all three of them:
+
+        .. math:: \delta e + \frac{y}{\ell} \delta e + a\,\delta y - \frac{y}{\ell} a\,\delta\ell
+           = q - e - y a, \qquad
+           h\,\delta y + y ((1 + |a|^2)\,\delta\ell - 2 a \cdot \delta e) = \nu - y h
+
+        Args:
+            trial: q, (q, i), m, elastic slip of the last step and slip of this one.
+            threshold: (q,), m, that at the end of the Newton step.
+        """
+        ahead = self.elastic / self.threshold[:, None]
+        size = np.einsum("qi,qi->q", ahead, ahead)
+        slack = np.maximum(self.threshold * (1.0 - size), TINY)
+        slid, pull = self.permanent / self.threshold, self.permanent / slack
+        across = 1.0 + slid
+        along = across + 2.0 * pull * size
+        by_threshold = pull * (1.0 + size) + slid
+        longer = threshold - self.threshold
+        drawn = self.permanent - self.barrier / slack + by_threshold * longer
+        right = trial - across[:, None] * self.elastic + drawn[:, None] * ahead
+        by_ahead = 2.0 * pull / (across * along)
+        change = right / across[:, None]
+        change -= (by_ahead * np.einsum("qi,qi->q", ahead, right))[:, None] * ahead
+        d_trial = -by_ahead[:, None, None] * ahead[:, :, None] * ahead[:, None, :]
+        for i in range(ahead.shape[1]):
+            d_trial[:, i, i] += 1.0 / across
+        outwards = np.einsum("qi,qi->q", ahead, change)
+        permanent = self.barrier / slack - pull * ((1.0 + size) * longer - 2.0 * outwards)
+        d_threshold = (by_threshold / along)[:, None] * ahead
+        return LinearSlip(self.elastic + change, permanent, d_trial, d_threshold)
+
+    def advanced(
+        self, trial: Floats, threshold: Floats, following: Floats, shrinks: float
+    ) -> InteriorSlip:
+        """After a Newton step of the bodies, every elastic slip shorter than its threshold.
+
+        Args:
+            trial: (q, i), m, after the step.
+            threshold: (q,), m, that it was evaluated with.
+            following: (q,), m, of the pressures that the next step starts from.
+            shrinks: factor of the barrier.
+        """
+        new = self.linear(trial, threshold)
+        before = np.linalg.norm(self.elastic, axis=1)
+        reached = np.maximum(following, KEPT * self.threshold)
+        left = np.maximum(KEPT * (self.threshold - before), ROUND_OFF * reached)
+        most = reached - np.minimum(left, 0.5 * reached)
+        length = np.linalg.norm(new.elastic, axis=1)
+        shorter = np.minimum(1.0, most / np.maximum(length, TINY))
+        permanent = np.maximum(new.permanent, KEPT * self.permanent)
+        elastic: Floats = shorter[:, None] * new.elastic
+        return InteriorSlip(elastic, permanent, reached, shrinks * self.barrier)
+
+    def respond(
+        self,
+        answer: Answer,
+        threshold: Floats,
+        slip: Floats,
+        state: FrictionState,
+        pressure: Floats,
+    ) -> FrictionResponse:
+        """A law's answer where its asperities have these elastic slips; its derivatives.
+
+        It is asked with the elastic slip from which its trial slip is the one wanted here, so that
+        it sticks: what it has beside its asperities, such as a film, stays as it is.
+
+        Args:
+            answer: of the law.
+            threshold: (q,), m, elastic slip at which it slips under the pressure.
+            slip: (q, i), m, of the step.
+            state: last converged, with the elastic slip (q, i) transported.
+            pressure: (q,), Pa.
+        """
+        new = self.linear(slip + state.elastic_slip, threshold)
+        length = np.linalg.norm(new.elastic, axis=1)
+        holding = pressure * np.maximum(1.0, BEYOND * length / np.maximum(threshold, TINY))
+        out = answer(holding, replace(state, elastic_slip=new.elastic - slip))
+        by_elastic, same = out.d_traction_d_elastic, np.eye(slip.shape[1])
+        per_pressure = threshold / np.maximum(pressure, TINY)
+        d_pressure = np.einsum("qij,qj,q->qi", by_elastic, new.d_threshold, per_pressure)
+        return replace(
+            out,
+            d_traction_d_slip=out.d_traction_d_slip + by_elastic @ (new.d_trial - same),
+            d_traction_d_elastic=by_elastic @ new.d_trial,
+            d_traction_d_pressure=out.d_traction_d_pressure + d_pressure,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class InteriorPoint:
+    r"""Contact pressures on their way to the penalty's law from inside: all positive.
+
+    With the slack s = g + p/K the law p = K⟨−g⟩ is p ≥ 0, s ≥ 0, p s = 0. On the way both are
+    unknowns and p s = μ. Newton's method for these, with s eliminated, is Newton's method for the
+    bodies with the linear law
+
+    .. math:: p(g) = p + \frac{\mu - p \, (g + p/K)}{s + p/K}
+
+    (the primal-dual method: J. Nocedal, S. Wright, Numerical Optimization, 2006, chapter 19).
+
+    Attributes:
+        pressure: p, Pa, and slack: s, m, of the vertices (v,), or point by point (q,).
+        barrier: μ, J/m².
+        reach: m; gap up to which the surfaces feel each other.
+        slip: what the points' friction is; None: the law as it is.
+    """
+
+    pressure: Floats
+    slack: Floats
+    barrier: float
+    reach: float
+    slip: InteriorSlip | None = None
+
+    def law(self, gap: Floats, penalty: Floats) -> tuple[Floats, Floats]:
+        """Pressure, Pa, at gaps, m, and −∂p/∂g, Pa/m; all of the shape of ``pressure``."""
+        below = self.slack + self.pressure / penalty
+        stiffness: Floats = self.pressure / below
+        out = self.pressure + self.barrier / below - stiffness * (gap + self.pressure / penalty)
+        return out, stiffness
+
+    def advanced(self, gap: Floats, penalty: Floats, barrier: float, kept: float) -> InteriorPoint:
+        """After a Newton step to ``gap``, m, with the next barrier; both stay positive.
+
+        ``kept``: least share of pressure and slack that the step leaves.
+        """
+        pressure, _ = self.law(gap, penalty)
+        slack = pressure / penalty + gap
+        return InteriorPoint(
+            np.maximum(pressure, kept * self.pressure),
+            np.maximum(slack, kept * self.slack),
+            barrier,
+            self.reach,
+            self.slip,
+        )

@@ -1,0 +1,119 @@
+"""Laws of contact from inside: linear, and at their end the laws themselves."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.contact_boxes import Scene
+from tests.forms.contact.test_tangent import State, coulomb, film_map
+from tribox.forms.contact.interior_point import KEPT, InteriorPoint, InteriorSlip
+from tribox.forms.contact.state import ContactMode
+from tribox.forms.friction.law import Regime
+from tribox.forms.friction.settling import presliding_length
+
+PENALTY = 1e13  # Pa/m
+
+
+def test_the_law_of_an_interior_point_is_linear_and_holds_the_product():
+    """Where p (g + p/K) = μ already the pressure stays; its slope is the stiffness, at most K."""
+    pressure, barrier = np.array([1e3, 1e6, 1e9]), 2.0
+    gap = barrier / pressure - pressure / PENALTY
+    at = InteriorPoint(pressure, barrier / pressure, barrier, 1.0)
+    now, stiffness = at.law(gap, np.full(3, PENALTY))
+    np.testing.assert_allclose(now, pressure, rtol=1e-12)
+    assert np.all((stiffness > 0.0) & (stiffness < PENALTY))
+    further, _ = at.law(gap + 1e-6, np.full(3, PENALTY))
+    np.testing.assert_allclose(further, now - 1e-6 * stiffness, rtol=1e-9, atol=1e-3)
+
+
+def test_pressures_and_slacks_stay_positive():
+    """A step that would part a vertex, and one that would press it in, are cut short."""
+    at = InteriorPoint(np.full(2, 1e6), np.full(2, 1e-6), 1.0, 1.0)
+    now = at.advanced(np.array([1e-3, -1e-3]), np.full(2, PENALTY), 0.1, 0.02)
+    assert now.pressure[0] == 0.02 * 1e6 and now.slack[0] > 1e-6
+    assert now.slack[1] == 0.02 * 1e-6 and now.pressure[1] > 1e6
+    assert now.barrier == 0.1
+
+
+def slips(dim, count=40):
+    """Interior points of random trial slips (q, i) up to three times their thresholds (q,)."""
+    rng = np.random.default_rng(dim)
+    trial = rng.uniform(0.0, 3.0, (count, 1)) * rng.standard_normal((count, dim)) / dim
+    threshold = rng.uniform(0.5, 1.5, count)
+    start = InteriorSlip(np.zeros((count, dim)), np.ones(count), threshold, np.full(count, 0.1))
+    return start, trial, threshold
+
+
+@pytest.mark.parametrize("dim", [1, 2, 3])
+def test_slips_tend_to_the_return_mapping(dim):
+    """At the end the elastic slip is the trial slip, or its threshold in the same direction."""
+    at, trial, threshold = slips(dim)
+    for shrinks in [0.1] * 9 + [1.0] * 8:
+        at = at.advanced(trial, threshold, threshold, shrinks)
+        assert np.all(np.linalg.norm(at.elastic, axis=1) < at.threshold)
+        assert np.all(at.permanent > 0.0)
+    length = np.linalg.norm(trial, axis=1)
+    share = np.minimum(1.0, threshold / length)
+    assert 5 < np.count_nonzero(share < 1.0) < len(share)
+    np.testing.assert_allclose(at.elastic, share[:, None] * trial, atol=1e-6)
+    np.testing.assert_allclose(at.permanent, (1.0 - share) * length, atol=1e-6)
+
+
+def test_a_slip_opposite_to_the_last_is_found_too():
+    at, _, threshold = slips(1)
+    forward, back = np.full((len(threshold), 1), 2.5), np.full((len(threshold), 1), -2.5)
+    for trial in [forward] * 15 + [back] * 25:
+        at = at.advanced(trial, threshold, threshold, 0.5)
+    np.testing.assert_allclose(at.elastic[:, 0], -threshold, rtol=1e-6)
+
+
+@pytest.mark.parametrize("dim", [1, 2, 3])
+def test_the_linear_slip_has_the_derivatives_that_it_states(dim):
+    start, trial, threshold = slips(dim)
+    at = start.advanced(trial, threshold, threshold, 0.1)
+    new = at.linear(trial, threshold)
+    rng = np.random.default_rng(7)
+    along, longer = rng.standard_normal(trial.shape), rng.standard_normal(len(threshold))
+    further = at.linear(trial + along, threshold + longer)
+    expected = np.einsum("qij,qj->qi", new.d_trial, along) + new.d_threshold * longer[:, None]
+    np.testing.assert_allclose(further.elastic - new.elastic, expected, atol=1e-12)
+    stiff = np.linalg.eigvalsh(new.d_trial)
+    assert stiff.min() > 0.0 and stiff.max() <= 1.0 + 1e-12
+
+
+def test_little_is_kept_of_what_an_iteration_would_take_away():
+    start, trial, threshold = slips(2)
+    now = start.advanced(100.0 * trial, threshold, threshold, 1.0)
+    left = threshold - np.linalg.norm(now.elastic, axis=1)
+    np.testing.assert_allclose(left, np.minimum(KEPT * threshold, 0.5 * threshold))
+
+
+STATES = {
+    "slip": State(coulomb(0.2), Regime.SLIP, now=(0.13, -0.09, -0.09)),
+    "film": State(film_map(), Regime.MIXED, now=(0.13, -0.09, -0.09), film=0.5),
+}
+
+
+@pytest.mark.parametrize("pressure", ["averaged", "pointwise"])
+@pytest.mark.parametrize("shape", ["Q4", "hex8"])
+@pytest.mark.parametrize("state", STATES)
+def test_the_tangent_from_inside_is_that_of_differences(shape, state, pressure):
+    given = STATES[state]
+    scene = Scene(shape, given.law, film=given.film, pressure=pressure)
+    term = scene.term
+    pick = [0, 2] if scene.dim == 2 else [0, 1, 2]
+    before = scene.vector(np.array(given.before)[pick], 0.03, 0.9)
+    trial = term.evaluate(before, 1.0)
+    term.commit(trial)
+    nodal = trial.nodal_pressure if pressure == "averaged" else trial.pressure
+    pressures = np.maximum(nodal, 0.1 * nodal.max())
+    at_points = term.surface.vertices.at_points(pressures) if pressure == "averaged" else pressures
+    threshold = presliding_length(term.law, term.state.friction, at_points)
+    elastic = 0.5 * term.state.friction.elastic_slip
+    longer = np.maximum(threshold, 1.01 * np.linalg.norm(elastic, axis=1))
+    slip = InteriorSlip(elastic, np.full(len(threshold), 0.05), longer, 0.01 * longer)
+    inside = InteriorPoint(pressures, 0.01 / pressures, 0.01, 10.0, slip)
+    mode = ContactMode(interior=inside)
+    x = scene.vector(np.array(given.now)[pick], 0.04, 0.7, 0.01)
+    assert scene.error(x, mode=mode) < 1e-7
