@@ -9,6 +9,7 @@ others that touch nowhere find each other by contacts that pull as well.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,11 +23,16 @@ from tribox.app.implicit.interior_point import FromInside
 
 @dataclass(frozen=True, slots=True)
 class PredictedStart:
-    """Newton's method from the predicted start."""
+    """Newton's method from the predicted start.
+
+    Attributes:
+        if_near: whether it is tried only where the prediction leaves little.
+    """
+
+    if_near: bool = False
 
     def run(self, attempt: Attempt) -> tuple[int, int]:
         """See :class:`Phase`."""
-        attempt.newton.begin(attempt.x)
         if is_adrift(attempt):
             attempt.start = attempt.trial.array_r.copy()
             return 0, PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH
@@ -37,7 +43,7 @@ class PredictedStart:
         if strays(attempt):
             return started, failed
         newton = attempt.newton
-        if newton.inside.last and newton.residual_of(attempt.step) > FAR:
+        if self.if_near and newton.residual_of(attempt.step) > FAR:
             return started, failed
         more, reason = newton.solve(
             attempt.step,
@@ -127,7 +133,7 @@ def phases_after(attempt: Attempt) -> tuple[Phase, ...]:
         return () if rubs else (inside,)
     if floats:
         return (*held, APPROACH)
-    if attempt.pressed and attempt.predictor.rubbing():
+    if attempt.pressed and attempt.predictor.rubbing() and is_moved(attempt):
         return (*held, APPROACH, inside)
     if attempt.pressed:
         return (inside, *held, APPROACH)
@@ -148,28 +154,25 @@ def solve(attempt: Attempt) -> tuple[int, int]:
     After a step that was found from inside the next one begins there, unless its prediction is
     near.
     """
-    newton, start = attempt.newton, PredictedStart()
-    iterations, reason = start.run(attempt)
-    again: tuple[Phase, ...] = (FromInside(), start) if newton.inside.last else ()
-    newton.inside.last = False
-    for phase in again if reason <= 0 else ():
-        newton.begin(attempt.x)
-        more, reason = phase.run(attempt)
+    first: tuple[Phase, ...] = (PredictedStart(),)
+    if attempt.newton.inside.last:
+        first = (PredictedStart(if_near=True), FromInside(), *first)
+    iterations, reason = _in_turn(attempt, first)
+    if reason <= 0:
+        rest = [phase for phase in phases_after(attempt) if phase not in first]
+        attempt.return_to_start()
+        more, reason = _in_turn(attempt, rest)
         iterations += more
-        if reason > 0:
-            newton.inside.last = isinstance(phase, FromInside)
-            return iterations, reason
-    if reason > 0:
-        return iterations, reason
-    phases = phases_after(attempt)
-    attempt.return_to_start()
+    return iterations, reason
+
+
+def _in_turn(attempt: Attempt, phases: Iterable[Phase]) -> tuple[int, int]:
+    iterations, reason = 0, int(PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH)
     for phase in phases:
-        if again and isinstance(phase, FromInside):
-            continue
-        newton.begin(attempt.x)
+        attempt.newton.begin(attempt.x)
         more, reason = phase.run(attempt)
         iterations += more
+        attempt.newton.inside.last = reason > 0 and isinstance(phase, FromInside)
         if reason > 0:
-            newton.inside.last = isinstance(phase, FromInside)
             break
     return iterations, reason

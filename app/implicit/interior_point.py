@@ -57,7 +57,6 @@ SETTLED = 1.0  # relative residual above which the bodies move before pressures 
 SOLVED = 0.3  # relative residual below which μ falls
 NEAR = 1e-3  # relative residual of the exact law that is near enough for Newton's method on it
 NOWHERE = 1e6  # m; gap of points that have no master below them
-SMALLEST = 1e-6  # threshold to begin with at least, over the largest
 MOST_SLIP = 30.0  # permanent slip to begin with at most, over the part of the way that μ is of
 STALLED, STALLS = 0.5, 2  # residual over that before, and how often in turn, of a stall
 # Friction that weakens with the slip has no interior point: the exact law stays some way off.
@@ -111,18 +110,16 @@ def approached(attempt: Attempt, opening: Opening) -> tuple[int, bool]:
         if not np.isfinite(left):
             return iterations, False
         stalls = stalls + 1 if STALLED * before < left < SETTLED else 0
-        if stalls > STALLS and newton.residual_of(attempt.step) < SAME * left:
-            return iterations, True
-        before = left
-        settled = left < SETTLED
+        before, settled = left, left < SETTLED
         if settled:
             shrinks = SHRINKS if left < SOLVED else 1.0
             points = _advanced(problem, points, shrinks, opening.kept)
-            if left < NEAR**0.5:
-                last, exact = exact, newton.residual_of(attempt.step)
-                if exact < NEAR or ENDED * last < exact < CLOSE:
-                    return iterations, True
             step = attempt.step.inside(points)
+        if stalls > STALLS or left < NEAR**0.5:
+            last, exact = exact, newton.residual_of(attempt.step)
+            bodies_stall = stalls > STALLS and exact < SAME * left
+            if exact < NEAR or ENDED * last < exact < CLOSE or bodies_stall:
+                return iterations, True
         newton.step(step, falling=not settled and iterations > 1)
         iterations += 1
     return iterations, newton.residual_of(attempt.step) < NEAR
@@ -158,7 +155,7 @@ def _starting_point(
     mean = max(here[0] / here[1] if here[1] > 0.0 else 0.0, modulus)
     ahead = float(np.clip(way, LEAST_WAY * facet, MOST_WAY * facet)) if way else NO_WAY * facet
     mu = barrier * mean * ahead
-    open_ = mu / np.maximum(gap, np.finfo(float).tiny)
+    open_ = mu / np.maximum(gap, TINY)
     pressure = np.maximum(pressure, np.minimum(open_, mean))
     near = max(REACH * facet, 2.0 * least if least < NOWHERE else 0.0)
     found = InteriorPoint(pressure, mu / pressure, mu, near)
@@ -181,8 +178,8 @@ def _starting_slip(
     if not typical.any():
         return None
     part = way / (MOST_WAY * term.surface.facet_length) * typical
-    least = np.maximum(part, SMALLEST * typical.max())  # none, where a film carries all
-    threshold = np.maximum(_thresholds(term, at), least)
+    # Where a film carries all there is no threshold: any length will do, and nothing slips.
+    threshold = np.maximum(_thresholds(term, at), np.where(typical > 0.0, part, way))
     elastic, barrier = trial.response.state.elastic_slip, way * typical
     length = np.linalg.norm(elastic, axis=1)
     shorter = np.minimum(length, threshold - np.minimum(part, 0.5 * threshold))
