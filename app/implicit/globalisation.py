@@ -156,7 +156,7 @@ def solve(attempt: Attempt) -> tuple[int, int]:
     """
     first: tuple[Phase, ...] = (PredictedStart(),)
     if attempt.newton.inside.last:
-        first = (PredictedStart(if_near=True), FromInside(), *first)
+        first = (PredictedStart(if_near=True), FromInside(as_last=True), *first)
     iterations, reason = _in_turn(attempt, first)
     if reason <= 0:
         rest = [phase for phase in phases_after(attempt) if phase not in first]

@@ -69,13 +69,20 @@ Points = list[InteriorPoint | None]
 
 @dataclass(frozen=True, slots=True)
 class FromInside:
-    """Interior points first, and from what they find Newton's method on the exact law."""
+    """Interior points first, and from what they find Newton's method on the exact law.
+
+    Attributes:
+        as_last: whether only the opening that worked last is tried.
+    """
+
+    as_last: bool = False
 
     def run(self, attempt: Attempt) -> tuple[int, int]:
         """See :class:`tribox.app.implicit.attempt.Phase`."""
         iterations, reason = 0, int(PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH)
-        first = attempt.newton.inside.opening
-        for number in sorted(range(len(OPENINGS)), key=lambda number: number != first):
+        last = attempt.newton.inside.opening
+        others = [number for number in range(len(OPENINGS)) if number != last]
+        for number in [last] if self.as_last else [last, *others]:
             attempt.trial.array[:] = attempt.x.array_r
             attempt.newton.begin(attempt.x)
             more, found = approached(attempt, OPENINGS[number])
@@ -109,7 +116,8 @@ def approached(attempt: Attempt, opening: Opening) -> tuple[int, bool]:
         left = newton.residual_of(step)
         if not np.isfinite(left):
             return iterations, False
-        stalls = stalls + 1 if STALLED * before < left < SETTLED else 0
+        flows = any(solid.flows for solid in problem.solids)
+        stalls = stalls + 1 if flows and STALLED * before < left < SETTLED else 0
         before, settled = left, left < SETTLED
         if settled:
             shrinks = SHRINKS if left < SOLVED else 1.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 from mpi4py import MPI
@@ -198,9 +199,9 @@ class SunkVertices:
         found = Sunk()
         if len(slave):
             near = cKDTree(place[vertices]).query_ball_point(slave.mean(axis=1), sizes)
-            counts = [len(one) for one in near]
+            counts = np.fromiter(map(len, near), np.int64, len(near))
             piece = np.repeat(np.arange(len(slave)), counts)
-            vertex = vertices[np.concatenate([np.array(one, dtype=np.int64) for one in near])]
+            vertex = vertices[np.fromiter(chain.from_iterable(near), np.int64, counts.sum())]
             places = place[vertex], outward[vertex], master.position[vertex]
             found = _deepest(slave[piece], *places, penetration)
         comm = surface.vertices.comm

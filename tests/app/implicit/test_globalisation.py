@@ -11,10 +11,18 @@ from mpi4py import MPI
 from tribox.app.equilibrium.step_mode import StepMode
 from tribox.app.implicit.approach import HeldApproach
 from tribox.app.implicit.attempt import Attempt
-from tribox.app.implicit.globalisation import APPROACH, SEARCH, LinearStart, phases_after
+from tribox.app.implicit.globalisation import (
+    APPROACH,
+    SEARCH,
+    LinearStart,
+    PredictedStart,
+    SoftContact,
+    phases_after,
+    solve,
+)
 from tribox.app.implicit.interior_point import FromInside
 from tribox.app.implicit.linear_solver import LinearSolver
-from tribox.app.implicit.newton import EDGED, KINKED, NEWTON_PHASES, STALLED, Newton
+from tribox.app.implicit.newton import EDGED, KINKED, NEWTON_PHASES, STALLED, Inside, Newton
 from tribox.app.implicit.options import ImplicitOptions
 
 
@@ -41,10 +49,55 @@ def test_what_is_tried_after_the_prediction_depends_on_where_it_failed():
     driven = attempt(near=False, pressed=False, loose=[0], moved=1e-3)
     assert phases_after(driven) == (inside, held, APPROACH, SEARCH)
     assert phases_after(attempt(near=True, pressed=False)) == (inside,)
-    assert phases_after(attempt(near=False, rubbing=True)) == (APPROACH, inside)
+    assert phases_after(attempt(near=False, rubbing=True)) == (inside, APPROACH)
+    assert phases_after(attempt(near=False, rubbing=True, moved=1e-3)) == (APPROACH, inside)
     assert phases_after(attempt(near=True, rubbing=True)) == ()
     for near in (True, False):
         assert phases_after(attempt(near, contacts=0)) == (LinearStart(),)
+
+
+class Scripted:
+    """A phase whose results are given, one a call, and the phases that ran."""
+
+    def __init__(self, monkeypatch, reasons):
+        self.ran, reasons = [], iter(reasons)
+
+        def run(phase, attempt):
+            self.ran.append(phase)
+            return 1, next(reasons)
+
+        for kind in (PredictedStart, FromInside, SoftContact):
+            monkeypatch.setattr(kind, "run", run)
+
+
+@pytest.mark.parametrize(
+    ("last", "reasons", "ran", "after"),
+    [
+        (False, [2], [PredictedStart()], False),
+        (False, [-6, 2], [PredictedStart(), FromInside()], True),
+        (True, [-6, 2], [PredictedStart(if_near=True), FromInside(as_last=True)], True),
+        (True, [2], [PredictedStart(if_near=True)], False),
+        (
+            True,
+            [-6, -6, -6, -6, -6],
+            [
+                PredictedStart(if_near=True),
+                FromInside(as_last=True),
+                PredictedStart(),
+                FromInside(),
+                APPROACH,
+            ],
+            False,
+        ),
+    ],
+)
+def test_a_step_after_one_found_from_inside_begins_there(monkeypatch, last, reasons, ran, after):
+    seen, given = Scripted(monkeypatch, reasons), attempt(near=False)
+    given.newton.inside, given.newton.begin = Inside(last), lambda x: None
+    given.start, given.newton.trial = np.zeros(1), SimpleNamespace(array=np.zeros(1))
+    iterations, reason = solve(given)
+    assert (iterations, reason, seen.ran) == (len(ran), reasons[-1], ran)
+    assert given.newton.inside.last is after
 
 
 @pytest.mark.parametrize(
