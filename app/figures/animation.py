@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib import rc_context
-from matplotlib.animation import AbstractMovieWriter, FFMpegWriter
+from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from PIL import Image
 
 from tribox.app.errors import InputError
 from tribox.app.figures.body_shapes import Bodies, read_bodies
 from tribox.app.figures.field_values import ColourScale, colour_scale
-from tribox.app.figures.gif import GifWriter
 from tribox.app.figures.names import axis_names, body_names, heading, pair_names
 from tribox.app.figures.plane_bodies import draw_bodies, draw_slaves, frame_round
 from tribox.app.figures.rendering import render
@@ -42,6 +42,47 @@ MOST_PAIRS = 12
 # Matplotlib reads its settings from the working directory too, which may be somebody else's: the
 # program that makes films is not to be named there, nor more files for it to write.
 FFMPEG = {"animation.ffmpeg_path": "ffmpeg", "animation.ffmpeg_args": []}
+COLOURS = 128  # of a GIF
+LOOKED_AT = 8  # frames that they are chosen from
+
+
+class GifWriter(PillowWriter):
+    """Writes all frames in one palette.
+
+    Pillow would choose the colours of each frame by what fills most of it: thin lines change their
+    colours from frame to frame, and little equals the frame before, which a GIF need not repeat.
+    """
+
+    _frames: list[Image.Image]
+
+    def finish(self) -> None:
+        """Write the file."""
+        palette = common_palette(self._frames)
+        frames = [f.quantize(palette=palette, dither=Image.Dither.NONE) for f in self._frames]
+        frames[0].save(
+            self.outfile,
+            save_all=True,
+            append_images=frames[1:],
+            duration=int(1000 / self.fps),
+            loop=0,
+        )
+
+
+def common_palette(frames: list[Image.Image]) -> Image.Image:
+    """An image with a palette that serves all frames: colours far apart, and white.
+
+    Args:
+        frames: RGB, of one size.
+    """
+    chosen = np.unique(np.linspace(0, len(frames) - 1, LOOKED_AT).round().astype(int))
+    width, height = frames[0].size
+    sheet = Image.new("RGB", (width, height * len(chosen)))
+    for place, number in enumerate(chosen):
+        sheet.paste(frames[number], (0, height * place))
+    found = sheet.quantize(COLOURS - 1, Image.Quantize.MAXCOVERAGE).getpalette() or []
+    palette = Image.new("P", (1, 1))
+    palette.putpalette([*found[: 3 * (COLOURS - 1)], 255, 255, 255])
+    return palette
 
 
 def animate(results: Results, path: Path, field: str) -> int:

@@ -1,4 +1,8 @@
-"""Bodies in the plane: deformed cells in colour, their old outline, names, and slave surfaces."""
+"""Bodies in the plane: deformed cells in colour, their old outline, names, and slave surfaces.
+
+A colour map has some hundred colours and a mesh ten thousands of cells: drawn cell by cell, most of
+the time goes into paths of four corners each. So cells of one colour are one path.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PathCollection
 from matplotlib.patches import PathPatch
@@ -14,7 +19,6 @@ from matplotlib.path import Path
 from matplotlib.patheffects import withStroke
 
 from tribox.app.figures.body_shapes import Bodies, Ints
-from tribox.app.figures.coloured_cells import coloured_cells
 from tribox.app.figures.field_values import ColourScale
 from tribox.app.figures.style import Floats
 from tribox.app.figures.tractions import facets_of, line_starts
@@ -28,6 +32,39 @@ CELLS_OUTLINED = 4000
 MESH_WIDTH = 0.3  # points
 # Distinct from each other and from the colours of the fields.
 PAIR_COLOURS = ("#e6399b", "#ff7f0e", "#111111", "#00b5d8", "#8c4a2f", "#a4133c")
+
+
+EDGE = 0.3  # points, a line round each cell: or the page would shine through between them
+
+
+def coloured_cells(corners: Floats, values: Floats, scale: ColourScale) -> PathCollection:
+    """Filled polygons.
+
+    Args:
+        corners: (f, a, 2) of the polygons, in the unit of the axes.
+        values: (f,) SI.
+        scale: of the colours.
+
+    Returns:
+        A path for each colour, its number the first of the values that have it.
+    """
+    values = values * scale.unit.factor
+    colours = colormaps[scale.colours](scale.norm(values), bytes=True).view(np.uint32)[:, 0]
+    order = np.argsort(colours, kind="stable")
+    starts = np.flatnonzero(np.diff(colours[order], prepend=~colours[order[:1]]))
+    closed = np.concatenate([corners, corners[:, :1]], axis=1)[order]
+    codes = np.full(closed.shape[:2], Path.LINETO, dtype=Path.code_type)
+    codes[:, 0], codes[:, -1] = Path.MOVETO, Path.CLOSEPOLY
+    parts = (np.split(whole, starts[1:]) for whole in (closed, codes))
+    return PathCollection(
+        [Path(places.reshape(-1, 2), how.reshape(-1)) for places, how in zip(*parts, strict=True)],
+        array=values[order[starts]],
+        norm=scale.norm,
+        cmap=scale.colours,
+        edgecolors="face",
+        linewidths=EDGE,
+        snap=False,
+    )
 
 
 @dataclass(frozen=True, slots=True)

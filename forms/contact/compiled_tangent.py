@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tribox.forms.contact.point_groups import PointGroups
 from tribox.forms.contact.pressure import AveragedPressure
 from tribox.forms.contact.state import ContactState, ContactTrial
 from tribox.forms.contact.vertex_rows import Coupling, NodeRows, completed, outside_parts
@@ -43,6 +42,29 @@ _TRIAL = (
 _STATE = ("facet_before", "xi_before", "ahead", "components", "anchor", "image", "slip_length")
 
 Blocks = list[tuple[Longs, Floats]]
+
+
+@dataclass(frozen=True, slots=True)
+class PointGroups:
+    """Points ``take`` (p,) by groups: ``group`` (p,), and a point of each group (g,)."""
+
+    take: Longs
+    group: Longs
+    point: Longs
+
+    @classmethod
+    def of(cls, take: Longs, key: Longs) -> PointGroups:
+        """Points with the same ``key`` (p,) make up a group."""
+        _, first, group = np.unique(key, return_index=True, return_inverse=True)
+        return cls(take, group.reshape(-1).astype(np.int64), take[first])
+
+    def ordered(self, which: Bools) -> tuple[Longs, Longs]:
+        """Where the points of some groups (g,) begin, (c + 1,), and these points, one by one."""
+        here = which[self.group]
+        order = np.argsort(self.group[here], kind="stable")
+        count = np.bincount(self.group[here], minlength=len(which))[which]
+        ends = np.append(0, np.cumsum(count)).astype(np.int64)
+        return ends, np.ascontiguousarray(self.take[here][order])
 
 
 class _Pair(ctypes.Structure):

@@ -12,8 +12,7 @@ from PIL import Image
 
 from tests.app.figures.made_results import write_strip
 from tribox.app.errors import InputError
-from tribox.app.figures.animation import MOST_FRAMES, animate, frames_of
-from tribox.app.figures.gif import common_palette
+from tribox.app.figures.animation import MOST_FRAMES, animate, common_palette, frames_of
 from tribox.app.results import read
 
 

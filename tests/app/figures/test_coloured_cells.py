@@ -7,8 +7,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
-from tribox.app.figures.coloured_cells import EDGE, coloured_cells
 from tribox.app.figures.field_values import colour_scale
+from tribox.app.figures.plane_bodies import EDGE, coloured_cells
 
 
 def picture(artist) -> np.ndarray:
