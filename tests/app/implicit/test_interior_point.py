@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+
+import numpy as np
 import pytest
 
 from tests.tool_cases import run
@@ -10,8 +13,11 @@ E, NU = 70e9, 0.33
 WIDTH = 0.1  # m, of the slab
 
 
-def strip(cells, length, tools, stroke_steps):
-    """A strip of aluminium 1 mm high, free of friction, symmetric at its left end."""
+FRICTIONLESS = {"law": "frictionless"}
+
+
+def strip(cells, length, tools, stroke_steps, friction=FRICTIONLESS):
+    """A strip of aluminium 1 mm high, symmetric at its left end."""
     side = {"bed": "bottom", "die": "bottom"}
     return {
         "geometry": {
@@ -25,7 +31,7 @@ def strip(cells, length, tools, stroke_steps):
             {
                 "slave": f"strip_{side.get(name, 'top')}",
                 "master": name,
-                "friction": {"law": "frictionless"},
+                "friction": friction,
             }
             for name in tools
         ],
@@ -59,7 +65,10 @@ def test_a_flush_flat_takes_no_more_iterations_on_a_finer_mesh(cells):
     assert rows[0].normal_force == pytest.approx(rows[-1].normal_force / 3.0, rel=1e-4)
 
 
-def test_a_strip_that_lies_flush_on_a_die_is_bent_without_a_cut():
+@pytest.mark.parametrize(
+    "friction", [FRICTIONLESS, {"law": "coulomb", "mu": 0.1}], ids=lambda f: f["law"]
+)
+def test_a_strip_that_lies_flush_on_a_die_is_bent_without_a_cut(friction):
     tools = {
         "die": {
             "points": [[0.0201, -0.04], [0.0201, 0], [0.08, 0]],
@@ -73,6 +82,64 @@ def test_a_strip_that_lies_flush_on_a_die_is_bent_without_a_cut():
             "displacement": down(6e-4),
         },
     }
-    rows = run(strip([80, 2], 0.06, tools, 4)).state.rows
+    rows = run(strip([80, 2], 0.06, tools, 4, friction)).state.rows
     assert len(rows) == 4 and max(row.newton_iterations for row in rows) <= 25
     assert abs(rows[-1].energy_error) <= 0.01 * rows[-1].external_work
+
+
+MU, RADIUS, HEIGHT, HALF = 0.3, 0.01, 5e-4, 0.04
+
+
+def path_of_an_end():
+    """Programs x and y, m, of the right end of a belt that is laid around a drum, and pulled on.
+
+    It is kept taut: the end moves as that of a thread, stretched by 3 %, which leaves the drum at
+    45 degrees in the end. From 1 s to 2 s it moves along the belt by 3 mm.
+    """
+    radius, way = RADIUS + 0.5 * HEIGHT, 3e-3 / math.sqrt(2.0)
+    x, y = [], []
+    for time in np.linspace(0.0, 1.0, 11):
+        angle = 0.25 * math.pi * time
+        free = HALF * (1.0 + 0.03 * min(1.0, 4.0 * time)) - radius * angle
+        x.append([time, radius * math.sin(angle) + free * math.cos(angle) - HALF])
+        y.append([time, radius * (math.cos(angle) - 1.0) - free * math.sin(angle)])
+    there = [[*x, [2.0, x[-1][1] + side * way]] for side in (-1.0, 1.0)]
+    down = [[*y, [2.0, y[-1][1] + side * way]] for side in (1.0, -1.0)]
+    return there, down
+
+
+def test_a_belt_that_slides_around_a_drum_is_pulled_as_euler_and_eytelwein_say():
+    """T2/T1 = exp(mu theta), theta 90 degrees; it is laid around without a cut."""
+    (back, on), (up, down_) = path_of_an_end()
+    ends = {
+        "left": {"x": [[t, -v] for t, v in on], "y": down_},
+        "right": {"x": back, "y": up},
+    }
+    belt = {"x": [-HALF, HALF], "y": [0, HEIGHT], "elements": [80, 2]}
+    simulation = run(
+        {
+            "geometry": {"kind": "blocks", "thickness": WIDTH, "blocks": {"belt": belt}},
+            "bodies": {"belt": {"material": "neo-hookean", "E": 5e6, "nu": 0.45}},
+            "tools": {"drum": {"shape": "circle", "centre": [0, -RADIUS], "radius": RADIUS}},
+            "contact": [
+                {
+                    "slave": "belt_bottom",
+                    "master": "drum",
+                    "friction": {"law": "coulomb", "mu": MU},
+                }
+            ],
+            "boundary": [{"surface": f"belt_{side}", "displacement": ends[side]} for side in ends],
+            "stage": [
+                {"name": "lay", "duration": 1.0, "steps": 10},
+                {"name": "pull", "duration": 1.0, "steps": 1},
+            ],
+        }
+    )
+    rows, motion = simulation.state.rows, simulation.state.motion
+    assert len(rows) == 11 and max(row.newton_iterations for row in rows[:-1]) <= 25
+    assert rows[-1].stick_fraction == 0.0
+    last = [dict(zip(motion.surface_columns, row, strict=True)) for row in motion.surface_rows[-2:]]
+    pulls = {row["surface"]: math.hypot(row["force_x"], row["force_y"]) for row in last}
+    assert pulls["belt_left"] / pulls["belt_right"] == pytest.approx(
+        math.exp(0.5 * math.pi * MU), rel=5e-3
+    )
