@@ -55,7 +55,8 @@ def full(directory: Path, what: str) -> Iterator[None]:
             with patch.object(GrowingFile, "append", append):
                 yield
         else:
-            name = f"tribox.app.results.{what}_series.write_vtu"
+            module = {"field": "field_series", "contact": "output_files"}[what]
+            name = f"tribox.app.results.{module}.write_vtu"
             with patch(name, lambda *a: no_room() if a[-1] >= FROM else None):
                 yield
 
