@@ -49,6 +49,7 @@ class Opening:
 # What solves the most steps in the fewest iterations comes first.
 OPENINGS = (Opening(1e-2, 0.005), Opening(1e-2, 0.1), Opening(1e-4, 0.005))
 SHRINKS = 0.03  # μ from an iteration to the next
+SHRINKS_FLOWING = 0.1  # the same where bodies flow: they follow less quickly
 UNPRESSED = 1e-4  # pressure over E*, of a pair that pressed nowhere
 UNKNOWN = 1e-6  # the same over penalty times facet length, where E* is not known
 MOST_WAY, LEAST_WAY, NO_WAY = 0.3, 1e-6, 0.01  # in facets: bounds of the way, and without any
@@ -58,10 +59,9 @@ SOLVED = 0.3  # relative residual below which μ falls
 NEAR = 1e-3  # relative residual of the exact law that is near enough for Newton's method on it
 NOWHERE = 1e6  # m; gap of points that have no master below them
 MOST_SLIP = 30.0  # permanent slip to begin with at most, over the part of the way that μ is of
-STALLED, STALLS = 0.5, 2  # residual over that before, and how often in turn, of a stall
+TURNED = 0.02  # first step away from a state of which the tangent lost its stiffness, in facets
 # Friction that weakens with the slip has no interior point: the exact law stays some way off.
 CLOSE, ENDED = 1e-2, 0.9  # its residual there at most, and over that before at least
-SAME = 1.2  # residual of the exact law over that of the linear one, where it is the bodies' own
 LIMIT = 20  # iterations for one opening
 
 Points = list[InteriorPoint | None]
@@ -101,36 +101,43 @@ class FromInside:
 def approached(attempt: Attempt, opening: Opening) -> tuple[int, bool]:
     """Iterate on interior points; iterations, and whether the exact law should go on; collective.
 
-    It should where it is near, and where what stalls are the bodies, which may need a line search.
+    Bodies that flow would yield wherever points that want to open still hold them: there pressures
+    change in each iteration, and the energy of bodies and contacts limits it.
 
     Args:
         attempt: its trial holds the last converged state, and in the end what was found.
         opening: how it begins.
     """
     newton, problem, trial = attempt.newton, attempt.newton.problem, attempt.trial
+    flows = any(solid.flows for solid in problem.solids)
+    least = SHRINKS_FLOWING if flows else SHRINKS
     points = starting_points(attempt, opening.barrier)
     step = attempt.step.inside(points)
-    iterations, before, stalls = attempt.predictor.restart(attempt.x, trial, step), np.inf, 0
+    iterations = attempt.predictor.restart(attempt.x, trial, step)
     exact, limit = np.inf, min(LIMIT, newton.options.max_iterations)
     while iterations < limit:
         left = newton.residual_of(step)
         if not np.isfinite(left):
             return iterations, False
-        flows = any(solid.flows for solid in problem.solids)
-        stalls = stalls + 1 if flows and STALLED * before < left < SETTLED else 0
-        before, settled = left, left < SETTLED
-        if settled:
-            shrinks = SHRINKS if left < SOLVED else 1.0
-            points = _advanced(problem, points, shrinks, opening.kept)
+        settled = left < SETTLED
+        if settled or flows:
+            points = _advanced(problem, points, least if left < SOLVED else 1.0, opening.kept)
             step = attempt.step.inside(points)
-        if stalls > STALLS or left < NEAR**0.5:
+        if left < NEAR**0.5:
             last, exact = exact, newton.residual_of(attempt.step)
-            bodies_stall = stalls > STALLS and exact < SAME * left
-            if exact < NEAR or ENDED * last < exact < CLOSE or bodies_stall:
+            if exact < NEAR or ENDED * last < exact < CLOSE:
                 return iterations, True
-        newton.step(step, falling=not settled and iterations > 1)
+        if flows:
+            newton.step_to_least_energy(step, TURNED * shortest_facet(problem))
+        else:
+            newton.step(step, falling=not settled and iterations > 1)
         iterations += 1
     return iterations, newton.residual_of(attempt.step) < NEAR
+
+
+def shortest_facet(problem: Equilibrium) -> float:
+    """Of the pairs' typical facets, m."""
+    return min(term.surface.facet_length for term in problem.contacts)
 
 
 def starting_points(attempt: Attempt, barrier: float) -> Points:

@@ -8,6 +8,7 @@ but the first only where the iteration before it came near enough.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,6 +32,8 @@ FURTHEST = 1e3  # of the tolerance, as share of the forces: no solve need come c
 LEAST_FORCE = 1e-6  # of the largest force of the run, that residuals are compared with at least
 HASTY = 7  # iterations from which on a hasty phase ends where it is slow
 SHORTEST = 6  # times that a single step is halved
+ENOUGH = 0.3  # share of the forces' work along a step that is left where it ends
+LONGER, LENGTHS = 4.0, 10  # factor of a step that may go on, and lengths that are tried at most
 STALL_WINDOW = 4  # iterations over which the residual must fall by a tenth not to count as stalled
 
 
@@ -232,12 +235,8 @@ class Newton:
             falling: whether the residual must fall; from a step that bends bodies it first rises.
         """
         x, f = self.trial, self._residual
-        start, increment = x.copy(), f.duplicate()
-        self.residual_of(step)
+        start, increment = self._increment(step)
         most = f.norm() if falling else np.inf
-        self.solver.assemble(x, step, self._before)
-        x.copy(self._before)
-        self.solver.solve(f, increment)
         for cut in range(SHORTEST):
             x.waxpy(-(0.5**cut), increment, start)
             self.residual_of(step)
@@ -245,6 +244,41 @@ class Newton:
                 break
         start.destroy()
         increment.destroy()
+
+    def step_to_least_energy(self, step: StepMode, first: float) -> None:
+        """Make one Newton step, as long as the forces along it do work; collective.
+
+        Where the tangent has lost its stiffness along the step, that leads uphill: the step is made
+        the other way, and becomes longer until the forces turn round.
+
+        Args:
+            step: duration and contact modes.
+            first: m, how far the unknowns go at most in the first trial the other way.
+        """
+        x, f = self.trial, self._residual
+        start, increment = self._increment(step)
+        whole = increment.dot(f)
+
+        def work(length: float) -> float:
+            x.waxpy(-length, increment, start)
+            self.residual_of(step)
+            left: float = increment.dot(f) / whole if whole else 0.0
+            return left if np.isfinite(left) else -np.inf
+
+        furthest = increment.norm(PETSc.NormType.INFINITY)
+        length_to_least_energy(work, 1.0 if whole >= 0.0 else -min(1.0, first / furthest))
+        start.destroy()
+        increment.destroy()
+
+    def _increment(self, step: StepMode) -> tuple[PETSc.Vec, PETSc.Vec]:
+        """The trial, and what a Newton step subtracts from it; both to be destroyed; collective."""
+        x, f = self.trial, self._residual
+        start, increment = x.copy(), f.duplicate()
+        self.residual_of(step)
+        self.solver.assemble(x, step, self._before)
+        x.copy(self._before)
+        self.solver.solve(f, increment)
+        return start, increment
 
     def is_near(self, relative: float = STALLED) -> bool:
         """Whether the last phase came so near that the bodies touch where they will."""
@@ -382,3 +416,42 @@ class Newton:
         recent = self.residuals[-STALL_WINDOW - 1 :]
         stalled = len(recent) > STALL_WINDOW and recent[-1] > 0.9 * recent[0]
         return stalled and (recent[-1] <= STALLED or not self._patient)
+
+
+def length_to_least_energy(work: Callable[[float], float], first: float) -> float:
+    """Find the length of a step along which energy is nearly least; that tried last.
+
+    A step that is too long shows forces that pull back: bodies that flow yield in directions in
+    which they will not, and Newton's method then goes to and fro between lengths too long and too
+    short (H. Matthies, G. Strang, The solution of nonlinear finite element equations, 1979).
+
+    Args:
+        work: of the forces along the step at a length, over that at its start; −inf where there
+            are no numbers.
+        first: length to try; negative: the other way, and longer until the forces turn round.
+    """
+    near, at_near = 0.0, 1.0
+    length, left = first, work(first)
+    for _ in range(LENGTHS if first < 0.0 else 0):
+        if left <= ENOUGH:
+            break
+        near, at_near = length, left
+        length *= LONGER
+        left = work(length)
+    if left >= -ENOUGH:
+        return length
+    far, at_far = length, left
+    for _ in range(LENGTHS):
+        share = at_near / (at_near - at_far)
+        length = near + min(max(share, 0.1), 0.9) * (far - near)
+        left = work(length)
+        if abs(left) <= ENOUGH:
+            return length
+        if left > 0.0:
+            near, at_near = length, left
+        else:
+            far, at_far = length, left
+    if left < 0.0 and near:
+        work(near)
+        return near
+    return length
