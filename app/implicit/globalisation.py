@@ -116,8 +116,8 @@ SEARCH = SoftContact(
 )
 
 
-def phases_after(attempt: Attempt) -> tuple[Phase, ...]:
-    """What is tried after the predicted start has failed.
+def phases_after(attempt: Attempt, inside: FromInside) -> tuple[Phase, ...]:
+    """What is tried after the predicted start has failed, among it a way from ``inside``.
 
     Where a body floats, on which nothing presses, nothing is found from inside. Where pressed
     bodies rub, a shorter step is better if the iteration came near, and softer contacts are tried
@@ -125,7 +125,7 @@ def phases_after(attempt: Attempt) -> tuple[Phase, ...]:
     """
     if not attempt.has_contacts:
         return (LinearStart(),)
-    near, inside = attempt.newton.is_near(), FromInside()
+    near = attempt.newton.is_near()
     held = (HeldApproach(),) if attempt.bodies.directions else ()
     floats = attempt.step.holding is not None
     if near:
@@ -133,10 +133,11 @@ def phases_after(attempt: Attempt) -> tuple[Phase, ...]:
         return () if rubs else (inside,)
     if floats:
         return (*held, APPROACH)
-    if attempt.pressed and attempt.predictor.rubbing() and is_moved(attempt):
+    flows = any(solid.flows for solid in attempt.newton.problem.solids)
+    if attempt.pressed and attempt.predictor.rubbing() and is_moved(attempt) and not flows:
         return (*held, APPROACH, inside)
     if attempt.pressed:
-        return (inside, *held, APPROACH)
+        return (inside, APPROACH, *held)
     found = (inside, *held) if is_moved(attempt) else (*held, inside)
     return (*found, APPROACH, SEARCH)
 
@@ -155,11 +156,13 @@ def solve(attempt: Attempt) -> tuple[int, int]:
     near.
     """
     first: tuple[Phase, ...] = (PredictedStart(),)
-    if attempt.newton.inside.last:
-        first = (PredictedStart(if_near=True), FromInside(as_last=True), *first)
+    began_inside = attempt.newton.inside.last
+    if began_inside:
+        first = (PredictedStart(if_near=True), FromInside("last"), *first)
     iterations, reason = _in_turn(attempt, first)
     if reason <= 0:
-        rest = [phase for phase in phases_after(attempt) if phase not in first]
+        inside = FromInside("others" if began_inside else "all")
+        rest = [phase for phase in phases_after(attempt, inside) if phase not in first]
         attempt.return_to_start()
         more, reason = _in_turn(attempt, rest)
         iterations += more

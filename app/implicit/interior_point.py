@@ -17,6 +17,7 @@ exact laws, by which the step is solved in the end.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from mpi4py import MPI
@@ -62,6 +63,7 @@ MOST_SLIP = 30.0  # permanent slip to begin with at most, over the part of the w
 TURNED = 0.02  # first step away from a state of which the tangent lost its stiffness, in facets
 # Friction that weakens with the slip has no interior point: the exact law stays some way off.
 CLOSE, ENDED = 1e-2, 0.9  # its residual there at most, and over that before at least
+PATIENCE = 12  # iterations after which the bodies should move no further
 LIMIT = 20  # iterations for one opening
 
 Points = list[InteriorPoint | None]
@@ -72,17 +74,18 @@ class FromInside:
     """Interior points first, and from what they find Newton's method on the exact law.
 
     Attributes:
-        as_last: whether only the opening that worked last is tried.
+        openings: those that are tried: all, only the one that worked last, or the others.
     """
 
-    as_last: bool = False
+    openings: Literal["all", "last", "others"] = "all"
 
     def run(self, attempt: Attempt) -> tuple[int, int]:
         """See :class:`tribox.app.implicit.attempt.Phase`."""
         iterations, reason = 0, int(PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH)
         last = attempt.newton.inside.opening
         others = [number for number in range(len(OPENINGS)) if number != last]
-        for number in [last] if self.as_last else [last, *others]:
+        tried = {"all": [last, *others], "last": [last], "others": others}
+        for number in tried[self.openings]:
             attempt.trial.array[:] = attempt.x.array_r
             attempt.newton.begin(attempt.x)
             more, found = approached(attempt, OPENINGS[number])
@@ -117,7 +120,7 @@ def approached(attempt: Attempt, opening: Opening) -> tuple[int, bool]:
     exact, limit = np.inf, min(LIMIT, newton.options.max_iterations)
     while iterations < limit:
         left = newton.residual_of(step)
-        if not np.isfinite(left):
+        if not np.isfinite(left) or (left > SETTLED and iterations >= PATIENCE):
             return iterations, False
         settled = left < SETTLED
         if settled or flows:

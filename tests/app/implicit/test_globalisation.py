@@ -22,12 +22,22 @@ from tribox.app.implicit.globalisation import (
 )
 from tribox.app.implicit.interior_point import FromInside
 from tribox.app.implicit.linear_solver import LinearSolver
-from tribox.app.implicit.newton import EDGED, KINKED, NEWTON_PHASES, STALLED, Inside, Newton
+from tribox.app.implicit.newton import (
+    EDGED,
+    ENOUGH,
+    KINKED,
+    NEWTON_PHASES,
+    STALLED,
+    Inside,
+    Newton,
+    length_to_least_energy,
+)
 from tribox.app.implicit.options import ImplicitOptions
 
 
-def attempt(near, contacts=1, pressed=True, loose=(), rubbing=False, moved=0.0):
+def attempt(near, contacts=1, pressed=True, loose=(), rubbing=False, moved=0.0, flows=False):
     problem = SimpleNamespace(
+        solids=[SimpleNamespace(flows=flows)],
         contacts=[None] * contacts,
         comm=MPI.COMM_SELF,
         constrained_values=lambda x: x.array_r + moved,
@@ -40,20 +50,24 @@ def attempt(near, contacts=1, pressed=True, loose=(), rubbing=False, moved=0.0):
 
 
 def test_what_is_tried_after_the_prediction_depends_on_where_it_failed():
-    held, inside = HeldApproach(), FromInside()
-    assert phases_after(attempt(near=False)) == (inside, APPROACH)
-    assert phases_after(attempt(near=False, pressed=False)) == (inside, APPROACH, SEARCH)
-    assert phases_after(attempt(near=False, loose=[0])) == (inside, held, APPROACH)
-    apart = attempt(near=False, pressed=False, loose=[0])
-    assert phases_after(apart) == (held, inside, APPROACH, SEARCH)
-    driven = attempt(near=False, pressed=False, loose=[0], moved=1e-3)
-    assert phases_after(driven) == (inside, held, APPROACH, SEARCH)
-    assert phases_after(attempt(near=True, pressed=False)) == (inside,)
-    assert phases_after(attempt(near=False, rubbing=True)) == (inside, APPROACH)
-    assert phases_after(attempt(near=False, rubbing=True, moved=1e-3)) == (APPROACH, inside)
-    assert phases_after(attempt(near=True, rubbing=True)) == ()
+    held, inside = HeldApproach(), FromInside("others")
+
+    def after(*given, **more):
+        return phases_after(attempt(*given, **more), inside)
+
+    assert after(near=False) == (inside, APPROACH)
+    assert after(near=False, pressed=False) == (inside, APPROACH, SEARCH)
+    assert after(near=False, loose=[0]) == (inside, APPROACH, held)
+    assert after(near=False, pressed=False, loose=[0]) == (held, inside, APPROACH, SEARCH)
+    driven = {"near": False, "pressed": False, "loose": [0], "moved": 1e-3}
+    assert after(**driven) == (inside, held, APPROACH, SEARCH)
+    assert after(near=True, pressed=False) == (inside,)
+    assert after(near=False, rubbing=True) == (inside, APPROACH)
+    assert after(near=False, rubbing=True, moved=1e-3) == (APPROACH, inside)
+    assert after(near=False, rubbing=True, moved=1e-3, flows=True) == (inside, APPROACH)
+    assert after(near=True, rubbing=True) == ()
     for near in (True, False):
-        assert phases_after(attempt(near, contacts=0)) == (LinearStart(),)
+        assert after(near, contacts=0) == (LinearStart(),)
 
 
 class Scripted:
@@ -75,16 +89,16 @@ class Scripted:
     [
         (False, [2], [PredictedStart()], False),
         (False, [-6, 2], [PredictedStart(), FromInside()], True),
-        (True, [-6, 2], [PredictedStart(if_near=True), FromInside(as_last=True)], True),
+        (True, [-6, 2], [PredictedStart(if_near=True), FromInside("last")], True),
         (True, [2], [PredictedStart(if_near=True)], False),
         (
             True,
             [-6, -6, -6, -6, -6],
             [
                 PredictedStart(if_near=True),
-                FromInside(as_last=True),
+                FromInside("last"),
                 PredictedStart(),
-                FromInside(),
+                FromInside("others"),
                 APPROACH,
             ],
             False,
@@ -142,3 +156,38 @@ def test_patience_lets_a_phase_stall_far_from_the_solution_only(pair, patient):
         assert newton._is_stalled() == stalled
     newton.residuals = list(np.linspace(2.0, 1.0, 5) * STALLED)
     assert not newton._is_stalled()
+
+
+@pytest.mark.parametrize(
+    ("work", "first", "where"),
+    [
+        (lambda a: 1.0 - 0.9 * a, 1.0, 1.0),  # Newton's step as it should be
+        (lambda a: 1.0 - 0.2 * a, 1.0, 1.0),  # never longer than that
+        (lambda a: 1.0 - 5.0 * a, 1.0, 0.2),
+        (lambda a: 1.0 - 25.0 * a**2, 1.0, 0.2),
+        (lambda a: 1.0 - 10.0 * a if a < 0.4 else -np.inf, 1.0, 0.1),
+        (lambda a: 1.0 + 8.0 * a, -1e-3, -0.125),  # uphill: the other way
+        (lambda a: 1.0 + 8.0 * a if a > -0.2 else -np.inf, -0.05, -0.125),
+    ],
+)
+def test_a_step_ends_where_the_forces_along_it_do_no_more_work(work, first, where):
+    tried = []
+
+    def asked(length):
+        tried.append(length)
+        return work(length)
+
+    length = length_to_least_energy(asked, first)
+    assert length == tried[-1] and len(tried) <= 12
+    assert length == 1.0 == where or abs(work(length)) <= ENOUGH
+
+
+def test_a_step_of_which_no_length_is_good_ends_where_there_are_numbers():
+    """The last length may have none; the one nearest to the start that had them is made then."""
+    tried = []
+
+    def asked(length):
+        tried.append(length)
+        return 1.0 if abs(length) < 1e-3 else -np.inf
+
+    assert 0.0 < length_to_least_energy(asked, 1.0) == tried[-1] < 1e-3
