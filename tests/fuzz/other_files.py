@@ -191,16 +191,15 @@ def damaged_results(draw: st.DrawFn, good: tuple[Path, ...]) -> tuple[Path, str,
 @st.composite
 def _of_another_shape(draw: st.DrawFn, path: Path, files: list[Path]) -> bytes:
     """A file that can be read and is another: other values, rows and columns, another's content."""
-    text = path.read_text(encoding="utf-8")
     if path.suffix == ".json":
-        summary = json.loads(text)
+        summary = json.loads(path.read_text(encoding="utf-8"))
         for _ in range(draw(st.integers(1, 2))):
             key = draw(st.sampled_from(sorted(keys_of(summary), key=str)))
             # A copy: the next value may go into this one.
             place(summary, key, copy.deepcopy(draw(_JSON_VALUES)))
         return json.dumps(summary).encode()
     if path.suffix == ".csv":
-        rows = list(csv.reader(text.splitlines()))
+        rows = list(csv.reader(path.read_text(encoding="utf-8").splitlines()))
         return draw(_other_table(rows))
     if path.name == "case.toml" and draw(st.booleans()):
         return draw(changed_cases()).encode()

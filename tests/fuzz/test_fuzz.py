@@ -11,8 +11,11 @@ import random
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from tests.fuzz.campaign import SHARES, run
+from tests.fuzz.other_files import damaged_results
 
 INPUTS = int(os.environ.get("TRIBOX_FUZZ", "500"))
 FIXED = "TRIBOX_FUZZ" not in os.environ
@@ -33,3 +36,13 @@ def test_an_input_comes_to_a_result_or_to_one_line(kind, work, tmp_path):
                      for cause, (data, line) in tally.first.items())  # fmt: skip
     assert not tally.faults, f"seed {SEED}, TRIBOX_FUZZ={INPUTS}\n{told}"
     assert tally.counts["refused"] > 0
+
+
+@settings(max_examples=30, derandomize=True, suppress_health_check=list(HealthCheck))
+@given(st.data())
+def test_the_fuzzer_damages_files_that_are_no_text_too(tmp_path_factory, data):
+    directory = tmp_path_factory.getbasetemp() / "good"
+    directory.mkdir(exist_ok=True)
+    (directory / "arrays.npz").write_bytes(b"PK\xff")
+    _, name, content = data.draw(damaged_results((directory,)))
+    assert name == "arrays.npz" and (content is None or isinstance(content, str | bytes))
