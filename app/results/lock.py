@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from tribox.app.errors import InputError
-from tribox.app.results.directory import LOCK, open_own, unwritable
+from tribox.app.results.directory import LOCK, json_of, open_own, unwritable
 
 TRIES, PAUSE = 5, 0.05  # who only looks whether a directory is locked holds it for a moment
 _HELD = (errno.EAGAIN, errno.EACCES)
@@ -137,7 +137,7 @@ def in_use(directory: Path, owner: dict[str, Any]) -> str:
 def _owner(path: Path) -> dict[str, Any]:
     """What the lock says of its owner; empty where it says nothing."""
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        found = json_of(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return {}
     return found if isinstance(found, dict) else {}

@@ -13,7 +13,6 @@ Neither DOLFINx nor PETSc nor MPI is needed: what is read are the files. ::
 from __future__ import annotations
 
 import errno
-import json
 import os
 import stat
 from collections.abc import Iterable, Iterator
@@ -29,6 +28,7 @@ from tribox.app.case.case import Case
 from tribox.app.case.reading import load_past_case
 from tribox.app.case.solver import LABEL, LONGEST_LABEL
 from tribox.app.errors import InputError
+from tribox.app.results.directory import json_of
 from tribox.app.results.lock import owner_of
 from tribox.app.results.table import Table
 from tribox.app.results.vtu_reading import Grid, UnknownVtuError, read_vtu
@@ -121,7 +121,7 @@ class Results:
         if not path.exists():
             return {}
         try:
-            found = json.loads(_text(path, "a summary"))
+            found = json_of(_text(path, "a summary"))
         except ValueError:
             found = None
         if not isinstance(found, dict):

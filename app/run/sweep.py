@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import subprocess
@@ -14,7 +13,7 @@ from typing import Any
 
 from tribox.app.case.case import Case
 from tribox.app.errors import InputError, Interrupted, OutputError, SolutionError, TriboxError
-from tribox.app.results.directory import write_json, write_table
+from tribox.app.results.directory import json_of, write_json, write_table
 from tribox.app.results.status import is_done
 from tribox.app.run.forwarding import Forwarding
 from tribox.app.run.process import PARENT, tribox_command, with_sources
@@ -137,7 +136,7 @@ def part_command(case_file: Path, index: int, directory: Path, options: Sequence
 def _summary_of_part(path: Path) -> dict[str, Any] | None:
     """What the summary of a part holds; None where it is cut off, or not one of this version."""
     try:
-        summary: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        summary: dict[str, Any] = json_of(path.read_text(encoding="utf-8"))
         whole = {*KEPT, "load_steps"} <= summary.keys() and all(
             {"steady", *COLUMNS} <= row.keys() for row in summary["load_steps"]
         )

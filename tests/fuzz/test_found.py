@@ -21,6 +21,7 @@ from tribox.app.case.reading import check_case, load_case
 from tribox.app.errors import InputError, as_line
 from tribox.app.fit.data import read_data
 from tribox.app.fit.run import run_fit
+from tribox.app.report.page import write_report
 from tribox.app.results import read
 
 DEEP, LONG = 10_000, "9" * 5000
@@ -280,6 +281,17 @@ def test_a_start_that_turns_elements_inside_out_is_a_line_with_the_file(tmp_path
     case = load_case(path, [wrong])
     came_to = outcome(lambda: notes_on_building(case), tmp_path)
     assert came_to.startswith(f"refused: {path}: the start: an element has been turned inside out")
+
+
+@pytest.mark.parametrize(
+    "written", [r'{"warnings": ["\ud800"]}', "[" * 99_999], ids=["half of a pair", "nested deep"]
+)
+def test_a_summary_that_no_file_can_hold_is_a_line(written, tmp_path):
+    """Half of a pair of surrogates is JSON, but a report with it cannot be written."""
+    (tmp_path / "case.toml").write_text(FILM, encoding="utf-8")
+    (tmp_path / "summary.json").write_text(written, encoding="utf-8")
+    came_to = outcome(lambda: write_report(tmp_path), tmp_path)
+    assert came_to.startswith(f"refused: {tmp_path / 'summary.json'}: is cut off"), came_to[:300]
 
 
 def test_an_input_hangs_that_computes_for_too_long_and_not_one_that_waits_for_its_turn():
