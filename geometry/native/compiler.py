@@ -18,6 +18,8 @@ from pathlib import Path
 from tribox.geometry.compat import compiler_cache
 
 FLAGS = ("-std=gnu11", "-O3", "-fno-math-errno", "-fPIC", "-shared", "-w")
+MORE_FLAGS = "TRIBOX_CFLAGS"
+"""Variable of the environment: further options of the compiler, of sanitizers, say."""
 
 
 def compiled(source: Path) -> ctypes.CDLL | None:
@@ -29,7 +31,7 @@ def compiled(source: Path) -> ctypes.CDLL | None:
     key = hashlib.sha256(source.read_bytes())
     for header in sorted(source.parent.glob("*.h")):
         key.update(header.read_bytes())
-    key.update(" ".join((*FLAGS, platform.machine())).encode())
+    key.update(" ".join((*_flags(), platform.machine())).encode())
     file = f"libtribox_{source.stem}_{key.hexdigest()[:24]}.so"
     for directory in filter(_trusted, _caches()):
         built = directory / file
@@ -39,6 +41,10 @@ def compiled(source: Path) -> ctypes.CDLL | None:
         if loaded is not None:
             return loaded
     return None
+
+
+def _flags() -> tuple[str, ...]:
+    return (*FLAGS, *os.environ.get(MORE_FLAGS, "").split())
 
 
 def _trusted(directory: Path) -> bool:
@@ -70,7 +76,7 @@ def _build(source: Path, target: Path) -> bool:
         with tempfile.TemporaryDirectory(dir=target.parent) as scratch:
             made = Path(scratch) / target.name
             done = subprocess.run(
-                [compiler, *FLAGS, "-o", str(made), str(source), "-lm"],
+                [compiler, *_flags(), "-o", str(made), str(source), "-lm"],
                 capture_output=True,
                 check=False,
             )
