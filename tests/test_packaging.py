@@ -2,15 +2,18 @@
 
 import importlib
 import os
+import re
 import shutil
 import subprocess
 import sys
+import tarfile
 import tomllib
 import zipfile
 from pathlib import Path
 
 import pytest
 
+import tribox
 from tests.ranks import mpi_environment
 
 ROOT = Path(__file__).parents[1]
@@ -71,31 +74,114 @@ def test_every_file_that_is_no_module_is_package_data():
                 assert any(path.match(pattern) for pattern in data[package]), path
 
 
+def built(sources: Path, kind: str, target: Path) -> Path:
+    """The file that a builder (``build_wheel`` or ``build_sdist``) makes of sources."""
+    build = f"import sys; from setuptools.build_meta import {kind}; {kind}(sys.argv[1])"
+    target.mkdir()
+    command = [sys.executable, "-c", build, str(target)]
+    subprocess.run(command, cwd=sources, check=True, capture_output=True)
+    (made,) = target.iterdir()
+    return made
+
+
 @pytest.fixture(scope="module")
-def installed(tmp_path_factory) -> Path:
-    """A directory that a wheel of the sources has been unpacked into."""
-    here = tmp_path_factory.mktemp("packaging")
-    sources, target = here / "sources", here / "installed"
-    sources.mkdir()
+def sources(tmp_path_factory) -> Path:
+    """A copy of what packages are made from, links as links."""
+    here = tmp_path_factory.mktemp("packaging") / "sources"
+    here.mkdir()
     for name in ("src", *TOP, "cases"):
         skipped = shutil.ignore_patterns("__pycache__", "*.egg-info")
-        shutil.copytree(ROOT / name, sources / name, symlinks=True, ignore=skipped)
-    for name in ("pyproject.toml", "README.md", "LICENSE"):
-        shutil.copy(ROOT / name, sources)
-    build = "import sys; from setuptools.build_meta import build_wheel; build_wheel(sys.argv[1])"
-    command = [sys.executable, "-c", build, str(here)]
-    subprocess.run(command, cwd=sources, check=True, capture_output=True)
-    (wheel,) = here.glob("*.whl")
-    zipfile.ZipFile(wheel).extractall(target)
+        shutil.copytree(ROOT / name, here / name, symlinks=True, ignore=skipped)
+    for path in ROOT.iterdir():
+        if path.is_file():
+            shutil.copy(path, here)
+    return here
+
+
+@pytest.fixture(scope="module")
+def unpacked(sources) -> Path:
+    """What is in an sdist of the sources."""
+    target = sources.with_name("unpacked")
+    with tarfile.open(built(sources, "build_sdist", sources.with_name("sdist"))) as sdist:
+        sdist.extractall(target, filter="data")
+    (top,) = target.iterdir()
+    return top
+
+
+@pytest.fixture(scope="module")
+def installed(unpacked, sources) -> Path:
+    """A directory that a wheel of the sdist has been unpacked into."""
+    target = sources.with_name("installed")
+    zipfile.ZipFile(built(unpacked, "build_wheel", sources.with_name("wheel"))).extractall(target)
     return target
 
 
-def test_a_wheel_holds_the_package_and_nothing_else(installed):
+CARRIED = (
+    "app/case/materials.toml",
+    "app/init/own-mesh.geo",
+    "app/init/two-blocks.toml",
+    "app/report/template.html",
+    "cases/block-slide.toml",
+    "cases/data/tribometer-synthetic.csv",
+    "cases/forming/own-mesh.geo",
+    "forms/native/lanes.h",
+    "forms/native/plane_kernel.c",
+    "geometry/native/closest_points.c",
+)
+
+
+def test_sdist_and_wheel_hold_the_package_and_nothing_else(unpacked, installed):
     assert {path.name.split("-")[0] for path in installed.iterdir()} == {"tribox"}
-    for top in (*TOP, "cases"):
-        for path in (ROOT / top).rglob("*"):
-            if path.is_file() and path.suffix != ".pyc":
-                assert (installed / "tribox" / path.relative_to(ROOT)).is_file(), path
+    for package in (unpacked / "src" / "tribox", installed / "tribox"):
+        for name in CARRIED:
+            assert (package / name).read_bytes() == (ROOT / name).read_bytes()
+        for top in (*TOP, "cases"):
+            for path in (ROOT / top).rglob("*"):
+                if path.is_file() and path.suffix != ".pyc":
+                    assert (package / path.relative_to(ROOT)).is_file(), path
+    made = {"PKG-INFO", "setup.cfg", "build"}
+    assert {path.name for path in unpacked.iterdir()} - made == {
+        "src",
+        *("CHANGELOG.md", "CITATION.cff", "LICENSE", "MANIFEST.in", "README.md"),
+        *("pyproject.toml", "setup.py"),
+    }
+
+
+def test_a_release_has_one_version_everywhere():
+    version = project()["project"]["version"]
+    assert tribox.__version__ == version
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    (cited,) = re.findall(r"^version: (.*)$", citation, re.MULTILINE)
+    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    released, day = re.findall(r"^## \[(\d.*)\] - (\S+)$", changes, re.MULTILINE)[0]
+    assert (cited, released) == (version, version)
+    assert f"\ndate-released: {day}\n" in citation
+
+
+def test_a_checkout_without_symbolic_links_runs_and_is_not_packaged(sources, tmp_path):
+    tree = tmp_path / "tree"
+    shutil.copytree(sources, tree, symlinks=True)
+    for name in (*TOP, "cases"):
+        link = tree / "src" / "tribox" / name
+        content = os.readlink(link)
+        link.unlink()
+        link.write_text(content)
+    script = (
+        "from tribox.app.bench.bench import DEFAULT_CASE as case; from tribox import load_case; "
+        "import tribox.forms.friction, tribox.geometry.native; print(load_case(case).title)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", script],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(tree / "src")},
+        capture_output=True,
+        text=True,
+    )
+    assert (done.returncode, done.stderr) == (0, "") and done.stdout.strip()
+    with pytest.raises(subprocess.CalledProcessError) as refused:
+        built(tree, "build_wheel", tmp_path / "wheel")
+    last = refused.value.stderr.decode().splitlines()[-1]
+    assert last.startswith("src/tribox/app is no directory: ") and "core.symlinks" in last
 
 
 SCRIPT = """

@@ -16,7 +16,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-import tribox
 from tribox.app.bench.comparison import Comparison, compare, compile_modules
 from tribox.app.bench.comparison_tables import all_jobs, job_table
 from tribox.app.bench.jobs import LEVELS, Job, check_has_iterations, jobs_of, levels_of
@@ -25,7 +24,7 @@ from tribox.app.bench.sides import Side, sides_of
 from tribox.app.bench.tables import Measured, tables
 from tribox.app.errors import InputError
 
-DEFAULT_CASE = Path(tribox.__file__).with_name("cases") / "block-slide.toml"
+DEFAULT_CASE = Path(__file__).parents[2] / "cases" / "block-slide.toml"
 # Other benchmarks by name: the module whose ``lines()`` measures and yields the report's lines.
 NAMED = {"law": "tribox.app.bench.law", "explicit": "tribox.app.bench.explicit"}
 

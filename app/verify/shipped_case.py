@@ -7,14 +7,13 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-import tribox
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.case.reading import load_case
 from tribox.app.simulation.observer import Observer
 from tribox.app.simulation.simulation import Simulation
 
-CASES = Path(tribox.__file__).with_name("cases")
+CASES = Path(__file__).parents[2] / "cases"
 
 
 def solve(

@@ -7,6 +7,7 @@ What most scripts need is here: :func:`load_case`, :func:`check_case`, :func:`ru
 
 from __future__ import annotations
 
+import os
 import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
@@ -28,6 +29,10 @@ _ROOMS = {
     "read": "app.results",
     "run_case": "app.run",
 }
+
+if not os.path.isdir(os.path.join(__path__[0], "app")):
+    # A checkout without symbolic links: what they would lead to stands at its top.
+    __path__.append(os.path.dirname(os.path.dirname(__path__[0])))
 
 
 def __getattr__(name: str) -> Any:
