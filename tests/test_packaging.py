@@ -154,8 +154,18 @@ def test_a_release_has_one_version_everywhere():
     (cited,) = re.findall(r"^version: (.*)$", citation, re.MULTILINE)
     changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     released, day = re.findall(r"^## \[(\d.*)\] - (\S+)$", changes, re.MULTILINE)[0]
-    assert (cited, released) == (version, version)
+    recipe = (ROOT / "conda" / "recipe.yaml").read_text(encoding="utf-8")
+    (packed,) = re.findall(r"^  version: (\d.*)$", recipe, re.MULTILINE)
+    assert (cited, released, packed) == (version, version, version)
     assert f"\ndate-released: {day}\n" in citation
+
+
+def test_the_conda_package_needs_what_pip_s_needs():
+    recipe = (ROOT / "conda" / "recipe.yaml").read_text(encoding="utf-8")
+    listed = recipe.partition("  run:\n")[2].partition("\n\n")[0]
+    run = {re.sub(r"#.*|\s", "", line).removeprefix("-") for line in listed.splitlines()}
+    needed = set(project()["project"]["dependencies"]) - {"matplotlib"} | {"matplotlib-base"}
+    assert needed <= run
 
 
 def test_a_checkout_without_symbolic_links_runs_and_is_not_packaged(sources, tmp_path):
