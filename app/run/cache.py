@@ -9,6 +9,7 @@ import tempfile
 from pathlib import Path
 
 from tribox.app.errors import InputError
+from tribox.app.run.process import is_first_rank
 
 VARIABLE = "XDG_CACHE_HOME"
 
@@ -32,7 +33,7 @@ def ensure_cache() -> None:
             f"directory, named by {VARIABLE}"
         )
     os.environ[VARIABLE] = str(ours)
-    if os.environ.get("OMPI_COMM_WORLD_RANK", "0") == "0":
+    if is_first_rank():
         print(f"note: {usual} cannot be written: compiled forms go to {ours}", file=sys.stderr)
 
 

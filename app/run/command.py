@@ -16,8 +16,7 @@ from tribox.app.results.directory import check_free, checkpoint_numbers, default
 from tribox.app.results.earlier_sweep import sweep_labels
 from tribox.app.results.inputs import input_files
 from tribox.app.results.status import is_done
-from tribox.app.run.ending import ranks_around
-from tribox.app.run.process import lasting_imports
+from tribox.app.run.process import lasting_imports, ranks_around
 from tribox.app.run.ranks import run_on_ranks
 
 

@@ -3,23 +3,15 @@
 from __future__ import annotations
 
 import errno
-import os
 import sys
 import traceback
 from typing import NoReturn
 
 from tribox.app.errors import InputError, OutputError, SolutionError, TriboxError, as_line
+from tribox.app.run.process import is_first_rank, ranks_around
 from tribox.app.run.ranks import INTERRUPTED, tell_exit_code
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
-
-
-def ranks_around() -> int:
-    """Number of ranks this process was started with, without starting MPI."""
-    for name in ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "PMIX_SIZE"):
-        if name in os.environ:
-            return int(os.environ[name])
-    return 1
 
 
 def end_with(error: Exception) -> NoReturn:
@@ -70,5 +62,5 @@ def _abort(code: int) -> NoReturn:
 
 def _say_once(line: str) -> None:
     """Print a line to standard error, on the first rank only."""
-    if os.environ.get("OMPI_COMM_WORLD_RANK", "0") == "0":
+    if is_first_rank():
         print(f"tribox: {line}", file=sys.stderr)

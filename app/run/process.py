@@ -82,7 +82,7 @@ def leave_at_once(number: int, frame: FrameType | None) -> None:
 
     In the middle of imports an exception ends in others' errors, or is lost.
     """
-    if os.environ.get("OMPI_COMM_WORLD_RANK", "0") == "0":
+    if is_first_rank():
         os.write(2, b"tribox: interrupted\n")
     os._exit(130)
 
@@ -92,6 +92,21 @@ def obey_signals(handler: Callable[[int, FrameType | None], None] = interrupt) -
     for number in STOPPING:
         if signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, handler)
+
+
+def ranks_around() -> int:
+    """Number of ranks this process was started with, without starting MPI."""
+    for name in ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "PMIX_SIZE"):
+        if name in os.environ:
+            return int(os.environ[name])
+    # Of srun with PMIx a rank learns its own number, and that of all as of any of Slurm's tasks.
+    return int(os.environ.get("SLURM_STEP_NUM_TASKS", "1")) if "PMIX_RANK" in os.environ else 1
+
+
+def is_first_rank() -> bool:
+    """Whether this is the first of the ranks, or no rank, without starting MPI."""
+    names = ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK")
+    return next((os.environ[name] for name in names if name in os.environ), "0") == "0"
 
 
 def tribox_command(*words: str, before: Sequence[str] = ()) -> list[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import time
 from collections.abc import Iterable, Mapping
@@ -15,7 +14,7 @@ from tribox.app.case.case import Case
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.results.saving import Saving
 from tribox.app.run.log import Log
-from tribox.app.run.process import drop_output
+from tribox.app.run.process import drop_output, ranks_around
 from tribox.app.run.stage_progress import StageProgress, StagesProgress
 from tribox.app.simulation.failure_diagnosis import reason_of
 from tribox.app.simulation.history import Row
@@ -70,8 +69,7 @@ class Reporter(Observer):
         self._progress = StagesProgress(case)
         self._touching = bool(case.contact)
         self._bars: StageBars | None = None
-        alone = "OMPI_COMM_WORLD_SIZE" not in os.environ
-        if self._console is None or not alone or quiet:
+        if self._console is None or ranks_around() > 1 or quiet:
             return
         if self._console.file.isatty() and not self._console.is_dumb_terminal:
             from tribox.app.run.stage_bars import StageBars

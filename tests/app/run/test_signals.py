@@ -19,6 +19,7 @@ from tests.app.simulation.test_explicit_run import THROWN
 from tests.ranks import LIMIT
 from tribox.app.results import read
 from tribox.app.results.directory import LOCK, RESERVE
+from tribox.app.run.process import is_first_rank, ranks_around
 
 STEP = re.compile(r"(\[.*\] )?(step|row|time step) +\d+ ")
 SWEEP = '[sweep]\nkey = "contact.0.friction.mu"\nvalues = [0.1, 0.2, 0.3]\n'
@@ -127,6 +128,27 @@ def test_a_signal_while_the_program_starts_is_no_traceback(
     )
     assert (done.returncode, done.stderr) == (130, "tribox: interrupted\n")
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("around", "ranks", "first"),
+    [
+        ({}, 1, True),
+        ({"OMPI_COMM_WORLD_SIZE": "3", "OMPI_COMM_WORLD_RANK": "1", "PMIX_RANK": "1"}, 3, False),
+        # What srun --mpi=pmix sets, and what stands around a job's script.
+        ({"PMIX_RANK": "1", "SLURM_STEP_NUM_TASKS": "2", "SLURM_NTASKS": "2"}, 2, False),
+        ({"PMIX_RANK": "0", "SLURM_STEP_NUM_TASKS": "2"}, 2, True),
+        ({"SLURM_STEP_NUM_TASKS": "2", "SLURM_NTASKS": "2"}, 1, True),
+        ({"PMI_RANK": "1", "PMI_SIZE": "2"}, 2, False),
+    ],
+)
+def test_ranks_are_known_by_what_starts_them(monkeypatch, around, ranks, first):
+    for name in os.environ:
+        if name.startswith(("OMPI_", "PMI", "SLURM_")):
+            monkeypatch.delenv(name)
+    for name, value in around.items():
+        monkeypatch.setenv(name, value)
+    assert (ranks_around(), is_first_rank()) == (ranks, first)
 
 
 def long(*values: object):
