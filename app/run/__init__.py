@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
-
+TYPE_CHECKING = False  # without typing: see tribox.app.run.process
 if TYPE_CHECKING:
+    from typing import Any
+
     from tribox.app.run.run import run_case
 
 __all__ = ["run_case"]

@@ -16,7 +16,7 @@ from tribox.app.results.directory import check_free, checkpoint_numbers, default
 from tribox.app.results.earlier_sweep import sweep_labels
 from tribox.app.results.inputs import input_files
 from tribox.app.results.status import is_done
-from tribox.app.run.process import lasting_imports, ranks_around
+from tribox.app.run.process import lasting_imports, nothing_begun, ranks_around
 from tribox.app.run.ranks import run_on_ranks
 
 
@@ -70,7 +70,8 @@ def run_command(case_file: Path, options: RunOptions) -> int:
     if options.force and (options.resume or options.extend):
         raise InputError("--force begins anew, --resume and --extend go on: give one of them")
     directory = options.out or default_directory(case_file)
-    case, case_file, runs_code = _trusted_case(case_file, options)
+    with nothing_begun():
+        case, case_file, runs_code = _trusted_case(case_file, options)
     changes = [word for item in options.overrides for word in ("--set", item)]
     changes += ["--trust"] * runs_code
     _keep_results_apart(directory, case, case_file, options)

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-import ctypes
 import errno
 import gc
 import io
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from pathlib import Path
-from types import FrameType
-from typing import Any, TextIO
 
 import tribox
-from tribox.app.errors import OutputError
+
+# What takes long to import is so where it is needed: until this module is there, a signal ends the
+# process as Python would.
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from types import FrameType
+    from typing import Any, TextIO
 
 PARENT = "TRIBOX_PARENT"
 """Variable of the environment: id of the process of tribox that waits for this one."""
@@ -40,25 +42,35 @@ def begin_process() -> None:
 
 
 @contextmanager
-def lasting_imports() -> Iterator[None]:
-    """Import what stays to the end: the garbage collector looks through it neither now nor later.
+def nothing_begun() -> Iterator[None]:
+    """Nothing has been begun that a signal could cut short: it ends the process at once.
 
-    Nothing has been begun by then that a signal could cut short.
-
-    Imports make a million objects. Looking through them again and again, and once more at the end
-    of Python, costs more than all other collections of a run.
+    In imports, and in what pydantic makes of a case, an exception would become another one.
     """
     ours = [number for number in STOPPING if signal.getsignal(number) is interrupt]
     for number in ours:
         signal.signal(number, leave_at_once)
-    gc.disable()
     try:
         yield
     finally:
-        gc.freeze()
-        gc.enable()
         for number in ours:
             signal.signal(number, interrupt)
+
+
+@contextmanager
+def lasting_imports() -> Iterator[None]:
+    """Import what stays to the end: the garbage collector looks through it neither now nor later.
+
+    Imports make a million objects. Looking through them again and again, and once more at the end
+    of Python, costs more than all other collections of a run.
+    """
+    gc.disable()
+    try:
+        with nothing_begun():
+            yield
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def collect_the_rest() -> None:
@@ -78,10 +90,7 @@ def interrupt(number: int, frame: FrameType | None) -> None:
 
 
 def leave_at_once(number: int, frame: FrameType | None) -> None:
-    """End as a signal ends a command that has not begun anything.
-
-    In the middle of imports an exception ends in others' errors, or is lost.
-    """
+    """End as a signal ends a command that has not begun anything."""
     if is_first_rank():
         os.write(2, b"tribox: interrupted\n")
     os._exit(130)
@@ -123,7 +132,7 @@ def tribox_command(*words: str, before: Sequence[str] = ()) -> list[str]:
 
 def with_sources(environment: Mapping[str, str]) -> dict[str, str]:
     """An environment in which another process finds this package, wherever it was found."""
-    root = str(Path(tribox.__file__).parents[1])
+    root = os.path.dirname(tribox.__path__[0])
     path = environment.get("PYTHONPATH")
     return {**environment, "PYTHONPATH": f"{root}{os.pathsep}{path}" if path else root}
 
@@ -142,6 +151,8 @@ def leave_signals_alone() -> None:
 
 def end_with_parent(number: signal.Signals) -> None:
     """Have the kernel send this process a signal when the thread that started it is gone."""
+    import ctypes
+
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(number), 0, 0, 0)
 
 
@@ -174,9 +185,14 @@ def end_process() -> None:
     """
     for number in STOPPING:
         signal.signal(number, signal.SIG_IGN)
+    # Python ends by SIGINT, whatever the exit code, if the last text that it ran as code (as
+    # dataclasses are made of) was interrupted: have it run another.
+    eval("0")
     try:
         sys.stdout.flush()
     except OSError as error:
+        from tribox.app.errors import OutputError
+
         drop_output()
         print(f"tribox: what is printed cannot be written ({error.strerror})", file=sys.stderr)
         sys.exit(OutputError.exit_code)

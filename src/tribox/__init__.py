@@ -10,9 +10,11 @@ from __future__ import annotations
 import os
 import sys
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
 
+TYPE_CHECKING = False  # without typing: see tribox.app.run.process
 if TYPE_CHECKING:
+    from typing import Any
+
     from tribox.app.case import Case, check_case, json_schema, load_case
     from tribox.app.results import Results, read
     from tribox.app.run import run_case

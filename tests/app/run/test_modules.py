@@ -55,6 +55,17 @@ def test_a_run_with_figures_loads_what_it_needs(case_file, block, tmp_path):
     assert {"numpy.f2py", "scipy.sparse.csgraph", "scipy.spatial.transform"} <= set(waiting)
 
 
+def test_little_is_loaded_before_signals_are_obeyed():
+    script = (
+        "import sys; import tribox.__main__, tribox.app.run.process; "
+        "print(*{'ctypes', 'pathlib', 'typing'} & set(sys.modules))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-S", "-c", script], cwd=ROOT / "src", capture_output=True, text=True
+    )
+    assert (done.stdout, done.stderr) == ("\n", "")
+
+
 def test_what_waits_is_there_when_it_is_asked_for():
     script = """
 from tribox.app.run.late_modules import LATE, load_late

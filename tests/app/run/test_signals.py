@@ -103,18 +103,34 @@ def assert_stopped(process: subprocess.Popen[str], out: Path) -> None:
     assert_tidy(out)
 
 
+LOST = """
+import os
+try:
+    os.kill(os.getpid(), {})
+except BaseException:
+    raise {} from None
+"""
+INDENTED = LOST.replace("\n", "\n    ")
+
+
 @pytest.mark.parametrize(
-    ("module", "number"),
-    [("typer", signal.SIGINT), ("pydantic", signal.SIGTERM), ("dolfinx", signal.SIGHUP)],
+    ("module", "number", "text"),
+    [
+        ("typer", signal.SIGINT, LOST),
+        ("pydantic", signal.SIGTERM, LOST),
+        ("dolfinx", signal.SIGHUP, LOST),
+        # Where the case is read.
+        ("tomllib", signal.SIGINT, "TOMLDecodeError = ValueError\ndef loads(text):" + INDENTED),
+    ],
+    ids=lambda given: given if isinstance(given, str) and given.isalpha() else "",
 )
 def test_a_signal_while_the_program_starts_is_no_traceback(
-    case_file, block, environment, tmp_path, module, number
+    case_file, block, environment, tmp_path, module, number, text
 ):
     """It comes while a module is imported, which makes another error of an exception."""
     (tmp_path / "first").mkdir()
     (tmp_path / "first" / f"{module}.py").write_text(
-        f"import os\ntry:\n    os.kill(os.getpid(), {int(number)})\nexcept BaseException:\n"
-        "    raise ImportError('in the middle')\n"
+        text.format(int(number), "ImportError('in the middle')")
     )
     path = f"{tmp_path / 'first'}{os.pathsep}{environment['PYTHONPATH']}"
     words = ["run", str(case_file(block)), "--out", str(tmp_path / "out")]
@@ -128,6 +144,19 @@ def test_a_signal_while_the_program_starts_is_no_traceback(
     )
     assert (done.returncode, done.stderr) == (130, "tribox: interrupted\n")
     assert not (tmp_path / "out").exists()
+
+
+def test_what_is_interrupted_in_text_run_as_code_ends_with_its_own_code(environment, tmp_path):
+    """As in the making of a dataclass; Python itself would end by SIGINT."""
+    (tmp_path / "made.py").write_text(
+        "import os, sys\nfrom tribox.app.run.process import end_process, obey_signals\n"
+        "obey_signals()\n"
+        "try:\n    exec('os.kill(os.getpid(), 1)\\nfor i in range(9): pass')\n"
+        "except KeyboardInterrupt:\n    end_process()\n    sys.exit(130)\n"
+    )
+    path = f"{tmp_path}{os.pathsep}{environment['PYTHONPATH']}"
+    command = [sys.executable, "-P", "-m", "made"]
+    assert subprocess.run(command, env=environment | {"PYTHONPATH": path}).returncode == 130
 
 
 @pytest.mark.parametrize(
