@@ -206,7 +206,7 @@ def damaged(draw: st.DrawFn, good: bytes) -> bytes:
         return draw(st.binary(max_size=64))
     if kind == 2:
         encoding = draw(st.sampled_from(["utf-16", "utf-8-sig", "utf-32", "latin-1", "utf-16-le"]))
-        return good.decode("utf-8").encode(encoding, "replace")
+        return good.decode("utf-8", "replace").encode(encoding, "replace")
     data = good
     for _ in range(draw(st.integers(1, 3))):
         low = draw(st.integers(0, len(data)))

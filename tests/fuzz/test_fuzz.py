@@ -15,6 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tests.fuzz.campaign import SHARES, run
+from tests.fuzz.case_files import damaged
 from tests.fuzz.other_files import damaged_results
 
 INPUTS = int(os.environ.get("TRIBOX_FUZZ", "500"))
@@ -38,11 +39,12 @@ def test_an_input_comes_to_a_result_or_to_one_line(kind, work, tmp_path):
     assert tally.counts["refused"] > 0
 
 
-@settings(max_examples=30, derandomize=True, suppress_health_check=list(HealthCheck))
+@settings(max_examples=200, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(st.data())
 def test_the_fuzzer_damages_files_that_are_no_text_too(tmp_path_factory, data):
     directory = tmp_path_factory.getbasetemp() / "good"
     directory.mkdir(exist_ok=True)
     (directory / "arrays.npz").write_bytes(b"PK\xff")
     _, name, content = data.draw(damaged_results((directory,)))
+    assert isinstance(data.draw(damaged(b"PK\xff")), bytes)
     assert name == "arrays.npz" and (content is None or isinstance(content, str | bytes))
