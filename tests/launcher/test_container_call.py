@@ -26,6 +26,7 @@ def test_the_program_reads_checkout_and_working_directory(docker: Machine, tmp_p
     assert values(call, "--workdir") == [str(working)]
     assert values(call, "--volume") == [f"{docker.checkout}:/tribox:ro", f"{working}:{working}:ro"]
     assert f"TRIBOX_RESULTS={working}/results" in values(call, "--env")
+    assert {"NO_COLOR", "PYTEST_ADDOPTS", "TRIBOX_CFLAGS"} <= set(values(call, "--env"))
 
 
 @pytest.mark.parametrize("engine", ["docker", "podman"])
