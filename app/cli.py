@@ -322,15 +322,23 @@ def fit(
         list[str] | None,
         typer.Option("--start", metavar="KEY=VALUE", help="where the search begins"),
     ] = None,
+    law: Annotated[
+        str, typer.Option(help="friction-map, or without a film stribeck or coulomb")
+    ] = "friction-map",
+    ignored: Annotated[
+        str | None,
+        typer.Option("--ignore-columns", metavar="NAME,...", help="columns that are not read"),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option(help="results directory (default: results/DATA-fit)")
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="replace results that are there")] = False,
 ) -> None:
-    """Calibrate parameters of the friction-map law to tribometer data."""
+    """Calibrate a friction law to tribometer data: the friction map, Stribeck or Coulomb."""
     from tribox.app.fit.run import run_fit
 
-    run_fit(data, parameters, fixed or [], start or [], out, force)
+    unread = [name.strip() for name in (ignored or "").split(",") if name.strip()]
+    run_fit(data, parameters, fixed or [], start or [], out, force, law, unread)
 
 
 @cli.command()

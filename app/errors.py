@@ -34,6 +34,11 @@ class TriboxError(Exception):
         """Take a message, whatever it quotes."""
         super().__init__(as_line(message))
 
+    @property
+    def said(self) -> tuple[str, ...]:
+        """The lines that the program prints as it ends."""
+        return (str(self),)
+
 
 class InputError(TriboxError):
     """The case file, an option or a file it names is wrong; nothing was run.
@@ -44,11 +49,17 @@ class InputError(TriboxError):
 
     exit_code = 2
 
-    def __init__(self, message: str = "", more: Sequence[str] = ()) -> None:
-        """Take what is wrong, and what ``more`` is, a line each."""
-        note = f" (and {len(more)} more; tribox check lists them)" if more else ""
+    def __init__(self, message: str = "", more: Sequence[str] = (), *, told: bool = False) -> None:
+        """Take what is wrong, and what ``more`` is, a line each; all are said if ``told``."""
+        note = f" (and {len(more)} more; tribox check lists them)" if more and not told else ""
         super().__init__(message + note)
         self.lines = tuple(map(as_line, (message, *more)))
+        self._told = told
+
+    @property
+    def said(self) -> tuple[str, ...]:
+        """The first of the lines, or all of them."""
+        return self.lines if self._told else (str(self),)
 
 
 class SolutionError(TriboxError):

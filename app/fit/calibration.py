@@ -32,8 +32,9 @@ from tribox.app.fit.judgement import (
     star_warning,
     with_star_warning,
 )
-from tribox.app.fit.model import RANGES, Coordinate, friction, with_values
+from tribox.app.fit.model import RANGES, Coordinate, Parameters, friction, with_values
 from tribox.app.fit.result import Estimate, FitResult, Found
+from tribox.forms.friction.coulomb import CoulombParameters
 from tribox.forms.friction.parameters import FrictionMapParameters
 
 Floats = NDArray[np.float64]
@@ -62,7 +63,7 @@ class Calibration:
     def __init__(
         self,
         data: TribometerData,
-        base: FrictionMapParameters,
+        base: Parameters,
         coordinates: Sequence[Coordinate],
         starts: Mapping[str, float] | None = None,
     ) -> None:
@@ -101,13 +102,19 @@ class Calibration:
         if self.star is not None and self.coordinates[self.star].key == "gamma":
             eta = next(
                 (v for c, v in zip(self.coordinates, values, strict=True) if c.key == "eta_b"),
-                self.base.eta_b,
+                self._map.eta_b,
             )
             # V* at D_max, so that gamma is eta_b V*^2 whatever the films of the data are.
             values[self.star] = eta * math.exp(2.0 * float(x[self.star]))
         return values
 
-    def parameters(self, x: Floats) -> FrictionMapParameters:
+    @property
+    def _map(self) -> FrictionMapParameters:
+        """The law, where its film is asked for."""
+        assert isinstance(self.base, FrictionMapParameters)
+        return self.base
+
+    def parameters(self, x: Floats) -> Parameters:
         """The law at search coordinates."""
         return with_values(self.base, self.coordinates, self._values(x))
 
@@ -119,10 +126,11 @@ class Calibration:
             elif c.key == "mu_d":
                 if self._mu_s is not None:
                     limits[i] = [math.log(1e-4), 0.0]
-                else:
+                elif not isinstance(self.base, CoulombParameters):
                     limits[i][1] = math.log(self.base.mu_s)
-            elif c.key == "mu_s" and self._mu_d is None and self.base.mu_d is not None:
-                limits[i][0] = math.log(max(self.base.mu_d, RANGES["mu_s"].lowest))
+            elif c.key == "mu_s" and self._mu_d is None:
+                least = getattr(self.base, "mu_d", None) or 0.0
+                limits[i][0] = math.log(max(least, RANGES["mu_s"].lowest))
         low, high = np.array(limits).T
         return low, high
 
@@ -149,7 +157,7 @@ class Calibration:
     # -- starts ------------------------------------------------------------------------------------
 
     def _first(self) -> Iterator[Floats]:
-        """Starting points: guesses from the data, and several for the start of the weakening."""
+        """Starting points: guesses from the data, and several for where the weakening lies."""
         low, high = self._bounds()
         x = np.array([self._guess(c) for c in self.coordinates])
         keys = [c.key for c in self.coordinates]
@@ -161,6 +169,11 @@ class Calibration:
             return
         slips = self.data.slip[~self.data.steady]
         variants = [x]
+        if "V_s" in keys and "V_s" not in self._starts:
+            variants = [x.copy() for _ in range(4)]
+            shares = np.quantile(np.log(self.data.velocity), [0.1, 0.35, 0.6, 0.9])
+            for at, share in zip(variants, shares, strict=True):
+                at[keys.index("V_s")] = float(share)
         if "A_d" in keys and "A_d" not in self._starts and slips.size:
             variants = []
             for share in (0.02, 0.1, 0.3):
@@ -179,24 +192,47 @@ class Calibration:
             return c.to_search(self._starts[c.key])
         data = self.data
         ratio = data.traction / data.pressure
+        if not isinstance(self.base, FrictionMapParameters):
+            return self._guess_without_film(c, ratio)
         if c.key == "mu_d":
             mu_s = self._starts.get("mu_s", float(ratio.max()))
             mu_d = self._starts.get("mu_d", 0.8 * mu_s)
             return math.log(min(mu_d / mu_s, 1.0)) if self._mu_s is not None else math.log(mu_d)
         if c.key == "mu_s":
-            dry = data.thickness <= self.base.D_min
+            dry = data.thickness <= self._map.D_min
             return math.log(float((ratio[dry] if dry.any() else ratio).max()))
         if c.key == "eta_b":
-            wet = data.thickness > self.base.D_min
+            wet = data.thickness > self._map.D_min
             viscosity = (data.traction * data.thickness / data.velocity)[wet]
             return math.log(float(viscosity.min())) if viscosity.size else math.log(0.1)
         if c.key == "alpha":
             rows = data.thickness == c.film
             slow = float(ratio[rows][np.argmin(data.velocity[rows])])
-            mu = max(self._starts.get("mu_s", float(ratio.max())), self.base.mu_dynamic)
+            mu = max(self._starts.get("mu_s", float(ratio.max())), self._map.mu_dynamic)
             return c.to_search(min(max(1.0 - slow / mu, 0.02), 1.0 - 1e-6))
         if c.key == "gamma":
             return math.log(RANGES["V_star"].start)
+        return c.to_search(RANGES[c.key].start)
+
+    def _guess_without_film(self, c: Coordinate, ratio: Floats) -> float:
+        """Search coordinate to start from, of a law that asks for no film."""
+        V, slow = self.data.velocity, float(ratio[np.argmin(self.data.velocity)])
+        if c.key == "mu":
+            return math.log(float(np.median(ratio)))
+        if c.key == "mu_s":
+            return math.log(max(slow, float(getattr(self.base, "mu_d", 0.0))))
+        if c.key == "mu_d":
+            mu_s = self._starts.get("mu_s", slow)
+            share = 0.8 * self._starts.get("mu_d", float(ratio.min())) / mu_s
+            return min(math.log(share), -0.01) + (0.0 if self._mu_s is not None else math.log(mu_s))
+        if c.key == "viscous":
+            T = self.data.traction
+            fastest = int(np.argmax(V))
+            rise = max(float(T[fastest] - T.min()), 0.01 * float(T[fastest]))
+            return math.log(rise / float(V[fastest]))
+        if c.key == "K_T" and not self.data.steady.all():
+            moved = ~self.data.steady
+            return math.log(float(np.max(self.data.traction[moved] / self.data.slip[moved])))
         return c.to_search(RANGES[c.key].start)
 
     # -- search ------------------------------------------------------------------------------------
@@ -239,19 +275,19 @@ class Calibration:
     def _reduced_speeds(self) -> Floats:
         """Logarithms of the V* at which each row would be right at it, sorted, without repeats."""
         D, V = self.data.thickness, self.data.velocity
-        rows = (D > self.base.D_min) & (D < self.base.D_max)
+        rows = (D > self._map.D_min) & (D < self._map.D_max)
         reduced = np.log(V[rows] * np.sqrt(D[rows] / self._reference))
         return np.asarray(np.unique(np.round(reduced, 9)))
 
     @property
     def _reference(self) -> float:
         """m, film thickness at which the search coordinate of V* holds."""
-        return self.base.D_max if self.base.V_star_at is None else self.base.V_star_at
+        return self._map.D_max if self._map.V_star_at is None else self._map.V_star_at
 
     def _in_transition(self, star: float) -> int:
         """Number of rows whose speed lies within the transition."""
         ratio = np.exp(self._reduced_speeds() - star)
-        return int(np.sum(np.abs(ratio - 1.0) < self.base.transition_width))
+        return int(np.sum(np.abs(ratio - 1.0) < self._map.transition_width))
 
     def _search_star(self, speeds: Floats) -> tuple[Found, Ends, list[Found]]:
         """Best minimum over the gaps between reduced speeds, interval of ln V*, others as good."""
@@ -290,7 +326,7 @@ class Calibration:
 
         A wider transition than the one assumed has V* elsewhere: anywhere between those rows.
         """
-        width = self.base.transition_width
+        width = self._map.transition_width
         below = speeds[speeds <= (-math.inf if low is None else low + math.log1p(-width) + ROUNDED)]
         above = speeds[speeds >= (math.inf if high is None else high + math.log1p(width) - ROUNDED)]
         return (
@@ -304,7 +340,7 @@ class Calibration:
         Returns:
             The edges, and the intervals without any row in the transition, by number.
         """
-        width = self.base.transition_width
+        width = self._map.transition_width
         both = np.concatenate([speeds - math.log1p(width), speeds - math.log1p(-width)])
         ends = np.unique(np.round(both, 9))
         edges = np.concatenate([[ends[0] - 2.0], ends, [ends[-1] + 2.0]])
@@ -383,7 +419,7 @@ class Calibration:
                 power = 2.0 if c.key == "gamma" else 1.0
                 low, high = (None if end is None else scale * math.exp(power * end) for end in star)
                 few = self._rests_on_few(found)
-                warning = star_warning(c.name, *star, self.base.transition_width if few else None)
+                warning = star_warning(c.name, *star, self._map.transition_width if few else None)
             estimates.append(Estimate(c, value, low, high, warning))
         parameters = self.parameters(found.x)
         return FitResult(

@@ -6,7 +6,7 @@ import csv
 import difflib
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -37,6 +37,8 @@ OBSERVED = ("traction", "force", "friction_coefficient", "effective_viscosity")
 CONSTANTS = ("thickness", "velocity", "pressure", "load", "area")
 """Columns that one value may stand for."""
 MOST_ROWS = 5000
+MOST_TOLD = 20
+"""Faults of a file that are told; of more only the number."""
 _LONGEST_HEADING = 200
 _SHOWN = 60  # letters of a cell in a message
 _HEADER = re.compile(r"\s*([^\[\]]+?)\s*(?:\[([^\[\]]*)\])?\s*")
@@ -47,13 +49,14 @@ class TribometerData:
     """Measured friction; every array is (n,).
 
     Attributes:
-        thickness: m, film thickness D.
+        thickness: m, film thickness D; 0 is dry.
         velocity: m/s.
         pressure: Pa, load per area.
         traction: Pa, friction force per area.
         slip: m, distance slid since rest; NaN where sliding was steady.
         weight: Of the squared residual.
         observed: Name of the column that the traction was found from.
+        knows_film: Whether there is a film thickness; without it the thickness stands at 0.
     """
 
     thickness: Floats
@@ -63,6 +66,7 @@ class TribometerData:
     slip: Floats
     weight: Floats
     observed: str
+    knows_film: bool = True
 
     def __len__(self) -> int:
         return len(self.traction)
@@ -73,7 +77,12 @@ class TribometerData:
         return np.isnan(self.slip)
 
 
-def read_data(path: Path, constants: Mapping[str, float] | None = None) -> TribometerData:
+def read_data(
+    path: Path,
+    constants: Mapping[str, float] | None = None,
+    ignored: Sequence[str] = (),
+    needs_film: bool = True,
+) -> TribometerData:
     """Read a data file.
 
     Lines that begin with "#" are comments. The header names columns of ``COLUMNS`` with their unit,
@@ -82,37 +91,114 @@ def read_data(path: Path, constants: Mapping[str, float] | None = None) -> Tribo
     Args:
         path: The file.
         constants: Columns of ``CONSTANTS`` that the file does not have, SI.
+        ignored: Columns of any name, with or without their unit, that are not read.
+        needs_film: Whether the law to fit asks for a film thickness.
 
     Raises:
-        InputError: A column, a unit or a value is wrong; the message names the line.
+        InputError: Columns, units or values are wrong; its lines name all of them.
     """
     lines = list(_records(path))
     if not lines:
         raise InputError(f"{path}: is empty; the first line names the columns")
     (number, header), rows = lines[0], lines[1:]
-    columns = [_column(path, number, text) for text in header]
-    names = [name for name, _ in columns]
-    for name in names:
-        if names.count(name) > 1:
-            raise InputError(f"{path}:{number}: column {name} is there twice")
+    columns = _columns(path, number, header, ignored)
     if not rows:
         raise InputError(f"{path}: has no data below the header")
     if len(rows) > MOST_ROWS:
         reason = f"has {len(rows)} rows of data; at most {MOST_ROWS} can be fitted at a time"
         raise InputError(f"{path}: {reason}: average those that repeat a measurement")
-    for line, row in rows:
-        if len(row) != len(columns):
-            reason = f"has {len(row)} values for {len(columns)} columns of the header"
-            raise InputError(f"{path}:{line}: {reason}")
-    table: dict[str, Floats] = {
-        name: np.array([_value(path, line, row[i], name, unit) for line, row in rows])
-        for i, (name, unit) in enumerate(columns)
-    }
+    table = _table(path, columns, rows, len(header))
     for name, value in (constants or {}).items():
         if name in table:
             raise InputError(f"{path}: column {name} is in the file, so --fix {name} cannot be")
         table[name] = np.full(len(rows), value)
-    return _assembled(path, table, [line for line, _ in rows])
+    return _assembled(path, table, [line for line, _ in rows], needs_film)
+
+
+def _columns(
+    path: Path, number: int, header: list[str], ignored: Sequence[str]
+) -> dict[int, tuple[str, str]]:
+    """Name and unit as written of each column that is read, by its place."""
+    unread = {place for place, text in enumerate(header) if _is_named(text, ignored)}
+    for name in ignored:
+        if not any(_is_named(text, [name]) for text in header):
+            there = ", ".join(text.strip()[:_SHOWN] for text in header)
+            raise InputError(f'--ignore-columns: no column "{name}" in {path}; there are {there}')
+    found: dict[int, tuple[str, str]] = {}
+    wrong = []
+    strange = {p: _name(t) for p, t in enumerate(header) if p not in unread and _is_strange(t)}
+    if strange:
+        words = ", ".join(f'"{header[place].strip()[:_SHOWN]}"' for place in strange)
+        wrong.append(
+            f"{path}:{number}: no such column{'s' * (len(strange) > 1)} {words}; there are "
+            f"{', '.join(COLUMNS)}; take other columns out, or leave them unread with "
+            f'--ignore-columns "{",".join(strange.values())}"'
+        )
+    for place, text in enumerate(header):
+        if place not in unread and place not in strange:
+            try:
+                found[place] = _column(path, number, text)
+            except InputError as error:
+                wrong.append(str(error))
+    names = [name for name, _ in found.values()]
+    twice = dict.fromkeys(name for name in names if names.count(name) > 1)
+    wrong += [f"{path}:{number}: column {name} is there twice" for name in twice]
+    _refuse(wrong)
+    return found
+
+
+def _name(text: str) -> str:
+    """The name in a heading, without its unit."""
+    match = _HEADER.fullmatch(text) if len(text) <= _LONGEST_HEADING else None
+    return match[1] if match else text.strip()[:_SHOWN]
+
+
+def _is_named(text: str, names: Sequence[str]) -> bool:
+    """Whether a heading is one of some names, its unit written or not."""
+    return text.strip() in names or _name(text) in names
+
+
+def _is_strange(text: str) -> bool:
+    """Whether a heading is far from the name of every column, and not several in one."""
+    name = _name(text)
+    near = difflib.get_close_matches(name[:_SHOWN].lower(), COLUMNS, n=1)
+    return not near and ";" not in text and "\t" not in text
+
+
+def _table(
+    path: Path,
+    columns: Mapping[int, tuple[str, str]],
+    rows: Sequence[tuple[int, list[str]]],
+    width: int,
+) -> dict[str, Floats]:
+    """The columns, each (n,), SI.
+
+    Raises:
+        InputError: rows are wrong; a line for each of the first ``MOST_TOLD``.
+    """
+    table: dict[str, Floats] = {name: np.zeros(len(rows)) for name, _ in columns.values()}
+    wrong = []
+    for k, (line, row) in enumerate(rows):
+        if len(row) != width:
+            reason = f"has {len(row)} values for {width} columns of the header"
+            wrong.append(f"{path}:{line}: {reason}")
+            continue
+        for place, (name, unit) in columns.items():
+            try:
+                table[name][k] = _value(path, line, row[place], name, unit)
+            except InputError as error:
+                wrong.append(str(error))
+    _refuse(wrong)
+    return table
+
+
+def _refuse(wrong: Sequence[str]) -> None:
+    """Raise what is wrong, if anything is, a line each."""
+    if wrong:
+        more = list(wrong[1:MOST_TOLD])
+        if len(wrong) > MOST_TOLD:
+            more.append(f"... and {len(wrong) - MOST_TOLD} more")
+        raise InputError(wrong[0], more, told=True)
 
 
 def _records(path: Path) -> Iterator[tuple[int, list[str]]]:
@@ -129,7 +215,7 @@ def _records(path: Path) -> Iterator[tuple[int, list[str]]]:
 def _column(path: Path, line: int, text: str) -> tuple[str, str]:
     """Name of a column and its unit as written."""
     match = _HEADER.fullmatch(text) if len(text) <= _LONGEST_HEADING else None
-    name = match[1] if match else text.strip()
+    name = _name(text)
     if match is None or name not in COLUMNS:
         if ";" in text or "\t" in text:
             found = "semicolons" if ";" in text else "tabs"
@@ -137,12 +223,10 @@ def _column(path: Path, line: int, text: str) -> tuple[str, str]:
                 f"{path}:{line}: columns separated by {found}; write commas between them, and a "
                 "point before decimals"
             )
-        near = difflib.get_close_matches(name[:_SHOWN].lower(), COLUMNS, n=1)
-        hint = f"there are {', '.join(COLUMNS)}; take other columns out"
-        if near:
-            unit = COLUMNS[near[0]].unit
-            in_brackets = f', with its unit in brackets as in "{near[0]} [{unit}]"' if unit else ""
-            hint = f'did you mean "{near[0]}"{in_brackets}?'
+        near = difflib.get_close_matches(name[:_SHOWN].lower(), COLUMNS, n=1)[0]
+        unit = COLUMNS[near].unit
+        in_brackets = f', with its unit in brackets as in "{near} [{unit}]"' if unit else ""
+        hint = f'did you mean "{near}"{in_brackets}?'
         raise InputError(f'{path}:{line}: no such column "{text.strip()[:_SHOWN]}"; {hint}')
     unit, written = COLUMNS[name].unit, match[2]
     if not unit:
@@ -177,15 +261,19 @@ def _no_number(text: str) -> str:
     return "must be a number, with a point before decimals" if comma else "must be a number"
 
 
-def _assembled(path: Path, table: dict[str, Floats], lines: list[int]) -> TribometerData:
+def _assembled(
+    path: Path, table: dict[str, Floats], lines: list[int], needs_film: bool
+) -> TribometerData:
     """Pressure and traction from what there is."""
     seen = [name for name in OBSERVED if name in table]
     if len(seen) != 1:
         found = " and ".join(seen) if seen else "none"
         raise InputError(f"{path}: needs one column of {', '.join(OBSERVED)}; found {found}")
-    for name in ("thickness", "velocity"):
-        if name not in table:
-            raise _missing(path, name)
+    knows_film = "thickness" in table
+    if not knows_film and (needs_film or seen[0] == "effective_viscosity"):
+        raise _missing(path, "thickness", _OTHER_LAWS if needs_film else "")
+    if "velocity" not in table:
+        raise _missing(path, "velocity")
     if ("pressure" in table) == ("load" in table):
         found = "both" if "load" in table else "neither"
         constant = "" if "load" in table else '; one value for all rows: --fix "pressure=VALUE Pa"'
@@ -196,7 +284,7 @@ def _assembled(path: Path, table: dict[str, Floats], lines: list[int]) -> Tribom
     ones = np.ones(len(lines))
     area = table.get("area", ones)
     pressure = table["pressure"] if "pressure" in table else table["load"] / area
-    D, V, observed = table["thickness"], table["velocity"], table[seen[0]]
+    D, V, observed = table.get("thickness", 0.0 * ones), table["velocity"], table[seen[0]]
     if seen[0] == "effective_viscosity" and (D == 0.0).any():
         line = lines[int(np.argmax(D == 0.0))]
         raise InputError(f"{path}:{line}: thickness = 0: a dry contact has no effective viscosity")
@@ -214,12 +302,16 @@ def _assembled(path: Path, table: dict[str, Floats], lines: list[int]) -> Tribom
         slip=table.get("slip", math.nan * ones),
         weight=table.get("weight", ones),
         observed=seen[0],
+        knows_film=knows_film,
     )
 
 
-def _missing(path: Path, name: str) -> InputError:
+_OTHER_LAWS = "; --law stribeck and --law coulomb ask for none"
+
+
+def _missing(path: Path, name: str, otherwise: str = "") -> InputError:
     unit = COLUMNS[name].unit
     return InputError(
         f'{path}: column {name} is missing; add "{name} [{unit}]", or one value for all rows with '
-        f'--fix "{name}=VALUE {unit}"'
+        f'--fix "{name}=VALUE {unit}"{otherwise}'
     )

@@ -12,13 +12,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from tribox.app.figures.style import COLOURS, MARKERS, STYLE, save
+from tribox.app.figures.style import COLOURS, MARKERS, STYLE, save, thin_log_ticks
 from tribox.app.figures.symbols import LOCAL_RATIO, SLIP, TRACTION, VELOCITY, VISCOSITY
 from tribox.app.fit.data import TribometerData
-from tribox.app.fit.model import friction
+from tribox.app.fit.model import Parameters, friction
 from tribox.app.fit.result import FitResult
 from tribox.forms.closed_forms.homogeneous_sliding import threshold_speed
+from tribox.forms.friction.coulomb import CoulombParameters
 from tribox.forms.friction.parameters import FrictionMapParameters
+from tribox.forms.friction.stribeck import StribeckParameters
 
 Floats = NDArray[np.float64]
 
@@ -27,6 +29,11 @@ AXES = {
     "force": TRACTION.label("kPa"),
     "friction_coefficient": LOCAL_RATIO.label(),
     "effective_viscosity": f"{VISCOSITY.name} {VISCOSITY.symbol} = T D/V ({VISCOSITY.unit})",
+}
+_NAMES: dict[type[Parameters], str] = {
+    FrictionMapParameters: "friction map",
+    StribeckParameters: "Stribeck law",
+    CoulombParameters: "Coulomb law",
 }
 
 
@@ -57,7 +64,8 @@ def draw_fit(data: TribometerData, result: FitResult, figures: Path) -> None:
 
 
 def _title(figure: Figure, data: TribometerData, result: FitResult) -> None:
-    text = f"{len(data)} rows; lines: fitted law; scatter {result.scatter:.2%}"
+    text = f"{len(data)} rows; lines: fitted {_NAMES[type(result.parameters)]}; "
+    text += f"scatter {result.scatter:.2%}"
     if result.warnings:
         names = ", ".join(e.coordinate.name for e in result.estimates if e.warning)
         text += f"\nnot determined: {names}"
@@ -80,9 +88,11 @@ def _panel(top: Axes, bottom: Axes, data: TribometerData, result: FitResult, ste
 
 
 def _finish(top: Axes, bottom: Axes, data: TribometerData, steady: bool) -> None:
-    top.set_yscale("log" if steady else "linear")
+    shown = _shown(data, data.traction, np.arange(len(data)))[data.steady]
+    spans = bool(steady and shown.max() > 10.0 * shown.min())
+    top.set_yscale("log" if spans else "linear")
     top.set_xscale("log" if steady else "linear")
-    if not steady:
+    if not spans:
         top.set_ylim(bottom=0.0)
     top.set_ylabel(AXES[data.observed])
     top.legend(fontsize=8, frameon=True, framealpha=0.9, edgecolor="none")
@@ -91,6 +101,7 @@ def _finish(top: Axes, bottom: Axes, data: TribometerData, steady: bool) -> None
     bottom.set_xlabel(VELOCITY.label() if steady else SLIP.label("µm"))
     largest = float(np.max(np.abs(bottom.get_ylim())))
     bottom.set_ylim(-largest, largest)
+    thin_log_ticks(top)
 
 
 def _groups(data: TribometerData, steady: bool) -> Iterator[_Group]:
@@ -103,14 +114,15 @@ def _groups(data: TribometerData, steady: bool) -> Iterator[_Group]:
     ]
     for D, p, V in sorted(set(keys)):
         rows = chosen[[key == (D, p, V) for key in keys]]
-        label = f"D = {D * 1e9:g} nm" if D > 0.0 else "dry (D = 0)"
-        label += f", p = {p / 1e6:g} MPa" if several_loads else ""
-        label += f", V = {V:g} m/s" if several_speeds else ""
+        words = ["dry (D = 0)" if D <= 0.0 else f"D = {D * 1e9:g} nm"] * data.knows_film
+        words += [f"p = {p / 1e6:g} MPa"] * several_loads
+        words += [f"V = {V:g} m/s"] * several_speeds
+        label = ", ".join(words) or "measured"
         yield _Group(rows, float(D), float(p), None if steady else float(V), label)
 
 
 def _line(
-    axes: Axes, data: TribometerData, parameters: FrictionMapParameters, group: _Group, colour: str
+    axes: Axes, data: TribometerData, parameters: Parameters, group: _Group, colour: str
 ) -> None:
     """The fitted law through a group."""
     if group.velocity is None:
@@ -129,8 +141,8 @@ def _line(
     if group.velocity is not None:
         axes.plot(slip * 1e6, shown, color=colour, lw=1)
         return
-    star = float(threshold_speed(group.thickness, parameters))
-    if group.thickness < parameters.D_max:  # No line across the fall at V*.
+    if isinstance(parameters, FrictionMapParameters) and group.thickness < parameters.D_max:
+        star = float(threshold_speed(group.thickness, parameters))  # No line across the fall there.
         shown[np.abs(velocity / star - 1.0) <= max(parameters.transition_width, 0.01)] = np.nan
     axes.plot(velocity, shown, color=colour, lw=1)
 
@@ -141,7 +153,9 @@ def _open_speeds(
     """The speeds at which a group's film may take over, where the data do not determine V*."""
     law = result.parameters
     star = next((e for e in result.estimates if e.coordinate.key in ("V_star", "gamma")), None)
-    if star is None or not star.warning or not law.D_min < group.thickness < law.D_max:
+    if not isinstance(law, FrictionMapParameters) or star is None or not star.warning:
+        return
+    if not law.D_min < group.thickness < law.D_max:
         return
     at = float(threshold_speed(group.thickness, law))
     power = 0.5 if star.coordinate.key == "gamma" else 1.0

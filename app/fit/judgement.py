@@ -34,6 +34,10 @@ CURES = {
     "beta": "dry rows, and slow ones with films between D_min and D_max",
     "V_star": "rows close below and above the threshold speed",
     "gamma": "rows close below and above the threshold speed",
+    "mu": "rows that slide",
+    "V_s": "rows at velocities over which the friction falls",
+    "delta": "rows at velocities over which the friction falls",
+    "viscous": "faster rows, in which the friction rises",
 }
 """Rows that would determine a parameter."""
 

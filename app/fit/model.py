@@ -2,7 +2,7 @@ r"""What a fit varies: coordinates of the search, and the friction they give.
 
 Rows with a slip are one step of the law from rest: for a path in one direction at constant speed
 backward Euler is exact, whatever its length. Rows without are steady sliding, where the
-coefficient of friction has come down to mu_d (where B > 0).
+coefficient of friction of the friction map has come down to mu_d (where B > 0).
 """
 
 from __future__ import annotations
@@ -19,11 +19,19 @@ from numpy.typing import NDArray
 from tribox.app.errors import InputError
 from tribox.app.fit.data import TribometerData
 from tribox.forms.closed_forms.homogeneous_sliding import presliding_length
+from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 from tribox.forms.friction.film_map import at_rest
 from tribox.forms.friction.friction_map import FrictionMap
+from tribox.forms.friction.law import FrictionLaw
 from tribox.forms.friction.parameters import FrictionMapParameters
+from tribox.forms.friction.stribeck import StribeckLaw, StribeckParameters
 
 Floats = NDArray[np.float64]
+Parameters = FrictionMapParameters | StribeckParameters | CoulombParameters
+
+RIGID = 1e18
+"""Pa/m, K_T of Stribeck and Coulomb friction where it is neither fitted nor fixed: the case then
+takes one of its mesh, and rows with a slip count as sliding."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +55,19 @@ RANGES: dict[str, Range] = {
     "beta": Range("", 1e-8, 1e3, 1.0),
     "V_star": Range("m/s", 1e-15, 1e3, 1e-3),
     "gamma": Range("N/s", 1e-45, 1e20, 1e-10),
+    "mu": Range("", 1e-6, 10.0, 0.15),
+    "V_s": Range("m/s", 1e-15, 1e3, 1e-3),
+    "delta": Range("", 0.05, 20.0, 1.0),
+    "viscous": Range("Pa*s/m", 1e-6, 1e15, 1e3),
 }
+LAWS: dict[str, tuple[str, ...]] = {
+    "friction-map": (
+        *("mu_s", "mu_d", "A_d", "B", "K_T", "eta_b", "alpha", "beta", "V_star", "gamma"),
+    ),
+    "stribeck": ("mu_s", "mu_d", "V_s", "delta", "viscous", "K_T"),
+    "coulomb": ("mu", "K_T"),
+}
+"""What can be fitted of each law."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +104,7 @@ class Coordinate:
         return self.to_search(limits.lowest), self.to_search(limits.highest)
 
 
-def coordinates(names: Sequence[str], data: TribometerData, base: FrictionMapParameters) -> tuple[
+def coordinates(names: Sequence[str], data: TribometerData, base: Parameters) -> tuple[
     Coordinate, ...
 ]:  # fmt: skip
     """The coordinates of the parameters to fit; alpha has one for each film in between.
@@ -97,6 +117,7 @@ def coordinates(names: Sequence[str], data: TribometerData, base: FrictionMapPar
         if name != "alpha":
             found.append(Coordinate(name, name))
             continue
+        assert isinstance(base, FrictionMapParameters)
         inside = (data.thickness > base.D_min) & (data.thickness < base.D_max)
         films = sorted({float(D) for D in data.thickness[inside]})
         if not films:
@@ -115,8 +136,8 @@ def coordinates(names: Sequence[str], data: TribometerData, base: FrictionMapPar
 
 
 def with_values(
-    base: FrictionMapParameters, coordinates: Sequence[Coordinate], values: Sequence[float]
-) -> FrictionMapParameters:
+    base: Parameters, coordinates: Sequence[Coordinate], values: Sequence[float]
+) -> Parameters:
     """The parameters with the values of some coordinates, SI."""
     changes: dict[str, Any] = {}
     table: list[tuple[float, float]] = []
@@ -131,8 +152,10 @@ def with_values(
     return dataclasses.replace(base, **changes)
 
 
-def friction(parameters: FrictionMapParameters, data: TribometerData) -> Floats:
+def friction(parameters: Parameters, data: TribometerData) -> Floats:
     """Traction of every row, (n,), Pa."""
+    if isinstance(parameters, StribeckParameters | CoulombParameters):
+        return _without_film(parameters, data)
     # Neither a memory of alpha nor a lag in it has a part in sliding at one speed.
     parameters = dataclasses.replace(parameters, switch="implicit", reentry="literal")
     out = np.empty(len(data))
@@ -147,11 +170,24 @@ def friction(parameters: FrictionMapParameters, data: TribometerData) -> Floats:
             steady_law,
         )
         slip = np.where(np.isfinite(lengths), 10.0 * lengths, 1.0)
-        out[steady] = _one_step(steady_law, rows, slip)
+        out[steady] = _one_step(FrictionMap(steady_law), rows, slip)
     if not steady.all():
         rows = _rows(data, ~steady)
-        out[~steady] = _one_step(parameters, rows, rows.slip)
+        out[~steady] = _one_step(FrictionMap(parameters), rows, rows.slip)
     return out
+
+
+def _without_film(parameters: StribeckParameters | CoulombParameters, data: TribometerData) -> (
+    Floats
+):  # fmt: skip
+    """Traction of every row under a law that asks for no film, (n,), Pa."""
+    law: FrictionLaw
+    if isinstance(parameters, CoulombParameters):
+        law, most = CoulombLaw(parameters), parameters.mu
+    else:
+        law, most = StribeckLaw(parameters), parameters.mu_s
+    sliding = 10.0 * most * data.pressure / parameters.K_T
+    return _one_step(law, data, np.where(data.steady, sliding, data.slip))
 
 
 def _at_steady_friction(parameters: FrictionMapParameters) -> FrictionMapParameters:
@@ -164,14 +200,13 @@ def _rows(data: TribometerData, rows: NDArray[np.bool_]) -> TribometerData:
     picked: Mapping[str, Any] = {
         field.name: getattr(data, field.name)[rows]
         for field in dataclasses.fields(data)
-        if field.name != "observed"
+        if field.name not in ("observed", "knows_film")
     }
-    return TribometerData(**picked, observed=data.observed)
+    return TribometerData(**picked, observed=data.observed, knows_film=data.knows_film)
 
 
-def _one_step(parameters: FrictionMapParameters, data: TribometerData, slip: Floats) -> Floats:
+def _one_step(law: FrictionLaw, data: TribometerData, slip: Floats) -> Floats:
     """Traction after a slip from rest, at the speed of each row, (n,), Pa."""
-    law = FrictionMap(parameters)
     state = law.initial_state(len(data), 1)
     # One time step for all rows, short against the time that each has slid; the slip before it
     # is put into the state as elastic slip, which the step then releases as it would have been.

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tribox.app.fit.model import Coordinate
-from tribox.forms.friction.parameters import FrictionMapParameters
+from tribox.app.fit.model import Coordinate, Parameters
 
 Floats = NDArray[np.float64]
 
@@ -47,7 +46,7 @@ class FitResult:
         correlated: Names of the coordinates that have a slope.
     """
 
-    parameters: FrictionMapParameters
+    parameters: Parameters
     estimates: tuple[Estimate, ...]
     traction: Floats
     scatter: float

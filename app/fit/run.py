@@ -7,6 +7,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from tribox.app.fit.calibration import Calibration
 from tribox.app.fit.data import TribometerData
 from tribox.app.fit.judgement import CONFIDENCE
@@ -38,6 +40,8 @@ def run_fit(
     start: Sequence[str],
     out: Path | None,
     force: bool,
+    law: str = "friction-map",
+    ignored: Sequence[str] = (),
 ) -> FitResult:
     """Fit, and write numbers, figure and a section for case files.
 
@@ -48,11 +52,13 @@ def run_fit(
         start: "key=value" texts.
         out: Results directory; None: ``results/DATA-fit``.
         force: Whether to replace results.
+        law: That is fitted: friction-map, stribeck or coulomb.
+        ignored: Columns that are not read.
 
     Raises:
         InputError: Data, options or directory are not usable; nothing is changed then.
     """
-    setup = fit_setup(data_file, parameters, fixed, start)
+    setup = fit_setup(data_file, parameters, fixed, start, law, ignored)
     directory = out or suffixed_directory(data_file, "fit")
     keep_input(directory, data_file)
     with claimed(directory, force) as claim:
@@ -76,6 +82,7 @@ def numbers(setup: FitSetup, result: FitResult, data_file: Path) -> dict[str, An
     """What ``fit.json`` holds."""
     return {
         "data": data_file.name,
+        "law": setup.law,
         "rows": len(setup.data),
         "observed": setup.data.observed,
         "parameters": {
@@ -116,7 +123,11 @@ def report(setup: FitSetup, result: FitResult) -> Iterator[str]:
         loose = ", ".join(e.coordinate.name for e in result.estimates if e.warning)
         yield f"note: only comments in friction.toml, as the data do not determine them: {loose}"
     if result.scatter > BAD_SCATTER:
-        yield f"warning: scatter of {result.scatter:.0%}: the law does not describe these data"
+        other = ""
+        if setup.law == "friction-map" and len(np.unique(setup.data.thickness)) == 1:
+            other = "; of one film thickness, or of none that you know, try --law stribeck"
+        reason = f"scatter of {result.scatter:.0%}: the law does not describe these data"
+        yield f"warning: {reason}{other}"
     if setup.assumed:
         shown = ", ".join(setup.assumed)
         yield f"note: assumed, neither fitted nor fixed (values in friction.toml): {shown}"
@@ -126,7 +137,7 @@ def _rows(data: TribometerData, result: FitResult) -> Iterator[list[Any]]:
     for i in range(len(data)):
         slip = float(data.slip[i])
         yield [
-            float(data.thickness[i]),
+            float(data.thickness[i]) if data.knows_film else "",
             float(data.velocity[i]),
             float(data.pressure[i]),
             "" if math.isnan(slip) else slip,

@@ -10,13 +10,22 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from tribox.app.case.friction import FrictionMap
 from tribox.app.case.toml_writer import toml_text
-from tribox.app.fit.model import RANGES
+from tribox.app.fit.model import RANGES, Parameters
 from tribox.app.fit.result import Estimate, FitResult
 from tribox.app.fit.setup import FitSetup
 from tribox.forms.friction.parameters import FrictionMapParameters
 
+_STIFF = "without it the case takes 10 times the softer body's shear modulus per facet length"
+ABSENT_WITHOUT_FILM = {
+    "delta": "without it the case takes delta = 1",
+    "viscous": "without it the case takes viscous = 0 Pa*s/m",
+    "K_T": _STIFF,
+}
+"""The same as ``ABSENT`` for Stribeck and Coulomb friction."""
 ABSENT = {
     "mu_d": "without it the case takes mu_d = mu_s",
     "A_d": "without it the case takes A_d = 0 m",
@@ -37,17 +46,22 @@ def friction_section(setup: FitSetup, result: FitResult, data_file: Path) -> str
         *(f"# NOT DETERMINED: {line}" for line in result.warnings),
         *([f"# assumed: {', '.join(setup.assumed)}"] if setup.assumed else []),
     ]
+    if setup.law == "friction-map":
+        films = ", ".join(f'"{D * 1e9:g} nm"' for D in np.unique(setup.data.thickness))
+        comments.append(f"# the case needs contact.film.thickness too; the data's: {films}")
     lines = _lines(_table(setup, result), result)
     return "\n".join([*comments, "[contact.friction]", *lines]) + "\n"
 
 
-def estimate_line(estimate: Estimate, law: FrictionMapParameters) -> str:
+def estimate_line(estimate: Estimate, law: Parameters) -> str:
     """Such as "eta_b = 0.503 Pa*s (0.489 to 0.517)"; an open end is a question mark."""
     unit = RANGES[estimate.coordinate.key].unit
     digits = 6 if estimate.coordinate.key == "alpha" else 4
     ends = ["?" if end is None else f"{end:.{digits}g}" for end in (estimate.low, estimate.high)]
     shown = f"{estimate.value:.{digits}g} {unit}".strip()
-    film = law.V_star_at if estimate.coordinate.key == "V_star" else None
+    film = None
+    if estimate.coordinate.key == "V_star" and isinstance(law, FrictionMapParameters):
+        film = law.V_star_at
     where = f" at {film * 1e9:g} nm" if film is not None else ""
     return f"{estimate.coordinate.name}{where} = {shown} ({ends[0]} to {ends[1]})"
 
@@ -94,13 +108,14 @@ def _lines(table: dict[str, Any], result: FitResult) -> Iterator[str]:
     keys = {c.key for c in loose if c.key != "alpha"}
     if "V_star" in keys:
         keys.add("V_star_at")
+    absent = ABSENT if table["law"] == "friction-map" else ABSENT_WITHOUT_FILM
     alpha = table.get("alpha")
     if films and (not isinstance(alpha, list) or len(films) == len(alpha)):
         keys.add("alpha")
     for key, value in table.items():
         line = toml_text({key: value}).strip()
         if key in keys:
-            yield f"# {line}  # not determined: {ABSENT.get(key, NEEDED)}"
+            yield f"# {line}  # not determined: {absent.get(key, NEEDED)}"
         elif key == "alpha" and films:
             yield from _alpha_lines(value, films)
         else:

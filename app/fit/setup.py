@@ -9,13 +9,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tribox.app.case.friction import FrictionMap
+from tribox.app.case.friction import Coulomb, FrictionMap, Stribeck
 from tribox.app.case.overrides import apply_override
 from tribox.app.case.quantities import QuantityError, parse_quantity
 from tribox.app.errors import InputError
 from tribox.app.fit.data import COLUMNS, CONSTANTS, TribometerData, read_data
-from tribox.app.fit.model import RANGES
+from tribox.app.fit.model import LAWS, RANGES, RIGID, Parameters
 from tribox.app.friction_map.setup import validated_contact
+from tribox.forms.friction.coulomb import CoulombParameters
 from tribox.forms.friction.parameters import FrictionMapParameters
 
 ASSUMED: dict[str, Any] = {
@@ -28,10 +29,15 @@ ASSUMED: dict[str, Any] = {
 """What is neither fitted nor fixed."""
 WEAKENING = ("mu_d", "A_d", "B")
 EXCLUSIVE = (("alpha", "beta"), ("V_star", "gamma"))
-FIXABLE = tuple(key for key in FrictionMap.model_fields if key not in ("law", "switch", "reentry"))
+TABLES: dict[str, type[FrictionMap] | type[Stribeck] | type[Coulomb]] = {
+    "friction-map": FrictionMap,
+    "stribeck": Stribeck,
+    "coulomb": Coulomb,
+}
+NOT_FIXABLE = ("law", "switch", "reentry")
 TOLD = (
     *("mu_s", "A_d", "B", "K_T", "eta_b", "D_min", "D_max", "alpha", "beta", "V_star"),
-    *("V_star_at", "gamma", "transition_width", "flow_rule"),
+    *("V_star_at", "gamma", "transition_width", "flow_rule", "delta", "viscous"),
 )
 """Keys whose assumed values are told."""
 
@@ -41,6 +47,7 @@ class FitSetup:
     """A fit as asked for.
 
     Attributes:
+        law: Of ``LAWS``.
         data: Measured friction.
         names: Parameters to fit.
         fixed: Keys of the law given by the user, as written.
@@ -49,11 +56,12 @@ class FitSetup:
         starts: By key, SI.
     """
 
+    law: str
     data: TribometerData
     names: tuple[str, ...]
     fixed: dict[str, Any]
-    base: FrictionMapParameters
-    friction: FrictionMap
+    base: Parameters
+    friction: FrictionMap | Stribeck | Coulomb
     starts: dict[str, float]
 
     @property
@@ -61,7 +69,7 @@ class FitSetup:
         """What was neither fitted nor fixed, as in a case file."""
         dump = self.friction.model_dump(mode="json", exclude_none=True)
         hidden = {"law", "preset", *self.names, *self.fixed, *_displaced(self.names)}
-        if "mu_d" not in (*self.names, *self.fixed):
+        if self.law == "friction-map" and "mu_d" not in (*self.names, *self.fixed):
             hidden |= {*WEAKENING}  # mu_d follows mu_s.
         if "V_star" in self.names:
             hidden.add("V_star_at")
@@ -69,22 +77,36 @@ class FitSetup:
 
 
 def fit_setup(
-    data_file: Path, parameters: str | None, fixed: Sequence[str], start: Sequence[str]
+    data_file: Path,
+    parameters: str | None,
+    fixed: Sequence[str],
+    start: Sequence[str],
+    law: str = "friction-map",
+    ignored: Sequence[str] = (),
 ) -> FitSetup:
     """Read data and options; see :func:`tribox.app.fit.run.run_fit` for them, and for errors."""
-    given = _settings(fixed, "--fix", (*FIXABLE, *CONSTANTS))
+    if law not in LAWS:
+        raise InputError(f"--law {law}: no such law; {_hint(law, list(LAWS))}")
+    keys = tuple(key for key in TABLES[law].model_fields if key not in NOT_FIXABLE)
+    given = _settings(fixed, "--fix", (*keys, *CONSTANTS))
     constants = {key: _column_value(key, given.pop(key)) for key in CONSTANTS if key in given}
-    data = read_data(data_file, constants)
-    names = _names(parameters) if parameters else None
+    data = read_data(data_file, constants, ignored, needs_film=law == "friction-map")
+    names = _names(parameters, law) if parameters else None
     if names is None:
-        names = tuple(name for name in _suggested(data, given) if name not in given)
+        suggested = _suggested(data, given) if law == "friction-map" else _usual(law, data)
+        names = tuple(name for name in suggested if name not in given)
     _check_names(names, given)
-    friction, base = _base(names, given, data)
+    friction: FrictionMap | Stribeck | Coulomb
+    base: Parameters
+    if law == "friction-map":
+        friction, base = _base(names, given, data)
+    else:
+        friction, base = _base_without_film(law, names, given)
     starts = {
         key: _start(key, value, names)
-        for key, value in _settings(start, "--start", tuple(RANGES)).items()
+        for key, value in _settings(start, "--start", LAWS[law]).items()
     }
-    return FitSetup(data, names, given, base, friction, starts)
+    return FitSetup(law, data, names, given, base, friction, starts)
 
 
 def _settings(items: Sequence[str], option: str, known: Sequence[str]) -> dict[str, Any]:
@@ -128,13 +150,15 @@ def _start(key: str, value: object, names: Sequence[str]) -> float:
     return number
 
 
-def _names(parameters: str) -> tuple[str, ...]:
+def _names(parameters: str, law: str) -> tuple[str, ...]:
+    known = LAWS[law]
     names = tuple(name.strip() for name in parameters.split(",") if name.strip())
     if not names:
-        raise InputError(f'--parameters "{parameters}": names none; there are {", ".join(RANGES)}')
+        raise InputError(f'--parameters "{parameters}": names none; there are {", ".join(known)}')
     for name in names:
-        if name not in RANGES:
-            raise InputError(f'--parameters: no such parameter "{name}"; {_hint(name, [*RANGES])}')
+        if name not in known:
+            reason = f'--parameters: no such parameter "{name}" of law {law}'
+            raise InputError(f"{reason}; {_hint(name, known)}")
         if names.count(name) > 1:
             raise InputError(f"--parameters: {name} is there twice")
     return names
@@ -155,6 +179,13 @@ def _suggested(data: TribometerData, given: Mapping[str, Any]) -> Iterator[str]:
             yield "V_star"
     if (D > lowest).any():
         yield "eta_b"
+
+
+def _usual(law: str, data: TribometerData) -> Iterator[str]:
+    """What is fitted of a law that asks for no film."""
+    yield from ("mu",) if law == "coulomb" else ("mu_s", "mu_d", "V_s", "viscous")
+    if not data.steady.all():
+        yield "K_T"
 
 
 def _length(value: object, key: str) -> float:
@@ -202,16 +233,47 @@ def _base(
     film = float(max(data.thickness.max(), 1e-9))
     if "V_star" in names and "V_star_at" not in given and (data.thickness > 0.0).any():
         table["V_star_at"] = float(data.thickness[data.thickness > 0.0].min())
-    contact = {"slave": "a", "master": "b", "film": {"thickness": film}, "friction": table}
-    try:
-        friction = validated_contact(contact).friction
-    except InputError as error:
-        raise InputError(str(error).replace("contact.0.friction.", "--fix ")) from None
+    friction = _validated(table, film)
     assert isinstance(friction, FrictionMap)
     base = friction.parameters()
     if "mu_d" not in (*names, *given):
         base = dataclasses.replace(base, mu_d=None)
     return friction, base
+
+
+def _base_without_film(
+    law: str, names: Sequence[str], given: Mapping[str, Any]
+) -> tuple[Stribeck | Coulomb, Parameters]:
+    """The law before the fit, of one that asks for no film."""
+    table: dict[str, Any] = {"law": law, **given}
+    table |= {name: RANGES[name].start for name in names}
+    needed = ("mu",) if law == "coulomb" else ("mu_s", "mu_d", "V_s")
+    for key in needed:
+        if key not in table:
+            raise InputError(f"{key}: neither fitted nor fixed; name it, or give --fix {key}=...")
+    if law == "stribeck" and "mu_s" in names and "mu_d" in given:
+        table["mu_s"] = 1.2 * _number("mu_d", given["mu_d"]) + 1e-3
+    if law == "stribeck" and "mu_d" in names and "mu_s" not in names:
+        table["mu_d"] = 0.8 * _number("mu_s", table["mu_s"])
+    friction = _validated(table, None)
+    assert isinstance(friction, Stribeck | Coulomb)
+    K_T = RIGID if friction.K_T is None else friction.K_T
+    if isinstance(friction, Stribeck):
+        return friction, friction.model_copy(update={"K_T": K_T}).parameters()
+    if not isinstance(friction.mu, float):
+        raise InputError("--fix mu: must be a number, not a program of time")
+    return friction, CoulombParameters(mu=friction.mu, K_T=K_T)
+
+
+def _validated(table: dict[str, Any], film: float | None) -> object:
+    """A table of friction as a case has it; its faults are told as those of --fix."""
+    contact: dict[str, Any] = {"slave": "a", "master": "b", "friction": table}
+    if film is not None:
+        contact["film"] = {"thickness": film}
+    try:
+        return validated_contact(contact).friction
+    except InputError as error:
+        raise InputError(str(error).replace("contact.0.friction.", "--fix ")) from None
 
 
 def _number(key: str, value: object) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import sys
 import traceback
+from collections.abc import Sequence
 from typing import NoReturn
 
 from tribox.app.errors import InputError, OutputError, SolutionError, TriboxError, as_line
@@ -18,7 +19,7 @@ def end_with(error: Exception) -> NoReturn:
     """End the program for an error: with a line if it is one of ours, else with its traceback."""
     if isinstance(error, TriboxError):
         together = isinstance(error, SolutionError | OutputError)
-        _leave(str(error), error.exit_code, together)
+        _leave(error.said, error.exit_code, together)
     if isinstance(error, OSError) and error.errno in _FULL:
         where = error.filename or "what is printed"
         _say_once(f"{where}: cannot be written ({error.strerror})")
@@ -39,14 +40,15 @@ def end_interrupted(together: bool) -> NoReturn:
         together: whether all ranks are here, their state saved.
     """
     if together:
-        _leave("interrupted; the results so far are saved", INTERRUPTED, True)
+        _leave(["interrupted; the results so far are saved"], INTERRUPTED, True)
     _say_once("interrupted")
     _abort(INTERRUPTED)
 
 
-def _leave(line: str, code: int, together: bool) -> NoReturn:
-    """End with a line and a code; ``together`` if all ranks do so here."""
-    _say_once(line)
+def _leave(lines: Sequence[str], code: int, together: bool) -> NoReturn:
+    """End with lines and a code; ``together`` if all ranks do so here."""
+    for line in lines:
+        _say_once(line)
     sys.exit(0 if together and tell_exit_code(code) else code)
 
 

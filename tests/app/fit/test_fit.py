@@ -18,11 +18,15 @@ from tribox.app.fit.model import RANGES, coordinates, friction
 from tribox.app.fit.run import run_fit
 from tribox.app.fit.setup import fit_setup
 from tribox.forms.closed_forms.homogeneous_sliding import steady_traction
+from tribox.forms.friction.coulomb import CoulombParameters
 from tribox.forms.friction.friction_map import FrictionMap
 from tribox.forms.friction.parameters import FrictionMapParameters, with_preset
+from tribox.forms.friction.stribeck import StribeckParameters
 
 ROOT = Path(__file__).parents[3]
 SYNTHETIC = ROOT / "cases" / "data" / "tribometer-synthetic.csv"
+STRIBECK = ROOT / "cases" / "data" / "stribeck-synthetic.csv"
+OF_THE_MACHINE = ["time", "temperature [degC]"]
 BEHIND_IT = {
     "mu_s": 0.13,
     "mu_d": 0.10,
@@ -341,6 +345,97 @@ def test_units_loads_forces_and_viscosities_are_brought_to_one(tmp_path):
     assert (data.thickness[0], data.velocity[0]) == (1e-8, 2e-3)
 
 
+# -- laws that ask for no film --------------------------------------------------------------------
+
+
+def test_a_stribeck_curve_without_film_thickness_gives_back_what_is_behind_it(tmp_path, capsys):
+    out = tmp_path / "fit"
+    result = run_fit(STRIBECK, None, [], [], out, False, "stribeck", OF_THE_MACHINE)
+    behind_it = {"mu_s": 0.15, "mu_d": 0.06, "V_s": 2e-3, "viscous": 8e4}
+    assert {e.coordinate.name for e in result.estimates} == set(behind_it)
+    assert result.warnings == () and result.scatter < 0.03
+    for e in result.estimates:
+        assert e.low is not None and e.high is not None
+        assert e.low < behind_it[e.coordinate.name] < e.high < 1.3 * e.low
+    assert (out / "figures" / "fit.png").stat().st_size > 20_000
+    rows = (out / "fit.csv").read_text(encoding="utf-8").splitlines()
+    assert rows[1].startswith(",1e-05,2000000.0,,")  # no thickness, no slip
+    assert "delta" in capsys.readouterr().out  # assumed
+
+
+@pytest.mark.parametrize("viscous", [0.0, 3e7])
+def test_exact_stribeck_data_give_exact_parameters_also_over_slip(viscous):
+    own = {"mu_s": 0.2, "mu_d": 0.08, "V_s": 3e-3, "delta": 1.7, "viscous": viscous}
+    truth = StribeckParameters(**own, K_T=2e12)
+    V = np.geomspace(1e-5, 1e-1, 16)
+    data = measured(truth, rows([0.0], [*V, 1e-5, 1e-5], slip=[*V * np.nan, 2e-8, 6e-8]), 0.0, 1)
+    exact = truth.coefficient(data.velocity)[0] * 3e6 + viscous * data.velocity
+    assert data.traction[:16] == pytest.approx(exact[:16], rel=1e-9)
+    assert data.traction[16:] == pytest.approx(2e12 * data.slip[16:] + viscous * 1e-5, rel=1e-9)
+    names = [name for name in (*own, "K_T") if name != "viscous" or viscous]
+    base = StribeckParameters(mu_s=0.1, mu_d=0.1, V_s=1.0, K_T=1e12)
+    result = fitted(data, base, *names)
+    assert result.warnings == ()
+    for e in result.estimates:
+        assert e.value == pytest.approx(getattr(truth, e.coordinate.key), rel=1e-5)
+
+
+def test_of_coulomb_friction_the_mean_is_found_and_the_rise_over_slip():
+    truth = CoulombParameters(mu=0.17, K_T=5e11)
+    data = measured(truth, rows(0.0, [1e-3] * 12, slip=[*[np.nan] * 8, 2e-7, 4e-7, 5e-7, 8e-7]),
+                    0.02, 3)  # fmt: skip
+    result = fitted(data, CoulombParameters(mu=0.1, K_T=1e12), "mu", "K_T")
+    for e, value in zip(result.estimates, (0.17, 5e11), strict=True):
+        assert e.low < value < e.high and e.warning is None
+
+
+def test_what_a_stribeck_curve_leaves_open_is_named():
+    truth = StribeckParameters(mu_s=0.2, mu_d=0.08, V_s=3e-3, K_T=1e18)
+    slow = measured(truth, rows(0.0, np.geomspace(1e-7, 1e-5, 8)), 0.01, 2)
+    base = StribeckParameters(mu_s=0.1, mu_d=0.05, V_s=1.0, K_T=1e18)
+    result = fitted(slow, base, "mu_s", "mu_d", "V_s", "viscous")
+    assert {e.coordinate.name for e in result.estimates if e.warning} >= {"V_s", "viscous"}
+    assert any("velocities over which the friction falls" in line for line in result.warnings)
+
+
+def test_the_thickness_is_asked_for_only_by_the_law_of_the_film(tmp_path):
+    path = write(tmp_path, GOOD.replace("thickness [nm],", "").replace("\n0,", "\n"))
+    with pytest.raises(InputError, match=r"--law stribeck and --law coulomb"):
+        read_data(path)
+    assert not read_data(path, needs_film=False).knows_film
+    assert fit_setup(path, None, [], [], "coulomb").names == ("mu",)
+    viscous = path.read_text(encoding="utf-8").replace("traction [kPa]", "effective_viscosity [Pa*s]")
+    with pytest.raises(InputError, match="thickness is missing"):
+        read_data(write(tmp_path, viscous), needs_film=False)
+
+
+def test_columns_that_are_told_are_not_read(tmp_path):
+    text = "".join(f"now,{line}\n" for line in GOOD.splitlines()).replace("now", "time [h]", 1)
+    path = write(tmp_path, text)
+    assert len(read_data(path, ignored=["time"])) == 8
+    assert len(read_data(path, ignored=["time [h]"])) == 8
+    with pytest.raises(InputError, match=r'no column "times" in .*; there are time \[h\], thick'):
+        read_data(path, ignored=["times"])
+    both = text.replace("time [h]", "time [h],T", 1).replace("now,", "now,20,")
+    with pytest.raises(InputError, match=r'"time \[h\]", "T"; .* --ignore-columns "time,T"'):
+        read_data(write(tmp_path, both))
+
+
+def test_all_bad_rows_are_named_at_once(tmp_path):
+    text = GOOD.replace("0,1e-2,3,302", "0,-1e-2,3,302").replace("3,305", "3,many")
+    path = write(tmp_path, text.replace("0,1e-7,3,307", "0,1e-7,3"))
+    with pytest.raises(InputError) as caught:
+        read_data(path)
+    lines = caught.value.said
+    assert [line.removeprefix(f"{path}:")[:2] for line in lines] == ["3:", "6:", "8:"]
+    assert "velocity" in lines[0] and "traction" in lines[1] and "3 values" in lines[2]
+    assert str(caught.value) == lines[0]
+    many = write(tmp_path, GOOD.splitlines()[0] + 30 * "\n0,1e-3,3,many")
+    with pytest.raises(InputError) as caught:
+        read_data(many)
+    assert caught.value.said[-1] == "... and 10 more" and len(caught.value.said) == 21
+
+
 HEAD = "thickness [nm],velocity [m/s],pressure [MPa],traction [kPa]"
 GOOD = HEAD + "\n" + "".join(f"0,1e-{k},3,{300 + k}\n" for k in range(1, 9))
 
@@ -368,7 +463,7 @@ GOOD = HEAD + "\n" + "".join(f"0,1e-{k},3,{300 + k}\n" for k in range(1, 9))
         (GOOD.replace("traction [kPa]", "pressure [kPa]"), ["pressure", "twice"]),
         (HEAD + "\n0,1e-3,3,300\n", ["too few data", "mu_s", "2 rows", "found 1", "--fix"]),
         (GOOD.replace("thickness [nm]", "Thickness (nm)"), ['"thickness"', "[m]", "brackets"]),
-        (GOOD.replace("thickness [nm]", "temperature [K]"), ["weight; take other columns out"]),
+        (GOOD.replace("thickness [nm]", "temperature [K]"), ["weight; take other columns out", '--ignore-columns "temperature"']),
     ],
 )
 def test_wrong_data_are_one_line(tmp_path, text, words):
@@ -393,16 +488,22 @@ def test_wrong_data_are_one_line(tmp_path, text, words):
         ({"fixed": ["mu_s"]}, ["mu_s", "key=value"]),
         ({"start": ["mu_s=-1"]}, ["--start mu_s", "between"]),
         ({"start": ["eta_b=1"]}, ["eta_b", "is not fitted"]),
+        ({"law": "stribek"}, ["stribek", 'did you mean "stribeck"']),
+        ({"law": "stribeck", "parameters": "mu_s,V_s"}, ["mu_d", "--fix mu_d"]),
+        ({"law": "coulomb", "parameters": "mu_s"}, ["mu_s", "of law coulomb"]),
+        ({"law": "coulomb", "fixed": ["eta_b=1"]}, ["eta_b", "mu, K_T"]),
     ],
 )
 def test_wrong_options_are_one_line(tmp_path, options, words):
     assert_refused(tmp_path, GOOD, words, **options)
 
 
-def assert_refused(tmp_path, text, words, parameters=None, fixed=(), start=()):
+def assert_refused(
+    tmp_path, text, words, parameters=None, fixed=(), start=(), law="friction-map"
+):
     path = write(tmp_path, text)
     with pytest.raises(InputError) as caught:
-        run_fit(path, parameters, fixed, start, tmp_path / "out", False)
+        run_fit(path, parameters, fixed, start, tmp_path / "out", False, law)
     message = str(caught.value)
     assert "\n" not in message
     for word in words:

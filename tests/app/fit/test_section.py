@@ -14,9 +14,11 @@ from tribox.app.fit.calibration import Calibration
 from tribox.app.fit.data import TribometerData
 from tribox.app.fit.model import coordinates, friction
 from tribox.app.fit.result import FitResult
+from tribox.app.fit.run import run_fit
 from tribox.app.fit.section import friction_section
 from tribox.app.fit.setup import fit_setup
 from tribox.app.friction_map.setup import validated_contact
+from tribox.app.results import read
 
 ROOT = Path(__file__).parents[3]
 SLOW = ROOT / "examples" / "tribometer" / "first-day.csv"
@@ -117,6 +119,26 @@ def test_a_missing_weakening_says_what_the_case_takes():
     text = friction_section(setup, result, SYNTHETIC)
     assert "B" not in live(text)
     assert "without it the case takes B = 0 1/m" in text
+
+
+@pytest.mark.parametrize("law", ["stribeck", "coulomb"])
+def test_a_case_runs_on_the_section_as_it_stands(law, tmp_path, film, tribox):
+    data = ROOT / "cases" / "data" / "stribeck-synthetic.csv"
+    fit = tmp_path / "fit"
+    result = run_fit(data, None, [], [], fit, False, law, ["time", "temperature"])
+    case = tmp_path / "case.toml"
+    bare = re.sub(r"\[contact\.film\].*?(?=\[\[boundary)", "", film, count=1, flags=re.S)
+    case.write_text(bare + (fit / "friction.toml").read_text(encoding="utf-8"), encoding="utf-8")
+    assert tribox("run", str(case), "--out", str(tmp_path / "out")).returncode == 0
+    for end in read(tmp_path / "out").load_steps.itertuples():
+        if end.stage != "slide":
+            continue
+        if law == "coulomb":
+            expected = result.parameters.mu
+        else:
+            mu, _ = result.parameters.coefficient(np.array([abs(end.velocity)]))
+            expected = float(mu[0]) + result.parameters.viscous * abs(end.velocity) / 0.5e6
+        assert end.friction_coefficient == pytest.approx(expected, rel=2e-3)
 
 
 def _picked(data: TribometerData, rows: np.ndarray) -> TribometerData:
