@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.axes import Axes
 
+from tribox.app.figures.names import unit_of_velocity
 from tribox.app.figures.style import Floats
 from tribox.app.figures.symbols import DRIVEN_PATH, STEP, TIME
-from tribox.app.figures.units import fitting
+from tribox.app.figures.units import fitting, velocity_text
 
 if TYPE_CHECKING:
     from tribox.app.results import Results
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 # Time per step of one stage over that of another from which on time would hide one of them.
 UNEVEN = 30.0
 SQUEEZED = 0.05  # of the rest of the axis, for stages that are not to scale
+STILL = 1e-9  # of the whole path: a surface that has moved by less is not driven yet
 NAMES_APART = 0.035  # of the axis
 
 
@@ -38,10 +40,7 @@ class Abscissa:
     @property
     def begin(self) -> float:
         """Where the run begins, before its first row."""
-        first = float(self.values[0])
-        return (
-            0.0 if first > 0.0 else 2.0 * first - float(self.values[min(1, len(self.values) - 1)])
-        )
+        return _begin(self.values)
 
     def mark(self, axes: Axes, *, named: bool) -> None:
         """A line where each stage or velocity begins, and its name above the axes.
@@ -67,19 +66,34 @@ class Abscissa:
             )  # fmt: skip
 
 
+def _begin(values: Floats) -> float:
+    """Where a run begins, whose first row need not stand beyond 0."""
+    first = float(values[0])
+    return 0.0 if first > 0.0 else 2.0 * first - float(values[min(1, len(values) - 1)])
+
+
 def abscissa_of(results: Results) -> Abscissa:
     """What the history of a run is drawn over.
 
     The path of the driven surface, where velocities are held until steady: time at the slowest
-    would hide that at all others. Else time; but where the stages differ so much in time per step
-    that one could not be seen, time without the stages that it has no effect in, or steps.
+    would hide that at all others; stages before it stand to its left. Else time; but where the
+    stages differ so much in time per step that one could not be seen, time without the stages that
+    it has no effect in, or steps.
     """
     history = results.table("history")
     time, driven = history["time"], history["driven_displacement"]
     path = np.cumsum(np.abs(np.diff(driven, prepend=0.0)))
     if any(stage.velocities for stage in results.case.stage) and path[-1] > 0.0:
         unit = fitting(path, "m")
-        return _made(results, unit.of(path), DRIVEN_PATH.label(unit.name))
+        label = DRIVEN_PATH.label(unit.name)
+        moved = history["stage"][int(np.argmax(path > STILL * path[-1]))]
+        still = int(np.argmax(history["stage"] == moved))
+        if still:
+            first = ", ".join(dict.fromkeys(history["stage"][:still]))
+            # Before anything is driven: beside the path, and not all of it on one line.
+            path[:still] = np.linspace(-SQUEEZED * path[-1], 0.0, still + 1)[1:]
+            label = f"path of the driven surface since the end of {first} ({unit.name})"
+        return _made(results, unit.of(path), label)
     if not _uneven(history, time):
         unit = fitting(time, "s")
         return _made(results, unit.of(time), TIME.label(unit.name))
@@ -116,10 +130,10 @@ def _made(results: Results, values: Floats, label: str) -> Abscissa:
     rows = zip(history["stage"], history["velocity"], strict=True)
     keys = [(stage, velocity if stage in several else 0.0) for stage, velocity in rows]
     begins = [i for i, key in enumerate(keys) if i == 0 or key != keys[i - 1]]
-    starts = []
+    starts, unit = [], unit_of_velocity(results)
     for i in begins:
         stage, velocity = keys[i]
-        before = float(values[i - 1]) if i else min(0.0, float(values[0]))
-        name = fitting([velocity], "m/s").text(velocity) if stage in several else str(stage)
+        before = float(values[i - 1]) if i else _begin(values)
+        name = velocity_text(velocity, unit) if stage in several else str(stage)
         starts.append((before, name))
     return Abscissa(values, label, tuple(starts))

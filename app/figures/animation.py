@@ -18,7 +18,7 @@ from PIL import Image
 
 from tribox.app.errors import InputError
 from tribox.app.figures.body_shapes import Bodies, read_bodies
-from tribox.app.figures.field_values import ColourScale, colour_scale
+from tribox.app.figures.field_values import ColourScale, common_scale
 from tribox.app.figures.names import axis_names, body_names, heading, pair_names
 from tribox.app.figures.plane_bodies import draw_bodies, draw_slaves, frame_round
 from tribox.app.figures.rendering import render
@@ -110,7 +110,7 @@ def animate(results: Results, path: Path, field: str) -> int:
         )
     names = body_names(results)
     states = [read_bodies(results.grid("fields", step), names, field) for step in steps]
-    scale = colour_scale(np.concatenate([s.field.values for s in states]), states[0].field.unit)
+    scale = common_scale([state.field for state in states])
     rate = int(np.clip(len(steps) / SECONDS, SLOWEST, FASTEST))
     writer: AbstractMovieWriter = GifWriter(rate) if kind == "gif" else FFMpegWriter(rate)
     part = path.with_name(f".{path.stem}.part{path.suffix}")

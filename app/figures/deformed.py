@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from tribox.app.figures.body_shapes import Bodies, read_bodies
 from tribox.app.figures.deformed_space import draw_states_in_space
-from tribox.app.figures.field_values import colour_scale, named_after
+from tribox.app.figures.field_values import ColourScale, common_scale, named_after
 from tribox.app.figures.names import axis_names, body_names, heading, pair_names
 from tribox.app.figures.plane_bodies import (
     Frame,
@@ -60,16 +60,17 @@ def draw_deformed(results: Results, figures: Path, field: str) -> list[Path]:
     if drawn[0].dim == 3:
         return draw_states_in_space(results, states, drawn, figures)
     files = []
+    scale = common_scale([one.field for one in drawn])
     with rc_context(CASE_STYLE):
         for state, bodies in zip(states, drawn, strict=True):
             draw = _figure if results.case.contact else _bodies_alone
-            figure = draw(results, state, bodies)
+            figure = draw(results, state, bodies, scale)
             files.append(figures / f"{state.name}.png")
             save(figure, files[-1])
     return files
 
 
-def _figure(results: Results, state: State, bodies: Bodies) -> Figure:
+def _figure(results: Results, state: State, bodies: Bodies, scale: ColourScale) -> Figure:
     """The bodies, and below or beside them the tractions of each pair."""
     nodes = without_roundoff(results.grid("contact", state.step), roundoff_of(results))
     points = results.grid("contact_points", state.step)
@@ -79,7 +80,6 @@ def _figure(results: Results, state: State, bodies: Bodies) -> Figure:
     pairs = {k: names[k] for k in pairs_shown(nodes, len(names), MOST_PAIRS)}
     near = close_up(frame, nodes)
     figure, top, beside, panels = _layout(frame, len(pairs), near is not None)
-    scale = colour_scale(bodies.field.values, bodies.field.unit)
     cells = draw_bodies(top, bodies, scale, frame)
     draw_tools(top, lines, frame)
     draw_slaves(top, nodes, pairs, frame.unit)
@@ -97,14 +97,13 @@ def _figure(results: Results, state: State, bodies: Bodies) -> Figure:
     return figure
 
 
-def _bodies_alone(results: Results, state: State, bodies: Bodies) -> Figure:
+def _bodies_alone(results: Results, state: State, bodies: Bodies, scale: ColourScale) -> Figure:
     """The bodies of a case without contact."""
     frame = frame_round([bodies], axis_names(results))
     width, height = frame.high - frame.low
     tall = 4.0 if frame.stretched else float(np.clip(6.4 * height / width, 2.0, 7.0))
     figure = Figure(figsize=(8.0, tall + 1.0), layout="constrained")
     axes = figure.subplots()
-    scale = colour_scale(bodies.field.values, bodies.field.unit)
     cells = draw_bodies(axes, bodies, scale, frame)
     unit = f" ({scale.unit.name})" if scale.unit.name else ""
     figure.colorbar(cells, ax=axes, label=bodies.field.label + unit, extend=scale.extend)

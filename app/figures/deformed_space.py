@@ -11,7 +11,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure, FigureBase
 
 from tribox.app.figures.body_shapes import Bodies
-from tribox.app.figures.field_values import ColourScale, colour_scale
+from tribox.app.figures.field_values import ColourScale, common_scale
 from tribox.app.figures.names import heading, pair_names
 from tribox.app.figures.pressure_maps import draw_pairs
 from tribox.app.figures.rendering import render
@@ -39,20 +39,20 @@ def draw_states_in_space(
         drawn: the bodies of each.
         figures: directory that exists.
     """
-    scales = [colour_scale(one.field.values, one.field.unit) for one in drawn]
+    scale = common_scale([one.field for one in drawn])
     tools = [tool_triangles(results, state.step) for state in states]
     frames = [
         room_for(bodies.position.min(axis=0), bodies.position.max(axis=0), triangles)
         for bodies, triangles in zip(drawn, tools, strict=True)
     ]
-    scenes = [scene_of(b, s, *frame) for b, s, frame in zip(drawn, scales, frames, strict=True)]
+    scenes = [scene_of(b, scale, *frame) for b, frame in zip(drawn, frames, strict=True)]
     pictures = render(scenes)
     files = []
     with rc_context(CASE_STYLE):
         for number, (state, scene) in enumerate(zip(states, scenes, strict=True)):
             picture = None if pictures is None else pictures[number]
             view = View(scene, facets_seen(scene), picture, veil_of(scene, tools[number]))
-            figure = _figure(results, state, drawn[number], scales[number], view)
+            figure = _figure(results, state, drawn[number], scale, view)
             files.append(figures / f"{state.name}.png")
             save(figure, files[-1])
     return files

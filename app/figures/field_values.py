@@ -126,6 +126,11 @@ class ColourScale:
     extend: str
 
 
+def common_scale(fields: Sequence[CellField]) -> ColourScale:
+    """One scale for several states of a run, so that a colour means the same in all of them."""
+    return colour_scale(np.concatenate([one.values for one in fields]), fields[0].unit)
+
+
 def colour_scale(values: Floats, unit: str) -> ColourScale:
     """Colours for values of one or several states: from 0 where all have one sign.
 

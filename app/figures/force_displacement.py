@@ -9,7 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from tribox.app.figures.style import COLOURS
+from tribox.app.figures.names import heading
+from tribox.app.figures.style import colour_of, dashes_of
 from tribox.app.figures.symbols import DISPLACEMENT, MOMENT, REACTION, TIME
 from tribox.app.figures.units import fitting
 from tribox.app.results.table import Table, joined
@@ -114,7 +115,8 @@ def force_displacement_figure(results: Results) -> Figure | None:
     handles, labels = panels[0].get_legend_handles_labels()
     if len(labels) > 1:
         figure.legend(handles, labels, loc="outside lower center", ncols=5, fontsize=8)
-    figure.suptitle("force of the surroundings on each moved surface or tool", fontsize=9)
+    words = "force of the surroundings on each moved surface or tool"
+    figure.suptitle(heading(results, words), fontsize=9)
     return figure
 
 
@@ -128,9 +130,9 @@ def _draw(axes: Axes, curve: Curve, surfaces: Table) -> None:
         rows = np.flatnonzero(of == stage)
         # With the last point of the stage before, so that the curve has no gaps.
         rows = np.concatenate([rows[:1] - 1, rows]) if rows[0] else rows
-        style = "-" if len(rows) > 40 else ".-"
-        axes.plot(x[rows], y[rows], style, ms=4, lw=1.1, color=COLOURS[number % len(COLOURS)],
-                  label=str(stage))  # fmt: skip
+        marker = "" if len(rows) > 40 else "."
+        axes.plot(x[rows], y[rows], marker=marker, ls=dashes_of(number), ms=4, lw=1.1,
+                  color=colour_of(number), label=str(stage))  # fmt: skip
     axes.set_title(curve.surface, fontsize=9)
     axes.set_xlabel(f"{curve.x_label} ({x_unit.name})")
     axes.set_ylabel(f"{curve.y_label} ({y_unit.name})")

@@ -10,7 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tribox.app.figures.abscissa import abscissa_of
-from tribox.app.figures.style import COLOURS, Floats, Longs, thin_log_ticks
+from tribox.app.figures.names import heading
+from tribox.app.figures.style import COLOURS, FILLS, RED, Floats, Longs, thin_log_ticks
 from tribox.app.figures.symbols import ENERGY, FRICTION_FORCE, NORMAL_FORCE, RATIO
 from tribox.app.figures.units import Unit, fitting
 
@@ -29,7 +30,7 @@ def forces_figure(results: Results) -> Figure:
     history = results.table("history")
     at = abscissa_of(results)
     count = 3 if history["friction_force"].any() else 1  # without friction it has no panels
-    figure = Figure(figsize=(7.5, 1.2 + 2.0 * count), layout="constrained")
+    figure = Figure(figsize=(7.5, 1.4 + 2.0 * count), layout="constrained")
     panels = list(figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0])
     forces = fitting(history["normal_force"], "N"), fitting(history["friction_force"], "N")
     lines = list(_lines(results))
@@ -52,6 +53,7 @@ def forces_figure(results: Results) -> Figure:
     for axes in panels:
         at.mark(axes, named=axes is panels[0])
     panels[-1].set_xlabel(at.label)
+    figure.suptitle(results.case.title, fontsize=9)
     handles, labels = panels[min(1, count - 1)].get_legend_handles_labels()
     if len(labels) > 1:
         figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 3),
@@ -144,11 +146,12 @@ def energies_figure(results: Results) -> Figure:
 
     name = "external work" + " and initial kinetic energy" * moving_first
     axes.plot(x, whole(supplied), color="k", lw=2.5, alpha=0.35, label=name)
-    axes.stackplot(x, *map(whole, parts.values()), labels=list(parts), colors=COLOURS, alpha=0.6)
-    axes.plot(x, whole(error), color=COLOURS[1], lw=1, label="not accounted for")
+    axes.stackplot(x, *map(whole, parts.values()), labels=list(parts), colors=FILLS, alpha=0.6)
+    axes.plot(x, whole(error), color=RED, lw=1, label="not accounted for")
     at.mark(axes, named=True)
     gap = float(np.max(np.abs(error))) / largest
-    figure.suptitle(f"largest gap between work and its uses: {gap:.1e} of the work", fontsize=9)
+    words = f"largest gap between work and its uses: {gap:.1e} of the work"
+    figure.suptitle(heading(results, words), fontsize=9)
     axes.set_xlabel(at.label)
     axes.set_ylabel(ENERGY.label(unit.name))
     figure.legend(loc="outside lower center", ncols=4, fontsize=8)

@@ -16,7 +16,7 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from tribox.app.figures.style import STYLE
+from tribox.app.figures.style import COLOURS, RED, STYLE, colour_of, dashes_of
 from tribox.forms.friction.friction_map import Floats, FrictionMap
 from tribox.forms.friction.parameters import FrictionMapParameters, Reentry
 from tribox.forms.friction.stribeck import StribeckParameters
@@ -102,12 +102,12 @@ def traction_over_pressure(onset: float, pressure: Floats) -> Floats:
 
 def draw_second_law(axes: Sequence[Axes]) -> None:
     """Traction and dissipation through jumps of the speed, under both re-entry rules."""
-    rules: tuple[tuple[Reentry, str], ...] = (("consistent", "C0"), ("literal", "C3"))
+    rules: tuple[tuple[Reentry, str], ...] = (("consistent", COLOURS[0]), ("literal", RED))
     for reentry, colour in rules:
         jumps = velocity_jumps(reentry)
         low = f"{reentry}: least step {1e3 * jumps.least:.3g} mJ/m²"
-        axes[0].plot(1e6 * jumps.slip, jumps.traction / 1e3, colour, label=reentry)
-        axes[1].plot(1e6 * jumps.slip, 1e3 * jumps.dissipated, colour, label=low)
+        axes[0].plot(1e6 * jumps.slip, jumps.traction / 1e3, color=colour, label=reentry)
+        axes[1].plot(1e6 * jumps.slip, 1e3 * jumps.dissipated, color=colour, label=low)
     axes[0].set(xlabel="slip (µm)", ylabel="traction (kPa)")
     axes[1].set(xlabel="slip (µm)", ylabel="dissipated so far (mJ/m²)")
 
@@ -115,27 +115,31 @@ def draw_second_law(axes: Sequence[Axes]) -> None:
 def draw_film(axes: Sequence[Axes]) -> None:
     """Stress of the film over the speed, and the traction of a point that opens."""
     speed: Floats = np.asarray(np.geomspace(1e-4, 1.0, 200), dtype=np.float64)
-    for name, flow in FLOWS.items():
-        axes[0].loglog(speed, film_stress(speed, **flow) / 1e3, label=name)
+    for number, (name, flow) in enumerate(FLOWS.items()):
+        stress = film_stress(speed, **flow) / 1e3
+        axes[0].loglog(speed, stress, color=colour_of(number), ls=dashes_of(number), label=name)
     axes[0].set(xlabel="speed (m/s), D = 250 nm", ylabel="stress of the film (kPa)")
     pressure = np.concatenate([[0.0, 1e-6], np.linspace(50.0, 2e4, 400)])
-    for onset in (0.0, 1e4):
+    for number, onset in enumerate((0.0, 1e4)):
         label = f"film_onset_pressure = {onset / 1e3:g} kPa"
-        axes[1].plot(pressure / 1e3, traction_over_pressure(onset, pressure) / 1e3, label=label)
+        axes[1].plot(pressure / 1e3, traction_over_pressure(onset, pressure) / 1e3, label=label,
+                     color=colour_of(number), ls=dashes_of(number))  # fmt: skip
     axes[1].set(xlabel="contact pressure (kPa)", ylabel="traction at 0.5 mm/s (kPa)")
 
 
 def draw_coefficients(axes: Sequence[Axes]) -> None:
     """Coefficient of friction over the slip path, and over the speed."""
     path: Floats = np.asarray(np.linspace(0.0, 10e-6, 400), dtype=np.float64)
-    for rate in (3e5, 1e6, 1e7):
+    for number, rate in enumerate((3e5, 1e6, 1e7)):
         weakening = FrictionMapParameters(**BASE | {"mu_d": 0.05, "A_d": 1e-6, "B": rate}).friction
-        axes[0].plot(1e6 * path, weakening.coefficient(path), label=f"B = {rate / 1e6:g} 1/µm")
+        axes[0].plot(1e6 * path, weakening.coefficient(path), label=f"B = {rate / 1e6:g} 1/µm",
+                     color=colour_of(number), ls=dashes_of(number))  # fmt: skip
     axes[0].set(xlabel="permanent slip (µm), A_d = 1 µm", ylabel="coefficient of friction")
     speed: Floats = np.asarray(np.geomspace(1e-6, 1e-1, 400), dtype=np.float64)
-    for delta in (0.5, 1.0, 2.0):
+    for number, delta in enumerate((0.5, 1.0, 2.0)):
         law = StribeckParameters(mu_s=0.1, mu_d=0.05, V_s=1e-3, delta=delta, K_T=1e12)
-        axes[1].semilogx(speed, law.coefficient(speed)[0], label=f"δ = {delta:g}")
+        axes[1].semilogx(speed, law.coefficient(speed)[0], label=f"δ = {delta:g}",
+                         color=colour_of(number), ls=dashes_of(number))  # fmt: skip
     axes[1].set(xlabel="speed (m/s), V_s = 1 mm/s", ylabel="coefficient of friction")
 
 

@@ -40,7 +40,9 @@ def draw_phases(results: Results, figures: Path) -> list[Path]:
         if len(rows):
             picture = "phase.png" if len(sprung) == 1 else f"phase-{surface}_{axis}.png"
             files.append(figures / picture)
-            save(phase_figure(rows, surface, axis), files[-1])
+            figure = phase_figure(rows, surface, axis)
+            figure.suptitle(case.title, fontsize=9)
+            save(figure, files[-1])
     return files
 
 

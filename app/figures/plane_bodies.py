@@ -20,7 +20,7 @@ from matplotlib.patheffects import withStroke
 
 from tribox.app.figures.body_shapes import Bodies, Ints
 from tribox.app.figures.field_values import ColourScale
-from tribox.app.figures.style import Floats
+from tribox.app.figures.style import RED, Floats
 from tribox.app.figures.tractions import facets_of, line_starts
 from tribox.app.figures.units import Unit, fitting
 
@@ -31,7 +31,7 @@ SMALL = 0.15  # extent of what is pressed over that of the bodies, below which i
 CELLS_OUTLINED = 4000
 MESH_WIDTH = 0.3  # points
 # Distinct from each other and from the colours of the fields.
-PAIR_COLOURS = ("#e6399b", "#ff7f0e", "#111111", "#00b5d8", "#8c4a2f", "#a4133c")
+PAIR_COLOURS = ("#e6399b", "#ff7f0e", "#111111", "#00b5d8", "#8c4a2f", RED)
 
 
 EDGE = 0.3  # points, a line round each cell: or the page would shine through between them

@@ -61,12 +61,13 @@ def _draw_run(results: Results, figures: Path) -> list[Path]:
         "history.png": forces_figure(results) if results.case.contact else None,
         "energy.png": energies_figure(results),
         "force_displacement.png": force_displacement_figure(results),
-        "stribeck.png": stribeck_figure(series_of(results)),
+        "stribeck.png": stribeck_figure(series_of(results), results.case.title),
     }
     files = _saved(drawn, figures) + draw_phases(results, figures)
     steady = _steady_rows(results.table("load_steps"))
     if steady and _has_film(results.case):
-        files += draw_steady([steady_series(results.case, steady)], figures)
+        series = [steady_series(results.case, steady)]
+        files += draw_steady(series, figures, results.case.title)
     return files
 
 
@@ -83,14 +84,17 @@ def _draw_sweep(results: Results, figures: Path) -> list[Path]:
         for _, _, part in found
         for one in series_of(part, part.directory.name.replace("=", " = "))
     ]
-    drawn = {"sweep.png": sweep_figure(results), "stribeck.png": stribeck_figure(stribeck)}
+    drawn = {
+        "sweep.png": sweep_figure(results),
+        "stribeck.png": stribeck_figure(stribeck, case.title),
+    }
     files = _saved(drawn, figures)
     series = [
         steady_series(single, steady, label)
         for label, single, part in found
         if _has_film(single) and (steady := _steady_rows(part.table("load_steps")))
     ]
-    return files + (draw_steady(series, figures) if series else [])
+    return files + (draw_steady(series, figures, case.title) if series else [])
 
 
 def _saved(drawn: dict[str, Figure | None], figures: Path) -> list[Path]:

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tribox.app.figures.units import fitting
+from tribox.app.figures.names import unit_of_velocity
+from tribox.app.figures.units import velocity_text
 from tribox.app.simulation.time_text import time_text
 
 if TYPE_CHECKING:
@@ -120,7 +121,8 @@ def _title(results: Results, step: int, notes: list[str]) -> str:
         return "; ".join([f"step {step}", *words])
     total = int(history["step"][-1])
     velocity, time = float(row.get("velocity", 0.0)), float(row["time"])
-    moving = f" at {fitting([velocity], 'm/s').text(velocity)}" if abs(velocity) > 0.0 else ""
+    unit = unit_of_velocity(results)
+    moving = f" at {velocity_text(velocity, unit)}" if abs(velocity) > 0.0 else ""
     when = time_text(time, float(row.get("dt", 0.0)))
     said = f"stage {row['stage']}{moving}, t = {when}, step {step} of {total}"
     return "; ".join([said, *words])

@@ -14,8 +14,18 @@ from numpy.typing import NDArray
 
 from tribox.app.case.case import Case
 from tribox.app.case.friction import FrictionMap
-from tribox.app.figures.style import COLOURS, MARKERS, Floats, columns, save, thin_log_ticks
+from tribox.app.figures.names import titled
+from tribox.app.figures.style import (
+    Floats,
+    colour_of,
+    columns,
+    dashes_of,
+    marker_of,
+    save,
+    thin_log_ticks,
+)
 from tribox.app.figures.symbols import MEAN_TRACTION, SHEAR_RATE, VELOCITY, VISCOSITY
+from tribox.app.figures.units import Unit, velocity_unit
 from tribox.forms.closed_forms.homogeneous_sliding import (
     effective_viscosity,
     steady_traction,
@@ -75,11 +85,17 @@ def steady_series(case: Case, load_steps: Iterable[dict[str, Any]], label: str =
     )
 
 
-def draw_steady(series: list[Series], figures: Path) -> list[Path]:
-    """Draw ``effective_viscosity.png``, where there is a film, and ``friction_map.png``."""
+def draw_steady(series: list[Series], figures: Path, case: str = "") -> list[Path]:
+    """Draw ``effective_viscosity.png``, where there is a film, and ``friction_map.png``.
+
+    Args:
+        series: of one run, or of those of a sweep.
+        figures: directory that exists.
+        case: title of it.
+    """
     wet = [one for one in series if one.thickness > 0.0]  # D = 0 has no viscosity
-    drawn = {"effective_viscosity.png": _viscosity_figure(wet)} if wet else {}
-    drawn["friction_map.png"] = _map_figure(series)
+    drawn = {"effective_viscosity.png": _viscosity_figure(wet, case)} if wet else {}
+    drawn["friction_map.png"] = _map_figure(series, case)
     for name, figure in drawn.items():
         save(figure, figures / name)
     return [figures / name for name in drawn]
@@ -110,12 +126,23 @@ def broken(values: Floats, speed: Floats, at: float) -> Floats:
     return out
 
 
-def _viscosity_figure(series: list[Series]) -> Figure:
-    figure = Figure(figsize=(10, 4.6))
+def _unit(series: list[Series]) -> Unit:
+    """The unit of all their velocities."""
+    return velocity_unit(np.concatenate([one.speed for one in series]))
+
+
+def with_room(axes: Axes, level: float, share: float = 0.3) -> None:
+    """On a logarithmic axis room above and below a level that all points may lie on."""
+    low, high = axes.get_ylim()
+    axes.set_ylim(min(low, share * level), max(high, level / share))
+
+
+def _viscosity_figure(series: list[Series], case: str) -> Figure:
+    figure = Figure(figsize=(10, 4.8), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
-    speed = _curve_speeds(series)
+    speed, unit = _curve_speeds(series), _unit(series)
     for number, one in enumerate(series):
-        for axes, scale in ((left, 1.0), (right, 1.0 / one.thickness)):
+        for axes, scale in ((left, unit.factor), (right, 1.0 / one.thickness)):
             _viscosity_curve(axes, one, number, speed, scale)
     eta = series[0].parameters.eta_b
     for axes in (left, right):
@@ -129,31 +156,29 @@ def _viscosity_figure(series: list[Series]) -> Figure:
         va="top",
         fontsize=8,
     )
-    left.set_ylim(bottom=0.3 * eta)
-    left.set_xlabel(VELOCITY.label())
+    with_room(left, eta)
+    left.set_xlabel(VELOCITY.label(unit.name))
     left.set_ylabel(f"{VISCOSITY.name} {VISCOSITY.symbol} = |Σ T| D/(A V) ({VISCOSITY.unit})")
     right.set_xlabel(SHEAR_RATE.label())
     left.legend(frameon=True, framealpha=0.9, edgecolor="none")
     for axes in (left, right):
         thin_log_ticks(axes)
-    figure.suptitle(
-        f"points: computed steady states{_unsteady_words(series)}; lines: closed form; dotted: V*",
-        fontsize=9,
-        y=0.95,
-    )
+    words = f"points: computed steady states{_unsteady_words(series)}; lines: closed form"
+    figure.suptitle(titled(case, f"{words}; dotted: V*"), fontsize=9)
     return figure
 
 
 def _viscosity_curve(axes: Axes, one: Series, number: int, speed: Floats, scale: float) -> None:
     """Points and closed form of one series, over the speed times ``scale``."""
-    colour = COLOURS[number % len(COLOURS)]
+    colour = colour_of(number)
     star = float(threshold_speed(one.thickness, one.parameters))
     curve = effective_viscosity(speed, one.thickness, one.pressure, one.mu, one.parameters)
-    axes.loglog(speed * scale, broken(curve, speed, star), color=colour, lw=1)
+    dashes = dashes_of(number)
+    axes.loglog(speed * scale, broken(curve, speed, star), color=colour, lw=1, ls=dashes)
     axes.loglog(
         one.speed * scale,
         one.viscosity,
-        MARKERS[number % len(MARKERS)],
+        marker_of(number),
         ms=max(9.0 - 1.5 * number, 3.0),  # points that coincide stay visible
         mfc="none" if number % 2 else colour,
         color=colour,
@@ -164,37 +189,28 @@ def _viscosity_curve(axes: Axes, one: Series, number: int, speed: Floats, scale:
         axes.axvline(star * scale, color=colour, ls=":", lw=1)
 
 
-def _map_figure(series: list[Series]) -> Figure:
-    figure = Figure(figsize=(6.6, 4.8))
+def _map_figure(series: list[Series], case: str) -> Figure:
+    figure = Figure(figsize=(6.8, 5.0), layout="constrained")
     axes = figure.subplots()
-    speed = _curve_speeds(series)
-    for colour, one in zip(_colours(len(series)), series, strict=True):
+    speed, unit = _curve_speeds(series), _unit(series)
+    for number, one in enumerate(series):
+        colour, marker, dashes = colour_of(number), marker_of(number), dashes_of(number)
         star = float(threshold_speed(one.thickness, one.parameters))
         curve = steady_traction(speed, one.thickness, one.pressure, one.mu, one.parameters)
-        axes.loglog(speed, broken(curve, speed, star) / 1e6, color=colour, lw=1)
+        line = broken(curve, speed, star) / 1e6
+        axes.loglog(unit.of(speed), line, color=colour, lw=1, ls=dashes)
         viscous = (one.speed > star) | (one.thickness >= one.parameters.D_max)
-        for chosen, marker in ((~viscous, "o"), (viscous, "s")):
-            axes.loglog(
-                one.speed[chosen],
-                one.traction[chosen] / 1e6,
-                marker,
-                ms=5,
-                color=colour,
-                mfc=colour if marker == "o" else "w",
-            )
-        _cross_out(axes, one.speed, np.asarray(one.traction / 1e6), one.steady)
-        axes.plot([], [], color=colour, label=one.label)
-    axes.plot([], [], "o", color="0.4", label="frictional or mixed (V < V*)")
-    axes.plot([], [], "s", color="0.4", mfc="w", label="viscous (V > V* or D ≥ D_max)")
-    axes.set_xlabel(VELOCITY.label())
+        for chosen, fill in ((~viscous, colour), (viscous, "w")):
+            x, y = unit.of(one.speed[chosen]), one.traction[chosen] / 1e6
+            axes.loglog(x, y, marker, ms=5, color=colour, mfc=fill)
+        _cross_out(axes, unit.of(one.speed), np.asarray(one.traction / 1e6), one.steady)
+        axes.plot([], [], color=colour, marker=marker, ms=5, ls=dashes, lw=1, label=one.label)
+    axes.plot([], [], "o", color="0.4", label="filled: frictional or mixed (V < V*)")
+    axes.plot([], [], "o", color="0.4", mfc="w", label="empty: viscous (V > V* or D ≥ D_max)")
+    axes.set_xlabel(VELOCITY.label(unit.name))
     axes.set_ylabel(MEAN_TRACTION.label("MPa"))
-    axes.set_title(
-        f"friction map: computed points{_unsteady_words(series)} on the closed form", fontsize=9
-    )
+    words = f"friction map: computed points{_unsteady_words(series)} on the closed form"
+    figure.suptitle(titled(case, words), fontsize=9)
     axes.legend(fontsize=8)
     thin_log_ticks(axes)
     return figure
-
-
-def _colours(count: int) -> list[str]:
-    return [COLOURS[i % len(COLOURS)] for i in range(count)]

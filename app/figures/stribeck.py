@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -12,9 +13,11 @@ from numpy.typing import NDArray
 
 from tribox.app.case.friction import FrictionMap
 from tribox.app.figures.history import spans_decades
-from tribox.app.figures.style import COLOURS, MARKERS, Floats, thin_log_ticks
+from tribox.app.figures.names import titled
+from tribox.app.figures.style import Floats, colour_of, dashes_of, marker_of, thin_log_ticks
 from tribox.app.figures.symbols import HERSEY, RATIO, VELOCITY
-from tribox.app.figures.units import fitting
+from tribox.app.figures.units import fitting, velocity_unit
+from tribox.forms.closed_forms.homogeneous_sliding import threshold_speed
 
 if TYPE_CHECKING:
     from tribox.app.case.case import Case
@@ -29,6 +32,7 @@ class StribeckSeries:
     Attributes:
         label: what it is called. speed: (n,), m/s, |V|, rising; ratio: (n,), F_T/N.
         hersey: (n,), m, η_b V/p with the mean pressure p; NaN without a film.
+        star: m/s, V* of the film, where friction jumps; NaN where it plays no part.
         settled: (n,) False where the velocity ended before the force was steady.
     """
 
@@ -37,6 +41,7 @@ class StribeckSeries:
     ratio: Floats
     hersey: Floats
     settled: NDArray[np.bool_]
+    star: float = math.nan
 
 
 def series_of(results: Results, label: str = "") -> list[StribeckSeries]:
@@ -56,7 +61,7 @@ def series_of(results: Results, label: str = "") -> list[StribeckSeries]:
     contacts = results.table("contacts")
     names = list(dict.fromkeys(contacts["pair"])) if len(contacts) else []
     if len(names) < 2:
-        return [_series(label, ends, ends["velocity"], settled, _viscosity(results.case, 0))]
+        return [_series(label, ends, ends["velocity"], settled, results.case, 0)]
     found = []
     for number, name in enumerate(names):
         own = contacts.where("pair", name)
@@ -64,8 +69,8 @@ def series_of(results: Results, label: str = "") -> list[StribeckSeries]:
         there = np.isin(ends["step"], own["step"])
         rows = own.rows(np.array([place[step] for step in ends["step"][there].tolist()], np.int64))
         words = f"{label}, {name}" if label else str(name)
-        viscosity = _viscosity(results.case, number)
-        found.append(_series(words, rows, ends["velocity"][there], settled[there], viscosity))
+        speeds, own_settled = ends["velocity"][there], settled[there]
+        found.append(_series(words, rows, speeds, own_settled, results.case, number))
     return found
 
 
@@ -76,26 +81,48 @@ def _viscosity(case: Case, pair: int) -> float:
     return float(contact.friction.eta_b) if wet else np.nan  # type: ignore[union-attr]
 
 
+def _threshold(case: Case, pair: int, pressure: float) -> float:
+    """V* of a pair's film at a mean pressure, m/s; NaN where friction does not jump."""
+    contact = case.contact[pair]
+    if not isinstance(contact.friction, FrictionMap) or contact.film is None:
+        return math.nan
+    law, film = contact.friction.parameters(), contact.film.at(pressure)
+    return float(threshold_speed(film, law)) if law.D_min < film < law.D_max else math.nan
+
+
 def _series(
-    label: str, rows: Table, velocity: Floats, settled: NDArray[np.bool_], viscosity: float
+    label: str,
+    rows: Table,
+    velocity: Floats,
+    settled: NDArray[np.bool_],
+    case: Case,
+    pair: int,
 ) -> StribeckSeries:
     speed, normal = np.abs(velocity), rows["normal_force"]
     friction, area = rows["friction_force"], rows["contact_area"]
-    order = np.argsort(speed, kind="stable")
+    order, viscosity = np.argsort(speed, kind="stable"), _viscosity(case, pair)
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = np.where(normal > 0.0, friction / normal, np.nan)
         hersey = np.where(normal > 0.0, viscosity * speed * area / normal, np.nan)
-    return StribeckSeries(label, speed[order], ratio[order], hersey[order], settled[order])
+    pressed = normal > 0.0
+    pressure = float(np.mean(normal[pressed] / area[pressed])) if pressed.any() else 0.0
+    star = _threshold(case, pair, pressure)
+    return StribeckSeries(label, speed[order], ratio[order], hersey[order], settled[order], star)
 
 
-def stribeck_figure(series: list[StribeckSeries]) -> Figure | None:
-    """Friction over velocity and, with a film, over the Hersey length; None without velocities."""
+def stribeck_figure(series: list[StribeckSeries], case: str = "") -> Figure | None:
+    """Friction over velocity and, with a film, over the Hersey length; None without velocities.
+
+    Args:
+        series: of one run, or of those of a sweep.
+        case: title of it.
+    """
     if not series:
         return None
     film = any(np.isfinite(one.hersey).any() for one in series)
     figure = Figure(figsize=(10.0 if film else 6.0, 4.6), layout="constrained")
     panels = figure.subplots(1, 2 if film else 1, sharey=True, squeeze=False)[0]
-    speeds = fitting(np.concatenate([one.speed for one in series]), "m/s")
+    speeds = velocity_unit(np.concatenate([one.speed for one in series]))
     _draw(panels[0], series, [speeds.of(one.speed) for one in series])
     panels[0].set_xlabel(VELOCITY.label(speeds.name))
     panels[0].set_ylabel(RATIO.label())
@@ -105,18 +132,28 @@ def stribeck_figure(series: list[StribeckSeries]) -> Figure | None:
         panels[1].set_xlabel(f"{HERSEY.label(lengths.name)}, p = N/A")
     unsteady = not all(one.settled.all() for one in series)
     words = "; grey crosses: NOT steady" if unsteady else ""
-    figure.suptitle(f"friction at the end of each velocity{words}", fontsize=9)
+    if any(len(_parts(one)) > 1 for one in series):
+        words += "; lines end where V* lies between two points"
+    figure.suptitle(titled(case, f"friction at the end of each velocity{words}"), fontsize=9)
     if len(series) > 1:
         figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right center",
                       fontsize=8)  # fmt: skip
     return figure
 
 
+def _parts(one: StribeckSeries) -> list[slice]:
+    """The points of a series below V*, and those above: between them friction jumps."""
+    jump, count = int(np.searchsorted(one.speed, one.star)), len(one.speed)
+    return [slice(0, jump), slice(jump, count)] if 0 < jump < count else [slice(0, count)]
+
+
 def _draw(axes: Axes, series: list[StribeckSeries], places: list[Floats]) -> None:
     axes.set_xscale("log")
     for number, (one, x) in enumerate(zip(series, places, strict=True)):
-        colour, marker = COLOURS[number % len(COLOURS)], MARKERS[number % len(MARKERS)]
-        axes.plot(x, one.ratio, marker + "-", color=colour, lw=0.8, ms=5, label=one.label)
+        for part in _parts(one):
+            axes.plot(x[part], one.ratio[part], marker_of(number), ls=dashes_of(number),
+                      color=colour_of(number), lw=0.8, ms=5,
+                      label=one.label if part.start == 0 else "")  # fmt: skip
         axes.plot(x[~one.settled], one.ratio[~one.settled], "x", color="0.45", ms=10, mew=2,
                   zorder=5)  # fmt: skip
     ratios = np.concatenate([one.ratio for one in series])

@@ -23,12 +23,19 @@ from tribox.app.results.directory import create
 Floats = NDArray[np.float64]
 Longs = NDArray[np.int64]
 
-COLOURS = ("#1b6ca8", "#d1495b", "#2e8b57", "#8d5fa8", "#e08e1b", "#555555")
+RED = "#b3202f"  # of lines that are second, and of what is wrong: the only one in figures
+# Any two differ for readers without one kind of cones too; markers and dashes say the same.
+COLOURS = ("#1b6ca8", RED, "#009e73", "#cc79a7", "#e69f00", "#2b2b2b")
+FILLS = (*COLOURS[:1], *COLOURS[2:])  # of areas, with lines in red above them
 DECADES, MANY_DECADES = 2.5, 5.0  # from which on an axis has ticks at 1, 2, 5; at 1 only
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 PLAIN = (1e-3, 1e5)  # numbers between these have no power of ten
 MARGIN = 0.1  # inches of white round what is drawn
 MARKERS = ("o", "s", "^", "D", "v", "P")
+DASHES: tuple[Any, ...] = (
+    *("-", (0, (6, 2)), (0, (6, 1.5, 1, 1.5)), (0, (3, 1.2)), (0, (9, 2))),
+    (0, (6, 1.5, 1, 1.5, 1, 1.5)),
+)
 STYLE = {
     "font.size": 10,
     "axes.grid": True,
@@ -169,12 +176,28 @@ def thin_log_ticks(axes: Axes) -> None:
         axis.set_major_formatter(FuncFormatter(lambda value, _: power_of_ten(value)))
 
 
+def colour_of(number: int) -> str:
+    """The colour of a line, an own one for each of the first."""
+    return COLOURS[number % len(COLOURS)]
+
+
+def marker_of(number: int) -> str:
+    """The marker of a line's points."""
+    return MARKERS[number % len(MARKERS)]
+
+
+def dashes_of(number: int) -> Any:
+    """The dashes of a line, as matplotlib's ``linestyle``."""
+    return DASHES[number % len(DASHES)]
+
+
 def plain_number(value: float) -> str:
     """A number such as 0.2 or 3·10⁵ in plain text."""
     if PLAIN[0] <= abs(value) < PLAIN[1] or value == 0.0:
         return f"{value:.4g}"
     digits, _, power = f"{value:.3e}".partition("e")
-    return f"{float(digits):g}·10" + f"{int(power)}".translate(RAISED)
+    mantissa = "" if float(digits) == 1.0 else f"{float(digits):g}·"
+    return f"{mantissa}10" + f"{int(power)}".translate(RAISED)
 
 
 def power_of_ten(value: float) -> str:

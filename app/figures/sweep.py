@@ -13,9 +13,10 @@ from matplotlib.figure import Figure
 
 from tribox.app.case.quantities import QuantityError, split_quantity
 from tribox.app.figures.history import DECADES, LEAST, spans_decades
+from tribox.app.figures.names import unit_of_velocity
 from tribox.app.figures.style import MARKERS, Floats, thin_log_ticks
 from tribox.app.figures.symbols import FRICTION_FORCE, NORMAL_FORCE, RATIO
-from tribox.app.figures.units import Unit, fitting
+from tribox.app.figures.units import Unit, fitting, velocity_text
 
 if TYPE_CHECKING:
     from tribox.app.results import Results
@@ -99,12 +100,12 @@ class SweepLine:
 def sweep_lines(results: Results, swept: SweptValues) -> list[SweepLine]:
     """One line for each stage or velocity that at least one run has come to."""
     table = results.table("sweep").where("label", *swept.places)
-    lines = []
+    lines, unit = [], unit_of_velocity(results)
     for stage, velocity in dict.fromkeys(zip(table["stage"], table["velocity"], strict=True)):
         rows = table.where("stage", stage).where("velocity", velocity)
         at = np.array([swept.places[label] for label in rows["label"]])
         order = np.argsort(at, kind="stable")
-        speed = fitting([velocity], "m/s").text(velocity)
+        speed = velocity_text(velocity, unit)
         name = f"{stage}, {speed}" if velocity else str(stage)
         normal, friction, steady = (
             rows[column][order] for column in ("normal_force", "friction_force", "steady")

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tribox.app.figures.style import Floats
+from tribox.app.figures.style import Floats, plain_number
 
 PREFIXES = {9: "G", 6: "M", 3: "k", 0: "", -3: "m", -6: "µ", -9: "n", -12: "p"}
 _ALL, _SMALL, _LARGE = range(-12, 10), range(-12, 1), range(10)
@@ -20,6 +20,7 @@ _SCALED = {
     **dict.fromkeys(("N", "J", "N m", "Pa s", "J/m²"), (_ALL, 1)),
     "m²": (_SMALL, 2),
 }
+MANY = 1e4  # largest over smallest velocity from which on no prefix fits all of a run
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,3 +69,21 @@ def fitting(values: ArrayLike, unit: str) -> Unit:
     fits = [p for p in usual if largest >= 10.0 ** (p * exponent) * (1.0 - 1e-9)]
     power = fits[0] if fits else usual[-1]
     return Unit(power * exponent, PREFIXES[power] + unit)
+
+
+def velocity_unit(speeds: ArrayLike) -> Unit:
+    """The one unit of a run's velocities: with a prefix, unless they span too many decades.
+
+    Args:
+        speeds: m/s; zeros and those that are not finite do not count.
+    """
+    found = np.abs(np.asarray(speeds, dtype=np.float64))
+    found = found[np.isfinite(found) & (found > 0.0)]
+    if len(found) and found.max() > MANY * found.min():
+        return Unit(0, "m/s")
+    return fitting(found, "m/s")
+
+
+def velocity_text(speed: float, unit: Unit) -> str:
+    """A velocity, m/s, in the unit of its run, such as "30 µm/s" or "3·10⁻⁸ m/s"."""
+    return f"{plain_number(float(unit.of(speed)))} {unit.name}"

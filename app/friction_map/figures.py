@@ -11,9 +11,22 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
-from tribox.app.figures.style import COLOURS, STYLE, save, thin_log_ticks
+from tribox.app.figures.names import titled
+from tribox.app.figures.steady_points import with_room
+from tribox.app.figures.style import (
+    COLOURS,
+    RED,
+    STYLE,
+    colour_of,
+    dashes_of,
+    marker_of,
+    plain_number,
+    save,
+    thin_log_ticks,
+)
 from tribox.app.figures.symbols import LOCAL_RATIO, SLIP, TIME, TRACTION, VELOCITY, VISCOSITY
 from tribox.app.figures.units import fitting
 from tribox.app.friction_map.material_point import Track
@@ -45,8 +58,23 @@ def draw_map(setup: MapSetup, result: FrictionMapResult, figures: Path) -> None:
 # -- steady sliding -------------------------------------------------------------------------------
 
 
-def _colour(number: int) -> str:
-    return COLOURS[number % len(COLOURS)]
+def _number(setup: MapSetup, film: float) -> int | None:
+    """Which of the films one is, as the figures of a run count them; None of a dry contact."""
+    wet = [one for one in setup.films if one > setup.parameters.D_min]
+    return wet.index(film) if film in wet else None
+
+
+def _colour(setup: MapSetup, film: float) -> str:
+    number = _number(setup, film)
+    return "0.45" if number is None else colour_of(number)
+
+
+def _marks(setup: MapSetup, film: float) -> dict[str, Any]:
+    """Colour, marker and dashes of a film."""
+    number = _number(setup, film)
+    if number is None:
+        return {"color": _colour(setup, film), "marker": "x", "ls": (0, (1, 1))}
+    return {"color": colour_of(number), "marker": marker_of(number), "ls": dashes_of(number)}
 
 
 def _film_label(setup: MapSetup, film: float) -> str:
@@ -76,22 +104,31 @@ def _fine(speeds: Floats) -> Floats:
     return np.asarray(np.geomspace(speeds[0], speeds[-1], 3000), dtype=np.float64)
 
 
-def _dots(axes: Axes, x: Floats, y: NDArray[Any], colour: str, label: str) -> None:
-    axes.plot(x, y, "o", ms=MARKER_SIZE, mfc="none", color=colour, label=label)
+def _draw(
+    axes: Axes, fine: tuple[Floats, Floats], x: Floats, y: NDArray[Any], marks: dict[str, Any],
+    label: str,
+) -> None:  # fmt: skip
+    """A closed form, fine (n,) over (n,), and the points that the law was stepped to."""
+    colour, marker, dashes = marks["color"], marks["marker"], marks["ls"]
+    axes.plot(*fine, color=colour, lw=1, ls=dashes)
+    axes.plot(x, y, marker, ms=MARKER_SIZE, mfc="none", color=colour)
+    axes.plot([], [], color=colour, lw=1, ls=dashes, marker=marker, ms=MARKER_SIZE, mfc="none",
+              label=label)  # fmt: skip
 
 
-def _explain(axes: Axes, star: bool) -> None:
-    text = "circles: law stepped to steady sliding; lines: closed form"
-    axes.set_title(text + ("; dotted: V*" if star else ""), fontsize=8.5, y=1.0)
+def _explain(setup: MapSetup, axes: Axes, star: bool) -> None:
+    text = "points: law stepped to steady sliding; lines: closed form"
+    text += "; dotted: V*" if star else ""
+    axes.set_title(titled(setup.title, text), fontsize=8.5, y=1.0)
 
 
 def _mark_stars(setup: MapSetup, axes: Axes, curves: Sequence[Curve]) -> bool:
     """Dotted lines at the threshold speeds that lie within the map."""
     shown = False
-    for number, curve in enumerate(curves):
+    for curve in curves:
         star = _star(setup, curve.film)
         if curve.speed[0] < star < curve.speed[-1]:
-            axes.axvline(star, color=_colour(number), ls=":", lw=1, zorder=0)
+            axes.axvline(star, color=_colour(setup, curve.film), ls=":", lw=1, zorder=0)
             shown = True
     return shown
 
@@ -113,11 +150,12 @@ def _log_log() -> tuple[Figure, Axes]:
 def _by_film(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
     figure, axes = _log_log()
     fine = _fine(setup.speeds)
-    for number, curve in enumerate(curves):
-        colour = _colour(number)
-        axes.plot(fine, _closed_form(setup, curve, fine) / 1e3, color=colour, lw=1)
-        _dots(axes, curve.speed, curve.traction / 1e3, colour, _film_label(setup, curve.film))
-    _explain(axes, _mark_stars(setup, axes, curves))
+    for curve in curves:
+        line = fine, np.asarray(_closed_form(setup, curve, fine) / 1e3)
+        label = _film_label(setup, curve.film)
+        marks = _marks(setup, curve.film)
+        _draw(axes, line, curve.speed, curve.traction / 1e3, marks, label)
+    _explain(setup, axes, _mark_stars(setup, axes, curves))
     axes.set_xlabel(VELOCITY.label())
     axes.set_ylabel(TRACTION.label("kPa"))
     _legend(axes, "lower right", f"pressure p = {setup.pressure / 1e6:g} MPa")
@@ -129,11 +167,11 @@ def _by_load(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
     figure, axes = _log_log()
     fine = _fine(setup.speeds)
     for number, curve in enumerate(curves):
-        colour = _colour(number)
         label = f"p = {curve.pressure / 1e6:.3g} MPa"
-        axes.plot(fine, _closed_form(setup, curve, fine) / 1e3, color=colour, lw=1)
-        _dots(axes, curve.speed, curve.traction / 1e3, colour, label)
-    _explain(axes, False)
+        line = fine, np.asarray(_closed_form(setup, curve, fine) / 1e3)
+        marks = {"color": colour_of(number), "marker": marker_of(number), "ls": dashes_of(number)}
+        _draw(axes, line, curve.speed, curve.traction / 1e3, marks, label)
+    _explain(setup, axes, False)
     star = _star(setup, setup.film)
     if setup.speeds[0] < star < setup.speeds[-1]:
         axes.axvline(star, color="0.4", ls=":", lw=1, zorder=0)
@@ -151,14 +189,13 @@ def _by_load(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
 def _viscosity(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
     figure, axes = _log_log()
     fine = _fine(setup.speeds)
-    for number, curve in enumerate(curves):
+    for curve in curves:
         if curve.film <= setup.parameters.D_min:
             continue  # No film, no viscosity.
-        colour = _colour(number)
-        line = _closed_form(setup, curve, fine) * curve.film / fine
-        axes.plot(fine, line, color=colour, lw=1)
-        _dots(axes, curve.speed, curve.viscosity, colour, _film_label(setup, curve.film))
-    _explain(axes, _mark_stars(setup, axes, curves))
+        line = fine, np.asarray(_closed_form(setup, curve, fine) * curve.film / fine)
+        label = _film_label(setup, curve.film)
+        _draw(axes, line, curve.speed, curve.viscosity, _marks(setup, curve.film), label)
+    _explain(setup, axes, _mark_stars(setup, axes, curves))
     eta = setup.parameters.eta_b
     axes.axhline(eta, color="k", lw=0.8, ls="--", zorder=0)
     axes.annotate(
@@ -166,7 +203,7 @@ def _viscosity(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
         xytext=(0, -5), textcoords="offset points", va="top", fontsize=8,
     )  # fmt: skip
     lowest = min(float(c.viscosity.min()) for c in curves if c.film > setup.parameters.D_min)
-    axes.set_ylim(bottom=min(0.2 * eta, 0.7 * lowest))
+    with_room(axes, min(eta, lowest), 0.2)
     axes.set_xlabel(VELOCITY.label())
     axes.set_ylabel(f"{VISCOSITY.name} {VISCOSITY.symbol} = T D/V ({VISCOSITY.unit})")
     _legend(axes, "upper right", f"pressure p = {setup.pressure / 1e6:g} MPa")
@@ -178,21 +215,20 @@ def _stribeck(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
     """Friction over V η_b/D, the traction of a Newtonian film (in the paper: both times A)."""
     figure, axes = _log_log()
     eta, fine = setup.parameters.eta_b, _fine(setup.speeds)
-    for number, curve in enumerate(curves):
+    for curve in curves:
+        label, marks = _film_label(setup, curve.film), _marks(setup, curve.film)
         if curve.film <= setup.parameters.D_min:
-            axes.axhline(curve.traction[0] / 1e3, color=_colour(number), lw=1.2, ls="-.",
-                         label=f"{_film_label(setup, curve.film)}: Coulomb")  # fmt: skip
+            axes.axhline(curve.traction[0] / 1e3, color=marks["color"], lw=1.2, ls=marks["ls"],
+                         label=f"{label}: Coulomb")  # fmt: skip
             continue
-        colour, scale = _colour(number), eta / curve.film / 1e3
-        line = _closed_form(setup, curve, fine) / 1e3
-        axes.plot(fine * scale, line, color=colour, lw=1)
-        label = _film_label(setup, curve.film)
-        _dots(axes, curve.speed * scale, curve.traction / 1e3, colour, label)
+        scale = eta / curve.film / 1e3
+        line = np.asarray(fine * scale), np.asarray(_closed_form(setup, curve, fine) / 1e3)
+        _draw(axes, line, np.asarray(curve.speed * scale), curve.traction / 1e3, marks, label)
     low, high = axes.get_xlim()
     ends = np.array([low, high])
     axes.plot(ends, ends, color="k", lw=0.8, ls="--", label="Newtonian: T = V η_b/D")
     axes.set_xlim(low, high)
-    _explain(axes, False)
+    _explain(setup, axes, False)
     axes.set_xlabel("viscous stress of the bulk fluid V η_b/D (kPa)")
     axes.set_ylabel(TRACTION.label("kPa"))
     _legend(axes, "lower right", f"pressure p = {setup.pressure / 1e6:g} MPa")
@@ -215,7 +251,7 @@ def _weakening(setup: MapSetup, track: Track) -> Figure:
     axes.plot(slip * 1e6, np.concatenate([[0.0], mu]), color=COLOURS[0], lw=1, label="closed form")
     axes.plot(
         track.slip[::4, 0] * 1e6, track.traction[::4, 0] / setup.pressure, "o", ms=MARKER_SIZE,
-        mfc="none", color=COLOURS[1], label="law stepped from rest",
+        mfc="none", color=RED, label="law stepped from rest",
     )  # fmt: skip
     axes.axhline(p.mu_s, color="0.5", lw=0.8, ls="--", zorder=0)
     axes.annotate(f"μ_s = {p.mu_s:g}", (1.0, p.mu_s), xycoords=("axes fraction", "data"),
@@ -227,10 +263,8 @@ def _weakening(setup: MapSetup, track: Track) -> Figure:
                       textcoords="offset points", ha="right", va="top", fontsize=8)  # fmt: skip
     axes.set_ylim(0.0, 1.15 * p.mu_s or 1.0)
     axes.set_xlim(left=0.0)
-    axes.set_title(
-        f"dry contact under {setup.pressure / 1e6:g} MPa; the rise is elastic, over μp/K_T",
-        fontsize=8.5, y=1.0,
-    )  # fmt: skip
+    words = f"dry contact under {setup.pressure / 1e6:g} MPa; the rise is elastic, over μp/K_T"
+    axes.set_title(titled(setup.title, words), fontsize=8.5, y=1.0)
     axes.set_xlabel(SLIP.label("µm"))
     axes.set_ylabel(LOCAL_RATIO.label())
     axes.legend(loc="lower right", fontsize=8)
@@ -265,13 +299,15 @@ def _start_stop(setup: MapSetup, track: Track, films: tuple[float, ...]) -> Figu
     unit = fitting(track.time[-1], "s")
     time = unit.of(track.time)
     for q, (axes, film) in enumerate(zip(panels[:-1], films, strict=True)):
-        _traction_panel(axes, setup, film, time, track.traction[:, q], _colour(q + 1))
+        _traction_panel(axes, setup, film, time, track.traction[:, q], _colour(setup, film))
         for _, first, _ in _phases(track)[1:]:
             axes.axvline(time[first - 1], color="0.6", lw=0.8, ls=":", zorder=0)
     _name_phases(panels[0], track, time)
     speed = np.concatenate([[0.0], track.speed[:, 0]])
-    panels[-1].step(np.concatenate([[0.0], time]), speed * 1e6, color="0.25", where="pre", lw=1.2)
-    _name_ordinate(panels[-1], "V (µm/s)")
+    panels[-1].step(np.concatenate([[0.0], time]), speed, color="0.25", where="pre", lw=1.2)
+    _name_ordinate(panels[-1], "V (m/s)")
+    panels[-1].yaxis.set_major_formatter(FuncFormatter(lambda value, _: plain_number(value)))
+    figure.suptitle(setup.title, fontsize=9, y=0.96)
     panels[-1].set_xlabel(TIME.label(unit.name))
     figure.subplots_adjust(left=WIDE_MARGIN, right=0.97)
     return figure
@@ -305,11 +341,13 @@ def _jump(setup: MapSetup, track: Track, films: tuple[float, ...]) -> Figure:
     figure = Figure(figsize=(7, 0.9 + 1.5 * len(films)))
     panels = figure.subplots(len(films), 1, sharex=True, squeeze=False)
     slip = track.slip[:, 0] * 1e6
-    named = [f"{name}\n{track.speed[first, 0]:.2g} m/s" for name, first, _ in _phases(track)]
+    figure.suptitle(setup.title, fontsize=9, y=0.96)
+    two = lambda speed: plain_number(float(f"{speed:.2g}"))  # noqa: E731
+    named = [f"{name}\n{two(track.speed[first, 0])} m/s" for name, first, _ in _phases(track)]
     spans = _phases(track)
     names = [label for label, (_, a, b) in zip(named, spans, strict=True) for _ in range(b - a)]
     for q, (axes, film) in enumerate(zip(panels[:, 0], films, strict=True)):
-        _traction_panel(axes, setup, film, slip, track.traction[:, q], _colour(q + 1))
+        _traction_panel(axes, setup, film, slip, track.traction[:, q], _colour(setup, film))
         for _, first, _ in spans[1:]:
             axes.axvline(slip[first - 1], color="0.6", lw=0.8, ls=":", zorder=0)
     _name_phases(panels[0, 0], replace(track, phase=tuple(names)), slip)

@@ -61,6 +61,19 @@ def test_all_bodies_and_pairs_are_shown(strip, kept, tmp_path):
     assert marked == [to_rgba(pair_colour(k)) for k in range(2)]
 
 
+def test_one_scale_of_colours_holds_for_all_pictures_of_a_run(strip, kept, tmp_path):
+    draw_deformed(strip, tmp_path, "von_mises_stress")  # which grows with every step
+    assert len(kept) == 3
+    limits = {
+        (shown.norm.vmin, shown.norm.vmax)
+        for figure in kept.values()
+        for axes in figure.axes
+        for shown in axes.collections
+        if isinstance(shown, PathCollection)
+    }
+    assert limits == {(0.0, 15.0)}
+
+
 def test_tractions_are_drawn_over_the_arc_length(strip, kept, tmp_path):
     draw_deformed(strip, tmp_path, "von_mises_stress")
     data = strip_contact(5).point_data

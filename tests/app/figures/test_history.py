@@ -139,10 +139,49 @@ def write_film(directory: Path, film: str, press: float = 1.0, thickness: str = 
 def test_velocities_are_drawn_over_the_path_and_decades_on_a_log_scale(film, tmp_path):
     results = write_film(tmp_path / "out", film)
     normal, friction, ratio = forces_figure(results).axes
-    assert ratio.get_xlabel() == "path of the driven surface (µm)"
+    assert ratio.get_xlabel() == "path of the driven surface since the end of press (µm)"
     assert friction.get_yscale() == ratio.get_yscale() == "log" and normal.get_yscale() == "linear"
     assert friction.lines[0].get_xdata()[3:] == pytest.approx(4.0 * np.arange(1, 9))
-    assert {"10 µm/s", "100 mm/s"} <= {text.get_text() for text in normal.texts}
+    # One unit for velocities over six decades, and the stage before them beside the path.
+    assert {"press", "10⁻⁵ m/s", "0.1 m/s"} <= {text.get_text() for text in normal.texts}
+    pressed = normal.lines[0].get_xdata()[:3]
+    assert (np.diff(pressed) > 0.0).all() and pressed[2] == 0.0 and -2.0 < pressed[0] < -0.5
+
+
+def test_a_film_whose_points_lie_on_one_level_has_room_above_and_below(film, tmp_path):
+    results = write_film(tmp_path / "out", film, thickness="250 nm")
+    rows = [row for row in results.table("load_steps").records() if row["steady"] >= 0.0]
+    eta = results.case.contact[0].friction.eta_b
+    rows = [row | {"effective_viscosity": eta, "mu": 0.1} for row in rows]
+    series = [steady_points.steady_series(results.case, rows)]
+    figure = steady_points._viscosity_figure(series, results.case.title)
+    low, high = figure.axes[0].get_ylim()
+    assert low < eta / 3.0 and high > 3.0 * eta
+
+
+def test_no_line_is_drawn_across_the_threshold_speed(film, tmp_path):
+    # V* at 30 nm is 1 mm/s √(1/3) = 0.58 mm/s: between the first two velocities.
+    [one] = series_of(write_film(tmp_path / "out", film))
+    assert one.star == pytest.approx(1e-3 / np.sqrt(3.0))
+    left = stribeck_figure([one]).axes[0]
+    joined = [line.get_xdata().tolist() for line in left.lines if line.get_marker() != "x"]
+    assert joined == [[1e-5], [1e-3, 1e-1, 1e1]]
+    [thick] = series_of(write_film(tmp_path / "thick", film, thickness="250 nm"))
+    left = stribeck_figure([thick]).axes[0]
+    assert len([line for line in left.lines if line.get_marker() != "x"]) == 1
+
+
+def test_all_figures_bear_the_title_of_the_case(film, strip, tmp_path):
+    results = write_film(tmp_path / "out", film)
+    figures = [forces_figure(results), energies_figure(results), force_displacement_figure(strip)]
+    rows = results.table("load_steps").records()
+    series = [steady_points.steady_series(results.case, [r for r in rows if r["steady"] >= 0.0])]
+    title = results.case.title
+    figures.append(stribeck_figure(series_of(results), title))
+    figures.append(steady_points._map_figure(series, title))
+    for figure in figures:
+        expected = strip.case.title if figure is figures[2] else title
+        assert expected and figure.get_suptitle().startswith(expected)
 
 
 def test_time_that_has_no_effect_does_not_hide_what_follows(film, tmp_path):

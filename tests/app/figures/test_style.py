@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import re
+from itertools import combinations
+from pathlib import Path
+
 import numpy as np
 import pytest
 from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import rgb_to_hsv, to_rgb
 from matplotlib.figure import Figure
 from PIL import Image
 
 from tribox.app.figures.png import write_png
-from tribox.app.figures.style import CASE_STYLE, MARGIN, save
+from tribox.app.figures.style import CASE_STYLE, COLOURS, DASHES, MARGIN, MARKERS, RED, save
 
 
 def page(path) -> np.ndarray:
@@ -93,3 +98,46 @@ def test_ticks_that_are_made_once_are_those_of_matplotlib(tmp_path):
             save(figure, tmp_path / "again.png", tight=False)
             assert "40" in [text.get_text() for text in right.get_xticklabels()]
     np.testing.assert_array_equal(*pages)
+
+
+# From linear RGB to what is seen without the long, or the medium, cones (Machado et al. 2009).
+SIGHTS = {
+    "usual": np.eye(3),
+    "protan": np.array([[0.152, 1.053, -0.205], [0.115, 0.786, 0.099], [-0.004, -0.048, 1.052]]),
+    "deutan": np.array([[0.367, 0.861, -0.228], [0.280, 0.673, 0.047], [-0.012, 0.043, 0.969]]),
+}
+TO_XYZ = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
+WHITE = np.array([0.9505, 1.0, 1.089])
+
+
+def seen(colour: str, sight: str) -> np.ndarray:
+    """A colour in CIE Lab, as one kind of eyes sees it."""
+    rgb = np.array(to_rgb(colour))
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    x = TO_XYZ @ np.clip(SIGHTS[sight] @ linear, 0.0, 1.0) / WHITE
+    f = np.where(x > 0.008856, np.cbrt(x), 7.787 * x + 16 / 116)
+    return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
+
+
+@pytest.mark.parametrize("sight", list(SIGHTS))
+def test_any_two_colours_differ_for_all_eyes(sight):
+    found = {
+        pair: np.linalg.norm(seen(pair[0], sight) - seen(pair[1], sight))
+        for pair in combinations(COLOURS, 2)
+    }
+    # A difference of 2.3 is just seen; blue and purple were 0.3 apart for protan eyes.
+    assert min(found.values()) > 15.0, min(found, key=found.get)
+    assert len(COLOURS) == len(MARKERS) == len(DASHES) == len(set(map(str, DASHES)))
+
+
+def test_there_is_one_red():
+    reds = {RED}
+    root = Path(__file__).resolve().parents[3]
+    for file in (*root.glob("app/**/*.py"), *root.glob("app/**/*.html")):
+        text = file.read_text(encoding="utf-8")
+        assert not re.search(r'"(?:C3|red|crimson|firebrick|darkred|tab:red)"', text), file
+        for found in re.findall(r"#[0-9a-fA-F]{6}\b", text.split("prefers-color-scheme")[0]):
+            hue, share, light = rgb_to_hsv(to_rgb(found))
+            if (hue < 0.045 or hue > 0.955) and share > 0.5 and light > 0.5:
+                reds.add(found)
+    assert reds == {RED}

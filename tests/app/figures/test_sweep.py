@@ -59,7 +59,7 @@ def test_a_line_for_each_stage_and_velocity(film, tmp_path):
     normal, friction, ratio = figure.axes
     joined = [line for line in friction.lines if line.get_marker() != "x"]
     assert [line.get_label() for line in joined] == [
-        "press", "slide, 10 µm/s", "slide, 1 mm/s", "slide, 100 mm/s", "slide, 10 m/s",
+        "press", "slide, 10⁻⁵ m/s", "slide, 0.001 m/s", "slide, 0.1 m/s", "slide, 10 m/s",
     ]  # fmt: skip
     for line, force in zip(joined[1:], FORCES, strict=True):
         assert line.get_xdata().tolist() == [10.0, 30.0]

@@ -70,7 +70,7 @@ def test_frames_in_the_plane_show_tools_where_they_are(strip, monkeypatch):
     monkeypatch.setattr(animation, "tool_lines", lambda results, step: lines[step])
     states = [animation.read_bodies(strip.fields(s), ["punch", "strip", "die"], "von_mises_stress")
               for s in lines]  # fmt: skip
-    scale = animation.colour_scale(states[0].field.values, states[0].field.unit)
+    scale = animation.common_scale([state.field for state in states])
     figure, draw = animation._in_the_plane(strip, list(lines), states, scale)
     heights = []
     for number in range(5):

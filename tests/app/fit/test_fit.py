@@ -404,7 +404,9 @@ def test_the_thickness_is_asked_for_only_by_the_law_of_the_film(tmp_path):
         read_data(path)
     assert not read_data(path, needs_film=False).knows_film
     assert fit_setup(path, None, [], [], "coulomb").names == ("mu",)
-    viscous = path.read_text(encoding="utf-8").replace("traction [kPa]", "effective_viscosity [Pa*s]")
+    viscous = path.read_text(encoding="utf-8").replace(
+        "traction [kPa]", "effective_viscosity [Pa*s]"
+    )
     with pytest.raises(InputError, match="thickness is missing"):
         read_data(write(tmp_path, viscous), needs_film=False)
 
@@ -463,7 +465,10 @@ GOOD = HEAD + "\n" + "".join(f"0,1e-{k},3,{300 + k}\n" for k in range(1, 9))
         (GOOD.replace("traction [kPa]", "pressure [kPa]"), ["pressure", "twice"]),
         (HEAD + "\n0,1e-3,3,300\n", ["too few data", "mu_s", "2 rows", "found 1", "--fix"]),
         (GOOD.replace("thickness [nm]", "Thickness (nm)"), ['"thickness"', "[m]", "brackets"]),
-        (GOOD.replace("thickness [nm]", "temperature [K]"), ["weight; take other columns out", '--ignore-columns "temperature"']),
+        (
+            GOOD.replace("thickness [nm]", "temperature [K]"),
+            ["weight; take other columns out", '--ignore-columns "temperature"'],
+        ),
     ],
 )
 def test_wrong_data_are_one_line(tmp_path, text, words):
@@ -498,9 +503,7 @@ def test_wrong_options_are_one_line(tmp_path, options, words):
     assert_refused(tmp_path, GOOD, words, **options)
 
 
-def assert_refused(
-    tmp_path, text, words, parameters=None, fixed=(), start=(), law="friction-map"
-):
+def assert_refused(tmp_path, text, words, parameters=None, fixed=(), start=(), law="friction-map"):
     path = write(tmp_path, text)
     with pytest.raises(InputError) as caught:
         run_fit(path, parameters, fixed, start, tmp_path / "out", False, law)

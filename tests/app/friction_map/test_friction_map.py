@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from tribox.app.errors import InputError
-from tribox.app.friction_map.figures import _jump, _start_stop
+from tribox.app.figures.style import COLOURS, MARKERS
+from tribox.app.friction_map.figures import _by_film, _jump, _start_stop, _viscosity
 from tribox.app.friction_map.material_point import Phase, follow, slide_to_steady
 from tribox.app.friction_map.material_tests import compute_map
 from tribox.app.friction_map.run import run_map
@@ -164,6 +165,20 @@ def test_labels_of_small_panels_stay_on_the_page(built_in, scale):
         figure.canvas.draw()
         panels = figure.axes[: len(films)]
         assert min(axes.yaxis.label.get_window_extent().x0 for axes in panels) > 0.0
+        plt.close(figure)
+
+
+def test_films_look_as_in_the_figures_of_a_run_and_each_has_a_marker_and_dashes(built_in):
+    setup, result = built_in
+    for figure in (_by_film(setup, result.by_film), _viscosity(setup, result.by_film)):
+        [axes] = figure.axes
+        lines = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
+        films = [label for label in lines if label.startswith("D = ")]
+        assert [lines[label].get_color() for label in films] == list(COLOURS[: len(films)])
+        assert [lines[label].get_marker() for label in films] == list(MARKERS[: len(films)])
+        dashes = [lines[label]._dash_pattern for label in films]
+        assert len(set(map(str, dashes))) == len(films) == 4
+        assert axes.get_title().startswith(setup.title)
         plt.close(figure)
 
 
