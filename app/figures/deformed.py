@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from tribox.app.figures.body_shapes import Bodies, read_bodies
-from tribox.app.figures.deformed_space import draw_states_in_space
-from tribox.app.figures.field_values import ColourScale, common_scale, named_after
+from tribox.app.figures.deformed_space import draw_states_in_space, mesh_in_space
+from tribox.app.figures.field_values import CellField, ColourScale, common_scale, named_after
 from tribox.app.figures.names import axis_names, body_names, heading, pair_names
 from tribox.app.figures.plane_bodies import (
     Frame,
@@ -27,14 +29,21 @@ from tribox.app.figures.plane_bodies import (
 from tribox.app.figures.states import State, states_to_draw
 from tribox.app.figures.style import CASE_STYLE, save
 from tribox.app.figures.tool_lines import draw_tools, tool_lines, with_room
-from tribox.app.figures.tractions import draw_tractions, pairs_shown, roundoff_of, without_roundoff
-from tribox.app.figures.units import fitting
+from tribox.app.figures.tractions import (
+    draw_tractions,
+    facets_of,
+    pairs_shown,
+    roundoff_of,
+    without_roundoff,
+)
+from tribox.app.figures.units import Unit, fitting
 
 if TYPE_CHECKING:
     from tribox.app.results import Results
     from tribox.app.results.vtu_reading import Grid
 
 MOST_PAIRS = 8  # pairs with a panel of their own
+PALE = 8  # colours for bodies in the picture of the mesh
 IN_ONE_COLUMN = 2
 
 
@@ -68,6 +77,53 @@ def draw_deformed(results: Results, figures: Path, field: str) -> list[Path]:
             files.append(figures / f"{state.name}.png")
             save(figure, files[-1])
     return files
+
+
+def draw_mesh(results: Results, figures: Path) -> list[Path]:
+    """Draw ``mesh.png``: the bodies before anything moved, with their cells and slave surfaces.
+
+    Returns:
+        The file; none where no field has been written.
+    """
+    if not len(results.steps):
+        return []
+    first = int(results.steps[0])
+    moved = read_bodies(results.grid("fields", first), body_names(results), "displacement")
+    numbers = CellField(np.asarray(moved.body % PALE, dtype=np.float64), "", "", "body")
+    bodies = replace(moved, position=moved.reference, field=numbers)
+    scale = ColourScale(Normalize(-0.5, PALE - 0.5), "Pastel2", Unit(0, ""), "neither")
+    words = f"mesh before anything moved: {len(bodies.polygons)} "
+    if bodies.dim == 3:
+        figure, words = mesh_in_space(bodies, scale), f"{words}outer facets"
+    else:
+        nodes = results.grid("contact", first) if results.case.contact else None
+        figure, stretched = _mesh_figure(results, bodies, scale, nodes)
+        words += f"cells{stretched}"
+    figure.suptitle(heading(results, words), fontsize=9)
+    save(figure, figures / "mesh.png")
+    return [figures / "mesh.png"]
+
+
+def _mesh_figure(
+    results: Results, bodies: Bodies, scale: ColourScale, nodes: Grid | None
+) -> tuple[Figure, str]:
+    """The bodies with their cells in the plane, and what to say of their proportions."""
+    frame = frame_round([bodies], axis_names(results))
+    width, height = frame.high - frame.low
+    tall = 4.0 if frame.stretched else float(np.clip(7.4 * height / width, 2.0, 8.0))
+    figure = Figure(figsize=(8.4, tall + 1.2), layout="constrained")
+    axes = figure.subplots()
+    draw_bodies(axes, bodies, scale, frame)
+    if nodes is not None:
+        names = pair_names(results)
+        reference = np.asarray(nodes.point_data["reference"], dtype=np.float64)[:, :2]
+        for pair in pairs_shown(nodes, len(names), MOST_PAIRS):
+            lines = reference[facets_of(nodes, pair)] * frame.unit.factor
+            slave = LineCollection(list(lines), colors=pair_colour(pair), linewidths=2.0, zorder=4)
+            slave.set_label(f"slave of {names[pair]}")
+            axes.add_collection(slave, autolim=False)
+        figure.legend(loc="outside lower center", ncols=3, fontsize=8)
+    return figure, _stretched_words(frame)
 
 
 def _figure(results: Results, state: State, bodies: Bodies, scale: ColourScale) -> Figure:

@@ -58,6 +58,14 @@ def draw_states_in_space(
     return files
 
 
+def mesh_in_space(bodies: Bodies, scale: ColourScale) -> Figure:
+    """The outer facets of the bodies, a colour for each body."""
+    scene = scene_of(bodies, scale)
+    figure = Figure(figsize=(7.5, 6.5), layout="constrained")
+    draw_space(figure.subplots(), View(scene, facets_seen(scene), None), bodies.names)
+    return figure
+
+
 def _figure(
     results: Results, state: State, bodies: Bodies, scale: ColourScale, view: View
 ) -> Figure:

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from tribox.app.case.friction import FrictionMap
 from tribox.app.errors import InputError
-from tribox.app.figures.deformed import draw_deformed
+from tribox.app.figures.deformed import draw_deformed, draw_mesh
 from tribox.app.figures.field_values import DEFAULT_FIELD
 from tribox.app.figures.force_displacement import force_displacement_figure
 from tribox.app.figures.history import energies_figure, forces_figure
@@ -18,7 +18,7 @@ from tribox.app.figures.phase_plots import draw_phases
 from tribox.app.figures.steady_points import draw_steady, steady_series
 from tribox.app.figures.stribeck import series_of, stribeck_figure
 from tribox.app.figures.style import CASE_STYLE, save
-from tribox.app.figures.sweep import sweep_figure
+from tribox.app.figures.sweep import comparison_figure, sweep_figure
 from tribox.app.results.reading import files_of_one_run
 
 if TYPE_CHECKING:
@@ -50,7 +50,8 @@ def draw_figures(results: Results, field: str = DEFAULT_FIELD) -> list[Path]:
     with rc_context(CASE_STYLE), files_of_one_run(results):
         if results.case.sweep is not None:
             return _draw_sweep(results, figures)
-        return _draw_run(results, figures) + draw_deformed(results, figures, field)
+        files = _draw_run(results, figures) + draw_mesh(results, figures)
+        return files + draw_deformed(results, figures, field)
 
 
 def _draw_run(results: Results, figures: Path) -> list[Path]:
@@ -86,6 +87,7 @@ def _draw_sweep(results: Results, figures: Path) -> list[Path]:
     ]
     drawn = {
         "sweep.png": sweep_figure(results),
+        "sweep_comparison.png": comparison_figure(results),
         "stribeck.png": stribeck_figure(stribeck, case.title),
     }
     files = _saved(drawn, figures)

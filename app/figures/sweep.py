@@ -13,9 +13,16 @@ from matplotlib.figure import Figure
 
 from tribox.app.case.quantities import QuantityError, split_quantity
 from tribox.app.figures.history import DECADES, LEAST, spans_decades
-from tribox.app.figures.names import unit_of_velocity
-from tribox.app.figures.style import MARKERS, Floats, thin_log_ticks
-from tribox.app.figures.symbols import FRICTION_FORCE, NORMAL_FORCE, RATIO
+from tribox.app.figures.names import heading, unit_of_velocity
+from tribox.app.figures.style import (
+    MARKERS,
+    Floats,
+    colour_of,
+    dashes_of,
+    marker_of,
+    thin_log_ticks,
+)
+from tribox.app.figures.symbols import FRICTION_FORCE, NORMAL_FORCE, RATIO, Quantity
 from tribox.app.figures.units import Unit, fitting, velocity_text
 
 if TYPE_CHECKING:
@@ -162,6 +169,89 @@ def sweep_figure(results: Results) -> Figure | None:
     return figure
 
 
+@dataclass(frozen=True, slots=True)
+class Compared:
+    """One quantity in each run: of pairs and tools at its largest, of probes in the end.
+
+    Attributes:
+        quantity: its name and SI unit; lines: (n,) of each name, on the axis and in SI.
+    """
+
+    quantity: Quantity
+    lines: dict[str, tuple[Floats, Floats]]
+
+
+_COMPARED = (
+    ("pair", Quantity("normal force of pairs", "N", "N"), ("normal_force",)),
+    ("pair", Quantity("friction force of pairs", "F_T", "N"), ("friction_force",)),
+    ("tool", Quantity("force on tools", "|R|", "N"), ("force_x", "force_y", "force_z")),
+    ("tool", Quantity("moment on tools", "|M|", "N m"), ("moment_x", "moment_y", "moment_z")),
+    ("probe", Quantity("bend angle", "", "°"), ("bend_angle",)),
+    ("probe", Quantity("springback", "", "°"), ("springback",)),
+    ("probe", Quantity("least thickness", "", "m"), ("min_thickness",)),
+)
+
+
+def compared(results: Results, swept: SweptValues) -> list[Compared]:
+    """What pairs, tools and probes gave in each run of a sweep, beside each other.
+
+    Of what stands in its table: the ends of load steps.
+    """
+    table = results.table("sweep_details")
+    if not len(table):
+        return []
+    table = table.where("label", *swept.places)
+    found = []
+    for kind, quantity, names in _COMPARED:
+        rows, there = table.where("kind", kind), [name for name in names if name in table]
+        if not len(rows) or not there:
+            continue
+        lines = {}
+        for name, own in rows.parts("name"):
+            values = np.stack([own[part] for part in there], axis=1)
+            size = values[:, 0] if len(names) == 1 else np.sqrt(np.nansum(values**2, axis=1))
+            size = np.degrees(size) if quantity.unit == "°" else size
+            order = sorted(dict.fromkeys(own["label"]), key=lambda label: swept.places[label])
+            runs = [size[own["label"] == label] for label in order]
+            # A tool that has gone back carries nothing; a shape is what is left in the end.
+            ends = [run[-1] if kind == "probe" else run[np.argmax(np.abs(run))] for run in runs]
+            places = np.array([swept.places[label] for label in order])
+            lines[str(name)] = (places, np.array(ends))
+        if any(np.any(np.isfinite(y) & (y != 0.0)) for _, y in lines.values()):
+            found.append(Compared(quantity, lines))
+    return found
+
+
+def comparison_figure(results: Results) -> Figure | None:
+    """Forces of pairs and tools, springback and thickness over the swept value; None without."""
+    sweep = results.case.sweep
+    if sweep is None or not len(results.table("sweep_details")):
+        return None
+    swept = swept_values(sweep.key, sweep.labels, sweep.values)
+    found = compared(results, swept)
+    if not found:
+        return None
+    columns = min(len(found), 2)
+    rows = -(-len(found) // columns)
+    figure = Figure(figsize=(4.6 * columns + 0.4, 3.0 * rows + 0.7), layout="constrained")
+    panels = list(figure.subplots(rows, columns, squeeze=False).flat)
+    for idle in panels[len(found) :]:
+        idle.set_visible(False)
+    for axes, one in zip(panels, found, strict=False):
+        unit = fitting(np.concatenate([y for _, y in one.lines.values()]), one.quantity.unit)
+        for number, (name, (x, y)) in enumerate(one.lines.items()):
+            joined = "none" if swept.texts else dashes_of(number)
+            axes.plot(x, unit.of(y), marker=marker_of(number), ls=joined, lw=0.9, ms=5,
+                      color=colour_of(number), label=name)  # fmt: skip
+        axes.set_ylabel(one.quantity.label(unit.name))
+        _scales(axes, swept, from_zero=one.quantity.unit in ("N", "N m"))
+        axes.set_xlabel(swept.label)
+        axes.legend(fontsize=8)
+    words = "forces: largest at the end of a load step; angles and thickness: at the end of the run"
+    figure.suptitle(heading(results, words), fontsize=9)
+    return figure
+
+
 def _whole(values: Floats) -> Floats:
     """Values without those that are rounding beside the largest of them all."""
     least = LEAST * float(np.nanmax(np.abs(values), initial=0.0))
@@ -179,15 +269,18 @@ def _draw(
     axes.plot(line.places[off], values[off], "x", color="0.45", ms=10, mew=2, zorder=5)
 
 
-def _scales(axes: Axes, swept: SweptValues) -> None:
+def _scales(axes: Axes, swept: SweptValues, *, from_zero: bool = True) -> None:
     """Logarithmic where values span decades; ticks at the values, or their words."""
     values = np.concatenate([np.asarray(line.get_ydata(), np.float64) for line in axes.lines])
     found = values[np.isfinite(values)]
     positive = found[found > 0.0]
     if spans_decades(found) or (len(positive) and positive.max() > DECADES * positive.min()):
         axes.set_yscale("log")
+    elif len(found) and from_zero:
+        low, high = 1.08 * float(found.min()), 1.08 * float(found.max())
+        axes.set_ylim(min(0.0, low), max(0.0, high) or (0.0 if low < 0.0 else 1.0))
     elif len(found):
-        axes.set_ylim(min(0.0, 1.08 * float(found.min())), 1.08 * float(found.max()) or 1.0)
+        axes.margins(y=0.2)
     if swept.is_log:
         axes.set_xscale("log")
     thin_log_ticks(axes)

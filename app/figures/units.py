@@ -45,7 +45,8 @@ class Unit:
 
     def number(self, value: float, digits: int = 4) -> str:
         """A value given in SI, in this unit, without its name."""
-        return f"{value * self.factor:.{digits}g}" if math.isfinite(value) else "–"
+        # With 0 added −0 is 0.
+        return f"{value * self.factor + 0.0:.{digits}g}" if math.isfinite(value) else "–"
 
     def text(self, value: float) -> str:
         """A value given in SI, with the unit behind it."""

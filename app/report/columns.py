@@ -48,6 +48,7 @@ _KNOWN = {
         Column("probe", "probe"),
         Column("angle", "angle", "rad"),
         Column("bend_angle", "bend angle", "rad"),
+        Column("springback", "springback", "rad"),
         Column("radius", "radius", "m"),
         Column("off_circle", "off the circle", "m"),
         Column("length", "length", "m"),

@@ -13,13 +13,22 @@ from tribox.app.case.given import given_keys
 from tribox.app.errors import InputError
 from tribox.app.report.inputs import input_tables
 from tribox.app.report.pictures import Picture, pictures_of
-from tribox.app.report.tables import Table, detail_tables, end_table, load_step_table, sweep_table
+from tribox.app.report.tables import (
+    Table,
+    comparison_tables,
+    detail_tables,
+    end_table,
+    load_step_table,
+    sweep_table,
+)
 from tribox.app.report.verdicts import (
     Verdict,
     cost_table,
     energy_table,
     energy_verdict,
     facts,
+    notes_and_warnings,
+    origin,
     status_verdict,
 )
 from tribox.app.results import Results, read
@@ -36,7 +45,8 @@ class RunPart:
 
     Attributes:
         label: of the value of a sweep, "" of a run alone.
-        status: how it ended; warnings: said in it.
+        status: how it ended; origin: when and how it was made.
+        notes: said before its first step; warnings: said in it.
         tables: of load steps, and of pairs, tools, surfaces and bodies at their ends.
         energy: whether energies add up; energies: table of them.
         pictures: its figures; cost: wall time; facts: sizes and versions.
@@ -44,6 +54,8 @@ class RunPart:
 
     label: str
     status: Verdict
+    origin: Sequence[tuple[str, str]]
+    notes: Sequence[str]
     warnings: Sequence[str]
     tables: Sequence[Table]
     energy: Verdict | None
@@ -95,12 +107,14 @@ def contents(results: Results) -> dict[str, Any]:
     title = case.title or results.directory.resolve().name
     parts: list[RunPart] = []
     sweep: Table | None = None
+    beside: Sequence[Table] = ()
     pictures: Sequence[Picture] = ()
     if case.sweep is None:
         parts, given = [_run_part(results, "", title)], summary.get("given")
     else:
         given = given_keys(case)
         sweep = sweep_table(results.sweep, len(case.contact))
+        beside = comparison_tables(results.sweep, results.sweep_details, list(results.parts))
         pictures = pictures_of(results.directory, title)
         parts = [_run_part(part, label, title) for label, part in results.parts.items()]
     missing = [label for label in _labels(results) if label not in results.parts]
@@ -110,6 +124,8 @@ def contents(results: Results) -> dict[str, Any]:
         "version": _version(summary, parts),
         "parts": parts,
         "sweep": sweep,
+        "beside": beside,
+        "origin": origin(summary),
         "sweep_key": "" if case.sweep is None else case.sweep.key,
         "missing": missing,
         "sweep_pictures": pictures,
@@ -133,10 +149,13 @@ def _run_part(results: Results, label: str, title: str) -> RunPart:
         results.tools,
         results.shape_probes,
     )
+    notes, warnings = notes_and_warnings(summary)
     return RunPart(
         label,
         status_verdict(summary, results.unfinished),
-        summary.get("warnings", []),
+        origin(summary),
+        notes,
+        warnings,
         [*(table for table in ends if table is not None), *details],
         energy_verdict(history, summary),
         energy_table(history),

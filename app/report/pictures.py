@@ -11,6 +11,7 @@ from tribox.app.errors import InputError
 
 _KNOWN = {
     "history": ("Forces and friction", "Normal force, friction force and their ratio over the run"),
+    "mesh": ("Mesh", "The bodies with their cells before anything moved"),
     "deformed": ("Deformed bodies", "The deformed bodies, and the tractions between them"),
     "animation": ("Animation", "The deformed bodies in the course of the run"),
     "energy": ("Energies", "Work and energies over the run"),
@@ -25,9 +26,13 @@ _KNOWN = {
         "Force of platens and tools over their displacement",
     ),
     "phase": ("Phase plot", "Velocity over displacement"),
+    "sweep_comparison": (
+        "Comparison",
+        "Forces of pairs and tools, springback and thickness at the end of each run",
+    ),
     "sweep": ("Sweep", "Forces at the end of each run over the swept value"),
 }
-_ORDER = ("sweep", "deformed", "history", "force_displacement", "energy")
+_ORDER = ("sweep", "mesh", "deformed", "history", "force_displacement", "energy")
 _KINDS = {".png": "image/png", ".gif": "image/gif"}
 
 

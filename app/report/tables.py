@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -115,6 +116,66 @@ def sweep_table(sweep: DataFrame, pairs: int = 1) -> Table | None:
     """
     caption = "All values at the end of each load step" + _words(pairs)
     return frame_table(sweep, _of_pairs(_OF_A_SWEEP, pairs), caption, "value")
+
+
+_BESIDE = {
+    "run": ("normal_force", "friction_force", "friction_coefficient", "contact_area"),
+    "pair": ("normal_force", "friction_force", "friction_coefficient"),
+    "tool": (
+        *(f"{kind}_{axis}" for kind in ("displacement", "force") for axis in "xyz"),
+        *("rotation", "moment_x", "moment_y", "moment_z", "driving_moment"),
+    ),
+    "probe": (
+        *("bend_angle", "springback", "radius", "mean_thickness", "min_thickness"),
+        "max_thickness",
+    ),
+}
+
+
+def comparison_tables(sweep: DataFrame, details: DataFrame, labels: Sequence[str]) -> list[Table]:
+    """The runs of a sweep beside each other at the end of each stage: a column for each value.
+
+    Args:
+        sweep: rows of the runs.
+        details: rows of their pairs, tools and probes.
+        labels: of the runs that there are.
+    """
+    if sweep.empty or len(labels) < 2:
+        return []
+    tables = []
+    for stage in dict.fromkeys(sweep["stage"]):
+        rows = _beside(sweep, str(stage), "", "run", labels)
+        for kind in ("pair", "tool", "probe") if not details.empty else ():
+            for name, part in details[details["kind"] == kind].groupby("name", sort=False):
+                rows += _beside(part, str(stage), f"{name}: ", kind, labels)
+        if rows:
+            headings = [("quantity", ""), *((label, "") for label in labels)]
+            tables.append(Table(f"Beside each other at the end of {stage}", headings, rows))
+    return tables
+
+
+def _beside(
+    frame: DataFrame, stage: str, who: str, kind: str, labels: Sequence[str]
+) -> list[list[str]]:
+    """A row for each quantity: what it is, with its unit, and its value in each run.
+
+    Those that are round-off beside what they are in other stages are left out.
+    """
+    last = frame[frame["stage"] == stage].groupby("label", sort=False).tail(1).set_index("label")
+    rows = []
+    for name in _BESIDE[kind]:
+        noise = ROUND_OFF * frame[name].abs().max() if name in frame else math.inf
+        if not (noise < math.inf and (last[name].abs() > noise).any()):
+            continue
+        known = column(name)
+        values = [float(last[name].get(label, float("nan"))) for label in labels]
+        scale = fitting(values, known.unit)
+        if known.unit == "rad":
+            values, scale = [math.degrees(value) for value in values], Unit(0, "°")
+            noise = math.degrees(noise)
+        title = f"{who}{known.title}" + (f" ({scale.name})" if scale.name else "")
+        rows.append([title, *(_text(value, name, scale, noise) for value in values)])
+    return rows
 
 
 def _of_pairs(names: Sequence[str], pairs: int) -> list[str]:

@@ -136,4 +136,31 @@ def facts(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
             found.append((name, f"{summary[key]:,}".replace(",", "\u202f")))
     if memory := summary.get("memory_MiB_per_rank"):
         found.append(("peak memory of all ranks", f"{sum(memory):.0f} MiB"))
-    return found + [(name, str(value)) for name, value in summary.get("versions", {}).items()]
+    for about in ("versions", "host"):
+        found += [(name, str(value)) for name, value in summary.get(about, {}).items()]
+    return found
+
+
+def origin(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """(name, value) of when, and by what command, a run was made; what it has told."""
+    found = []
+    if started := summary.get("started"):
+        seconds = summary.get("seconds", {}).get("run")
+        took = "" if seconds is None else f", took {seconds:.3g} s"
+        found.append(
+            ("started", f"{str(started).replace('T', ' ').replace('+00:00', ' UTC')}{took}")
+        )
+    if command := summary.get("command"):
+        found.append(("command", str(command)))
+    if host := summary.get("host", {}).get("system"):
+        found.append(("on", str(host)))
+    return found
+
+
+def notes_and_warnings(summary: Mapping[str, Any]) -> tuple[list[str], list[str]]:
+    """What was noted before the first step, and what was warned of in the run.
+
+    Results of before there was a number of notes have warnings only.
+    """
+    lines, notes = list(summary.get("warnings", [])), int(summary.get("notes", 0))
+    return lines[:notes], lines[notes:]

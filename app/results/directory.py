@@ -62,7 +62,7 @@ BELOW = {
     "stress.bp": _ADIOS2,
     CHECKPOINTS: re.compile(r"\d{6,}(\.part)?(/(state\.json|arrays\.npz|manifest\.json))?"),
     "figures": re.compile(
-        r"(history|energy|force_displacement|stribeck|phase|effective_viscosity|friction_map|sweep"
+        r"(mesh|history|energy|force_displacement|stribeck|phase|effective_viscosity|friction_map|sweep"
         r"|deformed|animation|slip_weakening|start_stop|velocity_jump|fit|verify_).*"
         r"\.(png|gif|mp4)(\.part)?"
     ),
@@ -75,7 +75,7 @@ EARLIER_BELOW = {"contact_nodes": _SERIES}
 SUMS = "SHA256SUMS"  # in the directory of inputs
 BEGINNING = {"status": "running", "begins": True}
 """The summary of a directory that is being made ready: what else is there counts for nothing."""
-TEXT_COLUMNS = ("stage", "label", "pair", "surface", "body", "tool", "probe")
+TEXT_COLUMNS = ("stage", "label", "pair", "surface", "body", "tool", "probe", "kind", "name")
 
 
 def default_directory(case_file: Path) -> Path:

@@ -8,6 +8,7 @@ import fcntl
 import json
 import os
 import platform
+import shlex
 import sys
 import time
 from datetime import datetime
@@ -100,10 +101,17 @@ class DirectoryLock:
             "pid": os.getpid(),
             "host": platform.node(),
             "started": datetime.now().astimezone().isoformat(timespec="seconds"),
-            "command": " ".join(["tribox", *sys.argv[1:]]),
+            "command": command() or " ".join(["tribox", *sys.argv[1:]]),
         }
         os.ftruncate(self._descriptor, 0)
         os.pwrite(self._descriptor, (json.dumps(owner) + "\n").encode(), 0)
+
+
+def command() -> str | None:
+    """The command of this process as it can be typed again; None where a script runs the case."""
+    if Path(sys.argv[0]).name not in ("tribox", "__main__.py"):
+        return None
+    return shlex.join(["tribox", *sys.argv[1:]])
 
 
 def owner_of(directory: Path) -> dict[str, Any] | None:

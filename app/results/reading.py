@@ -32,6 +32,7 @@ from tribox.app.results.directory import json_of
 from tribox.app.results.lock import owner_of
 from tribox.app.results.table import Table
 from tribox.app.results.vtu_reading import Grid, UnknownVtuError, read_vtu
+from tribox.app.simulation.history import COLUMNS
 
 if TYPE_CHECKING:
     import meshio
@@ -204,8 +205,13 @@ class Results:
 
     @cached_property
     def sweep(self) -> DataFrame:
-        """One row for each stage or velocity of each run of a sweep."""
+        """One row for each stage or velocity of each run of a sweep, all pairs together."""
         return _frame(self.table("sweep"))
+
+    @cached_property
+    def sweep_details(self) -> DataFrame:
+        """Below them in the file: a row for each pair, tool and probe of a surface, by its name."""
+        return _frame(self.table("sweep_details"))
 
     @cached_property
     def parts(self) -> dict[str, Results]:
@@ -234,8 +240,12 @@ class Results:
             InputError: the file is cut off or not a table.
         """
         if name not in self._tables:
-            made = self._load_steps() if name == "load_steps" else self._read_table(name)
-            self._tables[name] = made
+            if name == "load_steps":
+                self._tables[name] = self._load_steps()
+            elif name in ("sweep", "sweep_details"):
+                self._read_sweep()
+            else:
+                self._tables[name] = self._read_table(name)
         return self._tables[name]
 
     @cached_property
@@ -257,6 +267,17 @@ class Results:
         if rows:
             _check_columns(found, ("label", "step", "stage"), path)
         return found
+
+    def _read_sweep(self) -> None:
+        """The rows of runs, and those of what is in them, each with the columns they have."""
+        whole = self._read_table("sweep")
+        # Without the column the file is of a version that wrote rows of runs only.
+        is_run = whole["kind"] == "run" if "kind" in whole else np.ones(len(whole), np.bool_)
+        runs, details = whole.rows(is_run), whole.rows(~is_run)
+        own = (*COLUMNS, *SWEEP_COLUMNS, "value")
+        told = {k: v for k, v in runs.columns.items() if "kind" not in whole or k in own}
+        self._tables["sweep"] = Table(told)
+        self._tables["sweep_details"] = details if len(details) else Table()
 
     def _read_table(self, name: str) -> Table:
         path = self.directory / f"{name}.csv"

@@ -6,6 +6,7 @@ import resource
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +20,12 @@ from tribox.app.equilibrium.snapshot import Snapshot
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.results.directory import write_json
 from tribox.app.results.inputs import NOTHING, KeptInputs, write_case
+from tribox.app.results.lock import command
 from tribox.app.results.output_files import OutputFiles
 from tribox.app.results.probes import final_shapes
 from tribox.app.results.run_tables import RunTables
 from tribox.app.results.saving import Reserve, Saving
-from tribox.app.results.versions import kernels, versions
+from tribox.app.results.versions import host, kernels, versions
 from tribox.app.results.watches import Watches
 from tribox.app.simulation.explicit_stage import notes_on_bouncing
 from tribox.app.simulation.history import Row, energy_gap
@@ -80,7 +82,7 @@ class Recorder(Observer):
         self.load_steps: list[dict[str, Any]] = []
         self.resumed: list[int] = []
         self.every = model.case.output.fields_every
-        self._started = time.perf_counter()
+        self._started, self._begun = time.perf_counter(), datetime.now(UTC)
         self._watches = Watches(model, None if resumed is None else resumed["watches"])
         self._counted = (0, 0)  # steps and Newton iterations so far
         self._penalty = [_extent(self.comm, t.penalty) for t in model.problem.contacts]
@@ -306,6 +308,7 @@ class Recorder(Observer):
             "title": self.model.case.title,
             "status": status,
             "warnings": self.warnings,
+            "notes": len(self.model.notes),
             "steps": self._counted[0],
             "newton_iterations": self._counted[1],
             "load_steps": self.load_steps,
@@ -313,6 +316,9 @@ class Recorder(Observer):
             "given": self.given,
             "inputs": self.inputs,
             "resumed": self.resumed,
+            "started": self._begun.isoformat(timespec="seconds"),
+            "command": command(),
+            "host": host(),
             "versions": versions(),
             "kernels": kernels(),
         }

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import importlib.metadata
+import os
 import platform
 import re
 from pathlib import Path
 
 import dolfinx
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 
 
@@ -21,6 +23,32 @@ def versions() -> dict[str, str]:
         "numpy": np.__version__,
         "python": platform.python_version(),
     }
+
+
+def host() -> dict[str, str]:
+    """The machine and what it runs: operating system, kernel, processor, MPI."""
+    about = platform.uname()
+    try:
+        system = platform.freedesktop_os_release().get("PRETTY_NAME", about.system)
+    except OSError:
+        system = about.system
+    found = {
+        "system": system,
+        "kernel": f"{about.system} {about.release}",
+        "processor": f"{_processor() or about.machine}, {os.cpu_count()} cores",
+        "mpi": MPI.Get_library_version().split(",")[0].split("\n")[0].strip(),
+    }
+    return {name: value for name, value in found.items() if value}
+
+
+def _processor() -> str:
+    """The model of the processor; "" where the system does not tell."""
+    try:
+        text = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return ""
+    match = re.search(r"^model name\s*:\s*(.+)$", text, re.MULTILINE)
+    return match[1].strip() if match else ""
 
 
 def kernels() -> dict[str, str]:

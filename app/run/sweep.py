@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import subprocess
@@ -13,7 +14,9 @@ from typing import Any
 
 from tribox.app.case.case import Case
 from tribox.app.errors import InputError, Interrupted, OutputError, SolutionError, TriboxError
+from tribox.app.results import read
 from tribox.app.results.directory import json_of, write_json, write_table
+from tribox.app.results.lock import command
 from tribox.app.results.status import is_done
 from tribox.app.run.forwarding import Forwarding
 from tribox.app.run.process import PARENT, tribox_command, with_sources
@@ -145,10 +148,36 @@ def _summary_of_part(path: Path) -> dict[str, Any] | None:
     return summary if whole else None
 
 
+def _details(directory: Path) -> dict[int, list[dict[str, Any]]]:
+    """Rows of pairs, tools and probes of surfaces of a run, by the steps that load steps end with.
+
+    A probe's ``springback`` is its largest bend at the end of a load step so far less that now.
+    """
+    results = read(directory)
+    found: dict[int, list[dict[str, Any]]] = {}
+    try:
+        ends = [int(step) for step in results.table("load_steps").columns.get("step", ())]
+        found |= {step: [] for step in ends}
+        for kind, file in (("pair", "contacts"), ("tool", "tools"), ("probe", "shape_probes")):
+            table = results.table(file)
+            parts = list(table.parts(kind)) if len(table) else []
+            for name, own in parts if kind != "pair" or len(parts) > 1 else ():
+                most = 0.0
+                for record in own.where("step", *ends).records():
+                    del record[kind]
+                    if "bend_angle" in record:
+                        most = max(most, record["bend_angle"], key=abs)
+                        record["springback"] = most - record["bend_angle"]
+                    found[int(record["step"])].append({"kind": kind, "name": name, **record})
+    except InputError:  # a table of a run that was killed: its load steps are told still
+        pass
+    return found
+
+
 def collate(
     case: Case, directory: Path, status: str, inputs: Mapping[str, str] | None = None
 ) -> None:
-    """Write ``sweep.csv``, one row for each load step of each part, and ``summary.json``.
+    """Write ``sweep.csv``, with rows for each load step of each part, and ``summary.json``.
 
     Args:
         case: with the sweep.
@@ -157,11 +186,13 @@ def collate(
         inputs: SHA-256 of the files that the case reads, by their names.
 
     Columns are those of the history, with the part's ``label``, the swept ``value`` (in SI, where
-    it is a number) and ``steady`` before them. Parts
-    that were not run, or not to their end, give what they have; ``summary.json`` tells, and holds
-    the SHA-256 of the ``inputs``, by their names.
+    it is a number), ``steady``, ``kind`` and ``name`` before them, and behind them those of pairs,
+    tools and probes. The first row of a load step is of the ``run``, all pairs together; below it
+    stand each ``pair``, where there are several, each ``tool`` and each ``probe`` of a surface.
+    Parts that were not run, or not to their end, give what they have; ``summary.json`` tells, and
+    holds the SHA-256 of the ``inputs``, by their names.
     """
-    rows = []
+    rows: list[dict[str, Any]] = []
     parts: dict[str, Any] = {}
     for label, single in case.sweep_cases():
         value = case.swept_value(single)
@@ -174,12 +205,20 @@ def collate(
             parts[label] = {"status": "cannot be read"}
             continue
         parts[label] = {key: summary[key] for key in KEPT}
+        details = _details(path.parent)
         for load_step in summary["load_steps"]:
             steady = load_step["steady"]
-            number = -1 if steady is None else int(steady)
-            first = [label, "" if value is None else value, number]
-            rows.append([*first, *(load_step[name] for name in COLUMNS)])
-    write_table(directory / "sweep.csv", ("label", "value", "steady", *COLUMNS), rows)
+            first = {"label": label, "value": "" if value is None else value}
+            first["steady"] = -1 if steady is None else int(steady)
+            whole = {name: load_step[name] for name in COLUMNS}
+            rows.append(first | {"kind": "run", "name": ""} | whole)
+            same = {name: whole[name] for name in ("step", "time", "stage", "velocity")}
+            rows += [first | one | same for one in details.get(int(load_step["step"]), ())]
+    columns = dict.fromkeys(("label", "value", "steady", "kind", "name", *COLUMNS))
+    columns |= dict.fromkeys(name for row in rows for name in row)
+    filled = ([row.get(name, math.nan) for name in columns] for row in rows)
+    write_table(directory / "sweep.csv", tuple(columns), filled)
     kept = dict(inputs or {})
-    summary = {"title": case.title, "status": status, "inputs": kept, "parts": parts}
+    about = {"title": case.title, "status": status, "command": command()}
+    summary = about | {"inputs": kept, "parts": parts}
     write_json(directory / "summary.json", summary)

@@ -364,7 +364,7 @@ def test_plot_draws_again(tribox, case_file, block, tmp_path):
     assert result.returncode == 0, result.stderr
     drawn = {
         *("history.png", "energy.png", "force_displacement.png"),
-        *("deformed-1-press.png", "deformed.png"),
+        *("mesh.png", "deformed-1-press.png", "deformed.png"),
     }
     assert {p.name for p in (out / "figures").iterdir()} == drawn
     assert_refused(tribox("plot", tmp_path / "nowhere"), "nowhere")
@@ -433,7 +433,7 @@ def test_run_prints_plain_lines_while_it_goes_and_changes_by_set(tribox, case_fi
     figures = {p.name for p in (out / "figures").iterdir()}
     assert figures == {
         *("history.png", "energy.png", "force_displacement.png"),
-        *("deformed-1-press.png", "deformed.png"),
+        *("mesh.png", "deformed-1-press.png", "deformed.png"),
         *("effective_viscosity.png", "friction_map.png", "stribeck.png"),
     }
     again = load_case(out / "case.toml")

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from tests.app.figures.made_results import CELLS, PAIRS, strip_contact, write_strip
 from tribox.app.figures import deformed
 from tribox.app.figures.body_shapes import Bodies
-from tribox.app.figures.deformed import draw_deformed
+from tribox.app.figures.deformed import draw_deformed, draw_mesh
 from tribox.app.figures.field_values import CellField, colour_scale
 from tribox.app.figures.plane_bodies import draw_bodies, frame_round, pair_colour
 from tribox.app.figures.run_figures import draw_figures
@@ -59,6 +59,17 @@ def test_all_bodies_and_pairs_are_shown(strip, kept, tmp_path):
     assert [axes.get_title(loc="left") for axes in found] == list(PAIRS)
     marked = [tuple(c.get_colors()[0]) for c in top.collections if c.get_linewidths()[0] == 2.0]
     assert marked == [to_rgba(pair_colour(k)) for k in range(2)]
+
+
+def test_the_mesh_is_shown_before_anything_moved(strip, kept, tmp_path):
+    assert draw_mesh(strip, tmp_path) == [tmp_path / "mesh.png"]
+    figure = kept["mesh"]
+    top, cells = bodies_of(figure)
+    assert sum(cells.values()) == sum(CELLS) and len(cells) == 3  # a colour for each body
+    assert f"{sum(CELLS)} cells" in figure.get_suptitle()
+    assert {text.get_text() for text in top.texts} == {"punch", "strip", "die"}
+    legend = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert legend == [f"slave of {pair}" for pair in PAIRS]
 
 
 def test_one_scale_of_colours_holds_for_all_pictures_of_a_run(strip, kept, tmp_path):

@@ -24,6 +24,7 @@ from tribox.app.report.page import write_report
 from tribox.app.report.pictures import pictures_of
 from tribox.app.report.tables import end_table, frame_table, load_step_table, sweep_table
 from tribox.app.report.verdicts import UNBALANCED
+from tribox.app.results import read
 from tribox.app.simulation.history import COLUMNS
 
 ROOT = Path(__file__).parents[3]
@@ -144,8 +145,41 @@ def test_warnings_come_first_and_all_text_is_escaped(tmp_path, film):
     text, page = read_page(results(tmp_path / "run", case, warnings=[f"see {EVIL}"]))
     assert page.words("h1") == [EVIL] and page.words("title") == [EVIL]
     assert page.words("li") == [f"see {EVIL}"]
+    assert page.words("strong") == ["Warning:"]
     assert "<script" not in text
     assert text.index('id="warnings"') < text.index('id="run"') < text.index('id="inputs"')
+
+
+def test_notes_stand_apart_and_the_page_says_when_how_and_on_what(tmp_path, film):
+    about = {
+        "started": "2025-03-04T05:06:07+00:00",
+        "command": "tribox run 'a b.toml' --np 2",
+        "host": {"system": "Debian 13", "kernel": "Linux 6.1", "mpi": "Open MPI v5.0.7"},
+    }
+    lines = ["known before", "seen in the run", "seen too"]
+    _, page = read_page(results(tmp_path / "run", film, warnings=lines, notes=1, **about))
+    assert page.words("strong", "li") == [
+        *("Warning:", lines[1], "Warning:", lines[2], "Note:", lines[0]),
+    ]  # fmt: skip
+    told = page.words("dd", "code")
+    assert "2025-03-04 05:06:07 UTC, took 4 s" in told and about["command"] in told
+    assert {"Debian 13", "Linux 6.1", "Open MPI v5.0.7"} <= set(told)
+
+
+def test_a_figure_opens_in_full_size_without_a_script(run):
+    text, page = read_page(run)
+    boxes = {one["id"]: one for one in page.all("input")}
+    labels = [one["for"] for one in page.all("label")]
+    assert len(boxes) == len(page.all("img")) == 2 and labels == list(boxes)
+    assert all(one["type"] == "checkbox" and one["aria-label"] for one in boxes.values())
+    assert ".full:checked + label img { max-width: none;" in text
+
+
+def test_nothing_is_minus_nought():
+    frame = DataFrame({"label": ["a"], "normal_force": [-0.0], "tangential_force": [-0.0]})
+    frame["friction_force"] = 2.0
+    table = frame_table(frame, list(frame), "")
+    assert "-0" not in table.rows[0]
 
 
 def test_tables_have_units_that_fit(run):
@@ -219,7 +253,17 @@ def test_a_sweep_has_a_table_and_a_section_for_each_value(tmp_path, block):
         results(top / label, block, warnings=[f"warned in {label}"])
     (top / "case.toml").write_text(block + sweep)
     (top / "figures").mkdir()
-    write_csv(top / "sweep.csv", [{"label": label, "steady": -1, **row(2)} for label in labels])
+    more = {"driving_moment": "nan", "bend_angle": "nan", "springback": "nan"}
+    rows = []
+    for number, label in enumerate(labels):
+        first = {"label": label, "steady": -1, "kind": "run", "name": ""}
+        rows.append(first | row(2) | more)
+        none = dict.fromkeys(COLUMNS, "nan") | {"step": 2, "time": 0.2, "stage": "slide"}
+        tool = {"force_x": 5.0 + number, "driving_moment": 2e-3}
+        rows.append(first | {"kind": "tool", "name": "punch"} | none | more | tool)
+        rest = {"bend_angle": 0.1, "springback": 0.01 * (number + 1)}
+        rows.append(first | {"kind": "probe", "name": "edge"} | none | more | rest)
+    write_csv(top / "sweep.csv", rows)
     parts = {label: {"status": "done"} for label in labels} | {"mu=0.3": {"status": "not run"}}
     (top / "summary.json").write_text(json.dumps({"title": "t", "parts": parts}))
     text, page = read_page(top)
@@ -229,6 +273,16 @@ def test_a_sweep_has_a_table_and_a_section_for_each_value(tmp_path, block):
     assert "mu=0.3 was not run." in page.words("p")
     assert "All values at the end of each load step" in page.words("caption")
     assert len(page.all("img")) == 4
+    # Side by side: a column for each value, a row for each quantity of runs, tools and probes.
+    beside = page.words("th", "td")[page.words("th", "td").index("quantity") :]
+    assert beside[1:3] == list(labels)
+    for title, *values in (
+        ("normal force N (N)", "20", "20"), ("punch: force R_x (N)", "5", "6"),
+        ("punch: driving moment (mN m)", "2", "2"), ("edge: springback (°)", "0.573", "1.146"),
+    ):  # fmt: skip
+        at = beside.index(title)
+        assert [found[:5] for found in beside[at + 1 : at + 3]] == values
+    assert read(top).sweep["label"].tolist() == list(labels)
     assert re.search(r'<tr class="default"><th scope="row">penalty_factor', text)
 
 

@@ -11,15 +11,17 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 from rich.console import Console
 
 from tests.ranks import LIMIT
 from tribox.app.case.reading import load_case
 from tribox.app.errors import InputError, SolutionError, TriboxError
+from tribox.app.figures.sweep import comparison_figure
 from tribox.app.results import read
 from tribox.app.results.claim import claimed
-from tribox.app.results.directory import BEGINNING
+from tribox.app.results.directory import BEGINNING, write_table
 from tribox.app.results.status import is_beginning
 from tribox.app.run.sweep import (
     NO_SUMMARY,
@@ -31,6 +33,7 @@ from tribox.app.run.sweep import (
 )
 from tribox.app.run.sweep_lines import SweepLines, SweepScreen, sweep_lines
 from tribox.app.run.sweep_runs import SweepOptions, _make_ready, _to_run, run_sweep
+from tribox.app.simulation.history import COLUMNS
 
 
 @pytest.fixture
@@ -170,6 +173,52 @@ def test_collating_tells_of_parts_that_were_not_run(case_file, block, tmp_path):
     assert len((tmp_path / "sweep.csv").read_text().splitlines()) == 1
 
 
+def test_collating_adds_rows_of_pairs_tools_and_shapes(case_file, block, tmp_path):
+    part = tmp_path / "mu=0.1"
+    part.mkdir()
+    (part / "case.toml").write_text(block)
+    ends = [
+        {"label": f"stage {n}", "steady": None, **dict.fromkeys(COLUMNS, 0.0), "stage": f"s{n}"}
+        | {"step": 2 * n, "time": float(n), "normal_force": 10.0 * n}
+        for n in (1, 2)
+    ]
+    summary = {"status": "done", "warnings": [], "steps": 4, "newton_iterations": 8}
+    (part / "summary.json").write_text(json.dumps(summary | {"load_steps": ends}))
+    keys = [(k, 0.5 * k, f"s{(k + 1) // 2}") for k in range(1, 5)]
+    tables = {
+        "contacts": (("pair", "normal_force"), [("a", 3.0), ("b", 4.0)]),
+        "tools": (("tool", "force_y"), [("punch", -7.0)]),
+        "shape_probes": (("probe", "bend_angle", "min_thickness"), [("edge", 0.0, 1e-3)]),
+    }
+    for name, (columns, values) in tables.items():
+        found = [(*key, *row) for key in keys for row in values]
+        if name == "shape_probes":  # bent by 0.9 in the middle of a step, 0.8 and 0.7 at the ends
+            found = [(*key, "edge", angle, 1e-3) for key, angle in zip(keys, BENT, strict=True)]
+        write_table(part / f"{name}.csv", ("step", "time", "stage", *columns), found)
+    collate(load_case(case_file(block + SWEPT)), tmp_path, "done")
+    (tmp_path / "case.toml").write_text(block + SWEPT)
+    results = read(tmp_path)
+    assert results.sweep["normal_force"].tolist() == [10.0, 20.0]
+    assert "kind" not in results.sweep and "bend_angle" not in results.sweep
+    details = results.sweep_details
+    assert list(zip(details["kind"], details["name"], strict=True)) == 2 * [
+        *(("pair", "a"), ("pair", "b"), ("tool", "punch"), ("probe", "edge")),
+    ]  # fmt: skip
+    assert details["label"].tolist() == ["mu=0.1"] * 8 and details["value"].tolist() == [0.1] * 8
+    shape = details[details["kind"] == "probe"]
+    assert shape["bend_angle"].tolist() == [0.8, 0.7]
+    assert shape["springback"].tolist() == pytest.approx([0.0, 0.1])
+    assert details[details["kind"] == "tool"]["force_y"].tolist() == [-7.0, -7.0]
+    figure = comparison_figure(results)
+    labels = [axes.get_ylabel() for axes in figure.axes if axes.get_visible()]
+    assert labels == [
+        *("normal force of pairs N (N)", "force on tools |R| (N)"),
+        *("bend angle (°)", "springback (°)", "least thickness (mm)"),
+    ]  # fmt: skip
+    assert figure.axes[3].lines[0].get_ydata().tolist() == pytest.approx([np.degrees(0.1)])
+
+
+BENT = (0.9, 0.8, 0.75, 0.7)
 LEFT = {"summary.json": json.dumps(BEGINNING), "case.toml": "", "mu=0.1/history.csv": "x"}
 
 
