@@ -98,7 +98,9 @@ def map_setup(case_file: Path | None, overrides: Sequence[str] = ()) -> MapSetup
             "no case: preset friction-map with assumed mu_s, mu_d, A_d, B, K_T, V_star; "
             f"{PRESSURE / 1e6:g} MPa as in the paper"
         )
-        return _setup("built-in parameters", contact.friction, contact.film, (), None, note)
+        changed = ", ".join(text.removeprefix("contact.0.").split(".", 1)[-1] for text in overrides)
+        title = "built-in parameters" + (f" with {changed}" if changed else "")
+        return _setup(title, contact.friction, contact.film, (), None, note)
     # All tables of a case take longer to import than the law without a case takes to map.
     from tribox.app.case.reading import load_case
 
@@ -199,6 +201,9 @@ def _built_in(overrides: Sequence[str]) -> Contact:
                 "contact.0.friction"
             )
         apply_override(data, override)
+    friction = data["contact"][0]["friction"]
+    if "gamma" in friction and not any(".V_star" in override for override in overrides):
+        del friction["V_star"], friction["V_star_at"]  # A given one replaces what is assumed.
     return validated_contact(data["contact"][0])
 
 

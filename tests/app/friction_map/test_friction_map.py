@@ -209,6 +209,20 @@ def test_the_printed_gamma_is_told(tmp_path):
     assert any("below every speed of the map" in note for note in notes)
 
 
+def test_a_given_gamma_replaces_the_assumed_threshold_speed_and_the_title_says_so():
+    # As printed: V* lies eleven decades below the speeds of any machine, and all is the film's.
+    keys = ["contact.0.friction.preset=paper-printed", "contact.0.friction.gamma=4e-25 N/s"]
+    setup = map_setup(None, keys)
+    assert setup.title == "built-in parameters with preset=paper-printed, gamma=4e-25 N/s"
+    assert setup.parameters.V_star is None
+    stars = threshold_speed(np.array([10e-9, 30e-9, 180e-9]), setup.parameters)
+    assert stars == pytest.approx([3.5e-12, 2.0e-12, 8.3e-13], rel=0.02)
+    viscosity = [c.viscosity for c in compute_map(setup).by_film if c.film > 0.0]
+    assert np.concatenate(viscosity) == pytest.approx(0.8, rel=1e-9)
+    with pytest.raises(InputError, match="either V_star"):
+        map_setup(None, [*keys, "contact.0.friction.V_star=1 mm/s"])
+
+
 def test_files_and_the_rules_of_results_directories(tmp_path):
     directory = tmp_path / "map"
     assert run_map(None, [], directory, False) == directory
