@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tribox.app.case.quantities import QuantityError, split_quantity
-from tribox.app.figures.history import DECADES, LEAST, spans_decades
+from tribox.app.figures.history import DECADES, LEAST, NOUGHT, spans_decades
 from tribox.app.figures.names import heading, unit_of_velocity
 from tribox.app.figures.style import (
     MARKERS,
@@ -217,7 +217,12 @@ def compared(results: Results, swept: SweptValues) -> list[Compared]:
             ends = [run[-1] if kind == "probe" else run[np.argmax(np.abs(run))] for run in runs]
             places = np.array([swept.places[label] for label in order])
             lines[str(name)] = (places, np.array(ends))
-        if any(np.any(np.isfinite(y) & (y != 0.0)) for _, y in lines.values()):
+        largest = max(float(np.nanmax(np.abs(y), initial=0.0)) for _, y in lines.values())
+        if (
+            largest > 0.0
+        ):  # what is as good as nothing beside it, such as a free moment, is drawn so
+            for name, (x, y) in lines.items():
+                lines[name] = (x, np.where(np.abs(y) > NOUGHT * largest, y, 0.0 * y))
             found.append(Compared(quantity, lines))
     return found
 
