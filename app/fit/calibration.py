@@ -25,6 +25,8 @@ from tribox.app.fit.data import TribometerData
 from tribox.app.fit.judgement import (
     BROAD,
     CONFIDENCE,
+    CURES,
+    CURES_WITHOUT_FILM,
     NOISE,
     Judgement,
     at_bound_warnings,
@@ -400,11 +402,13 @@ class Calibration:
 
     def _judged(self, found: Found, star: Ends | None, as_good: Sequence[Found] = ()) -> FitResult:
         """The result, with V* between the ends ``star`` (logarithms) unless it has a slope."""
-        judgement = Judgement(self.coordinates, self.star, found, star is not None)
+        film = isinstance(self.base, FrictionMapParameters)
+        cures = CURES if film else CURES_WITHOUT_FILM
+        judgement = Judgement(self.coordinates, self.star, found, star is not None, cures)
         degrees = len(self.data) - len(self.coordinates)
         scatter = math.sqrt(found.squares / degrees)
         names = [c.name for c in self.coordinates]
-        known = self._left_open(found, as_good) | at_bound_warnings(names, found.at_bound)
+        known = self._left_open(found, as_good) | at_bound_warnings(names, found.at_bound, cures)
         estimates = []
         for c, value in zip(self.coordinates, self._values(found.x), strict=True):
             if c.name in judgement.names:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,11 @@ CURES = {
     "viscous": "faster rows, in which the friction rises",
 }
 """Rows that would determine a parameter."""
+CURES_WITHOUT_FILM = CURES | {
+    "mu_s": "rows slower than V_s",
+    "mu_d": "rows faster than V_s",
+}
+"""The same for Stribeck and Coulomb friction."""
 
 
 class Judgement:
@@ -53,7 +58,12 @@ class Judgement:
     """
 
     def __init__(
-        self, coordinates: Sequence[Coordinate], star: int | None, found: Found, bracketed: bool
+        self,
+        coordinates: Sequence[Coordinate],
+        star: int | None,
+        found: Found,
+        bracketed: bool,
+        cures: Mapping[str, str] = CURES,
     ) -> None:
         """Take the Jacobian of the search to the parameters themselves.
 
@@ -62,7 +72,9 @@ class Judgement:
             star: Which of them is the threshold speed, if any.
             found: The minimum.
             bracketed: Whether the interval of the threshold speed is known otherwise.
+            cures: Rows that would determine a parameter, by key.
         """
+        self._cures = cures
         varied = [i for i in range(len(coordinates)) if found.free or i != star]
         columns = {coordinates[i].key: found.jacobian[:, n] for n, i in enumerate(varied)}
         full = {coordinates[i].name: found.jacobian[:, n].copy() for n, i in enumerate(varied)}
@@ -101,7 +113,7 @@ class Judgement:
 
     def warning(self, name: str, scatter: float, degrees: int) -> str | None:
         """Why the data do not determine a parameter; None if they do."""
-        i, cure = self.names.index(name), _cure(name)
+        i, cure = self.names.index(name), _cure(name, cures=self._cures)
         rows = math.sqrt(len(self.slopes))
         length, own = float(np.linalg.norm(self.slopes[:, i])), float(self.own[i])
         if length < INSENSITIVE * rows:
@@ -145,10 +157,10 @@ class Judgement:
         return np.asarray(covariance / np.outer(scale, scale))
 
 
-def _cure(name: str, rows: str | None = None) -> str:
+def _cure(name: str, rows: str | None = None, cures: Mapping[str, str] = CURES) -> str:
     """What to do about a parameter that is not determined, such as "alpha at 10 nm"."""
     key = name.partition(" ")[0]
-    return f"add {rows or CURES[key]}, or give a value with --fix {key}=..."
+    return f"add {rows or cures[key]}, or give a value with --fix {key}=..."
 
 
 def _factor(half: float) -> str:
@@ -204,10 +216,13 @@ def with_star_warning(name: str, star: str) -> str:
     )
 
 
-def at_bound_warnings(names: Sequence[str], at_bound: NDArray[np.bool_]) -> dict[str, str]:
+def at_bound_warnings(
+    names: Sequence[str], at_bound: NDArray[np.bool_], cures: Mapping[str, str] = CURES
+) -> dict[str, str]:
     """Lines on parameters that ended at a bound of the search."""
     return {
-        name: f"{name}: the data cannot determine it: the search ended at its bound; {_cure(name)}"
+        name: f"{name}: the data cannot determine it: the search ended at its bound; "
+        f"{_cure(name, cures=cures)}"
         for name, hit in zip(names, at_bound, strict=True)
         if hit
     }

@@ -396,6 +396,7 @@ def test_what_a_stribeck_curve_leaves_open_is_named():
     result = fitted(slow, base, "mu_s", "mu_d", "V_s", "viscous")
     assert {e.coordinate.name for e in result.estimates if e.warning} >= {"V_s", "viscous"}
     assert any("velocities over which the friction falls" in line for line in result.warnings)
+    assert not any("A_d" in line or "D_min" in line for line in result.warnings)
 
 
 def test_the_thickness_is_asked_for_only_by_the_law_of_the_film(tmp_path):

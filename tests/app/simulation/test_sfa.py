@@ -19,6 +19,7 @@ from tests.ranks import LIMIT
 from tribox.app.case.reading import load_case
 from tribox.app.figures import run_figures as figures
 from tribox.app.figures import steady_points
+from tribox.app.figures.style import MARKERS
 from tribox.app.figures.units import fitting
 from tribox.app.results import read
 from tribox.app.results.directory import read_table
@@ -274,7 +275,7 @@ def test_sweep_figures_show_the_steady_points(sfa, drawn):
     assert stars <= marks
 
     [plane] = drawn["friction_map.png"].axes
-    shown = [line.get_ydata() for line in plane.lines if line.get_marker() in ("o", "s")]
+    shown = [line.get_ydata() for line in plane.lines if line.get_marker() in MARKERS]
     shown = np.sort(np.concatenate(shown)) * 1e6
     tractions = [row["friction_force"] / row["contact_area"] for row in rows]
     assert shown == pytest.approx(sorted(tractions))
