@@ -28,6 +28,7 @@ extensions = [
     "outside_files",
     "case_keys",
     "notebooks",
+    "theme_scripts",
     "wide_tables",
 ]
 exclude_patterns = ["extensions", "static"]
@@ -68,6 +69,8 @@ html_theme = "furo"
 html_title = "tribox"
 html_math_renderer = "katex"
 html_static_path = ["static"]
+html_favicon = "static/favicon.svg"
+html_search_scorer = str(_DOCS / "static" / "scorer.js")
 html_css_files = ["site.css"]
 html_js_files = [("colours.js", {"defer": "defer"})]
 html_copy_source = False

@@ -163,6 +163,38 @@ def test_formulae_are_set_by_files_beside_the_page(site, pages):
         assert (site / "_static/katex" / font).is_file(), font
 
 
+def test_the_page_loads_what_marks_its_sections_and_its_icon(site, pages):
+    script = (site / "_static/scripts/furo.js").read_text(encoding="utf-8")
+    # What is imported as a whole is no constructor; the other builds of furo import nothing.
+    assert "import * as Gumshoe" not in script or "new Gumshoe(" not in script
+    assert "_static/favicon.svg" in {
+        load.partition("?")[0] for load in pages[site / "law.html"].loads
+    }
+
+
+def test_the_search_puts_how_tos_first(site):
+    """The order itself is the browser's: here only that it is given the weights, and of what."""
+    used = (site / "_static/language_data.js").read_text(encoding="utf-8")
+    weights = dict(re.findall(r"\[/(.*?)/, (-?\d+)\],", used.replace("\\/", "/")))
+    of = {
+        page: sum(int(n) for found, n in weights.items() if re.search(found, page))
+        for page in ("how-to/own-law", "meshes", "law", "testing", "more/changelog")
+    }
+    assert of["how-to/own-law"] == of["meshes"] > of["law"] > of["testing"] > of["more/changelog"]
+    for page in re.findall(r"[\w-]+", "meshes map-and-fit reading-results failures pictures"):
+        assert (site / f"{page}.html").is_file()
+
+
+def test_the_sidebar_names_pages_by_their_titles(site):
+    sidebar = (site / "index.html").read_text(encoding="utf-8")
+    found = re.findall(r'<li class="toctree-l1[^"]*"><a class="reference internal" '
+                       r'href="([^"#]+)">(.*?)</a>', sidebar)  # fmt: skip
+    assert len(found) > 30
+    for page, name in found:
+        title = re.search(r"<h1>(.*?)<a class", (site / page).read_text(encoding="utf-8"))
+        assert title is not None and title[1] == name, page
+
+
 @pytest.fixture(scope="module")
 def wrong(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
     """A small project with all kinds of mistakes: where its site is, and what is said."""
