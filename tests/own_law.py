@@ -1,4 +1,4 @@
-"""A friction law in Python for tests: the documented one, spoilt in places, and a case with it."""
+"""A law and a material in Python for tests: the documented ones, spoilt in places, and cases."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 PAGE = Path(__file__).parents[1] / "docs" / "law.md"
+MATERIAL_PAGE = PAGE.with_name("how-to") / "own-material.md"
 OWN = 'law = "python"\nclass = "my_law.py:MyLaw"\nparameters = { mu = 0.3, speed = 1e-6 }'
 # A line of its update, behind which a test puts mischief.
 CLOSED = "        closed = pressure > 0.0\n"
@@ -18,6 +19,22 @@ def documented_law(old: str = "", new: str = "") -> str:
     [code] = re.findall(r"```python\n(.*?)```", section.split("\n## ")[0], re.DOTALL)
     assert old in code
     return code.replace(old, new, 1) if old else code
+
+
+def documented_material(old: str = "", new: str = "") -> str:
+    """Source of the strain energy of the documentation, with one text replaced by another."""
+    text = MATERIAL_PAGE.read_text(encoding="utf-8")
+    [code] = re.findall(r"<!-- file: gent.py -->\n```python\n(.*?)```", text, re.DOTALL)
+    assert old in code
+    return code.replace(old, new, 1) if old else code
+
+
+def documented_material_case(old: str = "", new: str = "") -> str:
+    """The case of the documentation with it, likewise."""
+    text = MATERIAL_PAGE.read_text(encoding="utf-8")
+    [case] = re.findall(r"<!-- file: gent.toml -->\n```toml\n(.*?)```", text, re.DOTALL)
+    assert old in case
+    return case.replace(old, new, 1) if old else case
 
 
 def mischief(statement: str) -> str:

@@ -30,7 +30,7 @@ from tribox.app.build.facing import faces_away, facing_problem
 from tribox.app.case.case import Case
 from tribox.app.case.contact import Contact
 from tribox.app.case.friction import Coulomb, Friction, Frictionless, FrictionMap, OwnLaw, Stribeck
-from tribox.app.case.own_law import OwnLawError
+from tribox.app.case.own_code import OwnCodeError
 from tribox.app.case.time_tables import TimeTable, value_at
 from tribox.app.equilibrium.rigid_tool import RigidTool
 from tribox.app.errors import InputError
@@ -193,7 +193,7 @@ class ContactBuilder:
         if self.runs_code:
             try:
                 law = friction.friction_law(self.named.mesh.geometry.dim)
-            except OwnLawError as error:
+            except OwnCodeError as error:
                 problem = f"contact.{index}.friction.{error.key}: {error}"
         problem = next((p for p in self.named.mesh.comm.allgather(problem) if p), None)
         if problem is not None:

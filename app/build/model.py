@@ -27,6 +27,7 @@ from tribox.app.build.slips import notes_on_slips
 from tribox.app.build.solids import (
     displacement_on,
     make_solids,
+    materials_of,
     notes_on_materials,
     resolved_bodies,
 )
@@ -137,8 +138,8 @@ def build_model(case: Case, comm: MPI.Comm, runs_code: bool = True) -> Model:
     Args:
         case: what to build.
         comm: ranks that work together.
-        runs_code: whether friction laws written in Python are run, and drawings that may do more
-            than draw; a model without laws cannot be solved, only looked at.
+        runs_code: whether laws and materials written in Python are run, and drawings that may do
+            more than draw; a model without laws cannot be solved, only looked at.
 
     Raises:
         InputError: the mesh, or a name in the case, does not fit, or numbers are out of range; the
@@ -158,8 +159,8 @@ def _built(case: Case, comm: MPI.Comm, runs_code: bool) -> Model:
     u = displacement_on(named, bodies)
     probes = place_probes(case, named, u.function_space, section)
     lines = place_lines(case, named, u.function_space)
-    solids = make_solids(bodies, named, u, section)
-    materials = {solid.name: solid.material for solid in solids}
+    materials = materials_of(bodies, comm, runs_code)
+    solids = make_solids(bodies, named, u, section, materials)
     loads = _loads(case, named, u, section)
     tools = make_tools(case, named, u.function_space, section, loads)
     builder = ContactBuilder(
@@ -256,7 +257,7 @@ def _notes(asked: Case, model: Model, contacts: Sequence[BuiltContact], loads: L
     notes = [
         *notes_on(case),
         *notes_on_tools(case),
-        *notes_on_materials(case.bodies),
+        *notes_on_materials(case.bodies, {s.name: s.material for s in problem.solids}),
         *named.notes,
         *locking_bodies(named, problem.solids, problem.space.element.basix_element.degree),
         *large_mesh(case, named),

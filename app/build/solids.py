@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import assert_never
 
 import dolfinx
+from mpi4py import MPI
 
 from tribox.app.case.bodies import (
     Body,
@@ -14,10 +15,12 @@ from tribox.app.case.bodies import (
     MooneyRivlinBody,
     NeoHookeanBody,
     OgdenBody,
+    OwnBody,
     YeohBody,
     formulation_problems,
     formulations,
 )
+from tribox.app.case.own_code import OwnCodeError
 from tribox.app.errors import InputError
 from tribox.forms.bodies.elastoplastic import ElastoPlastic
 from tribox.forms.bodies.kinematics import Section
@@ -55,7 +58,7 @@ def displacement_on(named: NamedMesh, bodies: Bodies) -> dolfinx.fem.Function:
 
 
 def material_of(body: Body) -> Material:
-    """The strain energy of a body, and its yield stress if it flows."""
+    """The strain energy of a body, and its yield stress if it flows; one in Python is run."""
     match body:
         case NeoHookeanBody():
             return NeoHookean(body.shear_modulus, body.bulk_modulus)
@@ -71,27 +74,74 @@ def material_of(body: Body) -> Material:
             moduli = body.shear_modulus, body.bulk_modulus
             rate = body.rate.law_of() if body.rate is not None else None
             return ElastoPlastic(*moduli, body.hardening.law_of(), rate)
+        case OwnBody():
+            return body.own_material()
         case _:
             assert_never(body)
 
 
-def notes_on_materials(bodies: Bodies) -> list[str]:
+def materials_of(bodies: Bodies, comm: MPI.Comm, runs_code: bool = True) -> dict[str, Material]:
+    """The materials of all bodies; collective.
+
+    Args:
+        bodies: of the case.
+        comm: ranks that work together.
+        runs_code: whether energies in Python are run; a neo-Hookean one stands for them if not.
+
+    Raises:
+        InputError: an energy in Python cannot be used, on some rank.
+    """
+    made: dict[str, Material] = {}
+    problem: str | None = None
+    for name, body in bodies.items():
+        if isinstance(body, OwnBody) and not runs_code:
+            made[name] = NeoHookean(body.shear_modulus, body.bulk_modulus)
+            continue
+        try:
+            made[name] = material_of(body)
+        except OwnCodeError as error:
+            problem = problem or f"bodies.{name}.{error.key}: {error}"
+    problem = next((p for p in comm.allgather(problem) if p), None)
+    if problem is not None:
+        raise InputError(problem)
+    return made
+
+
+def notes_on_materials(bodies: Bodies, materials: Mapping[str, Material]) -> list[str]:
     """Elastomers whose energy is not stable within stretches that a run may reach."""
     notes = []
     for name, body in bodies.items():
         if isinstance(body, NeoHookeanBody | HenckyBody | ElastoPlasticBody):  # always stable
             continue
-        if limits := stability_limits(material_of(body)):
+        try:
+            limits = stability_limits(materials[name])
+        except NotImplementedError as error:
+            notes.append(
+                f"bodies.{name}: moduli and stability of its energy are not known ({error})"
+            )
+            continue
+        if limits:
             where = ", ".join(f"{test} beyond a stretch of {at:.3g}" for test, at in limits.items())
             notes.append(
-                f"bodies.{name}: the {body.material} energy with these constants is not stable "
+                f"bodies.{name}: the {_called(body)} energy with these constants is not stable "
                 f"(Drucker) in {where}: there more strain needs less stress, and steps may fail"
             )
     return notes
 
 
+def _called(body: Body) -> str:
+    """A material in words."""
+    if isinstance(body, OwnBody):
+        return f"{body.file.name}:{body.reference.rpartition(':')[2]}"
+    return body.material
+
+
 def make_solids(
-    bodies: Bodies, named: NamedMesh, u: dolfinx.fem.Function, section: Section
+    bodies: Bodies,
+    named: NamedMesh,
+    u: dolfinx.fem.Function,
+    section: Section,
+    materials: Mapping[str, Material],
 ) -> list[Solid]:
     """The forms of resolved bodies.
 
@@ -100,10 +150,17 @@ def make_solids(
         named: the mesh.
         u: displacement, m.
         section: what the mesh stands for.
+        materials: of the bodies, by name.
+
+    Raises:
+        InputError: an energy in Python depends on what there is not in this section.
     """
     made = []
     for name, body in bodies.items():
         assert body.formulation is not None
-        material, cells, density = material_of(body), named.cells(name), body.density or 0.0
-        made.append(make_solid(name, u, cells, material, body.formulation, density, section))
+        material, cells, density = materials[name], named.cells(name), body.density or 0.0
+        try:
+            made.append(make_solid(name, u, cells, material, body.formulation, density, section))
+        except OwnCodeError as error:
+            raise InputError(f"bodies.{name}.{error.key}: {error}") from None
     return made

@@ -9,6 +9,7 @@ from pydantic import Field, WrapValidator
 
 from tribox.app.case.hardening import Hardening, Rate
 from tribox.app.case.library import from_library
+from tribox.app.case.own_code import NamesAClass, OwnMaterial, load_own_material
 from tribox.app.case.quantities import Quantity
 from tribox.app.case.table import Model, Name, Place, Problem
 
@@ -238,8 +239,32 @@ class ElastoPlasticBody(_Isotropic):
         yield from self.hardening.problems((*place, "hardening"))
 
 
+class OwnBody(_Isotropic, NamesAClass):
+    """A strain energy of the user's own, written in Python; E and nu, or G and K, are its at rest.
+
+    The case only names it: the file is run by :meth:`own_material`, when a run is built.
+    """
+
+    material: Literal["python"] = Field(description="strain energy of the body")
+
+    def own_material(self) -> OwnMaterial:
+        """The energy that the class makes; this runs the user's code.
+
+        Raises:
+            OwnCodeError: there is no such file or class, or it makes no strain energy.
+        """
+        moduli = self.shear_modulus, self.bulk_modulus
+        return load_own_material(self.reference, self.parameters, *moduli)
+
+
 Body = Annotated[
-    NeoHookeanBody | HenckyBody | MooneyRivlinBody | YeohBody | OgdenBody | ElastoPlasticBody,
+    NeoHookeanBody
+    | HenckyBody
+    | MooneyRivlinBody
+    | YeohBody
+    | OgdenBody
+    | ElastoPlasticBody
+    | OwnBody,
     Field(discriminator="material"),
     WrapValidator(from_library),
 ]

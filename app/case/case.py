@@ -18,7 +18,7 @@ from pydantic import (
     model_validator,
 )
 
-from tribox.app.case.bodies import Body, formulation_problems
+from tribox.app.case.bodies import Body, OwnBody, formulation_problems
 from tribox.app.case.boundary import (
     Boundary,
     boundary_problems,
@@ -204,6 +204,8 @@ class Case(Model):
         yield from self.geometry.problems(("geometry",))
         for name, body in self.bodies.items():
             yield from body.problems(("bodies", name))
+            if isinstance(body, OwnBody) and not self._past:
+                yield from body.file_problems(("bodies", name))
         if isinstance(self.geometry, GeneratedGeometry):
             yield from self._formulation_problems(self.geometry)
             yield from self._surface_problems(self.geometry)
@@ -447,6 +449,9 @@ def _rename_files(data: dict[str, Any], case: Case, files: Mapping[Path, str]) -
     for table, contact in zip(data.get("contact", ()), case.contact, strict=True):
         if isinstance(contact.friction, OwnLaw):
             table["friction"]["class"] = renamed(contact.friction.reference)
+    for name, body in case.bodies.items():
+        if isinstance(body, OwnBody):
+            data["bodies"][name]["class"] = renamed(body.reference)
     if case.sweep is not None and case.sweep.names_files:
         parts = [part for _, part in case.sweep_cases()]
         data["sweep"]["values"] = [renamed(value_at(part, case.sweep.key)) for part in parts]

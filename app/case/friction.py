@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from pydantic import Field, ValidationInfo, create_model, field_validator
+from pydantic import Field
 
 from tribox.app.case.film import Film
-from tribox.app.case.own_law import OwnLawError, load_own_law, split_reference
+from tribox.app.case.own_code import NamesAClass, load_own_law
 from tribox.app.case.quantities import Quantity
-from tribox.app.case.table import Flag, Model, Place, Problem, Text
+from tribox.app.case.table import Flag, Model, Place, Problem
 from tribox.app.case.time_tables import NumberOrProgram, NumberOrTable, Row, TimeTable
 
 if TYPE_CHECKING:
@@ -236,51 +235,13 @@ class Stribeck(Model):
             yield Problem((*place, "mu_d"), f"must be <= mu_s = {self.mu_s:g}", self.mu_d)
 
 
-if TYPE_CHECKING:
-    _NamesAClass = Model
-else:
-    # A field called "class" cannot be written as an attribute.
-    _NamesAClass = create_model(
-        "_NamesAClass",
-        __base__=Model,
-        **{
-            "class": (
-                Text,
-                Field(description='file and class, "my_law.py:MyLaw", relative to the case file'),
-            )
-        },
-    )
-
-
-class OwnLaw(_NamesAClass):
+class OwnLaw(NamesAClass):
     """A friction law of the user's own, written in Python.
 
     The case only names it: the file is run by :meth:`friction_law`, when a run is built.
     """
 
     law: Literal["python"] = Field(description="the friction law")
-    parameters: dict[str, Any] = Field(
-        default={}, description="what the class is called with, by name, as it stands here"
-    )
-
-    @field_validator("class")
-    @classmethod
-    def _found_from_anywhere(cls, value: str, info: ValidationInfo) -> str:
-        """The file from the root on, so that a copy of the case elsewhere finds it too."""
-        source = (info.context or {}).get("source")
-        file, colon, name = value.rpartition(":")
-        return f"{(Path(source or '').parent / file).resolve()}:{name}" if colon else value
-
-    @property
-    def reference(self) -> str:
-        """File and class, "/path/my_law.py:MyLaw"."""
-        found: str = getattr(self, "class")
-        return found
-
-    @property
-    def file(self) -> Path:
-        """The file with the class."""
-        return Path(self.reference.rpartition(":")[0])
 
     def friction_law(self, dim: int = 2) -> GuardedLaw:
         """The law that the class makes; this runs the user's code.
@@ -289,19 +250,13 @@ class OwnLaw(_NamesAClass):
             dim: space dimensions that it is tried in.
 
         Raises:
-            OwnLawError: there is no such file or class, or it makes no friction law.
+            OwnCodeError: there is no such file or class, or it makes no friction law.
         """
         return load_own_law(self.reference, self.parameters, dim)
 
     def problems(self, place: Place, film: Film | None) -> Iterator[Problem]:
-        """Whether the file is there, `place` being this table's place in the case.
-
-        What is in it shows only when it is run.
-        """
-        try:
-            split_reference(self.reference)
-        except OwnLawError as error:
-            yield Problem((*place, error.key), str(error), self.reference)
+        """Whether the file is there, `place` being this table's place in the case."""
+        yield from self.file_problems(place)
 
 
 Friction = Annotated[

@@ -21,7 +21,7 @@ from tribox.app.case.table import Problem, problems_error
 from tribox.app.errors import InputError
 
 FILE = Path(__file__).with_name("materials.toml")
-LAWS = ("neo-hookean", "hencky", "mooney-rivlin", "yeoh", "ogden", "elastoplastic")
+LAWS = ("neo-hookean", "hencky", "mooney-rivlin", "yeoh", "ogden", "elastoplastic", "python")
 """What `material` may be besides an entry."""
 
 

@@ -15,6 +15,7 @@ import stat
 from collections.abc import Iterator
 from pathlib import Path
 
+from tribox.app.case.bodies import OwnBody
 from tribox.app.case.case import Case
 from tribox.app.case.friction import OwnLaw
 from tribox.app.case.geometry import MeshGeometry
@@ -101,14 +102,16 @@ def forget_directory(directory: Path) -> Path:
 
 
 def code_files(case: Case) -> list[tuple[str, Path]]:
-    """(place in the case, file) of all Python that a case, or a value of its sweep, would run."""
+    """(key that says so, file) of all Python that a case, or a value of its sweep, would run."""
     parts = [case, *(part for _, part in case.sweep_cases())]
-    found = {
-        (f"contact.{index}.friction", contact.friction.file): None
-        for part in parts
-        for index, contact in enumerate(part.contact)
-        if isinstance(contact.friction, OwnLaw)
-    }
+    found: dict[tuple[str, Path], None] = {}
+    for part in parts:
+        for name, body in part.bodies.items():
+            if isinstance(body, OwnBody):
+                found[f"bodies.{name}.material", body.file] = None
+        for index, contact in enumerate(part.contact):
+            if isinstance(contact.friction, OwnLaw):
+                found[f"contact.{index}.friction.law", contact.friction.file] = None
     return list(found)
 
 
@@ -136,7 +139,7 @@ def require_trust(case: Case, case_file: Path, given: bool) -> bool:
     if not files:
         return True
     for path, (place, file) in ((case_file, files[0]), *((one[1], one) for one in files)):
-        said = f'{place}.law = "python" makes this case code: {file} would be run'
+        said = f'{place} = "python" makes this case code: {file} would be run'
         require_trusted_file(path, f"{case_file}: {said}", exact=path == file)
     return True
 

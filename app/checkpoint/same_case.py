@@ -24,7 +24,8 @@ FREE = (
     *("solver.tolerance", "solver.max_iterations", "solver.min_step_fraction"),
     *("solver.petsc", "solver.partition"),
 )
-LAWS = re.compile(r"contact\.\d+\.friction\.class")  # the file is compared by what is in it
+# Classes of the user's own: their files are compared by what is in them.
+OWN = re.compile(r"(contact\.\d+\.friction|bodies\..+)\.class")
 LENGTHS = ("duration", "steps", "velocities")  # of a stage
 SHOWN = 3  # differences that are named
 EQUAL = 1e-12  # relative difference of step lengths that are one
@@ -103,8 +104,8 @@ def _table(case: Case) -> Any:
 
 
 def _class_alone(key: str, value: Any) -> Any:
-    """A value; of the class of a law its name without the file."""
-    return value.rpartition(":")[2] if LAWS.fullmatch(key) and isinstance(value, str) else value
+    """A value; of a class of the user's own its name without the file."""
+    return value.rpartition(":")[2] if OWN.fullmatch(key) and isinstance(value, str) else value
 
 
 def _stage_changes(

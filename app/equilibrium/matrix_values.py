@@ -1,19 +1,19 @@
 """The values of an assembled matrix where they lie, to be changed in place.
 
-petsc4py gives copies of them only.
+petsc4py gives copies of them only, so PETSc's own library is asked.
 """
 
 from __future__ import annotations
 
 import ctypes
 import functools
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
 
-from tribox.app.equilibrium.petsc_library import petsc_library
 from tribox.geometry.surfaces.facets import Floats, Ints
 
 _VALUES = ctypes.c_void_p, ctypes.POINTER(ctypes.POINTER(ctypes.c_double))
@@ -26,6 +26,23 @@ _SIGNATURES = {
 }
 _PLAIN = 0, 0, 0  # counted from zero, not made symmetric, not compressed
 _DIRECT = {PETSc.Mat.Type.SEQAIJ, PETSc.Mat.Type.MPIAIJ}
+
+
+def petsc_library(signatures: Mapping[str, Sequence[Any]]) -> ctypes.CDLL | None:
+    """The library that petsc4py has loaded; None where a function wanted is not found in it.
+
+    Args:
+        signatures: kinds of the arguments (of ctypes) by the functions' names; all return an error
+            code, 0 where there was none.
+    """
+    try:
+        found = ctypes.CDLL(PETSc.__file__)  # a search there goes on in what it is linked to
+        for name, kinds in signatures.items():
+            function = getattr(found, name)
+            function.argtypes, function.restype = list(kinds), ctypes.c_int
+    except (OSError, AttributeError):
+        return None
+    return found
 
 
 @functools.cache

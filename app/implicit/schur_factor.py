@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from petsc4py import PETSc
 
-from tribox.app.equilibrium.petsc_library import petsc_library
+from tribox.app.equilibrium.matrix_values import petsc_library
 from tribox.app.implicit.factor import Factor
 from tribox.geometry.surfaces.facets import Floats, Ints
 

@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from tribox.app.case.bodies import OwnBody
 from tribox.app.case.case import Case, resolved_toml
 from tribox.app.case.friction import OwnLaw
 from tribox.app.case.geometry import MeshGeometry
@@ -51,7 +52,7 @@ def sha256_of(path: Path) -> str:
 
 
 def input_files(case: Case) -> list[Path]:
-    """The files that a case, or a value of its sweep, names: meshes, laws in Python."""
+    """The files that a case, or a value of its sweep, names: meshes, Python of its own."""
     found: dict[Path, None] = {}
     for one in (case, *(part for _, part in case.sweep_cases())):
         if isinstance(one.geometry, MeshGeometry):
@@ -61,6 +62,7 @@ def input_files(case: Case) -> list[Path]:
         found |= dict.fromkeys(file for tool in one.tools.values() for file in tool.files)
         laws = [c.friction.file for c in one.contact if isinstance(c.friction, OwnLaw)]
         found |= dict.fromkeys(laws)
+        found |= dict.fromkeys(b.file for b in one.bodies.values() if isinstance(b, OwnBody))
     return list(found)
 
 

@@ -6,6 +6,7 @@ from mpi4py import MPI
 
 from tribox.app.build.mesh import of_case
 from tribox.app.build.model import build_model
+from tribox.app.case.bodies import OwnBody
 from tribox.app.case.case import Case
 from tribox.app.case.friction import OwnLaw
 from tribox.app.errors import InputError
@@ -47,7 +48,7 @@ def notes_on_building(case: Case, runs_code: bool = False) -> list[str]:
 
     Args:
         case: without a sweep.
-        runs_code: whether friction laws written in Python are run; if not, a note says so.
+        runs_code: whether laws and materials written in Python are run; if not, a note says so.
 
     Raises:
         InputError: mesh and case do not go together, a law that is run cannot be used, or PETSc has
@@ -55,7 +56,7 @@ def notes_on_building(case: Case, runs_code: bool = False) -> list[str]:
     """
     silence()  # a case that is only put together leaves options of PETSc without use
     model = build_model(case, MPI.COMM_SELF, runs_code)
-    own = any(isinstance(contact.friction, OwnLaw) for contact in case.contact)
+    own = _own_code(case)
     try:
         if case.solver.petsc and (runs_code or not own):
             Simulation(model)
@@ -63,10 +64,19 @@ def notes_on_building(case: Case, runs_code: bool = False) -> list[str]:
     except InputError as error:
         raise of_case(case, error) from None
     if not runs_code:
-        notes += [
-            f"contact.{index}: the code of the friction law {contact.friction.reference} was not "
-            "run; tribox check --law tries it"
-            for index, contact in enumerate(case.contact)
-            if isinstance(contact.friction, OwnLaw)
-        ]
+        notes += [f"{line} was not run; tribox check --law tries it" for line in own]
     return notes
+
+
+def _own_code(case: Case) -> list[str]:
+    """What of a case is code, in words."""
+    laws = [(i, contact.friction) for i, contact in enumerate(case.contact)]
+    energies = [(name, body) for name, body in case.bodies.items() if isinstance(body, OwnBody)]
+    return [
+        *(
+            f"contact.{i}: the code of the friction law {law.reference}"
+            for i, law in laws
+            if isinstance(law, OwnLaw)
+        ),
+        *(f"bodies.{name}: the code of the material {body.reference}" for name, body in energies),
+    ]

@@ -17,7 +17,7 @@ import ufl
 from numpy.typing import NDArray
 from ufl.algorithms import expand_derivatives
 
-from tribox.forms.bodies.kinematics import PlanePart, plane_kinematics
+from tribox.forms.bodies.kinematics import Kinematics, PlanePart, plane_kinematics
 from tribox.forms.bodies.materials import Material
 from tribox.forms.bodies.ufl_values import values_of
 
@@ -66,6 +66,31 @@ def stability_limits(material: Material) -> dict[str, float]:
         if unstable.any():
             found[test.words] = float(np.exp(first[np.argmax(unstable)]))
     return found
+
+
+def at_rest(material: Material) -> tuple[float, float, float]:
+    """Stress, shear modulus and bulk modulus, Pa, of the undeformed material, from its energy.
+
+    With logarithmic stretches ε_a the stress is ∂W/∂ε_a, and the second derivatives are K + 4G/3
+    for one stretch and K - 2G/3 for two.
+
+    Raises:
+        NotImplementedError: the energy has a function whose values are not known.
+    """
+    domain = ufl.Mesh(basix.ufl.element("Lagrange", "interval", 1, shape=(1,)))
+    strains = [ufl.Constant(domain) for _ in range(3)]
+    e = [ufl.variable(strain) for strain in strains]
+    a, b, c = (ufl.exp(2.0 * strain) for strain in e)
+    J, I1, I2 = ufl.exp(e[0] + e[1] + e[2]), a + b + c, a * b + b * c + c * a
+    k = Kinematics(F=None, J=J, I1=I1, I2=I2, plane=None)
+    constants: dict[str, Any] = dict(material.parameters())
+    energy = sum(material.energy(k, constants))
+    wanted = [ufl.diff(energy, e[0]), ufl.diff(ufl.diff(energy, e[0]), e[0])]
+    wanted.append(ufl.diff(ufl.diff(energy, e[0]), e[1]))
+    none = dict.fromkeys(strains, np.zeros(1))
+    found = values_of([expand_derivatives(one) for one in wanted], none)
+    stress, same, other = (float(np.broadcast_to(value, 1)[0]) for value in found)
+    return stress, 0.5 * (same - other), (same + 2.0 * other) / 3.0
 
 
 class _Stiffness:

@@ -46,6 +46,12 @@ def _evaluate(expression: Any, rule: _Values, found: dict[int, Any]) -> None:
                 found[id(part)] = rule(part, *(found[id(o)] for o in operands))
 
 
+_FUNCTIONS: dict[str, Any] = {
+    **{name: getattr(np, name) for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh")},
+    **{f"a{name}": getattr(np, f"arc{name}") for name in ("sin", "cos", "tan")},
+}
+
+
 class _Values(MultiFunction):
     """Replaces every node of an expression by its value."""
 
@@ -95,11 +101,22 @@ class _Values(MultiFunction):
     def ln(self, o: Any, a: Any) -> Any:
         return np.log(a)
 
+    def math_function(self, o: Any, a: Any) -> Any:
+        if (known := _FUNCTIONS.get(o._name)) is None:
+            raise NotImplementedError(f"no values of {o._name}")
+        return known(a)
+
     def gt(self, o: Any, a: Any, b: Any) -> Any:
         return np.greater(a, b)
 
     def lt(self, o: Any, a: Any, b: Any) -> Any:
         return np.less(a, b)
+
+    def ge(self, o: Any, a: Any, b: Any) -> Any:
+        return np.greater_equal(a, b)
+
+    def le(self, o: Any, a: Any, b: Any) -> Any:
+        return np.less_equal(a, b)
 
     def conditional(self, o: Any, condition: Any, true: Any, false: Any) -> Any:
         return np.where(condition, true, false)

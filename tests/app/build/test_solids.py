@@ -60,6 +60,7 @@ def test_rates(table, rate):
 def test_an_unstable_energy_is_noted():
     good = BODY.validate_python({"material": "yeoh", "C10": 0.5, "K": 9})
     bad = BODY.validate_python({"material": "yeoh", "C10": 0.5, "C20": -0.2, "C30": 0.01, "K": 9})
-    [note] = notes_on_materials({"good": good, "bad": bad})
+    bodies = {"good": good, "bad": bad}
+    [note] = notes_on_materials(bodies, {n: material_of(b) for n, b in bodies.items()})
     assert note.startswith("bodies.bad: the yeoh energy")
     assert "uniaxial tension beyond a stretch of 1.46, uniaxial compression beyond" in note

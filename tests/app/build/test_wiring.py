@@ -9,7 +9,7 @@ import pytest
 from mpi4py import MPI
 from pydantic import TypeAdapter
 
-from tests.own_law import documented_law
+from tests.own_law import documented_law, documented_material
 from tests.tool_cases import block_mesh
 from tribox.app.build.contacts import friction_law, resolved_contact
 from tribox.app.build.solids import material_of
@@ -21,6 +21,7 @@ from tribox.app.case.friction import Friction
 from tribox.app.case.geometry import GeneratedGeometry
 from tribox.app.case.hardening import Hardening, Rate
 from tribox.app.case.library import LAWS
+from tribox.app.case.own_code import OwnMaterial
 from tribox.app.case.table import Model
 from tribox.app.case.tools import AnyTool
 from tribox.forms.bodies import hardening as yields
@@ -41,6 +42,7 @@ SOFT = materials.NeoHookean(1e6, 1e9)
 STEEL = {"E": "70 GPa", "nu": 0.3}
 FLOWS = {"law": "linear", "yield_stress": 3e7}
 ROUND = {"radius": 1.0, "centre": [0.0, 0.0, 0.0]}
+GENT = {"G": 2, "K": 9, "Jm": 1}
 # Of each union: the keys that name a class, what else it needs, and what it builds.
 BODIES = {
     "neo-hookean": (STEEL, materials.NeoHookean),
@@ -49,6 +51,7 @@ BODIES = {
     "yeoh": ({"C10": 2, "C30": 1, "K": 9}, materials.Yeoh),
     "ogden": ({"mu": [2], "alpha": [2], "K": 9}, materials.Ogden),
     "elastoplastic": (STEEL | {"hardening": FLOWS}, ElastoPlastic),
+    "python": ({"class": "gent.py:Gent", "parameters": GENT, "G": 2, "K": 9}, OwnMaterial),
 }
 HARDENINGS = {
     "linear": ({"yield_stress": 3}, yields.Linear),
@@ -114,6 +117,7 @@ def test_each_class_of_a_case_builds_its_own(name, tmp_path, monkeypatch):
     union, key, table, build = UNIONS[name]
     monkeypatch.chdir(tmp_path)
     (tmp_path / "my_law.py").write_text(documented_law())
+    (tmp_path / "gent.py").write_text(documented_material())
     if name == "tools":
         block_mesh(tmp_path / "block.msh")
     assert words(union, key) == set(table), "a class that this test does not know"

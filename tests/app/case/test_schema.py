@@ -32,7 +32,7 @@ DOCUMENTED = {
     "`block`": ("FlatSize",),
     "`[bodies.NAME]`": (
         *("NeoHookeanBody", "HenckyBody", "MooneyRivlinBody"),
-        *("YeohBody", "OgdenBody", "ElastoPlasticBody"),
+        *("YeohBody", "OgdenBody", "ElastoPlasticBody", "OwnBody"),
         *("NeoHookeanBodyFromLibrary", "MooneyRivlinBodyFromLibrary"),
         "ElastoPlasticBodyFromLibrary",
     ),

@@ -1,4 +1,4 @@
-"""A friction law of the user's own: the documented example, and one clear line for each mistake."""
+"""A law or material of the user's own: documented examples, and one clear line for each mistake."""
 
 from __future__ import annotations
 
@@ -11,14 +11,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.own_law import OWN, documented_law, with_law
+from tests.own_law import (
+    OWN,
+    documented_law,
+    documented_material,
+    documented_material_case,
+    with_law,
+)
 from tribox.app.case.case import resolved_toml
 from tribox.app.case.friction import OwnLaw
-from tribox.app.case.own_law import OwnLawError, load_own_law
+from tribox.app.case.own_code import OwnCodeError, load_own_law, load_own_material
 from tribox.app.case.reading import check_case, load_case
 from tribox.forms.friction.law import FrictionLaw
 
 MU, P = 0.3, 2e6
+GENT = {"G": 1e6, "K": 5e10, "Jm": 2.0}
 
 
 @pytest.fixture
@@ -94,17 +101,17 @@ def test_a_mistake_is_one_line(name, example, block, case_file):
 def test_a_file_that_is_no_law_is_one_line(code, said, tmp_path):
     file = tmp_path / "my_law.py"
     file.write_text(code, encoding="utf-8")
-    with pytest.raises(OwnLawError, match=re.escape(said.format(file=file))) as error:
+    with pytest.raises(OwnCodeError, match=re.escape(said.format(file=file))) as error:
         load_own_law(f"{file}:MyLaw", {})
     assert "\n" not in str(error.value) and error.value.key == "class"
 
 
 def test_parameters_that_the_class_does_not_take_are_named(example):
     said = "MyLaw: TypeError: MyLaw.__init__() got an unexpected keyword argument 'nu'"
-    with pytest.raises(OwnLawError, match=re.escape(said)) as error:
+    with pytest.raises(OwnCodeError, match=re.escape(said)) as error:
         load_own_law(f"{example}:MyLaw", {"nu": MU, "speed": 1e-6})
     assert error.value.key == "parameters"
-    with pytest.raises(OwnLawError, match=r"my_law\.py:\d+: ValueError: expected mu >= 0"):
+    with pytest.raises(OwnCodeError, match=r"my_law\.py:\d+: ValueError: expected mu >= 0"):
         load_own_law(f"{example}:MyLaw", {"mu": -1.0, "speed": 1e-6})
 
 
@@ -121,7 +128,7 @@ def test_parameters_that_the_class_does_not_take_are_named(example):
 @pytest.mark.parametrize("dim", [2, 3])
 def test_a_law_that_cannot_run_is_told_beforehand(old, new, said, dim, example):
     example.write_text(documented_law(old, new), encoding="utf-8")
-    with pytest.raises(OwnLawError, match=re.escape(said)):
+    with pytest.raises(OwnCodeError, match=re.escape(said)):
         load_own_law(f"{example}:MyLaw", {"mu": MU, "speed": 1e-6}, dim)
 
 
@@ -134,7 +141,7 @@ def test_the_source_is_run_as_it_stands_and_leaves_no_trace(example):
     text, times = example.read_text(), example.stat()
     example.write_text(text.replace("class MyLaw", "class ByLaw"))  # of the same size
     os.utime(example, ns=(times.st_atime_ns, times.st_mtime_ns))
-    with pytest.raises(OwnLawError, match="has no class MyLaw; there is ByLaw"):
+    with pytest.raises(OwnCodeError, match="has no class MyLaw; there is ByLaw"):
         load_own_law(f"{example}:MyLaw", {"mu": MU, "speed": 1e-6})
 
 
@@ -158,3 +165,61 @@ os.chdir("/")
 class Wear:
     depth: float
 """
+
+
+SPOILT = {
+    "one part": ("return distortion, 0.25", "return distortion + 0.25", "must return two parts"),
+    "raises": ("stretched = (k.J", "stretched = (k.F3", ": AttributeError"),
+    "a vector": ("return distortion,", "return ufl.as_vector([distortion] * 2),", "two scalars"),
+    "prestressed": (
+        "- 2.0 * ufl.ln(k.J)",
+        "- 1.9 * ufl.ln(k.J)",
+        "undeformed body: must be 0",
+    ),
+    "stiffer": (
+        "-0.5 * c",
+        "-0.6 * c",
+        "the modulus G = 1.2e+06 Pa in the",
+    ),
+    "no numbers": ('"K": K', '"K": [K]', "parameters(): K must be a number, found [50000000000.0]"),
+    "no method": (
+        "def energy(",
+        "def energies(",
+        "it has no method energy",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SPOILT)
+def test_a_mistake_in_a_material_is_one_line(name, tmp_path):
+    old, new, said = SPOILT[name]
+    (tmp_path / "gent.py").write_text(documented_material(old, new))
+    with pytest.raises(OwnCodeError) as caught:
+        made = load_own_material(f"{tmp_path}/gent.py:Gent", GENT, 1e6, 5e10)
+        made.parameters()
+    assert said in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_functions_whose_values_are_not_known_are_not_checked(tmp_path):
+    (tmp_path / "gent.py").write_text(
+        documented_material("-0.5 * c", "ufl.bessel_J(0, k.J) - 0.5 * c")
+    )
+    assert load_own_material(f"{tmp_path}/gent.py:Gent", GENT, 7.0, 9.0).shear_modulus == 7.0
+
+
+def test_a_case_with_a_material_of_its_own_is_code(case_file, tribox, tmp_path):
+    (tmp_path / "gent.py").write_text(documented_material())
+    path = case_file(documented_material_case("steps = 8", "steps = 2"))
+    case = load_case(path)
+    assert load_case(case_file(resolved_toml(case), "again.toml")) == case
+    checked = tribox("check", path)
+    assert "bodies.pad: the code of the material" in checked.stdout and checked.returncode == 0
+    refused = tribox("run", path, "--out", tmp_path / "out")
+    assert refused.returncode == 2 and 'bodies.pad.material = "python" makes' in refused.stderr
+    done = tribox("run", path, "--out", tmp_path / "out", "--trust")
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "out/inputs/gent.py").read_text() == documented_material()
+    assert 'class = "inputs/gent.py:Gent"' in (tmp_path / "out/case.toml").read_text()
+    (tmp_path / "gent.py").write_text(documented_material("0.25 * c", "0.5 * 0.5 * c"))
+    other = tribox("run", path, "--out", tmp_path / "out", "--trust", "--extend")
+    assert other.returncode == 2 and "gent.py" in other.stderr
