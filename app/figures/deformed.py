@@ -47,13 +47,16 @@ PALE = 8  # colours for bodies in the picture of the mesh
 IN_ONE_COLUMN = 2
 
 
-def draw_deformed(results: Results, figures: Path, field: str) -> list[Path]:
+def draw_deformed(
+    results: Results, figures: Path, field: str, only_last: bool = False
+) -> list[Path]:
     """Draw the last state, the end of each stage and the highest load.
 
     Args:
         results: of a run.
         figures: directory that exists.
         field: array of the field files that bodies are coloured by.
+        only_last: the last state alone.
 
     Returns:
         The files; none where no field has been written.
@@ -64,6 +67,7 @@ def draw_deformed(results: Results, figures: Path, field: str) -> list[Path]:
     states = [replace(s, name=named_after(s.name, field)) for s in states_to_draw(results)]
     if not states:
         return []
+    states = states[-1:] if only_last else states
     names = body_names(results)
     drawn = [read_bodies(results.grid("fields", state.step), names, field) for state in states]
     if drawn[0].dim == 3:

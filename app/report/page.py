@@ -91,14 +91,18 @@ def write_report(directory: Path, out: Path | None = None) -> Path:
 
 def page(results: Results) -> str:
     """The HTML of a results directory's report."""
-    environment = Environment(
+    return environment().get_template(TEMPLATE).render(**contents(results))
+
+
+def environment() -> Environment:
+    """Templates beside this module; what is put in is text and no HTML."""
+    return Environment(
         loader=FileSystemLoader(Path(__file__).parent),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    return environment.get_template(TEMPLATE).render(**contents(results))
 
 
 def contents(results: Results) -> dict[str, Any]:

@@ -30,6 +30,7 @@ OWN = (
     "surfaces.csv",
     "bodies.csv",
     "tools.csv",
+    "progress.csv",
     *PROBE_TABLES,
     "log.txt",
     "report.html",
@@ -406,20 +407,25 @@ class GrowingTable:
         written: number of rows so far.
     """
 
-    def __init__(self, path: Path, columns: Sequence[str], after: int | None = None) -> None:
+    def __init__(
+        self, path: Path, columns: Sequence[str], after: int | None = None, more: int = 0
+    ) -> None:
         """Begin the file with the names of the columns, or go on with one that is there.
 
         Args:
             path: of the file.
             columns: their names; the first is the number of the step.
             after: number of the step whose rows are the last to be kept; None: a new file.
+            more: rows of the step after that one which are kept too, the first of them.
         """
         self.written = 0
         if after is None or not has_rows(path):
             self._file = GrowingFile(path, _lines([columns]))
             return
         header, *rows = path.read_bytes().splitlines(keepends=True)
-        kept = [row for row in rows if row.endswith(b"\n") and int(row.split(b",", 1)[0]) <= after]
+        whole = [(int(row.split(b",", 1)[0]), row) for row in rows if row.endswith(b"\n")]
+        kept = [row for step, row in whole if step <= after]
+        kept += [row for step, row in whole if step == after + 1][:more]
         self.written = len(kept)
         self._file = GrowingFile(path, keep=len(header) + sum(map(len, kept)))
 

@@ -171,6 +171,11 @@ class Results:
         return _frame(self.table("tools"))
 
     @cached_property
+    def progress(self) -> DataFrame:
+        """One row for each attempt at an implicit step, whether it converged or not."""
+        return _frame(self.table("progress"))
+
+    @cached_property
     def probes(self) -> DataFrame:
         """One row a step and point of the probes that are points or lines."""
         return _frame(self.table("probes"))

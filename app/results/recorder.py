@@ -23,7 +23,7 @@ from tribox.app.results.inputs import NOTHING, KeptInputs, write_case
 from tribox.app.results.lock import command
 from tribox.app.results.output_files import OutputFiles
 from tribox.app.results.probes import final_shapes
-from tribox.app.results.run_tables import RunTables
+from tribox.app.results.run_tables import RunTables, attempt_row
 from tribox.app.results.saving import Reserve, Saving
 from tribox.app.results.versions import host, kernels, versions
 from tribox.app.results.watches import Watches
@@ -117,6 +117,12 @@ class Recorder(Observer):
         # From the handler of a signal this may come while such a summary is being written.
         if self.first and not path.with_name(path.name + ".part").exists():
             write_json(path, self._known(status) | {"failure": failure})
+
+    def attempt(self, state: RunState, load_step: LoadStep, dt: float, result: StepResult) -> None:
+        """Write how a step went that has been tried."""
+        with self.saving:
+            if self.first:
+                self._begun_tables(state).add_attempt(attempt_row(state, load_step, dt, result))
 
     def step(self, state: RunState, row: Row, result: StepResult | Interval) -> None:
         """Write the outputs that are due and look for a negative dissipation."""
@@ -261,9 +267,13 @@ class Recorder(Observer):
 
     def _write_tables(self, state: RunState) -> None:
         if self.first:
-            if self._tables is None:
-                self._tables = RunTables(self.directory, state)
-            self._tables.write(state)
+            self._begun_tables(state).write(state)
+
+    def _begun_tables(self, state: RunState) -> RunTables:
+        """The tables; begun when there is something to be written."""
+        if self._tables is None:
+            self._tables = RunTables(self.directory, state)
+        return self._tables
 
     @property
     def last_output(self) -> tuple[float, str]:

@@ -1,4 +1,7 @@
-"""The tables of a run: a row for each converged step, and each pair, surface, body, tool at it."""
+"""The tables of a run: a row for each converged step, and each pair, surface, body, tool at it.
+
+``progress.csv`` has a row for each attempt at an implicit step, whether it converged or not.
+"""
 
 from __future__ import annotations
 
@@ -6,13 +9,36 @@ import math
 from dataclasses import astuple, replace
 from pathlib import Path
 
+from tribox.app.build.load_steps import LoadStep
+from tribox.app.case.stage import solver_of
+from tribox.app.implicit.stepper import StepResult
 from tribox.app.results.directory import GrowingTable
 from tribox.app.simulation.history import COLUMNS
 from tribox.app.simulation.run_state import RunState
 
+ATTEMPT_COLUMNS = (
+    *("step", "stage", "attempt", "time", "dt", "fraction", "converged"),
+    *("iterations", "factorisations", "residual", "reason", "cuts"),
+)
+
+
+def attempt_row(
+    state: RunState, load_step: LoadStep, dt: float, result: StepResult
+) -> tuple[int | float | str, ...]:
+    """A row of ``progress.csv``: an attempt of ``dt`` (s) at the step after the last one."""
+    failures = state.position.failures
+    return (
+        *(state.step + 1, load_step.label, failures + 1),
+        *(state.time + dt, dt, dt / load_step.dt, int(result.converged)),
+        *(result.iterations, result.factorisations),
+        result.residuals[-1] if result.residuals else math.nan,
+        result.reason,
+        sum(row.attempts - 1 for row in state.rows) + failures + (not result.converged),
+    )
+
 
 class RunTables:
-    """``history.csv``, ``surfaces.csv``, ``bodies.csv``; ``contacts.csv``, ``tools.csv`` if any."""
+    """``history.csv``, ``surfaces.csv``, ``bodies.csv``; others where there is what they tell."""
 
     def __init__(self, directory: Path, state: RunState, after: int | None = None) -> None:
         """Begin the files, or go on with those of a run ``after`` a step of it."""
@@ -27,6 +53,17 @@ class RunTables:
         self._contacts: GrowingTable | None = None
         if state.model.case.contact:
             self._contacts = GrowingTable(directory / "contacts.csv", state.pair_columns, after)
+
+        self._progress: GrowingTable | None = None
+        kind = state.model.case.solver.kind
+        if any(solver_of(stage, kind) == "implicit" for stage in state.model.case.stage):
+            path, tried = directory / "progress.csv", state.position.failures
+            self._progress = GrowingTable(path, ATTEMPT_COLUMNS, after, tried)
+
+    def add_attempt(self, row: tuple[int | float | str, ...]) -> None:
+        """Append an attempt, see :func:`attempt_row`."""
+        if self._progress is not None:
+            self._progress.extend([row])
 
     def write(self, state: RunState) -> None:
         """Append the rows that are new."""
@@ -48,6 +85,6 @@ class RunTables:
     def sync(self) -> None:
         """See that the rows are on the disk."""
         tables = (self._history, self._contacts, self._surfaces, self._bodies, self._tools)
-        for table in tables:
+        for table in (*tables, self._progress):
             if table is not None:
                 table.sync()

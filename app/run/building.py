@@ -64,19 +64,25 @@ def notes_on_building(case: Case, runs_code: bool = False) -> list[str]:
     except InputError as error:
         raise of_case(case, error) from None
     if not runs_code:
-        notes += [f"{line} was not run; tribox check --law tries it" for line in own]
+        notes += [
+            f"{place}: the code of {what} was not run; tribox check --law tries it"
+            for place, what in own
+        ]
     return notes
 
 
-def _own_code(case: Case) -> list[str]:
-    """What of a case is code, in words."""
-    laws = [(i, contact.friction) for i, contact in enumerate(case.contact)]
-    energies = [(name, body) for name, body in case.bodies.items() if isinstance(body, OwnBody)]
+def _own_code(case: Case) -> list[tuple[str, str]]:
+    """(place, what) of all in a case that is code."""
+    laws = [(f"contact.{index}", contact.friction) for index, contact in enumerate(case.contact)]
     return [
         *(
-            f"contact.{i}: the code of the friction law {law.reference}"
-            for i, law in laws
+            (place, f"the friction law {law.reference}")
+            for place, law in laws
             if isinstance(law, OwnLaw)
         ),
-        *(f"bodies.{name}: the code of the material {body.reference}" for name, body in energies),
+        *(
+            (f"bodies.{name}", f"the material {body.reference}")
+            for name, body in case.bodies.items()
+            if isinstance(body, OwnBody)
+        ),
     ]

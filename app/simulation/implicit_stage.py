@@ -100,6 +100,7 @@ class ImplicitStage:
             least = max(SHORTEST, self.model.case.solver.min_step_fraction)
             if result.converged and result.too_long and half >= least:
                 result = replace(result, converged=False)
+            observer.attempt(state, load_step, dt, result)
             if not result.converged:
                 at.failures += 1
                 at.wasted += result.iterations

@@ -48,5 +48,8 @@ class Observer:
     ) -> None:
         """A load step has ended; ``steady`` is None where nobody asked for it; collective."""
 
+    def attempt(self, state: RunState, load_step: LoadStep, dt: float, result: StepResult) -> None:
+        """An implicit step of ``dt`` (s) has been tried; what comes of it follows; collective."""
+
     def cut(self, state: RunState, dt: float, result: StepResult) -> None:
         """A step of ``dt`` (s) has failed and is tried again shorter; collective."""

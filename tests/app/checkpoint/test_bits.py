@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -118,6 +119,26 @@ def test_the_cases_are_in_the_middle_of_what_they_are_named_for(went):
             "slide",
             "fly",
         }
+
+
+def test_each_attempt_has_a_row(went):
+    """Failed ones too; resuming keeps them, which the comparisons of all files here show."""
+    _, cut = went("implicit cut")
+    attempts, history = (read_table(cut / f"{name}.csv") for name in ("progress", "history"))
+    done = [row for row in attempts if row["converged"] == 1.0]
+    assert [row["time"] for row in done] == [row["time"] for row in history]
+    assert [row["attempt"] for row in done] == [row["attempts"] for row in history]
+    assert [row["step"] for row in done] == [row["step"] for row in history]
+    spent = {row["step"]: 0.0 for row in history}
+    for row in attempts:
+        spent[row["step"]] += row["iterations"]
+    assert list(spent.values()) == [row["newton_iterations"] for row in history]
+    failed = [row for row in attempts if row["converged"] == 0.0]
+    assert failed and failed[-1]["cuts"] == len(failed) == attempts[-1]["cuts"]
+    for one, then in pairwise(attempts):
+        if one["converged"] == 0.0:
+            assert then["step"] == one["step"] and then["attempt"] == one["attempt"] + 1
+            assert then["fraction"] == 0.5 * one["fraction"]
 
 
 def test_checkpoints_change_nothing(went, tmp_path):
