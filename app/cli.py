@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import difflib
 import json
 import os
 import platform
 import sys
 from importlib.util import find_spec
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,6 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 _rich = sys.modules.get("rich")
 sys.modules["rich"] = None  # type: ignore[assignment]
 import typer  # noqa: E402
+from click import UsageError  # noqa: E402
 from typer.core import TyperCommand, TyperGroup  # noqa: E402
 
 del sys.modules["rich"]
@@ -52,6 +55,23 @@ class _Commands(TyperGroup):
             return super().make_context(*args, **more)
         except KeyboardInterrupt:
             raise _Stopped(False) from None
+
+    def resolve_command(self, ctx: Context, args: list[str]) -> Any:
+        """Find the command, or say which was probably meant."""
+        try:
+            return super().resolve_command(ctx, args)
+        except UsageError as error:
+            if hint := self._meant(args[0]):
+                error.message = f"{error.message.rstrip('.')}; did you mean {hint}?"
+            raise
+
+    def _meant(self, word: str) -> str:
+        """What somebody meant by a word that is no command; "" if there is no telling."""
+        if word.endswith(".toml"):
+            return f'"tribox run {word}"'
+        shown = [name for name, command in self.commands.items() if not command.hidden]
+        near = difflib.get_close_matches(word, shown, n=1)
+        return f'"{near[0]}"' if near else ""
 
     def invoke(self, ctx: Context) -> Any:
         """Run one of them."""
@@ -244,7 +264,7 @@ class _PlotCommand(TyperCommand):
     def parse_args(self, ctx: Context, args: list[str]) -> list[str]:
         """Complete ``--animate`` where no format follows it."""
         words = []
-        for word, following in zip(args, [*args[1:], ""], strict=True):
+        for word, following in zip_longest(args, args[1:], fillvalue=""):
             words.append(word)
             if word == "--animate" and following not in ANIMATIONS:
                 words.append(ANIMATIONS[0])

@@ -41,8 +41,10 @@ def parse_toml(text: str) -> dict[str, Any]:
         match = re.fullmatch(r"(.*) \(at line (\d+), column (\d+)\)", str(error), re.DOTALL)
         if match is None:
             raise TomlError(f"not valid TOML: {error}", is_toml=False) from None
-        reason = f"not valid TOML: {match[1]} (column {match[3]})"
-        raise TomlError(reason, int(match[2]), is_toml=False) from None
+        line = int(match[2])
+        cure = likely_cure(text, line, match[1])
+        reason = f"not valid TOML: {cure or match[1]} (column {match[3]})"
+        raise TomlError(reason, line, is_toml=False) from None
     except ValueError:  # Python reads no more than 4300 digits.
         found = re.search(rf"[0-9_]{{{DIGITS},}}", text)
         line = None if found is None else text.count("\n", 0, found.start()) + 1
@@ -80,3 +82,78 @@ def _entries(place: str, value: Any) -> Iterator[tuple[str, Any]]:
         yield from ((f"{before}{key}", inner) for key, inner in value.items())
     elif isinstance(value, list):
         yield from ((f"{before}{index}", inner) for index, inner in enumerate(value))
+
+
+# -- what somebody has probably meant ---------------------------------------------------------
+
+_LISTS = ("boundary", "contact", "probe", "stage")  # tables of which there may be several
+_NUMBER = r"[-+]?(?:\d[\d_]*\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_QUANTITY = re.compile(rf"([\w.-]+)\s*=\s*({_NUMBER}\s*[A-Za-zµ°%][\w/^*·%°µ]*)")
+_WORDS = {
+    **dict.fromkeys(("yes", "on"), "true"),
+    **dict.fromkeys(("no", "off"), "false"),
+}
+_NOTHING = ("none", "null", "nan", "nil")
+# What is wrong with a line, by a pattern of it without comments, and the cure.
+_CURES = (
+    (r".*[“”„‘’«»].*", 'quotes are straight: "text"'),
+    (r"\s*([\w.-]+)\s*:.*", r"a key and its value have = between them: \1 = …"),
+    (r"\s*([\w.-]+)\s+[^=\s].*", r"a key and its value have = between them: \1 = …"),
+    (r"\s*([\w.-]+)\s*=\s*", r"\1 has no value"),
+    (r".*//.*", "comments begin with #"),
+    (r".*;\s*", "lines end without a semicolon"),
+    (r".*=\s*([-+]?\d+),(\d+)\s*", r"decimals stand behind a point: \1.\2"),
+    (r".*=\s*([-+]?)(\.\d+)\s*", r"a digit stands before the point too: \g<1>0\2"),
+    (r".*=\s*([-+]?\d+\.)\s*", r"a digit stands behind the point too: \g<1>0"),
+    (r".*=\s*[-+\d.]+\s*\*.*", "values are numbers and no sums: 5e6"),
+    (r"\s*(\[\[?)((?:\w+\.)*)(\w+(?: +\w+)+)\]+\s*",
+     r'a name with spaces stands in quotes: \1\2"\3"]'),
+    (r"\s*(\[\[[\w.]+)\]?\s*", r"the brackets are not closed: \1]]"),
+    (r"\s*(\[[\w.]+)\s*", r"the bracket is not closed: \1]"),
+    (r'[^"]*("[^"]*)', "the quote is not closed"),
+    (r'.*"[^"]*\\.*".*', r"in quotes \ begins a special character: write / in paths"),
+    (r".*\{[^}]*", "a table in braces stands on one line: { x = 0, y = 0 }"),
+    (r"\s*[^\x00-\x7f].*", "a key consists of letters a to z, digits, _ and -"),
+)  # fmt: skip
+
+
+def likely_cure(text: str, line: int, said: str) -> str:
+    """What is probably wrong with TOML text, in a few words; "" where nothing is known.
+
+    Args:
+        text: all of it.
+        line: number of the line at which it stops being TOML, from 1.
+        said: what Python says of it.
+    """
+    lines = text.splitlines()
+    here = lines[line - 1] if line <= len(lines) else ""
+    if found := re.match(r"Cannot declare \((.*?),?\) twice", said):
+        name = found[1].replace("'", "").replace(", ", ".")
+        if name in _LISTS:
+            return f"each of several tables is headed [[{name}]]"
+        return f"there is a table [{name}] already; its keys belong below one heading"
+    if said == "Cannot overwrite a value":
+        return f"{here.partition('=')[0].strip()} stands there twice"
+    if said.startswith("Unclosed array"):
+        return "a list above is not closed with ]"
+    bare = re.sub(r"^((?:[^\"#]|\"[^\"]*\")*)#.*", r"\1", here)
+    return _value_cure(bare) or next(
+        (match.expand(cure) for known, cure in _CURES if (match := re.fullmatch(known, bare))), ""
+    )
+
+
+def _value_cure(line: str) -> str:
+    """What is wrong with a value that is no TOML by itself, "" if nothing."""
+    outside = re.sub(r'"[^"]*"', '""', line)
+    if "//" not in outside and (found := _QUANTITY.search(outside)):
+        return f'a value with a unit stands in quotes: {found[1]} = "{found[2].strip()}"'
+    if not (found := re.search(r"([\w.-]+)\s*=\s*([A-Za-z_][\w-]*)\s*(?:[,}].*)?$", outside)):
+        return ""
+    key, word = found.groups()
+    if word in ("true", "false"):
+        return ""
+    if word.lower() in ("true", "false") or word.lower() in _WORDS:
+        return f"write {key} = {_WORDS.get(word.lower(), word.lower())}"
+    if word.lower() in _NOTHING:
+        return f"leave {key} out where it has no value"
+    return f'text stands in quotes: {key} = "{word}"'

@@ -34,6 +34,8 @@ from tribox.app.simulation.observer import Observer
 from tribox.app.simulation.simulation import Simulation
 from tribox.app.simulation.time_text import time_text
 
+NOTES_REPEATED = 3  # at most, beside a failure
+
 
 def run_case(
     case: Case,
@@ -245,6 +247,8 @@ def _say_failure(
     if isinstance(error, OutputError):
         return
     _say_warnings(reporter, recorder)
+    for note in simulation.model.notes[:NOTES_REPEATED]:  # what was said long ago may explain it
+        reporter.say(f"noted before the run: {note}")
     reporter.say(_saved_line(simulation, recorder))
 
 

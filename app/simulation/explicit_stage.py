@@ -79,7 +79,8 @@ def notes_on_steps(model: Model) -> list[str]:
     notes = [f"explicit: time step {dt:.3g} s, limited by {stepper.limit}"]
     if stepper.added_mass > 0.0:
         share = stepper.added_mass / stepper.original_mass
-        notes[0] += f"; mass_scaling adds {share:.3g} of the mass"
+        added = f"{100.0 * share:.3g} % of" if share < 1.0 else f"{share:.3g} times"
+        notes[0] += f"; mass_scaling adds {added} the mass"
     for stage in case.stage:
         if solver_of(stage, case.solver.kind) == "implicit":
             continue

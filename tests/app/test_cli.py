@@ -486,3 +486,16 @@ def test_a_script_finds_the_packages_and_its_arguments(tribox, tmp_path):
     assert (done.returncode, done.stdout) == (0, "read ['a', '--out', 'b']\n")
     missing = tribox("python", tmp_path / "none.py")
     assert missing.returncode == 2 and "none.py: no such file" in missing.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("rnu", "x.toml"), "No such command 'rnu'; did you mean \"run\"?"),
+        (("x.toml",), 'did you mean "tribox run x.toml"?'),
+        (("plot",), "Missing argument 'DIR'"),
+    ],
+)
+def test_a_command_that_is_none_gets_the_one_that_was_meant(tribox, words, said):
+    done = tribox(*words)
+    assert done.returncode == 2 and said in done.stderr and "Traceback" not in done.stderr

@@ -198,6 +198,63 @@ def test_a_missing_body(film):
     assert "bodies.aluminium: missing" in lines[1]
 
 
+NOT_TOML = {
+    'E = "5 MPa"': [
+        ("E = 5 MPa", 'a value with a unit stands in quotes: E = "5 MPa"'),
+        ("E = 5*10**6", "no sums"),
+    ],
+    'width = "1.0 mm"': [("width = 1.0 mm", 'in quotes: width = "1.0 mm"')],
+    'law = "coulomb"': [
+        ("law = coulomb", 'text stands in quotes: law = "coulomb"'),
+        ('law = "coulomb', "the quote is not closed"),
+        ("law = “coulomb”", "quotes are straight"),
+    ],
+    "figures = false": [
+        ("figures = False", "write figures = false"),
+        ("figures = no", "write figures = false"),
+        ("figures = None", "leave figures out"),
+    ],
+    "mu = 0.2": [
+        ("mu = 0,2", "decimals stand behind a point: 0.2"),
+        ("mu = .2", "a digit stands before the point too: 0.2"),
+        ("mu = 2.", "a digit stands behind the point too: 2.0"),
+        ("mu: 0.2", "have = between them: mu ="),
+        ("mu 0.2", "have = between them: mu ="),
+        ("mu =", "mu has no value"),
+        ("mu = 0.2;", "without a semicolon"),
+        ("mu = 0.2 // friction", "comments begin with #"),
+        ("mu = 0.2\nmu = 0.3", "mu stands there twice"),
+        ("µ = 0.2", "a key consists of letters"),
+    ],
+    "[bodies.aluminium]": [
+        ("[bodies.aluminium", "the bracket is not closed: [bodies.aluminium]"),
+        ("[bodies.my plate]", 'in quotes: [bodies."my plate"]'),
+        ("[bodies.elastomer]", "there is a table [bodies.elastomer] already"),
+    ],
+    '[[boundary]]\nsurface = "top"': [('[[boundary]\nsurface = "top"', "closed: [[boundary]]")],
+    "{ x = 0, y = 0 }": [("{ x = 0,\n y = 0 }", "a table in braces stands on one line")],
+    '"-0.05 mm"]]': [('"-0.05 mm"]', "a list above is not closed with ]")],
+    'title = "small block"': [('title = "C:\\users"', "write / in paths")],
+}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"), [(old, *one) for old, those in NOT_TOML.items() for one in those]
+)
+def test_what_is_no_toml_gets_the_likely_cure(block, tmp_path, old, new, said):
+    path = tmp_path / "case.toml"
+    assert old in block
+    path.write_text(block.replace(old, new, 1), encoding="utf-8")
+    [line] = check_case(path)
+    assert ": not valid TOML: " in line and said in line
+
+
+def test_tables_of_which_there_are_several(block, tmp_path):
+    path = tmp_path / "case.toml"
+    path.write_text(block.replace("[[stage]]", "[stage]"))
+    assert "headed [[stage]]" in check_case(path)[0]
+
+
 def test_files_that_cannot_be_read(tmp_path):
     gone = tmp_path / "gone.toml"
     assert check_case(gone) == [f"{gone}: no such file"]
