@@ -41,10 +41,10 @@ def parse_toml(text: str) -> dict[str, Any]:
         match = re.fullmatch(r"(.*) \(at line (\d+), column (\d+)\)", str(error), re.DOTALL)
         if match is None:
             raise TomlError(f"not valid TOML: {error}", is_toml=False) from None
-        line = int(match[2])
-        cure = likely_cure(text, line, match[1])
+        at = int(match[2])
+        cure = likely_cure(text, at, match[1])
         reason = f"not valid TOML: {cure or match[1]} (column {match[3]})"
-        raise TomlError(reason, line, is_toml=False) from None
+        raise TomlError(reason, at, is_toml=False) from None
     except ValueError:  # Python reads no more than 4300 digits.
         found = re.search(rf"[0-9_]{{{DIGITS},}}", text)
         line = None if found is None else text.count("\n", 0, found.start()) + 1

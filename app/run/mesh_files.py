@@ -9,8 +9,16 @@ import numpy as np
 from mpi4py import MPI
 
 from tribox.app.build.mesh import make_mesh
+from tribox.app.build.tool_shapes import tool_surface
+from tribox.app.build.tools import extent
+from tribox.app.case.boundary import COMPONENTS, DRIVEN, Boundary
+from tribox.app.case.case import Case
+from tribox.app.case.contact import Contact
 from tribox.app.case.geometry import GeneratedGeometry, MeshGeometry
+from tribox.app.case.platens import direction_components, unit_vector
 from tribox.app.case.reading import load_case
+from tribox.app.case.time_tables import TimeTable
+from tribox.app.case.tools import AnyTool
 from tribox.app.case.trust import drawings_of, require_drawing
 from tribox.app.errors import InputError
 from tribox.app.results.directory import default_directory
@@ -20,6 +28,7 @@ from tribox.geometry.meshes.drawing import AS_DRAWN, STEP, Meshing, mesh_drawing
 from tribox.geometry.meshes.gmsh_model import MeshError, write_msh
 from tribox.geometry.meshes.mesh import NamedMesh, read
 from tribox.geometry.pictures.plane import length_unit, save_picture
+from tribox.geometry.pictures.space import Arrow, Marks
 
 
 def write_case_mesh(
@@ -56,8 +65,92 @@ def write_case_mesh(
             print(f"wrote {msh}")
     for note in named.notes:
         print(f"note: {note}")
-    save_picture(named, picture, case.title)
+    save_picture(named, picture, case.title, marks=marks_of(case, named))
     print(f"wrote {picture}")
+
+
+def marks_of(case: Case, named: NamedMesh) -> Marks:
+    """What a picture of a case shows beside its mesh: tools, pairs, and what is done to surfaces.
+
+    Args:
+        case: With or without a sweep, of which nothing is shown.
+        named: Its mesh.
+
+    Raises:
+        InputError: A tool has no shape.
+    """
+    words: dict[str, list[str]] = {}
+    arrows: dict[str, list[Arrow]] = {}
+    for name, table in (*((b.surface, b) for b in case.boundary), *case.tools.items()):
+        for word, arrow in _deeds(table, named.mesh.geometry.dim):
+            words.setdefault(name, []).extend([word] if word else [])
+            arrows.setdefault(name, []).extend([] if arrow is None else [arrow])
+    tools, box = {}, extent(named)
+    for name, tool in case.tools.items():
+        try:
+            outline = tool_surface(tool, box, named.mesh.comm).outline(box)
+        except ValueError as error:
+            raise InputError(f"tools.{name}: {error}") from None
+        tools[name] = outline.points, outline.cells
+    pairs = [
+        (f"{contact.name}: " if contact.name else "")
+        + f"{contact.slave} on {contact.master}"
+        + (", bonded" if contact.friction is None else f", {law_of(contact)}")
+        for contact in case.contact
+    ]
+    return Marks({name: ", ".join(dict.fromkeys(w)) for name, w in words.items()},
+                 arrows, tools, pairs)  # fmt: skip
+
+
+def law_of(contact: Contact) -> str:
+    """A friction law in words."""
+    friction, mu = contact.friction, getattr(contact.friction, "mu", None)
+    name = "" if friction is None else friction.law
+    return f"{name} {mu:g}" if isinstance(mu, float) else name
+
+
+def _deeds(table: Boundary | AnyTool, dim: int) -> Iterator[tuple[str, Arrow | None]]:
+    """What a table does, in words and as an arrow.
+
+    Args:
+        table: Of a boundary or a tool.
+        dim: Of space.
+    """
+    done: dict[str, list[str]] = {}
+    for key in ("displacement", "velocity", "force", "traction"):
+        part = getattr(table, key, None)
+        for axis, component in enumerate(COMPONENTS[:dim]):
+            value = getattr(part, component, None)
+            if value is None:
+                continue
+            first = 1.0 if value == DRIVEN else _first(value)
+            way = [0.0] * dim
+            way[axis] = -1.0 if first < 0.0 else 1.0
+            load = key in ("force", "traction")
+            kind = "loaded" if load else "moved" if first else "held"
+            word = "driven" if value == DRIVEN else key if load else kind
+            done.setdefault(word, []).append(component)
+            yield "", Arrow(tuple(way), kind)
+    for word, components in done.items():
+        yield f"{', '.join(components)} {word}", None
+    for key in ("platen", "spring"):
+        part = getattr(table, key, None)
+        if part is not None:
+            way = list(unit_vector(part.direction, dim))
+            along = "".join(direction_components(part.direction))
+            yield f"{key} in {along}", Arrow(tuple(way), "loaded")
+    if getattr(table, "pressure", None) is not None:
+        yield "pressure", Arrow(None, "loaded")
+    for key in ("foundation", "rotation"):
+        if getattr(table, key, None) is not None:
+            yield key, None
+    if getattr(table, "symmetry", False):
+        yield "symmetry", Arrow(None, "held")
+
+
+def _first(table: TimeTable) -> float:
+    """The first value of a program but zero; 0 where there is none."""
+    return next((value for value in table.values if value), 0.0)
 
 
 def write_drawing_mesh(drawing: Path, out: Path | None, force: bool, trust: bool) -> None:

@@ -15,10 +15,16 @@ from mpi4py import MPI
 
 from tribox.geometry.compat import cell_nodes, cell_order, entity_nodes
 from tribox.geometry.meshes.mesh import NamedMesh
-from tribox.geometry.pictures.space import CYCLIC, draw_space
+from tribox.geometry.pictures.space import CYCLIC, KINDS, NO_MARKS, TOOL, Marks, draw_space
 
 MAX_CELLS_OUTLINED = 200_000
 """Cells beyond which their edges are left out: they would only blacken the picture."""
+
+ROOM = 0.15  # of the largest extent, that a tool is shown of beside the bodies at most
+WORDS = 0.07  # inches that a letter of what is said behind a name takes
+
+ARROWS = 5  # on a surface
+HEADING = 0.25  # inches of a line of the heading
 
 BODY_WIDTH, BODY_HEIGHT, MARGIN, LABEL_PITCH = 6.5, 6.0, 2.0, 0.3
 """Largest extent of the bodies, room for labels on each side, and their least distance: inches."""
@@ -41,7 +47,9 @@ class _Outline:
     inwards: dict[str, Points]
 
 
-def save_picture(named: NamedMesh, path: Path, title: str = "", dpi: int = 150) -> None:
+def save_picture(
+    named: NamedMesh, path: Path, title: str = "", dpi: int = 150, marks: Marks = NO_MARKS
+) -> None:
     """Write a picture of the mesh; collective, the first process writes.
 
     The file appears under its name only when it is complete. Its format follows from the name
@@ -53,6 +61,7 @@ def save_picture(named: NamedMesh, path: Path, title: str = "", dpi: int = 150) 
         path: The file.
         title: Heading of the picture.
         dpi: Dots per inch of a bitmap.
+        marks: What is shown beside the mesh.
 
     Raises:
         FileNotFoundError: If the directory does not exist.
@@ -60,7 +69,7 @@ def save_picture(named: NamedMesh, path: Path, title: str = "", dpi: int = 150) 
     path = Path(path)
     if not path.parent.is_dir():
         raise FileNotFoundError(f"{path.parent}: no such directory")
-    figure = draw(named, title)
+    figure = draw(named, title, marks)
     if figure is None:
         return
     partial = path.with_name(f".{path.stem}.partial{path.suffix}")
@@ -71,12 +80,13 @@ def save_picture(named: NamedMesh, path: Path, title: str = "", dpi: int = 150) 
         partial.unlink(missing_ok=True)
 
 
-def draw(named: NamedMesh, title: str = "") -> Figure | None:
+def draw(named: NamedMesh, title: str = "", marks: Marks = NO_MARKS) -> Figure | None:
     """Draw the mesh; collective.
 
     Args:
         named: The mesh; of one in space the outer facets are drawn.
         title: Heading of the picture.
+        marks: What is shown beside the mesh.
 
     Returns:
         The figure on the first process, None on the others.
@@ -85,7 +95,7 @@ def draw(named: NamedMesh, title: str = "") -> Figure | None:
         x = named.mesh.geometry.x
         low = named.mesh.comm.allreduce(x.min(axis=0, initial=np.inf), op=MPI.MIN)
         high = named.mesh.comm.allreduce(x.max(axis=0, initial=-np.inf), op=MPI.MAX)
-        return draw_space(named, title, *length_unit(float((high - low).max())))
+        return draw_space(named, title, *length_unit(float((high - low).max())), marks)
     parts = named.mesh.comm.gather(_local_outline(named), root=0)
     if parts is None:
         return None
@@ -99,7 +109,7 @@ def draw(named: NamedMesh, title: str = "") -> Figure | None:
             )
         )
     )
-    return _figure(whole, title)
+    return _figure(whole, title, marks)
 
 
 def _local_outline(named: NamedMesh) -> _Outline:
@@ -133,28 +143,42 @@ def _inward(segments: Points, centres: Points) -> Points:
     return np.asarray(normal * np.where(side < 0.0, -1.0, 1.0)[:, None])
 
 
-def _figure(outline: _Outline, title: str) -> Figure:
+def _figure(outline: _Outline, title: str, marks: Marks) -> Figure:
     """The whole picture, at a scale that leaves room for the labels beside the bodies."""
     corners = np.concatenate([c.reshape(-1, 2) for c in outline.cells.values()])
-    low, high = corners.min(axis=0), corners.max(axis=0)
+    low, high = _with_tools(corners.min(axis=0), corners.max(axis=0), marks)
     factor, unit = length_unit(float((high - low).max()))
     centre, span = 0.5 * (low + high) * factor, (high - low) * factor
     per_inch = max(span[0] / BODY_WIDTH, span[1] / BODY_HEIGHT)
-    rows = max(span[1] / per_inch + 0.5, LABEL_PITCH * (len(outline.segments) / 2 + 2))
-    width, height = span[0] / per_inch + 2.0 * MARGIN, rows
-    figure = Figure(figsize=(width + 1.0, height + 1.3), layout="constrained")
+    labels = len(outline.segments) + len(marks.tools)
+    rows = max(span[1] / per_inch + 0.5, LABEL_PITCH * (labels / 2 + 2))
+    margin = MARGIN + WORDS * (max(map(len, marks.words.values()), default=0))
+    width, height = span[0] / per_inch + 2.0 * margin, rows
+    heading = 1.3 + HEADING * len(marks.pairs)
+    figure = Figure(figsize=(width + 1.0, height + heading), layout="constrained")
     axes = figure.add_subplot()
     axes.set_xlim(centre[0] + np.array([-0.5, 0.5]) * width * per_inch)
     axes.set_ylim(centre[1] + np.array([-0.5, 0.5]) * height * per_inch)
     axes.set_aspect("equal")
     axes.set(xlabel=f"x ({unit})", ylabel=f"y ({unit})")
-    figure.suptitle(title)
-    _draw_bodies(axes, outline, factor)
-    _draw_surfaces(axes, outline, factor, per_inch)
+    figure.suptitle("\n".join((title, *marks.pairs)), fontsize=11 if marks.pairs else None)
+    _draw_bodies(axes, outline, factor, marks)
+    _draw_surfaces(axes, outline, factor, per_inch, marks)
     return figure
 
 
-def _draw_bodies(axes: Any, outline: _Outline, factor: float) -> None:
+def _with_tools(low: Points, high: Points, marks: Marks) -> tuple[Points, Points]:
+    """Corners (i,), m, of a frame round the bodies, with some room where there are tools."""
+    room = ROOM * float((high - low).max())
+    for points, _ in marks.tools.values():
+        low, high = (
+            np.minimum(low, np.maximum(points.min(axis=0), low - room)),
+            np.maximum(high, np.minimum(points.max(axis=0), high + room)),
+        )
+    return low, high
+
+
+def _draw_bodies(axes: Any, outline: _Outline, factor: float, marks: Marks) -> None:
     """The cells, one colour for each body, and a legend with their numbers."""
     colours = color_sequences["Pastel1"]
     total = sum(len(c) for c in outline.cells.values())
@@ -169,11 +193,16 @@ def _draw_bodies(axes: Any, outline: _Outline, factor: float) -> None:
             label=f"{name}: {len(cells)} {kind}",
         )
         axes.add_collection(patches)
-    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, frameon=False)
+    handles = [*axes.get_legend_handles_labels()[0], *marks.handles()]
+    axes.legend(
+        handles=handles, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, frameon=False
+    )
 
 
-def _draw_surfaces(axes: Any, outline: _Outline, factor: float, per_inch: float) -> None:
-    """The named surfaces, just inside their bodies, and their labels in the margins."""
+def _draw_surfaces(
+    axes: Any, outline: _Outline, factor: float, per_inch: float, marks: Marks
+) -> None:
+    """The named surfaces, just inside their bodies, tools, and their labels in the margins."""
     colours = color_sequences["tab10"]
     lines = {}
     for k, (name, segments) in enumerate(outline.segments.items()):
@@ -181,6 +210,9 @@ def _draw_surfaces(axes: Any, outline: _Outline, factor: float, per_inch: float)
         lines[name] = segments * factor + shift
         colour = colours[k % len(colours)]
         axes.add_collection(LineCollection(list(lines[name]), color=colour, linewidth=2.5))
+        _draw_arrows(axes, name, lines[name], outline.inwards[name], per_inch, marks)
+    tools = _draw_tools(axes, factor, per_inch, marks)
+    lines |= tools
     sides = _label_sides(lines, float(np.mean(axes.get_xlim())))
     middle = float(np.mean(axes.get_ylim()))
     for side in (-1, 1):
@@ -188,9 +220,9 @@ def _draw_surfaces(axes: Any, outline: _Outline, factor: float, per_inch: float)
         edge = axes.get_xlim()[(side + 1) // 2] - side * 0.1 * per_inch
         for row, name in enumerate(sorted(points, key=lambda n: float(points[n][1]))):
             y = middle + (row - 0.5 * (len(points) - 1)) * _pitch(axes, len(points), per_inch)
-            colour = colours[list(lines).index(name) % len(colours)]
+            colour = TOOL if name in tools else colours[list(lines).index(name) % len(colours)]
             axes.annotate(
-                name,
+                f"tool {marks.label(name)}" if name in tools else marks.label(name),
                 points[name],
                 (edge, y),
                 color=colour,
@@ -200,6 +232,50 @@ def _draw_surfaces(axes: Any, outline: _Outline, factor: float, per_inch: float)
                 arrowprops={"arrowstyle": "-", "color": colour, "linewidth": 0.8},
             )
             axes.plot(*points[name], "o", color=colour, markersize=4)
+
+
+def _draw_tools(axes: Any, factor: float, per_inch: float, marks: Marks) -> dict[str, Points]:
+    """Outlines of the tools; the lines (f, 2, 2) of each that are in the frame."""
+    low, high = (np.array(pair) for pair in zip(axes.get_xlim(), axes.get_ylim(), strict=True))
+    seen = {}
+    for name, (points, cells) in marks.tools.items():
+        segments = factor * points[cells]
+        axes.add_collection(LineCollection(list(segments), color=TOOL, linewidth=2.0, zorder=3))
+        middle = segments.mean(axis=1)
+        inside = segments[((middle >= low) & (middle <= high)).all(axis=1)]
+        seen[name] = inside if len(inside) else segments
+        _draw_arrows(axes, name, seen[name], np.zeros((len(seen[name]), 2)), per_inch, marks)
+    return seen
+
+
+def _draw_arrows(
+    axes: Any, name: str, lines: Points, inwards: Points, per_inch: float, marks: Marks
+) -> None:
+    """What is done to a surface: strokes across what is held, arrows where it moves or is loaded.
+
+    Args:
+        axes: Of the picture.
+        name: Of the surface.
+        lines: Its segments (f, node, 2) as they are drawn.
+        inwards: Unit vectors (f, 2) into its body.
+        per_inch: Unit of the axes per inch.
+        marks: With the arrows.
+    """
+    chosen = np.unique(np.linspace(0, len(lines) - 1, ARROWS + 2).round().astype(int)[1:-1])
+    for arrow in marks.arrows.get(name, ()):
+        start = lines[chosen].mean(axis=1)
+        way = inwards[chosen] if arrow.direction is None else np.array([arrow.direction[:2]])
+        length = (0.16 if arrow.kind == "held" else 0.4) * per_inch
+        along = np.broadcast_to(length * way, start.shape)
+        if arrow.kind == "held":
+            strokes = np.stack([start - along, start + along], axis=1)
+            axes.add_collection(LineCollection(list(strokes), color=KINDS["held"], linewidth=2.0))
+            continue
+        tail = start - along if arrow.direction is None else start
+        axes.quiver(
+            *tail.T, *along.T, color=KINDS[arrow.kind], angles="xy", scale_units="xy", scale=1.0,
+            width=0.004, zorder=4,
+        )  # fmt: skip
 
 
 def _pitch(axes: Any, labels: int, per_inch: float) -> float:
