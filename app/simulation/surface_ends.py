@@ -29,6 +29,7 @@ from tribox.forms.contact.shared_slave import covered_by_others
 from tribox.forms.contact.state import ContactTrial
 from tribox.geometry.surfaces.body_facets import OuterFacets
 from tribox.geometry.surfaces.facets import Bools, Floats, Longs, facet_shape
+from tribox.geometry.surfaces.rigid import RigidSurface
 from tribox.geometry.surfaces.surface import ContactSurface, MasterFacets
 from tribox.geometry.surfaces.target import Projection
 
@@ -85,24 +86,29 @@ class PressedEnd:
     share: float = 0.0
     where: str = ""
 
-    def text(self, index: int, surface: str, when: str = "") -> str:
+    def text(self, index: int, surface: str, of_tool: bool, when: str = "") -> str:
         """The end in words.
 
         Args:
             index: of the contact.
             surface: its name.
+            of_tool: whether it is a rigid tool, which has no body.
             when: since when.
         """
+        behind = "where a round part is cut off" if of_tool else "behind which its body goes on"
         return (
             f"contact.{index}: the contact reaches the end of {surface} at {self.where}, "
-            f"undeformed, behind which its body goes on: {self.pressure:.3g} Pa there, "
+            f"undeformed, {behind}: {self.pressure:.3g} Pa there, "
             f"{100.0 * self.share:.3g} % of the mean pressure{when}; what lies beyond cannot "
             "press: force, area and pressures are wrong"
         )
 
 
 class SmoothEnds:
-    """Ends of a pair's surfaces behind which its bodies go on, so that contact may want to."""
+    """Ends of a pair's surfaces behind which its bodies go on, so that contact may want to.
+
+    Of a rigid tool, which has no body, they are those of its round parts.
+    """
 
     def __init__(self, surface: ContactSurface, slave: Longs, master: Longs) -> None:
         """Find them among the slave's vertices and the sides of the master's facets.
@@ -165,6 +171,8 @@ class SmoothEnds:
         at, surface = trial.projection, self._surface
         off = ~at.on_surface & (trial.kinematics.gap < 0.0)
         corners = facet_shape(surface.shape.cell, 1).values(at.xi)
+        if isinstance(surface.target, RigidSurface):
+            return off & surface.target.cut_off(at.facet, at.xi)
         past = np.zeros_like(off)
         for side, is_end in zip(surface.shape.sides, self._sides, strict=True):
             if is_end.any():
@@ -199,6 +207,11 @@ def _master_facets(surface: ContactSurface) -> Longs:
     return nodes
 
 
+def _is_tool(problem: Equilibrium, index: int) -> bool:
+    """Whether the master of a pair is a rigid tool."""
+    return isinstance(problem.contacts[index].surface.target, RigidSurface)
+
+
 def smooth_ends(problem: Equilibrium) -> list[SmoothEnds]:
     """The ends of each pair behind which its bodies go on smoothly; collective.
 
@@ -229,6 +242,8 @@ class PressedEnds:
         """Find the ends; collective."""
         self._problem, self._contacts = model.problem, model.case.contact
         self._ends = smooth_ends(model.problem)
+        pairs = range(len(model.problem.contacts))
+        self._tools = {pair for pair in pairs if _is_tool(model.problem, pair)}
         # By pair, and 0 for the slave or 1 for the master: the most pressed end, and since when.
         self._found: dict[tuple[int, int], tuple[PressedEnd, str]] = {}
 
@@ -257,7 +272,8 @@ class PressedEnds:
         """One line for each end that was reached."""
         for (index, side), (end, since) in sorted(self._found.items(), key=lambda one: one[0]):
             name = names_of(self._contacts, index)[side]
-            yield f"{end.text(index, name, since)}; let {name} reach further"
+            of_tool = side == 1 and index in self._tools
+            yield f"{end.text(index, name, of_tool, since)}; let {name} reach further"
 
 
 def reaches_end(problem: Equilibrium, contacts: Sequence[Contact]) -> Findings:
@@ -278,7 +294,9 @@ def reaches_end(problem: Equilibrium, contacts: Sequence[Contact]) -> Findings:
     for (index, side), end in sorted(found.items(), key=lambda one: one[0]):
         if end.share > 0.0:
             name = names_of(contacts, index)[side]
-            yield end.text(index, name), f"a surface {name} that reaches further there"
+            of_tool = side == 1 and _is_tool(problem, index)
+            reaching = f"a surface {name} that reaches further there"
+            yield end.text(index, name, of_tool), reaching
 
 
 # -- slaves that run past an end ------------------------------------------------------------------

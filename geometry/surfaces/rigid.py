@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from tribox.geometry.surfaces.slave_normals import PointNormals
 
 RIGID = 1e-6  # strain of the control points up to which they count as moved rigidly
+CHORD = np.radians(10.0)  # angle up to which straight pieces are taken for a round surface
 TOUCHING = 1e-12  # distance over |τ| below which x − ȳ has no direction
 
 
@@ -170,6 +171,13 @@ class RigidSurface(ABC):
         """No place of a smooth surface is at an edge."""
         return np.full(len(xi), -np.inf)
 
+    def cut_off(self, facet: Ints, xi: Floats) -> Bools:
+        """Whether places (q,) lie at an open end of a round part, where contact would go on.
+
+        Where a straight or flat part ends there is an edge.
+        """
+        return np.zeros(len(xi), dtype=bool)
+
     # -- carried along --------------------------------------------------------------------------
 
     def project(
@@ -213,6 +221,10 @@ class RigidSurface(ABC):
         turn, shift = self._motion(nodes)
         at = self.at(facet, xi)
         return shift + (at.place - self._middle) @ turn.T, at.tangents @ turn.T
+
+    def smooth_normals(self, facet: Ints, xi: Floats, nodes: Floats) -> Floats:
+        """See :meth:`tribox.geometry.surfaces.target.Target.smooth_normals`."""
+        return normals(self.places(facet, xi, nodes)[1])
 
     def weights(self, facet: Ints, xi: Floats) -> Floats:
         """N_a (q, a) at the place ξ (q, α) of each facet (q,)."""

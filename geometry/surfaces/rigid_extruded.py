@@ -11,7 +11,7 @@ from tribox.geometry.surfaces.rigid_circle import Circle
 from tribox.geometry.surfaces.rigid_plane import directions_across
 
 if TYPE_CHECKING:
-    from tribox.geometry.surfaces.facets import Floats, Ints
+    from tribox.geometry.surfaces.facets import Bools, Floats, Ints
 
 
 class Extruded(RigidShape):
@@ -79,6 +79,10 @@ class Extruded(RigidShape):
     def excess(self, facet: Ints, xi: Floats) -> Floats:
         """See :class:`~tribox.geometry.surfaces.target.Target`."""
         return self.section.excess(facet, xi[:, :1])
+
+    def cut_off(self, facet: Ints, xi: Floats) -> Bools:
+        """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`."""
+        return self.section.cut_off(facet, xi[:, :1])
 
     def outline(self, box: Floats, count: int = 64) -> Outline:
         """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`."""

@@ -5,12 +5,21 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse
 
-from tribox.geometry.surfaces.facets import FacetShape, Floats, Ints, facet_shape
+from tribox.geometry.surfaces.facets import (
+    Bools,
+    FacetShape,
+    Floats,
+    Ints,
+    facet_shape,
+    unit_normals,
+)
 from tribox.geometry.surfaces.projection import FacetSurface
-from tribox.geometry.surfaces.rigid import Outline, Places, RigidSurface
+from tribox.geometry.surfaces.rigid import CHORD, Outline, Places, RigidSurface
 from tribox.geometry.surfaces.slave_normals import PointNormals
 from tribox.geometry.surfaces.target import Projection
 
+ON_END = 1e-6  # of a facet, within which a place is at its end
+FLAT = 1e-6  # sine of the angle between facets up to which they lie in one plane
 # By the dimension of space and the number of a facet's nodes.
 CELLS = {
     (2, 2): ("interval", 1),
@@ -55,6 +64,7 @@ class MeshSurface(RigidSurface):
         size = 0.5 * float(np.linalg.norm(high - low))
         super().__init__(len(facets), 0.5 * (low + high), size, np.stack([low, high]))
         self.search, self.has_kinks = self._surface.search, self._surface.has_kinks
+        self._cut = self._ends_of_rounds()
 
     def _project(
         self,
@@ -70,6 +80,12 @@ class MeshSurface(RigidSurface):
         """(f, f), those that share a corner: a pair of all with all might be too many."""
         return self._surface.neighbours
 
+    def smooth_normals(self, facet: Ints, xi: Floats, nodes: Floats) -> Floats:
+        """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`."""
+        turn, _ = self._motion(nodes)
+        out: Floats = self._surface.smooth_normals(facet, xi, self.nodes) @ turn.T
+        return out
+
     def at(self, facet: Ints, xi: Floats) -> Places:
         """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`; without curvature."""
         return Places(*self._surface.places(facet, xi, self.nodes))
@@ -78,12 +94,61 @@ class MeshSurface(RigidSurface):
         """See :class:`~tribox.geometry.surfaces.target.Target`."""
         return self._surface.excess(facet, xi)
 
+    def cut_off(self, facet: Ints, xi: Floats) -> Bools:
+        """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`."""
+        corners, out = facet_shape(self.shape.cell, 1).values(xi), np.zeros(len(xi), dtype=bool)
+        for side, is_cut in zip(self.shape.sides, self._cut, strict=True):
+            out |= (corners[:, side.nodes[:2]].sum(axis=1) > 1.0 - ON_END) & is_cut[facet]
+        return out
+
+    def _ends_of_rounds(self) -> Bools:
+        """Sides (s, f) of facets at an open end towards which the surface turns.
+
+        It turns about a side by the normals' angle of the facet and those around it, and, curved,
+        by that of its own between middle and side.
+        """
+        shape, nodes = self.shape, self.nodes[self.facets]
+        middle = np.mean(shape.points[: shape.corners], axis=0)
+        normal = unit_normals(np.einsum("ba,fai->fbi", shape.first(middle[None])[0], nodes))
+        pairs = self._surface.neighbours.tocoo()
+        across = np.cross(_in_space(normal[pairs.row]), _in_space(normal[pairs.col]))
+        out = np.zeros((len(shape.sides), len(nodes)), dtype=bool)
+        sides = [np.sort(self.facets[:, side.nodes[:2]], axis=1) for side in shape.sides]
+        _, number, count = np.unique(
+            np.concatenate(sides), axis=0, return_inverse=True, return_counts=True
+        )
+        is_open = (count == 1)[number.reshape(len(sides), -1)]
+        for at, side in enumerate(shape.sides):
+            on = np.mean(shape.points[list(side.nodes[:2])], axis=0)
+            there = unit_normals(np.einsum("ba,fai->fbi", shape.first(on[None])[0], nodes))
+            axis = _axes(nodes[:, side.nodes[:2]])
+            turn = np.abs(np.einsum("pi,pi->p", across, axis[pairs.row]))
+            own = np.cross(_in_space(normal), _in_space(there))
+            most = np.abs(np.einsum("fi,fi->f", own, axis))
+            np.maximum.at(most, pairs.row, np.where(turn < np.sin(CHORD), turn, 0.0))
+            out[at] = is_open[at] & (most > FLAT)
+        return out
+
     def outline(self, box: Floats, count: int = 64) -> Outline:
         """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`; straight lines."""
         corners = self.facets[:, : self.shape.corners]
         if self.shape.corners == 4:
             corners = np.concatenate([corners[:, [0, 1, 3]], corners[:, [0, 3, 2]]])
         return Outline(self.nodes, corners)
+
+
+def _in_space(vectors: Floats) -> Floats:
+    """Vectors (n, i) with three components."""
+    return np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
+
+
+def _axes(ends: Floats) -> Floats:
+    """Unit directions (f, 3) of sides between their ends (f, 2, i); of points (f, 1, i), z."""
+    if ends.shape[1] == 1:
+        return np.tile([0.0, 0.0, 1.0], (len(ends), 1))
+    way = ends[:, 1] - ends[:, 0]
+    out: Floats = way / np.linalg.norm(way, axis=1)[:, None]
+    return out
 
 
 def _shape(nodes: Floats, facets: Ints) -> FacetShape:

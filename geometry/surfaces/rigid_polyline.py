@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tribox.geometry.surfaces.rigid import Feet, Outline, Places, RigidShape
+from tribox.geometry.surfaces.rigid import CHORD, Feet, Outline, Places, RigidShape
 from tribox.geometry.surfaces.rigid_fillets import filleted
 from tribox.geometry.surfaces.rigid_pieces import Pieces, left_of
 from tribox.geometry.surfaces.rigid_shares import LineEnds
@@ -86,6 +86,9 @@ class Polyline(RigidShape):
         self.pieces = pieces
         turns = pieces.turns()
         self._open, self._sharp = pieces.open_ends(), turns != 0.0
+        # An arc ends there, or a chord of one.
+        chord = self._sharp.any(axis=1) & (np.abs(turns).max(axis=1) < CHORD)
+        self._cut = self._open & ((pieces.sweep != 0.0) | chord)[:, None]
         self.has_kinks = bool(np.any(np.abs(turns) > KINK))
         self._limits, self._ends = pieces.limits(), LineEnds(pieces)
         self._spheres = pieces.spheres()
@@ -114,6 +117,12 @@ class Polyline(RigidShape):
         """See :class:`~tribox.geometry.surfaces.target.Target`."""
         past = np.stack([-xi[:, 0], xi[:, 0] - 1.0], axis=1)
         out: Floats = np.where(self._sharp[facet], past, -np.inf).max(axis=1)
+        return out
+
+    def cut_off(self, facet: Ints, xi: Floats) -> Bools:
+        """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`."""
+        at_end = np.stack([xi[:, 0] <= 0.0, xi[:, 0] >= 1.0], axis=1)
+        out: Bools = (at_end & self._cut[facet]).any(axis=1)
         return out
 
     # -- closest points ---------------------------------------------------------------------------

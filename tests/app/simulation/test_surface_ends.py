@@ -6,6 +6,7 @@ import re
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 from mpi4py import MPI
 
@@ -262,3 +263,52 @@ def test_steps_of_many_facets_are_told_where_the_film_of_new_points_lacks(tmp_pa
     assert 0.5 < float(told[1]) < 100.0 * (1.0 - force / exact) < 10.0
     dry = {"law": "coulomb", "mu": 0.3}
     assert rolled(tmp_path, 1, friction=dry, film=None)[1] == []
+
+
+# A rubber block on a round tool, which ends within the contact or behind it.
+ON_TOOL = """
+[geometry]
+kind = "blocks"
+[geometry.blocks.block]
+x = ["-6 mm", "6 mm"]
+y = ["0 mm", "4 mm"]
+elements = [24, 6]
+[bodies.block]
+material = "neo-hookean"
+E = "5 MPa"
+nu = 0.45
+[[contact]]
+slave = "block_bottom"
+master = "die"
+friction = { law = "frictionless" }
+[[boundary]]
+surface = "block_top"
+displacement = { x = 0, y = [["0 s", "0 mm"], ["1 s", "-0.4 mm"]] }
+[[stage]]
+name = "press"
+duration = "1 s"
+steps = 2
+[output]
+fields_every = 0
+figures = false
+[tools.die]
+shape = "polyline"
+"""
+
+
+@pytest.mark.parametrize(("half", "told"), [(3.0, True), (18.0, False), (0.0, False)])
+def test_a_round_tool_that_ends_within_the_contact_is_told(tmp_path, half, told):
+    """Chords of an arc up to ± ``half`` degrees; 0: a flat, which ends in edges."""
+    data = tomllib.loads(ON_TOOL)
+    angles = np.radians(np.linspace(-half, half, 13))
+    arc = np.stack([20.0 * np.sin(angles), 20.0 * np.cos(angles) - 20.0], axis=1) * 1e-3
+    data["tools"]["die"]["points"] = arc.tolist() if half else [[-3e-3, 0.0], [3e-3, 0.0]]
+    run = run_case(Case.model_validate(data), tmp_path / "out", quiet=True, comm=MPI.COMM_SELF)
+    lines = re.findall(REACHED, (tmp_path / "out" / "log.txt").read_text())
+    assert len(lines) == told
+    for name, where, most, share in lines:
+        assert name == "die" and "(-0.001047, " in where and "(0.001047, " in where
+        [trial], [term] = run.model.problem.committed, run.model.problem.contacts
+        shown = nodal_pressure(term.surface, trial.pressure)
+        assert 0.5 * shown.max() < float(most) < 1.01 * shown.max()
+        assert float(share) > 50.0

@@ -134,3 +134,44 @@ def test_what_is_no_surface_is_refused(nodes, facets, wrong):
         nodes = nodes * [1.0, 1.0, 0.0]
     with pytest.raises(ValueError, match=wrong):
         MeshSurface(nodes, facets)
+
+
+@pytest.mark.parametrize("kind", ["quadrilaterals", "triangles", "curved quadrilaterals"])
+def test_rounds_are_cut_off_where_they_turn(kind):
+    """A part of a cylinder is, around its axis, and not where the cylinder itself ends."""
+    degree = 2 if kind == "curved quadrilaterals" else 1
+    nodes, facets = hill(4, 1)
+    if degree == 2:
+        square = np.array([[0, 0], [1, 0], [0, 1], [1, 1], [0.5, 0], [0, 0.5], [1, 0.5], [0.5, 1]])
+        points = np.concatenate([square, [[0.5, 0.5]]])
+        corners = nodes[facets][:, [0, 1, 2, 3], :2]
+        shape = facet_shape("quadrilateral", 1).values(points)
+        places = np.einsum("pa,fai->fpi", shape, corners).reshape(-1, 2)
+        unique, numbers = np.unique(np.round(places, 9), axis=0, return_inverse=True)
+        nodes, facets = np.pad(unique, ((0, 0), (0, 1))), numbers.reshape(len(facets), 9)
+    angle = 0.3 * nodes[:, 0]
+    nodes = np.stack([np.sin(angle), nodes[:, 1], np.cos(angle)], axis=1)
+    if kind == "triangles":
+        facets = np.concatenate([facets[:, [0, 1, 3]], facets[:, [0, 3, 2]]])
+    tool = MeshSurface(nodes, facets)
+    points = np.array([[0.35, 0.1, 0.9], [-0.35, 0.1, 0.9], [0.1, 1.2, 0.9], [0.1, 0.1, 0.9]])
+    at = tool.project(points, tool.control_points)
+    np.testing.assert_array_equal(at.on_surface, [False, False, False, True])
+    np.testing.assert_array_equal(tool.cut_off(at.facet, at.xi), [True, True, False, False])
+
+
+def test_segments_of_a_round_line_are_cut_off_and_a_flat_is_not():
+    nodes, facets = parabolas()
+    straight = np.stack([np.linspace(-1.0, 1.0, 5), np.zeros(5)], axis=1)
+    angle = np.radians(np.linspace(-12.0, 12.0, 5))
+    chords = np.stack([np.sin(angle), np.cos(angle)], axis=1)
+    for tool, cut in (
+        (MeshSurface(nodes, facets), True),
+        (MeshSurface(straight, LINE), False),
+        (MeshSurface(chords, LINE), True),
+        (MeshSurface(chords, LINE, 1.0), True),
+    ):
+        low, high = tool.extent[:, 0]
+        points = np.array([[low - 0.1, 0.0], [high + 0.1, 0.0], [0.0, 0.5]])
+        at = tool.project(points, tool.control_points)
+        np.testing.assert_array_equal(tool.cut_off(at.facet, at.xi), [cut, cut, False])

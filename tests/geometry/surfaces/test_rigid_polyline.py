@@ -266,3 +266,28 @@ def test_contact_ends_at_open_ends_and_not_where_the_line_goes_on():
         at = project(Polyline(STEP, 0.1, continued=continued), points)
         np.testing.assert_array_equal(at.on_surface, continued)
         np.testing.assert_array_equal(at.clamped, np.logical_not(continued))
+
+
+# -- ends that are none of an edge ----------------------------------------------------------------
+
+
+def cut(points, **options):
+    """Whether contact would go on at the start and at the end of a line."""
+    line = Polyline(np.array(points), **options)
+    last = len(line.stencil) - 1
+    facet, xi = np.array([0, last], dtype=np.int32), np.array([[0.0], [1.0]])
+    assert not line.cut_off(facet, np.full((2, 1), 0.5)).any()
+    return line.cut_off(facet, xi).tolist()
+
+
+def test_an_end_of_a_round_line_is_cut_off_and_that_of_a_straight_one_is_an_edge():
+    angle = np.radians(np.linspace(-20.0, 20.0, 9))
+    arc = np.stack([np.sin(angle), np.cos(angle)], axis=1)
+    assert cut(arc) == [True, True]
+    assert cut(arc[[0, 4, 8]]) == [False, False]  # a chamfer
+    assert cut([[-1.0, 0.0], [1.0, 0.0]]) == [False, False]
+    assert cut([[-3.0, 0.0], [0.0, 0.0], [0.0, -3.0]], radius=1.0) == [False, False]
+    assert cut([[-3.0, 0.0], [0.0, 0.0], [0.0, -3.0]], radius=3.0) == [True, True]
+    flank = np.concatenate([arc[:1] - [0.0, 1.0], arc])
+    assert cut(flank) == [False, True]
+    assert cut(np.concatenate([arc, [[3.0, 0.5]]]), continued=(False, True)) == [True, False]
