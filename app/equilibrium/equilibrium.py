@@ -140,8 +140,16 @@ class Equilibrium:
 
     @property
     def roundoff(self) -> float:
-        """Residual norm below which only round-off is left, at ``u``; N/m; collective."""
-        bodies = self.rounding.norm(self.reference_force)
+        """:meth:`roundoff_beside` the present forces alone."""
+        return self.roundoff_beside(0.0)
+
+    def roundoff_beside(self, force: float) -> float:
+        """Residual norm below which only round-off is left, at ``u``; N/m; collective.
+
+        Args:
+            force: N/m, that was there before, as of a body that is let go.
+        """
+        bodies = self.rounding.norm(max(self.reference_force, force))
         ties = [term for term in self.contacts if isinstance(term, TieTerm)]
         if not ties:
             return bodies

@@ -386,7 +386,7 @@ class Newton:
         scale = max(self.problem.reference_force, least * self.largest_force)
         self.residuals.append(norm / scale if scale > 0.0 else norm)
         idle = self._phase is WHOLE_STEPS and iteration == 0  # a change may hide in the tolerance
-        small = norm <= self._tolerance * scale or norm <= self.problem.roundoff
+        small = norm <= self._tolerance * scale or norm <= self._noise()
         if small and not idle:
             return reasons.CONVERGED_FNORM_RELATIVE
         if iteration >= self._limit:
@@ -398,6 +398,10 @@ class Newton:
         if self._phase.ends_stalled and self._is_stalled():
             return reasons.DIVERGED_LINE_SEARCH
         return None
+
+    def _noise(self) -> float:
+        """Residual norm that rounding leaves, also of bodies that have come to rest; collective."""
+        return self.problem.roundoff_beside(self.largest_force)
 
     def _is_slow(self) -> bool:
         """Whether the residual is far from small, and has not lately fallen to a tenth."""

@@ -253,10 +253,13 @@ class Solid:
         inverse = ufl.inv(ufl.Identity(rows) + ufl.grad(u))
         thin = ufl.inner(inverse, inverse) / rows
         edges = abs(ufl.JacobianDeterminant(mesh))
+        cofactor = edges * ufl.inv(ufl.Jacobian(mesh))
         size = edges ** (1.0 / 3.0) if self.section == "3D" else 1.0
         reference = basix.cell.volume(basix.CellType[mesh.topology.cell_name()])
         share = self._nodes_per_cell() / (reference * edges)
-        at_rest = rows * width**2 * size * thin * dx
+        # Lengths (areas in space) of a cell's sides, squared; per volume: rows of a square's side.
+        sides = ufl.inner(cofactor, cofactor) / edges
+        at_rest = width**2 * sides * thin * dx
         carried = share * (width * size * thin) ** 2 * ufl.inner(u, u) * dx
         return [dolfinx.fem.form(at_rest), dolfinx.fem.form(carried)]
 
@@ -277,9 +280,11 @@ class Solid:
         A rounding error ε in F is a stress error ε M. In the plane, over cells of size h, the
         nodal forces of the n = 2 A/h² unknowns are ε M h each, of norm ε M √(2 A), A the body's
         area; of a body of revolution they are 2πx times as large. In space they are ε M h² at
-        n = 3 V/h³ unknowns, of norm ε M √(3 ∫ h dV). An error ε u of an unknown is a force
-        ε M s u, with s = 1, 2πx or h. Where the body has become thin, the same force of a cell
-        acts over less of it: forces grow with |F⁻¹|, and with its square where they follow from u.
+        n = 3 V/h³ unknowns, of norm ε M √(3 ∫ h dV). The sides of long cells count with their
+        squared lengths (in space areas): the noise is more than their volume says. An error ε u of
+        an unknown is a force ε M s u, with s = 1, 2πx or h. Where the body has become thin, the
+        same force of a cell acts over less of it: forces grow with |F⁻¹|, and with its square
+        where they follow from u.
         """
         local = [dolfinx.fem.assemble_scalar(form) for form in self._roundoff]
         return np.array(local) * (np.finfo(float).eps * self._stiffness) ** 2

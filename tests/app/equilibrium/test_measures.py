@@ -20,11 +20,16 @@ SECTIONS = {
 }
 
 
-def body(section: str, inner: float = 0.0) -> tuple[dolfinx.fem.Function, Solid]:
-    """A unit square or cube; ``inner``: the radius of its left side, where that is no axis."""
+def body(
+    section: str, inner: float = 0.0, width: float = 1.0
+) -> tuple[dolfinx.fem.Function, Solid]:
+    """A square or cube; ``inner``: the radius of its left side, where that is no axis.
+
+    Its sides are 1 long; ``width``: of those along x.
+    """
     kind, counts = SECTIONS[section]
     mesh = grid(kind, counts, [1.0] * len(counts))
-    mesh.geometry.x[:, 0] += inner
+    mesh.geometry.x[:, 0] = width * mesh.geometry.x[:, 0] + inner
     dim = len(counts)
     u = dolfinx.fem.Function(dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (dim,))))
     count = mesh.topology.index_map(dim).size_local
@@ -32,9 +37,9 @@ def body(section: str, inner: float = 0.0) -> tuple[dolfinx.fem.Function, Solid]
     return u, Solid("body", u, cells, NeoHookean(1.0, 5.0), "q1", section=section)
 
 
-def squeezed(section: str, moved: float) -> Equilibrium:
+def squeezed(section: str, moved: float, width: float = 1.0) -> Equilibrium:
     """The body with its ends held; all of it moved up, and squeezed by 5 %."""
-    u, solid = body(section)
+    u, solid = body(section, width=width)
     mesh, dim = u.function_space.mesh, u.function_space.dofmap.index_map_bs
     held = []
     for end in (0.0, 1.0):
@@ -78,6 +83,31 @@ def test_roundoff_is_what_newton_ends_at(section, moved):
     norms = endless(problem, x, 10)
     assert norms[0] > 1e3
     assert 0.1 < np.median(norms[5:]) and max(norms[5:]) < 1.0, norms
+
+
+@pytest.mark.parametrize("section", SECTIONS)
+def test_long_cells_round_more_than_their_volume_says(section):
+    """Beside a fine contact cells are long: a floor by their volume was never reached."""
+    problem = squeezed(section, 0.0, width=1.0 / 30.0)
+    x = problem.new_vector()
+    x.array.reshape(-1, problem.dim)[:, 1] = -0.05 * problem.space.tabulate_dof_coordinates()[:, 1]
+    norms = endless(problem, x, 10)
+    assert norms[0] > 1e3
+    assert 0.05 < np.median(norms[5:]) and max(norms[5:]) < 1.0, norms
+
+
+@pytest.mark.parametrize("section", ["plane-strain", "3D"])
+def test_a_body_that_is_let_go_far_away_is_solved(section):
+    """Turned too: no force is left, and rounding of the way is more than that of a body at rest."""
+    problem = squeezed(section, 0.0)
+    x, f = problem.new_vector(), problem.new_vector()
+    place, way = problem.space.tabulate_dof_coordinates(), x.array.reshape(-1, problem.dim)
+    way[:, 0] = (np.cos(1.0) - 1.0) * place[:, 0] - np.sin(1.0) * place[:, 1]
+    way[:, 1] = np.sin(1.0) * place[:, 0] + (np.cos(1.0) - 1.0) * place[:, 1] + 100.0
+    for one in problem.constraints.prescribed:
+        one.acts = False
+    problem.residual(None, x, f)
+    assert problem.roundoff < f.norm() < problem.roundoff_beside(1.0) < 1e-6
 
 
 def test_roundoff_is_that_of_the_deformed_body():
