@@ -97,7 +97,9 @@ def _dot(u: Floats, v: Floats) -> Floats:
     return out
 
 
-def opposite(at: Projection, points: Floats, slave_tangents: Floats) -> tuple[Floats, Floats]:
+def opposite(
+    at: Projection, points: Floats, slave_normal: Floats, master_normal: Floats
+) -> tuple[Floats, Floats]:
     """Where open points are opposite the master: what their next slip is measured from.
 
     That is where the line along the mean of both surfaces' normals meets the tangent plane of the
@@ -108,17 +110,19 @@ def opposite(at: Projection, points: Floats, slave_tangents: Floats) -> tuple[Fl
     Args:
         at: the points (q,) on the master.
         points: (q, i), m, current.
-        slave_tangents: (q, α, i), current, of the slave facets.
+        slave_normal: (q, i), current, of either sign, and
+        master_normal: (q, i), those of smooth surfaces
+            (:meth:`tribox.geometry.surfaces.surface.ContactSurface.smooth_normals`).
 
     Returns:
         Way (q, α) to there from the projection, in components of the tangents there; and its length
         (q,), m, of points past the end, 0 of the others.
     """
-    tau, past = at.tangents, ~at.on_surface
-    normal, mine, apart = unit_normals(tau), unit_normals(slave_tangents), points - at.foot
-    cosine = _dot(mine, normal)
+    tau, past, apart = at.tangents, ~at.on_surface, points - at.foot
+    normal, cosine = unit_normals(tau), _dot(slave_normal, master_normal)
     faces = np.abs(cosine) > _FACING
-    mean = np.where(faces[:, None], normal + np.sign(cosine)[:, None] * mine, normal)
+    mean = master_normal + np.sign(cosine)[:, None] * slave_normal
+    mean = np.where(faces[:, None], mean, normal)
     way = apart - (_dot(apart, normal) / _dot(mean, normal))[:, None] * mean
     way = np.where((faces | past)[:, None], way, 0.0)
     metric = np.einsum("qai,qbi->qab", tau, tau)

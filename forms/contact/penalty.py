@@ -113,7 +113,8 @@ class ContactTerm:
         self.film.at(np.zeros(q))  # Refuses a field that is not one of these points.
         points, nodes = surface.slave.position, surface.master.position
         at = surface.project(points, nodes)
-        ahead, way = opposite(at, points, surface.slave.tangents)
+        normals = surface.smooth_normals(at, nodes, surface.slave.tangents)
+        ahead, way = opposite(at, points, *normals)
         history = law.initial_state(q, surface.dim)
         self.state = ContactState.undeformed(at, ahead, way, history)
         self._last: _Evaluation | None = None
@@ -199,6 +200,7 @@ class ContactTerm:
             carried=carried_by(surface, values),
             faded=fading(current, normal, surface.vertices, self.state),
             slave_tangents=surface.slave_tangents(slave),
+            nodes=nodes,
         )
 
     def leave_to_others(self) -> None:
@@ -331,7 +333,9 @@ class ContactTerm:
         ahead = np.zeros_like(at.xi)
         if trial.slave_tangents is not None:
             opened = trial.pressure <= 0.0
-            there, way = opposite(at, trial.position, trial.slave_tangents)
+            assert trial.nodes is not None
+            normals = self.surface.smooth_normals(at, trial.nodes, trial.slave_tangents)
+            there, way = opposite(at, trial.position, *normals)
             ahead = np.where(opened[:, None], there, 0.0)
             components = np.where((opened & (way > 0.0))[:, None], there, components)
             length = np.where(opened, way, length)

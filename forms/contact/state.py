@@ -232,7 +232,8 @@ class ContactTrial:
         pull: (v, i), Pa, s_A of a tie, and moved: (n, i), m, the displacements it is of; None of
             others.
         slave_tangents: (q, α, i), current, of the slave facets; None of ties, and where steps are
-            so short that closest points serve as the places opposite.
+            so short that closest points serve as the places opposite; nodes: (n, i), m, current,
+            that move the master, likewise.
         faded: (q,) and more of points at the end of the master; None point by point, and of ties.
     """
 
@@ -253,6 +254,7 @@ class ContactTrial:
     moved: Floats | None = None
     faded: Fading | None = None
     slave_tangents: Floats | None = None
+    nodes: Floats | None = None
 
     def coupled(self) -> Bools:
         """Points (q,) whose gaps the tractions of some point depend on."""

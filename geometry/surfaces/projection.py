@@ -308,6 +308,16 @@ class FacetSurface:
         foot = np.einsum("qm,qmi->qi", self.weights(facet, xi), moved)
         return foot, np.einsum("qbm,qmi->qbi", self.slopes(facet, xi), moved)
 
+    def smooth_normals(self, facet: Ints, xi: Floats, nodes: Floats) -> Floats:
+        """Normals (q, i), of any length, of a smooth surface through the facets, there."""
+        if self._extraction is not None:
+            return unit_normals(self.places(facet, xi, nodes)[1])
+        corner = self.facets[facet, : self.shape.corners]
+        normal = self._corner_outward(corner.reshape(-1), self._controls(nodes))
+        share = facet_shape(self.shape.cell, 1).values(xi)
+        out: Floats = np.einsum("qv,qvi->qi", share, normal.reshape(*corner.shape, nodes.shape[1]))
+        return out
+
     def weights(self, facet: Ints, xi: Floats) -> Floats:
         """Shares (q, m) of the nodes ``stencil`` in the place ξ (q, α) of each facet (q,)."""
         values = self.shape.values(xi)

@@ -20,7 +20,7 @@ from tribox.geometry.surfaces.body_facets import (
     owned_facets,
     require_facets,
 )
-from tribox.geometry.surfaces.facets import FacetShape, Floats, Ints, Longs
+from tribox.geometry.surfaces.facets import FacetShape, Floats, Ints, Longs, unit_normals
 from tribox.geometry.surfaces.ordering import order_by_place
 from tribox.geometry.surfaces.projection import FacetSurface, Projection
 from tribox.geometry.surfaces.rigid import RigidSurface
@@ -32,6 +32,7 @@ from tribox.geometry.surfaces.vertices import slave_vertices
 
 # Default degree of the quadrature on slave facets, by the dimension of space.
 QUADRATURE_DEGREE = {2: 9, 3: 5}
+ROUND = np.cos(np.radians(10.0))  # between a facet's normal and that of a round surface there
 
 
 @dataclass(slots=True)
@@ -268,6 +269,31 @@ class ContactSurface:
             now += slope[:, :, a, None] * displacement[:, None, a]
         return now
 
+    def smooth_normals(
+        self, at: Projection, nodes: Floats, slave_tangents: Floats
+    ) -> tuple[Floats, Floats]:
+        """Unit normals (q, i) of smooth surfaces through slave and master facets; collective.
+
+        Those of facets are off by h/2R, and two surfaces would not face each other as they do. At
+        kinks the facets' own are given. The slave's have the sign of the master's where they face
+        each other.
+
+        Args:
+            at: the points (q,) on the master.
+            nodes: (n, i), m, current, that move the master.
+            slave_tangents: (q, α, i), current, of the slave facets.
+        """
+        vertices = self.vertices
+        own, other = unit_normals(slave_tangents), unit_normals(at.tangents)
+        own *= np.where(np.einsum("qi,qi->q", own, other) < 0.0, -1.0, 1.0)[:, None]
+        # All facets around a vertex count alike, whatever their area: they have as many points.
+        nodal = np.stack([vertices.sums(part) for part in own.T], axis=1)
+        length = np.linalg.norm(nodal, axis=1)
+        nodal /= np.where(length > 0.0, length, 1.0)[:, None]
+        slave = np.einsum("qk,qki->qi", vertices.shape, nodal[vertices.of_point])
+        master = self.target.smooth_normals(at.facet, at.xi, nodes)
+        return _unless_kinked(slave, own), _unless_kinked(master, other)
+
     def slave_area_ratio(self, displacement: Floats) -> Floats:
         """Area ratio da/dA (q,) of the slave surface from nodal displacements (q, a, i).
 
@@ -278,6 +304,14 @@ class ContactSurface:
         if self.axisymmetric:
             ratio *= self.slave_positions(displacement)[:, 0] / self.slave.position[:, 0]
         return ratio
+
+
+def _unless_kinked(smooth: Floats, own: Floats) -> Floats:
+    """Unit normals (q, i) of a smooth surface through facets; at kinks the facets' own."""
+    length = np.linalg.norm(smooth, axis=1)
+    near = np.einsum("qi,qi->q", smooth, own) > ROUND * length
+    out: Floats = np.where(near[:, None], smooth / np.where(near, length, 1.0)[:, None], own)
+    return out
 
 
 def _measure(tangents: Floats) -> Floats:

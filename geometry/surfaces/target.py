@@ -151,6 +151,10 @@ class Target(Protocol):
         """Points ȳ (q, i) and tangents (q, α, i) of material places, on current nodes (n, i)."""
         ...
 
+    def smooth_normals(self, facet: Ints, xi: Floats, nodes: Floats) -> Floats:
+        """Normals (q, i), of any length, of a smooth surface through the facets, there."""
+        ...
+
     def weights(self, facet: Ints, xi: Floats) -> Floats:
         """Shares N (q, m) of the nodes ``stencil`` in the place ξ (q, α) of each facet (q,)."""
         ...
