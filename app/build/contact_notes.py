@@ -9,7 +9,7 @@ import numpy as np
 from mpi4py import MPI
 
 from tribox.app.case.contact import Contact
-from tribox.app.case.friction import Coulomb, Friction, Frictionless, Stribeck
+from tribox.app.case.friction import Coulomb, Friction, FrictionMap, OwnLaw, Stribeck
 from tribox.forms.bodies.contact_stiffness import contact_shear_modulus
 from tribox.forms.bodies.materials import Material
 from tribox.forms.contact.pressure import PressureKind
@@ -120,7 +120,7 @@ def note_on_radius(
 
 def note_on_idle_film(place: str, contact: Contact) -> Iterator[str]:
     """A line on a film that the friction law has no use for."""
-    if contact.film is not None and isinstance(contact.friction, Coulomb | Frictionless):
+    if contact.film is not None and not isinstance(contact.friction, FrictionMap | OwnLaw):
         yield f'{place}: film has no effect with law = "{contact.friction.law}"'
 
 

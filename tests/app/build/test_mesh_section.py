@@ -134,16 +134,18 @@ def test_linear_tetrahedra_that_lock_are_pointed_out(model):
     ("shape", "cells"), [("blocks", "quadrilaterals"), ("boxes", "hexahedra")], ids=["2D", "3D"]
 )
 @pytest.mark.parametrize(
-    ("formulation", "nu", "said"), [("q1", 0.4995, 1), ("q1", 0.48, 0), ("q1-sri", 0.4995, 0)]
+    ("formulation", "nu", "said"), [("q1", 0.48, 1), ("q1", 0.45, "3D"), ("q1-sri", 0.4995, 0)]
 )
 def test_rubber_of_full_integration_is_said_to_lock(model, shape, cells, formulation, nu, said):
-    """The metal beside it, K/G = 2.6, does not."""
+    """The metal beside it, K/G = 2.6, does not; at .45 hexahedra err by 6 %, others by 3."""
     keys = f"formulation={formulation}", f"nu={nu}"
     notes = model(shape, "", *(f"bodies.elastomer.{key}" for key in keys)).notes
     lines = [note for note in notes if "lock" in note]
-    assert len(lines) == said
+    assert len(lines) == (shape == "boxes" if said == "3D" else said)
     for line in lines:
-        assert f"body elastomer: linear {cells} of full integration lock with K/G = 1e+03" in line
+        ratio = 2.0 * (1.0 + nu) / 3.0 / (1.0 - 2.0 * nu)
+        said_of = f"body elastomer: linear {cells} of full integration lock with K/G = {ratio:.3g}"
+        assert said_of in line
         assert line.endswith('; use formulation = "q1-sri"')
 
 
