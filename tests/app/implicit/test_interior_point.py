@@ -142,6 +142,7 @@ def test_a_belt_that_slides_around_a_drum_is_pulled_as_euler_and_eytelwein_say()
                 {"name": "lay", "duration": 1.0, "steps": 10},
                 {"name": "pull", "duration": 1.0, "steps": 1},
             ],
+            "solver": {"tolerance": 1e-9},
         }
     )
     rows, motion = simulation.state.rows, simulation.state.motion
