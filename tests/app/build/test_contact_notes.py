@@ -100,5 +100,9 @@ def test_a_film_that_the_law_does_not_know_is_noted(block):
         n for n in build_model(Case.model_validate(data), MPI.COMM_SELF).notes if "film" in n
     ]
     data["contact"][0]["film"] = {"thickness": "30 nm"}
-    [note] = [n for n in build_model(Case.model_validate(data), MPI.COMM_SELF).notes if "film" in n]
-    assert note == 'contact.0: film has no effect with law = "coulomb"'
+    stribeck = {"law": "stribeck", "mu_s": 0.2, "mu_d": 0.1, "V_s": 0.1}
+    for friction in (data["contact"][0]["friction"], stribeck):
+        data["contact"][0]["friction"] = friction
+        notes = build_model(Case.model_validate(data), MPI.COMM_SELF).notes
+        [note] = [n for n in notes if "film" in n]
+        assert note == f'contact.0: film has no effect with law = "{friction["law"]}"'
