@@ -97,8 +97,9 @@ class MeshSurface(RigidSurface):
     def cut_off(self, facet: Ints, xi: Floats) -> Bools:
         """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`."""
         corners, out = facet_shape(self.shape.cell, 1).values(xi), np.zeros(len(xi), dtype=bool)
-        for side, is_cut in zip(self.shape.sides, self._cut, strict=True):
-            out |= (corners[:, side.nodes[:2]].sum(axis=1) > 1.0 - ON_END) & is_cut[facet]
+        for number, side in enumerate(self.shape.sides):
+            on_side = corners[:, side.nodes[:2]].sum(axis=1) > 1.0 - ON_END
+            out |= on_side & self._cut[number, facet]
         return out
 
     def _ends_of_rounds(self) -> Bools:
