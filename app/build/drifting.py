@@ -11,7 +11,7 @@ from tribox.app.build.boundary_conditions import Constraint, Loads
 from tribox.app.case.case import Case
 from tribox.app.case.stage import solver_of
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.joined_bodies import joined_bodies
+from tribox.app.equilibrium.joined_bodies import Grip, joined_bodies
 from tribox.app.equilibrium.prescribed import Prescribed
 from tribox.app.equilibrium.slanted import SlantedPlaten
 from tribox.app.equilibrium.supports import body_nodes
@@ -42,7 +42,8 @@ def drifting(case: Case, named: NamedMesh, problem: Equilibrium, loads: Loads) -
         tied = [one.tied and case.acts_in(one, stage.name) for one in case.contact]
         for joined in joined_bodies(problem, tied):
             bodies = joined.names
-            free = tuple(rigid.free(bodies, rows))
+            grips = [rigid.gripped(grip) for grip in joined.grips]
+            free = tuple(rigid.free(bodies, [*rows, *grips]))
             if free and (bodies, free) not in said:
                 said.add((bodies, free))
                 touching = any(_touch(case, named, stage.name, name) for name in bodies)
@@ -115,6 +116,14 @@ class RigidMotions:
             count = comm.allreduce(len(dofs))
             moved = moved - comm.allreduce(moved.sum(axis=0)) / max(count, 1)
         return dofs, moved
+
+    def gripped(self, grip: Grip) -> tuple[Ints, Floats]:
+        """The same of a surface tied to a tool, which what drives it does not hold; collective."""
+        dim = self._problem.dim
+        dofs = (grip.nodes[:, None] * dim + np.arange(dim)).reshape(-1).astype(np.int32)
+        moved = self._motions[dofs].reshape(len(grip.nodes), dim, -1)
+        left = grip.resisted(self._problem, moved, grip.tool.free)
+        return dofs, left.reshape(len(dofs), -1)
 
     def free(self, bodies: Sequence[str], held: Sequence[tuple[Ints, Floats]]) -> list[str]:
         """Motions of joined bodies that nothing resists, in words; collective."""

@@ -262,9 +262,12 @@ class Case(Model):
                 place = ("contact", index, "fade_length")
                 reason = "goes with a master of facets on a body; give the tool a fillet there"
                 yield Problem(place, reason, contact.fade_length)
-            if tool is not None and contact.tied:
-                reason = "does not go with a tool as master; move the surface by a [[boundary]]"
-                yield Problem(("contact", index, "tied"), reason)
+            acts = [self.acts_in(contact, name) for name in stages]
+            if tool is not None and contact.tied and acts != sorted(acts, reverse=True):
+                reason = (
+                    "grips what is tied to it from the first stage on and may only let go, once"
+                )
+                yield Problem(("tools", contact.master, "stages"), reason, list(tool.stages or ()))
 
     def acts_in(self, contact: Contact, stage: str) -> bool:
         """Whether a contact's surfaces, or its tool, feel each other in a stage."""

@@ -12,7 +12,7 @@ from tribox.app.equilibrium.constraints import Platen
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.joined_bodies import JoinedBodies, joined_bodies
 from tribox.app.equilibrium.slanted import SlantedPlaten
-from tribox.app.equilibrium.supports import body_nodes
+from tribox.app.equilibrium.supports import body_nodes, free_slots, sprung_dofs
 from tribox.forms.bodies.loads import Foundation
 from tribox.geometry.surfaces.facets import Floats, Ints
 
@@ -42,7 +42,8 @@ def free_bodies(problem: Equilibrium) -> list[FreeBody]:
     """The bodies that the constraints at hand leave free, undeformed; collective.
 
     Bodies that common nodes or ties join are one, with what supports any of them. A platen under a
-    given force keeps its surface from turning, springs and foundations hold.
+    given force keeps its surface from turning, springs and foundations hold, as do tools that a
+    surface is tied to.
     """
     return [body for one in joined_bodies(problem) if (body := _free(problem, one)) is not None]
 
@@ -65,6 +66,11 @@ def _free(problem: Equilibrium, joined: JoinedBodies) -> FreeBody | None:
         oblique = isinstance(platen, SlantedPlaten)
         if platen.acts and (oblique or platen.displacement is None):
             gram = gram + _as_one(problem, platen, modes, mine)
+    for grip in joined.grips:
+        moved = modes.transpose(0, 2, 1)[np.searchsorted(nodes, grip.nodes)]
+        free = free_slots(problem, grip.tool, sprung_dofs(problem))
+        left = grip.resisted(problem, moved, free)
+        gram = gram + problem.comm.allreduce(np.einsum("nia,nib->ab", left, left))
     return None if leave_none(problem, gram, nodes) else FreeBody(joined, nodes, extent)
 
 

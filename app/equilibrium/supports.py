@@ -11,6 +11,7 @@ from mpi4py import MPI
 from tribox.app.equilibrium.bonded import bonded_groups
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.joined_bodies import JoinedBodies, joined_bodies
+from tribox.app.equilibrium.rigid_tool import RigidTool
 from tribox.forms.bodies.loads import Foundation
 from tribox.geometry.surfaces.facets import Bools, Ints
 
@@ -67,12 +68,14 @@ def loose_directions(problem: Equilibrium, supports: Ints | None = None) -> list
             displacement.
     """
     supports = problem.constrained_dofs() if supports is None else supports
+    whole = joined_bodies(problem)
     loose = {
         name: axes
-        for joined in joined_bodies(problem)
+        for joined in whole
         for axes in [_axes_of(problem, joined, supports)]
         for name in joined.names
     }
+    grips = {grip.tool.name for joined in whole for grip in joined.grips}
     found = []
     for group in bonded_groups(problem):
         nodes = body_nodes(problem, np.concatenate([solid.cells for solid in group]))
@@ -80,7 +83,7 @@ def loose_directions(problem: Equilibrium, supports: Ints | None = None) -> list
         for axis in range(1 if group[0].section == "axisymmetric" else 0, problem.dim):
             if loose[names[0]][axis]:
                 found.append(Loose(names, axis, nodes))
-    return [*found, *_loose_tools(problem, supports)]
+    return [*found, *(t for t in _loose_tools(problem, supports) if t.bodies[0] not in grips)]
 
 
 def _axes_of(problem: Equilibrium, joined: JoinedBodies, supports: Ints) -> Bools:
@@ -89,6 +92,8 @@ def _axes_of(problem: Equilibrium, joined: JoinedBodies, supports: Ints) -> Bool
     here = [np.isin(nodes * dim + axis, supports).any() for axis in range(dim)]
     held: Bools = np.zeros(dim, dtype=bool)
     problem.comm.Allreduce(np.array(here, dtype=bool), held, op=MPI.LOR)
+    for grip in joined.grips:
+        held |= ~free_slots(problem, grip.tool, supports)[:dim]
     return _loose_axes(problem, nodes, held)
 
 
@@ -113,13 +118,18 @@ def _loose_tools(problem: Equilibrium, supports: Ints) -> Iterator[Loose]:
     An idle angle has a spring of its own.
     """
     for tool in problem.tools:
-        here = tool.here & np.isin(tool.dofs, supports)
-        held = problem.comm.allreduce(here.astype(np.int32), op=MPI.SUM)
-        for slot in np.nonzero(tool.free & (held == 0))[0]:
+        for slot in np.nonzero(tool.free & free_slots(problem, tool, supports))[0]:
             turns = bool(slot == tool.slots - 1)
             if not (turns and tool.idle):
                 component = 0 if turns else int(slot)
                 yield Loose((tool.name,), component, tool.node(int(slot)), "tool", turns)
+
+
+def free_slots(problem: Equilibrium, tool: RigidTool, supports: Ints) -> Bools:
+    """Slots (k,) of a tool that are none of the owned unknowns ``supports``; collective."""
+    here = tool.here & np.isin(tool.dofs, supports)
+    free: Bools = problem.comm.allreduce(here.astype(np.int32), op=MPI.SUM) == 0
+    return free
 
 
 def body_nodes(problem: Equilibrium, cells: Ints) -> Ints:

@@ -123,7 +123,7 @@ def kept_bodies(problem: Equilibrium, stiff: Sequence[Solid]) -> KeptBodies | No
 
 def _is_kept(problem: Equilibrium, joined: JoinedBodies, stiff: Sequence[Solid]) -> bool:
     """Whether all of a body, or of bonded ones, is stiff, tied to nothing, and held."""
-    if len(joined.groups) > 1 or any(solid not in stiff for solid in joined.solids):
+    if joined.grips or len(joined.groups) > 1 or any(solid not in stiff for solid in joined.solids):
         return False
     mine = _unknowns_of(problem, joined.solids)
     moved = [

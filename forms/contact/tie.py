@@ -14,6 +14,9 @@ with the master. It is averaged over the vertices with their linear shape functi
 with linear multipliers, Puso & Laursen, Comput. Methods Appl. Mech. Engng 193 (2004) 601, whose
 multiplier s_A = K_A g_A is eliminated), so that a fine slave does not lock a coarse master.
 
+A rigid tool as master moves its own place of each point, X_p: ȳ = Σ_a N_a(X_p) y_a and o_p = 0, in
+its control points y_a, which follow its displacement and angle (:mod:`.carried`).
+
 In the plane x, ȳ and o are linear in the nodes, and so are the forces Bᵀ s, B = ∂(c g)/∂u; in
 space the part of o along the normal is not: its first derivative is in the forces and in the
 tangent, its second, of the order of gap over facet length, is left out of the tangent.
@@ -25,8 +28,9 @@ import numpy as np
 import scipy.sparse
 from petsc4py import PETSc
 
+from tribox.forms.contact.carried import Carried
 from tribox.forms.contact.kinematics import ContactKinematics
-from tribox.forms.contact.penalty import ContactTerm
+from tribox.forms.contact.penalty import ContactTerm, carried_by
 from tribox.forms.contact.state import ContactMode, ContactState, ContactTrial, NormalContact
 from tribox.forms.contact.tangent import Coupling
 from tribox.forms.contact.tie_points import TiePoints, tie_points
@@ -34,7 +38,7 @@ from tribox.forms.contact.vertex_rows import completed
 from tribox.forms.friction.coulomb import FrictionlessLaw
 from tribox.geometry.surfaces.facets import Floats, Longs, unit_normals
 from tribox.geometry.surfaces.projection import Projection
-from tribox.geometry.surfaces.surface import ContactSurface
+from tribox.geometry.surfaces.surface import ContactSurface, RigidMaster
 
 _TURN_LEFT = np.array([[0.0, -1.0], [1.0, 0.0]])
 _FLAT = 1e-10  # offset along the normal, over the length of a facet, that is none
@@ -89,15 +93,16 @@ class TieTerm(ContactTerm):
         return vertices.total(local.astype(np.float64, copy=False))
 
     def _linear_part(self) -> scipy.sparse.csr_matrix:
-        """B (v·i, n·j) of this rank's points, without the change of normals in space."""
+        """B (v·i, n·j) of this rank's points, without the change of normals in space.
+
+        Of a tool the nodes are its control points.
+        """
         points, target = self._points, self.surface.target
-        slopes = target.slopes(points.facet, points.xi)
-        master = target.weights(points.facet, points.xi)
-        master = master + np.einsum("pb,pbm->pm", points.along, slopes)
-        straight = np.concatenate([points.shape, -master], axis=1)
+        straight = np.concatenate([points.shape, -points.master], axis=1)
         dim = self.surface.dim
         out = scipy.sparse.kron(self._spread(straight), np.eye(dim))
-        if dim == 2:
+        if dim == 2 and points.across.any():
+            slopes = target.slopes(points.facet, points.xi)
             across = -points.across[:, None] * slopes[:, 0]
             turned = np.concatenate([np.zeros_like(points.shape), across], axis=1)
             out = out + scipy.sparse.kron(self._spread(turned), _TURN_LEFT)
@@ -109,7 +114,7 @@ class TieTerm(ContactTerm):
         values = (points.weight[:, None] * points.vertex_shape)[:, :, None] * shares[:, None, :]
         row, column = np.broadcast_arrays(points.of_point[:, :, None], self._rows()[:, None, :])
         place = row.reshape(-1), column.reshape(-1)
-        shape = (surface.vertices.count, len(surface.nodes))
+        shape = (surface.vertices.count, surface.first_master + len(surface.master.position))
         return scipy.sparse.csr_matrix((values.reshape(-1), place), shape=shape)
 
     def _rows(self) -> Longs:
@@ -126,14 +131,21 @@ class TieTerm(ContactTerm):
 
     def _jumps(self, values: Floats) -> Floats:
         """g_A (v, i), m, at displacements (n, i), m, of the pair's nodes; collective."""
-        surface, vertices = self.surface, self.surface.vertices
-        moved = (self._matrix @ values.reshape(-1)).reshape(-1, surface.dim)
+        surface = self.surface
+        master = surface.master_positions(values) - surface.master.position
+        every = np.concatenate([values[: surface.first_master], master])
+        moved = (self._matrix @ every.reshape(-1)).reshape(-1, surface.dim)
         if self._bulges:
             nodes = surface.master.position + values[surface.first_master :]
             turned = self._point_normals(nodes) - self._normals
             load = self._points.weight * self._points.across
             share = (self._points.vertex_shape * load[:, None])[:, :, None] * turned[:, None, :]
             np.subtract.at(moved, self._points.of_point, share)
+        return self._means(moved)
+
+    def _means(self, moved: Floats) -> Floats:
+        """Sums (v, i) of this rank's points over all ranks, divided by c_A; collective."""
+        vertices = self.surface.vertices
         total = vertices.total(np.ascontiguousarray(moved.T)).T
         area = np.where(self.tied_area > 0.0, self.tied_area, 1.0)
         out: Floats = total / area[:, None]
@@ -141,6 +153,9 @@ class TieTerm(ContactTerm):
 
     def _gradient(self, values: Floats) -> scipy.sparse.csr_matrix:
         """B (v·i, n·j), this rank's part, at displacements (n, i), m."""
+        carried = carried_by(self.surface, values)
+        if carried is not None:
+            return self._matrix @ carried.operator(self.surface.first_master)
         if not self._bulges:
             return self._matrix
         points, surface = self._points, self.surface
@@ -175,7 +190,7 @@ class TieTerm(ContactTerm):
         surface = self.surface
         slave = values[surface.slave_rows]
         points = surface.slave_positions(slave)
-        at = self._places(points, surface.master.position + values[surface.first_master :])
+        at = self._places(points, surface.master_positions(values))
         jump = self._jumps(values)
         pull = self.stiffness()[:, None] * jump
         carried = self.tied_area / surface.vertices.area
@@ -198,6 +213,7 @@ class TieTerm(ContactTerm):
             of_point=surface.vertices.of_point,
             pull=pull,
             moved=values,
+            carried=carried_by(surface, values),
         )
 
     def _evaluate(self, values: Floats, dt: float, mode: ContactMode) -> ContactTrial:
@@ -207,6 +223,9 @@ class TieTerm(ContactTerm):
         """The places of the slave points on the master, where they have always been."""
         facet, xi = self.state.facet, self.state.xi
         foot, tangents = self.surface.target.places(facet, xi, nodes)
+        master = self.surface.master
+        if isinstance(master, RigidMaster):  # the tool's place of each point, which its force is at
+            foot = master.surface.shares(self.surface.slave.position) @ nodes
         normal = unit_normals(tangents)
         gap = np.einsum("qi,qi->q", points - foot, normal)
         clamped = np.zeros(len(points), dtype=bool)
@@ -244,8 +263,10 @@ class TieTerm(ContactTerm):
 
     def stiffness_times(self, values: Floats) -> Floats:
         """Stiffness of the undeformed tie times displacements (n, i) of the pair; collective."""
-        pull = self.stiffness()[:, None] * self._jumps(values)
-        force = self._matrix.T @ pull.reshape(-1)
+        gradient = self._gradient(np.zeros_like(values))
+        moved = (gradient @ values.reshape(-1)).reshape(-1, self.surface.dim)
+        pull = self.stiffness()[:, None] * self._means(moved)
+        force = gradient.T @ pull.reshape(-1)
         out: Floats = force.reshape(-1, self.surface.dim)
         return out
 
@@ -258,7 +279,7 @@ class TieTerm(ContactTerm):
         vertices = self.surface.vertices
         longest = float(np.ptp(vertices.position, axis=0).max())
         moved = np.minimum(np.abs(self.surface.gather(x)), longest)
-        plain = abs(self._matrix)
+        plain = abs(self._gradient(np.zeros_like(moved)))
         jump = (plain @ moved.reshape(-1)).reshape(-1, self.surface.dim)
         area = np.where(self.tied_area > 0.0, self.tied_area, 1.0)
         pull = (self.stiffness() / area)[:, None] * jump
@@ -277,13 +298,30 @@ class TieTerm(ContactTerm):
         area = np.where(self.tied_area > 0.0, self.tied_area, 1.0)
         scale = np.repeat(self.stiffness() / area, self.surface.dim)
         product = (scipy.sparse.diags(scale) @ left).T.tocsr() @ right
+        if trial.carried is not None:
+            product = product + self._bending(trial, trial.carried, len(columns))
         return Coupling(self.surface.nodes, columns, product)
+
+    def _bending(
+        self, trial: ContactTrial, carried: Carried, columns: int
+    ) -> scipy.sparse.csr_matrix:
+        """What the angle's second derivatives add (n·i, columns·j), N/m, on this rank."""
+        assert trial.pull is not None
+        surface, dim = self.surface, self.surface.dim
+        force = (self._matrix.T @ trial.pull.reshape(-1)).reshape(-1, dim)
+        block = carried.bending(force[surface.first_master :])[0, 1, 0, 1, 0]
+        angle, shape = dim * (surface.first_master + 1), (dim * len(surface.nodes), dim * columns)
+        return scipy.sparse.csr_matrix(([block], ([angle], [angle])), shape=shape)
 
     def coupled_pairs(self) -> Longs:
         """Pairs (p, 2) of different global nodes that the tangent couples; collective."""
         points = self._points
         every = np.ones((len(points.weight), points.rows.shape[1] + self._master_count()))
         left = self._spread(every / np.maximum(points.weight, 1e-300)[:, None])
+        if isinstance(self.surface.master, RigidMaster):
+            nodes = scipy.sparse.identity(self.surface.first_master)
+            tool = np.ones((len(self.surface.master.position), 2))
+            left = left @ scipy.sparse.block_diag([nodes, tool], format="csr")
         ones = scipy.sparse.csr_matrix(scipy.sparse.kron(left, np.eye(self.surface.dim)))
         right, columns = self._whole(ones)
         dim = self.surface.dim

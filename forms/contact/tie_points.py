@@ -19,7 +19,8 @@ import numpy as np
 from tribox.geometry.surfaces.body_facets import facet_nodes
 from tribox.geometry.surfaces.closest_point import solve_small
 from tribox.geometry.surfaces.facets import Floats, Ints, Longs, facet_shape, unit_normals
-from tribox.geometry.surfaces.surface import ContactSurface, MasterFacets
+from tribox.geometry.surfaces.surface import ContactSurface, MasterFacets, RigidMaster
+from tribox.geometry.surfaces.target import Projection
 
 REACH = 0.1  # distance over the length of the longer facets up to which points are tied
 _GAUSS = 4  # points of each part of a segment
@@ -37,8 +38,10 @@ class TiePoints:
         rows: (p, a) rows of the pair's nodes that move the point, shape: (p, a) their shares.
         of_point: (p, k) vertices of the slave facet; vertex_shape: (p, k) their linear shapes.
         facet: (p,) master facets; xi: (p, α): the places opposite.
-        along: (p, α), -, and across: (p,): offset o = along^α τ_α + across J τ_1 from there in the
-            plane, with J τ the tangent turned left; in space along^α τ_α + across n, across in m.
+        master: (p, m) shares of the nodes that move that facet in ȳ + along^α τ_α; across: (p,):
+            offset o = along^α τ_α + across J τ_1 from there in the plane, with J τ the tangent
+            turned left; in space along^α τ_α + across n, across in m. A rigid tool has one place
+            for every point, its own: no offset.
     """
 
     weight: Floats
@@ -48,22 +51,13 @@ class TiePoints:
     vertex_shape: Floats
     facet: Ints
     xi: Floats
-    along: Floats
+    master: Floats
     across: Floats
 
 
 def tie_points(surface: ContactSurface) -> TiePoints:
-    """Find the points of a pair that are tied.
-
-    Args:
-        surface: the pair, undeformed.
-
-    Raises:
-        ValueError: the master is a rigid tool.
-    """
+    """Find the points of a pair, undeformed, that are tied."""
     shape, slave, master = surface.shape, surface.slave, surface.master
-    if not isinstance(master, MasterFacets):
-        raise ValueError("a rigid tool cannot be tied")
     _, first = np.unique(slave.facet, return_index=True)
     local = facet_nodes(surface.space, slave.mesh_facet[first])
     where = surface.space.tabulate_dof_coordinates()[:, : surface.dim][local]
@@ -75,9 +69,11 @@ def tie_points(surface: ContactSurface) -> TiePoints:
     if surface.axisymmetric:
         weight = weight * 2.0 * np.pi * position[:, 0]
     at = surface.project(position, master.position)
-    reach = REACH * np.maximum(slave.facet_length[first][facet], master.sizes()[at.facet])
+    reach = REACH * slave.facet_length[first][facet]
+    if isinstance(master, MasterFacets):
+        reach = np.maximum(reach, REACH * master.sizes()[at.facet])
     keep = np.nonzero(at.on_surface & (np.abs(at.gap) <= reach))[0]
-    along, across = _offset(position[keep] - at.foot[keep], at.tangents[keep])
+    shares, across = _beside(surface, position[keep], at.of(keep))
     return TiePoints(
         weight=weight[keep],
         rows=surface.slave_rows[first][facet[keep]],
@@ -86,13 +82,23 @@ def tie_points(surface: ContactSurface) -> TiePoints:
         vertex_shape=facet_shape(shape.cell, 1).values(xi[keep]),
         facet=at.facet[keep],
         xi=at.xi[keep],
-        along=along,
+        master=shares,
         across=across,
     )
 
 
+def _beside(surface: ContactSurface, position: Floats, at: Projection) -> tuple[Floats, Floats]:
+    """``master`` and ``across`` of :class:`TiePoints`, of places (p, i), m, beside the master."""
+    if isinstance(surface.master, RigidMaster):
+        return surface.master.surface.shares(position), np.zeros(len(position))
+    along, across = _offset(position - at.foot, at.tangents)
+    slopes = surface.target.slopes(at.facet, at.xi)
+    shares = surface.target.weights(at.facet, at.xi) + np.einsum("pb,pbm->pm", along, slopes)
+    return shares, across
+
+
 def _divided(
-    surface: ContactSurface, master: MasterFacets, where: Floats
+    surface: ContactSurface, master: MasterFacets | RigidMaster, where: Floats
 ) -> tuple[Longs, Floats, Floats]:
     """Facets (p,), reference coordinates (p, α) and reference weights (p,) of all points."""
     count, shape = len(where), surface.shape
@@ -103,16 +109,19 @@ def _divided(
     return facet, np.tile(xi, (count, 1)), np.tile(weight, count)
 
 
-def _segments(master: MasterFacets, where: Floats) -> tuple[Longs, Floats, Floats]:
+def _segments(master: MasterFacets | RigidMaster, where: Floats) -> tuple[Longs, Floats, Floats]:
     """The points of segments, divided where master nodes are opposite."""
-    ends = master.position[np.unique(master.facets[:, :2])]
+    ends, length = np.empty((0, 2)), 0.0
+    if isinstance(master, MasterFacets):
+        ends = master.position[np.unique(master.facets[:, :2])]
+        length = float(master.sizes().max())
     start = where[:, 0]
     chord = where[:, 1] - start
     squared = np.einsum("fi,fi->f", chord, chord)
     share = np.einsum("fi,ni->fn", chord, ends) - np.einsum("fi,fi->f", chord, start)[:, None]
     share = share / squared[:, None]
     apart = ends[None] - start[:, None] - share[..., None] * chord[:, None]
-    reach = REACH * max(float(np.sqrt(squared.max(initial=0.0))), float(master.sizes().max()))
+    reach = REACH * max(float(np.sqrt(squared.max(initial=0.0))), length)
     near = np.linalg.norm(apart, axis=2) <= reach
     facet, node = np.nonzero(near & (share > _SHORT) & (share < 1.0 - _SHORT))
     every = np.arange(len(where))
@@ -122,9 +131,9 @@ def _segments(master: MasterFacets, where: Floats) -> tuple[Longs, Floats, Float
     number, place = number[order], place[order]
     parts = np.nonzero((number[1:] == number[:-1]) & (np.diff(place) > _SHORT))[0]
     points, weights = np.polynomial.legendre.leggauss(_GAUSS)
-    length = place[parts + 1] - place[parts]
-    xi = place[parts][:, None] + 0.5 * (1.0 + points) * length[:, None]
-    weight = 0.5 * weights * length[:, None]
+    part = place[parts + 1] - place[parts]
+    xi = place[parts][:, None] + 0.5 * (1.0 + points) * part[:, None]
+    weight = 0.5 * weights * part[:, None]
     return np.repeat(number[parts], _GAUSS), xi.reshape(-1, 1), weight.reshape(-1)
 
 

@@ -228,8 +228,11 @@ class RigidSurface(ABC):
 
     def weights(self, facet: Ints, xi: Floats) -> Floats:
         """N_a (q, a) at the place ξ (q, α) of each facet (q,)."""
-        apart = self.place(facet, xi) - self._middle
-        out: Floats = 1.0 / (self.dim + 1) + apart @ self._gradients.T
+        return self.shares(self.place(facet, xi))
+
+    def shares(self, places: Floats) -> Floats:
+        """N_a (q, a) at undeformed places (q, i), m, of the tool, on its surface or not."""
+        out: Floats = 1.0 / (self.dim + 1) + (places - self._middle) @ self._gradients.T
         return out
 
     def slopes(self, facet: Ints, xi: Floats) -> Floats:

@@ -190,10 +190,15 @@ def test_only_what_presses_is_released(stages, tools, line):
     assert any(line in one for one in found), found
 
 
-def test_a_tie_to_a_tool_is_refused():
+def test_a_tool_that_grips_does_so_from_the_first_stage_on():
     tied = {"slave": "top", "master": "punch", "tied": True}
     data = tomllib.loads(BLOCK) | {"tools": on_punch(), "contact": [tied]}
-    with pytest.raises(ValidationError, match=r"contact\.0\.tied: does not go with a tool"):
+    names = [stage["name"] for stage in data["stage"]]
+    Case.model_validate(data)
+    data["tools"]["punch"]["stages"] = names[:1]
+    Case.model_validate(data)
+    data["tools"]["punch"]["stages"] = names[1:]
+    with pytest.raises(ValidationError, match=r"tools\.punch\.stages.*from the first stage on"):
         Case.model_validate(data)
 
 

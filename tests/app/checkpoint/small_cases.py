@@ -121,6 +121,34 @@ def three_bodies(directory: Path) -> Data:
     }
 
 
+def gripped(directory: Path, **solver: Any) -> Data:
+    """A bar between two tools that it is tied to: one is fixed, one pulled and turned."""
+    pull = {
+        "force": {"x": [["0 s", 0], ["2 s", "2 N"]], "y": [["0 s", 0], ["2 s", "0.1 N"]]},
+        "rotation": {"angle": [["1 s", 0], ["2 s", 0.2]], "centre": [4e-3, 1e-3]},
+    }
+    if solver:
+        pull = {"displacement": {"x": [["0 s", 0], ["2 us", "2 um"]]}}
+    ends = {"left": (0.0, 1.0, {}), "right": (4e-3, -1.0, pull)}
+    return {
+        "geometry": {
+            "kind": "blocks",
+            "blocks": {"bar": {"x": [0, 4e-3], "y": [0, 1e-3], "elements": [6, 2]}},
+            "thickness": "2 mm",
+        },
+        "bodies": {"bar": {"material": "neo-hookean", "E": "5 MPa", "nu": 0.4, "density": 1100}},
+        "tools": {
+            name: {"shape": "plane", "point": [x, 0], "normal": [n, 0], **motion}
+            for name, (x, n, motion) in ends.items()
+        },
+        "contact": [{"slave": f"bar_{name}", "master": name, "tied": True} for name in ends],
+        "boundary": [{"surface": "bar_top", "pressure": 0}],
+        "stage": [one | {"duration": "1 us"} for one in STAGES] if solver else STAGES,
+        "output": {},
+        **({"solver": solver} if solver else {}),
+    }
+
+
 def pairs(directory: Path, **solver: Any) -> Data:
     """A pad tied to a plate slides from one die to the next and off its end, ever less rubbed."""
     bodies = {
@@ -303,6 +331,7 @@ IMPLICIT: dict[str, Maker] = {
     "oblique": block(*_OBLIQUE[1:], stage=[*STAGES, _LET_GO | {"release": ["top"], "steps": 2}]),
     "three bodies": three_bodies,
     "pairs": pairs,
+    "gripped": gripped,
     "pointwise": block(contact__0__pressure="pointwise"),
     "film": block(contact__0__film={"thickness": "30 nm"}, contact__0__friction=MAP),
     "space": plain(BOXES, _BOXES),
@@ -310,6 +339,7 @@ IMPLICIT: dict[str, Maker] = {
 }
 EXPLICIT: dict[str, Maker] = {
     "pairs": lambda directory: pairs(directory, kind="explicit"),
+    "gripped": lambda directory: gripped(directory, kind="explicit"),
     "film": plain(SLID, {**_THIN, "stage.1.steps": 4, "stage.1.duration": "4 us"}),
     "thrown": plain(THROWN, {**_FLUNG, "probe": PROBES}),
     "scaled": plain(THROWN, {**_FLUNG, "solver.mass_scaling": {"step": "0.2 us"}}),

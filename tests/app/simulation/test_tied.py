@@ -13,6 +13,7 @@ from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.case.reading import load_case
 from tribox.app.case.toml_writer import toml_text
+from tribox.app.equilibrium.free_bodies import free_bodies
 from tribox.app.errors import InputError
 from tribox.app.results.contact_nodes import contact_nodes
 from tribox.app.run.run import run_case
@@ -203,3 +204,131 @@ def test_surfaces_that_are_apart_are_not_tied(block):
     data["geometry"]["gap"] = "0.2 mm"
     with pytest.raises(InputError, match=r"contact\.0: no point of the slave lies beside"):
         build_model(Case.model_validate(data), MPI.COMM_SELF)
+
+
+# -- to a tool ------------------------------------------------------------------------------------
+
+GRIP = {"plane": [0, -1], "rings": [0, -1], "space": [0, -1, 0]}
+
+
+def gripped(kind, tools=None, boundary=(), **tables):
+    """A bar on its fixed lower end, its upper end tied to a tool."""
+    spans = {"x": [0, "1 mm"], "y": [0, "3 mm"], "elements": [3, 4]}
+    if kind == "space":
+        spans |= {"z": [0, "1 mm"], "elements": [2, 3, 2]}
+    normal = GRIP[kind]
+    still = dict.fromkeys("xyz"[: len(normal)], 0)
+    shape = {"shape": "plane", "point": [0, "3 mm", 0][: len(normal)], "normal": normal}
+    bar = {"material": "neo-hookean", "E": "5 MPa", "nu": 0.4, "formulation": "q1"}
+    return {
+        "geometry": {"kind": "blocks", "blocks": {"bar": spans}}
+        | ({"section": "axisymmetric"} if kind == "rings" else {}),
+        "bodies": {"bar": bar},
+        "tools": {} if tools is None else {"grip": shape | tools},
+        "contact": []
+        if tools is None
+        else [{"slave": "bar_top", "master": "grip", "tied": True, "penalty_factor": 1e3}],
+        "boundary": [{"surface": "bar_bottom", "displacement": still}, *boundary],
+        "stage": [{"name": "pull", "duration": "1 s", "steps": 2}],
+        "solver": {"tolerance": 1e-10},
+        **tables,
+    }
+
+
+def of_tool(simulation, name):
+    tools = simulation.state.tools
+    return np.array([row[tools.columns.index(name)] for row in tools.rows])
+
+
+PULL = [["0 s", 0], ["1 s", "0.3 mm"]]
+
+
+@pytest.mark.parametrize("kind", list(GRIP))
+def test_a_gripped_end_is_a_clamped_one_by_displacement_and_by_force(kind):
+    still = dict.fromkeys("xyz"[: len(GRIP[kind])], 0)
+    clamped = solved(
+        gripped(kind, boundary=[{"surface": "bar_top", "displacement": still | {"y": PULL}}])
+    )
+    moved = solved(gripped(kind, {"displacement": {"y": PULL}}))
+    pulled = of_tool(moved, "driving_force_y")
+    assert pulled[-1] == pytest.approx(
+        clamped.state.motion.of_surface("bar_top", "force_y")[-1], rel=2e-3
+    )
+    assert of_tool(moved, "force_y") == pytest.approx(-pulled, rel=1e-9)
+    assert moved.state.last_of_pairs()[0]["normal_force"] == pytest.approx(-pulled[-1], rel=1e-9)
+    loaded = solved(gripped(kind, {"force": {"y": [["0 s", 0], ["1 s", float(pulled[-1])]]}}))
+    assert of_tool(loaded, "displacement_y")[-1] == pytest.approx(0.3e-3, rel=1e-7)
+    assert [row.attempts for row in loaded.rows] == [1, 1] and not loaded.model.notes
+    assert loaded.rows[-1].newton_iterations <= 5
+    assert loaded.rows[-1].strain_energy == pytest.approx(clamped.rows[-1].strain_energy, rel=2e-3)
+
+
+TURN = {"angle": [["0 s", 0], ["1 s", 0.9]]}
+
+
+def turned(comm, directory):
+    data = gripped(
+        "plane", {"rotation": TURN | {"centre": [0.5e-3, 3e-3]}}, solver={"tolerance": 1e-11}
+    )
+    low = {"shape": "plane", "point": [0, 0], "normal": [0, 1]}
+    low |= {"rotation": {"angle": 0, "centre": [0.5e-3, 0]}}
+    data["tools"] = {"low": low, **data["tools"]}
+    data["contact"].append(data["contact"][0] | {"slave": "bar_bottom", "master": "low"})
+    data["boundary"] = [{"surface": "bar_left", "pressure": 0}]
+    simulation = solved(data, comm)
+    assert not simulation.model.notes
+    last = simulation.state.tools.last()
+    force = ("force_x", "force_y", "moment_z")
+    driving = ("driving_force_x", "driving_force_y", "driving_moment")
+    return (
+        [row.newton_iterations for row in simulation.rows],
+        [last["grip"][name] for name in force],
+        [last["grip"][name] for name in driving],
+        [last["low"][name] for name in force],
+    )
+
+
+@pytest.mark.mpi(turned, 3)
+def test_a_grip_that_turns_a_bar_balances_force_and_moment(on_ranks):
+    """A bar held by two grips, one turned by 50 degrees: its own moments on both add up to zero."""
+    one, three = (on_ranks(turned, count) for count in (1, 3))
+    for here, there in zip(one[1:], three[1:], strict=True):
+        assert there == pytest.approx(here, rel=1e-8)
+    iterations, (force_x, force_y, moment), driving, left = one
+    assert max(iterations) <= 6
+    assert driving == pytest.approx([-force_x, -force_y, -moment], rel=1e-9)
+    # About the lower grip's centre: the upper one is 3 mm above it.
+    assert left[0] == pytest.approx(-force_x, rel=1e-8)
+    assert left[2] == pytest.approx(-(moment - 3e-3 * force_x), rel=1e-6)
+    assert abs(moment) > 1e-3
+
+
+@pytest.mark.parametrize("way", ["stages", "release"])
+def test_a_grip_that_lets_go_frees_the_bar(way):
+    data = gripped("plane", {"displacement": {"y": PULL}})
+    data["stage"].append({"name": "free", "duration": "1 s", "steps": 2})
+    if way == "stages":
+        data["tools"]["grip"]["stages"] = ["pull"]
+    else:
+        data["stage"][1]["release"] = ["grip"]
+    simulation = solved(data)
+    rows = simulation.rows
+    share = rows[2].strain_energy / rows[1].strain_energy
+    assert share == pytest.approx(0.0 if way == "stages" else 0.25, abs=0.03)
+    assert rows[-1].strain_energy < 1e-12 * rows[1].strain_energy
+    assert of_tool(simulation, "force_y")[2:] == pytest.approx(0.0, abs=1e-12)
+    assert of_tool(simulation, "displacement_y")[-1] == pytest.approx(0.3e-3)
+
+
+def test_a_bar_that_only_a_grip_holds_is_held():
+    """Along what drives the tool nothing holds both, and no load acts."""
+    data = gripped("plane", {})
+    data["boundary"] = [{"surface": "bar_bottom", "pressure": [["0 s", 0], ["1 s", "-1 MPa"]]}]
+    held = solved(data)
+    assert not any("contact" in n for n in held.model.notes) and not free_bodies(held.model.problem)
+    assert of_tool(held, "force_y")[-1] == pytest.approx(-1e6 * 1e-3, rel=0.3)
+    data = gripped("plane", {"force": {"y": 0}})
+    data["boundary"] = [{"surface": "bar_bottom", "displacement": {"x": 0}}]
+    model = build_model(Case.model_validate(data), MPI.COMM_SELF)
+    assert [body.name for body in free_bodies(model.problem)] == ["bar"]
+    assert [note for note in model.notes if "only contact holds" in note]
