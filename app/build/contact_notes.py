@@ -8,14 +8,26 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
+from tribox.app.case.boundary import COMPONENTS
+from tribox.app.case.case import Case
 from tribox.app.case.contact import Contact
-from tribox.app.case.friction import Coulomb, Friction, FrictionMap, OwnLaw, Stribeck
+from tribox.app.case.friction import (
+    Coulomb,
+    Friction,
+    FrictionMap,
+    Frictionless,
+    OwnLaw,
+    Stribeck,
+)
+from tribox.app.case.time_tables import TimeTable
 from tribox.forms.bodies.contact_stiffness import contact_shear_modulus
 from tribox.forms.bodies.materials import Material
 from tribox.forms.contact.pressure import PressureKind
+from tribox.geometry.surfaces.facets import Floats
 from tribox.geometry.surfaces.projection import Projection
 from tribox.geometry.surfaces.surface import ContactSurface, RigidMaster
 
+ACROSS = 0.9  # component of the normal below which a motion along an axis lets bodies slide
 CORNERED = 1.9  # spacing of a master's corners over the length of slave facets that feels them
 APART = 2.0  # distance over facet length from which bodies are said to start apart
 COARSE = 3.0  # length of slave facets over that of master facets from which they are too coarse
@@ -154,6 +166,42 @@ def note_on_corners(place: str, contact: Contact, corners: Corners) -> Iterator[
             "presses with a peak of its own; set smoothing_angle, or draw "
             f"{contact.master} with shorter facets (dividing its cells keeps the corners)"
         )
+
+
+def note_on_sliding(
+    place: str, contact: Contact, corners: Corners, unable: str | None
+) -> Iterator[str]:
+    """A line on a round master in space whose facets a slave slides over.
+
+    Args:
+        place: of the contact in the case.
+        contact: what the case says.
+        corners: of the master where the slave is near.
+        unable: why the master cannot be smooth; None: it can.
+    """
+    if 0.0 < corners.ratio <= CORNERED:
+        cure = 'set smoothing_angle = "30 deg"'
+        if unable is not None:
+            cure = f"smoothing_angle {unable}; or draw {contact.master} with shorter facets"
+        yield (
+            f"{place}: {contact.slave} slides on {contact.master}, which is round and whose facets "
+            f"meet at {corners.degrees:.2g} degrees: the slave catches on their edges, forces "
+            f"wave, and steps may fail; {cure}"
+        )
+
+
+def slides(case: Case, normal: Floats) -> bool:
+    """Whether boundaries move bodies across the mean normal (i,) of a contact, or turn them."""
+    flat = np.abs(normal) <= ACROSS * np.linalg.norm(normal)
+    for one in case.boundary:
+        if one.rotation is not None or any(one.driven_keys()):
+            return True
+        for table in (one.displacement, one.velocity):
+            for axis in np.nonzero(flat)[0]:
+                program = getattr(table, COMPONENTS[axis], None)
+                if isinstance(program, TimeTable) and any(program.values):
+                    return True
+    return False
 
 
 def notes_on_penalty(

@@ -5,7 +5,7 @@ Every default of a `[[contact]]` table is resolved here and nowhere else.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import assert_never
 
@@ -20,10 +20,12 @@ from tribox.app.build.contact_notes import (
     note_on_corners,
     note_on_idle_film,
     note_on_radius,
+    note_on_sliding,
     note_on_stick,
     note_on_tie,
     notes_on_penalty,
     notes_on_surfaces,
+    slides,
     stiffer_slave,
 )
 from tribox.app.build.facing import faces_away, facing_problem
@@ -140,7 +142,7 @@ class ContactBuilder:
             *notes_on_surfaces(f"contact.{index}", asked, lengths, distance),
             *note_on_radius(f"contact.{index}", asked, surface, at, distance),
             *note_on_idle_film(f"contact.{index}", asked),
-            *note_on_corners(f"contact.{index}", asked, corners_of(asked, surface, at, distance)),
+            *self._notes_on_corners(index, asked, surface, at, distance),
             *notes_on_penalty(index, factor, ratio, self.case.is_explicit, table.pressure),
             *note_on_stick(index, table.friction, contact_shear_modulus(softer) / length),
         )
@@ -199,6 +201,21 @@ class ContactBuilder:
         if problem is not None:
             raise InputError(problem)
         return law
+
+    def _notes_on_corners(
+        self, index: int, asked: Contact, surface: ContactSurface, at: Projection, distance: float
+    ) -> Iterator[str]:
+        """Lines on the corners of a faceted master where the slave is near; collective."""
+        corners, place = corners_of(asked, surface, at, distance), f"contact.{index}"
+        yield from note_on_corners(place, asked, corners)
+        near = at.on_surface & (at.gap < distance + surface.facet_length)
+        normal = surface.space.mesh.comm.allreduce(at.normal[near].sum(axis=0))
+        if surface.dim == 3 and slides(self.case, normal):
+            smooth = asked.model_copy(update={"smoothing_angle": STRAIGHT})
+            degree = self.space.element.basix_element.degree
+            cell = self.named.mesh.topology.cell_name()
+            unable = smooth.smoothing_problem(cell, degree)
+            yield from note_on_sliding(place, asked, corners, unable)
 
     def _surface(self, index: int, contact: Contact) -> ContactSurface:
         mesh = self.named.mesh

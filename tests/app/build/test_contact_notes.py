@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +13,9 @@ from tribox.app.build.contact_notes import note_on_stick, notes_on_penalty
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.case.friction import Coulomb
+from tribox.app.case.reading import load_case
+
+CASES = Path(__file__).parents[3] / "cases"
 
 
 def test_a_stiff_penalty_is_noted_in_explicit_runs_only():
@@ -92,6 +96,41 @@ def test_corners_of_a_round_tool_are_noted_where_the_slave_feels_them(tool, bloc
     assert len(notes) == (said is not None)
     for note in notes:
         assert said in note
+
+
+SWAPPED = (
+    "geometry.contact_size=160 um",
+    "geometry.growth=2",
+    'geometry.block={radius="5 mm", height="5 mm"}',
+    'bodies.elastomer={material="hencky", E="70 GPa", nu=0.33}',
+    'bodies.aluminium={material="neo-hookean", E="5 MPa", nu=0.45}',
+    'contact.0.slave="aluminium_contact"',
+    'contact.0.master="elastomer_contact"',
+)
+MOVED = 'boundary=[{{surface="bottom", displacement={{y=0}}}}, {{surface="top", {0}}}]'
+TURNED = MOVED.format('rotation={axis="z", angle=[["0 s", 0], ["1 s", 1]]}')
+ASIDE = MOVED.format('displacement={y=0, z=[["0 s", 0], ["1 s", "1 mm"]]}')
+DOWN = MOVED.format('displacement={y=[["0 s", 0], ["1 s", "1 mm"]]}')
+
+
+@pytest.mark.parametrize(
+    ("overrides", "cure"),
+    [
+        ([*SWAPPED, DOWN], None),
+        ([*SWAPPED, TURNED], 'wave, and steps may fail; set smoothing_angle = "30 deg"'),
+        ([*SWAPPED, ASIDE, 'geometry.cell="tetrahedron"'], "or draw elastomer_contact with short"),
+        ([*SWAPPED, TURNED, 'contact.0.smoothing_angle="30 deg"'], None),
+        (["geometry.contact_size=160 um", TURNED], None),
+    ],
+)
+def test_a_slave_that_slides_over_a_round_master_in_space_is_noted(overrides, cure):
+    """Not one that is pressed on it, nor a smooth master, nor a flat one."""
+    case = load_case(CASES / "sphere-on-block.toml", overrides)
+    notes = [n for n in build_model(case, MPI.COMM_SELF).notes if "which is round" in n]
+    assert len(notes) == (cure is not None)
+    for note in notes:
+        assert note.startswith("contact.0: aluminium_contact slides on elastomer_contact")
+        assert cure in note
 
 
 def test_a_film_that_the_law_does_not_know_is_noted(block):
