@@ -54,13 +54,14 @@ class LinearSolver:
     Attributes:
         matrix: the tangent, supports and platens included.
         assembled: how often it was assembled, and so factorised.
+        iterations: of all solves so far, if they are iterative.
     """
 
     def __init__(self, problem: Equilibrium, x: PETSc.Vec) -> None:
         """Make room for the tangent at ``x``; collective."""
         self.problem = problem
         self.matrix = problem.new_matrix(x)
-        self.assembled = 0
+        self.assembled = self.iterations = 0
         self._pattern = problem.pattern_changes
         # What the matrix was made from when analysis or preconditioner began anew, and last.
         self._first: Assembly | None = None
@@ -80,10 +81,15 @@ class LinearSolver:
         ksp.setOperators(self.matrix)
         if ksp.getType() != PETSc.KSP.Type.PREONLY:
             self._way = Multigrid(ksp, self.matrix, rigid_motions_of(self.problem))
+            ksp.setMonitor(self._count)
         elif not as_it_is and (stiff := stiff_solids(self.problem)):
             self._way = BodyBlocks(ksp, self.matrix, self.problem, stiff)
         else:
             self._way = CoupledFactor(ksp, self.matrix)
+
+    def _count(self, ksp: PETSc.KSP, iteration: int, norm: float) -> None:
+        """What PETSc tells of a solve, of its start as iteration 0."""
+        self.iterations += iteration > 0
 
     def try_options(self, x: PETSc.Vec, prefix: str, names: Iterable[str]) -> None:
         """Set everything up at ``x``, as PETSc reads some options only then; collective.
@@ -107,7 +113,8 @@ class LinearSolver:
             raise ValueError(f"{', '.join(idle)}: not used by PETSc with {self.way.kinds()}")
         self.way.renew()  # the first factorisation of the run is that of its first tangent
         self.ksp.setOperators(self.matrix)
-        self.assembled, self._first, self._last = 0, None, None
+        self.assembled = self.iterations = 0
+        self._first = self._last = None
 
     @property
     def direct(self) -> bool:

@@ -71,6 +71,7 @@ _KNOWN = {
         Column("twist_moment", "twisting moment", "N m"),
         Column("radial_force", "radial force", "N"),
         Column("newton_iterations", "Newton iterations"),
+        Column("linear_iterations", "linear iterations"),
     )
 }
 _KINDS = {

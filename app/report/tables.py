@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 ROUND_OFF = 1e-10  # beside the largest number of a table in the same unit
 _STEADY = {1: "yes", 0: "no", -1: "–"}
-_COUNTS = ("step", "newton_iterations")
+_COUNTS = ("step", "newton_iterations", "linear_iterations")
 _OF_A_LOAD_STEP = (
     *("label", "steady", "normal_force", "friction_force", "friction_coefficient"),
     *("tangential_force", "film_thickness", "effective_viscosity", "contact_area"),

@@ -84,7 +84,7 @@ class Recorder(Observer):
         self.every = model.case.output.fields_every
         self._started, self._begun = time.perf_counter(), datetime.now(UTC)
         self._watches = Watches(model, None if resumed is None else resumed["watches"])
-        self._counted = (0, 0)  # steps and Newton iterations so far
+        self._counted = (0, 0, 0)  # steps, Newton and linear iterations so far
         self._penalty = [_extent(self.comm, t.penalty) for t in model.problem.contacts]
         self.warnings: list[str] = list(model.notes)
         self._tables: RunTables | None = None
@@ -129,10 +129,17 @@ class Recorder(Observer):
         if self.every and row.step % self.every == 0:
             self._output(state)
         self._watch(state, row)
-        self._counted = (row.step, self._counted[1] + row.newton_iterations)
+        self._count([row])
         self._watches.step(row, result)
         with self.saving:
             self._write_tables(state)
+
+    def _count(self, rows: Sequence[Row]) -> None:
+        """Count the steps of further rows, and their iterations."""
+        _, newton, linear = self._counted
+        newton += sum(row.newton_iterations for row in rows)
+        linear += sum(row.linear_iterations for row in rows)
+        self._counted = (rows[-1].step if rows else 0, newton, linear)
 
     def load_step(
         self, state: RunState, load_step: LoadStep, row: Row, steady: bool | None
@@ -229,7 +236,8 @@ class Recorder(Observer):
     def go_on(self, state: RunState) -> None:
         """Take up the tables after the last step of a run that goes on."""
         self.resumed.append(state.step)
-        self._counted = (state.step, sum(row.newton_iterations for row in state.rows))
+        self._counted = (0, 0, 0)
+        self._count(state.rows)
         if self.first:
             with self.saving:
                 self._tables = RunTables(self.directory, state, state.step)
@@ -321,6 +329,7 @@ class Recorder(Observer):
             "notes": len(self.model.notes),
             "steps": self._counted[0],
             "newton_iterations": self._counted[1],
+            "linear_iterations": self._counted[2],
             "load_steps": self.load_steps,
             "ranks": self.comm.size,
             "given": self.given,

@@ -117,10 +117,11 @@ class Reporter(Observer):
                 self._explicit_line(state, row, result)
             return
         residual = f"residual {result.residuals[-1]:.1e}"
+        linear = f", linear {row.linear_iterations}" if row.linear_iterations else ""
         self.say(
             f"step {row.step:4d}  {row.stage:<10s} t {time_text(row.time, row.dt)}  "
             f"{self._forces(state, row)}  "
-            f"Newton {row.newton_iterations} ({residual})",
+            f"Newton {row.newton_iterations} ({residual}){linear}",
             always=False,
         )
         self._tell(f"step {row.step}  {self._forces(state, row)}  {residual}  {_cuts(here)}")

@@ -275,6 +275,8 @@ def _closing_line(simulation: Simulation) -> str:
         depth = f"largest penetration {max(row.max_penetration for row in rows):.3g} m, "
     explicit = simulation.explicit
     counted = f"{sum(row.newton_iterations for row in rows)} Newton iterations"
+    if linear := sum(row.linear_iterations for row in rows):
+        counted += f", {linear} linear iterations"
     if explicit is not None:
         counted += f", {explicit.steps} time steps"
     return (

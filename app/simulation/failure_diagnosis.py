@@ -18,6 +18,8 @@ from tribox.app.case.boundary import COMPONENTS
 from tribox.app.case.contact import DEFAULT_PENALTY_FACTOR, Contact
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.places import place_text
+from tribox.app.equilibrium.step_mode import StepMode
+from tribox.app.implicit.linear_solver import LinearSolver
 from tribox.app.implicit.newton import KINKED
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.simulation.contact_resultants import ContactResultants
@@ -48,6 +50,16 @@ FIRM = 10.0  # penalty over the default from which on a lower one is worth a try
 DEFAULT_PENALTY = f"the default penalty (penalty_factor = {DEFAULT_PENALTY_FACTOR:g})"
 ALONG = 0.5  # component of the friction over all of it that a body's loose direction must have
 
+INVERSE = 16  # iterations for the eigenvalues next to zero
+CLEAR = 0.1  # what their inverses may be off by, as a share
+NONE_LEFT = 1e-12  # share of a vector that rounding leaves
+SNAP = (
+    "the tangent has a negative eigenvalue: the bodies have passed a limit, as a shell does that "
+    "snaps through, and the next equilibrium may be far away",
+    'to let them snap in a stage of dynamics (solver = "explicit" in its [[stage]]; bodies need a '
+    "density), or to prescribe a displacement where a force drives",
+)
+
 # PETSc's numbers for why Newton's method ended without a solution.
 REASONS = {
     -3: "singular tangent",
@@ -67,6 +79,49 @@ def reason_of(result: StepResult) -> str:
     if result.reason > 0:  # solved, but by a state without a strain energy
         return "an element is turned inside out"
     return REASONS.get(result.reason, f"reason {result.reason}")
+
+
+# -- stability -------------------------------------------------------------------------------------
+
+
+def is_unstable(solver: LinearSolver, x: PETSc.Vec, step: StepMode) -> bool:
+    """Whether the tangent has a negative eigenvalue at ``x`` (m), so far as is seen; collective.
+
+    Arnoldi's iteration with the tangent's inverse, from the residual: it finds the eigenvalues next
+    to zero on both sides. Below zero, the bodies have passed a limit and snap.
+
+    Args:
+        solver: with the tangent.
+        x: unknowns, m.
+        step: duration and contact modes.
+    """
+    problem = solver.problem
+    basis, held = [problem.new_vector()], problem.constrained_dofs()
+    problem.residual(None, x, basis[0], step)
+    size = basis[0].norm()
+    if not np.isfinite(size) or size == 0.0:
+        return False
+    solver.assemble(x, step)
+    basis[0].scale(1.0 / size)
+    table = np.zeros((INVERSE + 1, INVERSE))
+    for column in range(INVERSE):
+        w = problem.new_vector()
+        if not solver.solve(basis[-1], w):
+            return False
+        w.array[held] = 0.0  # rows of their own: noise would grow there
+        for row, v in enumerate(basis):
+            table[row, column] = w.dot(v)
+            w.axpy(-table[row, column], v)
+        table[column + 1, column] = size = w.norm()
+        if size <= NONE_LEFT * np.abs(table[:, column]).max():
+            table = table[: column + 2, : column + 1]
+            break
+        w.scale(1.0 / size)
+        basis.append(w)
+    inverse, vectors = np.linalg.eig(table[:-1])
+    unsure = table[-1, -1] * np.abs(vectors[-1])
+    below = (inverse.real < 0.0) & (np.abs(inverse.imag) <= unsure)
+    return bool(np.any(below & (unsure < CLEAR * np.abs(inverse))))
 
 
 # -- what holds the bodies ------------------------------------------------------------------------
@@ -167,6 +222,7 @@ def explain(
     loose: Iterable[Loose],
     thickness: float = 1.0,
     contacts: Sequence[Contact] = (),
+    unstable: bool = False,
 ) -> str:
     """Why a step failed, what is wrong at the state evaluated last, and what to try; collective.
 
@@ -180,6 +236,7 @@ def explain(
         loose: the directions in which contact alone holds a body.
         thickness: m, of a plane-strain slab, that forces are for; 1 otherwise.
         contacts: of the case, for the names of their surfaces.
+        unstable: of :func:`is_unstable`.
     """
     residual = f"{result.residuals[-1]:.1e}" if result.residuals else "none"
     text = (
@@ -189,6 +246,8 @@ def explain(
     loose = list(loose)
     gross = list(_of_rounding(problem, result)) or list(_of_gross_slip(problem, loose, thickness))
     findings = gross or list(_of_state(problem, result, converged, loose, contacts))
+    if unstable and not any(found for found, _ in findings):
+        findings = [SNAP]
     trials = [what for _, what in findings]
     if not gross:
         trials.append("smaller steps (steps, slip_step) or a finer mesh")

@@ -50,6 +50,7 @@ class Row:
     viscous_fraction: float
     max_penetration: float
     newton_iterations: int
+    linear_iterations: int
     attempts: int
     strain_energy: float
     kinetic_energy: float
@@ -76,7 +77,11 @@ COLUMNS = tuple(f.name for f in fields(Row))
 PHYSICAL = tuple(
     name
     for name in COLUMNS
-    if name not in ("step", "stage", "newton_iterations", "attempts", "energy_error", *RESULTANTS)
+    if name
+    not in (
+        *("step", "stage", "newton_iterations", "linear_iterations", "attempts", "energy_error"),
+        *RESULTANTS,
+    )
 )
 
 

@@ -8,11 +8,17 @@ from dataclasses import replace
 from tribox.app.build.load_steps import LoadStep
 from tribox.app.build.supports import Loose, loose_directions
 from tribox.app.equilibrium.snapshot import Snapshot
+from tribox.app.equilibrium.step_mode import StepMode
 from tribox.app.equilibrium.supports import sprung_dofs
 from tribox.app.errors import InputError, SolutionError
 from tribox.app.implicit.options import ImplicitOptions
 from tribox.app.implicit.stepper import ImplicitStepper, StepResult
-from tribox.app.simulation.failure_diagnosis import body_adrift, explain, not_finite
+from tribox.app.simulation.failure_diagnosis import (
+    body_adrift,
+    explain,
+    is_unstable,
+    not_finite,
+)
 from tribox.app.simulation.observer import Observer
 from tribox.app.simulation.outside_forces import OutsideForces
 from tribox.app.simulation.run_state import Effort, Moved, RunState
@@ -47,6 +53,7 @@ class ImplicitStage:
         except ValueError as error:
             raise InputError(f"solver.petsc: {error}") from None
         state.stepper = self.stepper
+        self._counted = 0  # linear iterations that rows hold so far
 
     @property
     def _loose(self) -> list[Loose]:
@@ -167,16 +174,21 @@ class ImplicitStage:
         state.energy_balance.add(self.stepper.x, state.resultants)
         outside = OutsideForces.at(self.model.problem, state.motion.held)
         moved = Moved((self.stepper.x.array_r - before) / dt, outside)
-        row = state.add_row(load_step, Effort(dt, result.iterations, failures + 1), moved)
+        counted, self._counted = self._counted, self.stepper.solver.iterations
+        effort = Effort(dt, result.iterations, failures + 1, self._counted - counted)
+        row = state.add_row(load_step, effort, moved)
         observer.step(state, row, result)
 
     def _give_up(self, load_step: LoadStep, dt: float, result: StepResult) -> None:
         model = self.model
         why = law_not_finite(model.problem.contacts)
         if why is None:
-            contacts = model.case.contact
+            contacts, stepper = model.case.contact, self.stepper
+            step = StepMode.of_stage(dt, model.problem.contacts, stepper.rate_dependent)
+            unstable = is_unstable(stepper.solver, stepper.trial, step)
             why = explain(
-                model.problem, result, self.stepper.x, self._loose, model.thickness, contacts
+                *(model.problem, result, stepper.x, self._loose, model.thickness, contacts),
+                unstable=unstable,
             )
         when = time_text(self.state.time, dt)
         raise SolutionError(

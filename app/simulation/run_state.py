@@ -44,11 +44,13 @@ class Effort:
     Attributes:
         dt: s, length of the step; iterations: of Newton's method.
         attempts: at the step; in an explicit run the time steps of the row.
+        linear: iterations of linear solves that are iterative.
     """
 
     dt: float
     iterations: int
     attempts: int
+    linear: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,6 +154,7 @@ class RunState:
             velocity=load_step.velocity,
             driven_displacement=self.driven,
             newton_iterations=effort.iterations,
+            linear_iterations=effort.linear,
             attempts=effort.attempts,
             **contact_columns(self._loose_resultants(), speed, rates, t, noise),
             **self.energy_balance.columns(t),

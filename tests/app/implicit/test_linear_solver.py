@@ -83,6 +83,8 @@ def test_nearly_incompressible_in_space_with_friction_and_a_platen():
     direct.run(Observer())
     assert [row.attempts for row in sim.rows] == [1, 1, 1]
     assert 5 < max(counts) < 60
+    assert sum(row.linear_iterations for row in sim.rows) == np.count_nonzero(counts)
+    assert not any(row.linear_iterations for row in direct.rows)
     assert sim.rows[-1].normal_force == pytest.approx(0.4, rel=1e-4)
     for a, b in zip(sim.rows, direct.rows, strict=True):
         assert a.tangential_force == pytest.approx(b.tangential_force, rel=1e-5, abs=1e-8)

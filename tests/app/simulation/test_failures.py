@@ -18,12 +18,14 @@ from tribox.app.build.model import build_model
 from tribox.app.build.supports import loose_directions
 from tribox.app.case.case import Case
 from tribox.app.equilibrium.pair_bodies import bodies_of
+from tribox.app.equilibrium.step_mode import StepMode
 from tribox.app.errors import SolutionError
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.results import read
 from tribox.app.run.run import run_case
 from tribox.app.simulation.failure_diagnosis import (
     explain,
+    is_unstable,
     most_squeezed,
 )
 from tribox.app.simulation.implicit_stage import ImplicitStage
@@ -523,6 +525,34 @@ def test_a_residual_that_edges_of_the_master_keep_up_is_explained(pair, residual
     problem.residual(None, x, problem.new_vector())
     result = StepResult(False, 30, 30, -5, [residual])
     assert ("rest on edges between facets" in explain(problem, result, x, [])) is said
+
+
+@pytest.mark.parametrize(("strain", "said"), [(-0.05, True), (0.05, False), (-0.0005, False)])
+def test_a_strut_past_its_buckling_load_is_told_to_snap(strain, said):
+    """A strip clamped at both ends buckles from a strain of π² t²/(3 L²) = 0.002 on."""
+    data = {
+        "geometry": {
+            "kind": "blocks",
+            "blocks": {"strut": {"x": [0, 1.0], "y": [0, 0.025], "elements": [10, 1]}},
+        },
+        "bodies": {"strut": {"material": "neo-hookean", "E": 1e6, "nu": 0.0, "formulation": "q2"}},
+        "boundary": [
+            {"surface": f"strut_{side}", "displacement": {"x": 0, "y": 0}}
+            for side in ("left", "right")
+        ],
+        "stage": [{"name": "press", "duration": 1}],
+    }
+    stepper = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF)).stepper
+    problem, x = stepper.problem, stepper.trial
+    at = problem.space.tabulate_dof_coordinates()
+    x.array[::2] = strain * at[:, 0]
+    x.array[1::2] = 1e-6 * at[:, 0] * (1.0 - at[:, 0])  # no more than noise for a direction
+    unstable = is_unstable(stepper.solver, x, StepMode())
+    assert unstable is said
+    result = StepResult(False, 30, 30, -5, [0.5])
+    text = explain(problem, result, stepper.x, [], unstable=unstable)
+    assert ('(solver = "explicit" in its [[stage]]' in text) is said
+    assert ("snaps through" in text) is said
 
 
 RING = """
