@@ -111,7 +111,8 @@ def _divided(
 
 def _segments(master: MasterFacets | RigidMaster, where: Floats) -> tuple[Longs, Floats, Floats]:
     """The points of segments, divided where master nodes are opposite."""
-    ends, length = np.empty((0, 2)), 0.0
+    ends: Floats = np.empty((0, 2))
+    length = 0.0
     if isinstance(master, MasterFacets):
         ends = master.position[np.unique(master.facets[:, :2])]
         length = float(master.sizes().max())
