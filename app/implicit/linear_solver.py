@@ -31,8 +31,8 @@ Linear = Literal["auto", "direct", "krylov"]
 # both take the same time at about 10 000; beyond it the margin is for using a factor again.
 DIRECT_LIMIT = {2: 2_000_000, 3: 20_000}
 # Beyond it in space only what is factorised again and again costs r^2, for Krylov's ~ 20 n: with a
-# stiff body that is factorised once (r = 0.42 n) both take the same time at r^2/n = 4500 to 8300.
-PAYS = 6000.0
+# stiff body that is factorised once (r = 0.4 n) both take the same time at r^2/n = 4500 to 8300.
+PAYS = 8000.0
 ENDING = 0.1  # what a linear solve may leave, over what Newton's method may leave in the end
 
 
