@@ -27,6 +27,7 @@ PICTURES = {
     "ironing": Picture(f"deformed-{_FLOWN}-3-draw.png", _FLOWN),
     "own-mesh": Picture(f"deformed-{_FLOWN}-1-bend.png", _FLOWN),
     "pad": Picture("deformed-1-press.png"),
+    "recess": Picture("deformed-1-press.png"),
     "roller": Picture("deformed.png"),
     "strip-draw": Picture("stribeck.png"),
     "tube-bulge": Picture("deformed-2-press.png"),

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from tests.forming_pictures import draw_picture
-from tribox import load_case, run_case
+from tribox import load_case, read, run_case
 from tribox.app.results.recorder import force_balance
 from tribox.app.simulation.history import energy_gap
 from tribox.app.simulation.simulation import Simulation
@@ -183,3 +183,28 @@ def test_a_strip_pressed_by_a_pad_stays_bent_and_keeps_stresses_in_balance(tmp_p
     assert 0.0 < stored[-1] < 0.05 * stored[end]
     sunk = done.state.motion.of_body("strip", "displacement_y")
     assert sunk[-1] == pytest.approx(sunk[end], rel=0.1)
+
+
+@pytest.mark.long
+def test_a_pad_closes_round_the_sheet_and_forms_the_recess(tmp_path):
+    """Rubber keeps its volume: what its top sweeps, recess and step round the sheet take."""
+    done = reduced(
+        "recess",
+        tmp_path,
+        geometry__size='"4 mm"',
+        geometry__sizes='{ sheet = "0.5 mm", "sheet top" = "0.4 mm", "pad face" = "0.5 mm" }',
+        stage='[{ name = "press", duration = "1 s", steps = 16 }]',
+    )
+    top = done.state.motion.of_surface("pad top", "force_y")
+    np.testing.assert_allclose(of_tool(done, "die", "force_y"), top, atol=1e-7 * abs(top).max())
+    line = read(tmp_path / "recess").probes
+    line = line[(line["probe"] == "sheet") & (line["step"] == len(done.rows))]
+    sunk = -line["displacement_y"].to_numpy()
+    assert sunk[0] == pytest.approx(2e-3, abs=10e-6)  # on the floor
+    place = (line["reference_x"] + line["displacement_x"]).to_numpy()
+    half, high, stroke = 24e-3, 16e-3, 1.1e-3
+    edge = place[-1] + 0.5e-3  # the line ends that much before the sheet
+    pressure = abs(top[-1]) / half
+    assert 5e6 < pressure < 20e6
+    taken = np.trapezoid(sunk, place) + (half - edge) * 1.01e-3 + half * high * pressure / 1150e6
+    assert taken == pytest.approx(half * stroke, rel=0.03)

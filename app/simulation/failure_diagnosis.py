@@ -103,7 +103,7 @@ def is_unstable(solver: LinearSolver, x: PETSc.Vec, step: StepMode) -> bool:
         return False
     solver.assemble(x, step)
     basis[0].scale(1.0 / size)
-    table = np.zeros((INVERSE + 1, INVERSE))
+    table: Floats = np.zeros((INVERSE + 1, INVERSE))
     for column in range(INVERSE):
         w = problem.new_vector()
         if not solver.solve(basis[-1], w):
