@@ -15,7 +15,6 @@ from tribox.app.case.friction import (
     Coulomb,
     Friction,
     FrictionMap,
-    Frictionless,
     OwnLaw,
     Stribeck,
 )
