@@ -17,7 +17,7 @@ from tribox.app.simulation.simulation import Simulation
 OFTEN = {"checkpoint_interval": 1e-9, "checkpoints_kept": 10_000}
 OUTPUT = {"figures": False, "fields_every": 2}
 # What a run that was gone on with may say otherwise in its summary.
-OTHERWISE = ("seconds", "resumed", "memory_MiB_per_rank", "kernels")
+OTHERWISE = ("seconds", "resumed", "memory_MiB_per_rank", "kernels", "started", "command", "host")
 TABLES = ("history.csv", "contacts.csv", "surfaces.csv", "bodies.csv")
 
 
