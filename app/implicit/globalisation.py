@@ -156,7 +156,8 @@ def solve(attempt: Attempt) -> tuple[int, int]:
     near.
     """
     first: tuple[Phase, ...] = (PredictedStart(),)
-    began_inside = attempt.newton.inside.last
+    # A body that floats stays where it is: pressures from inside would push it away.
+    began_inside = attempt.newton.inside.last and attempt.step.holding is None
     if began_inside:
         first = (PredictedStart(if_near=True), FromInside("last"), *first)
     iterations, reason = _in_turn(attempt, first)

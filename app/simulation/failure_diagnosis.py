@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields
 
 import basix
@@ -96,6 +96,8 @@ def is_unstable(solver: LinearSolver, x: PETSc.Vec, step: StepMode) -> bool:
         step: duration and contact modes.
     """
     problem = solver.problem
+    if not np.isfinite(x.norm()):
+        return False
     basis, held = [problem.new_vector()], problem.constrained_dofs()
     problem.residual(None, x, basis[0], step)
     size = basis[0].norm()
@@ -222,7 +224,7 @@ def explain(
     loose: Iterable[Loose],
     thickness: float = 1.0,
     contacts: Sequence[Contact] = (),
-    unstable: bool = False,
+    unstable: Callable[[], bool] = lambda: False,
 ) -> str:
     """Why a step failed, what is wrong at the state evaluated last, and what to try; collective.
 
@@ -236,7 +238,7 @@ def explain(
         loose: the directions in which contact alone holds a body.
         thickness: m, of a plane-strain slab, that forces are for; 1 otherwise.
         contacts: of the case, for the names of their surfaces.
-        unstable: of :func:`is_unstable`.
+        unstable: what :func:`is_unstable` says; asked where nothing else is found.
     """
     residual = f"{result.residuals[-1]:.1e}" if result.residuals else "none"
     text = (
@@ -246,7 +248,7 @@ def explain(
     loose = list(loose)
     gross = list(_of_rounding(problem, result)) or list(_of_gross_slip(problem, loose, thickness))
     findings = gross or list(_of_state(problem, result, converged, loose, contacts))
-    if unstable and not any(found for found, _ in findings):
+    if not any(found for found, _ in findings) and unstable():
         findings = [SNAP]
     trials = [what for _, what in findings]
     if not gross:

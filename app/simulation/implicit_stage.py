@@ -185,10 +185,9 @@ class ImplicitStage:
         if why is None:
             contacts, stepper = model.case.contact, self.stepper
             step = StepMode.of_stage(dt, model.problem.contacts, stepper.rate_dependent)
-            unstable = is_unstable(stepper.solver, stepper.trial, step)
             why = explain(
                 *(model.problem, result, stepper.x, self._loose, model.thickness, contacts),
-                unstable=unstable,
+                unstable=lambda: is_unstable(stepper.solver, stepper.trial, step),
             )
         when = time_text(self.state.time, dt)
         raise SolutionError(
