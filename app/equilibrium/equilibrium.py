@@ -171,6 +171,11 @@ class Equilibrium:
 
     # -- state --------------------------------------------------------------------------------
 
+    @property
+    def flows(self) -> bool:
+        """Whether any body flows."""
+        return any(solid.flows for solid in self.solids)
+
     def spread(self, x: PETSc.Vec) -> None:
         """Copy the unknowns into the displacement function, ghosts included; collective."""
         self._strain_energy = None

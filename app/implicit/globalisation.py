@@ -133,8 +133,8 @@ def phases_after(attempt: Attempt, inside: FromInside) -> tuple[Phase, ...]:
         return () if rubs else (inside,)
     if floats:
         return (*held, APPROACH)
-    flows = any(solid.flows for solid in attempt.newton.problem.solids)
-    if attempt.pressed and attempt.predictor.rubbing() and is_moved(attempt) and not flows:
+    elastic = not attempt.newton.problem.flows
+    if elastic and attempt.pressed and attempt.predictor.rubbing() and is_moved(attempt):
         return (*held, APPROACH, inside)
     if attempt.pressed:
         return (inside, APPROACH, *held)

@@ -112,8 +112,7 @@ def approached(attempt: Attempt, opening: Opening) -> tuple[int, bool]:
         opening: how it begins.
     """
     newton, problem, trial = attempt.newton, attempt.newton.problem, attempt.trial
-    flows = any(solid.flows for solid in problem.solids)
-    least = SHRINKS_FLOWING if flows else SHRINKS
+    least = SHRINKS_FLOWING if problem.flows else SHRINKS
     points = starting_points(attempt, opening.barrier)
     step = attempt.step.inside(points)
     iterations = attempt.predictor.restart(attempt.x, trial, step)
@@ -123,14 +122,14 @@ def approached(attempt: Attempt, opening: Opening) -> tuple[int, bool]:
         if not np.isfinite(left) or (left > SETTLED and iterations >= PATIENCE):
             return iterations, False
         settled = left < SETTLED
-        if settled or flows:
+        if settled or problem.flows:
             points = _advanced(problem, points, least if left < SOLVED else 1.0, opening.kept)
             step = attempt.step.inside(points)
         if left < NEAR**0.5:
             last, exact = exact, newton.residual_of(attempt.step)
             if exact < NEAR or ENDED * last < exact < CLOSE:
                 return iterations, True
-        if flows:
+        if problem.flows:
             newton.step_to_least_energy(step, TURNED * shortest_facet(problem))
         else:
             newton.step(step, falling=not settled and iterations > 1)

@@ -36,7 +36,7 @@ class BodyProbes:
         self._model = model
         self._components = components(model.problem.dim)
         self._probes = [(name, _Body(model, solids[body])) for name, body in probes]
-        self._flows = any(solid.flows for solid in model.problem.solids)
+        self._flows = model.problem.flows
 
     @property
     def columns(self) -> tuple[str, ...]:

@@ -63,7 +63,7 @@ class PointProbes:
         """
         self._problem, self._probes = model.problem, probes
         self._components = components(model.problem.dim)
-        self._flows = any(solid.flows for solid in model.problem.solids)
+        self._flows = model.problem.flows
         self._place = np.concatenate([probe.place for probe in probes])
         ends = np.cumsum([len(probe.place) for probe in probes])
         self._parts = [

@@ -37,7 +37,7 @@ from tribox.app.implicit.options import ImplicitOptions
 
 def attempt(near, contacts=1, pressed=True, loose=(), rubbing=False, moved=0.0, flows=False):
     problem = SimpleNamespace(
-        solids=[SimpleNamespace(flows=flows)],
+        flows=flows,
         contacts=[None] * contacts,
         comm=MPI.COMM_SELF,
         constrained_values=lambda x: x.array_r + moved,
