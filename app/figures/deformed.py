@@ -27,7 +27,7 @@ from tribox.app.figures.plane_bodies import (
     pair_colour,
 )
 from tribox.app.figures.states import State, states_to_draw
-from tribox.app.figures.style import CASE_STYLE, save
+from tribox.app.figures.style import CASE_STYLE, panels_in, save
 from tribox.app.figures.tool_lines import draw_tools, tool_lines, with_room
 from tribox.app.figures.tractions import (
     draw_tractions,
@@ -198,9 +198,7 @@ def _layout(frame: Frame, pairs: int, closer: bool) -> tuple[Figure, Axes, Axes 
     across = closer and not frame.is_tall
     shape = (1, 2) if across else (2, 1) if closer else (1, 1)
     first, *others = room.subplots(*shape, squeeze=False).flat
-    panels = list(below.subplots(rows, columns, squeeze=False).flat)
-    for idle in panels[pairs:]:
-        idle.set_visible(False)
+    panels = panels_in(below, rows, columns, pairs)
     return figure, first, others[0] if others else None, panels[:pairs]
 
 

@@ -18,7 +18,7 @@ from tribox.app.figures.rendering import render
 from tribox.app.figures.scenes import facets_seen
 from tribox.app.figures.space_bodies import View, draw_space, scene_of
 from tribox.app.figures.states import State
-from tribox.app.figures.style import CASE_STYLE, save
+from tribox.app.figures.style import CASE_STYLE, panels_in, save
 from tribox.app.figures.tool_surfaces import room_for, tool_triangles, veil_of
 from tribox.app.figures.tractions import pairs_shown, roundoff_of, without_roundoff
 
@@ -84,9 +84,7 @@ def _figure(
     left, right = figure.subfigures(1, 2, width_ratios=(6.0, 4.8 * columns))
     _draw_bodies(left, view, bodies, scale)
     figure.suptitle(heading(results, state.title), fontsize=9)
-    panels = list(right.subplots(rows, columns, squeeze=False).flat)
-    for idle in panels[len(pairs) :]:
-        idle.set_visible(False)
+    panels = panels_in(right, rows, columns, len(pairs))
     draw_pairs(right, panels[: len(pairs)], nodes, pairs)
     return figure
 

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tribox.app.figures.names import heading
-from tribox.app.figures.style import colour_of, dashes_of
+from tribox.app.figures.style import colour_of, dashes_of, panels_in
 from tribox.app.figures.symbols import DISPLACEMENT, MOMENT, REACTION, TIME
 from tribox.app.figures.units import fitting
 from tribox.app.results.table import Table, joined
@@ -107,9 +107,7 @@ def force_displacement_figure(results: Results) -> Figure | None:
     columns = min(len(curves), 2)
     rows = -(-len(curves) // columns)
     figure = Figure(figsize=(4.4 * columns + 0.4, 3.3 * rows + 0.5), layout="constrained")
-    panels = list(figure.subplots(rows, columns, squeeze=False).flat)
-    for idle in panels[len(curves) :]:
-        idle.set_visible(False)
+    panels = panels_in(figure, rows, columns, len(curves))
     for axes, curve in zip(panels, curves, strict=False):
         _draw(axes, curve, table)
     handles, labels = panels[0].get_legend_handles_labels()

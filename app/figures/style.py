@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Tick
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, FigureBase
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter, NullLocator
 from numpy.typing import NDArray
@@ -152,6 +152,14 @@ def _kept_ticks(axis: Any) -> Callable[[], list[Tick]]:
         return ticks
 
     return made
+
+
+def panels_in(room: FigureBase, rows: int, columns: int, count: int) -> list[Axes]:
+    """All panels of a grid, row by row; those from ``count`` on are not shown."""
+    panels: list[Axes] = list(room.subplots(rows, columns, squeeze=False).flat)
+    for idle in panels[count:]:
+        idle.set_visible(False)
+    return panels
 
 
 def thin_log_ticks(axes: Axes) -> None:

@@ -20,6 +20,7 @@ from tribox.app.figures.style import (
     colour_of,
     dashes_of,
     marker_of,
+    panels_in,
     thin_log_ticks,
 )
 from tribox.app.figures.symbols import FRICTION_FORCE, NORMAL_FORCE, RATIO, Quantity
@@ -239,9 +240,7 @@ def comparison_figure(results: Results) -> Figure | None:
     columns = min(len(found), 2)
     rows = -(-len(found) // columns)
     figure = Figure(figsize=(4.6 * columns + 0.4, 3.0 * rows + 0.7), layout="constrained")
-    panels = list(figure.subplots(rows, columns, squeeze=False).flat)
-    for idle in panels[len(found) :]:
-        idle.set_visible(False)
+    panels = panels_in(figure, rows, columns, len(found))
     for axes, one in zip(panels, found, strict=False):
         unit = fitting(np.concatenate([y for _, y in one.lines.values()]), one.quantity.unit)
         for number, (name, (x, y)) in enumerate(one.lines.items()):
