@@ -286,7 +286,7 @@ def plot(
     """Draw the figures of a results directory again from its files, or those of a sweep's runs."""
     if animate is not None and animate not in ANIMATIONS:
         raise InputError(f"--animate={animate}: must be gif or mp4")
-    from tribox.app.figures.redraw import redraw
+    from tribox.app.figures.run_figures import redraw
 
     redraw(directory, field, animate)
 

@@ -18,7 +18,7 @@ from typing import Any
 from benchmarks.run import ROOT
 from tribox.app.case.case import Case
 from tribox.app.case.reading import load_case
-from tribox.app.figures.phase_plots import draw_overlay
+from tribox.app.figures.force_displacement import draw_overlay
 from tribox.app.results.directory import read_table
 from tribox.app.run.run import run_case
 from tribox.app.simulation.history import Row

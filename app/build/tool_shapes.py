@@ -20,12 +20,9 @@ from tribox.app.case.tools import (
 )
 from tribox.geometry.surfaces.facets import Floats, Ints
 from tribox.geometry.surfaces.rigid import RigidSurface
-from tribox.geometry.surfaces.rigid_circle import Circle
-from tribox.geometry.surfaces.rigid_extruded import Cylinder
 from tribox.geometry.surfaces.rigid_mesh import MeshSurface
-from tribox.geometry.surfaces.rigid_plane import Plane
 from tribox.geometry.surfaces.rigid_polyline import Polyline
-from tribox.geometry.surfaces.rigid_sphere import Sphere
+from tribox.geometry.surfaces.rigid_shapes import Circle, Cylinder, Plane, Sphere
 
 # Facets by meshio's names: dimension of space, and the place of each of a Lagrange element's nodes
 # among those of gmsh.

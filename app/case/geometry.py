@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Protocol, S
 
 from pydantic import BeforeValidator, Field, ValidationInfo, field_serializer, field_validator
 
-from tribox.app.case.named_file import found_file
 from tribox.app.case.quantities import Quantity
 from tribox.app.case.table import MOST_ENTRIES, Count, Model, Place, Problem
+from tribox.app.case.text_files import found_file
 from tribox.geometry.meshes.drawing import DRAWINGS, STEP, Meshing
 
 if TYPE_CHECKING:

@@ -20,7 +20,6 @@ from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from tribox.app.case.geometry import Scale
 from tribox.app.case.motions import COMPONENTS, DRIVEN, Component, Displacement, Velocity
-from tribox.app.case.named_file import found_file
 from tribox.app.case.platens import Spring
 from tribox.app.case.quantities import (
     Quantity,
@@ -30,6 +29,7 @@ from tribox.app.case.quantities import (
     text_schema,
 )
 from tribox.app.case.table import MOST_ENTRIES, Flag, Model, Place, Problem, Text
+from tribox.app.case.text_files import found_file
 from tribox.app.case.time_tables import Program, TimeTable
 
 if TYPE_CHECKING:

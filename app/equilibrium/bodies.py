@@ -6,18 +6,154 @@ others through the forms that DOLFINx compiled.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import ctypes
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import dolfinx
 import numpy as np
+from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from tribox.app.equilibrium.cell_places import CellPlaces, can_place
+from tribox.app.equilibrium.matrix_values import is_direct, own_block, values_in_place
 from tribox.forms.bodies.compiled_cells import CompiledCells, compiled_cells
 from tribox.forms.bodies.solid import Solid
+from tribox.forms.native.libraries import library
 from tribox.geometry.compat import add_matrix
-from tribox.geometry.surfaces.facets import Floats
+from tribox.geometry.surfaces.facets import Bools, Floats, Ints
+
+# -- Where the element matrices of a body go in the tangent's matrix -------------------------------
+#
+# PETSc looks up every row and column of an element matrix each time it is added, which takes longer
+# than computing it. The places stay the same as long as the pattern of the matrix does: they are
+# looked up once, and the values are added where they lie.
+#
+# Axis letters: c cells, a and b corners, i and j space.
+
+SOURCE = "cell_places.c"
+Places = NDArray[np.int32]
+
+
+def can_place(A: PETSc.Mat) -> bool:
+    """Whether `CellPlaces` can be made for a matrix: its values are at hand, and a C compiler."""
+    return is_direct(A) and library(SOURCE) is not None
+
+
+class CellPlaces:
+    """The places of a body's element matrices in a matrix of one pattern and one numbering.
+
+    Most cells are `inside`: all rows are this rank's own, and so are the columns. The others (with
+    nodes of other ranks, or of platens, whose unknowns are sent to their leaders) are few; their
+    values are summed up here and go through PETSc.
+
+    Attributes:
+        inside: (c,) whether all values of a cell are in :func:`own_block`.
+        starts: (cells inside, a, i, b) int32, place among the values of that block of the first of
+            the values in the row of (a, i) and the columns of (b, j); the others follow it.
+        dense: the same for the cells that are not inside, in an array (cells outside, a, i, b, j).
+        count: number of values in that block.
+    """
+
+    def __init__(self, A: PETSc.Mat, nodes: Ints, dim: int) -> None:
+        """Look the places up; not collective.
+
+        Args:
+            A: a matrix that `can_place`, assembled, with the local to global map to be used.
+            nodes: (c, a) local nodes of the cells, ghosts included.
+            dim: unknowns per node.
+        """
+        unknowns = nodes[..., None].astype(np.int64) * dim + np.arange(dim)
+        numbers = A.getLGMap()[0].indices[unknowns].astype(np.int64)
+        first, end = A.getOwnershipRange()
+        mine = (numbers >= first) & (numbers < end)
+        in_order = numbers == numbers[..., :1] + np.arange(dim)
+        self.inside: Bools = np.all(mine & in_order, axis=(1, 2))
+        own = (numbers[self.inside] - first).astype(np.int32)
+        self.starts, there, self.count = _starts(A, own)
+        if not np.all(there):  # nothing that is ours: PETSc says what is missing
+            self.inside[np.nonzero(self.inside)[0][~there]] = False
+            self.starts = np.ascontiguousarray(self.starts[there])
+        self._outside = _Sums(numbers[~self.inside])
+        count, corners = np.count_nonzero(~self.inside), nodes.shape[1]
+        shape = (count, corners, dim, corners)
+        self.dense: Places = dim * np.arange(np.prod(shape), dtype=np.int32).reshape(shape)
+
+    def add(self, A: PETSc.Mat, matrices: Floats) -> None:
+        """Add element matrices (c, a, i, b, j) of all cells; not collective.
+
+        This is what a compiled loop does at once: `starts` and `dense` are made for those.
+        """
+        dim = matrices.shape[-1]
+        with self.values(A) as values:
+            places = self.starts[..., None] + np.arange(dim)
+            values += np.bincount(
+                places.reshape(-1), matrices[self.inside].reshape(-1), minlength=len(values)
+            )
+        self.add_outside(A, matrices[~self.inside])
+
+    @contextmanager
+    def values(self, A: PETSc.Mat) -> Iterator[Floats]:
+        """Within a ``with`` block the values of ``A`` that `starts` are places in.
+
+        Raises:
+            ValueError: the matrix has another pattern than the one the places are for.
+        """
+        with values_in_place(A) as values:
+            if len(values) != self.count:
+                raise ValueError(f"{len(values)} values in a matrix, places for {self.count}")
+            yield values
+
+    def add_outside(self, A: PETSc.Mat, matrices: Floats) -> None:
+        """Add the element matrices (cells outside, a, i, b, j) that are not inside."""
+        self._outside.add(A, matrices)
+
+
+def _starts(A: PETSc.Mat, unknowns: NDArray[np.int32]) -> tuple[Places, Bools, int]:
+    """Places (c, a, i, b) of the columns (b, 0) in the rows (a, i); cells that have them all.
+
+    And the number of values there are.
+
+    Args:
+        A: the matrix.
+        unknowns: (c, a, i) rows of :func:`own_block`, which are the columns too.
+    """
+    code = library(SOURCE)
+    assert code is not None
+    pattern = [np.ascontiguousarray(part, dtype=np.int32) for part in own_block(A).getRowIJ()]
+    starts = np.empty((*unknowns.shape, unknowns.shape[1]), dtype=np.int32)
+    there = np.empty(len(unknowns), dtype=bool)
+    arrays = (*pattern, unknowns, starts, there)
+    search = code.tribox_cell_places
+    search.argtypes = [ctypes.c_int64, ctypes.c_int, ctypes.c_int, *[ctypes.c_void_p] * 5]
+    search.restype = None
+    search(*unknowns.shape, *(array.ctypes.data for array in arrays))
+    return starts, there, int(pattern[0][-1])
+
+
+class _Sums:
+    """Element matrices summed by row and column and given to PETSc, whoever's the rows are."""
+
+    def __init__(self, unknowns: NDArray[np.int64]) -> None:
+        """Find the distinct entries of the cells' global ``unknowns`` (c, a, i)."""
+        at = unknowns.reshape(len(unknowns), np.prod(unknowns.shape[1:]))
+        distinct, number = np.unique(at, return_inverse=True)
+        number = number.reshape(at.shape)
+        width = max(len(distinct), 1)
+        pairs = number[:, :, None] * width + number[:, None, :]
+        entries, self._entry = np.unique(pairs, return_inverse=True)
+        row, column = np.divmod(entries, width)
+        counts = np.bincount(row, minlength=len(distinct))
+        self._indptr = np.append(0, np.cumsum(counts)).astype(PETSc.IntType)
+        self._rows = distinct.astype(PETSc.IntType)
+        self._columns = distinct[column].astype(PETSc.IntType)
+
+    def add(self, A: PETSc.Mat, matrices: Floats) -> None:
+        """Add element matrices (c, …) of the cells."""
+        if len(self._rows):
+            sums = np.bincount(self._entry.reshape(-1), matrices.reshape(-1), len(self._columns))
+            add = PETSc.InsertMode.ADD_VALUES
+            A.setValuesIJV(self._indptr, self._columns, sums, addv=add, rowmap=self._rows)
 
 
 @dataclass(slots=True)

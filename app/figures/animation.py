@@ -26,8 +26,14 @@ from tribox.app.figures.scenes import facets_seen
 from tribox.app.figures.space_bodies import View, draw_space, scene_of
 from tribox.app.figures.states import title_of
 from tribox.app.figures.style import CASE_STYLE
-from tribox.app.figures.tool_lines import draw_tools, tool_lines, with_room
-from tribox.app.figures.tool_surfaces import room_for, tool_triangles, veil_of
+from tribox.app.figures.tool_surfaces import (
+    draw_tools,
+    room_for,
+    tool_lines,
+    tool_triangles,
+    veil_of,
+    with_room,
+)
 from tribox.app.figures.tractions import pairs_shown, roundoff_of, without_roundoff
 from tribox.app.results.directory import create
 

@@ -28,7 +28,7 @@ from tribox.app.figures.plane_bodies import (
 )
 from tribox.app.figures.states import State, states_to_draw
 from tribox.app.figures.style import CASE_STYLE, panels_in, save
-from tribox.app.figures.tool_lines import draw_tools, tool_lines, with_room
+from tribox.app.figures.tool_surfaces import draw_tools, tool_lines, with_room
 from tribox.app.figures.tractions import (
     draw_tractions,
     facets_of,

@@ -11,14 +11,14 @@ from matplotlib.figure import Figure
 from tribox.app.case.friction import FrictionMap
 from tribox.app.errors import InputError
 from tribox.app.figures.deformed import draw_deformed, draw_mesh
-from tribox.app.figures.field_values import DEFAULT_FIELD
-from tribox.app.figures.force_displacement import force_displacement_figure
+from tribox.app.figures.field_values import DEFAULT_FIELD, named_after
+from tribox.app.figures.force_displacement import draw_phases, force_displacement_figure
 from tribox.app.figures.history import energies_figure, forces_figure
-from tribox.app.figures.phase_plots import draw_phases
 from tribox.app.figures.steady_points import draw_steady, steady_series
 from tribox.app.figures.stribeck import series_of, stribeck_figure
 from tribox.app.figures.style import CASE_STYLE, save
 from tribox.app.figures.sweep import comparison_figure, sweep_figure
+from tribox.app.results import read
 from tribox.app.results.reading import files_of_one_run
 
 if TYPE_CHECKING:
@@ -121,3 +121,33 @@ def _series_label(case: Case, label: str) -> str:
     """Name of a sweep's series: the swept value; "" where that is D, which the figures give."""
     assert case.sweep is not None
     return "" if case.sweep.key.endswith("film.thickness") else label
+
+
+# -- What ``tribox plot`` does: the figures of a results directory again, and its animation --------
+
+
+def redraw(directory: Path, field: str, animate: str | None) -> None:
+    """Draw the figures of a run from its files, or those of a sweep and of its runs.
+
+    Args:
+        directory: of the results.
+        field: array of the field files that bodies are coloured by.
+        animate: kind of the animation that is written too, gif or mp4; None: none.
+
+    Raises:
+        InputError: the files cannot be used, or there is no such array.
+    """
+    results = read(directory)
+    for one in [results, *results.parts.values()]:
+        if one.unfinished:
+            print(f"note: {one.directory}: the run {one.unfinished}")
+        if one is not results and one.directory.is_symlink():
+            raise InputError(f"{one.directory}: is a link, and tribox writes through none")
+        draw_figures(one, field)
+        if animate is not None and one.case.sweep is None:
+            from tribox.app.figures.animation import animate as write_animation
+
+            path = one.directory / "figures" / f"{named_after('animation', field)}.{animate}"
+            frames = write_animation(one, path, field)
+            print(f"{path}: {frames} frames")
+    print(f"figures in {directory / 'figures'}")

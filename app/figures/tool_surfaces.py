@@ -9,12 +9,15 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 
+from tribox.app.figures.plane_bodies import Frame
 from tribox.app.figures.scenes import EYE, RIGHT, UP, Scene, brightness, changes, facets_seen
 from tribox.app.figures.style import Floats
-from tribox.app.figures.tool_lines import COLOUR, ROOM
+from tribox.app.figures.units import fitting
 
 if TYPE_CHECKING:
     from tribox.app.results import Results
@@ -90,3 +93,41 @@ def _quartered(triangles: Floats) -> Floats:
     ab, bc, ca = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
     parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
     return np.concatenate([np.stack(part, axis=1) for part in parts])
+
+
+# -- Rigid tools in pictures of the plane: their outlines, and room for them in the frame ----------
+
+ROOM = 0.12  # of the largest extent, that a tool is shown of beside the bodies at most
+COLOUR = "#2b4c7e"
+
+
+def tool_lines(results: Results, step: int) -> Floats | None:
+    """Lines (c, 2, 2), m, of all tools at a step; None in a case without tools.
+
+    Raises:
+        InputError: nothing was written at this step.
+    """
+    if not results.case.tools:
+        return None
+    mesh = results.grid("tools", step)
+    lines: Floats = np.asarray(mesh.points[mesh.cells[0].data][..., :2], dtype=np.float64)
+    return lines
+
+
+def with_room(frame: Frame, lines: Floats | None) -> Frame:
+    """The frame with some room where there are tools beside the bodies."""
+    if lines is None or frame.stretched:
+        return frame
+    points = lines.reshape(-1, 2)
+    room = ROOM * float((frame.high - frame.low).max())
+    low = np.minimum(frame.low, np.maximum(points.min(axis=0), frame.low - room))
+    high = np.maximum(frame.high, np.minimum(points.max(axis=0), frame.high + room))
+    return replace(frame, low=low, high=high, unit=fitting([(high - low).max()], "m"))
+
+
+def draw_tools(axes: Axes, lines: Floats | None, frame: Frame) -> None:
+    """Draw the outlines; what is outside of the frame is cut off."""
+    if lines is None:
+        return
+    scaled = list(lines * frame.unit.factor)
+    axes.add_collection(LineCollection(scaled, colors=COLOUR, linewidths=1.6, zorder=3))

@@ -8,12 +8,10 @@ from tribox.app.build.model import Model
 from tribox.app.equilibrium.snapshot import Snapshot
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.simulation.contact_warnings import ContactWarnings
-from tribox.app.simulation.floating_watch import FloatingWatch
-from tribox.app.simulation.flow_watch import FlowWatch
 from tribox.app.simulation.history import Row
 from tribox.app.simulation.observer import Interval
-from tribox.app.simulation.roundoff_watch import RoundOffWatch
 from tribox.app.simulation.surface_ends import LateFilm, LeftMaster, PressedEnds
+from tribox.app.simulation.watches import FloatingWatch, FlowWatch, RoundOffWatch
 
 
 class Watches:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import math
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -26,13 +27,11 @@ from tribox.app.simulation.history import Row
 from tribox.app.simulation.inertia import Inertia
 from tribox.app.simulation.motion_history import KEYS, MotionHistory
 from tribox.app.simulation.outside_forces import OutsideForces
-from tribox.app.simulation.position import Position
 from tribox.app.simulation.steady import NOT_SLID, SlidWay, Steadiness, measure_settling
 from tribox.app.simulation.switched_contacts import with_released_energy
-from tribox.app.simulation.tool_history import ToolHistory
 from tribox.forms.contact.shared_slave import keep_what_went_over
 from tribox.forms.contact.state import ContactTrial
-from tribox.geometry.surfaces.facets import Floats
+from tribox.geometry.surfaces.facets import Floats, Ints
 
 STILL = 1e-9  # of the bodies' extent: what moves less in a step rests
 
@@ -248,3 +247,194 @@ def _resultants(kept: Snapshot) -> ContactResultants:
     """The resultants of a pair; what was a tuple was read as a list."""
     parts: dict[str, Any] = {n: tuple(v) if isinstance(v, list) else v for n, v in kept.items()}
     return ContactResultants(**parts)
+
+
+# -- Where a run stands between two steps: what its loops need to go on from there -----------------
+
+
+@dataclass(slots=True)
+class Position:
+    """Which load step a run is in, and how far.
+
+    Attributes:
+        load_step: number of it among all of the case, from 0; after the last one their count.
+        begun: whether it has begun; else the next four belong to the one before.
+        count: steps, or rows of an explicit stage, that are made.
+        time: s, driven: m, row: number of its first row, from 0: at its start.
+        done: share of the present implicit step that is made, above 0 if it has been cut;
+            piece: share that is tried next; failures: attempts at it that did not converge;
+            wasted: their iterations; step_time: s, step_driven: m, at the step's start.
+        elapsed: s, of the load step, at which the next explicit time steps begin; within: how many
+            the present interval has had.
+    """
+
+    load_step: int = 0
+    begun: bool = False
+    count: int = 0
+    time: float = 0.0
+    driven: float = 0.0
+    row: int = 0
+    done: float = 0.0
+    piece: float = 1.0
+    failures: int = 0
+    wasted: int = 0
+    step_time: float = 0.0
+    step_driven: float = 0.0
+    elapsed: float = 0.0
+    within: int = 0
+
+    def begin(self, time: float, driven: float, row: int) -> bool:
+        """Begin the load step here, unless it has begun; returns whether it has not."""
+        if self.begun:
+            return False
+        self.begun, self.count, self.elapsed, self.within = True, 0, 0.0, 0
+        self.time, self.driven, self.row, self.done = time, driven, row, 0.0
+        return True
+
+    def begin_step(self, time: float, driven: float) -> None:
+        """Begin an implicit step here, unless a part of it is made or has been tried."""
+        if self.done == 0.0 and not self.failures:
+            self.piece, self.step_time, self.step_driven = 1.0, time, driven
+
+    def try_again(self) -> None:
+        """Forget the attempts at the rest of the present implicit step, which was given up."""
+        self.piece, self.failures, self.wasted = 1.0, 0, 0
+
+    def end(self) -> None:
+        """Go on to the next load step."""
+        self.load_step += 1
+        self.begun = False
+
+
+# -- Motion of rigid tools, and the forces on them: ``tools.csv`` ----------------------------------
+#
+# Forces and moments "on the tool" are those of the bodies that it presses; what drives it is what
+# its surroundings do to it, so that both add up to zero where no mass is accelerated. Moments are
+# about the centre of its rotation, where that is now.
+
+
+class ToolHistory:
+    """Rows of the table.
+
+    Attributes:
+        columns: their names; rows: a row for each tool and step.
+    """
+
+    def __init__(self, model: Model, held: Ints) -> None:
+        """Make ready.
+
+        Args:
+            model: what is solved.
+            held: owned unknowns of :class:`OutsideForces`, sorted.
+        """
+        self._model, self._held = model, held
+        self._tools, dim = model.problem.tools, model.problem.dim
+        axes = COMPONENTS[:dim]
+        moments = [f"moment_{axis}" for axis in ("xyz" if dim == 3 else "z")]
+        self.columns = (
+            *(*KEYS, "tool"),
+            *(f"displacement_{axis}" for axis in axes),
+            "rotation",
+            *(f"velocity_{axis}" for axis in axes),
+            "angular_velocity",
+            *(f"force_{axis}" for axis in axes),
+            *moments,
+            *(f"driving_force_{axis}" for axis in axes),
+            "driving_moment",
+            "power",
+            *(f"centre_{axis}" for axis in axes),
+        )
+        self.rows: list[tuple[int | float | str, ...]] = []
+
+    def add(
+        self,
+        key: tuple[int, float, str],
+        motion: tuple[Floats, Floats],
+        outside: OutsideForces,
+        pairs: Sequence[ContactResultants],
+    ) -> None:
+        """Add the rows of a step; collective.
+
+        Args:
+            key: number of the step, time in s, name of the stage.
+            motion: displacements, m, and velocities, m/s, of the owned unknowns (n,).
+            outside: forces of the surroundings.
+            pairs: resultants of the contacts.
+        """
+        if not self._tools:
+            return
+        contacts = self._model.case.contact
+        slots = self._slots(motion, outside)
+        for number, tool in enumerate(self._tools):
+            moved, speed, drive = slots[number]
+            length = tool.motion.length
+            mine = [m for m, c in zip(pairs, contacts, strict=True) if c.master == tool.name]
+            force, moment = self._pressed(mine)
+            drive = drive * self._model.thickness
+            if self._model.section == "axisymmetric":
+                drive[0] = drive[-1] = 0.0  # what points outwards cancels round the ring
+            power = float(drive @ speed)
+            drive[-1] *= length
+            values = (
+                *(*moved[:-1], moved[-1] / length),
+                *(*speed[:-1], speed[-1] / length),
+                *force,
+                *moment,
+                *drive,
+                power,
+                *(tool.motion.centre + moved[:-1]),
+            )
+            self.rows.append((*key, tool.name, *map(float, values)))
+
+    def fastest(self) -> float:
+        """Speed of the fastest tool at the last rows, m/s; of one that turns, at its length."""
+        names = [self.columns.index(n) for n in self.columns if n.startswith("velocity_")]
+        turning = self.columns.index("angular_velocity")
+        speeds = [
+            math.hypot(*(float(row[at]) for at in names), float(row[turning]) * tool.motion.length)
+            for row, tool in zip(self.rows[-len(self._tools) :], self._tools, strict=True)
+        ]
+        return max(speeds, default=0.0)
+
+    def last(self) -> dict[str, dict[str, int | float | str]]:
+        """The last row of each tool by its name: numbers by column."""
+        found = {}
+        for row in self.rows[-len(self._tools) :]:
+            named = dict(zip(self.columns, row, strict=True))
+            found[str(named.pop("tool"))] = named
+        return found
+
+    def largest_force(self, stages: Collection[str]) -> float:
+        """Largest component of a force on a tool at the rows of some stages, N; 0 without any."""
+        columns = [number for number, name in enumerate(self.columns) if name.startswith("force_")]
+        rows = [row for row in self.rows if row[KEYS.index("stage")] in stages]
+        return max((abs(float(row[at])) for row in rows for at in columns), default=0.0)
+
+    def _slots(self, motion: tuple[Floats, Floats], outside: OutsideForces) -> Floats:
+        """Displacement, velocity and drive (t, 3, k) of each tool's slots, m, m/s, N; collective.
+
+        What is prescribed is driven by what holds it, the rest by the loads on it.
+        """
+        loads = np.sum(outside.loads, axis=0) if outside.loads else np.zeros_like(motion[0])
+        out = np.zeros((len(self._tools), 3, self._model.problem.dim + 1))
+        springs = [platen.dofs for platen in self._model.problem.platens]
+        given = np.concatenate([self._model.problem.constrained_dofs(), *springs])
+        for number, tool in enumerate(self._tools):
+            for slot in np.nonzero(tool.here)[0]:
+                dof = tool.dofs[slot]
+                drive = loads[dof]
+                if dof in given:
+                    drive = outside.held[np.searchsorted(self._held, dof)]
+                out[number, :, slot] = motion[0][dof], motion[1][dof], drive
+        total = np.empty_like(out)
+        self._model.problem.comm.Allreduce(out, total)
+        return total
+
+    def _pressed(self, pairs: Sequence[ContactResultants]) -> tuple[Floats, Floats]:
+        """Force (i,), N, and moment (1 or 3,), N m, of the bodies on a tool."""
+        dim, t = self._model.problem.dim, self._model.thickness
+        force, moment = np.zeros(dim), np.zeros(3 if dim == 3 else 1)
+        for pair in pairs:
+            force -= t * np.array(pair.force)
+            moment += t * np.array(pair.tool_moment)
+        return force, moment

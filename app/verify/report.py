@@ -12,10 +12,20 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
+import dolfinx
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from tribox.app.case.generators import BlocksGeometry
 from tribox.app.errors import InputError, SolutionError
+from tribox.app.figures.style import COLOURS, MARKERS, STYLE, save
 from tribox.app.results.claim import claimed
 from tribox.app.results.directory import write_text
-from tribox.app.verify.bulk import block_compression
+from tribox.app.results.fields import StressField
+from tribox.app.simulation.simulation import Simulation
 from tribox.app.verify.contact import (
     cattaneo_mindlin,
     hertz_line,
@@ -25,11 +35,82 @@ from tribox.app.verify.contact import (
 from tribox.app.verify.curved import film_over_curve, film_over_sphere, pressed_curve
 from tribox.app.verify.flowing import considere, thick_tube
 from tribox.app.verify.flowing_bending import cook, pure_bending
-from tribox.app.verify.result import Check, Verification
+from tribox.app.verify.result import Check, Floats, Line, Panel, Verification, compare
+from tribox.app.verify.shipped_case import solve
 from tribox.app.verify.sliding import block_slide, film_sliding, friction_law, penalty
 from tribox.app.verify.space import isotropy, patch_space
 from tribox.app.verify.sphere import curved_sliding, hertz_point, sphere_twist
 from tribox.app.verify.upset import upset
+from tribox.forms.closed_forms.block_compression import plane_strain_pressure, plane_strain_stress
+
+# -- Verification of the solids: a nearly incompressible block in plane-strain compression ---------
+
+BODY = "elastomer"
+
+
+def block_compression(overrides: Sequence[str] = ()) -> Verification:
+    """Nominal stress against the incompressible closed form, and pressures of the elements."""
+    case, simulation = solve("block-compression", overrides)
+    geometry, modulus = case.geometry, case.bodies[BODY].shear_modulus
+    assert isinstance(geometry, BlocksGeometry)
+    block = geometry.upper
+    (down,) = (b.displacement.y for b in case.boundary if b.surface == "top" and b.displacement)
+    assert down is not None and not isinstance(down, str)
+    stretch = np.array([1.0 + down(row.time) / block.height for row in simulation.rows])
+    area = block.width * geometry.slab
+    nominal = np.array([-row.normal_force for row in simulation.rows]) / area
+    exact = np.array([plane_strain_stress(s, modulus) for s in stretch])
+    pressure = cell_pressures(simulation)
+    jump = float(np.abs(np.diff(pressure[neighbours(simulation)], axis=1)).max())
+    uniform = plane_strain_pressure(float(stretch[-1]), modulus)
+    checks = (
+        *(
+            compare(f"nominal stress at λ = {s:.2f}", n * 1e-6, e * 1e-6, 5e-3, "MPa")
+            for s, n, e in zip(stretch, nominal, exact, strict=True)
+        ),
+        compare(
+            "mean pressure of the elements", pressure.mean() * 1e-6, uniform * 1e-6, 5e-3, "MPa"
+        ),
+        Check("neighbouring elements' pressures, max difference / mean", jump / uniform, 0.05),
+    )
+    fine = np.linspace(stretch.min(), 1.0, 101)
+    curve = np.array([plane_strain_stress(s, modulus) for s in fine])
+    lines = (
+        Line("G (λ − λ⁻³)", fine, curve * 1e-6, exact=True),
+        Line("computed", stretch, nominal * 1e-6),
+    )
+    K, formulation = case.bodies[BODY].bulk_modulus, simulation.model.case.bodies[BODY].formulation
+    return Verification(
+        "block-compression",
+        "nearly incompressible block, plane-strain compression",
+        f"{len(pressure)} elements ({formulation}) with K/G = {K / modulus:.4g}, "
+        "pressed by a platen from above on a stiff block, both without friction; the nodes of the "
+        "two blocks do not match. The closed form is that of an incompressible body.",
+        checks,
+        (Panel("stretch λ (-)", "nominal stress (MPa)", lines),),
+    )
+
+
+def cell_pressures(simulation: Simulation) -> Floats:
+    """Pressure −tr σ/3 of the elastomer's elements in their order of number, (c,), Pa."""
+    model = simulation.model
+    field = StressField(model.problem.u, model.problem.solids)
+    field.update()
+    return np.asarray(field.pressure.x.array[np.sort(model.named.cells(BODY))], dtype=np.float64)
+
+
+def neighbours(simulation: Simulation) -> NDArray[np.int64]:
+    """Pairs of elements of the elastomer that share a facet, (n, 2), as rows of its pressures."""
+    named = simulation.model.named
+    topology = named.mesh.topology
+    topology.create_connectivity(topology.dim - 1, topology.dim)
+    table: dolfinx.graph.AdjacencyList = topology.connectivity(topology.dim - 1, topology.dim)
+    inner = np.flatnonzero(np.diff(table.offsets) == 2)
+    pairs = np.stack([table.array[table.offsets[inner] + side] for side in (0, 1)], axis=1)
+    cells = np.sort(named.cells(BODY))
+    # Bodies share no facet: one cell of the body suffices to tell.
+    return np.searchsorted(cells, pairs[np.isin(pairs[:, 0], cells)])
+
 
 CASES: dict[str, Callable[[], Verification]] = {
     "friction-law": friction_law,
@@ -163,7 +244,6 @@ def write_report(results: Sequence[Verification], directory: Path) -> None:
         directory: free of other results; made if missing.
     """
     # Drawing starts a library that takes a while.
-    from tribox.app.verify.figures import draw
 
     figures = directory / "figures"
     figures.mkdir(parents=True, exist_ok=True)
@@ -189,3 +269,49 @@ def report_lines(result: Verification) -> Iterator[str]:
     for check in result.checks:
         yield f"| {' | '.join(_cells(check))} | {'pass' if check.passed else '**FAIL**'} |"
     yield ""
+
+
+# -- Figures of the verification report: computed points over closed forms -------------------------
+
+
+def draw(result: Verification, path: Path) -> None:
+    """Write the figure of one verification case as PNG.
+
+    Args:
+        result: with at least one panel.
+        path: the file.
+    """
+    with rc_context(STYLE):
+        figure = Figure(figsize=(6.5 * len(result.panels), 4.0))
+        axes = figure.subplots(1, len(result.panels), squeeze=False)
+        for panel, ax in zip(result.panels, axes[0], strict=True):
+            _draw_panel(panel, ax)
+        figure.suptitle(result.title, fontsize=10)
+        save(figure, path)
+
+
+def _draw_panel(panel: Panel, axes: Axes) -> None:
+    """Closed forms as lines, computed values as points, in order of their colours."""
+    seen = {True: 0, False: 0}
+    for line in panel.lines:
+        number = seen[line.exact]
+        seen[line.exact] += 1
+        if line.exact:
+            axes.plot(line.x, line.y, color=COLOURS[number % 6], lw=1.2, label=line.label)
+        else:
+            axes.plot(
+                line.x,
+                line.y,
+                MARKERS[number % 6],
+                color=COLOURS[number % 6],
+                ms=3,
+                mfc="none",
+                mew=0.8,
+                label=line.label,
+            )
+    if panel.log:
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+    axes.set_xlabel(panel.x_label)
+    axes.set_ylabel(panel.y_label)
+    axes.legend(fontsize=7)

@@ -13,7 +13,7 @@ from tribox.app.build.model import Model, build_model
 from tribox.app.case.reading import load_case
 from tribox.app.errors import SolutionError
 from tribox.app.simulation.simulation import Simulation
-from tribox.app.verify.frames import Frame, Photographer
+from tribox.app.verify.curved import Frame, Photographer
 from tribox.geometry.surfaces.facets import Floats
 
 

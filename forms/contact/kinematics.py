@@ -26,7 +26,7 @@ import numpy as np
 from tribox.geometry.surfaces.closest_point import solve_small
 from tribox.geometry.surfaces.facets import Bools, Floats, Longs, unit_normals
 from tribox.geometry.surfaces.projection import Projection
-from tribox.geometry.surfaces.slave_normals import PointNormals
+from tribox.geometry.surfaces.slave_points import PointNormals
 
 _FACING = 0.5  # cosine between the surfaces from which on they face each other
 

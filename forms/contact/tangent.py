@@ -29,7 +29,7 @@ from tribox.forms.contact.state import ContactState, ContactTrial
 from tribox.forms.contact.vertex_rows import Coupling, VertexRows, adding_up, completed
 from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs
 from tribox.geometry.surfaces.rigid_pieces import left_of
-from tribox.geometry.surfaces.slave_normals import CHORDS
+from tribox.geometry.surfaces.slave_points import CHORDS
 from tribox.geometry.surfaces.surface import ContactSurface
 
 __all__ = ["Coupling", "PairTangent"]

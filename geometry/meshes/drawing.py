@@ -6,12 +6,14 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from difflib import get_close_matches
+from math import prod
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from tribox.geometry.meshes.drawing_parts import name_every_part, name_parts
-from tribox.geometry.meshes.drawing_sizes import refuse_too_many, set_sizes
+import numpy as np
+
 from tribox.geometry.meshes.gmsh_model import MeshError, gmsh_session, named_groups
 from tribox.geometry.meshes.own_process import ask
 
@@ -183,3 +185,194 @@ def _count(gmsh: ModuleType, dim: int, tag: int) -> int:
     """Number of the cells of a body."""
     entities = gmsh.model.getEntitiesForPhysicalGroup(dim, tag)
     return sum(sum(map(len, gmsh.model.mesh.getElements(dim, e)[1])) for e in entities)
+
+
+# -- Names for the parts of a drawing that has none, such as a STEP file; inside gmsh's process ----
+#
+# Parts are chosen by gmsh's numbers of them, which `tribox mesh` shows, or by points on them, which
+# stay the same where the drawing is made anew.
+
+OFF = 1e-3
+"""Distance over the extent of the drawing up to which a point counts as on a part."""
+
+_KIND = {1: "curve", 2: "face", 3: "volume"}
+Spots = Mapping[str, Sequence[int | Sequence[float]]]
+
+
+def name_parts(gmsh: ModuleType, bodies: Spots, surfaces: Spots, plain: bool) -> None:
+    """Name bodies and surfaces.
+
+    Args:
+        gmsh: The module, with the drawing.
+        bodies: Numbers of, or points in, the volumes (in the plane faces) by name.
+        surfaces: Likewise of their faces (curves).
+        plain: Whether the drawing has no names of its own: bodies are then called "body 1", ...,
+            unless they are named.
+
+    Raises:
+        MeshError: There is no such part, or it has two names.
+    """
+    if not (bodies or surfaces or plain):
+        return
+    dim = 3 if gmsh.model.getEntities(3) else 2
+    for d, kind, parts in ((dim, "bodies", bodies), (dim - 1, "surfaces", surfaces)):
+        taken: dict[int, str] = {}
+        for name, spots in parts.items():
+            tags = sorted({_tag_of(gmsh, d, spot, f"{kind}.{name}") for spot in spots})
+            for tag in tags:
+                if (other := taken.setdefault(tag, name)) != name:
+                    raise MeshError(f'{kind}: {_KIND[d]} {tag} is "{other}" and "{name}"')
+            gmsh.model.addPhysicalGroup(d, tags, name=name)
+    if plain and not bodies:
+        for _, tag in gmsh.model.getEntities(dim):
+            gmsh.model.addPhysicalGroup(dim, [tag], name=f"body {tag}")
+
+
+def name_every_part(gmsh: ModuleType) -> None:
+    """Name every body "body N" and every surface "surface N", by their numbers."""
+    gmsh.model.removePhysicalGroups()
+    dim = 3 if gmsh.model.getEntities(3) else 2
+    for d, word in ((dim, "body"), (dim - 1, "surface")):
+        for _, tag in gmsh.model.getEntities(d):
+            gmsh.model.addPhysicalGroup(d, [tag], name=f"{word} {tag}")
+
+
+def _tag_of(gmsh: ModuleType, dim: int, spot: int | Sequence[float], place: str) -> int:
+    """The number of a part, by itself or by a point."""
+    tags = [int(tag) for _, tag in gmsh.model.getEntities(dim)]
+    if not tags:
+        raise MeshError(f"{place}: the drawing has no {_KIND[dim]}s")
+    if isinstance(spot, int):
+        if spot not in tags:
+            raise MeshError(f"{place}: no {_KIND[dim]} {spot}; there are {_listed(tags)}")
+        return spot
+    point = [*map(float, spot), 0.0, 0.0][:3]
+    away = [_distance(gmsh, dim, tag, point) for tag in tags]
+    box = np.reshape(gmsh.model.getBoundingBox(-1, -1), (2, 3))
+    best = int(np.argmin(away))
+    if away[best] > OFF * float(np.ptp(box, axis=0).max()):
+        where = ", ".join(f"{value:g}" for value in point)
+        raise MeshError(
+            f"{place}: no {_KIND[dim]} at ({where}); the nearest is {tags[best]}, {away[best]:.3g} "
+            "away, in units of the drawing"
+        )
+    return tags[best]
+
+
+def _distance(gmsh: ModuleType, dim: int, tag: int, point: list[float]) -> float:
+    """Distance of a point from a part; of a volume 0 inside and infinite outside."""
+    if dim == 3:
+        return 0.0 if gmsh.model.isInside(3, tag, point) else np.inf
+    nearest = gmsh.model.getClosestPoint(dim, tag, point)[0]
+    away = float(np.linalg.norm(np.subtract(nearest, point)))
+    # What is nearest on the whole curve or plane may be beyond its ends.
+    low, high = np.reshape(gmsh.model.getBoundingBox(dim, tag), (2, 3))
+    outside = np.maximum(np.maximum(low - point, np.subtract(point, high)), 0.0)
+    inside = gmsh.model.isInside(dim, tag, list(map(float, nearest)))
+    return max(away, float(np.linalg.norm(outside))) if inside else np.inf
+
+
+def _listed(tags: Sequence[int]) -> str:
+    """Numbers, where many the first and the last."""
+    return ", ".join(map(str, tags)) if len(tags) <= 12 else f"{tags[0]} to {tags[-1]}"
+
+
+# -- Element sizes of a drawing by the names of its parts; inside gmsh's process -------------------
+
+GROWTH = 0.2
+"""By how much the size grows over a distance away from a surface with a size of its own."""
+
+SAMPLES = 200  # of a curve, for distances from it
+FILLED = 0.1  # share of its bounding box that a body is taken to fill at least
+
+
+def set_sizes(gmsh: ModuleType, dim: int, size: float | None, sizes: Mapping[str, float]) -> None:
+    """Set the largest size, and those on surfaces and in bodies.
+
+    Args:
+        gmsh: The module, with the drawing and its physical groups.
+        dim: Dimension of the bodies.
+        size: Largest size, in units of the drawing; None: as drawn.
+        sizes: Sizes by name of a surface or body.
+
+    Raises:
+        MeshError: There is no part of a name.
+    """
+    if size is None:
+        return
+    gmsh.option.setNumber("Mesh.MeshSizeMax", size)
+    gmsh.option.setNumber("Mesh.MeshSizeMin", min([size, *sizes.values()]) * 1e-3)
+    points = gmsh.model.getEntities(0)
+    drawn = gmsh.model.mesh.getSizes(points)
+    # Where none is drawn gmsh would take a tenth of the whole.
+    gmsh.model.mesh.setSize([p for p, own in zip(points, drawn, strict=True) if own <= 0.0], size)
+    if not sizes:
+        return
+    field = gmsh.model.mesh.field
+    made = [_field(gmsh, dim, name, value, size) for name, value in sizes.items()]
+    least = field.add("Min")
+    field.setNumbers(least, "FieldsList", made)
+    field.setAsBackgroundMesh(least)
+    gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 0)
+
+
+def refuse_too_many(
+    gmsh: ModuleType, dim: int, size: float | None, sizes: Mapping[str, float], most: int | None
+) -> None:
+    """Refuse sizes that gmsh would mesh for hours, as where the unit of a drawing is forgotten.
+
+    Args:
+        gmsh: The module, with the drawing and its physical groups.
+        dim: Dimension of the bodies.
+        size: Largest size, in units of the drawing; None: as drawn.
+        sizes: Sizes by name of a surface or body.
+        most: Largest number of cells; None: any.
+
+    Raises:
+        MeshError: There would be more, as far as bounding boxes of bodies tell.
+    """
+    if size is None or most is None:
+        return
+    cells = 0.0
+    for _, tag in gmsh.model.getPhysicalGroups(dim):
+        own = min(size, sizes.get(gmsh.model.getPhysicalName(dim, tag), size))
+        for entity in gmsh.model.getEntitiesForPhysicalGroup(dim, tag):
+            box = gmsh.model.getBoundingBox(dim, int(entity))
+            cells += FILLED * prod((box[3 + i] - box[i]) / own for i in range(dim))
+    if cells > most:
+        raise MeshError(
+            f"these sizes make some {cells:.0e} cells, and geometry.max_cells = {most} allows no "
+            'more; is scale missing, such as scale = "mm", or is a size too small?'
+        )
+
+
+def _field(gmsh: ModuleType, dim: int, name: str, value: float, size: float) -> int:
+    """The field of one part."""
+    groups = {
+        gmsh.model.getPhysicalName(d, tag): (d, tag)
+        for d in (dim - 1, dim)
+        for d, tag in gmsh.model.getPhysicalGroups(d)
+    }
+    if name not in groups:
+        near = get_close_matches(name, groups, n=1)
+        hint = f'did you mean "{near[0]}"?' if near else f"there are: {', '.join(groups)}"
+        raise MeshError(f'sizes: no body or surface named "{name}"; {hint}')
+    d, tag = groups[name]
+    entities = [int(e) for e in gmsh.model.getEntitiesForPhysicalGroup(d, tag)]
+    field, lists = gmsh.model.mesh.field, {1: "CurvesList", 2: "SurfacesList", 3: "VolumesList"}
+    if d == dim:
+        inside = int(field.add("Constant"))
+        field.setNumber(inside, "VIn", value)
+        field.setNumber(inside, "VOut", size)
+        field.setNumbers(inside, lists[d], entities)
+        return inside
+    distance = field.add("Distance")
+    field.setNumbers(distance, lists[d], entities)
+    field.setNumber(distance, "Sampling", SAMPLES if d == 1 else 40)
+    threshold = int(field.add("Threshold"))
+    values = {"SizeMin": value, "SizeMax": size, "DistMin": 0.0}
+    values["DistMax"] = max((size - value) / GROWTH, 1e-3 * value)
+    field.setNumber(threshold, "InField", distance)
+    for key, number in values.items():
+        field.setNumber(threshold, key, number)
+    return threshold

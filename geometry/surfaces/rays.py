@@ -5,7 +5,7 @@ Axis letters: q slave points, f facets, m nodes of a facet, e ends of a facet, i
 The normal of the closest point jumps where two facets of the master meet at an angle. While it is
 small, as on a round tool made of facets, nothing comes of it. At real kinks there may be no
 equilibrium on either side of the jump. On a master with such kinks all points are therefore
-projected along the normals n of the slave (:mod:`tribox.geometry.surfaces.slave_normals`), which
+projected along the normals n of the slave (:mod:`tribox.geometry.surfaces.slave_points`), which
 turn only as the slave itself does: with t = n turned to the right,
 
     t·(x − ȳ(ξ)) = 0,   g = n·(x − ȳ).

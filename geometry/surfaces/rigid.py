@@ -26,7 +26,7 @@ from tribox.geometry.surfaces.target import Projection, Search
 
 if TYPE_CHECKING:
     from tribox.geometry.surfaces.facets import Bools, Floats, Ints
-    from tribox.geometry.surfaces.slave_normals import PointNormals
+    from tribox.geometry.surfaces.slave_points import PointNormals
 
 RIGID = 1e-6  # strain of the control points up to which they count as moved rigidly
 CHORD = np.radians(10.0)  # angle up to which straight pieces are taken for a round surface

@@ -15,7 +15,7 @@ from tribox.geometry.surfaces.facets import (
 )
 from tribox.geometry.surfaces.projection import FacetSurface
 from tribox.geometry.surfaces.rigid import CHORD, Outline, Places, RigidSurface
-from tribox.geometry.surfaces.slave_normals import PointNormals
+from tribox.geometry.surfaces.slave_points import PointNormals
 from tribox.geometry.surfaces.target import Projection
 
 ON_END = 1e-6  # of a facet, within which a place is at its end

@@ -8,21 +8,19 @@ point. With pressure that is averaged over facets, points beside a convex sharp 
 along the slave's normals instead, as on facets with kinks (:mod:`tribox.geometry.surfaces.rays`):
 closest points below a punch would be on its flank as soon as they are deeper than away from the
 corner. What looks at a flank that it only grazes fades
-(:mod:`tribox.geometry.surfaces.rigid_shares`).
+(:mod:`tribox.geometry.surfaces.rigid_polyline`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tribox.geometry.surfaces.rigid import CHORD, Feet, Outline, Places, RigidShape
-from tribox.geometry.surfaces.rigid_fillets import filleted
-from tribox.geometry.surfaces.rigid_pieces import Pieces, left_of
-from tribox.geometry.surfaces.rigid_shares import LineEnds
+from tribox.geometry.surfaces.rigid_pieces import GRAZING, STRAIGHT, Pieces, left_of
 
 if TYPE_CHECKING:
     from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs
@@ -63,7 +61,7 @@ class Polyline(RigidShape):
             inside: (2,), m: a point in the material; the line is run through backwards if need be.
 
         Raises:
-            ValueError: as of :func:`~tribox.geometry.surfaces.rigid_fillets.filleted`; a closed
+            ValueError: as of :func:`filleted`; a closed
                 line that is continued, or an arc that is; a point ``inside`` that lies on the line.
         """
         if closed and any(continued):
@@ -248,3 +246,261 @@ def _near(apart: Floats, radius: Floats, here: slice) -> Bools:
     reach = (distance + radius).min(axis=1, keepdims=True)
     near: Bools = distance - radius <= (1.0 + _TIE) * reach
     return near
+
+
+# -- The corners of a polyline in the plane, rounded by fillets that fit ---------------------------
+#
+# Axis letters: n given points, p pieces, i space (the plane).
+
+TIGHT = 1e-9  # length, over that of a side, that fillets may lack and below which none is made
+REVERSED = np.radians(179.0)  # turn from which on the line goes back on itself
+
+
+def filleted(points: Floats, radius: float | Floats, closed: bool) -> Pieces:
+    """The pieces of a polyline.
+
+    Args:
+        points: (n, 2), m.
+        radius: m, of all fillets, or of each inner point in turn, of a closed line of each point;
+            0: the corner is sharp.
+        closed: whether the last point is joined to the first.
+
+    Raises:
+        ValueError: points that are not enough, not finite or the same; a line that goes back on or
+            crosses itself; radii that are negative, of another number, or too large to fit.
+    """
+    points = _checked(points, closed)
+    after = np.roll(points, -1, axis=0) if closed else points[1:]
+    before = points if closed else points[:-1]
+    way = after - before
+    long = np.linalg.norm(way, axis=1)
+    ahead = way / long[:, None]
+    turn = _turns(ahead, closed)
+    radii = _radii(radius, len(points), closed)
+    cut = radii * np.tan(0.5 * np.abs(turn))
+    rounded = (np.abs(turn) > STRAIGHT) & (cut > TIGHT * long.max())
+    cut = np.where(rounded, cut, 0.0)
+    cut_after = np.roll(cut, -1) if closed else cut[1:]
+    cut_before = cut if closed else cut[:-1]
+    _require_fit(radii, cut_before, cut_after, long)
+    first = before + cut_before[:, None] * ahead
+    last = after - cut_after[:, None] * ahead
+    return _joined(first, last, ahead, turn, np.where(rounded, radii, 0.0), closed)
+
+
+def _checked(points: Floats, closed: bool) -> Floats:
+    points = np.array(points, dtype=np.float64)
+    least = 3 if closed else 2
+    if points.ndim != 2 or points.shape[1] != 2 or len(points) < least:
+        raise ValueError(f"a polyline needs at least {least} points (x, y), not {points.tolist()}")
+    if not np.isfinite(points).all():
+        raise ValueError("a polyline has points that are not finite")
+    after = np.roll(points, -1, axis=0)
+    same = np.all(points == after, axis=1)
+    same[-1] &= closed
+    if same.any():
+        at = int(np.nonzero(same)[0][0])
+        raise ValueError(
+            f"points {at} and {(at + 1) % len(points)} of a polyline are the same: {points[at]} m"
+        )
+    _require_simple(points, after, closed)
+    return points
+
+
+def _require_simple(points: Floats, after: Floats, closed: bool) -> None:
+    """Refuse pieces that cross others than their neighbours."""
+    count = len(points) if closed else len(points) - 1
+    a, b = points[:count], after[:count]
+    first, second = np.triu_indices(count, k=2)
+    if closed:
+        apart = (first != 0) | (second != count - 1)
+        first, second = first[apart], second[apart]
+    side = _sides(a[first], b[first], a[second]) * _sides(a[first], b[first], b[second])
+    other = _sides(a[second], b[second], a[first]) * _sides(a[second], b[second], b[first])
+    cross = (side < 0.0) & (other < 0.0)
+    if cross.any():
+        at = int(np.nonzero(cross)[0][0])
+        raise ValueError(
+            f"a polyline crosses itself, after its points {first[at]} and {second[at]}"
+        )
+
+
+def _sides(a: Floats, b: Floats, c: Floats) -> Floats:
+    """Twice the areas (p,) of triangles; positive where c is on the left of a to b."""
+    u, v = b - a, c - a
+    out: Floats = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+    return out
+
+
+def _turns(ahead: Floats, closed: bool) -> Floats:
+    """Turn (n,), rad, left positive, at each point; 0 at open ends."""
+    before = np.roll(ahead, 1, axis=0)
+    sine = before[:, 0] * ahead[:, 1] - before[:, 1] * ahead[:, 0]
+    turn: Floats = np.arctan2(sine, np.einsum("ni,ni->n", before, ahead))
+    if not closed:
+        turn = np.concatenate([[0.0], turn[1:], [0.0]])
+    back = np.nonzero(np.abs(turn) > REVERSED)[0]
+    if len(back):
+        raise ValueError(f"a polyline goes back on itself at its point {back[0]}")
+    return turn
+
+
+def _radii(radius: float | Floats, count: int, closed: bool) -> Floats:
+    """Radius (n,), m, at each point; 0 at open ends."""
+    given = np.array(radius, dtype=np.float64)
+    corners = count if closed else count - 2
+    if given.ndim and given.shape != (corners,):
+        raise ValueError(f"{given.size} fillet radii for {corners} corners")
+    if not np.all(np.isfinite(given) & (given >= 0.0)):
+        raise ValueError(f"a fillet radius must not be negative: {given.tolist()} m")
+    radii = np.array(np.broadcast_to(given, (corners,)))
+    return radii if closed else np.concatenate([[0.0], radii, [0.0]])
+
+
+def _require_fit(radii: Floats, before: Floats, after: Floats, long: Floats) -> None:
+    """Refuse fillets whose tangents take more than the straight lines have."""
+    wrong = np.nonzero(before + after > long * (1.0 + TIGHT))[0]
+    if not len(wrong):
+        return
+    at = int(wrong[0])
+    other = (at + 1) % len(radii)
+    raise ValueError(
+        f"fillets of radius {radii[at]:g} m at point {at} and {radii[other]:g} m at point {other} "
+        f"take {before[at] + after[at]:.6g} m of the line between them, which is "
+        f"{long[at]:.6g} m long"
+    )
+
+
+def _joined(
+    first: Floats, last: Floats, ahead: Floats, turn: Floats, radii: Floats, closed: bool
+) -> Pieces:
+    """Straight pieces, each with the arc at its end behind it, but for those without length."""
+    count = len(first)
+    corner = (np.arange(count) + 1) % len(turn)  # point at the end of each straight piece
+    left = np.stack([-ahead[:, 1], ahead[:, 0]], axis=1)
+    radius = radii[corner]
+    centre = last + (np.sign(turn[corner]) * radius)[:, None] * left
+    start = np.stack([first, last], axis=1).reshape(-1, 2)
+    end = np.stack([last, np.roll(first, -1, axis=0)], axis=1).reshape(-1, 2)
+    sweep = np.stack([np.zeros(count), turn[corner]], axis=1).reshape(-1)
+    centres = np.stack([first, centre], axis=1).reshape(-1, 2)
+    there = np.linalg.norm(last - first, axis=1)
+    full = there > TIGHT * (there + radius + radii[:count])
+    keep = np.stack([full, radius > 0.0], axis=1).reshape(-1)
+    return Pieces(start[keep], end[keep], sweep[keep], centres[keep], closed)
+
+
+# -- How much of a point counts near the ends and the sharp corners of a line in the plane ---------
+#
+# Axis letters: q points, p pieces, e the two ends of a piece, i space (the plane).
+#
+# At the end of a line a point fades to nothing over its reach, as at the end of facets. Projected
+# along normals n of the slave, points behind a steep corner look at a flank that they only graze,
+# far away, or at nothing: they would leave or join the contact at once as n turns a little. With
+# the normal m of a piece they therefore count by how much it faces them,
+#
+# .. math:: s = \frac{m\cdot n - \cos_0}{\cos_1 - \cos_0}, \quad 0 \le s \le 1,
+#
+# and up to a sharp corner by what is the same on both sides of it, :math:`c = \min(s, s_{next})`:
+#
+# .. math:: \sigma = c + (s - c)\, w, \qquad w = \min(1, \text{way to the corner}/\text{reach}).
+
+FACING = 0.45  # cosine between the normals of piece and slave from which on points count in full
+
+
+@dataclass(slots=True)
+class Shares:
+    """Shares σ of points.
+
+    Attributes:
+        share: (q,) σ; slope: (q,) ∂σ/∂ξ; turn: (q, i) ∂σ/∂n, None of closest points.
+    """
+
+    share: Floats
+    slope: Floats
+    turn: Floats | None = None
+
+
+class LineEnds:
+    """The ends and corners of a line, and what they leave of points near them."""
+
+    def __init__(self, pieces: Pieces) -> None:
+        """Find them."""
+        self._open, self._sharp = pieces.open_ends(), pieces.turns() != 0.0
+        self._length, self._sweep = pieces.length, pieces.sweep
+        out = left_of(pieces.directions())
+        self._start = out[:, 0]
+        self._next = np.stack(
+            [np.roll(out[:, 1], 1, axis=0), np.roll(out[:, 0], -1, axis=0)], axis=1
+        )
+
+    def of_closest(self, piece: Ints, xi: Floats, on_line: Bools, reach: Floats) -> Shares | None:
+        """Shares of closest points at ξ (q,) of pieces (q,); None: all are whole.
+
+        Args:
+            piece: see above.
+            xi: see above.
+            on_line: (q,) False past an open end.
+            reach: (q,), m, way up to an open end over which a point fades.
+        """
+        at = np.nonzero(self._open[piece].any(axis=1) & on_line)[0]
+        if not len(at):
+            return None
+        open_ends, length = self._open[piece[at]], self._length[piece[at]]
+        way = np.where(open_ends, np.stack([xi[at], 1.0 - xi[at]], axis=1), np.inf)
+        end = np.argmin(way, axis=1)
+        per_length = length / np.minimum(reach[at], length)
+        part = way[np.arange(len(at)), end] * per_length
+        out = Shares(np.ones(len(xi)), np.zeros(len(xi)))
+        out.share[at] = np.minimum(part, 1.0)
+        out.slope[at] = np.where(part < 1.0, np.where(end == 0, per_length, -per_length), 0.0)
+        return out
+
+    def along_rays(
+        self, piece: Ints, xi: Floats, met: Bools, reach: Floats, normals: Floats
+    ) -> Shares:
+        """Shares of points along normals (q, i) that have ``met`` (q,) pieces (q,) at ξ (q,)."""
+        turn, start = xi * self._sweep[piece], self._start[piece]
+        facing = np.cos(turn)[:, None] * start + np.sin(turn)[:, None] * left_of(start)
+        own, d_own = _ramp(np.einsum("qi,qi->q", facing, normals))
+        rolls = self._sweep[piece] * np.einsum("qi,qi->q", left_of(facing), normals)
+        own_slope, own_turn = d_own * rolls, d_own[:, None] * facing
+        end, w, d_w = self._ways(piece, xi, reach)
+        beyond = self._next[piece, end]
+        other, d_other = _ramp(np.einsum("qi,qi->q", beyond, normals))
+        other = np.where(self._open[piece, end], 0.0, other)
+        d_other = np.where(self._open[piece, end], 0.0, d_other)
+        least = other < own
+        corner = np.where(least, other, own)
+        corner_slope = np.where(least, 0.0, own_slope)
+        corner_turn = np.where(least[:, None], d_other[:, None] * beyond, own_turn)
+        share = corner + (own - corner) * w
+        slope = corner_slope + (own_slope - corner_slope) * w + (own - corner) * d_w
+        change = corner_turn + (own_turn - corner_turn) * w[:, None]
+        return Shares(
+            np.where(met, share, 1.0),
+            np.where(met, slope, 0.0),
+            np.where(met[:, None], change, 0.0),
+        )
+
+    def _ways(self, piece: Ints, xi: Floats, reach: Floats) -> tuple[Ints, Floats, Floats]:
+        """The end (q,) that counts, the way to it over the reach, at most 1, and its slope.
+
+        Of two ends the nearer one counts, and neither reaches further than to the middle.
+        """
+        ends = self._open[piece] | self._sharp[piece]
+        end = np.where(ends[:, 0] & (~ends[:, 1] | (xi < 0.5)), 0, 1).astype(np.int32)
+        length = self._length[piece]
+        per_length = length / np.minimum(reach, np.where(ends.all(axis=1), 0.5, 1.0) * length)
+        way = np.where(end == 0, xi, 1.0 - xi) * per_length
+        near = (way < 1.0) & ends.any(axis=1)
+        slope = np.where(near, np.where(end == 0, per_length, -per_length), 0.0)
+        return end, np.where(near, way, 1.0), slope
+
+
+def _ramp(cosine: Floats) -> tuple[Floats, Floats]:
+    """S (q,) and ds/dcos of the cosine between the normals."""
+    width = FACING - GRAZING
+    share = (cosine - GRAZING) / width
+    slope = np.where((share > 0.0) & (share < 1.0), 1.0 / width, 0.0)
+    return np.clip(share, 0.0, 1.0), slope

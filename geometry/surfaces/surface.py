@@ -25,8 +25,7 @@ from tribox.geometry.surfaces.ordering import order_by_place
 from tribox.geometry.surfaces.projection import FacetSurface, Projection
 from tribox.geometry.surfaces.rigid import RigidSurface
 from tribox.geometry.surfaces.rigid_motion import RigidMotion
-from tribox.geometry.surfaces.slave_normals import PointNormals, SlaveNormals
-from tribox.geometry.surfaces.slave_points import slave_points
+from tribox.geometry.surfaces.slave_points import PointNormals, SlaveNormals, slave_points
 from tribox.geometry.surfaces.target import Target
 from tribox.geometry.surfaces.vertices import slave_vertices
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:  # rigid shapes are made without DOLFINx
     import scipy.sparse
 
     from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs
-    from tribox.geometry.surfaces.slave_normals import PointNormals
+    from tribox.geometry.surfaces.slave_points import PointNormals
 
 
 @dataclass(slots=True)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tribox.app.bench import comparison
-from tribox.app.bench.bench import Options, run_bench
+from tribox.app.bench.bench import Options, all_jobs, in_order, job_table, run_bench
 from tribox.app.bench.comparison import (
     Comparison,
     Difference,
@@ -20,7 +20,6 @@ from tribox.app.bench.comparison import (
     force_difference,
     run_warm,
 )
-from tribox.app.bench.comparison_tables import all_jobs, in_order, job_table
 from tribox.app.bench.jobs import Job
 from tribox.app.bench.process import SOURCES, Cost
 from tribox.app.bench.sides import Side

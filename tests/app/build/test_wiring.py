@@ -31,12 +31,9 @@ from tribox.forms.friction.coulomb import CoulombLaw, FrictionlessLaw
 from tribox.forms.friction.friction_map import FrictionMap
 from tribox.forms.friction.guarded_law import GuardedLaw
 from tribox.forms.friction.stribeck import StribeckLaw
-from tribox.geometry.surfaces.rigid_circle import Circle
-from tribox.geometry.surfaces.rigid_extruded import Cylinder
 from tribox.geometry.surfaces.rigid_mesh import MeshSurface
-from tribox.geometry.surfaces.rigid_plane import Plane
 from tribox.geometry.surfaces.rigid_polyline import Polyline
-from tribox.geometry.surfaces.rigid_sphere import Sphere
+from tribox.geometry.surfaces.rigid_shapes import Circle, Cylinder, Plane, Sphere
 
 SOFT = materials.NeoHookean(1e6, 1e9)
 STEEL = {"E": "70 GPa", "nu": 0.3}

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from tribox.app.case.petsc import option_problems
 from tribox.app.case.reading import check_case
+from tribox.app.case.solver import option_problems
 
 
 def refused(name, value):

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tribox.app.case.quantities import COMMON_UNITS, QuantityError, parse_quantity
-from tribox.app.case.unit_patterns import _names, _prefixes, unit_pattern
+from tribox.app.case.schema import _names, _prefixes, unit_pattern
 
 UNITS = [*COMMON_UNITS, "rad"]
 

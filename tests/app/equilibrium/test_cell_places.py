@@ -9,7 +9,7 @@ import pytest
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from tribox.app.equilibrium.cell_places import CellPlaces, can_place
+from tribox.app.equilibrium.bodies import CellPlaces, can_place
 from tribox.app.equilibrium.matrix_values import own_block, values_in_place
 from tribox.app.equilibrium.tangent import pattern_form
 

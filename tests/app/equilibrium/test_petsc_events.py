@@ -1,6 +1,6 @@
 from petsc4py import PETSc
 
-from tribox.app.equilibrium.petsc_events import events
+from tribox.app.bench.probe import events
 
 
 def solve_once() -> None:

@@ -20,9 +20,8 @@ from tests.app.figures.made_results import (
     write_strip,
 )
 from tribox.app.figures import steady_points
-from tribox.app.figures.abscissa import abscissa_of
 from tribox.app.figures.force_displacement import force_displacement_figure
-from tribox.app.figures.history import energies_figure, forces_figure
+from tribox.app.figures.history import abscissa_of, energies_figure, forces_figure
 from tribox.app.figures.stribeck import series_of, stribeck_figure
 from tribox.app.figures.style import save
 from tribox.app.results import Results, read

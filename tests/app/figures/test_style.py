@@ -14,8 +14,16 @@ from matplotlib.colors import rgb_to_hsv, to_rgb
 from matplotlib.figure import Figure
 from PIL import Image
 
-from tribox.app.figures.png import write_png
-from tribox.app.figures.style import CASE_STYLE, COLOURS, DASHES, MARGIN, MARKERS, RED, save
+from tribox.app.figures.style import (
+    CASE_STYLE,
+    COLOURS,
+    DASHES,
+    MARGIN,
+    MARKERS,
+    RED,
+    save,
+    write_png,
+)
 
 
 def page(path) -> np.ndarray:

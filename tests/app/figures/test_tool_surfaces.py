@@ -10,8 +10,7 @@ from matplotlib.colors import to_rgba
 from tests.app.figures.test_scenes import SQUARE, scene
 from tribox.app.figures import animation
 from tribox.app.figures.scenes import EYE, RIGHT, UP
-from tribox.app.figures.tool_lines import COLOUR
-from tribox.app.figures.tool_surfaces import VEIL, room_for, veil_of
+from tribox.app.figures.tool_surfaces import COLOUR, VEIL, room_for, veil_of
 
 SMALL = (SQUARE - 0.5) * [0.4, 0.0, 0.4] + [0.5, 0.0, 0.5]
 

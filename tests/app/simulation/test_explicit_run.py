@@ -22,7 +22,7 @@ from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.errors import SolutionError
 from tribox.app.explicit.stepper import ExplicitStepper
-from tribox.app.figures.phase_plots import draw_overlay
+from tribox.app.figures.force_displacement import draw_overlay
 from tribox.app.results.directory import read_table
 from tribox.app.run.run import run_case
 from tribox.app.simulation.observer import Observer

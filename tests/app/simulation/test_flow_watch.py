@@ -7,7 +7,7 @@ import pytest
 from tests.app.checkpoint.going_on import case_of, run
 from tests.flowing import soft_block
 from tribox.app.build.mesh_notes import locking_bodies
-from tribox.app.simulation.flow_watch import FlowWatch
+from tribox.app.simulation.watches import FlowWatch
 
 
 @pytest.mark.parametrize(

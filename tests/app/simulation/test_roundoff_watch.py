@@ -10,7 +10,7 @@ import pytest
 
 from tribox.app.case.case import Case
 from tribox.app.run.run import run_case
-from tribox.app.simulation.roundoff_watch import RoundOffWatch
+from tribox.app.simulation.watches import RoundOffWatch
 
 CARRIED = {"x": [[0.0, "0 mm"], [1.0, "30 mm"], [2.0, "30.15 mm"]]}
 

@@ -17,9 +17,15 @@ from tribox.app.case.reading import check_case, load_case
 from tribox.app.errors import InputError, SolutionError
 from tribox.app.simulation.observer import Observer
 from tribox.app.simulation.simulation import Simulation
-from tribox.app.verify.bulk import block_compression, neighbours
 from tribox.app.verify.contact import cattaneo_mindlin, fit_ellipse, hertz_line
-from tribox.app.verify.report import CASES, percent, run_verify, table
+from tribox.app.verify.report import (
+    CASES,
+    block_compression,
+    neighbours,
+    percent,
+    run_verify,
+    table,
+)
 from tribox.app.verify.result import Check, Line, Panel, Verification, compare
 from tribox.app.verify.shipped_case import CASES as DIRECTORY
 from tribox.app.verify.shipped_case import solve

@@ -11,7 +11,7 @@ import tribox.forms.contact.tangent
 from tests.contact_boxes import take_all_for_kinked
 from tests.forms.contact.test_tangent import STATES, prepared, without
 from tribox.forms.contact.tangent import PairTangent
-from tribox.geometry.surfaces.slave_normals import CHORDS
+from tribox.geometry.surfaces.slave_points import CHORDS
 
 MODULUS = 5.0  # E* that puts ends of the contact inside facets
 OVER = {"right": 0.37, "far right": 0.58, "left": -0.47}  # shifts past an end of the master

@@ -13,11 +13,10 @@ from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 from tribox.geometry.generators.two_blocks import Block, TwoBlocks
 from tribox.geometry.generators.two_boxes import Box, TwoBoxes
 from tribox.geometry.meshes.mesh import generate
-from tribox.geometry.surfaces.rigid_circle import Circle
 from tribox.geometry.surfaces.rigid_mesh import MeshSurface
 from tribox.geometry.surfaces.rigid_motion import RigidMotion
-from tribox.geometry.surfaces.rigid_plane import Plane
 from tribox.geometry.surfaces.rigid_polyline import Polyline
+from tribox.geometry.surfaces.rigid_shapes import Circle, Plane
 from tribox.geometry.surfaces.surface import ContactSurface
 
 PENALTY = 40.0

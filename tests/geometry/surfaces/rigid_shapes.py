@@ -2,12 +2,9 @@
 
 import numpy as np
 
-from tribox.geometry.surfaces.rigid_circle import Circle
-from tribox.geometry.surfaces.rigid_extruded import Cylinder, Extruded
 from tribox.geometry.surfaces.rigid_motion import RigidMotion
-from tribox.geometry.surfaces.rigid_plane import Plane
 from tribox.geometry.surfaces.rigid_polyline import Polyline
-from tribox.geometry.surfaces.rigid_sphere import Sphere
+from tribox.geometry.surfaces.rigid_shapes import Circle, Cylinder, Extruded, Plane, Sphere
 
 # A step down, an inner corner and a flank, from left to right: the free side is above.
 STEP = np.array([[-1.0, 0.5], [0.1, 0.5], [0.3, -0.4], [0.9, -0.5], [1.2, 0.3]])

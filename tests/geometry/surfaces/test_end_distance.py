@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tribox.geometry.surfaces.end_distance import EndDistance
 from tribox.geometry.surfaces.facets import facet_shape
+from tribox.geometry.surfaces.projection import EndDistance
 
 CHAIN = facet_shape("interval", 1)
 

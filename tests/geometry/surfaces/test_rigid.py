@@ -12,10 +12,7 @@ from tests.geometry.surfaces.rigid_shapes import SMOOTH, around, moved
 from tribox.geometry.surfaces.closest_point import closest_points
 from tribox.geometry.surfaces.facets import facet_shape
 from tribox.geometry.surfaces.rigid import normals
-from tribox.geometry.surfaces.rigid_circle import Circle
-from tribox.geometry.surfaces.rigid_extruded import Cylinder
-from tribox.geometry.surfaces.rigid_plane import Plane
-from tribox.geometry.surfaces.rigid_sphere import Sphere
+from tribox.geometry.surfaces.rigid_shapes import Circle, Cylinder, Plane, Sphere
 
 BOX = np.array([[-3.0, -3.0, -3.0], [3.0, 3.0, 3.0]])
 
@@ -98,7 +95,7 @@ def test_nothing_changes_when_all_moves_as_one(name, theta, shift, seed):
 
 def test_shapes_need_neither_meshes_nor_solvers():
     """A case may be checked where there is no DOLFINx."""
-    names = "circle", "extruded", "motion", "plane", "polyline", "sphere"
+    names = "shapes", "motion", "polyline"
     script = "".join(f"import tribox.geometry.surfaces.rigid_{name}\n" for name in names)
     script += "import sys; print([m for m in ('basix', 'dolfinx', 'mpi4py') if m in sys.modules])"
     command = [sys.executable, "-c", script]

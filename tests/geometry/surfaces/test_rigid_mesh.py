@@ -7,7 +7,7 @@ from tests.geometry.surfaces.rigid_shapes import STEP, moved
 from tribox.geometry.surfaces.facets import facet_shape
 from tribox.geometry.surfaces.projection import FacetSurface
 from tribox.geometry.surfaces.rigid_mesh import MeshSurface
-from tribox.geometry.surfaces.slave_normals import PointNormals
+from tribox.geometry.surfaces.slave_points import PointNormals
 
 LINE = np.array([[0, 1], [1, 2], [2, 3], [3, 4]])
 

@@ -10,7 +10,7 @@ from tribox.geometry.surfaces.facets import facet_shape
 from tribox.geometry.surfaces.projection import FacetSurface
 from tribox.geometry.surfaces.rigid import normals
 from tribox.geometry.surfaces.rigid_polyline import AT_ONCE, Polyline
-from tribox.geometry.surfaces.slave_normals import PointNormals
+from tribox.geometry.surfaces.slave_points import PointNormals
 
 SQUARE = np.array([[0.0, 0.0], [0.0, 1.0], [1.0, 1.0], [1.0, 0.0]])
 

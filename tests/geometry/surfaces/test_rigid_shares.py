@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from tribox.geometry.surfaces.rigid_fillets import filleted
-from tribox.geometry.surfaces.rigid_shares import FACING, LineEnds
+from tribox.geometry.surfaces.rigid_polyline import FACING, LineEnds, filleted
 
 # Convex and concave corners, steep and gentle ones, arcs, and an open end on both sides.
 POINTS = [[3.0, 2.0], [2.6, 0.6], [2.0, 0.0], [1.0, 0.0], [1.0, -1.0], [0.2, -0.9], [-1.0, -1.0]]

@@ -5,7 +5,7 @@ import pytest
 from mpi4py import MPI
 
 from tribox.geometry.surfaces.facets import facet_shape
-from tribox.geometry.surfaces.slave_normals import CHORDS, SlaveNormals
+from tribox.geometry.surfaces.slave_points import CHORDS, SlaveNormals
 from tribox.geometry.surfaces.vertices import SlaveVertices
 
 PLACES = np.array([0.1, 0.5, 0.8])  # of the points on each facet, from its first vertex

@@ -1,16 +1,25 @@
-"""Notices steps that ended at round-off: they did not reach the tolerance that was asked for."""
+"""What is noticed of a run's steps while they are made, to be told to the user at its end.
+
+Steps that ended at round-off, and so did not reach the tolerance that was asked for; bodies that
+float, held by weak springs (:mod:`tribox.app.implicit.weak_hold`); steps in which metal flowed far.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 
+import numpy as np
+from mpi4py import MPI
+
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.snapshot import Snapshot
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.simulation.history import Row
 from tribox.app.simulation.observer import Interval
+from tribox.app.simulation.time_text import time_text
 from tribox.forms.bodies.materials import oedometric_modulus
+from tribox.forms.bodies.plastic_solid import PlasticSolid
 
 TOUCHING = 1e-9  # penetration over a facet's length up to which bodies only touch
 RIGID = 1e4  # stiffness over that of another body beyond which a body need not go to be rigid
@@ -120,3 +129,110 @@ class RoundOffWatch:
                 f"softest body (1000 times is as good as rigid)"
             )
         return "a larger load, or a larger solver.tolerance if this is enough"
+
+
+# -- Bodies that float, held by weak springs -------------------------------------------------------
+
+
+@dataclass(slots=True)
+class Floating:
+    """The steps in which a body floated.
+
+    Attributes:
+        when: the first of them, in words; steps: their number.
+        holding: largest force of the springs of a step over the largest force of the run till then.
+    """
+
+    when: str
+    steps: int = 0
+    holding: float = 0.0
+
+
+class FloatingWatch:
+    """Keeps which bodies floated, and what held them.
+
+    Attributes:
+        found: by name of the body.
+    """
+
+    def __init__(self) -> None:
+        """Begin with none."""
+        self.found: dict[str, Floating] = {}
+
+    def step(self, row: Row, result: StepResult | Interval) -> None:
+        """Look at a converged step."""
+        if isinstance(result, Interval):
+            return
+        for body in result.floating:
+            when = f"first at time {time_text(row.time, row.dt)}, stage {row.stage}"
+            one = self.found.setdefault(body, Floating(when))
+            one.steps += 1
+            one.holding = max(one.holding, result.holding)
+
+    def snapshot(self) -> Snapshot:
+        """What has been seen so far."""
+        return {name: asdict(one) for name, one in self.found.items()}
+
+    def restore(self, kept: Snapshot) -> None:
+        """Go on from what :meth:`snapshot` has seen."""
+        self.found = {name: Floating(**one) for name, one in kept.items()}
+
+    def warnings(self) -> Iterator[str]:
+        """A line for each body that floated."""
+        for name, one in self.found.items():
+            yield (
+                f"body {name} floats in {one.steps} steps ({one.when}): no support and no contact "
+                "force holds it; its place is where it was before, kept by weak springs with at "
+                f"most {one.holding:.1e} of the largest force"
+            )
+
+
+# -- Watches how far bodies flow: past the data of their hardening, and in one step ----------------
+
+LONG = 0.1  # equivalent plastic strain of one step from which on it is warned of
+
+
+class FlowWatch:
+    """Largest equivalent plastic strains of each body that flows."""
+
+    def __init__(self, problem: Equilibrium) -> None:
+        """Find the bodies that flow."""
+        self._comm = problem.comm
+        self._bodies = [body for body in problem.solids if isinstance(body, PlasticSolid)]
+        self._found: dict[str, str] = {}  # warnings, by a word for each and its body
+
+    def step(self, row: Row) -> None:
+        """Look at a converged step; collective."""
+        if not self._bodies:
+            return
+        local = np.array([body.largest_flow() for body in self._bodies])
+        largest = np.empty_like(local)
+        self._comm.Allreduce(local, largest, op=MPI.MAX)
+        when = f"first at time {time_text(row.time, row.dt)}, stage {row.stage}"
+        for body, (strain, growth) in zip(self._bodies, largest, strict=True):
+            end = body.material.hardening.largest_strain
+            if strain > end:
+                self._found.setdefault(
+                    f"table {body.name}",
+                    f"body {body.name}: equivalent plastic strain beyond {end:.3g}, where its "
+                    f"hardening table ends and the yield stress stays level ({when}); add points",
+                )
+            if growth > LONG:
+                self._found.setdefault(
+                    f"step {body.name}",
+                    f"body {body.name}: equivalent plastic strain grew by {growth:.3g} in one step "
+                    f"({when}): where principal axes turn, stresses normal to the shear are of "
+                    "first order in the step; take more steps",
+                )
+
+    def warnings(self) -> Iterator[str]:
+        """One line for each body and reason."""
+        yield from self._found.values()
+
+    def snapshot(self) -> Snapshot:
+        """What has been seen so far."""
+        return {"found": list(self._found.items())}
+
+    def restore(self, kept: Snapshot) -> None:
+        """Go on from what :meth:`snapshot` has seen."""
+        self._found = {word: said for word, said in kept["found"]}
