@@ -35,11 +35,6 @@ SOURCE = "cell_places.c"
 Places = NDArray[np.int32]
 
 
-def can_place(A: PETSc.Mat) -> bool:
-    """Whether `CellPlaces` can be made for a matrix: its values are at hand, and a C compiler."""
-    return is_direct(A) and library(SOURCE) is not None
-
-
 class CellPlaces:
     """The places of a body's element matrices in a matrix of one pattern and one numbering.
 
@@ -59,7 +54,7 @@ class CellPlaces:
         """Look the places up; not collective.
 
         Args:
-            A: a matrix that `can_place`, assembled, with the local to global map to be used.
+            A: a matrix that :func:`is_direct`, assembled, with the local to global map to be used.
             nodes: (c, a) local nodes of the cells, ghosts included.
             dim: unknowns per node.
         """
@@ -118,13 +113,11 @@ def _starts(A: PETSc.Mat, unknowns: NDArray[np.int32]) -> tuple[Places, Bools, i
         A: the matrix.
         unknowns: (c, a, i) rows of :func:`own_block`, which are the columns too.
     """
-    code = library(SOURCE)
-    assert code is not None
     pattern = [np.ascontiguousarray(part, dtype=np.int32) for part in own_block(A).getRowIJ()]
     starts = np.empty((*unknowns.shape, unknowns.shape[1]), dtype=np.int32)
     there = np.empty(len(unknowns), dtype=bool)
     arrays = (*pattern, unknowns, starts, there)
-    search = code.tribox_cell_places
+    search = library(SOURCE).tribox_cell_places
     search.argtypes = [ctypes.c_int64, ctypes.c_int, ctypes.c_int, *[ctypes.c_void_p] * 5]
     search.restype = None
     search(*unknowns.shape, *(array.ctypes.data for array in arrays))
@@ -224,7 +217,7 @@ class Bodies:
         """
         solid, cells = self.solids[index], self.cells[index]
         carrier = solid.carried if carried else None
-        if cells is not None and can_place(A):
+        if cells is not None and is_direct(A):
             excess = None if carrier is None else carrier.excess()
             self._add_cells(A, self._places(A, index, cells, pattern), excess)
             return

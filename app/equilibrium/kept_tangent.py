@@ -138,9 +138,7 @@ class KeptTangent:
     def _much_stiffer(self) -> list[int]:
         """Elastic bodies without a loop, much stiffer than the softest in contact; collective."""
         touching = self._touching()
-        looped = np.array([cells is not None for cells in self._bodies.cells])
-        if len(looped):
-            self._comm.Allreduce(MPI.IN_PLACE, looped, op=MPI.LOR)  # a rank may have no compiler
+        looped = [cells is not None for cells in self._bodies.cells]
         moduli = [solid.material.shear_modulus for solid in self._solids]
         softest = min((m for m, yes in zip(moduli, touching, strict=True) if yes), default=np.inf)
         return [

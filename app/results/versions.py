@@ -54,8 +54,8 @@ def _processor() -> str:
 def kernels() -> dict[str, str]:
     """The program's compiled C sources that this process has loaded: name, and key of its build.
 
-    The key is of the source, its headers, the compiler's options and the machine. None where
-    everything runs in numpy, or where the system does not tell.
+    The key is of the source, its headers, the compiler's options and the machine. None where the
+    system does not tell.
     """
     try:
         mapped = Path("/proc/self/maps").read_text(encoding="utf-8", errors="replace")

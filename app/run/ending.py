@@ -27,10 +27,20 @@ def end_with(error: Exception) -> NoReturn:
     if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
         _say_once(f"{as_line(str(error.filename))}: {error.strerror}")
         _abort(InputError.exit_code)
+    if isinstance(error, RuntimeError) and (line := _of_a_kernel(error)):
+        print(f"tribox: {as_line(line)}", file=sys.stderr)  # it may be this rank's alone
+        _abort(1)
     if ranks_around() == 1:
         raise error
     traceback.print_exception(error)
     _abort(1)
+
+
+def _of_a_kernel(error: RuntimeError) -> str:
+    """What kept a C source from being compiled; "" where that is not what went wrong."""
+    from tribox.geometry.native.compiler import KernelError
+
+    return str(error) if isinstance(error, KernelError) else ""
 
 
 def end_interrupted(together: bool) -> NoReturn:

@@ -62,7 +62,7 @@ class CompiledCells(Protocol):
 def compiled_cells(space: dolfinx.fem.FunctionSpace, solid: Solid) -> CompiledCells | None:
     """The loop for this rank's cells of a body, even if there are none; None: no loop covers it.
 
-    All ranks get one, or none does, where all have a compiler.
+    All ranks get one, or none does.
     """
     in_space = solid.section == "3D"
     return space_cells(space, solid) if in_space else plane_cells(space, solid)

@@ -108,11 +108,9 @@ class PlaneCode:
     tangent: Any
 
 
-def _code(ring: bool) -> PlaneCode | None:
-    """The loops; None without a compiler."""
+def _code(ring: bool) -> PlaneCode:
+    """The loops."""
     loops, tangents = library(RING if ring else FORCES), library(RING if ring else TANGENT)
-    if loops is None or tangents is None:
-        return None
     kind = "ring" if ring else "plane"
     code = PlaneCode(
         getattr(loops, f"tribox_{kind}_forces"),

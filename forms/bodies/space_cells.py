@@ -110,12 +110,11 @@ def space_cells(space: dolfinx.fem.FunctionSpace, solid: Solid) -> SpaceCells | 
     linear = space.dofmap.dof_layout.num_dofs == corners and cell_order(mesh) == 1
     if not linear or type(solid.material) not in _KINDS:
         return None
-    code = library(SOURCE)
-    if code is None:
-        return None
     nodes = np.asarray(space.dofmap.list)[solid.cells]
     position = space.tabulate_dof_coordinates()
-    return SpaceCells(code, nodes, position, solid.material, reduced=len(solid.forms) == 2)
+    return SpaceCells(
+        library(SOURCE), nodes, position, solid.material, reduced=len(solid.forms) == 2
+    )
 
 
 def coefficients(x: Floats) -> Floats:

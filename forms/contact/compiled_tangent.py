@@ -402,7 +402,7 @@ def _require_room(failed: int) -> None:
 
 
 def compiled_tangent(surface: ContactSurface) -> CompiledTangent | None:
-    """The loops for a pair; None in the plane, over rigid surfaces, and without a compiler."""
+    """The loops for a pair; None in the plane and over rigid surfaces."""
     target = surface.target
     if surface.dim != 3 or not isinstance(target, FacetSurface):
         return None
@@ -410,5 +410,4 @@ def compiled_tangent(surface: ContactSurface) -> CompiledTangent | None:
     fits = all(a <= b for a, b in zip(sizes, (_SHAPES, _MOVERS, _CORNERS), strict=True))
     if not fits or not isinstance(surface.master, MasterFacets):
         return None
-    code = library(SOURCE)
-    return None if code is None else CompiledTangent(surface, code)
+    return CompiledTangent(surface, library(SOURCE))

@@ -320,5 +320,6 @@ def explicit_contact(term: ContactTerm, compiled: bool = True) -> ExplicitContac
         and not surface.axisymmetric
         and not term.neighbours
     )
-    code = library(SOURCES[surface.dim]) if compiled and known else None
-    return ExplicitContact(term) if code is None else CompiledContact(term, code)
+    if not (compiled and known):
+        return ExplicitContact(term)
+    return CompiledContact(term, library(SOURCES[surface.dim]))

@@ -23,8 +23,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tribox.geometry.surfaces.closest_point import solve_small
-from tribox.geometry.surfaces.facets import Bools, Floats, Longs, unit_normals
+from tribox.geometry.surfaces.facets import Bools, Floats, Longs, solve_small, unit_normals
 from tribox.geometry.surfaces.projection import Projection
 from tribox.geometry.surfaces.slave_points import PointNormals
 

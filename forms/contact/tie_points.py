@@ -17,8 +17,14 @@ import basix
 import numpy as np
 
 from tribox.geometry.surfaces.body_facets import facet_nodes
-from tribox.geometry.surfaces.closest_point import solve_small
-from tribox.geometry.surfaces.facets import Floats, Ints, Longs, facet_shape, unit_normals
+from tribox.geometry.surfaces.facets import (
+    Floats,
+    Ints,
+    Longs,
+    facet_shape,
+    solve_small,
+    unit_normals,
+)
 from tribox.geometry.surfaces.surface import ContactSurface, MasterFacets, RigidMaster
 from tribox.geometry.surfaces.target import Projection
 

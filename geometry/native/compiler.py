@@ -1,7 +1,6 @@
 """Compiles the packages' C sources on first use and keeps the libraries in FFCx's cache.
 
-FFCx needs a C compiler too. Where there is none, or it fails, :func:`compiled` returns None and the
-callers use DOLFINx's generated kernels and numpy instead.
+FFCx needs a C compiler too, so that one is there wherever a case runs.
 """
 
 from __future__ import annotations
@@ -22,25 +21,31 @@ MORE_FLAGS = "TRIBOX_CFLAGS"
 """Variable of the environment: further options of the compiler, of sanitizers, say."""
 
 
-def compiled(source: Path) -> ctypes.CDLL | None:
-    """The compiled library of a C source; None where it can be neither found nor made.
+class KernelError(RuntimeError):
+    """A C source could not be compiled, or its library not kept; with the compiler's words."""
+
+
+def compiled(source: Path) -> ctypes.CDLL:
+    """The compiled library of a C source, made if it is not at hand.
 
     Args:
         source: the file; it may include the headers of its own directory.
+
+    Raises:
+        KernelError: it can be neither found nor made.
     """
     key = hashlib.sha256(source.read_bytes())
     for header in sorted(source.parent.glob("*.h")):
         key.update(header.read_bytes())
     key.update(" ".join((*_flags(), platform.machine())).encode())
     file = f"libtribox_{source.stem}_{key.hexdigest()[:24]}.so"
-    for directory in filter(_trusted, _caches()):
-        built = directory / file
-        loaded = _load(built)
-        if loaded is None and _build(source, built):
-            loaded = _load(built)
-        if loaded is not None:
-            return loaded
-    return None
+    reasons = []
+    for directory in _caches():
+        try:
+            return _load(directory / file) or _made(source, directory / file)
+        except KernelError as error:
+            reasons.append(str(error))
+    raise KernelError(f"{source.name} cannot be compiled: {'; '.join(dict.fromkeys(reasons))}")
 
 
 def _flags() -> tuple[str, ...]:
@@ -53,7 +58,13 @@ def _trusted(directory: Path) -> bool:
 
 
 def _load(file: Path) -> ctypes.CDLL | None:
-    """The library in a file; None where there is no file, or one of another system."""
+    """The library in a file; None where there is no file, or one of another system.
+
+    Raises:
+        KernelError: it is in a directory of somebody else's.
+    """
+    if not _trusted(file.parent):
+        raise KernelError(f"{file.parent} belongs to somebody else")
     try:
         return ctypes.CDLL(str(file)) if file.exists() else None
     except OSError:
@@ -66,11 +77,15 @@ def _caches() -> tuple[Path, Path]:
     return compiler_cache(), ours
 
 
-def _build(source: Path, target: Path) -> bool:
-    """Compile ``source`` into ``target``, complete or not at all; whether it worked."""
+def _made(source: Path, target: Path) -> ctypes.CDLL:
+    """Compile ``source`` into ``target``, complete or not at all, and load it.
+
+    Raises:
+        KernelError: there is no compiler, it refuses, or ``target`` cannot be written or loaded.
+    """
     compiler = next(filter(None, map(shutil.which, (os.environ.get("CC", "cc"), "gcc"))), None)
     if compiler is None:
-        return False
+        raise KernelError("there is no C compiler on the PATH (gcc, or what CC names)")
     try:
         target.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=target.parent) as scratch:
@@ -79,11 +94,15 @@ def _build(source: Path, target: Path) -> bool:
                 [compiler, *_flags(), "-o", str(made), str(source), "-lm"],
                 capture_output=True,
                 check=False,
+                text=True,
+                errors="replace",
             )
             if done.returncode != 0:
-                return False
+                raise KernelError(f"{compiler} says: {done.stderr.strip()}")
             made.chmod(0o755)
             made.replace(target)
-    except OSError:  # a cache that cannot be written
-        return False
-    return True
+    except OSError as error:
+        raise KernelError(f"{target.parent}: {error.strerror}") from None
+    if (loaded := _load(target)) is None:
+        raise KernelError(f"{target} cannot be loaded")
+    return loaded

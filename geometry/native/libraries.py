@@ -12,10 +12,13 @@ SOURCES = ("closest_points.c",)
 
 
 @functools.cache
-def library(name: str) -> ctypes.CDLL | None:
-    """The compiled library of the source ``name``; None where it can be neither found nor made.
+def library(name: str) -> ctypes.CDLL:
+    """The compiled library of the source ``name``.
 
     Args:
         name: file name of a C source in this directory.
+
+    Raises:
+        KernelError: it can be neither found nor made.
     """
     return compiled(Path(__file__).with_name(name))

@@ -1,4 +1,8 @@
-"""Closest points of facets in C, by the source ``closest_points.c``; see :mod:`closest_point`.
+"""Closest points on facets, by the source ``closest_points.c``.
+
+Inside a facet the distance to x is stationary where τ_α·(x − ȳ(ξ)) = 0. Where that has no solution
+in the reference domain, the closest point lies on one of the sides, which are facets of one
+dimension less, and so on down to the corners.
 
 Axis letters: q slave points, p pairs of a point and a facet, f facets, a nodes of a facet, i space,
 α surface directions.
@@ -16,10 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tribox.geometry.native.libraries import library
-from tribox.geometry.surfaces.closest_point import samples
 from tribox.geometry.surfaces.facets import FacetShape, Floats, Ints, Longs, facet_shape
 
 SOURCE = "closest_points.c"
+INTERIOR = -1  # entity of a closest point inside a facet; sides count from 0
+CORNER = 8  # entity of a corner: this plus its number
+SEAM = 1e-11  # reference distance past a seam up to which a point belongs to the facet itself
 
 
 def _fields(longs: str, pointers: str, doubles: str = "", more: str = "") -> list[tuple[str, Any]]:
@@ -82,16 +88,15 @@ class Candidates:
 class CompiledFacets:
     """All facets of one surface."""
 
-    def __init__(self, shape: FacetShape, facets: int, code: ctypes.CDLL) -> None:
+    def __init__(self, shape: FacetShape, facets: int) -> None:
         """Lay out what the library works on.
 
         Args:
             shape: of all facets.
             facets: how many there are.
-            code: the library of ``SOURCE``.
         """
-        self.shape, self._code = shape, code
-        sizes = _sizes(code)
+        self.shape, self._code = shape, library(SOURCE)
+        sizes = _sizes(self._code)
         # Zeros that no one touches take no memory; nor are they written before a facet is needed.
         self._made = np.zeros((facets, sizes["facet"] // 8))
         self._tried = sizes["closest"] // 8
@@ -214,17 +219,6 @@ class CompiledFacets:
         function(ctypes.byref(self._surface), *arguments)
 
 
-def compiled_facets(shape: FacetShape, facets: int) -> CompiledFacets | None:
-    """The facets for the library, or None where it cannot be had.
-
-    Args:
-        shape: of all facets.
-        facets: how many there are.
-    """
-    code = library(SOURCE)
-    return None if code is None else CompiledFacets(shape, facets, code)
-
-
 def _at(array: Any) -> ctypes.c_void_p:
     """Where an array is; None is nowhere."""
     return ctypes.c_void_p(None if array is None else array.ctypes.data)
@@ -250,6 +244,21 @@ def _sizes(code: ctypes.CDLL) -> dict[str, int]:
                 f"{__name__} {ctypes.sizeof(ours)}; both must list the same fields in one order"
             )
     return {"facet": sizes[4], "closest": sizes[5]}
+
+
+@lru_cache
+def samples(shape: FacetShape) -> Floats:
+    """Samples (s, α) to begin at, two intervals along each side, four on shapes of higher degree.
+
+    The middle of a flat facet, where one step leads to the stationary point.
+    """
+    if shape.is_flat:
+        return shape.points[: shape.corners].mean(axis=0)[None]
+    steps = np.linspace(0.0, 1.0, min(2 * shape.degree, 4) + 1)
+    grid = np.stack(np.meshgrid(*[steps] * shape.directions), axis=-1)
+    xi = grid.reshape(-1, shape.directions)
+    inside: Floats = xi[shape.excess(xi) <= SEAM]
+    return inside
 
 
 @lru_cache

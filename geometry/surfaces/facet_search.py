@@ -23,7 +23,6 @@ from itertools import chain
 import numpy as np
 from scipy.spatial import cKDTree
 
-from tribox.geometry.surfaces.closest_point import closest_points
 from tribox.geometry.surfaces.compiled_facets import Candidates, CompiledFacets
 from tribox.geometry.surfaces.facets import Bools, FacetShape, Floats, Ints, Longs
 
@@ -44,9 +43,9 @@ class FacetSearch:
         Args:
             shape: of all facets.
             facets: (f, a, i), m, reference: their nodes.
-            code: the same facets compiled; None: numpy.
+            code: what knows their closest points, if there is one already.
         """
-        self.shape, self._code = shape, code
+        self.shape, self._code = shape, code or CompiledFacets(shape, len(facets))
         radius = self._spheres(facets)[1]
         self.slack = SLACK[shape.directions] * 2.0 * float(np.median(radius))
         self.searches = 0
@@ -140,7 +139,7 @@ class FacetSearch:
         return centre, self.shape.lebesgue * reach
 
     def _search(self, points: Floats, facets: Floats) -> tuple[Ints, Ints, Floats]:
-        """Pairs, sorted by point, and (p,), m, what each exceeds its point's least distance by."""
+        """Pairs, sorted by point, and (p,), m, bounds of what each exceeds the least by."""
         if not len(points):
             return np.empty(0, dtype=np.int32), np.empty(0, dtype=np.int32), np.empty(0)
         trees = self._trees(facets)
@@ -155,23 +154,6 @@ class FacetSearch:
         bound = np.linalg.norm(points[point] - centre[facet], axis=1) - radius[facet]
         keep = bound <= least[point] + self.slack
         point, facet = point[keep], facet[keep]
-        if self._code is not None:
-            return self._kept(points, facets, point, facet)
-        distance = self._distances(points, facets, point, facet)
-        # From these distances alone: the same pair rounds otherwise among others, and far from the
-        # origin by more than a tie, so that a point might keep no facet at all.
-        least = np.full(len(points), np.inf)
-        np.minimum.at(least, point, distance)
-        excess = distance - least[point]
-        keep = np.nonzero(excess <= self.slack)[0]
-        order = keep[np.lexsort((facet[keep], point[keep]))]
-        return point[order], facet[order], excess[order]
-
-    def _kept(
-        self, points: Floats, facets: Floats, point: Ints, facet: Ints
-    ) -> tuple[Ints, Ints, Floats]:
-        """Pairs to be kept, sorted by point, and lower bounds of what they exceed the least by."""
-        assert self._code is not None
         order = np.lexsort((facet, point))
         point, facet = point[order], facet[order]
         start = np.searchsorted(point, np.arange(len(points) + 1))
@@ -203,18 +185,10 @@ class FacetSearch:
         everyone = np.arange(len(points), dtype=np.int32)
         for tree, at in trees:
             candidate = at[tree.query(points)[1]]
-            distance = self._distances(points, facets, everyone, candidate)
+            distance = self._code.distances(points, facets, everyone, candidate)
             nearer = distance < least
             facet[nearer], least[nearer] = candidate[nearer], distance[nearer]
         return facet, least
-
-    def _distances(self, points: Floats, facets: Floats, point: Ints, facet: Ints) -> Floats:
-        """Distances (p,), m, of pairs."""
-        if self._code is not None:
-            return self._code.distances(points, facets, point, facet)
-        closest = closest_points(self.shape, facets[facet], points[point])
-        out: Floats = np.sqrt(closest.squared)
-        return out
 
 
 def _where(mask: Bools) -> Ints:

@@ -237,3 +237,20 @@ def unit_normals(tangents: Floats) -> Floats:
         normal = np.cross(tangents[..., 0, :], tangents[..., 1, :]).astype(np.float64)
     unit: Floats = normal / np.linalg.norm(normal, axis=-1)[..., None]
     return unit
+
+
+def solve_small(matrix: Floats, right: Floats) -> Floats:
+    """Solutions (p, α) of p systems of one or two equations, (p, α, α) and (p, α)."""
+    if matrix.shape[-1] == 1:
+        out: Floats = right / matrix[..., 0]
+        return out
+    a, b, c, d = matrix[:, 0, 0], matrix[:, 0, 1], matrix[:, 1, 0], matrix[:, 1, 1]
+    over = 1.0 / _determinant(matrix)
+    first = (d * right[:, 0] - b * right[:, 1]) * over
+    return np.stack([first, (a * right[:, 1] - c * right[:, 0]) * over], axis=1)
+
+
+def _determinant(matrix: Floats) -> Floats:
+    """Determinants (p,) of matrices (p, 2, 2)."""
+    out: Floats = matrix[:, 0, 0] * matrix[:, 1, 1] - matrix[:, 0, 1] * matrix[:, 1, 0]
+    return out

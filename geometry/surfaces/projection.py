@@ -11,13 +11,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse
 
-from tribox.geometry.surfaces.closest_point import (
-    CORNER,
-    INTERIOR,
-    closest_points,
-    stationary_points,
-)
-from tribox.geometry.surfaces.compiled_facets import compiled_facets
+from tribox.geometry.surfaces.compiled_facets import CORNER, INTERIOR, Candidates, CompiledFacets
 from tribox.geometry.surfaces.facet_search import TIE, FacetSearch
 from tribox.geometry.surfaces.facets import (
     Bools,
@@ -56,7 +50,6 @@ class FacetSurface:
         nodes: Floats,
         smoothing_angle: float | None = None,
         fade_length: float | None = None,
-        compiled: bool = True,
     ) -> None:
         """Prepare the connectivity.
 
@@ -67,7 +60,6 @@ class FacetSurface:
             smoothing_angle: rad; the surface is made smooth but for sides where the normals
                 of neighbours differ by more. Without it the facets themselves are the surface.
             fade_length: m, undeformed, way before an open end over which points fade.
-            compiled: False for numpy throughout.
 
         Raises:
             ValueError: more than two facets meet at a side, or two with opposite normals; or
@@ -81,7 +73,7 @@ class FacetSurface:
             patches = smooth_patches(shape, self.facets, nodes, smoothing_angle)
             self.shape, self.stencil = patches.shape, patches.stencil
             self._extraction = patches.extraction
-        self._code = compiled_facets(self.shape, len(self.facets)) if compiled else None
+        self._code = CompiledFacets(self.shape, len(self.facets))
         self.search = FacetSearch(self.shape, self._controls(nodes), self._code)
         self._connect(shape, nodes)
         self.fade_length, self._undeformed = fade_length, nodes
@@ -191,12 +183,21 @@ class FacetSurface:
         rows = rows[self._joined[self.facets[facet[rows], entity[rows] - CORNER]]]
         if not len(rows):
             return found
-        there, known = stationary_points(self.shape, controls[facet[rows]], points[rows])
+        there, known = self._as_if_going_on(points[rows], controls, facet[rows])
         past = self.shape.excess(there) * self._length[facet[rows]]
         near = known & (past <= reach[rows])
         xi, entity = xi.copy(), entity.copy()
         xi[rows[near]], entity[rows[near]] = there[near], INTERIOR
         return facet, xi, entity
+
+    def _as_if_going_on(
+        self, points: Floats, controls: Floats, facet: Ints
+    ) -> tuple[Floats, Bools]:
+        """Places ξ (q, α) nearest to points on endless facets (q,); whether there are any."""
+        count = np.arange(len(points) + 1)
+        among = Candidates(count, facet, np.zeros(len(points)), 0.0)
+        _, xi, entity = self._code.closest(points, controls, among, 0.0, (facet, np.inf))
+        return xi, entity == INTERIOR
 
     def _share_ends(self, out: Projection, reach: Floats | None) -> None:
         """Let points pass from one surface to the next, over twice ``reach`` (q,), m."""
@@ -221,31 +222,9 @@ class FacetSurface:
         self, points: Floats, controls: Floats, frozen_facets: Ints | None
     ) -> tuple[Ints, Floats, Ints]:
         """Facets (q,), ξ (q, α) and entities (q,) of the closest points."""
-        tie = TIE * self.search.slack
-        if self._code is not None:
-            among = self.search.candidates(points, controls)
-            kept = None if frozen_facets is None else (frozen_facets, OVERRUN)
-            return self._code.closest(points, controls, among, tie, kept)
-        point, facet = self.search.pairs(points, controls)
-        if not len(points):
-            empty = np.empty(0, dtype=np.int32)
-            return empty, np.empty((0, self.shape.directions)), empty
-        pair = closest_points(self.shape, controls[facet], points[point])
-        start = np.searchsorted(point, np.arange(len(points)))
-        distance = np.sqrt(pair.squared)
-        least = np.minimum.reduceat(distance, start)
-        near = distance <= least[point] + tie
-        rank = facet.astype(np.int64) + np.where(pair.entity == INTERIOR, 0, len(self.facets))
-        rank = np.where(near, rank, 2 * len(self.facets))
-        best = np.nonzero(rank == np.minimum.reduceat(rank, start)[point])[0]
-        facet, xi, entity = facet[best], pair.xi[best], pair.entity[best]
-        if frozen_facets is not None:
-            there, found = stationary_points(self.shape, controls[frozen_facets], points)
-            stays = found & (self.shape.excess(there) <= OVERRUN)
-            facet = np.where(stays, frozen_facets, facet)
-            entity = np.where(stays, INTERIOR, entity)
-            xi = np.where(stays[:, None], there, xi)
-        return facet, xi, entity
+        among = self.search.candidates(points, controls)
+        kept = None if frozen_facets is None else (frozen_facets, OVERRUN)
+        return self._code.closest(points, controls, among, TIE * self.search.slack, kept)
 
     def _fade(self, out: Projection, reach: Floats | None) -> None:
         """Let points fade over the last way ``reach`` (q,), m, up to the end of the surface.
@@ -301,11 +280,7 @@ class FacetSurface:
 
     def places(self, facet: Ints, xi: Floats, nodes: Floats) -> tuple[Floats, Floats]:
         """Points ȳ (q, i) and tangents (q, α, i) of material places, on current nodes (n, i)."""
-        if self._code is not None:
-            return self._code.places(self._controls(nodes), facet, xi)
-        moved = nodes[self.stencil[facet]]
-        foot = np.einsum("qm,qmi->qi", self.weights(facet, xi), moved)
-        return foot, np.einsum("qbm,qmi->qbi", self.slopes(facet, xi), moved)
+        return self._code.places(self._controls(nodes), facet, xi)
 
     def smooth_normals(self, facet: Ints, xi: Floats, nodes: Floats) -> Floats:
         """Normals (q, i), of any length, of a smooth surface through the facets, there."""
@@ -345,7 +320,7 @@ class FacetSurface:
         self, points: Floats, controls: Floats, facet: Ints, xi: Floats, entity: Ints
     ) -> Projection:
         """Geometry at the closest points on the chosen facets."""
-        foot, tangents, normal, gap, curvature = self._geometry(points, controls, facet, xi)
+        foot, tangents, normal, gap, curvature = self._code.geometry(points, controls, facet, xi)
         out = Projection(
             facet=facet,
             xi=xi,
@@ -363,21 +338,6 @@ class FacetSurface:
         if len(at):
             self._clamp(out, at, entity[at], points[at] - foot[at], controls)
         return out
-
-    def _geometry(
-        self, points: Floats, controls: Floats, facet: Ints, xi: Floats
-    ) -> tuple[Floats, Floats, Floats, Floats, Floats | None]:
-        """Positions, tangents, unit normals, gaps and second derivatives, as in `Projection`."""
-        if self._code is not None:
-            return self._code.geometry(points, controls, facet, xi)
-        mine = controls[facet]
-        foot = np.einsum("qa,qai->qi", self.shape.values(xi), mine)
-        tangents = np.einsum("qba,qai->qbi", self.shape.first(xi), mine)
-        normal = unit_normals(tangents)
-        gap = np.einsum("qi,qi->q", points - foot, normal)
-        if self.shape.is_flat:
-            return foot, tangents, normal, gap, None
-        return foot, tangents, normal, gap, np.einsum("qbca,qai->qbci", self.shape.second(xi), mine)
 
     def _clamp(
         self, out: Projection, at: Ints, entity: Ints, apart: Floats, controls: Floats

@@ -16,6 +16,7 @@ from tribox.forms.bodies.internal_force import GeneratedForce, InternalForce
 from tribox.forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean
 from tribox.forms.bodies.plane_cells import PlaneCells
 from tribox.forms.bodies.solid import Solid
+from tribox.geometry.native.compiler import KernelError
 
 MATERIALS = {
     "neo-hookean": NeoHookean(1.0, 5.0),
@@ -162,16 +163,16 @@ def test_two_bodies_add_up(pair):
     np.testing.assert_allclose(whole, parts, atol=1e-15)
 
 
-def test_without_a_compiler_the_generated_kernel_serves(monkeypatch, tmp_path):
-    """An empty cache that cannot be written, and no compiler on the path."""
+def test_without_a_compiler_there_is_an_error(monkeypatch, tmp_path):
+    """And no run that is silently slower. The cache is empty, and nothing is on the path."""
     monkeypatch.setattr(tribox.geometry.native.compiler, "_caches", lambda: (tmp_path / "none",))
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.delenv("CC", raising=False)
     tribox.forms.native.libraries.library.cache_clear()
     try:
         u, solid = body("quadrilateral", MATERIALS["hencky"], "q1-sri")
-        internal = InternalForce(u, [solid])
-        assert not internal.compiled and isinstance(internal.parts[0], GeneratedForce)
+        with pytest.raises(KernelError, match=r"plane_kernel.c .*no C compiler on the PATH"):
+            InternalForce(u, [solid])
     finally:
         tribox.forms.native.libraries.library.cache_clear()
 
@@ -206,7 +207,8 @@ def test_libraries_of_strangers_are_not_loaded(monkeypatch, tmp_path):
     monkeypatch.setattr(tribox.geometry.native.compiler, "_caches", lambda: (directory,))
     tribox.forms.native.libraries.library.cache_clear()
     try:
-        assert tribox.forms.native.libraries.library("plane_contact.c") is None
+        with pytest.raises(KernelError, match="belongs to somebody else"):
+            tribox.forms.native.libraries.library("plane_contact.c")
         os.chown(directory, 0, -1)
         tribox.forms.native.libraries.library.cache_clear()
         assert tribox.forms.native.libraries.library("plane_contact.c") is not None

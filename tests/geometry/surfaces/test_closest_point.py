@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from tribox.geometry.surfaces.closest_point import CORNER, INTERIOR, closest_points, solve_small
-from tribox.geometry.surfaces.facets import facet_shape
+from tests.geometry.surfaces.closest import closest_points
+from tribox.geometry.surfaces.compiled_facets import CORNER, INTERIOR
+from tribox.geometry.surfaces.facets import facet_shape, solve_small
 
 KINDS = [(cell, degree) for cell in ("interval", "triangle", "quadrilateral") for degree in (1, 2)]
 

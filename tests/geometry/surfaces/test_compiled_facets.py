@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 import tribox.geometry.surfaces.compiled_facets as compiled
-from tribox.geometry.native.libraries import library
-from tribox.geometry.surfaces.closest_point import closest_points
-from tribox.geometry.surfaces.compiled_facets import Candidates, CompiledFacets, compiled_facets
+from tests.geometry.surfaces.closest import NumpySurface, closest_points
+from tribox.geometry.surfaces.compiled_facets import Candidates, CompiledFacets
 from tribox.geometry.surfaces.facets import facet_shape
 from tribox.geometry.surfaces.projection import FacetSurface
 
@@ -49,7 +48,7 @@ def one_each(shape, facets, points, code=None):
     count = len(points)
     own = np.arange(count, dtype=np.int32)
     among = Candidates(np.arange(count + 1), own, np.zeros(count), 0.0)
-    surface = code or compiled_facets(shape, count)
+    surface = code or CompiledFacets(shape, count)
     return surface.closest(points, facets, among, 1e-12)
 
 
@@ -75,7 +74,7 @@ def test_one_facet(kind, reach):
     # The shape functions of numpy round by some 1e-14 on cubic facets.
     close = {"rtol": 1e-12, "atol": 1e-13}
     np.testing.assert_allclose(np.linalg.norm(apart, axis=1), distance, **close)
-    code = compiled_facets(shape, 400)
+    code = CompiledFacets(shape, 400)
     np.testing.assert_allclose(code.distances(points, facets, facet, facet), distance, **close)
 
 
@@ -115,7 +114,7 @@ def both(sheet, kind, height=None):
 
     count = (7,) if cell == "interval" else (7, 5)
     shape, facets, nodes = sheet(cell, degree, count, height or hills)
-    surfaces = [FacetSurface(shape, facets, nodes, angle, compiled=c) for c in (True, False)]
+    surfaces = [kind(shape, facets, nodes, angle) for kind in (FacetSurface, NumpySurface)]
     return *surfaces, nodes
 
 
@@ -209,13 +208,6 @@ def test_of_equally_close_facets_the_first(sheet):
     np.testing.assert_array_equal(at.facet, first)
 
 
-def test_without_a_compiler_numpy_serves(sheet, monkeypatch):
-    monkeypatch.setattr(compiled, "library", lambda source: None)
-    ours, numpys, nodes = both(sheet, ("triangle", 1, None))
-    points = around(nodes, 50, 0.1)
-    assert_same(ours.project(points, nodes), numpys.project(points, nodes), 0.0)
-
-
 def test_no_points(sheet):
     ours, _, nodes = both(sheet, ("quadrilateral", 1, 0.8))
     assert ours.project(np.empty((0, 3)), nodes).gap.shape == (0,)
@@ -227,7 +219,7 @@ def test_structures_of_another_layout_are_refused(monkeypatch):
 
     monkeypatch.setattr(compiled, "_Task", Shorter)
     with pytest.raises(RuntimeError, match="the same fields in one order"):
-        CompiledFacets(facet_shape("interval", 1), 3, library(compiled.SOURCE))
+        CompiledFacets(facet_shape("interval", 1), 3)
 
 
 @pytest.mark.parametrize("kind", SURFACES, ids=name)

@@ -29,7 +29,7 @@ def surface_of(sheet, kind, count, height=hilly):
 
 def every_facet(surface, points, nodes):
     """Closest distances (q,) without a search."""
-    from tribox.geometry.surfaces.closest_point import closest_points
+    from tests.geometry.surfaces.closest import closest_points
 
     count = len(surface.facets)
     facet = np.tile(np.arange(count), len(points))

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.geometry.surfaces.closest import closest_points
 from tests.geometry.surfaces.rigid_shapes import SMOOTH, around, moved
-from tribox.geometry.surfaces.closest_point import closest_points
 from tribox.geometry.surfaces.facets import facet_shape
 from tribox.geometry.surfaces.rigid import normals
 from tribox.geometry.surfaces.rigid_shapes import Circle, Cylinder, Plane, Sphere

@@ -1,4 +1,4 @@
-"""Closest points on single facets: the stationary point inside, or the closest on a side.
+"""Closest points in numpy, written apart from the C source that is compared with it.
 
 Axis letters: p pairs of a point and a facet, a nodes of the facet, i space, α surface directions.
 Inside a facet the distance to x is stationary where τ_α·(x − ȳ(ξ)) = 0. Where that has no solution
@@ -9,15 +9,22 @@ dimension less, and so on down to the corners.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
-from tribox.geometry.surfaces.facets import Bools, FacetShape, Floats, Ints, Side
+from tribox.geometry.surfaces.compiled_facets import CORNER, INTERIOR, SEAM, samples
+from tribox.geometry.surfaces.facet_search import TIE
+from tribox.geometry.surfaces.facets import (
+    Bools,
+    FacetShape,
+    Floats,
+    Ints,
+    Side,
+    solve_small,
+    unit_normals,
+)
+from tribox.geometry.surfaces.projection import OVERRUN, FacetSurface
 
-INTERIOR = -1  # entity of a closest point inside a facet; sides count from 0
-CORNER = 8  # entity of a corner: this plus its number
-SEAM = 1e-11  # reference distance past a seam up to which a point belongs to the facet itself
 _STEPS = 40
 _LAST = 1e-9  # step in ξ, where the Hessian is positive definite, after which nothing is left
 
@@ -136,21 +143,6 @@ def _nearest_sample(shape: FacetShape, nodes: Floats, points: Floats) -> Floats:
     return lattice[np.argmin(np.einsum("psi,psi->ps", apart, apart), axis=1)].copy()
 
 
-@lru_cache
-def samples(shape: FacetShape) -> Floats:
-    """Samples (s, α) to begin at, two intervals along each side, four on shapes of higher degree.
-
-    The middle of a flat facet, where one step leads to the stationary point.
-    """
-    if shape.is_flat:
-        return shape.points[: shape.corners].mean(axis=0)[None]
-    steps = np.linspace(0.0, 1.0, min(2 * shape.degree, 4) + 1)
-    grid = np.stack(np.meshgrid(*[steps] * shape.directions), axis=-1)
-    xi = grid.reshape(-1, shape.directions)
-    inside: Floats = xi[shape.excess(xi) <= SEAM]
-    return inside
-
-
 def _newton_step(
     shape: FacetShape, nodes: Floats, points: Floats, xi: Floats
 ) -> tuple[Floats, Bools]:
@@ -165,7 +157,7 @@ def _newton_step(
     hessian = metric - np.einsum("pbci,pi->pbc", bend, apart)
     convex = np.all(np.diagonal(hessian, axis1=1, axis2=2) > 0.0, axis=1)
     if shape.directions == 2:
-        convex &= _determinant(hessian) > 1e-8 * _determinant(metric)
+        convex &= np.linalg.det(hessian) > 1e-8 * np.linalg.det(metric)
     matrix = np.where(convex[:, None, None], hessian, metric)
     return solve_small(matrix, slope), convex
 
@@ -189,18 +181,53 @@ def _halved(shape: FacetShape, nodes: Floats, points: Floats, xi: Floats, step: 
     return taken
 
 
-def solve_small(matrix: Floats, right: Floats) -> Floats:
-    """Solutions (p, α) of p systems of one or two equations, (p, α, α) and (p, α)."""
-    if matrix.shape[-1] == 1:
-        out: Floats = right / matrix[..., 0]
-        return out
-    a, b, c, d = matrix[:, 0, 0], matrix[:, 0, 1], matrix[:, 1, 0], matrix[:, 1, 1]
-    over = 1.0 / _determinant(matrix)
-    first = (d * right[:, 0] - b * right[:, 1]) * over
-    return np.stack([first, (a * right[:, 1] - c * right[:, 0]) * over], axis=1)
+class NumpyFacets:
+    """What CompiledFacets says of places on facets."""
+
+    def __init__(self, shape: FacetShape) -> None:
+        self.shape = shape
+
+    def geometry(self, points, controls, facet, xi):
+        """As CompiledFacets.geometry."""
+        mine = controls[facet]
+        foot = np.einsum("qa,qai->qi", self.shape.values(xi), mine)
+        tangents = np.einsum("qba,qai->qbi", self.shape.first(xi), mine)
+        normal = unit_normals(tangents)
+        gap = np.einsum("qi,qi->q", points - foot, normal)
+        if self.shape.is_flat:
+            return foot, tangents, normal, gap, None
+        return foot, tangents, normal, gap, np.einsum("qbca,qai->qbci", self.shape.second(xi), mine)
+
+    def places(self, controls, facet, xi):
+        """As CompiledFacets.places."""
+        return self.geometry(np.zeros((len(facet), controls.shape[2])), controls, facet, xi)[:2]
 
 
-def _determinant(matrix: Floats) -> Floats:
-    """Determinants (p,) of matrices (p, 2, 2)."""
-    out: Floats = matrix[:, 0, 0] * matrix[:, 1, 1] - matrix[:, 0, 1] * matrix[:, 1, 0]
-    return out
+class NumpySurface(FacetSurface):
+    """A surface whose closest points numpy finds, among the candidates of the search."""
+
+    def __init__(self, *arguments) -> None:
+        super().__init__(*arguments)
+        self._code = NumpyFacets(self.shape)
+
+    def _closest(self, points, controls, frozen_facets):
+        point, facet = self.search.pairs(points, controls)
+        if not len(points):
+            empty = np.empty(0, dtype=np.int32)
+            return empty, np.empty((0, self.shape.directions)), empty
+        pair = closest_points(self.shape, controls[facet], points[point])
+        start = np.searchsorted(point, np.arange(len(points)))
+        distance = np.sqrt(pair.squared)
+        least = np.minimum.reduceat(distance, start)
+        near = distance <= least[point] + TIE * self.search.slack
+        rank = facet.astype(np.int64) + np.where(pair.entity == INTERIOR, 0, len(self.facets))
+        rank = np.where(near, rank, 2 * len(self.facets))
+        best = np.nonzero(rank == np.minimum.reduceat(rank, start)[point])[0]
+        facet, xi, entity = facet[best], pair.xi[best], pair.entity[best]
+        if frozen_facets is not None:
+            there, found = stationary_points(self.shape, controls[frozen_facets], points)
+            stays = found & (self.shape.excess(there) <= OVERRUN)
+            facet = np.where(stays, frozen_facets, facet)
+            entity = np.where(stays, INTERIOR, entity)
+            xi = np.where(stays[:, None], there, xi)
+        return facet, xi, entity
