@@ -69,8 +69,8 @@ def _compile(group: _Group) -> Iterator[str]:
         reference_area,
     )
     from tribox.forms.bodies.lumped_mass import mass_form
+    from tribox.forms.bodies.memory_solid import make_solid
     from tribox.forms.bodies.nodal_weights import body_form, surface_form
-    from tribox.forms.bodies.plastic_solid import make_solid
     from tribox.geometry.meshes.mesh import generate
     from tribox.geometry.surfaces.slave_points import point_operator
 

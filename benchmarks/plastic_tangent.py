@@ -19,7 +19,7 @@ from tribox.app.verify.flowing import SATURATING, metal
 from tribox.app.verify.flowing_body import FlowingBody, Shape, rectangle
 from tribox.forms.bodies.kinematics import Section
 from tribox.forms.bodies.materials import Material
-from tribox.forms.bodies.plastic_solid import PlasticSolid
+from tribox.forms.bodies.memory_solid import MemorySolid
 from tribox.forms.bodies.solid import Formulation
 from tribox.geometry.compat import add_matrix
 
@@ -56,7 +56,7 @@ def calls(made: FlowingBody) -> Calls:
     b = dolfinx.la.vector(made.u.function_space.dofmap.index_map, made.X.shape[1])
 
     def update() -> None:
-        if isinstance(solid, PlasticSolid):
+        if isinstance(solid, MemorySolid):
             solid.points.begin(None)
         solid.evaluate(tangent=True)
 
@@ -98,7 +98,7 @@ def rows(cells: int, repeat: int) -> list[str]:
         bodies = [body(m, formulation, section, cells) for m in (flowing, flowing.elastic)]
         made, elastic = shortest([calls(one) for one in bodies], repeat)
         solid = bodies[0].solid
-        assert isinstance(solid, PlasticSolid) and solid.plastic_strain().min() > 0.0
+        assert isinstance(solid, MemorySolid) and solid.plastic_strain().min() > 0.0
         number, each = solid.plastic_strain().shape
         count = number * each
         ratio = (made["update"] + made["matrix"]) / elastic["matrix"]

@@ -25,7 +25,7 @@ from tribox.app.errors import InputError
 from tribox.forms.bodies.elastoplastic import ElastoPlastic
 from tribox.forms.bodies.kinematics import Section
 from tribox.forms.bodies.materials import Hencky, Material, MooneyRivlin, NeoHookean, Ogden, Yeoh
-from tribox.forms.bodies.plastic_solid import make_solid
+from tribox.forms.bodies.memory_solid import make_solid
 from tribox.forms.bodies.solid import DEGREE, Solid
 from tribox.forms.bodies.stability import stability_limits
 from tribox.geometry.meshes.mesh import NamedMesh

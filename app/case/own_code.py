@@ -254,6 +254,15 @@ class OwnMaterial:
             raise OwnCodeError("energy(k, c) must return two scalars")
         return first, second
 
+    def points(self, space: bool) -> None:
+        """None: its points remember nothing."""
+        return None
+
+    @property
+    def elastic(self) -> OwnMaterial:
+        """The material itself."""
+        return self
+
     def _asked(self, action: Any) -> Any:
         """What the user's code answers."""
         from tribox.forms.friction.guarded_law import user_line

@@ -192,14 +192,15 @@ class Bodies:
         for solid, cells in zip(self.solids, self.cells, strict=True):
             if cells is not None:
                 cells.add(self._u.x.array, out, None)
-                continue
-            for part in solid.forms:
+            for part in solid.forms if cells is None else solid.point_forms:
                 dolfinx.fem.assemble_vector(out, part.residual)
 
     def strain_energy(self) -> float:
         """This rank's strain energy, J per unit thickness; not finite where a cell is inverted."""
         return sum(
-            solid.strain_energy() if cells is None else cells.energy(self._u.x.array)
+            solid.strain_energy()
+            if cells is None
+            else cells.energy(self._u.x.array) + solid.point_energy()
             for solid, cells in zip(self.solids, self.cells, strict=True)
         )
 
@@ -220,9 +221,11 @@ class Bodies:
         if cells is not None and is_direct(A):
             excess = None if carrier is None else carrier.excess()
             self._add_cells(A, self._places(A, index, cells, pattern), excess)
-            return
-        forms = [part.tangent for part in solid.forms]
-        for form in forms if carrier is None else [*forms, carrier.tangent]:
+            forms = [part.tangent for part in solid.point_forms]
+        else:
+            forms = [part.tangent for part in solid.forms]
+            forms += [] if carrier is None else [carrier.tangent]
+        for form in forms:
             add_matrix(A, form, unrolled=unrolled)
 
     def _places(self, A: PETSc.Mat, index: int, cells: CompiledCells, pattern: object) -> _Placed:

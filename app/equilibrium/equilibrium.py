@@ -167,7 +167,7 @@ class Equilibrium:
 
     @property
     def flows(self) -> bool:
-        """Whether any body flows."""
+        """Whether any body yields; one may remember and not yield."""
         return any(solid.flows for solid in self.solids)
 
     def spread(self, x: PETSc.Vec) -> None:

@@ -144,7 +144,7 @@ class KeptTangent:
         return [
             index
             for index, (solid, modulus) in enumerate(zip(self._solids, moduli, strict=True))
-            if not (solid.flows or looped[index]) and modulus >= STIFFER * softest
+            if not (solid.remembers or looped[index]) and modulus >= STIFFER * softest
         ]
 
     def _touching(self) -> list[bool]:

@@ -77,7 +77,7 @@ class KeptBodies:
 
 def stiff_solids(problem: Equilibrium) -> list[Solid]:
     """The bodies that are elastic and much stiffer than all that presses on them; collective."""
-    return [solid for solid in problem.solids if not solid.flows and _is_stiff(problem, solid)]
+    return [solid for solid in problem.solids if not solid.remembers and _is_stiff(problem, solid)]
 
 
 def _is_stiff(problem: Equilibrium, solid: Solid) -> bool:

@@ -19,7 +19,7 @@ from tribox.geometry.surfaces.surface import ContactSurface
 class StressField:
     """Cauchy stress at the centre of every cell, and how far the material has flowed there.
 
-    Of bodies that flow, both are those of the last committed step: see
+    Of bodies that remember, both are those of the last committed step: see
     :mod:`tribox.forms.bodies.point_values` for how they come from the quadrature points to the
     centre.
 
@@ -41,16 +41,16 @@ class StressField:
         self._parts = [
             (dolfinx.fem.Expression(solid.cauchy_stress(), points), solid.cells)
             for solid in solids
-            if not solid.flows
+            if not solid.remembers
         ]
-        self._flowing = [_CentrePoints(u, solid) for solid in solids if solid.flows]
-        self.flows = bool(self._flowing)
+        self._centres = [_CentrePoints(u, solid) for solid in solids if solid.remembers]
+        self.flows = any(solid.flows for solid in solids)
 
     def update(self) -> None:
         """Evaluate at the present displacement; collective."""
         for expression, cells in self._parts:
             self.stress.interpolate(expression, cells0=cells)
-        for part in self._flowing:
+        for part in self._centres:
             part.put(self.stress, self.plastic_strain)
         self.stress.x.scatter_forward()
         self.plastic_strain.x.scatter_forward()
@@ -77,7 +77,7 @@ class StressField:
 
 
 class _CentrePoints:
-    """The centres of the cells of one body that flows."""
+    """The centres of the cells of one body that remembers."""
 
     def __init__(self, u: dolfinx.fem.Function, solid: Solid) -> None:
         space = u.function_space

@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 from mpi4py import MPI
+from tribox.forms.bodies.plastic_solid import PlasticSolid
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.snapshot import Snapshot
@@ -19,7 +20,6 @@ from tribox.app.simulation.history import Row
 from tribox.app.simulation.observer import Interval
 from tribox.app.simulation.time_text import time_text
 from tribox.forms.bodies.materials import oedometric_modulus
-from tribox.forms.bodies.plastic_solid import PlasticSolid
 
 TOUCHING = 1e-9  # penetration over a facet's length up to which bodies only touch
 RIGID = 1e4  # stiffness over that of another body beyond which a body need not go to be rigid
@@ -198,19 +198,22 @@ class FlowWatch:
     def __init__(self, problem: Equilibrium) -> None:
         """Find the bodies that flow."""
         self._comm = problem.comm
-        self._bodies = [body for body in problem.solids if isinstance(body, PlasticSolid)]
+        self._bodies = [
+            (body, body.material.hardening.largest_strain)
+            for body in problem.solids
+            if isinstance(body, MemorySolid) and isinstance(body.material, ElastoPlastic)
+        ]
         self._found: dict[str, str] = {}  # warnings, by a word for each and its body
 
     def step(self, row: Row) -> None:
         """Look at a converged step; collective."""
         if not self._bodies:
             return
-        local = np.array([body.largest_flow() for body in self._bodies])
+        local = np.array([body.largest_flow() for body, _ in self._bodies])
         largest = np.empty_like(local)
         self._comm.Allreduce(local, largest, op=MPI.MAX)
         when = f"first at time {time_text(row.time, row.dt)}, stage {row.stage}"
-        for body, (strain, growth) in zip(self._bodies, largest, strict=True):
-            end = body.material.hardening.largest_strain
+        for (body, end), (strain, growth) in zip(self._bodies, largest, strict=True):
             if strain > end:
                 self._found.setdefault(
                     f"table {body.name}",

@@ -17,7 +17,7 @@ from tribox.app.implicit.stepper import ImplicitStepper
 from tribox.forms.bodies.kinematics import Section
 from tribox.forms.bodies.loads import Load
 from tribox.forms.bodies.materials import Material
-from tribox.forms.bodies.plastic_solid import make_solid
+from tribox.forms.bodies.memory_solid import make_solid
 from tribox.forms.bodies.solid import DEGREE, Formulation
 from tribox.geometry.compat import cell_nodes, mesh_of_cells
 from tribox.geometry.surfaces.facets import Floats, Ints

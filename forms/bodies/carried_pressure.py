@@ -25,8 +25,13 @@ import ufl
 from ufl.algorithms import expand_derivatives
 from ufl.corealg.map_dag import map_expr_dag
 
-from tribox.forms.bodies.kinematics import Kinematics, Section, centre_kinematics, circumference
-from tribox.forms.bodies.without_variables import WithoutVariables
+from tribox.forms.bodies.kinematics import (
+    Kinematics,
+    Section,
+    WithoutVariables,
+    centre_kinematics,
+    circumference,
+)
 from tribox.geometry.compat import interpolation_points
 from tribox.geometry.surfaces.facets import Floats, Ints
 

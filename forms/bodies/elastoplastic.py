@@ -7,11 +7,14 @@ The strain energy is that of Hencky; what flows is computed at material points w
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tribox.forms.bodies.hardening import Hardening, RateFactor
 from tribox.forms.bodies.kinematics import Kinematics
 from tribox.forms.bodies.materials import Hencky
+
+if TYPE_CHECKING:
+    from tribox.forms.bodies.plastic_points import PlasticPoints
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +32,13 @@ class ElastoPlastic:
     bulk_modulus: float
     hardening: Hardening
     rate: RateFactor | None = None
+
+    def points(self, space: bool) -> PlasticPoints:
+        """What flows, and remembers how far it has."""
+        # Made from this class, which it imports.
+        from tribox.forms.bodies.plastic_points import PlasticPoints
+
+        return PlasticPoints(self, space)
 
     @property
     def elastic(self) -> Hencky:

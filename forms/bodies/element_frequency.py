@@ -49,9 +49,9 @@ def _stiffness(space: dolfinx.fem.FunctionSpace, solid: Solid) -> Floats:
     G, K = solid.material.shear_modulus, solid.material.bulk_modulus
     lame = K - 2.0 / 3.0 * G
     full = _points(space, solid, solid.full_degree)
-    if len(solid.forms) == 1:
+    if not solid.reduced:
         return _integral(full, G, lame)
-    centre = lame if isinstance(solid.material, NeoHookean) else K
+    centre = lame if isinstance(solid.material.elastic, NeoHookean) else K
     middle = _points(space, solid, CENTRE_DEGREE, centroid=True)
     return _integral(full, G, lame - centre) + _integral(middle, 0.0, centre)
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tribox.forms.bodies.compiled_cells import compiled_cells
-from tribox.forms.bodies.solid import Solid
+from tribox.forms.bodies.solid import CompiledForms, Solid
 from tribox.geometry.compat import packed_constants
 
 Floats = NDArray[np.float64]
@@ -40,11 +40,18 @@ class BodyForce(Protocol):
 class GeneratedForce:
     """A body's forces by DOLFINx's generated kernels."""
 
-    def __init__(self, solid: Solid, u: dolfinx.fem.Function) -> None:
-        """Use the forms of ``solid``, which read the displacement from ``u``."""
-        self._u, self._solid = u, solid
-        self._residuals = [part.residual for part in solid.forms]
+    def __init__(self, solid: Solid, u: dolfinx.fem.Function, looped: bool = False) -> None:
+        """Use the forms of ``solid``, which read the displacement from ``u``.
+
+        ``looped``: only those at points that remember, beside a compiled loop.
+        """
+        self._u, self._solid, self._looped = u, solid, looped
+        self._residuals = [part.residual for part in self._forms]
         self._constants = [packed_constants(form) for form in self._residuals]
+
+    @property
+    def _forms(self) -> Sequence[CompiledForms]:
+        return self._solid.point_forms if self._looped else self._solid.forms
 
     def add(self, u: Floats, out: Floats, dt: float | None) -> bool:
         """See ``BodyForce.add``; the logarithm of J ≤ 0 makes the forces NaN."""
@@ -60,7 +67,7 @@ class GeneratedForce:
     def energy(self, u: Floats) -> float:
         """See ``BodyForce.energy``."""
         with self._at(u):
-            return self._solid.strain_energy()
+            return self._solid.point_energy() if self._looped else self._solid.strain_energy()
 
     @contextmanager
     def _at(self, u: Floats) -> Iterator[None]:
@@ -81,7 +88,8 @@ class InternalForce:
     """Internal forces of all bodies on the nodes of this rank, ghosts included.
 
     Attributes:
-        parts: one for each body; compiled: whether all use a compiled loop.
+        parts: one for each body, and one more for points that remember beside a compiled loop;
+            compiled: whether all is done by compiled loops.
     """
 
     def __init__(
@@ -100,9 +108,9 @@ class InternalForce:
             cells = compiled_cells(u.function_space, solid) if compiled else None
             if cells is not None:
                 self.parts.append(cells)
-            else:
+            if cells is None or solid.point_forms:
                 self.compiled = False
-                self.parts.append(GeneratedForce(solid, u))
+                self.parts.append(GeneratedForce(solid, u, looped=cells is not None))
 
     def evaluate(self, u: Floats, out: Floats, dt: float | None = math.inf) -> bool:
         """Put the internal forces at ``u`` (m) into ``out`` (N per unit thickness).

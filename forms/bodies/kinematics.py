@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import ufl
+from ufl.corealg.multifunction import MultiFunction
 
 Expr = Any  # UFL is untyped
 
@@ -152,3 +153,17 @@ def spatial(u: Expr) -> Kinematics:
     invariants = (ufl.det(F), ufl.inner(F, F), ufl.inner(cofactors, cofactors))
     J, I1, I2 = (ufl.variable(invariant) for invariant in invariants)
     return Kinematics(F=F, J=J, I1=I1, I2=I2, plane=None)
+
+
+class WithoutVariables(MultiFunction):
+    """Replaces variables by their expressions; UFL's own visits shared parts many times.
+
+    Variables are numbered over the whole process and the number enters FFCx's cache key: with
+    them, the same expression would be compiled again in almost every run.
+    """
+
+    expr = MultiFunction.reuse_if_untouched
+
+    def variable(self, o: Any, operand: Any, label: Any) -> Any:
+        """The expression itself."""
+        return operand

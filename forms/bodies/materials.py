@@ -8,11 +8,12 @@ centre. Parameters enter the forms as constants, so another value compiles nothi
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 import ufl
 
 from tribox.forms.bodies.kinematics import Kinematics, PlanePart
+from tribox.forms.bodies.point_state import MaterialPoints
 from tribox.forms.bodies.principal_powers import power_sum, squared_arcosh
 
 Expr = Any
@@ -30,6 +31,15 @@ class Material(Protocol):
         """Strain energy (distortional part, volumetric part), J/m³, of the constants ``c``."""
         ...
 
+    def points(self, space: bool) -> MaterialPoints | None:
+        """Its points that remember, in the plane or in space; None: it is elastic."""
+        ...
+
+    @property
+    def elastic(self) -> Material:
+        """What it is without them."""
+        ...
+
     @property
     def shear_modulus(self) -> float:
         """G of the undeformed material, Pa."""
@@ -39,6 +49,21 @@ class Material(Protocol):
     def bulk_modulus(self) -> float:
         """K of the undeformed material, Pa."""
         ...
+
+
+class Elastic:
+    """What materials have in common whose stress follows from the present deformation alone."""
+
+    __slots__ = ()
+
+    def points(self, space: bool) -> None:
+        """None: there is nothing to remember."""
+        return None
+
+    @property
+    def elastic(self) -> Self:
+        """The material itself."""
+        return self
 
 
 def oedometric_modulus(material: Material) -> float:
@@ -52,7 +77,7 @@ def shear_and_bulk(E: float, nu: float) -> tuple[float, float]:
 
 
 @dataclass(frozen=True, slots=True)
-class NeoHookean:
+class NeoHookean(Elastic):
     """W = G/2 (I1 − 3) − G ln J + Λ/2 (ln J)², Λ = K − 2G/3 (Simo & Pister 1984)."""
 
     shear_modulus: float
@@ -69,7 +94,7 @@ class NeoHookean:
 
 
 @dataclass(frozen=True, slots=True)
-class MooneyRivlin:
+class MooneyRivlin(Elastic):
     """W = C10 (Ī1 − 3) + C01 (Ī2 − 3) + K/4 (J² − 1 − 2 ln J), Ī the isochoric invariants.
 
     Mooney, J. Appl. Phys. 11 (1940) 582; the volumetric function is that of Simo & Taylor,
@@ -98,7 +123,7 @@ class MooneyRivlin:
 
 
 @dataclass(frozen=True, slots=True)
-class Yeoh:
+class Yeoh(Elastic):
     """W = C10 (Ī1 − 3) + C20 (Ī1 − 3)² + C30 (Ī1 − 3)³ + K/4 (J² − 1 − 2 ln J).
 
     Yeoh, Rubber Chem. Technol. 66 (1993) 754: the upturn at large strain, and with C20 < 0 the
@@ -126,7 +151,7 @@ class Yeoh:
 
 
 @dataclass(frozen=True, slots=True)
-class Ogden:
+class Ogden(Elastic):
     """W = Σ_p μ_p/α_p (λ̄₁^α_p + λ̄₂^α_p + λ̄₃^α_p − 3) + K/4 (J² − 1 − 2 ln J).
 
     Ogden, Proc. R. Soc. Lond. A 326 (1972) 565, with his μ_p, in isochoric principal stretches λ̄. A
@@ -175,7 +200,7 @@ def _volumetric(k: Kinematics, c: dict[str, Expr]) -> Expr:
 
 
 @dataclass(frozen=True, slots=True)
-class Hencky:
+class Hencky(Elastic):
     """W = G |dev ln U|² + K/2 (ln J)², the quadratic energy of the logarithmic strain.
 
     In a plane the logarithmic stretches h₁, h₂ follow from J₂ = exp(h₁ + h₂) and

@@ -131,7 +131,7 @@ def plane_cells(space: dolfinx.fem.FunctionSpace, solid: Solid) -> PlaneCells | 
         dolfinx.mesh.CellType.triangle: 3,
     }.get(mesh.topology.cell_type)
     linear = space.dofmap.dof_layout.num_dofs == corners
-    if not linear or type(solid.material) not in _KINDS:
+    if not linear or type(solid.elastic) not in _KINDS:
         return None
     ring = solid.section == "axisymmetric"
     code = _code(ring)
@@ -144,7 +144,8 @@ def plane_cells(space: dolfinx.fem.FunctionSpace, solid: Solid) -> PlaneCells | 
         position = space.tabulate_dof_coordinates()[:, :2]
         nodes = _right_handed(nodes, position)
         table = _edges(_four(nodes), position)
-    return PlaneCells(code, nodes, table, solid.material, reduced=len(solid.forms) == 2)
+    assert solid.elastic is not None
+    return PlaneCells(code, nodes, table, solid.elastic, reduced=solid.reduced)
 
 
 def _points(space: dolfinx.fem.FunctionSpace, solid: Solid) -> Floats:
@@ -157,7 +158,7 @@ def _points(space: dolfinx.fem.FunctionSpace, solid: Solid) -> Floats:
     kind = basix.CellType[space.mesh.topology.cell_name()]
     points, weights = basix.make_quadrature(kind, solid.full_degree)
     every = [rows_at(space, section, cells, x[None]) for x in points]
-    if len(solid.forms) == 2:
+    if solid.reduced:
         every.append(centre_rows(space, section, cells))
         weights = np.append(weights, 1.0)
     out = []

@@ -19,13 +19,14 @@ points, p components, a, b principal axes, i, J components in space.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tribox.forms.bodies.compiled_points import compiled_points
 from tribox.forms.bodies.elastoplastic import ElastoPlastic
+from tribox.forms.bodies.hardening import Linear
 from tribox.forms.bodies.principal_axes import (
     PrincipalAxes,
     axes_in_plane,
@@ -38,6 +39,8 @@ Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 PLANE = (0, 1, 3, 4, 8)  # places of the plane's components among the nine
+PLASTIC_STRAIN = "equivalent_plastic_strain"  # its name among the variables
+NEVER = 1e300  # Pa, yield stress of a material that stays elastic
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +69,9 @@ class PlasticUpdate:
 
 
 class PlasticPoints:
-    """The update of a material's points. It keeps no state: what comes in is not changed."""
+    """The update of a material's points, see :class:`MaterialPoints`."""
+
+    flows, added = True, False
 
     def __init__(self, material: ElastoPlastic, space: bool, compiled: bool = True) -> None:
         """Take the material.
@@ -80,6 +85,22 @@ class PlasticPoints:
         self.space = space
         self.components, self.variables = (9, 7) if space else (5, 5)
         self._compiled = compiled_points(material, space) if compiled else None
+
+    @property
+    def columns(self) -> dict[str, slice]:
+        """Where the variables lie in a state."""
+        metric = self.variables - 1
+        return {"plastic_metric": slice(0, metric), PLASTIC_STRAIN: slice(metric, metric + 1)}
+
+    @property
+    def rated(self) -> bool:
+        """Whether the yield stress depends on the rate."""
+        return self.material.rate is not None
+
+    def frozen(self) -> PlasticPoints:
+        """Points that do not flow on."""
+        stays = replace(self.material, hardening=Linear(NEVER, 0.0), rate=None)
+        return PlasticPoints(stays, self.space, self.compiled)
 
     @property
     def compiled(self) -> bool:

@@ -1,22 +1,116 @@
 """What the material points of a body remember: committed values, and those of the last evaluation.
 
+:class:`MaterialPoints` is what a kind of points must be able to do; that of metals that flow is
+:mod:`tribox.forms.bodies.plastic_points`.
+
 Newton's method, line search, predictor and approach phases evaluate in any order and often in vain.
 An evaluation therefore starts from committed values alone, and is known by what it depends on: the
 displacements, the duration of the step and the number of the committed values. Committing makes
 its values those that the next step starts from; whatever else was evaluated leaves no trace.
 
-Axis letters: k material points of the body's own cells, cell by cell; s values of a point.
+Axis letters: k material points of the body's own cells, cell by cell; s values of a point; p
+components of F and P, in the plane 11, 12, 21, 22, 33, in space nine, row by row.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 IN_PLANE = np.array([1.0, 0.0, 0.0, 1.0, 1.0])  # no deformation: 11, 12, 21, 22, 33
+
+
+class PointUpdate(Protocol):
+    """What an update of n points gives; energies per reference volume, J/m³."""
+
+    @property
+    def P(self) -> Floats:
+        """First Piola stress (n, p), Pa."""
+        ...
+
+    @property
+    def state(self) -> Floats:
+        """What is remembered (n, s) at the end of the step."""
+        ...
+
+    @property
+    def A(self) -> Floats | None:
+        """Consistent tangent ∂P/∂F (n, p, p), Pa; None if not asked for."""
+        ...
+
+    @property
+    def elastic(self) -> Floats:
+        """Energy (n,) stored at the end of the step."""
+        ...
+
+    @property
+    def dissipation(self) -> Floats:
+        """Energy (n,) dissipated in the step, not negative."""
+        ...
+
+    @property
+    def valid(self) -> bool:
+        """False if any point could not be evaluated; there all but the state is NaN."""
+        ...
+
+
+class MaterialPoints(Protocol):
+    """Material points that remember, of one kind. They keep no state: what comes in stays.
+
+    A material has them (``Material.points``), a body keeps their state
+    (:mod:`tribox.forms.bodies.memory_solid`): nothing else has to know of another kind.
+
+    Attributes:
+        components: p of F and P.
+        columns: where in a state the variables lie, by name.
+        flows: whether they yield, so that a load taken back is answered elastically; those that
+            only creep have no such edge.
+        rated: whether the duration of a step counts.
+        added: whether their stress is added to that of the material's strain energy, whose forms
+            stay beside them; if not it stands for that energy, of which selective reduced
+            integration keeps the volumetric part at the centre (``volumetric=False``).
+    """
+
+    components: int
+    flows: bool
+    added: bool
+
+    @property
+    def columns(self) -> Mapping[str, slice]:
+        """See the class."""
+        ...
+
+    @property
+    def rated(self) -> bool:
+        """See the class."""
+        ...
+
+    def start(self, points: int) -> Floats:
+        """State (points, s) of a body that nothing has happened to."""
+        ...
+
+    def update(
+        self, F: Floats, state: Floats, dt: float, tangent: bool, volumetric: bool = True
+    ) -> PointUpdate:
+        """Stress, new state and energies at the deformation gradients ``F``.
+
+        Args:
+            F: (n, p) deformation gradients at the end of the step.
+            state: (n, s) at its begin.
+            dt: s, its length; infinite where rates do not count.
+            tangent: whether to compute A.
+            volumetric: False leaves the volumetric energy out.
+        """
+        ...
+
+    def frozen(self) -> MaterialPoints:
+        """The same points with what they remember held: their instantaneous, elastic answer."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,14 +189,14 @@ class PointState:
     """Committed and trial values of the material points of one body.
 
     Attributes:
-        committed: (k, s); number: how often they were committed.
+        committed: (k, s); width: s; number: how often they were committed.
         trial: the evaluation that a commit would take; None: none since the last commit.
         last: the evaluation committed last; None before.
     """
 
     def __init__(self, initial: Floats) -> None:
         """Begin with the ``initial`` values (k, s)."""
-        self._initial = initial
+        self._initial, self.width = initial, initial.shape[1]
         self.begin(initial)
 
     def begin(self, values: Floats | None) -> None:

@@ -17,6 +17,7 @@ import numpy as np
 
 from tribox.forms.bodies.materials import Material
 from tribox.forms.bodies.point_state import Floats
+from tribox.forms.bodies.point_stress import StressAt
 from tribox.geometry.surfaces.facets import Ints
 
 
@@ -33,7 +34,7 @@ class PointBody(Protocol):
         ...
 
     def point_stress(self) -> Floats:
-        """Cauchy stress (c, q, 3, 3), Pa, at the points; of ``q1-sri`` the distortional part."""
+        """Cauchy stress (c, q, 3, 3), Pa, that the forms take from the points."""
         ...
 
     def plastic_strain(self) -> Floats:
@@ -71,15 +72,18 @@ def fit_weights(kind: str, degree: int, xi: Floats) -> Floats:
 class PointValues:
     """Stress and equivalent plastic strain of a body at places of its cells."""
 
-    def __init__(self, solid: PointBody, cells: Ints, xi: Floats | None) -> None:
+    def __init__(
+        self, solid: PointBody, cells: Ints, xi: Floats | None, beside: StressAt | None = None
+    ) -> None:
         """Find the shares of the quadrature points.
 
         Args:
             solid: the body.
             cells: (k,) as :meth:`tribox.forms.bodies.solid.Solid.stress_at` takes them.
             xi: (k, α), likewise.
+            beside: what gives the stress that the points' own is added to.
         """
-        self._solid = solid
+        self._solid, self._beside = solid, beside
         self._rows = np.searchsorted(solid.cells, cells)
         self._share: Floats | None = None
         if xi is not None:
@@ -90,11 +94,13 @@ class PointValues:
         """Cauchy stress (k, 3, 3), Pa.
 
         Args:
-            F: (k, 3, 3), not used: the points have their own.
+            F: (k, 3, 3), of what is beside the points: they have their own.
             volumetric: (k, 3, 3) those that the volumetric energy is taken at, with selective
                 reduced integration.
         """
         found = self._at_places(self._solid.point_stress())
+        if self._beside is not None:
+            return found + self._beside.cauchy(F, volumetric)
         if volumetric is not None:
             found = found + _volumetric_stress(self._solid.material, volumetric)
         return found

@@ -1,7 +1,7 @@
 """One solid body: residual, tangent and strain energy of its material on its cells.
 
 :class:`Solid` is a body whose stress follows from its present deformation;
-:class:`tribox.forms.bodies.plastic_solid.PlasticSolid` is one whose material points remember.
+:class:`tribox.forms.bodies.memory_solid.MemorySolid` is one whose material points remember.
 
 Selective reduced integration (``q1-sri``) takes the distortional energy at 2 × 2 (2 × 2 × 2 in
 space) Gauss points and the volumetric energy at the centre. The two parts are compiled as forms of
@@ -13,6 +13,7 @@ and energies are those of the whole body.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -30,6 +31,7 @@ from tribox.forms.bodies.carried_pressure import CarriedPressure
 from tribox.forms.bodies.kinematics import (
     Kinematics,
     Section,
+    WithoutVariables,
     centre_kinematics,
     circumference,
     kinematics,
@@ -39,7 +41,6 @@ from tribox.forms.bodies.kinematics import (
 from tribox.forms.bodies.materials import Material, oedometric_modulus
 from tribox.forms.bodies.point_state import Floats, Origin, PointHistory
 from tribox.forms.bodies.point_stress import PointStress, StressAt
-from tribox.forms.bodies.without_variables import WithoutVariables
 
 Formulation = Literal["q1", "q1-sri", "q2"]
 DEGREE: dict[Formulation, int] = {"q1": 1, "q1-sri": 1, "q2": 2}
@@ -115,13 +116,14 @@ class Solid:
     """A body: its cells, its material, and the compiled forms of its strain energy.
 
     Attributes:
-        flows: whether its material flows plastically; unloading: whether tangents are to be those
-            of points that do not flow on.
+        remembers: whether its stress depends on what its material points remember; flows: whether
+            they yield; unloading: whether tangents are to be those of points that do not flow on.
         cell: shape of the cells.
         forms: of each integral; carried: of the volumetric part of ``q1-sri``, what another
             pressure changes of its tangent; None in the other formulations.
     """
 
+    remembers = False
     flows = False
     unloading = False
 
@@ -172,6 +174,28 @@ class Solid:
         reduced = formulation == "q1-sri"
         self.forms = self._energy_forms(reduced)
         self.carried = self._carried() if reduced else None
+
+    @property
+    def reduced(self) -> bool:
+        """Whether the volumetric part of the strain energy is taken at the cells' centres."""
+        return self.carried is not None
+
+    @property
+    def elastic(self) -> Material | None:
+        """The material of all forms but those at points that remember; None: they are no energy's.
+
+        A compiled loop may stand for these forms.
+        """
+        return self.material
+
+    @property
+    def point_forms(self) -> Sequence[CompiledForms]:
+        """Those of `forms` that take stress and tangent from points that remember."""
+        return ()
+
+    def point_energy(self) -> float:
+        """This rank's energy that is stored at points that remember, J (J/m)."""
+        return 0.0
 
     @property
     def displacement(self) -> dolfinx.fem.Function:
@@ -308,7 +332,7 @@ class Solid:
         """
         return PointStress(self.material, self.section)
 
-    # -- what material points remember: nothing here, see `tribox.forms.bodies.plastic_solid`
+    # -- what material points remember: nothing here, see `tribox.forms.bodies.memory_solid`
     # ------------
 
     def evaluate(self, dt: float = math.inf, tangent: bool = False) -> bool:

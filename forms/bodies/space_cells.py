@@ -108,13 +108,12 @@ def space_cells(space: dolfinx.fem.FunctionSpace, solid: Solid) -> SpaceCells | 
     mesh = space.mesh
     corners = _CORNERS.get(mesh.topology.cell_type)
     linear = space.dofmap.dof_layout.num_dofs == corners and cell_order(mesh) == 1
-    if not linear or type(solid.material) not in _KINDS:
+    if not linear or type(solid.elastic) not in _KINDS:
         return None
     nodes = np.asarray(space.dofmap.list)[solid.cells]
     position = space.tabulate_dof_coordinates()
-    return SpaceCells(
-        library(SOURCE), nodes, position, solid.material, reduced=len(solid.forms) == 2
-    )
+    assert solid.elastic is not None
+    return SpaceCells(library(SOURCE), nodes, position, solid.elastic, reduced=solid.reduced)
 
 
 def coefficients(x: Floats) -> Floats:

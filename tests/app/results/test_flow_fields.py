@@ -17,7 +17,7 @@ from tribox.app.results.field_series import FieldSeries
 from tribox.app.results.fields import StressField
 from tribox.forms.bodies.elastoplastic import ElastoPlastic
 from tribox.forms.bodies.hardening import Linear
-from tribox.forms.bodies.plastic_solid import make_solid
+from tribox.forms.bodies.memory_solid import make_solid
 from tribox.forms.bodies.point_stress import triaxiality
 
 G, K, Y, H = 1.0, 5.0, 0.02, 0.1

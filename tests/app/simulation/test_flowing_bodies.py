@@ -16,7 +16,7 @@ from tribox.app.implicit.stepper import ImplicitStepper
 from tribox.app.simulation.energy_balance import EnergyBalance
 from tribox.forms.bodies.elastoplastic import ElastoPlastic
 from tribox.forms.bodies.hardening import Perzyna, Voce
-from tribox.forms.bodies.plastic_solid import make_solid
+from tribox.forms.bodies.memory_solid import make_solid
 
 HARDENING = (100e6, 180e6, 10.0, 100e6)
 

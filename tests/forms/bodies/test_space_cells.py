@@ -217,13 +217,13 @@ def test_what_the_loop_does_not_cover():
     straight, curved = (one_tetrahedron(degree) for degree in (1, 2))
     linear = dolfinx.fem.functionspace(straight, ("Lagrange", 1, (3,)))
     solid = SimpleNamespace(
-        section="3D", material=MATERIALS["hencky"], cells=np.array([0]), forms=[None]
+        section="3D", elastic=MATERIALS["hencky"], cells=np.array([0]), reduced=False
     )
     assert isinstance(compiled_cells(linear, solid), SpaceCells)
     quadratic = dolfinx.fem.functionspace(straight, ("Lagrange", 2, (3,)))
     assert compiled_cells(quadratic, solid) is None
     assert compiled_cells(dolfinx.fem.functionspace(curved, ("Lagrange", 1, (3,))), solid) is None
-    solid.material = Ogden((1.0,), (2.0,), 5.0)
+    solid.elastic = Ogden((1.0,), (2.0,), 5.0)
     assert compiled_cells(linear, solid) is None
 
 

@@ -1,20 +1,22 @@
 """Bodies whose material points remember: stress and tangent as values at quadrature points.
 
-The points are updated by the material's own kernel (:mod:`tribox.forms.bodies.plastic_points`). Its
+The points are updated by the kernel of their kind (:class:`MaterialPoints`), whatever that is. Its
 stress P and tangent A = ∂P/∂F are coefficients in quadrature spaces, and the forms
 
     ∫ P·B(v) dΩ₀,   ∫ B(v)·A·B(δu) dΩ₀,   B(v) = (v_1,1, v_1,2, v_2,1, v_2,2, v_1/x)
 
 are the same for every material; in space B has the nine components of the gradient, row by row; in
-plane strain the last one, across the plane, is zero. Of ``q1-sri`` only the distortional part goes
-this way: plastic flow keeps the volume, so that the volumetric energy at the centre of a cell is
-that of :mod:`tribox.forms.bodies.solid`, with the pressure that its tangent carries.
+plane strain the last one, across the plane, is zero. What the points remember keeps the volume.
+Where their stress stands for all of the material's, only the distortional part of ``q1-sri`` goes
+this way: the volumetric energy at the centre of a cell is that of :mod:`tribox.forms.bodies.solid`,
+with the pressure that its tangent carries. Where it is added to that of a strain energy, all forms
+of that energy stay beside those of the points.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from collections.abc import Sequence
 from typing import Any
 
 import basix
@@ -24,19 +26,30 @@ import numpy as np
 import ufl
 from numpy.typing import NDArray
 
-from tribox.forms.bodies.elastoplastic import ElastoPlastic
-from tribox.forms.bodies.hardening import Linear
-from tribox.forms.bodies.kinematics import Section, centre_kinematics, circumference, radius
+from tribox.forms.bodies.kinematics import (
+    Section,
+    centre_kinematics,
+    circumference,
+    radius,
+    section_of,
+)
 from tribox.forms.bodies.materials import Material
-from tribox.forms.bodies.plastic_points import PlasticPoints, PlasticUpdate
-from tribox.forms.bodies.point_state import Evaluation, Floats, Origin, PointHistory, PointState
-from tribox.forms.bodies.point_stress import StressAt
+from tribox.forms.bodies.plastic_points import PLASTIC_STRAIN
+from tribox.forms.bodies.point_state import (
+    Evaluation,
+    Floats,
+    MaterialPoints,
+    Origin,
+    PointHistory,
+    PointState,
+    PointUpdate,
+)
+from tribox.forms.bodies.point_stress import PointStress, StressAt
 from tribox.forms.bodies.point_values import PointValues, as_tensors
 from tribox.forms.bodies.solid import CENTRE_DEGREE, CompiledForms, Formulation, Solid
 from tribox.geometry.compat import cell_values
 
 Ints = NDArray[np.int32]
-NEVER = 1e300  # Pa, yield stress of a material that stays elastic
 
 
 def make_solid(
@@ -49,29 +62,31 @@ def make_solid(
     section: Section | None = None,
 ) -> Solid:
     """The body of a material, whether its points remember or not; as :class:`Solid`."""
-    kind = PlasticSolid if isinstance(material, ElastoPlastic) else Solid
+    space = section_of(u.function_space.mesh.geometry.dim, section) == "3D"
+    kind = Solid if material.points(space) is None else MemorySolid
     return kind(name, u, cells, material, formulation, density, section)
 
 
-class PlasticSolid(Solid):
-    """A body of an elastoplastic material.
+class MemorySolid(Solid):
+    """A body of a material whose points remember.
 
     Attributes:
-        points: what its material points remember, in the order of the cells.
+        law: how its material points answer; points: what they remember, in the order of the cells.
         count: material points of a cell.
     """
 
-    material: ElastoPlastic
-    flows = True
+    remembers = True
 
     # -- forms --------------------------------------------------------------------------------
 
     def _energy_forms(self, reduced: bool) -> list[CompiledForms]:
         """Forms of stress and tangent at the points, and of the volumetric energy, if apart."""
         self._make_spaces(reduced)
-        k = centre_kinematics(self._u, self.section)
         parts = [self._point_forms()]
+        if self.law.added:
+            return [*parts, *super()._energy_forms(reduced)]
         if reduced:
+            k = centre_kinematics(self._u, self.section)
             volumetric = self.material.energy(k, self._constants)[1]
             parts.append(self._compiled(k, volumetric, self._dx(CENTRE_DEGREE)))
         return parts
@@ -92,9 +107,10 @@ class PlasticSolid(Solid):
         rows = self._stress.function_space.dofmap.list[self.cells].reshape(-1)
         self._rows = _range_or(rows)
         self._deformation = dolfinx.fem.Expression(self._gradient(self._u, identity=1.0), xi)
-        self._law = PlasticPoints(self.material, space)
-        self._elastic_law = PlasticPoints(_elastic(self.material), space)
-        self.points = PointState(self._law.start(len(self.cells) * self.count))
+        law = self.material.points(space)
+        assert law is not None, "the material has no points that remember"
+        self.law, self._frozen, self.flows = law, law.frozen(), law.flows
+        self.points = PointState(law.start(len(self.cells) * self.count))
         self._dissipated: Floats = np.zeros(2)
         self._remade: Origin | None = None
         self._adopted: Origin | None = None  # of a step that is still to be made again
@@ -123,6 +139,16 @@ class PlasticSolid(Solid):
             tangent=dolfinx.fem.form(weight * ufl.inner(forward, B) * dx),
         )
 
+    @property
+    def elastic(self) -> Material | None:
+        """See :attr:`tribox.forms.bodies.solid.Solid.elastic`."""
+        return self.material.elastic if self.law.added else None
+
+    @property
+    def point_forms(self) -> Sequence[CompiledForms]:
+        """See :attr:`tribox.forms.bodies.solid.Solid.point_forms`."""
+        return self.forms[:1]
+
     # -- evaluation ---------------------------------------------------------------------------
 
     def evaluate(self, dt: float = math.inf, tangent: bool = False) -> bool:
@@ -133,7 +159,7 @@ class PlasticSolid(Solid):
         if tangent:
             F = self._deformation_gradients()
             origin = self._remade or self._tangent_start(u, dt)
-            law = self._elastic_law if origin.elastic else self._law
+            law = self._frozen if origin.elastic else self.law
             update = self._updated(F, origin, tangent=True, law=law)
             assert update.A is not None
             self._put(self._moduli, update.A.reshape(len(F), self._width**2))
@@ -152,18 +178,20 @@ class PlasticSolid(Solid):
         """From where the tangent at ``u`` (n,), m, is taken."""
         if self.unloading:
             return Origin(self.points.committed, dt, elastic=True)
+        if not self.flows:  # there is no edge to be on: see `PointState.tangent_origin`
+            return Origin(self.points.committed, dt)
         return self.points.tangent_origin(u, dt)
 
     def evaluate_elastic(self) -> bool:
         """See :meth:`tribox.forms.bodies.solid.Solid.evaluate_elastic`."""
         F, origin = self._deformation_gradients(), Origin(self.points.committed, math.inf)
-        update = self._updated(F, origin, law=self._elastic_law)
+        update = self._updated(F, origin, law=self._frozen)
         self._put(self._stress, update.P)
         return update.valid
 
     def _seen(self, dt: float) -> float:
         """The duration that the material feels."""
-        return math.inf if self.material.rate is None else dt
+        return dt if self.law.rated else math.inf
 
     def _deformation_gradients(self) -> Floats:
         """F (k, p) at the present displacement."""
@@ -173,12 +201,12 @@ class PlasticSolid(Solid):
         return cell_values(self._deformation, mesh, self.cells).reshape(-1, self._width)
 
     def _updated(
-        self, F: Floats, origin: Origin, tangent: bool = False, law: PlasticPoints | None = None
-    ) -> PlasticUpdate:
-        law = law or self._law
+        self, F: Floats, origin: Origin, tangent: bool = False, law: MaterialPoints | None = None
+    ) -> PointUpdate:
+        law = law or self.law
         return law.update(F, origin.values, origin.dt, tangent, volumetric=not self._reduced)
 
-    def _evaluation(self, F: Floats, update: PlasticUpdate, origin: Origin) -> Evaluation:
+    def _evaluation(self, F: Floats, update: PointUpdate, origin: Origin) -> Evaluation:
         return Evaluation(
             u=self._u.x.array.copy(),
             F=F,
@@ -191,7 +219,7 @@ class PlasticSolid(Solid):
             valid=update.valid,
         )
 
-    def _keep(self, F: Floats, update: PlasticUpdate, origin: Origin) -> Evaluation:
+    def _keep(self, F: Floats, update: PointUpdate, origin: Origin) -> Evaluation:
         """Make an update the trial."""
         self.points.trial = self._evaluation(F, update, origin)
         return self.points.trial
@@ -238,8 +266,13 @@ class PlasticSolid(Solid):
 
     def strain_energy(self) -> float:
         """This rank's elastic energy, J; in plane strain per unit thickness, J/m."""
-        self._put(self._density, self._present().elastic[:, None])
-        return super().strain_energy()
+        return self.point_energy() + sum(
+            float(dolfinx.fem.assemble_scalar(part.energy)) for part in self.forms[1:]
+        )
+
+    def point_energy(self) -> float:
+        """See :meth:`tribox.forms.bodies.solid.Solid.point_energy`."""
+        return self._integral(self._present().elastic)
 
     def history(self) -> PointHistory:
         """See :meth:`tribox.forms.bodies.solid.Solid.history`."""
@@ -248,11 +281,11 @@ class PlasticSolid(Solid):
 
     def cell_rows(self, values: Floats) -> Floats:
         """See :meth:`tribox.forms.bodies.solid.Solid.cell_rows`."""
-        return values.reshape(len(self.cells), self.count * self._law.variables)
+        return values.reshape(len(self.cells), self.count * self.points.width)
 
     def point_rows(self, values: Floats) -> Floats:
         """See :meth:`tribox.forms.bodies.solid.Solid.point_rows`."""
-        return np.ascontiguousarray(values).reshape(-1, self._law.variables)
+        return np.ascontiguousarray(values).reshape(-1, self.points.width)
 
     def adopt(self, history: PointHistory) -> None:
         """See :meth:`tribox.forms.bodies.solid.Solid.adopt`."""
@@ -280,10 +313,14 @@ class PlasticSolid(Solid):
 
     def stress_at(self, cells: Ints, xi: Floats | None) -> StressAt:
         """See :meth:`tribox.forms.bodies.solid.Solid.stress_at`."""
-        return PointValues(self, cells, xi)
+        beside = PointStress(self.material, self.section) if self.law.added else None
+        return PointValues(self, cells, xi, beside)
 
     def point_stress(self) -> Floats:
-        """Cauchy stress (c, q, 3, 3), Pa, at the points; of ``q1-sri`` the distortional part."""
+        """Cauchy stress (c, q, 3, 3), Pa, that the forms take from the points.
+
+        All of it, of ``q1-sri`` the distortional part, or what is added to a strain energy's.
+        """
         F = as_tensors(self._deformation_gradients())
         P = as_tensors(self._present().stress)
         sigma = P @ F.transpose(0, 2, 1) / np.linalg.det(F)[:, None, None]
@@ -297,17 +334,20 @@ class PlasticSolid(Solid):
         last = self.points.last
         if last is None:
             return 0.0, 0.0
-        now, before = last.values[:, -1], last.origin.values[:, -1]
+        at = self.law.columns[PLASTIC_STRAIN]
+        now, before = last.values[:, at], last.origin.values[:, at]
         return float(now.max(initial=0.0)), float((now - before).max(initial=0.0))
 
     def plastic_strain(self) -> Floats:
-        """Equivalent plastic strain (c, q) at the points."""
-        return self._present().values[:, -1].reshape(len(self.cells), self.count)
+        """Equivalent plastic strain (c, q) at the points; of those that do not flow 0."""
+        if not self.flows:
+            return np.zeros((len(self.cells), self.count))
+        return self.variable(PLASTIC_STRAIN)[..., 0]
 
-
-def _elastic(material: ElastoPlastic) -> ElastoPlastic:
-    """The same material, which never flows."""
-    return replace(material, hardening=Linear(NEVER, 0.0), rate=None)
+    def variable(self, name: str) -> Floats:
+        """What the points remember under a name (c, q, …), see ``MaterialPoints.columns``."""
+        values = self._present().values[:, self.law.columns[name]]
+        return values.reshape(len(self.cells), self.count, -1)
 
 
 def _range_or(rows: Ints) -> slice | Ints:
