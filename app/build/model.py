@@ -28,6 +28,7 @@ from tribox.app.build.solids import (
     displacement_on,
     make_solids,
     materials_of,
+    notes_on_branches,
     notes_on_materials,
     resolved_bodies,
 )
@@ -257,6 +258,7 @@ def _notes(asked: Case, model: Model, contacts: Sequence[BuiltContact], loads: L
     notes = [
         *notes_on(case),
         *notes_on_tools(case),
+        *notes_on_branches(case.bodies, case.stage),
         *notes_on_materials(case.bodies, {s.name: s.material for s in problem.solids}),
         *named.notes,
         *locking_bodies(named, problem.solids, problem.space.element.basix_element.degree),

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from typing import assert_never
 
 import dolfinx
@@ -20,7 +21,8 @@ from tribox.app.case.bodies import (
     formulation_problems,
     formulations,
 )
-from tribox.app.case.own_code import OwnCodeError
+from tribox.app.case.own_code import OwnCodeError, OwnMaterial
+from tribox.app.case.stage import Stage
 from tribox.app.errors import InputError
 from tribox.forms.bodies.elastoplastic import ElastoPlastic
 from tribox.forms.bodies.kinematics import Section
@@ -28,9 +30,11 @@ from tribox.forms.bodies.materials import Hencky, Material, MooneyRivlin, NeoHoo
 from tribox.forms.bodies.memory_solid import make_solid
 from tribox.forms.bodies.solid import DEGREE, Solid
 from tribox.forms.bodies.stability import stability_limits
+from tribox.forms.bodies.viscous_points import Branch, Viscoelastic
 from tribox.geometry.meshes.mesh import NamedMesh
 
 Bodies = Mapping[str, Body]
+ElastomerBody = NeoHookeanBody | MooneyRivlinBody | YeohBody | OgdenBody | OwnBody
 
 
 def resolved_bodies(bodies: Bodies, named: NamedMesh) -> dict[str, Body]:
@@ -58,26 +62,46 @@ def displacement_on(named: NamedMesh, bodies: Bodies) -> dolfinx.fem.Function:
 
 
 def material_of(body: Body) -> Material:
-    """The strain energy of a body, and its yield stress if it flows; one in Python is run."""
+    """The strain energy of a body, and what it remembers; one in Python is run."""
     match body:
         case NeoHookeanBody():
-            return NeoHookean(body.shear_modulus, body.bulk_modulus)
+            return with_branches(body, NeoHookean(body.shear_modulus, body.bulk_modulus))
         case HenckyBody():
             return Hencky(body.shear_modulus, body.bulk_modulus)
         case MooneyRivlinBody():
-            return MooneyRivlin(body.C10, body.C01, body.K)
+            return with_branches(body, MooneyRivlin(body.C10, body.C01, body.K))
         case YeohBody():
-            return Yeoh(body.C10, body.C20, body.C30, body.K)
+            return with_branches(body, Yeoh(body.C10, body.C20, body.C30, body.K))
         case OgdenBody():
-            return Ogden(body.mu, body.alpha, body.K)
+            return with_branches(body, Ogden(body.mu, body.alpha, body.K))
         case ElastoPlasticBody():
             moduli = body.shear_modulus, body.bulk_modulus
             rate = body.rate.law_of() if body.rate is not None else None
             return ElastoPlastic(*moduli, body.hardening.law_of(), rate)
         case OwnBody():
-            return body.own_material()
+            return with_branches(body, body.own_material())
         case _:
             assert_never(body)
+
+
+def with_branches(
+    body: ElastomerBody, given: NeoHookean | MooneyRivlin | Yeoh | Ogden | OwnMaterial
+) -> Material:
+    """The material with the branches of a body, if there are any.
+
+    Args:
+        body: what the case says.
+        given: of its constants alone.
+    """
+    if body.prony is None:
+        return given
+    relaxed, share = given, body.relaxed_share
+    if body.moduli == "instantaneous":
+        relaxed = given.softened(share)
+    whole = relaxed.shear_modulus / share
+    times = body.branch_times()
+    pairs = zip(body.prony, times, strict=True)
+    return Viscoelastic(relaxed, tuple(Branch(part * whole, time) for (part, _), time in pairs))
 
 
 def materials_of(bodies: Bodies, comm: MPI.Comm, runs_code: bool = True) -> dict[str, Material]:
@@ -95,7 +119,8 @@ def materials_of(bodies: Bodies, comm: MPI.Comm, runs_code: bool = True) -> dict
     problem: str | None = None
     for name, body in bodies.items():
         if isinstance(body, OwnBody) and not runs_code:
-            made[name] = NeoHookean(body.shear_modulus, body.bulk_modulus)
+            elastic = NeoHookean(body.shear_modulus, body.bulk_modulus)
+            made[name] = with_branches(body, elastic)
             continue
         try:
             made[name] = material_of(body)
@@ -105,6 +130,31 @@ def materials_of(bodies: Bodies, comm: MPI.Comm, runs_code: bool = True) -> dict
     if problem is not None:
         raise InputError(problem)
     return made
+
+
+def notes_on_branches(bodies: Bodies, stages: Sequence[Stage]) -> Iterator[str]:
+    """Where branches are relaxed, and what the temperature makes of their times."""
+    for name, body in bodies.items():
+        if not isinstance(body, ElastomerBody) or body.prony is None:
+            continue
+        without = [stage.name for stage in stages if not stage.rate_dependent]
+        if without and len(without) == len(stages):
+            yield (
+                f"bodies.{name}.prony: no stage feels rates (rate_dependent = false): the body is "
+                "relaxed throughout, with its long-term moduli"
+            )
+        elif without:
+            yield (
+                f"bodies.{name}.prony: relaxed in stages without rates ({', '.join(without)}), "
+                "which have the long-term moduli"
+            )
+        if body.shift is not None:
+            factor = math.exp(body.shift.log_factor)
+            times = ", ".join(f"{time:.3g} s" for time in body.branch_times())
+            yield (
+                f"bodies.{name}.shift: relaxation times are {factor:.3g} times those of prony at "
+                f"{body.shift.temperature:.5g} K: {times}"
+            )
 
 
 def notes_on_materials(bodies: Bodies, materials: Mapping[str, Material]) -> list[str]:

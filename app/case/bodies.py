@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -12,6 +13,7 @@ from tribox.app.case.library import from_library
 from tribox.app.case.own_code import NamesAClass, OwnMaterial, load_own_material
 from tribox.app.case.quantities import Quantity
 from tribox.app.case.table import Model, Name, Place, Problem
+from tribox.app.case.time_tables import Row, Rows
 
 if TYPE_CHECKING:
     from tribox.forms.bodies.kinematics import Section
@@ -19,6 +21,10 @@ if TYPE_CHECKING:
 Formulation = Literal["q1", "q1-sri", "q2"]
 MOST_TERMS = 6  # of Ogden's sum
 HIGHEST_POWER = 30.0  # of its stretches
+GAS_CONSTANT = 8.31446261815324  # J/(mol K)
+MOST_DECADES = 30  # by which a temperature may shift relaxation times
+_SHARE = Quantity(gt=0.0, lt=1.0, name="share")
+_TIME = Quantity("s", gt=0.0, name="relaxation time")
 
 
 class BodyVelocity(Model):
@@ -97,6 +103,7 @@ class _Isotropic(_Body):
 
     def problems(self, place: Place) -> Iterator[Problem]:
         """A pair of constants that is missing or not one of the two."""
+        yield from super().problems(place)
         given = {key for key in ("E", "nu", "G", "K") if getattr(self, key) is not None}
         if given not in ({"E", "nu"}, {"G", "K"}):
             listed = " and ".join(sorted(given)) or "none of them"
@@ -119,7 +126,122 @@ class _Isotropic(_Body):
         return self.E / (3.0 * (1.0 - 2.0 * self.nu))
 
 
-class NeoHookeanBody(_Isotropic):
+class WlfShift(Model):
+    """log₁₀ a_T = −C1 (T − T_ref)/(C2 + T − T_ref)."""
+
+    law: Literal["wlf"] = Field(description="how relaxation times follow the temperature")
+    C1: Annotated[float, Quantity(gt=0.0)] = Field(
+        description="constant of log10(a_T) = -C1 (T - T_ref)/(C2 + T - T_ref), by which all "
+        "relaxation times are multiplied (Williams, Landel & Ferry)"
+    )
+    C2: Annotated[float, Quantity("kelvin", gt=0.0)] = Field(
+        description="constant of it, a difference of temperatures"
+    )
+    reference: Annotated[float, Quantity("K", gt=0.0)] = Field(
+        description="temperature T_ref that prony holds at"
+    )
+    temperature: Annotated[float, Quantity("K", gt=0.0)] = Field(
+        description="temperature T of the body, all through the run"
+    )
+
+    def problems(self, place: Place) -> Iterator[Problem]:
+        """A temperature below the range of the law, or a factor beyond all use."""
+        above = self.C2 + self.temperature - self.reference
+        if above <= 0.0:
+            least = self.reference - self.C2
+            yield Problem((*place, "temperature"), f"must be > {least:g} K, reference - C2")
+        elif abs(math.log10(math.e) * self.log_factor) > MOST_DECADES:
+            yield Problem(place, _too_far(self.log_factor))
+
+    @property
+    def log_factor(self) -> float:
+        """The natural logarithm of a_T."""
+        warmer = self.temperature - self.reference
+        return -math.log(10.0) * self.C1 * warmer / (self.C2 + warmer)
+
+
+class ArrheniusShift(Model):
+    """ln a_T = E/R (1/T − 1/T_ref)."""
+
+    law: Literal["arrhenius"] = Field(description="how relaxation times follow the temperature")
+    energy: Annotated[float, Quantity("J/mol", gt=0.0)] = Field(
+        description="activation energy E of ln(a_T) = E/R (1/T - 1/T_ref), by which all relaxation "
+        "times are multiplied"
+    )
+    reference: Annotated[float, Quantity("K", gt=0.0)] = Field(
+        description="temperature T_ref that prony holds at"
+    )
+    temperature: Annotated[float, Quantity("K", gt=0.0)] = Field(
+        description="temperature T of the body, all through the run"
+    )
+
+    def problems(self, place: Place) -> Iterator[Problem]:
+        """A factor beyond all use."""
+        if abs(math.log10(math.e) * self.log_factor) > MOST_DECADES:
+            yield Problem(place, _too_far(self.log_factor))
+
+    @property
+    def log_factor(self) -> float:
+        """The natural logarithm of a_T."""
+        return self.energy / GAS_CONSTANT * (1.0 / self.temperature - 1.0 / self.reference)
+
+
+def _too_far(log_factor: float) -> str:
+    decades = log_factor / math.log(10.0)
+    return f"shifts the relaxation times by {decades:.3g} decades: more than {MOST_DECADES}"
+
+
+Shift = Annotated[WlfShift | ArrheniusShift, Field(discriminator="law")]
+
+
+class _Elastomer(_Body):
+    """What bodies have whose resistance to distortion may relax."""
+
+    prony: Annotated[tuple[Row, ...], Rows(_SHARE, _TIME, rising=False)] | None = Field(
+        default=None,
+        description="rows [[share, relaxation time], ...] of Maxwell branches, shares of the "
+        "instantaneous shear modulus; the bulk modulus does not relax",
+    )
+    moduli: Literal["instantaneous", "long-term"] = Field(
+        default="long-term",
+        description='what the other constants are those of: "long-term", of the body when all '
+        'branches are relaxed, or "instantaneous", of a sudden deformation; with prony',
+    )
+    shift: Shift | None = Field(
+        default=None,
+        description="factor of the relaxation times for the temperature of the run; with prony",
+    )
+
+    def problems(self, place: Place) -> Iterator[Problem]:
+        """Shares that leave nothing, or keys that need branches."""
+        yield from super().problems(place)
+        if self.prony is None:
+            for key in ("moduli", "shift"):
+                if key in self.model_fields_set and getattr(self, key) is not None:
+                    yield Problem((*place, key), "needs prony: there are no branches without it")
+            return
+        total = sum(share for share, _ in self.prony)
+        if total >= 1.0:
+            reason = (
+                f"the shares sum up to {total:.6g}: must be < 1, what is left is the share of the "
+                "long-term modulus"
+            )
+            yield Problem((*place, "prony"), reason)
+        if self.shift is not None:
+            yield from self.shift.problems((*place, "shift"))
+
+    @property
+    def relaxed_share(self) -> float:
+        """Long-term shear modulus over the instantaneous one."""
+        return 1.0 - sum(share for share, _ in self.prony or ())
+
+    def branch_times(self) -> tuple[float, ...]:
+        """Relaxation times at the temperature of the run, s."""
+        factor = math.exp(self.shift.log_factor) if self.shift is not None else 1.0
+        return tuple(factor * time for _, time in self.prony or ())
+
+
+class NeoHookeanBody(_Isotropic, _Elastomer):
     """W = G/2 (I1 − 3) − G ln J + Λ/2 (ln J)², Λ = K − 2G/3."""
 
     material: Literal["neo-hookean"] = Field(description="strain energy of the body")
@@ -131,7 +253,7 @@ class HenckyBody(_Isotropic):
     material: Literal["hencky"] = Field(description="strain energy of the body")
 
 
-class MooneyRivlinBody(_Body):
+class MooneyRivlinBody(_Elastomer):
     """W = C10 (Ī1 − 3) + C01 (Ī2 − 3) + a volumetric part in K."""
 
     material: Literal["mooney-rivlin"] = Field(description="strain energy of the body")
@@ -141,6 +263,7 @@ class MooneyRivlinBody(_Body):
 
     def problems(self, place: Place) -> Iterator[Problem]:
         """A shear modulus that is not positive."""
+        yield from super().problems(place)
         if self.shear_modulus <= 0.0:
             found = self.C10 + self.C01
             yield Problem(
@@ -158,7 +281,7 @@ class MooneyRivlinBody(_Body):
         return self.K
 
 
-class YeohBody(_Body):
+class YeohBody(_Elastomer):
     """W = C10 (Ī1 − 3) + C20 (Ī1 − 3)² + C30 (Ī1 − 3)³ + a volumetric part in K."""
 
     material: Literal["yeoh"] = Field(description="strain energy of the body")
@@ -184,7 +307,7 @@ class YeohBody(_Body):
         return self.K
 
 
-class OgdenBody(_Body):
+class OgdenBody(_Elastomer):
     """W = Σ_p μ_p/α_p (λ̄₁^α_p + λ̄₂^α_p + λ̄₃^α_p − 3) + a volumetric part in K."""
 
     material: Literal["ogden"] = Field(description="strain energy of the body")
@@ -203,6 +326,7 @@ class OgdenBody(_Body):
 
     def problems(self, place: Place) -> Iterator[Problem]:
         """Lists of different length, or a shear modulus that is not positive."""
+        yield from super().problems(place)
         if len(self.mu) != len(self.alpha):
             reason = f"has {len(self.alpha)} entries and mu {len(self.mu)}: must be as many"
             yield Problem((*place, "alpha"), reason)
@@ -239,7 +363,7 @@ class ElastoPlasticBody(_Isotropic):
         yield from self.hardening.problems((*place, "hardening"))
 
 
-class OwnBody(_Isotropic, NamesAClass):
+class OwnBody(_Isotropic, _Elastomer, NamesAClass):
     """A strain energy of the user's own, written in Python; E and nu, or G and K, are its at rest.
 
     The case only names it: the file is run by :meth:`own_material`, when a run is built.

@@ -11,7 +11,7 @@ import math
 import os
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
@@ -207,6 +207,9 @@ def _class(path: Path, name: str) -> type[Any]:
     return found
 
 
+SHARE = "share left when all branches are relaxed"  # among the constants: no name of the user's
+
+
 @dataclass(frozen=True, slots=True)
 class OwnMaterial:
     """A strain energy of the user's, with the moduli that the case gives.
@@ -214,12 +217,18 @@ class OwnMaterial:
     Attributes:
         own: an instance of the user's class; file: that it is written in.
         shear_modulus, bulk_modulus: of the undeformed material, Pa.
+        share: of the first part of its energy that there is.
     """
 
     own: Any
     file: str
     shear_modulus: float
     bulk_modulus: float
+    share: float = 1.0
+
+    def softened(self, share: float) -> OwnMaterial:
+        """The same with a share of the first part of its energy."""
+        return replace(self, shear_modulus=share * self.shear_modulus, share=share)
 
     def parameters(self) -> dict[str, float]:
         """Values of the constants in the energy, by name.
@@ -233,7 +242,8 @@ class OwnMaterial:
         for key, value in found.items():
             if not isinstance(value, int | float) or not math.isfinite(value):
                 raise OwnCodeError(f"parameters(): {key} must be a number, found {value!r}")
-        return {str(key): float(value) for key, value in found.items()}
+        given = {str(key): float(value) for key, value in found.items()}
+        return given if self.share == 1.0 else given | {SHARE: self.share}
 
     def energy(self, k: Kinematics, c: dict[str, Any]) -> tuple[Any, Any]:
         """The distortional and the volumetric part, J/m³.
@@ -252,7 +262,7 @@ class OwnMaterial:
         first, second = (self._asked(lambda part=part: ufl.as_ufl(part)) for part in found)
         if first.ufl_shape or second.ufl_shape:
             raise OwnCodeError("energy(k, c) must return two scalars")
-        return first, second
+        return (first if self.share == 1.0 else c[SHARE] * first), second
 
     def points(self, space: bool) -> None:
         """None: its points remember nothing."""

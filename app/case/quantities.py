@@ -27,6 +27,7 @@ _NUMBER_AND_UNIT = re.compile(
 )
 # What units are written with. The unit library passes over some other characters.
 _UNIT = re.compile(r"[\w°µμΩ%*/^.()·⋅⁻²³¹⁰⁴-⁹+\- \t\u00a0]*")
+CELSIUS, ICE = "degC", Decimal("273.15")  # of a temperature, "K"; a difference is in "kelvin"
 LONGEST = 80
 """Letters of a quantity; the unit library takes its time over thousands."""
 LARGEST = 1e50
@@ -156,6 +157,8 @@ def _parse_text(text: str, unit: str) -> float:
     number, written = Decimal(match[1]), match[2]
     if unit and not written:
         raise QuantityError(f"is text without a unit; {_expected(unit)}")
+    if unit == "K" and written == CELSIUS:
+        return float(number + ICE)
     return float(number * _factor(written, unit)) if written else float(number)
 
 

@@ -103,8 +103,10 @@ class TimeTable:
         return total
 
 
-def _parse_rows(rows: Sequence[object], first: Quantity, second: Quantity) -> tuple[Row, ...]:
-    """The rows of a table `[[first, second], ...]`, the first column increasing.
+def _parse_rows(
+    rows: Sequence[object], first: Quantity, second: Quantity, rising: bool = True
+) -> tuple[Row, ...]:
+    """The rows of a table `[[first, second], ...]`; ``rising``: the first column must increase.
 
     Raises:
         PydanticCustomError: with the place inside the table as context.
@@ -123,7 +125,7 @@ def _parse_rows(rows: Sequence[object], first: Quantity, second: Quantity) -> tu
                 pair.append(quantity.parse(row[column]))
             except QuantityError as error:
                 raise _at((index, column), row[column], str(error)) from None
-        if parsed and pair[0] <= parsed[-1][0]:
+        if rising and parsed and pair[0] <= parsed[-1][0]:
             raise _at((index, 0), row[0], f"the {first.name} must increase from row to row")
         parsed.append((pair[0], pair[1]))
     return tuple(parsed)
@@ -327,7 +329,13 @@ class NumberOrTable:
 
 @dataclass(frozen=True, slots=True)
 class Rows(NumberOrTable):
-    """Pydantic annotation of a table of one quantity over another: `((argument, value), ...)`."""
+    """Pydantic annotation of a table of one quantity over another: `((argument, value), ...)`.
+
+    Attributes:
+        rising: whether the arguments must increase; False: they are pairs and no function.
+    """
+
+    rising: bool = True
 
     def parse(self, value: object) -> tuple[Row, ...]:
         """The rows.
@@ -338,7 +346,7 @@ class Rows(NumberOrTable):
         if not isinstance(value, list | tuple):
             pair = f"[{self.argument.name}, {self.value.name}]"
             raise _at((), value, f"must be a table of rows [{pair}, ...]")
-        return _parse_rows(value, self.argument, self.value)
+        return _parse_rows(value, self.argument, self.value, self.rising)
 
     def __get_pydantic_json_schema__(
         self, schema: CoreSchema, handler: GetJsonSchemaHandler

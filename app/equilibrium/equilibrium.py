@@ -184,13 +184,20 @@ class Equilibrium:
         return self._strain_energy
 
     def plastic_dissipation(self) -> tuple[float, float]:
-        """What the bodies dissipated in all committed steps, and its numerical part; collective.
+        """What bodies that yield dissipated so far, and its numerical part, see `dissipated`."""
+        return self.dissipated(flows=True)
+
+    def dissipated(self, flows: bool) -> tuple[float, float]:
+        """What bodies dissipated in all committed steps, and its numerical part; collective.
+
+        Args:
+            flows: of those that yield, or of those that remember without yielding.
 
         Returns:
             J (J/m in plane strain), since the start.
         """
-        local = np.sum([solid.dissipated for solid in self.solids], axis=0)
-        total = self.comm.allreduce(local, op=MPI.SUM)
+        kind = [solid.dissipated for solid in self.solids if solid.flows == flows]
+        total = self.comm.allreduce(np.sum(kind, axis=0) + np.zeros(2), op=MPI.SUM)
         return float(total[0]), float(total[1])
 
     def is_evaluated(self, x: PETSc.Vec) -> bool:

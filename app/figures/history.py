@@ -169,7 +169,8 @@ def energies_figure(results: Results) -> Figure:
 def _energies(table: Table) -> tuple[dict[str, Floats], Floats]:
     """What the work went into, J, by name, and what is not accounted for; each (n,)."""
     column = table.columns
-    flow = column.get("plastic_dissipation", 0.0)  # results of before there was any have none
+    # Results of before there was any have no such columns.
+    flow = sum(column.get(f"{kind}_dissipation", 0.0) for kind in ("plastic", "viscous"))
     parts = {
         "strain": column["strain_energy"],
         "interface": column["interface_energy"],

@@ -20,6 +20,7 @@ _PARTS = (
     ("interface_energy", "stored in the contact"),
     ("friction", "dissipated"),
     ("plastic_dissipation", "of that by plastic flow in the bodies"),
+    ("viscous_dissipation", "of that by viscosity of the bodies"),
     ("damping_dissipation", "taken by damping"),
     ("energy_error", "unaccounted for"),
     ("numerical_dissipation", "more dissipated by the length of the steps"),
@@ -93,9 +94,10 @@ def energy_table(history: DataFrame) -> Table | None:
     if history.empty or "energy_error" not in history:
         return None
     last = dict(history.iloc[-1])
-    last.setdefault("plastic_dissipation", 0.0)  # results of before there was any
-    last["friction"] = last["dissipation"] + last["plastic_dissipation"]
-    last["friction"] -= last["numerical_dissipation"]
+    last["friction"] = last["dissipation"] - last["numerical_dissipation"]
+    for name in ("plastic_dissipation", "viscous_dissipation"):
+        last.setdefault(name, 0.0)  # results of before there was any
+        last["friction"] += last[name]
     work = _largest(history)
     scale = fitting([work], "J")
     rows = [

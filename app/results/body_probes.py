@@ -37,6 +37,7 @@ class BodyProbes:
         self._components = components(model.problem.dim)
         self._probes = [(name, _Body(model, solids[body])) for name, body in probes]
         self._flows = model.problem.flows
+        self._branches = max((len(s.dissipated_by_part) for s in model.problem.solids), default=0)
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -53,6 +54,7 @@ class BodyProbes:
             *(f"max_von_mises_{x}" for x in axes),
             "strain_energy",
             *[f"{kind}equivalent_plastic_strain" for kind in ("", "max_")] * self._flows,
+            *(f"viscous_dissipation_{branch + 1}" for branch in range(self._branches)),
         )
 
     def rows(self) -> list[tuple[object, ...]]:
@@ -61,6 +63,7 @@ class BodyProbes:
             (
                 *(name, body.solid.name, *map(float, body.values(self._components))),
                 *(body.plastic_strain() if self._flows else ()),
+                *body.by_branch(self._branches),
             )
             for name, body in self._probes
         ]
@@ -111,6 +114,15 @@ class _Body:
         t = self._thickness
         tail = [volume / self._reference, largest, extreme, *where, energy * t]
         return np.array([volume * t, *means, *tail])
+
+    def by_branch(self, count: int) -> list[float]:
+        """What each of ``count`` branches has dissipated, J, 0 of those it has not; collective."""
+        local = np.zeros(count)
+        mine = self.solid.dissipated_by_part
+        local[: len(mine)] = mine
+        total = np.empty_like(local)
+        self._problem.comm.Allreduce(local, total, op=MPI.SUM)
+        return [float(lost) * self._thickness for lost in total]
 
     def plastic_strain(self) -> tuple[float, float]:
         """Mean over the undeformed volume and largest equivalent plastic strain; collective."""

@@ -303,7 +303,7 @@ class ContactWarnings:
         terms = self._problem.contacts
         loose = [state for state, term in zip(states, terms, strict=True) if not term.tied]
         force = sum(state.force for state in loose) * thickness
-        spent = 2.0 * row.strain_energy + row.plastic_dissipation
+        spent = 2.0 * row.strain_energy + row.plastic_dissipation + row.viscous_dissipation
         approach = spent / force if force > 0.0 else 0.0
         for index, state in enumerate(states):
             here = (state.deepest, row.time, row.stage, row.dt)

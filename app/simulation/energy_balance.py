@@ -19,7 +19,8 @@ from tribox.forms.contact.state import ContactTrial
 from tribox.geometry.surfaces.facets import Floats
 
 _SUMS = (
-    *("work", "dissipation", "numerical", "strain", "interface", "kinetic", "damping", "plastic"),
+    *("work", "dissipation", "numerical", "strain", "interface", "kinetic", "damping"),
+    *("plastic", "viscous"),
     "_initial_kinetic",
 )
 
@@ -130,7 +131,8 @@ class EnergyBalance:
             rule. It falls in proportion to the step.
         strain, interface: J/m, stored now, less what was stored at the start.
         plastic: J/m since the start, of the bodies' materials; its numerical part, the yield stress
-            at the end of a step less the mean over it, is contained in ``numerical`` too.
+            at the end of a step less the mean over it, is contained in ``numerical`` too; viscous:
+            likewise, of bodies that creep and do not yield.
         kinetic: J/m, present; damping: J/m taken by mass-proportional damping, the contacts'
             dashpots and relaxation.
     """
@@ -144,8 +146,9 @@ class EnergyBalance:
         self._last = Work.at(problem, x.array_r)
         self._start = (problem.strain_energy(), self._interface())
         self.work = self.dissipation = self.numerical = 0.0
-        self.strain = self.interface = self.kinetic = self.damping = self.plastic = 0.0
-        self._flow = problem.plastic_dissipation()
+        self.strain = self.interface = self.kinetic = self.damping = 0.0
+        self.plastic = self.viscous = 0.0
+        self._flow = self._lost()
         self._initial_kinetic = 0.0
 
     def set_initial_kinetic_energy(self, kinetic: float) -> None:
@@ -169,9 +172,16 @@ class EnergyBalance:
         self.interface = sum(m.energy for m in resultants) - self._start[1]
         self.dissipation += sum(m.dissipated for m in resultants)
         self.numerical += sum(m.numerical for m in resultants)
-        before, self._flow = self._flow, self.problem.plastic_dissipation()
-        self.plastic += self._flow[0] - before[0]
-        self.numerical += self._flow[1] - before[1]
+        before, self._flow = self._flow, self._lost()
+        more = self._flow - before
+        self.plastic += float(more[0])
+        self.viscous += float(more[1])
+        self.numerical += float(more[2])
+
+    def _lost(self) -> Floats:
+        """What bodies have lost by plastic flow, by creep, and the numerical part; collective."""
+        plastic, viscous = (self.problem.dissipated(flows) for flows in (True, False))
+        return np.array([plastic[0], viscous[0], plastic[1] + viscous[1]])
 
     def add(self, x: PETSc.Vec, resultants: Sequence[ContactResultants]) -> None:
         """Enter the converged step that was evaluated last, at ``x``; collective."""
@@ -190,7 +200,7 @@ class EnergyBalance:
         return {
             "sums": {name: getattr(self, name) for name in _SUMS},
             "start": list(self._start),
-            "flow": list(self._flow),
+            "flow": self._flow.tolist(),
             "force": Nodal(self._last.force),
             "position": Nodal(self._last.position),
             "contacts": [
@@ -203,7 +213,7 @@ class EnergyBalance:
         """Go on from what :meth:`snapshot` has seen."""
         for name in _SUMS:
             setattr(self, name, kept["sums"][name])
-        self._flow = (kept["flow"][0], kept["flow"][1])
+        self._flow = np.array(kept["flow"])
         self._start = (kept["start"][0], kept["start"][1])
         contacts = [(gap, pressure) for gap, pressure in kept["contacts"]]
         self._last = Work(kept["force"], kept["position"], contacts)
@@ -212,7 +222,7 @@ class EnergyBalance:
     def error(self) -> float:
         """External work that is neither stored nor dissipated, J/m."""
         stored = self.strain + self.interface + self.kinetic - self._initial_kinetic
-        dissipated = self.dissipation + self.plastic - self.numerical
+        dissipated = self.dissipation + self.plastic + self.viscous - self.numerical
         return self.work - stored - dissipated - self.damping
 
     def columns(self, thickness: float) -> dict[str, Any]:
@@ -223,6 +233,7 @@ class EnergyBalance:
             "interface_energy": self.interface * thickness,
             "dissipation": self.dissipation * thickness,
             "plastic_dissipation": self.plastic * thickness,
+            "viscous_dissipation": self.viscous * thickness,
             "numerical_dissipation": self.numerical * thickness,
             "damping_dissipation": self.damping * thickness,
             "external_work": self.work * thickness,

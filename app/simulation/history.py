@@ -16,10 +16,10 @@ class Row:
     across and along the contact. ``velocity`` is that of the driven boundaries (0 without),
     ``effective_viscosity`` T D/(A V) with A the closed reference area, ``area_ratio``
     the mean da/dA of that area. ``energy_error`` is external work less strain, kinetic and
-    interface energy and dissipation (that of the contacts, and ``plastic_dissipation`` in the
-    bodies), these by the trapezoidal rule: ``numerical_dissipation`` is what the dissipations of
-    the backward Euler steps hold beyond it. ``force`` is the resultant of
-    all tractions on the slave, ``friction`` that of the friction on the master, ``twist_moment``
+    interface energy and dissipation (that of the contacts, and ``plastic_dissipation`` and
+    ``viscous_dissipation`` in the bodies), these by the trapezoidal rule: ``numerical_dissipation``
+    is what the dissipations of the backward Euler steps hold beyond it. ``force`` is the resultant
+    of all tractions on the slave, ``friction`` that of the friction on the master, ``twist_moment``
     its moment about the mean normal through the centre of pressure.
 
     In an explicit run a row stands for many time steps: forces are means over them, the rest is as
@@ -57,6 +57,7 @@ class Row:
     interface_energy: float
     dissipation: float
     plastic_dissipation: float
+    viscous_dissipation: float
     numerical_dissipation: float
     damping_dissipation: float
     external_work: float

@@ -1,7 +1,8 @@
 """What is noticed of a run's steps while they are made, to be told to the user at its end.
 
 Steps that ended at round-off, and so did not reach the tolerance that was asked for; bodies that
-float, held by weak springs (:mod:`tribox.app.implicit.weak_hold`); steps in which metal flowed far.
+float, held by weak springs (:mod:`tribox.app.implicit.weak_hold`); steps in which metal flowed
+far, or that were long for a branch that relaxes.
 """
 
 from __future__ import annotations
@@ -11,7 +12,6 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 from mpi4py import MPI
-from tribox.forms.bodies.plastic_solid import PlasticSolid
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.snapshot import Snapshot
@@ -19,7 +19,10 @@ from tribox.app.implicit.stepper import StepResult
 from tribox.app.simulation.history import Row
 from tribox.app.simulation.observer import Interval
 from tribox.app.simulation.time_text import time_text
+from tribox.forms.bodies.elastoplastic import ElastoPlastic
 from tribox.forms.bodies.materials import oedometric_modulus
+from tribox.forms.bodies.memory_solid import MemorySolid
+from tribox.forms.bodies.viscous_points import ViscousPoints
 
 TOUCHING = 1e-9  # penetration over a facet's length up to which bodies only touch
 RIGID = 1e4  # stiffness over that of another body beyond which a body need not go to be rigid
@@ -187,9 +190,11 @@ class FloatingWatch:
             )
 
 
-# -- Watches how far bodies flow: past the data of their hardening, and in one step ----------------
+# -- How far bodies flow, past the data of their hardening and in one step, and creep -------------
 
 LONG = 0.1  # equivalent plastic strain of one step from which on it is warned of
+SHARE = 0.1  # of a branch's relaxation time from which on a step is long
+COUNTS = 0.01  # of what a body stores and loses from which on a branch matters
 
 
 class FlowWatch:
@@ -203,10 +208,12 @@ class FlowWatch:
             for body in problem.solids
             if isinstance(body, MemorySolid) and isinstance(body.material, ElastoPlastic)
         ]
+        self._creep = _CreepWatch(problem)
         self._found: dict[str, str] = {}  # warnings, by a word for each and its body
 
     def step(self, row: Row) -> None:
         """Look at a converged step; collective."""
+        self._creep.step(row)
         if not self._bodies:
             return
         local = np.array([body.largest_flow() for body, _ in self._bodies])
@@ -231,11 +238,68 @@ class FlowWatch:
     def warnings(self) -> Iterator[str]:
         """One line for each body and reason."""
         yield from self._found.values()
+        yield from self._creep.warnings()
 
     def snapshot(self) -> Snapshot:
         """What has been seen so far."""
-        return {"found": list(self._found.items())}
+        return {"found": list(self._found.items()), "creep": self._creep.snapshot()}
 
     def restore(self, kept: Snapshot) -> None:
         """Go on from what :meth:`snapshot` has seen."""
         self._found = {word: said for word, said in kept["found"]}
+        self._creep.restore(kept["creep"])
+
+
+class _CreepWatch:
+    """What branches dissipate in steps that are long for them."""
+
+    def __init__(self, problem: Equilibrium) -> None:
+        self._problem = problem
+        self._bodies = [
+            (body, body.law.branches)
+            for body in problem.solids
+            if isinstance(body, MemorySolid) and isinstance(body.law, ViscousPoints)
+        ]
+        size = sum(len(branches) for _, branches in self._bodies)
+        self._lost, self._in_long, self._longest = np.zeros((3, size))
+        self._stored = 0.0
+
+    def step(self, row: Row) -> None:
+        """Look at a converged step; collective."""
+        if not self._bodies:
+            return
+        local = np.concatenate([body.dissipated_by_part for body, _ in self._bodies])
+        lost = np.empty_like(local)
+        self._problem.comm.Allreduce(local, lost, op=MPI.SUM)
+        times = np.array([b.time for _, branches in self._bodies for b in branches])
+        felt = [body.felt_step for body, branches in self._bodies for _ in branches]
+        long = np.isfinite(felt) & (row.dt > SHARE * times)
+        self._in_long += np.where(long, lost - self._lost, 0.0)
+        self._longest = np.maximum(self._longest, np.where(long, row.dt, 0.0))
+        self._lost, self._stored = lost, max(self._stored, self._problem.strain_energy())
+
+    def warnings(self) -> Iterator[str]:
+        """A line for each branch that matters and had long steps."""
+        whole, at = self._stored + float(self._lost.sum()), 0
+        for body, branches in self._bodies:
+            for number, branch in enumerate(branches, start=1):
+                lost, step = float(self._in_long[at]), float(self._longest[at])
+                at += 1
+                if lost > COUNTS * whole:
+                    yield (
+                        f"body {body.name}: steps of {step:.3g} s are {step / branch.time:.2g} of "
+                        f"the relaxation time of branch {number}, {branch.time:.3g} s, which "
+                        f"dissipates {100.0 * lost / whole:.2g} % of what the bodies store and "
+                        "lose: its stress is of first order in the step; take steps of at most "
+                        f"{SHARE * branch.time:.2g} s"
+                    )
+
+    def snapshot(self) -> Snapshot:
+        """What has been seen so far."""
+        sums = (self._lost, self._in_long, self._longest)
+        return {"sums": [one.tolist() for one in sums], "stored": self._stored}
+
+    def restore(self, kept: Snapshot) -> None:
+        """Go on from what :meth:`snapshot` has seen."""
+        self._lost, self._in_long, self._longest = map(np.array, kept["sums"])
+        self._stored = kept["stored"]

@@ -7,7 +7,7 @@ centre. Parameters enter the forms as constants, so another value compiles nothi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol, Self
 
 import ufl
@@ -83,6 +83,10 @@ class NeoHookean(Elastic):
     shear_modulus: float
     bulk_modulus: float
 
+    def softened(self, share: float) -> Self:
+        """The same with a share of its resistance to distortion, and the same K."""
+        return replace(self, shear_modulus=share * self.shear_modulus)
+
     def parameters(self) -> dict[str, float]:
         """G and Λ, Pa."""
         return {"G": self.shear_modulus, "L": self.bulk_modulus - 2.0 / 3.0 * self.shear_modulus}
@@ -109,6 +113,10 @@ class MooneyRivlin(Elastic):
     def shear_modulus(self) -> float:
         """G = 2 (C10 + C01), Pa."""
         return 2.0 * (self.C10 + self.C01)
+
+    def softened(self, share: float) -> Self:
+        """The same with a share of its resistance to distortion, and the same K."""
+        return replace(self, C10=share * self.C10, C01=share * self.C01)
 
     def parameters(self) -> dict[str, float]:
         """C10, C01 and K, Pa."""
@@ -139,6 +147,10 @@ class Yeoh(Elastic):
     def shear_modulus(self) -> float:
         """G = 2 C10, Pa."""
         return 2.0 * self.C10
+
+    def softened(self, share: float) -> Self:
+        """The same with a share of its resistance to distortion, and the same K."""
+        return replace(self, C10=share * self.C10, C20=share * self.C20, C30=share * self.C30)
 
     def parameters(self) -> dict[str, float]:
         """C10, C20, C30 and K, Pa."""
@@ -179,6 +191,10 @@ class Ogden(Elastic):
     def shear_modulus(self) -> float:
         """G = Σ μ_p α_p/2, Pa."""
         return 0.5 * sum(mu * alpha for mu, alpha in zip(self.mu, self.alpha, strict=True))
+
+    def softened(self, share: float) -> Self:
+        """The same with a share of its resistance to distortion, and the same K."""
+        return replace(self, mu=tuple(share * mu for mu in self.mu))
 
     def parameters(self) -> dict[str, float]:
         """mu1, alpha1, mu2, …, and K, Pa."""

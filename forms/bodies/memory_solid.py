@@ -36,6 +36,7 @@ from tribox.forms.bodies.kinematics import (
 from tribox.forms.bodies.materials import Material
 from tribox.forms.bodies.plastic_points import PLASTIC_STRAIN
 from tribox.forms.bodies.point_state import (
+    DISSIPATED,
     Evaluation,
     Floats,
     MaterialPoints,
@@ -264,6 +265,12 @@ class MemorySolid(Solid):
         """See :attr:`tribox.forms.bodies.solid.Solid.dissipated`."""
         return self._dissipated
 
+    @property
+    def dissipated_by_part(self) -> Floats:
+        """See :attr:`tribox.forms.bodies.solid.Solid.dissipated_by_part`."""
+        at = self.law.columns.get(DISSIPATED, slice(0, 0))
+        return np.array([self._integral(lost) for lost in self.points.committed[:, at].T])
+
     def strain_energy(self) -> float:
         """This rank's elastic energy, J; in plane strain per unit thickness, J/m."""
         return self.point_energy() + sum(
@@ -325,6 +332,12 @@ class MemorySolid(Solid):
         P = as_tensors(self._present().stress)
         sigma = P @ F.transpose(0, 2, 1) / np.linalg.det(F)[:, None, None]
         return sigma.reshape(len(self.cells), self.count, 3, 3)
+
+    @property
+    def felt_step(self) -> float:
+        """Duration of the last committed step as the points felt it, s; infinite without rates."""
+        last = self.points.last
+        return math.inf if last is None else last.origin.dt
 
     def largest_flow(self) -> tuple[float, float]:
         """Largest equivalent plastic strain of this rank, and its largest growth in one step.

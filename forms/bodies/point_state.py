@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+DISSIPATED = "dissipated"  # of variables that sum up, J/m³, what each part of a point has lost
 IN_PLANE = np.array([1.0, 0.0, 0.0, 1.0, 1.0])  # no deformation: 11, 12, 21, 22, 33
 
 

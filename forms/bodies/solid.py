@@ -362,6 +362,11 @@ class Solid:
         """
         return np.zeros(2)
 
+    @property
+    def dissipated_by_part(self) -> Floats:
+        """Energy (b,), J (J/m), of this rank in all committed steps, of each branch."""
+        return np.zeros(0)
+
     def history(self) -> PointHistory | None:
         """What :meth:`adopt` takes to come to the present committed state; None: nothing."""
         return None

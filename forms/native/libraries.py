@@ -17,6 +17,7 @@ SOURCES = (
     "space_contact.c",
     "contact_tangent.c",
     "plastic_points.c",
+    "viscous_points.c",
     "cell_places.c",
 )
 

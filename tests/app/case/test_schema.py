@@ -40,6 +40,7 @@ DOCUMENTED = {
         *("LinearHardening", "VoceHardening", "SwiftHardening", "TableHardening"),
     ),
     "`[bodies.NAME.rate]`": ("JohnsonCookRate", "PerzynaRate"),
+    "`[bodies.NAME.shift]`": ("WlfShift", "ArrheniusShift"),
     "`[bodies.NAME.velocity]`": ("BodyVelocity",),
     "`[[contact]]`": ("Contact",),
     "`[contact.film]`": ("Film",),

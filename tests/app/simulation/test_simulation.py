@@ -437,7 +437,8 @@ DIMENSIONS = {
     "effective_viscosity": (-2, 1, 1),
     "contact_area": (2, 0, 0),
     **dict.fromkeys(("strain_energy", "interface_energy", "dissipation"), (1, 0, 1)),
-    **dict.fromkeys(("plastic_dissipation", "numerical_dissipation"), (1, 0, 1)),
+    **dict.fromkeys(("plastic_dissipation", "viscous_dissipation"), (1, 0, 1)),
+    "numerical_dissipation": (1, 0, 1),
     **dict.fromkeys(("external_work", "energy_error"), (1, 0, 1)),
 }
 

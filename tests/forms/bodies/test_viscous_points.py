@@ -1,0 +1,271 @@
+"""Maxwell branches at material points: closed forms, an ODE solution, tangents, dissipation."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+from tribox.forms.bodies.materials import MooneyRivlin, NeoHookean, Ogden, Yeoh
+from tribox.forms.bodies.point_state import DISSIPATED
+from tribox.forms.bodies.viscous_points import Branch, Viscoelastic, ViscousPoints
+
+BRANCHES = (Branch(0.7, 0.3), Branch(0.4, 2.0), Branch(0.2, 0.01))
+PLANE = [0, 1, 3, 4, 8]
+
+
+def identity(space):
+    eye = np.eye(3).reshape(-1)
+    return eye if space else eye[PLANE]
+
+
+def some(space, count=20, size=0.3, seed=0):
+    """Deformation gradients (n, p), none of them turned inside out."""
+    p = 9 if space else 5
+    return identity(space) + np.random.default_rng(seed).uniform(-size, size, (count, p))
+
+
+def aged(points, count=20, dt=0.4):
+    """A state that three steps have led to."""
+    state = points.start(count)
+    for seed in (5, 6, 7):
+        state = points.update(some(points.space, count, 0.2, seed), state, dt, False).state
+    return state
+
+
+@pytest.mark.parametrize("space", [False, True])
+@pytest.mark.parametrize("dt", [1e-4, 0.3, 50.0, math.inf])
+def test_the_compiled_loop_is_the_one_in_numpy(space, dt):
+    fast, slow = (ViscousPoints(BRANCHES, space, compiled) for compiled in (True, False))
+    assert fast.compiled and not slow.compiled
+    state, F = aged(slow, 13), some(space, 13)
+    one, other = (points.update(F, state, dt, True) for points in (fast, slow))
+    size = np.abs(other.state).max()  # stresses of relaxed branches are round-off
+    for name in ("P", "state", "A", "elastic", "dissipation"):
+        a, b = getattr(one, name), getattr(other, name)
+        np.testing.assert_allclose(a, b, rtol=1e-10, atol=1e-14 * size, err_msg=name)
+    held = [points.frozen().update(F, state, 1.0, True) for points in (fast, slow)]
+    np.testing.assert_allclose(held[0].A, held[1].A, rtol=0, atol=1e-13)
+    for points in (fast, slow):  # inside out: nothing is remembered of it
+        F[3] *= -1.0
+        bad = points.update(F, state, dt, True)
+        assert not bad.valid and np.isnan(bad.P[3]).all() and np.isfinite(bad.P[2]).all()
+        assert np.array_equal(bad.state[3], state[3])
+        F[3] *= -1.0
+
+
+@pytest.mark.parametrize("space", [False, True])
+@pytest.mark.parametrize("dt", [0.03, 3.0])
+def test_the_tangent_is_the_derivative_and_symmetric(space, dt):
+    points = ViscousPoints(BRANCHES, space)
+    state, F = aged(points), some(space)
+    along, step = np.random.default_rng(1).normal(size=F.shape), 1e-5
+    A = points.update(F, state, dt, True).A
+    sides = [points.update(F + s * step * along, state, dt, False).P for s in (1.0, -1.0)]
+    slope = (sides[0] - sides[1]) / (2.0 * step)
+    assert np.abs(np.einsum("npq,nq->np", A, along) - slope).max() < 1e-7 * np.abs(slope).max()
+    assert np.abs(A - A.transpose(0, 2, 1)).max() <= 1e-14 * np.abs(A).max()
+
+
+def test_the_plane_is_a_part_of_space():
+    plane, space = (ViscousPoints(BRANCHES, s) for s in (False, True))
+    F = some(False)
+    wide = plane._tensors(F).reshape(-1, 9)
+    one, other = (p.update(f, p.start(20), 0.3, True) for p, f in ((plane, F), (space, wide)))
+    np.testing.assert_allclose(other.P[:, PLANE], one.P, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(other.A[:, PLANE][:, :, PLANE], one.A, rtol=0, atol=1e-13)
+
+
+def test_rotations_turn_the_stress_and_leave_the_memory():
+    points = ViscousPoints(BRANCHES, True)
+    state, F = aged(points), some(True)
+    Q = Rotation.from_rotvec([0.3, -1.1, 0.7]).as_matrix()
+    turned = (Q @ F.reshape(-1, 3, 3)).reshape(-1, 9)
+    one, other = (points.update(f, state, 0.2, False) for f in (F, turned))
+    wanted = (Q @ one.P.reshape(-1, 3, 3)).reshape(-1, 9)
+    np.testing.assert_allclose(other.P, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
+    np.testing.assert_allclose(other.state, one.state, rtol=0, atol=1e-13)
+
+
+def test_what_is_remembered_keeps_its_volume_and_the_pressure_is_none():
+    points = ViscousPoints(BRANCHES, True)
+    state = points.start(20)
+    for number, dt in enumerate((1e-3, 0.5, 100.0, math.inf)):
+        found = points.update(some(True, 20, 0.25, number), state, dt, False)
+        state = found.state
+        for b in range(3):
+            det = np.linalg.det(points._metrics(state, b))
+            np.testing.assert_allclose(det, 1.0, rtol=0, atol=1e-13)
+        F = some(True, 20, 0.25, number).reshape(-1, 3, 3)
+        kirchhoff = found.P.reshape(-1, 3, 3) @ F.transpose(0, 2, 1)
+        assert np.abs(np.trace(kirchhoff, axis1=1, axis2=2)).max() < 1e-13
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.integers(0, 10**6),
+    st.floats(1e-9, 0.4),
+    st.floats(-9.0, 6.0),
+    st.booleans(),
+    st.booleans(),
+)
+def test_no_branch_ever_gives_energy(seed, size, decade, space, compiled):
+    points = ViscousPoints(BRANCHES, space, compiled)
+    state = points.start(7)
+    for number in range(3):
+        F = some(space, 7, size, seed + number)
+        found = points.update(F, state, 10.0**decade, False)
+        grown = (found.state - state)[:, points.columns[DISSIPATED]]
+        assert found.valid and (grown >= 0.0).all() and (found.dissipation >= 0.0).all()
+        state = found.state
+
+
+@pytest.mark.parametrize("decade", [-1.5, 0.0, 1.0])
+def test_storage_and_loss_modulus_at_small_strain(decade):
+    """In shear of amplitude 1e-3 the first harmonic is the series'; first order in the step."""
+    branches, strain, omega = BRANCHES[:2], 1e-3, 10.0**decade
+    points = ViscousPoints(branches, False)
+    errors = []
+    for steps in (200, 400):
+        dt = 2.0 * math.pi / omega / steps
+        cycles = 2 + math.ceil(8.0 * 2.0 * omega / (2.0 * math.pi))  # until the start is forgotten
+        state, stress = points.start(1), []
+        for n in range(1, cycles * steps + 1):
+            F = identity(False)[None].copy()
+            F[0, 1] = strain * math.sin(omega * n * dt)
+            found = points.update(F, state, dt, False)
+            state = found.state
+            stress.append(found.P[0, 1])
+        phase = omega * dt * np.arange(1, steps + 1)
+        last = np.array(stress[-steps:]) / strain
+        measured = [2.0 * (last * wave(phase)).mean() for wave in (np.sin, np.cos)]
+        x = [omega * b.time for b in branches]
+        pairs = list(zip(branches, x, strict=True))
+        series = [
+            sum(b.modulus * y * y / (1.0 + y * y) for b, y in pairs),
+            sum(b.modulus * y / (1.0 + y * y) for b, y in pairs),
+        ]
+        errors.append(np.subtract(measured, series) / np.hypot(*series))
+    coarse, fine = errors
+    assert np.abs(coarse - fine).max() < 0.02
+    np.testing.assert_allclose(2.0 * fine - coarse, 0.0, rtol=0, atol=1e-3)
+    assert 0.4 < np.linalg.norm(fine) / np.linalg.norm(coarse) < 0.6
+
+
+def sheared(points, gamma, times):
+    """Stresses P (n, 5) of simple shear to ``gamma`` at ``times``."""
+    state, found = points.start(1), []
+    for before, now in pairwise(times):
+        F = identity(False)[None].copy()
+        F[0, 1] = gamma(now)
+        update = points.update(F, state, now - before, False)
+        state = update.state
+        found.append(update.P[0])
+    return np.array(found), state
+
+
+def exact_shear(gamma, times):
+    """The same by the differential equation, and what the branches have dissipated."""
+
+    def rates(time, y):
+        C = np.array([[1.0, gamma(time), 0.0], [gamma(time), 1.0 + gamma(time) ** 2, 0], [0, 0, 1]])
+        out = []
+        for b, branch in enumerate(BRANCHES[:2]):
+            Ck = y[9 * b : 9 * b + 9].reshape(3, 3)
+            X = C @ np.linalg.inv(Ck)
+            D = X - np.trace(X) / 3.0 * np.eye(3)
+            out += list((D @ Ck / branch.time).reshape(-1))
+        lost = 0.0
+        for b, branch in enumerate(BRANCHES[:2]):
+            X = C @ np.linalg.inv(y[9 * b : 9 * b + 9].reshape(3, 3))
+            D = X - np.trace(X) / 3.0 * np.eye(3)
+            lost += 0.5 * branch.modulus / branch.time * np.trace(D @ D)
+        return [*out, lost]
+
+    start = [*np.eye(3).reshape(-1), *np.eye(3).reshape(-1), 0.0]
+    done = solve_ivp(rates, (0.0, times[-1]), start, t_eval=times, rtol=1e-9, atol=1e-11)
+    stress = []
+    for time, y in zip(times, done.y.T, strict=True):
+        F = np.array([[1.0, gamma(time), 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+        tau = np.zeros((3, 3))
+        for b, branch in enumerate(BRANCHES[:2]):
+            push = F @ np.linalg.inv(y[9 * b : 9 * b + 9].reshape(3, 3)) @ F.T
+            tau += branch.modulus * (push - np.trace(push) / 3.0 * np.eye(3))
+        stress.append((tau @ np.linalg.inv(F).T).reshape(-1)[PLANE])
+    return np.array(stress), done.y[-1]
+
+
+@pytest.mark.parametrize("case", ["relaxation", "cycle"])
+def test_large_shear_follows_the_differential_equation(case):
+    """Within 0.5 % of the largest stress, and first order in the step; energy too."""
+    if case == "relaxation":
+        gamma, end = (lambda t: 0.8 * min(t / 0.05, 1.0)), 2.0
+    else:
+        gamma, end = (lambda t: 0.8 * math.sin(2.0 * math.pi * t)), 1.5
+    errors = []
+    for steps in (400, 800):
+        times = np.linspace(0.0, end, steps + 1)
+        found, state = sheared(ViscousPoints(BRANCHES[:2], False), gamma, times)
+        wanted, lost = exact_shear(gamma, times)
+        errors.append(np.abs(found - wanted[1:]).max() / np.abs(wanted).max())
+        dissipated = state[0, ViscousPoints(BRANCHES[:2], False).columns[DISSIPATED]].sum()
+        assert dissipated == pytest.approx(lost[-1], rel=0.05)
+    assert errors[1] < 0.02 and 0.45 < errors[1] / errors[0] < 0.6
+    # Two lengths of step together are right to second order.
+    coarse, _ = sheared(ViscousPoints(BRANCHES[:2], False), gamma, np.linspace(0.0, end, 401))
+    better = 2.0 * found[1::2] - coarse
+    assert np.abs(better - wanted[2::2]).max() < 0.005 * np.abs(wanted).max()
+
+
+def test_an_endless_step_relaxes_all_and_loses_what_was_stored():
+    points = ViscousPoints(BRANCHES, True)
+    F = some(True)
+    loaded = points.update(F, points.start(20), 1e-3, False)
+    relaxed = points.update(F, loaded.state, math.inf, True)
+    assert np.abs(relaxed.P).max() < 1e-14 and np.abs(relaxed.elastic).max() < 1e-14
+    assert relaxed.valid and np.abs(loaded.P).max() > 0.1
+    # Of the same deformation that is what the step dissipates, to third order of the strain.
+    small = identity(True) + 1e-3 * (F - identity(True))
+    loaded = points.update(small, points.start(20), 1e-3, False)
+    lost = points.update(small, loaded.state, math.inf, False).dissipation
+    np.testing.assert_allclose(lost, loaded.elastic, rtol=5e-3)
+
+
+@pytest.mark.parametrize(
+    "elastic",
+    [
+        NeoHookean(1.0, 50.0),
+        MooneyRivlin(0.4, 0.1, 50.0),
+        Yeoh(0.5, -0.1, 0.1, 50.0),
+        Ogden((1.0, -0.2), (1.5, -2.0), 50.0),
+    ],
+)
+def test_a_softened_elastomer_has_a_share_of_its_shear_modulus_and_its_bulk_modulus(elastic):
+    soft = elastic.softened(0.25)
+    assert soft.shear_modulus == pytest.approx(0.25 * elastic.shear_modulus, rel=1e-14)
+    assert soft.bulk_modulus == elastic.bulk_modulus
+    body = Viscoelastic(soft, (Branch(0.75 * elastic.shear_modulus, 1.0),))
+    assert body.shear_modulus == pytest.approx(elastic.shear_modulus, rel=1e-14)
+    assert body.bulk_modulus == elastic.bulk_modulus
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_small_stresses_at_the_start_are_those_of_the_instantaneous_modulus(compiled):
+    points = ViscousPoints(BRANCHES[:2], False, compiled)
+    F = identity(False)[None].copy()
+    assert (points.update(F, points.start(1), 0.1, False).P == 0.0).all()
+    F[0, 1] = 1e-6
+    sudden = points.update(F, points.start(1), 1e-9, True)
+    total = BRANCHES[0].modulus + BRANCHES[1].modulus
+    assert sudden.P[0, 1] == pytest.approx(total * 1e-6, rel=1e-6)
+    assert sudden.A[0, 1, 1] == pytest.approx(total, rel=1e-6)
+    with pytest.raises(ValueError, match="dt is 0"):
+        points.update(F, points.start(1), 0.0, False)
+    with pytest.raises(ValueError, match="shapes"):
+        points.update(F[:, :4], points.start(1), 1.0, False)
