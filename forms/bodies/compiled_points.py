@@ -26,6 +26,7 @@ from tribox.forms.native.libraries import library
 Floats = NDArray[np.float64]
 
 SOURCE = "plastic_points.c"
+MOST_BRANCHES = 8  # of the backstress, MOST of the C source
 
 
 class _Material(ctypes.Structure):
@@ -40,6 +41,8 @@ class _Material(ctypes.Structure):
         ("rate", ctypes.c_int64),
         ("count", ctypes.c_int64),
         ("parameters", ctypes.c_void_p),
+        ("branches", ctypes.c_int64),
+        ("backstress", ctypes.c_void_p),
     )
 
 
@@ -60,10 +63,13 @@ class CompiledPoints:
         code.tribox_plastic_material_size.restype = ctypes.c_int64
         if code.tribox_plastic_material_size() != ctypes.sizeof(_Material):
             raise RuntimeError(f"{SOURCE}: its structure Material is not the one of {__name__}")
-        self._function = code.tribox_plastic_space if space else code.tribox_plastic_plane
+        kind = "turning" if material.kinematic else "plastic"
+        self._function = getattr(code, f"tribox_{kind}_{'space' if space else 'plane'}")
         self._function.argtypes = [ctypes.c_void_p, ctypes.c_int64, *[ctypes.c_void_p] * 6]
         self._function.restype = ctypes.c_int64
         law, self._parameters = _law(material.hardening)
+        branches = [(branch.modulus, branch.recovery) for branch in material.kinematic]
+        self._branches = np.array(branches, dtype=np.float64)
         self._rate, rate_parameters = _rate(material.rate)
         self._material = _Material(
             shear=material.shear_modulus,
@@ -71,6 +77,8 @@ class CompiledPoints:
             law=law,
             count=len(self._parameters) // 2,
             parameters=self._parameters.ctypes.data,
+            branches=len(branches),
+            backstress=self._branches.ctypes.data,
         )
 
     def __call__(
@@ -105,6 +113,7 @@ def compiled_points(material: ElastoPlastic, space: bool) -> CompiledPoints | No
     """The loop for a material; None without a C compiler, or for laws that it does not know."""
     known = isinstance(material.hardening, Linear | Voce | Swift | Table)
     known &= isinstance(material.rate, JohnsonCook | Perzyna | None)
+    known &= len(material.kinematic) <= MOST_BRANCHES
     code = library(SOURCE) if known else None
     return None if code is None else CompiledPoints(code, material, space)
 

@@ -24,4 +24,5 @@ def contact_shear_modulus(material: Material) -> float:
     if not isinstance(material, ElastoPlastic):
         return material.shear_modulus
     yield_stress = float(material.hardening.stress(np.array(FORMED)))
+    yield_stress += sum(branch.pulled(FORMED) for branch in material.kinematic)
     return min(material.shear_modulus, HARDNESS * yield_stress)

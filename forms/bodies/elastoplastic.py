@@ -1,4 +1,4 @@
-"""Metals: elastic in the logarithmic strain, plastic by von Mises with isotropic hardening.
+"""Metals: elastic in the logarithmic strain, plastic by von Mises, hardening both ways.
 
 The strain energy is that of Hencky; what flows is computed at material points with a memory, see
 :mod:`tribox.forms.bodies.plastic_points`.
@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from tribox.forms.bodies.hardening import Hardening, RateFactor
+from tribox.forms.bodies.hardening import Backstress, Hardening, RateFactor
 from tribox.forms.bodies.kinematics import Kinematics
 from tribox.forms.bodies.materials import Hencky
 
@@ -26,12 +26,14 @@ class ElastoPlastic:
         bulk_modulus: K, Pa.
         hardening: yield stress over the equivalent plastic strain.
         rate: factor of the yield stress for the rate of that strain; None: independent of rate.
+        kinematic: branches of the backstress, around whose sum the metal yields; none: around 0.
     """
 
     shear_modulus: float
     bulk_modulus: float
     hardening: Hardening
     rate: RateFactor | None = None
+    kinematic: tuple[Backstress, ...] = ()
 
     def points(self, space: bool) -> PlasticPoints:
         """What flows, and remembers how far it has."""

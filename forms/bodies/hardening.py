@@ -1,4 +1,4 @@
-"""Yield stress of metals over the equivalent plastic strain, and factors for its rate.
+"""Yield stress of metals over the equivalent plastic strain, factors for its rate, backstress.
 
 True (Cauchy, Kirchhoff) stress over logarithmic plastic strain, as measured in a tension or
 compression test. All laws harden or stay level: a yield stress that falls with strain localises
@@ -207,6 +207,29 @@ class Table:
     def largest_strain(self) -> float:
         """That of the last point."""
         return self.points[-1][0]
+
+
+@dataclass(frozen=True, slots=True)
+class Backstress:
+    """One branch of kinematic hardening: at small strain Ẋ = ⅔ c ε̇ᵖ − b X α̇.
+
+    Armstrong & Frederick, CEGB report RD/B/N731 (1966); several branches add up: Chaboche, Int. J.
+    Plasticity 2 (1986) 149. Pulled from its virgin state, the branch adds (c/b)(1 − e^(−bα)) to
+    the stress, c α with b = 0, and takes the same from the yield stress against that direction.
+    """
+
+    modulus: float
+    recovery: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check c and b; ValueError says which and why."""
+        _positive("modulus", self.modulus)
+        _not_negative("recovery", self.recovery)
+
+    def pulled(self, alpha: float) -> float:
+        """What it adds to the stress, Pa, in a pull to α from the virgin state."""
+        b = self.recovery
+        return self.modulus * (-math.expm1(-b * alpha) / b if b > 0.0 else alpha)
 
 
 @dataclass(frozen=True, slots=True)

@@ -33,7 +33,14 @@ from tribox.forms.bodies.principal_axes import (
     axes_in_space,
     log_ratio,
 )
-from tribox.forms.bodies.return_mapping import Flow, flow
+from tribox.forms.bodies.return_mapping import (
+    Flow,
+    exponential,
+    flow,
+    flow_with_backstress,
+    symmetric_basis,
+    turned_moduli,
+)
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -83,7 +90,9 @@ class PlasticPoints:
         """
         self.material = material
         self.space = space
-        self.components, self.variables = (9, 7) if space else (5, 5)
+        self.components, metric = (9, 6) if space else (5, 4)
+        self.variables = metric * (1 + len(material.kinematic)) + 1
+        self._metric = metric
         self._compiled = compiled_points(material, space) if compiled else None
 
     @property
@@ -108,9 +117,10 @@ class PlasticPoints:
         return self._compiled is not None
 
     def start(self, points: int) -> Floats:
-        """State (points, s) of a body that has not flowed: C_p⁻¹ = I, α = 0."""
+        """State (points, s) of a body that has not flowed: C_p⁻¹ = C_pi = I, α = 0."""
         state = np.zeros((points, self.variables))
-        state[:, :3] = 1.0
+        for first in range(0, self.variables - 1, self._metric):
+            state[:, first : first + 3] = 1.0
         return state
 
     def update(
@@ -147,6 +157,8 @@ class PlasticPoints:
         self, F: Floats, state: Floats, dt: float, tangent: bool, bulk: float
     ) -> PlasticUpdate:
         """The update in numpy."""
+        if self.material.kinematic:
+            return self._update_with_backstress(F, state, dt, tangent, bulk)
         axes = (axes_in_space if self.space else axes_in_plane)(F, state)
         flowed = flow(self.material, axes.logs, state[:, -1], dt)
         volume = axes.logs.sum(axis=1)
@@ -177,6 +189,80 @@ class PlasticPoints:
         places = (0, 4, 8, 1, 5, 2) if self.space else (0, 4, 8, 1)
         new = np.column_stack([C[:, places], state[:, -1] + flowed.step])
         return np.where((good & (flowed.step > 0.0))[:, None], new, state)
+
+    def _update_with_backstress(
+        self, F: Floats, state: Floats, dt: float, tangent: bool, bulk: float
+    ) -> PlasticUpdate:
+        """The update in numpy where the material hardens kinematically."""
+        axes = (axes_in_space if self.space else axes_in_plane)(F, state)
+        inner = np.where(axes.valid[:, None, None, None], self._inner(state), np.eye(3))
+        alpha = state[:, -1]
+        end = flow_with_backstress(self.material, axes, inner, alpha, dt)
+        volume, G = axes.logs.sum(axis=1), self.material.shear_modulus
+        deviator = end.strain - (volume / 3.0)[:, None, None] * np.eye(3)
+        tau = 2.0 * G * deviator + (bulk * volume)[:, None, None] * np.eye(3)
+        bases = axes.bases()
+        bases = bases if self.space else bases[:, :, PLANE]
+        P = np.einsum("na,nap->np", tau.reshape(-1, 9), bases)
+        good = axes.valid & np.isfinite(P).all(axis=1) & np.isfinite(end.step)
+        A = None
+        if tangent:
+            moduli = turned_moduli(self.material, axes, end, bulk, self.space)
+            A = np.swapaxes(bases, 1, 2) @ _pushed(moduli, tau, self.space) @ bases
+            good &= np.isfinite(A).all(axis=(1, 2))
+            A[~good] = np.nan
+        elastic = G * (deviator**2).sum(axis=(1, 2)) + 0.5 * bulk * volume**2 + end.stored
+        dissipation, numerical = end.dissipation, end.numerical
+        for values in (P, elastic, dissipation, numerical):
+            values[~good] = np.nan
+        metrics = [np.einsum("naI,nab,nbJ->nIJ", axes.G, exponential(2.0 * end.strain), axes.G)]
+        H = np.einsum("nai,niJ->naJ", axes.n, _whole(F, self.space))  # Fᵀ n_a
+        for branch in end.branches:
+            C = np.einsum("naI,nab,nbJ->nIJ", H, branch.K, H)
+            metrics.append(C / np.cbrt(np.linalg.det(C))[:, None, None])
+        places = (0, 4, 8, 1, 5, 2) if self.space else (0, 4, 8, 1)
+        parts = [C.reshape(-1, 9)[:, places] for C in metrics]
+        new = np.column_stack([*parts, alpha + end.step])
+        new = np.where((good & (end.step > 0.0))[:, None], new, state)
+        return PlasticUpdate(P, new, A, elastic, dissipation, numerical, bool(good.all()))
+
+    def _inner(self, state: Floats) -> Floats:
+        """C_pi (n, k, 3, 3) of the branches."""
+        rows = state[:, self._metric : -1].reshape(len(state), -1, self._metric)
+        full = np.zeros((*rows.shape[:2], 9))
+        full[..., (0, 4, 8, 1, 5, 2) if self.space else (0, 4, 8, 1)] = rows
+        upper = full.reshape(*rows.shape[:2], 3, 3)
+        return upper + np.swapaxes(np.triu(upper, 1), 2, 3)
+
+
+def _pushed(moduli: Floats, tau: Floats, space: bool) -> Floats:
+    """B (n, 3a + b, 3c + d), Pa, of the module's docstring, where τ has axes of its own.
+
+    (δP Fᵀ) = δτ − τ δlᵀ for δF = δl F, with δτ = c:d + W τ − τ W of the parts d and W of δl.
+
+    Args:
+        moduli: (n, m, m), c of ``turned_moduli``.
+        tau: (n, a, b), Pa.
+        space: whether the basis is that in space.
+    """
+    flat, eye = symmetric_basis(space).reshape(-1, 9), np.eye(3)
+    B = np.einsum("pi,npq,qj->nij", flat, moduli, flat)
+    parts = (
+        np.einsum("ac,ndb->nabcd", eye, tau)
+        - np.einsum("ad,ncb->nabcd", eye, tau)
+        - np.einsum("nac,bd->nabcd", tau, eye)
+        - np.einsum("nad,bc->nabcd", tau, eye)
+    )
+    return np.asarray(B + 0.5 * parts.reshape(-1, 9, 9))
+
+
+def _whole(F: Floats, space: bool) -> Floats:
+    """F (n, 3, 3) of its components."""
+    if space:
+        return F.reshape(-1, 3, 3)
+    full = np.zeros((len(F), 9))
+    full[:, PLANE] = F
+    return full.reshape(-1, 3, 3)
 
 
 def principal_tangent(

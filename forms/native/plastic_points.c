@@ -18,13 +18,15 @@ enum rate { NO_RATE, JOHNSON_COOK, PERZYNA };
 
 /* Those of return_mapping.py and principal_axes.py. */
 static const double NEUTRAL = 1e-9, STILL = 1e-11;
-static const double SMALL_STEP = 1e-9, ROUNDOFF = 1e-15, SERIES = 0.02;
-enum { ITERATIONS = 200 };
+static const double SMALL_STEP = 1e-9, ROUNDOFF = 1e-15, SERIES = 0.02, SETTLED = 1e-14;
+enum { ITERATIONS = 200, MOST = 8, TURNS = 50 };
 
 typedef struct {
     double shear, bulk, dt, rate_parameters[2];
     int64_t law, rate, count; /* count: points of a table */
     const double *parameters; /* of the law; of a table the strains, then the stresses */
+    int64_t branches;         /* of the backstress, at most MOST */
+    const double *backstress; /* c and b of each */
 } Material;
 
 /* For the caller to compare with the structure that it lays out itself. */
@@ -493,6 +495,673 @@ INLINE int64_t over_points(int space, const Material *m, int64_t n, const double
     return any(bad);
 }
 
+/* -- backstress: see return_mapping.py ---------------------------------------------------------
+ * Tensors stand in the principal axes of the trial deformation, which the end need not share. In
+ * the plane those axes are two in it and its normal, and nothing couples them. */
+
+typedef vec tensor[3][3];
+#define COUPLED(space, a, b) ((space) || ((a) == 2) == ((b) == 2))
+#define EACH(space, a, b)                                                                          \
+    for (int a = 0; a < 3; ++a)                                                                    \
+        for (int b = 0; b < 3; ++b)                                                                \
+            if (COUPLED(space, a, b))
+
+/* The sum of a_ab b_ab. */
+INLINE vec contract(int space, const tensor a, const tensor b)
+{
+    vec sum = all(0.0);
+    EACH(space, i, j) sum += a[i][j] * b[i][j];
+    return sum;
+}
+
+INLINE vec trace(const tensor a)
+{
+    return a[0][0] + a[1][1] + a[2][2];
+}
+
+/* c = a b. */
+INLINE void multiply(int space, const tensor a, const tensor b, tensor c)
+{
+    EACH(space, i, j)
+    {
+        if (!space && i == 2)
+            c[i][j] = a[2][2] * b[2][2];
+        else if (!space)
+            c[i][j] = a[i][0] * b[0][j] + a[i][1] * b[1][j];
+        else
+            c[i][j] = a[i][0] * b[0][j] + a[i][1] * b[1][j] + a[i][2] * b[2][j];
+    }
+}
+
+/* Inverse of a symmetric tensor; returns its determinant. */
+INLINE vec invert(int space, const tensor a, tensor inverse)
+{
+    if (!space) {
+        vec plane = a[0][0] * a[1][1] - a[0][1] * a[0][1], scale = 1.0 / plane;
+        inverse[0][0] = a[1][1] * scale;
+        inverse[1][1] = a[0][0] * scale;
+        inverse[0][1] = inverse[1][0] = -a[0][1] * scale;
+        inverse[2][2] = 1.0 / a[2][2];
+        return plane * a[2][2];
+    }
+    vec cofactor[3][3];
+    for (int i = 0; i < 3; ++i)
+        cross(a[(i + 1) % 3], a[(i + 2) % 3], cofactor[i]);
+    vec det = dot(a[0], cofactor[0]), scale = 1.0 / det;
+    EACH(space, i, j) inverse[i][j] = cofactor[i][j] * scale;
+    return det;
+}
+
+/* Principal values and axes of a symmetric tensor. */
+INLINE void axes_of(int space, const tensor a, vec *values, tensor n)
+{
+    if (space) {
+        const vec b[6] = {a[0][0], a[1][1], a[2][2], a[0][1], a[1][2], a[0][2]};
+        principal(b, values, n);
+        return;
+    }
+    values[0] = mohr(a[0][0], a[1][1], a[0][1], &n[0][0], &n[0][1]);
+    values[1] = a[0][0] + a[1][1] - values[0];
+    values[2] = a[2][2];
+    n[1][0] = -n[0][1];
+    n[1][1] = n[0][0];
+    n[2][2] = all(1.0);
+}
+
+/* The tensor of principal values and axes. */
+INLINE void composed(int space, const vec *values, const tensor n, tensor a)
+{
+    EACH(space, i, j)
+    {
+        a[i][j] = all(0.0);
+        for (int k = 0; k < 3; ++k)
+            if (COUPLED(space, k, i))
+                a[i][j] += values[k] * n[k][i] * n[k][j];
+    }
+}
+
+/* One branch of the backstress at its end. */
+typedef struct {
+    double modulus, recovery;
+    tensor metric, start, X, K, Z, bare;
+    vec decay, phi, ratio, size;
+} Branch;
+
+/* The elastic strain at the end and its exponential. */
+typedef struct {
+    tensor e, n, E, E2;
+    vec values[3], inverse_det; /* 1/det E^2 */
+} Strain;
+
+INLINE void exponentiate(int space, Strain *at)
+{
+    vec power[3], square[3];
+    for (int a = 0; a < 3; ++a) {
+        power[a] = exponential(-at->values[a]);
+        square[a] = power[a] * power[a];
+    }
+    composed(space, power, at->n, at->E);
+    composed(space, square, at->n, at->E2);
+}
+
+/* phi and the ratio, see mean_decay. */
+INLINE void mean_decay(Branch *k, vec step)
+{
+    vec y = k->recovery * step;
+    y = choose((ivec)(y < 690.0), y, all(690.0));
+    ivec near = (ivec)(y < SERIES);
+    vec z = choose(near, all(1.0), y), x = choose(near, y, all(0.0));
+    k->decay = exponential(-y);
+    vec first = 1.0 - x * (1.0 / 2 - x * (1.0 / 6 - x * (1.0 / 24 - x * (1.0 / 120 - x / 720))));
+    vec second = 1.0 / 2 -
+                 x * (1.0 / 3 - x * (1.0 / 8 - x * (1.0 / 30 - x * (1.0 / 144 - x / 840))));
+    k->phi = choose(near, first, (1.0 - k->decay) / z);
+    k->ratio = choose(near, second, (k->phi - k->decay) / z);
+}
+
+/* Class Branch, move. */
+INLINE void move(int space, const Axes *axes, const Strain *at, vec step, Branch *k)
+{
+    tensor inverse;
+    vec end, mid = k->recovery * step;
+    mean_decay(k, step);
+    end = 1.0 - k->phi;
+    mid *= k->ratio;
+    EACH(space, a, b) k->K[a][b] = k->decay * k->metric[a][b] + end * at->E2[a][b];
+    for (int a = 0; a < 3; ++a)
+        k->K[a][a] += mid / axes->w[a];
+    vec det = invert(space, k->K, inverse);
+    k->size = inverse_cube_root(1.0 / (det * at->inverse_det));
+    multiply(space, inverse, at->E, k->Z);
+    multiply(space, at->E, k->Z, k->bare);
+    vec mean = trace(k->bare) * (1.0 / 3.0), shear = k->size * (k->modulus / 3.0);
+    EACH(space, a, b) k->X[a][b] = shear * (k->bare[a][b] - (a == b ? mean : all(0.0)));
+}
+
+/* Squares and products of what g of the return mapping is made from, of LANES points. */
+typedef struct {
+    vec aim, with[MOST], among[MOST][MOST];
+} Products;
+
+/* g and its slope at a step, of point l, but for the flow stress. */
+static double over_stress(const Material *m, const Products *p, int l, double x, double *slope)
+{
+    double decay[MOST], gained = 0.0, sum = ((const double *)&p->aim)[l], rise = 0.0;
+    *slope = -3.0 * m->shear;
+    for (int k = 0; k < m->branches; ++k) {
+        const double c = m->backstress[2 * k], b = m->backstress[2 * k + 1], lost = -expm1(-b * x);
+        decay[k] = 1.0 - lost;
+        gained += b > 0.0 ? c / b * lost : c * x;
+        *slope -= c * decay[k];
+    }
+    for (int k = 0; k < m->branches; ++k) {
+        double own = ((const double *)&p->with[k])[l], others = 0.0;
+        for (int j = 0; j < m->branches; ++j)
+            others += decay[j] * ((const double *)&p->among[k][j])[l];
+        sum += decay[k] * (others - 2.0 * own);
+        rise += m->backstress[2 * k + 1] * decay[k] * (own - others);
+    }
+    double size = sqrt(1.5 * fmax(sum, 0.0));
+    if (size > 0.0)
+        *slope += 1.5 * rise / size;
+    return size - 3.0 * m->shear * x - gained;
+}
+
+/* The plastic strain of the step of point l, see `plastic_step`; from x on where that is known. */
+static double turned_step(const Material *m, const Products *p, int l, double alpha, double x)
+{
+    double stress, slope, unused, trial = over_stress(m, p, l, 0.0, &unused);
+    yield_stress(m, alpha, &stress, &slope);
+    double over = trial > (1.0 + STILL) * stress ? trial - stress : 0.0;
+    double low = 0.0, high = over / (3.0 * m->shear);
+    if (!(x > 0.0 && x < high))
+        x = start(m, over, stress, slope);
+    for (int i = 0; i < ITERATIONS && x > 0.0; ++i) {
+        double falls, g = over_stress(m, p, l, x, &falls);
+        flow_stress(m, alpha, x, &stress, &slope);
+        g -= stress;
+        if (g >= 0.0)
+            low = x;
+        else
+            high = x;
+        double newton = x + g / (slope - falls);
+        if (fabs(newton - x) <= SMALL_STEP * x || fabs(g) <= ROUNDOFF * trial)
+            return newton;
+        x = newton > low && newton < high ? newton : 0.5 * (low + high);
+    }
+    return x;
+}
+
+/* The end of the step, see class Turned. */
+typedef struct {
+    Strain at;
+    Branch k[MOST];
+    tensor nu;
+    ivec flows, good;
+    vec step, stress, slope, numerical, recovered;
+} Turned;
+
+/* |X|^2 b/(2 mu) of all branches. */
+INLINE vec recovered(int space, const Material *m, const Turned *t)
+{
+    vec sum = all(0.0);
+    for (int k = 0; k < m->branches; ++k)
+        sum += 1.5 * m->backstress[2 * k + 1] / m->backstress[2 * k] *
+               contract(space, t->k[k].X, t->k[k].X);
+    return sum;
+}
+
+INLINE void products(int space, const Material *m, const Turned *t, const tensor aim, Products *p)
+{
+    p->aim = contract(space, aim, aim);
+    for (int k = 0; k < m->branches; ++k) {
+        p->with[k] = contract(space, aim, t->k[k].start);
+        for (int j = 0; j <= k; ++j)
+            p->among[k][j] = p->among[j][k] = contract(space, t->k[k].start, t->k[j].start);
+    }
+}
+
+/* One turn: the step with the rest held, then the rest anew; returns which points have settled. */
+INLINE ivec turn(int space, const Material *m, const Axes *axes, const tensor s, vec alpha,
+                 ivec done, Turned *t, tensor rest)
+{
+    tensor over, sum;
+    Products p;
+    double moduli = 0.0;
+    EACH(space, a, b) over[a][b] = s[a][b] - rest[a][b];
+    products(space, m, t, over, &p);
+    for (int l = 0; l < LANES; ++l)
+        if (((int64_t *)&t->flows)[l] && !((int64_t *)&done)[l])
+            ((double *)&t->step)[l] = turned_step(m, &p, l, ((double *)&alpha)[l],
+                                                  ((double *)&t->step)[l]);
+    for (int k = 0; k < m->branches; ++k) {
+        mean_decay(t->k + k, t->step);
+        EACH(space, a, b) over[a][b] -= t->k[k].decay * t->k[k].start[a][b];
+        moduli += t->k[k].modulus;
+    }
+    vec size = square_root(contract(space, over, over));
+    vec scale = 1.0 / choose((ivec)(size > 0.0), size, all(1.0));
+    EACH(space, a, b)
+    {
+        t->nu[a][b] = over[a][b] * scale;
+        t->at.e[a][b] = -1.2247448713915890 * t->step * t->nu[a][b];
+        sum[a][b] = all(0.0);
+    }
+    for (int a = 0; a < 3; ++a)
+        t->at.e[a][a] += axes->logs[a];
+    axes_of(space, t->at.e, t->at.values, t->at.n);
+    exponentiate(space, &t->at);
+    for (int k = 0; k < m->branches; ++k) {
+        Branch *own = t->k + k;
+        move(space, axes, &t->at, t->step, own);
+        vec straight = 0.8164965809277260 * own->modulus * own->phi * t->step;
+        EACH(space, a, b)
+        sum[a][b] += own->X[a][b] - own->decay * own->start[a][b] - straight * t->nu[a][b];
+    }
+    vec change = all(0.0);
+    EACH(space, a, b) change += (sum[a][b] - rest[a][b]) * (sum[a][b] - rest[a][b]);
+    ivec settled = (ivec)(square_root(change) <= SETTLED * (square_root(1.5 * p.aim) + moduli));
+    done |= settled;
+    EACH(space, a, b) rest[a][b] = choose(done, rest[a][b], sum[a][b]);
+    return done;
+}
+
+/* flow_with_backstress: the trial state returned to yield. */
+INLINE void flow_turning(int space, const Material *m, const Axes *axes, const vec *state,
+                         Turned *t)
+{
+    const int count = space ? 6 : 4;
+    const vec alpha = state[count * (1 + m->branches)];
+    const vec mean = (axes->logs[0] + axes->logs[1] + axes->logs[2]) * (1.0 / 3.0);
+    tensor s = {}, rest = {}, aim = {};
+    t->at.inverse_det = axes->w[0] * axes->w[1] * axes->w[2];
+    for (int a = 0; a < 3; ++a) {
+        t->at.n[a][a] = all(1.0);
+        t->at.e[a][a] = t->at.values[a] = axes->logs[a];
+        aim[a][a] = s[a][a] = 2.0 * m->shear * (axes->logs[a] - mean);
+    }
+    exponentiate(space, &t->at);
+    for (int k = 0; k < m->branches; ++k) {
+        const vec *C = state + count * (1 + k);
+        Branch *own = t->k + k;
+        own->modulus = m->backstress[2 * k];
+        own->recovery = m->backstress[2 * k + 1];
+        EACH(space, a, b)
+        {
+            vec sum = all(0.0);
+            for (int i = 0; i < count; ++i) {
+                const int J = PAIRS[i][0], L = PAIRS[i][1];
+                vec product = axes->G[a][J] * axes->G[b][L];
+                if (J != L)
+                    product += axes->G[a][L] * axes->G[b][J];
+                sum += choose(axes->good, C[i], all(i < 3)) * product;
+            }
+            own->metric[a][b] = sum;
+        }
+        move(space, axes, &t->at, all(0.0), own);
+        EACH(space, a, b)
+        {
+            own->start[a][b] = own->X[a][b];
+            aim[a][b] -= own->X[a][b];
+        }
+    }
+    vec q = square_root(1.5 * contract(space, aim, aim)), begin = yield_stresses(m, alpha);
+    vec lost = recovered(space, m, t);
+    t->flows = (ivec)(q >= (1.0 - NEUTRAL) * begin) & axes->good;
+    t->step = all(0.0);
+    t->good = ~(ivec){};
+    vec scale = 1.2247448713915890 / choose((ivec)(q > 0.0), q, all(1.0));
+    EACH(space, a, b) t->nu[a][b] = aim[a][b] * scale;
+    if (any(t->flows)) {
+        ivec done = ~t->flows;
+        for (int i = 0; i < TURNS && any(~done); ++i)
+            done = turn(space, m, axes, s, alpha, done, t, rest);
+        t->good = done;
+    }
+    double end[LANES], unused;
+    for (int l = 0; l < LANES; ++l) {
+        const double was = ((const double *)&alpha)[l], step = ((double *)&t->step)[l];
+        flow_stress(m, was, step, (double *)&t->stress + l, (double *)&t->slope + l);
+        yield_stress(m, was + step, end + l, &unused);
+    }
+    vec last;
+    __builtin_memcpy(&last, end, sizeof last);
+    t->recovered = recovered(space, m, t);
+    t->numerical = 0.5 * t->step * (t->stress / last * (last - begin) + t->recovered - lost);
+}
+
+/* Orthonormal symmetric tensors: 11, 22, 33, 12, 23, 13. */
+INLINE void symmetric(int k, vec by, tensor a)
+{
+    const int i = PAIRS[k][0], j = PAIRS[k][1];
+    a[i][j] = a[j][i] = i == j ? by : 0.7071067811865476 * by;
+}
+
+INLINE vec component(int k, const tensor a)
+{
+    const int i = PAIRS[k][0], j = PAIRS[k][1];
+    return i == j ? a[i][i] : 0.7071067811865476 * (a[i][j] + a[j][i]);
+}
+
+/* Class Branch, change: dX of a change Y = (dE + E d) Z, added with a sign to components. */
+INLINE void add_change(int space, const Branch *k, const tensor Y, double sign, vec *to, int stride)
+{
+    const int count = space ? 6 : 4;
+    tensor BY, dB;
+    vec end = 1.0 - k->phi, scale = sign * k->modulus / 3.0 * k->size;
+    vec size = 2.0 / 3.0 * end * trace(Y);
+    multiply(space, k->bare, Y, BY);
+    EACH(space, a, b)
+    dB[a][b] = Y[a][b] + Y[b][a] - end * (BY[a][b] + BY[b][a]) + size * k->bare[a][b];
+    vec mean = trace(dB) * (1.0 / 3.0);
+    for (int i = 0; i < count; ++i)
+        to[i * stride] += scale * (component(i, dB) - (i < 3 ? mean : all(0.0)));
+}
+
+/* The same of a change of the step. */
+INLINE void add_rise(int space, const Axes *axes, const Strain *at, const Branch *k, vec *to)
+{
+    const int count = space ? 6 : 4;
+    const double b = k->recovery;
+    tensor rise, turned, dB, transposed;
+    EACH(space, i, j)
+    {
+        rise[i][j] = b * (k->ratio * at->E2[i][j] - k->decay * k->metric[i][j]);
+        if (i == j)
+            rise[i][i] += b * (k->decay - k->ratio) / axes->w[i];
+        transposed[j][i] = k->Z[i][j];
+    }
+    multiply(space, rise, k->Z, turned);
+    multiply(space, transposed, turned, dB);
+    /* tr(K^-1 rise), with K^-1 = Z E^-1: of E^-1 Z' rise Z E^-1 after that of K = E Z^-1. */
+    tensor inverse;
+    invert(space, k->K, inverse);
+    vec size = contract(space, inverse, rise) * (1.0 / 3.0), scale = k->modulus / 3.0 * k->size;
+    EACH(space, i, j) dB[i][j] = size * k->bare[i][j] - dB[i][j];
+    vec mean = trace(dB) * (1.0 / 3.0);
+    for (int i = 0; i < count; ++i)
+        to[i] += scale * (component(i, dB) - (i < 3 ? mean : all(0.0)));
+}
+
+/* y of (I - Q) y = R, (count, count) each by rows; R is overwritten. Q is small. */
+INLINE void solve(int count, vec *Q, vec *R)
+{
+    for (int i = 0; i < count; ++i)
+        for (int j = 0; j < count; ++j)
+            Q[i * count + j] = all(i == j) - Q[i * count + j];
+    for (int k = 0; k < count; ++k) {
+        vec pivot = 1.0 / Q[k * count + k];
+        for (int i = k + 1; i < count; ++i) {
+            vec by = Q[i * count + k] * pivot;
+            for (int j = k + 1; j < count; ++j)
+                Q[i * count + j] -= by * Q[k * count + j];
+            for (int j = 0; j < count; ++j)
+                R[i * count + j] -= by * R[k * count + j];
+        }
+    }
+    for (int k = count - 1; k >= 0; --k) {
+        vec pivot = 1.0 / Q[k * count + k];
+        for (int j = 0; j < count; ++j) {
+            vec sum = R[k * count + j];
+            for (int i = k + 1; i < count; ++i)
+                sum -= Q[k * count + i] * R[i * count + j];
+            R[k * count + j] = sum * pivot;
+        }
+    }
+}
+
+/* Changes of the exponential of the strain for those of the strain along its principal axes. */
+INLINE void slopes_of_exponential(int space, const Strain *at, tensor slope)
+{
+    EACH(space, a, b)
+    {
+        vec w = exponential(-at->values[a]), v = exponential(-at->values[b]);
+        slope[a][b] = -0.5 * (w + v) / log_ratio(w, v, 0.5 * (at->values[b] - at->values[a]));
+    }
+}
+
+/* dE of the k-th symmetric tensor as a change of the strain. */
+INLINE void change_of_exponential(int space, const Strain *at, const tensor slope, int k, tensor dE)
+{
+    const int i = PAIRS[k][0], j = PAIRS[k][1];
+    tensor inside, half, transposed;
+    EACH(space, a, b)
+    {
+        inside[a][b] = at->n[a][i] * at->n[b][j];
+        if (i != j)
+            inside[a][b] = 0.7071067811865476 * (inside[a][b] + at->n[a][j] * at->n[b][i]);
+        inside[a][b] *= slope[a][b];
+        transposed[b][a] = at->n[a][b];
+    }
+    multiply(space, inside, at->n, half);
+    multiply(space, transposed, half, dE);
+}
+
+/* turned_moduli: d tau/d d (count, count) of symmetric changes d of F = d F. */
+INLINE void turned_moduli(int space, const Material *m, const Axes *axes, const Turned *t, vec *c)
+{
+    const int count = space ? 6 : 4;
+    const double two = 2.0 * m->shear;
+    vec L[6], Q[36], R[36], rise[6], nu[6], along[6];
+    tensor slope;
+    slopes_of_exponential(space, &t->at, slope);
+    for (int i = 0; i < count; ++i) {
+        const int a = PAIRS[i][0], b = PAIRS[i][1];
+        L[i] = a == b ? all(1.0)
+                      : log_ratio(axes->w[a], axes->w[b], axes->logs[a] - axes->logs[b]);
+        rise[i] = all(0.0);
+        nu[i] = component(i, t->nu);
+        for (int j = 0; j < count; ++j)
+            Q[i * count + j] = R[i * count + j] = all(0.0);
+    }
+    for (int k = 0; k < m->branches; ++k)
+        add_rise(space, axes, &t->at, t->k + k, rise);
+#pragma GCC unroll 1
+    for (int j = 0; j < count; ++j) {
+        tensor dE, push = {}, Ed, Y;
+        change_of_exponential(space, &t->at, slope, j, dE);
+        symmetric(j, all(1.0), push);
+        multiply(space, t->at.E, push, Ed);
+        for (int i = 0; i < 3; ++i)
+            R[i * count + j] = j < 3 ? two * L[j] * ((i == j) - 1.0 / 3.0) : all(0.0);
+        if (j >= 3)
+            R[j * count + j] = two * L[j];
+        EACH(space, a, b) Ed[a][b] += L[j] * dE[a][b];
+#pragma GCC unroll 1
+        for (int k = 0; k < m->branches; ++k) {
+            multiply(space, dE, t->k[k].Z, Y);
+            add_change(space, t->k + k, Y, 1.0, Q + j, count);
+            multiply(space, Ed, t->k[k].Z, Y);
+            add_change(space, t->k + k, Y, -1.0, R + j, count);
+        }
+    }
+    vec size = 2.449489742783178 * m->shear * t->step;
+    vec across_it = size / (size + 0.8164965809277260 * t->stress);
+    vec onward = 1.0 / (1.0 + t->slope / (1.5 * two));
+    for (int i = 0; i < count; ++i) {
+        along[i] = all(0.0);
+        for (int j = 0; j < count; ++j) {
+            Q[i * count + j] -= 0.8164965809277260 * rise[i] * nu[j];
+            along[i] += Q[i * count + j] * nu[j];
+        }
+        for (int j = 0; j < count; ++j) {
+            Q[i * count + j] *= across_it;
+            Q[i * count + j] += (onward - across_it) * along[i] * nu[j];
+            Q[i * count + j] *= 1.0 / two;
+            R[i * count + j] *= 1.0 / two;
+        }
+    }
+    solve(count, Q, R);
+    for (int j = 0; j < count; ++j) {
+        vec sum = all(0.0), part[6];
+        for (int i = 0; i < count; ++i)
+            sum += nu[i] * R[i * count + j];
+        for (int i = 0; i < count; ++i) {
+            part[i] = across_it * R[i * count + j] + (onward - across_it) * nu[i] * sum;
+            part[i] = choose(t->flows, -part[i], all(0.0));
+        }
+        part[j] += L[j];
+        vec mean = (part[0] + part[1] + part[2]) * (1.0 / 3.0);
+        for (int i = 0; i < count; ++i)
+            c[i * count + j] = two * (i < 3 ? part[i] - mean : part[i]) +
+                               (i < 3 && j < 3 ? m->bulk : 0.0);
+    }
+}
+
+/* n_a x G_b components of a tensor: P_iJ, or one row or column of A. */
+INLINE void pushed(int space, const Axes *at, const tensor a, vec *to, int stride)
+{
+    const int(*place)[2] = space ? SPACE : PLANE;
+    tensor half, whole, transposed;
+    EACH(space, i, j) transposed[j][i] = at->n[i][j];
+    multiply(space, a, at->G, half);
+    multiply(space, transposed, half, whole);
+#pragma GCC unroll 1
+    for (int p = 0; p < (space ? 9 : 5); ++p)
+        to[p * stride] = whole[place[p][0]][place[p][1]];
+}
+
+/* A (p, p) from the moduli c and the stress tau, see _pushed of plastic_points.py. */
+INLINE void turned_tangent(int space, const Axes *at, const vec *c, const tensor tau, vec *A)
+{
+    const int count = space ? 9 : 5, size = space ? 6 : 4;
+    const int(*place)[2] = space ? SPACE : PLANE;
+    static const int KIND[3][3] = {{0, 3, 5}, {3, 1, 4}, {5, 4, 2}};
+    vec half[81];
+#pragma GCC unroll 1
+    for (int q = 0; q < count; ++q) {
+        const int k = place[q][0], l = place[q][1], j = KIND[k][l];
+        const double by = k == l ? 1.0 : 0.7071067811865476;
+        tensor B;
+        EACH(space, a, b)
+        {
+            B[a][b] = by * (a == b ? 1.0 : 0.7071067811865476) * c[KIND[a][b] * size + j];
+            if (a == k)
+                B[a][b] += 0.5 * tau[l][b];
+            if (a == l)
+                B[a][b] -= 0.5 * tau[k][b];
+            if (b == l)
+                B[a][b] -= 0.5 * tau[a][k];
+            if (b == k)
+                B[a][b] -= 0.5 * tau[a][l];
+        }
+        pushed(space, at, B, half + q, count);
+    }
+#pragma GCC unroll 1
+    for (int p = 0; p < count; ++p) {
+        tensor T;
+#pragma GCC unroll 1
+        for (int q = 0; q < count; ++q)
+            T[place[q][0]][place[q][1]] = half[p * count + q];
+        pushed(space, at, T, A + p * count, 1);
+    }
+}
+
+/* C_p^-1, C_pi and alpha at the end of the step. */
+INLINE void turned_state(int space, const Material *m, const Axes *at, const Turned *t,
+                         const vec *F, const vec *state, vec *end)
+{
+    const int count = space ? 6 : 4;
+    const int(*place)[2] = space ? SPACE : PLANE;
+    tensor H = {}, square, part;
+    vec power[3], C[9];
+    for (int a = 0; a < 3; ++a)
+        power[a] = exponential(2.0 * t->at.values[a]);
+    composed(space, power, t->at.n, square);
+    for (int p = 0; p < (space ? 9 : 5); ++p)
+        for (int a = 0; a < 3; ++a)
+            H[a][place[p][1]] += at->n[a][place[p][0]] * F[p];
+    for (int k = -1; k < m->branches; ++k) {
+        tensor transposed, whole, unused;
+        const vec(*to)[3] = k < 0 ? at->G : H;
+        EACH(space, a, b) transposed[b][a] = to[a][b];
+        multiply(space, k < 0 ? square : t->k[k].K, to, part);
+        multiply(space, transposed, part, whole);
+        vec scale = all(1.0);
+        if (k >= 0)
+            scale = inverse_cube_root(invert(space, whole, unused));
+        for (int i = 0; i < count; ++i)
+            C[i] = whole[PAIRS[i][0]][PAIRS[i][1]] * scale;
+        for (int i = 0; i < count; ++i)
+            end[count * (k + 1) + i] = C[i];
+    }
+    const int alpha = count * (1 + m->branches);
+    end[alpha] = state[alpha] + t->step;
+}
+
+/* `update` where the material hardens kinematically. */
+INLINE ivec update_turning(int space, const Material *m, const vec *F, const vec *state, vec *P,
+                           vec *end, vec *moduli, vec *energies)
+{
+    const int count = space ? 9 : 5, alpha = (space ? 6 : 4) * (int)(1 + m->branches);
+    vec sum = all(0.0), c[36];
+    tensor tau = {};
+    Axes at = {};
+    Turned t = {};
+    if (space)
+        axes_in_space(F, state, &at);
+    else
+        axes_in_plane(F, state, &at);
+    for (int a = 0; a < 3; ++a)
+        at.good &= (ivec)(at.w[a] > 0.0) & is_finite(at.w[a]);
+    for (int k = 0; k <= alpha; ++k)
+        at.good &= is_finite(state[k]);
+    for (int a = 0; a < 3; ++a) {
+        at.w[a] = choose(at.good, at.w[a], all(1.0));
+        at.logs[a] = 0.5 * logarithm(at.w[a]);
+        for (int i = 0; i < 3; ++i)
+            at.G[a][i] = choose(at.good, at.G[a][i], all(a == i));
+    }
+    flow_turning(space, m, &at, state, &t);
+    vec volume = at.logs[0] + at.logs[1] + at.logs[2];
+    energies[0] = 0.5 * m->bulk * volume * volume;
+    EACH(space, a, b)
+    {
+        vec deviator = a == b ? t.at.e[a][a] - volume * (1.0 / 3.0) : t.at.e[a][b];
+        tau[a][b] = 2.0 * m->shear * deviator + (a == b ? m->bulk * volume : all(0.0));
+        energies[0] += m->shear * deviator * deviator;
+    }
+    pushed(space, &at, tau, P, 1);
+    probe(P, count, &sum);
+    if (moduli) {
+        turned_moduli(space, m, &at, &t, c);
+        turned_tangent(space, &at, c, tau, moduli);
+        probe(moduli, count * count, &sum);
+    }
+    for (int k = 0; k < m->branches; ++k)
+        energies[0] += 0.5 / 3.0 * t.k[k].modulus * (t.k[k].size * trace(t.k[k].bare) - 3.0);
+    energies[1] = (t.stress + t.recovered) * t.step;
+    energies[2] = t.numerical;
+    at.good &= t.good & is_finite(t.step) & is_finite(sum);
+    ivec moved = at.good & (ivec)(t.step > 0.0);
+    turned_state(space, m, &at, &t, F, state, end);
+    for (int k = 0; k <= alpha; ++k)
+        end[k] = choose(moved, end[k], state[k]);
+    return at.good;
+}
+
+INLINE int64_t over_turning_points(int space, const Material *m, int64_t n, const double *F,
+                           const double *state, double *P, double *end, double *A, double *energies)
+{
+    const int count = space ? 9 : 5, size = (space ? 6 : 4) * (int)(1 + m->branches) + 1;
+    const ivec always = ~(ivec){};
+    ivec bad = {};
+    for (int64_t first = 0; first < n; first += LANES) {
+        vec f[9], s[6 * MOST + 7], stress[9], next[6 * MOST + 7], moduli[81], energy[3];
+        load(F, first, n, count, f);
+        load(state, first, n, size, s);
+        ivec good = update_turning(space, m, f, s, stress, next, A ? moduli : 0, energy);
+        store(stress, good, first, n, count, P);
+        store(next, always, first, n, size, end);
+        for (int k = 0; k < 3; ++k)
+            store(energy + k, good, first, n, 1, energies + k * n);
+        if (A)
+            store(moduli, good, first, n, count * count, A);
+        bad |= ~good;
+    }
+    return any(bad);
+}
+
 /* Updates n points; returns whether any was not valid. P (n, p), state at the end (n, s),
  * A (n, p, p) or null, energies (3, n): elastic, dissipation, its numerical part. */
 EXPORT int64_t tribox_plastic_plane(const Material *m, int64_t n, const double *F,
@@ -507,4 +1176,19 @@ EXPORT int64_t tribox_plastic_space(const Material *m, int64_t n, const double *
                                     double *energies)
 {
     return over_points(1, m, n, F, state, P, end, A, energies);
+}
+
+/* The same of materials that harden kinematically. */
+EXPORT int64_t tribox_turning_plane(const Material *m, int64_t n, const double *F,
+                                    const double *state, double *P, double *end, double *A,
+                                    double *energies)
+{
+    return over_turning_points(0, m, n, F, state, P, end, A, energies);
+}
+
+EXPORT int64_t tribox_turning_space(const Material *m, int64_t n, const double *F,
+                                    const double *state, double *P, double *end, double *A,
+                                    double *energies)
+{
+    return over_turning_points(1, m, n, F, state, P, end, A, energies);
 }
