@@ -12,9 +12,13 @@ bᵉ = F C_p⁻¹ Fᵀ = Σ w_a n_a⊗n_a everything is scalar, and with G_a = F
 where B couples M_11, M_22, M_33 by D_ab − τ_a δ_ab with D = ∂τ/∂e, and M_ab with M_ba by
 [[g + τ_b, g], [g, g + τ_a]], g = (τ_a w_b − τ_b w_a)/(w_a − w_b).
 
+With backstress the flow has axes of its own, so that τ has all components in those of the trial
+state: :mod:`tribox.forms.bodies.return_mapping`. Then A is not symmetric, where b > 0.
+
 Components: in the plane 5 of F, P, A (11, 12, 21, 22, 33) and 5 of the state, C_p⁻¹ (11, 22, 33,
-12) and α; in space 9, row by row, and 7, C_p⁻¹ (11, 22, 33, 12, 23, 13) and α. Axis letters: n
-points, p components, a, b principal axes, i, J components in space.
+12) and α; in space 9, row by row, and 7, C_p⁻¹ (11, 22, 33, 12, 23, 13) and α. C_pi of each branch
+of the backstress stands before α like C_p⁻¹. Axis letters: n points, p components, a, b principal
+axes, i, J components in space.
 """
 
 from __future__ import annotations
@@ -58,10 +62,12 @@ class PlasticUpdate:
         P: (n, p), Pa, first Piola stress.
         state: (n, s) at the end of the step.
         A: (n, p, p), Pa, ∂P/∂F; None if not asked for.
-        elastic: (n,), J/m³, stored energy (its distortional part if that alone was asked for).
-        dissipation: (n,), J/m³, plastic work of the step, σ(end) Δα ≥ 0.
+        elastic: (n,), J/m³, stored energy (its distortional part if that alone was asked for), that
+            of the backstress included.
+        dissipation: (n,), J/m³, plastic work of the step that is not stored, σ(end) Δα ≥ 0; with
+            backstress also b |X|²/(2μ) Δα of each branch.
         numerical: (n,), J/m³, the part of it that is due to the step's size: ½ (σ_Y(end) −
-            σ_Y(begin)) Δα above the work along the hardening curve.
+            σ_Y(begin)) Δα above the work along the hardening curve, likewise of the branches.
         valid: False if det F is not positive, or a number not finite, at any point; at such points
             all floats but the state are NaN, and the state is that of the step's begin.
     """

@@ -11,11 +11,11 @@ the root is replaced by one to its middle, so that tables and kinks converge as 
 law is steep and Δα small beside α, g jumps with the round-off of α + Δα, and nothing less is asked
 of it there.
 
-**Backstress** has axes of its own, and the flow turns with it. Fᵖ = Fᵖᵉ Fᵖⁱ (Lion, Int. J. Plasticity
-16 (2000) 469; Dettmer & Reese, Comput. Methods Appl. Mech. Engng 193 (2004) 87; Vladimirov,
-Pietryga & Reese, Int. J. Numer. Meth. Engng 75 (2008) 1): each branch stores μ/2 (tr B − 3), μ =
-c/3, with B = Fᵖᵉ Fᵖᵉᵀ = E (F⁻ᵀ C_pi F⁻¹)⁻¹ E, E = exp(−e), where the elastic logarithmic strain is
-e; Fᵉ is taken free of rotation, so that all tensors stand in the present configuration. Then
+**Backstress** has axes of its own, and the flow turns with it. Fᵖ = Fᵖᵉ Fᵖⁱ (Lion, Int. J.
+Plasticity 16 (2000) 469; Dettmer & Reese, Comput. Methods Appl. Mech. Engng 193 (2004) 87;
+Vladimirov, Pietryga & Reese, Int. J. Numer. Meth. Engng 75 (2008) 1): each branch stores
+μ/2 (tr B − 3), μ = c/3, with B = Fᵖᵉ Fᵖᵉᵀ = E (F⁻ᵀ C_pi F⁻¹)⁻¹ E, E = exp(−e), e the elastic
+logarithmic strain. Fᵉ is taken free of rotation, so that all stands in the present configuration:
 
     X = μ dev B,   e = e_trial − D,   D = √(3/2) Δα ν,   ν = (s − ΣX)/|s − ΣX|,
     √(3/2) |s − ΣX| = σ_Y(α + Δα) R(Δα/Δt),   s = 2G dev e,
@@ -27,14 +27,16 @@ closed form a C_p that goes straight from the step's begin to its end: with y = 
     C_pi ← unimodular(e^(−y) C_pi + (φ − e^(−y)) C_p,begin + (1 − φ) C_p,end), φ = (1 − e^(−y))/y,
 
 which keeps det C_pi = 1, and X of a straight pull right whatever the step (implicit Euler errs by
-½ b Δα of its change). X is e^(−y) X_begin + ⅔ c φ D but for a rest of the size of the strain in Fᵖᵉ,
-some 1/b of it. With the rest held, everything hangs on Δα alone; the rest is then taken anew, and
-as c is small beside 3G a few turns suffice.
+½ b Δα of its change). X is e^(−y) X_begin + ⅔ c φ D but for a rest of the size of the strain in
+Fᵖᵉ, some 1/b of it. With the rest held, everything hangs on Δα alone; the rest is then taken anew,
+and as c is small beside 3G four turns are usual.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,7 +54,7 @@ ITERATIONS = 200  # far beyond need: 4 are usual, 35 the most seen for laws and 
 SMALL_STEP = 1e-9  # relative step after which Newton's next one would be below round-off
 ROUNDOFF = 1e-15  # of g relative to q̂
 TURNS = 50  # far beyond need: 4 are usual, see "backstress"
-SETTLED = 1e-14  # of the trial stress and Σ c: a change of the rest that is round-off
+SETTLED = 4e-15  # of Σ c and 25 times the trial stress: a change of the rest that is round-off
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,13 +207,12 @@ class Turned:
     @property
     def stored(self) -> Floats:
         """Energy (n,), J/m³, of the branches."""
-        return sum((branch.energy for branch in self.branches), np.zeros(len(self.step)))
+        return np.sum([branch.energy for branch in self.branches], axis=0)
 
     @property
     def dissipation(self) -> Floats:
         """Plastic work (n,), J/m³, that the branches do not store, with the stress at the end."""
-        recovered = sum(branch.recovery for branch in self.branches)
-        return np.asarray((self.stress + recovered) * self.step)
+        return np.asarray((self.stress + lost(self.branches)) * self.step)
 
 
 class Branch:
@@ -265,7 +266,7 @@ class Branch:
         return _times(self._decay, self.start) + 2.0 * self.shear * _times(self.phi, D)
 
     def change(self, dE: Floats, push: Floats, by_step: Floats | float = 0.0) -> Floats:
-        """dX (n, m, a, b), Pa, of m changes of the end.
+        """Changes of X (n, m, a, b), Pa, for m changes of the end.
 
         With K = H + (1 − φ) E², B ∝ E Z, Z = K⁻¹ E: what moves B is Y = (dE + E d) Z, d the change
         of the deformation, which takes H along as F⁻ᵀ (·) F⁻¹ does.
@@ -308,7 +309,7 @@ class _WithBackstress(_FlowStress):
         self._aim = stress
 
     def over(self, step: Floats) -> tuple[Floats, Floats, Floats]:
-        """s − Σ e^(−bΔα) X − rest (n, a, b), Pa; √(3/2) of its size; the slope of that (n,)."""
+        """Aim less Σ e^(−bΔα) X (n, a, b), Pa; √(3/2) of its size, and the slope of that (n,)."""
         over, slope = self._aim, np.zeros_like(self._aim)
         for branch in self.branches:
             b = branch.law.recovery
@@ -343,8 +344,7 @@ def flow_with_backstress(
     """
     metrics = np.einsum("nai,nkij,nbj->knab", axes.G, inner, axes.G)
     branches = [
-        Branch(law, metric, axes)
-        for law, metric in zip(material.kinematic, metrics, strict=True)
+        Branch(law, metric, axes) for law, metric in zip(material.kinematic, metrics, strict=True)
     ]
     trial = _diagonal(axes.logs)
     s = 2.0 * material.shear_modulus * _deviator(trial)
@@ -353,13 +353,17 @@ def flow_with_backstress(
     begin = material.hardening.stress(alpha)
     q = law.over(np.zeros_like(alpha))[1]
     flows = q >= (1.0 - NEUTRAL) * begin
-    lost = sum(branch.recovery for branch in branches)
+    before = lost(branches)
     step, direction, strain = _turn(law, material.shear_modulus, s, axes, flows)
     stress, slope, _ = _FlowStress.__call__(law, step)
     end = material.hardening.stress(alpha + step)
-    lost = sum(branch.recovery for branch in branches) - lost
-    numerical = 0.5 * (stress / end * (end - begin) + lost) * step
+    numerical = 0.5 * (stress / end * (end - begin) + lost(branches) - before) * step
     return Turned(strain, step, stress, slope, direction, flows, branches, numerical)
+
+
+def lost(branches: Sequence[Branch]) -> Floats:
+    """What branches lose by recovery and α̇ (n,), Pa."""
+    return np.sum([branch.recovery for branch in branches], axis=0)
 
 
 def _turn(
@@ -387,9 +391,9 @@ def _turn(
         E = exponential(-strain)
         for branch in law.branches:
             branch.move(E, step)
-        new = sum(branch.X - branch.straight(D) for branch in law.branches)
+        new = np.sum([branch.X - branch.straight(D) for branch in law.branches], axis=0)
         change = np.sqrt(((new - rest) ** 2).sum(axis=(1, 2)))
-        done |= change <= SETTLED * (q + moduli)
+        done |= change <= SETTLED * (25.0 * q + moduli)
         if done.all():
             break
         rest = np.where(done[:, None, None], rest, new)
@@ -428,7 +432,7 @@ def turned_moduli(
     across = size / (size + np.sqrt(2.0 / 3.0) * end.stress)
     onward = 1.0 / (1.0 + end.slope / (3.0 * G))
     eye = np.eye(m)
-    N = _times(across, eye - along) + _times(onward, along)
+    N: Floats = _times(across, eye - along) + _times(onward, along)
     left = 2.0 * G * eye - (X_e - np.sqrt(2.0 / 3.0) * X_step * nu[:, None, :]) @ N
     deviator = eye - flat[:, ::4].sum(axis=1)[:, None] * flat[:, ::4].sum(axis=1) / 3.0
     y = np.linalg.solve(left, 2.0 * G * deviator @ trial - X_e @ trial - X_d)
@@ -458,7 +462,7 @@ def mean_decay(y: Floats) -> tuple[Floats, Floats]:
 
 
 def exponential(tensors: Floats) -> Floats:
-    """exp (n, a, b) of symmetric tensors."""
+    """Exponentials (n, a, b) of symmetric tensors."""
     values, axes = np.linalg.eigh(tensors)
     return np.asarray(np.einsum("nai,ni,nbi->nab", axes, np.exp(values), axes))
 
@@ -478,7 +482,7 @@ def _components(tensors: Floats, flat: Floats) -> Floats:
     return np.asarray(np.einsum("nmi,pi->npm", tensors.reshape(*tensors.shape[:2], 9), flat))
 
 
-def _times(factor: Floats, tensors: Floats) -> Floats:
+def _times(factor: NDArray[Any], tensors: Floats) -> Floats:
     """Tensors (n, ..) times a number (n,) each."""
     return factor.reshape(-1, *[1] * (tensors.ndim - 1 or 2)) * tensors
 
@@ -489,7 +493,7 @@ def _deviator(tensors: Floats) -> Floats:
     return np.asarray(tensors - trace[..., None, None] / 3.0 * np.eye(3))
 
 
-def _diagonal(values: Floats) -> Floats:
+def _diagonal(values: NDArray[Any]) -> Floats:
     """Diagonal tensors (n, 3, 3) of values (n, 3)."""
     return np.asarray(values[:, :, None] * np.eye(3))
 

@@ -18,7 +18,7 @@ enum rate { NO_RATE, JOHNSON_COOK, PERZYNA };
 
 /* Those of return_mapping.py and principal_axes.py. */
 static const double NEUTRAL = 1e-9, STILL = 1e-11;
-static const double SMALL_STEP = 1e-9, ROUNDOFF = 1e-15, SERIES = 0.02, SETTLED = 1e-14;
+static const double SMALL_STEP = 1e-9, ROUNDOFF = 1e-15, SERIES = 0.02, SETTLED = 4e-15;
 enum { ITERATIONS = 200, MOST = 8, TURNS = 50 };
 
 typedef struct {
@@ -604,27 +604,25 @@ INLINE void exponentiate(int space, Strain *at)
     composed(space, square, at->n, at->E2);
 }
 
-/* phi and the ratio, see mean_decay. */
-INLINE void mean_decay(Branch *k, vec step)
+/* e^-y, phi and the ratio, see mean_decay of return_mapping.py. */
+INLINE void mean_decay(vec y, vec *decay, vec *phi, vec *ratio)
 {
-    vec y = k->recovery * step;
     y = choose((ivec)(y < 690.0), y, all(690.0));
     ivec near = (ivec)(y < SERIES);
-    vec z = choose(near, all(1.0), y), x = choose(near, y, all(0.0));
-    k->decay = exponential(-y);
+    vec z = 1.0 / choose(near, all(1.0), y), x = choose(near, y, all(0.0));
+    *decay = exponential(-y);
     vec first = 1.0 - x * (1.0 / 2 - x * (1.0 / 6 - x * (1.0 / 24 - x * (1.0 / 120 - x / 720))));
     vec second = 1.0 / 2 -
                  x * (1.0 / 3 - x * (1.0 / 8 - x * (1.0 / 30 - x * (1.0 / 144 - x / 840))));
-    k->phi = choose(near, first, (1.0 - k->decay) / z);
-    k->ratio = choose(near, second, (k->phi - k->decay) / z);
+    *phi = choose(near, first, (1.0 - *decay) * z);
+    *ratio = choose(near, second, (*phi - *decay) * z);
 }
 
-/* Class Branch, move. */
+/* Class Branch, move, at a step whose decay is known. */
 INLINE void move(int space, const Axes *axes, const Strain *at, vec step, Branch *k)
 {
     tensor inverse;
     vec end, mid = k->recovery * step;
-    mean_decay(k, step);
     end = 1.0 - k->phi;
     mid *= k->ratio;
     EACH(space, a, b) k->K[a][b] = k->decay * k->metric[a][b] + end * at->E2[a][b];
@@ -643,51 +641,104 @@ typedef struct {
     vec aim, with[MOST], among[MOST][MOST];
 } Products;
 
-/* g and its slope at a step, of point l, but for the flow stress. */
-static double over_stress(const Material *m, const Products *p, int l, double x, double *slope)
+/* g and its slope at a step, but for the flow stress. */
+INLINE vec over_stress(const Material *m, const Products *p, vec x, vec *slope)
 {
-    double decay[MOST], gained = 0.0, sum = ((const double *)&p->aim)[l], rise = 0.0;
-    *slope = -3.0 * m->shear;
+    vec decay[MOST], sum = p->aim, rise = all(0.0), rest = all(0.0);
+    *slope = all(-3.0 * m->shear);
     for (int k = 0; k < m->branches; ++k) {
-        const double c = m->backstress[2 * k], b = m->backstress[2 * k + 1], lost = -expm1(-b * x);
-        decay[k] = 1.0 - lost;
-        gained += b > 0.0 ? c / b * lost : c * x;
+        const double c = m->backstress[2 * k];
+        vec phi, ratio;
+        mean_decay(m->backstress[2 * k + 1] * x, &decay[k], &phi, &ratio);
+        rest += c * phi * x;
         *slope -= c * decay[k];
     }
     for (int k = 0; k < m->branches; ++k) {
-        double own = ((const double *)&p->with[k])[l], others = 0.0;
+        vec others = all(0.0);
         for (int j = 0; j < m->branches; ++j)
-            others += decay[j] * ((const double *)&p->among[k][j])[l];
-        sum += decay[k] * (others - 2.0 * own);
-        rise += m->backstress[2 * k + 1] * decay[k] * (own - others);
+            others += decay[j] * p->among[k][j];
+        sum += decay[k] * (others - 2.0 * p->with[k]);
+        rise += m->backstress[2 * k + 1] * decay[k] * (p->with[k] - others);
     }
-    double size = sqrt(1.5 * fmax(sum, 0.0));
-    if (size > 0.0)
-        *slope += 1.5 * rise / size;
-    return size - 3.0 * m->shear * x - gained;
+    vec size = square_root(1.5 * choose((ivec)(sum > 0.0), sum, all(0.0)));
+    *slope += 1.5 * rise / choose((ivec)(size > 0.0), size, all(1.0));
+    return size - 3.0 * m->shear * x - rest;
 }
 
-/* The plastic strain of the step of point l, see `plastic_step`; from x on where that is known. */
-static double turned_step(const Material *m, const Products *p, int l, double alpha, double x)
+/* Flow stress and its slope over the step; point by point where there is no formula for all. */
+INLINE void flow_stresses(const Material *m, vec alpha, vec step, vec *stress, vec *slope)
 {
-    double stress, slope, unused, trial = over_stress(m, p, l, 0.0, &unused);
-    yield_stress(m, alpha, &stress, &slope);
-    double over = trial > (1.0 + STILL) * stress ? trial - stress : 0.0;
-    double low = 0.0, high = over / (3.0 * m->shear);
-    if (!(x > 0.0 && x < high))
-        x = start(m, over, stress, slope);
-    for (int i = 0; i < ITERATIONS && x > 0.0; ++i) {
-        double falls, g = over_stress(m, p, l, x, &falls);
-        flow_stress(m, alpha, x, &stress, &slope);
+    const double *p = m->parameters;
+    vec end = alpha + step;
+    if (m->rate == NO_RATE && m->law == LINEAR) {
+        *stress = p[0] + p[1] * end;
+        *slope = all(p[1]);
+    } else if (m->rate == NO_RATE && m->law == VOCE) {
+        vec far = choose((ivec)(p[2] * end < 690.0), p[2] * end, all(690.0));
+        vec decay = exponential(-far), gain = all(p[1] - p[0]);
+        *stress = p[0] + p[3] * end + gain * (1.0 - decay);
+        *slope = p[3] + gain * p[2] * decay;
+    } else if (m->rate == NO_RATE && m->law == SWIFT) {
+        vec sum = p[1] + end;
+        *stress = p[0] * exponential(p[2] * logarithm(sum));
+        *slope = p[2] * *stress / sum;
+    } else {
+        for (int l = 0; l < LANES; ++l)
+            flow_stress(m, ((const double *)&alpha)[l], ((const double *)&step)[l],
+                        (double *)stress + l, (double *)slope + l);
+    }
+}
+
+/* Yield stress and its slope at a plastic strain. */
+INLINE void yields(const Material *m, vec alpha, vec *stress, vec *slope)
+{
+    Material still = *m;
+    still.rate = NO_RATE;
+    flow_stresses(&still, alpha, all(0.0), stress, slope);
+}
+
+/* Left of the root for concave laws where there is a rate factor, see `start`. */
+INLINE vec starts(const Material *m, vec over, vec stress, vec slope)
+{
+    if (m->rate == NO_RATE)
+        return over / (3.0 * m->shear + slope);
+    vec x;
+    for (int l = 0; l < LANES; ++l)
+        ((double *)&x)[l] = start(m, ((double *)&over)[l], ((double *)&stress)[l],
+                                  ((double *)&slope)[l]);
+    return x;
+}
+
+/* The plastic strain of the step, see `plastic_step`; from x on where that is known. */
+INLINE vec turned_step(const Material *m, const Products *p, vec alpha, vec begin, vec rise,
+                       ivec done, vec known)
+{
+    vec trial = p->aim;
+    for (int k = 0; k < m->branches; ++k) {
+        trial -= 2.0 * p->with[k];
+        for (int j = 0; j < m->branches; ++j)
+            trial += p->among[k][j];
+    }
+    trial = square_root(1.5 * choose((ivec)(trial > 0.0), trial, all(0.0)));
+    vec over = choose((ivec)(trial > (1.0 + STILL) * begin), trial - begin, all(0.0));
+    vec low = all(0.0), high = over / (3.0 * m->shear), x = starts(m, over, begin, rise);
+    x = choose((ivec)(known > 0.0) & (ivec)(known < high), known, x);
+    x = choose(done, known, x);
+    done |= ~(ivec)(x > 0.0);
+    for (int i = 0; i < ITERATIONS && any(~done); ++i) {
+        vec falls, stress, slope, g = over_stress(m, p, x, &falls);
+        flow_stresses(m, alpha, x, &stress, &slope);
         g -= stress;
-        if (g >= 0.0)
-            low = x;
-        else
-            high = x;
-        double newton = x + g / (slope - falls);
-        if (fabs(newton - x) <= SMALL_STEP * x || fabs(g) <= ROUNDOFF * trial)
-            return newton;
-        x = newton > low && newton < high ? newton : 0.5 * (low + high);
+        ivec left = (ivec)(g >= 0.0);
+        low = choose(left, x, low);
+        high = choose(left, high, x);
+        vec newton = x + g / (slope - falls);
+        ivec settled = (ivec)(absolute(newton - x) <= SMALL_STEP * x) |
+                       (ivec)(absolute(g) <= ROUNDOFF * trial);
+        ivec inside = (ivec)(newton > low) & (ivec)(newton < high);
+        vec next = choose(inside | settled, newton, 0.5 * (low + high));
+        x = choose(done, x, next);
+        done |= settled;
     }
     return x;
 }
@@ -723,21 +774,19 @@ INLINE void products(int space, const Material *m, const Turned *t, const tensor
 
 /* One turn: the step with the rest held, then the rest anew; returns which points have settled. */
 INLINE ivec turn(int space, const Material *m, const Axes *axes, const tensor s, vec alpha,
-                 ivec done, Turned *t, tensor rest)
+                 vec begin, vec rise, ivec done, Turned *t, tensor rest)
 {
     tensor over, sum;
     Products p;
     double moduli = 0.0;
     EACH(space, a, b) over[a][b] = s[a][b] - rest[a][b];
     products(space, m, t, over, &p);
-    for (int l = 0; l < LANES; ++l)
-        if (((int64_t *)&t->flows)[l] && !((int64_t *)&done)[l])
-            ((double *)&t->step)[l] = turned_step(m, &p, l, ((double *)&alpha)[l],
-                                                  ((double *)&t->step)[l]);
+    t->step = turned_step(m, &p, alpha, begin, rise, done, t->step);
     for (int k = 0; k < m->branches; ++k) {
-        mean_decay(t->k + k, t->step);
-        EACH(space, a, b) over[a][b] -= t->k[k].decay * t->k[k].start[a][b];
-        moduli += t->k[k].modulus;
+        Branch *own = t->k + k;
+        mean_decay(own->recovery * t->step, &own->decay, &own->phi, &own->ratio);
+        EACH(space, a, b) over[a][b] -= own->decay * own->start[a][b];
+        moduli += own->modulus;
     }
     vec size = square_root(contract(space, over, over));
     vec scale = 1.0 / choose((ivec)(size > 0.0), size, all(1.0));
@@ -760,7 +809,7 @@ INLINE ivec turn(int space, const Material *m, const Axes *axes, const tensor s,
     }
     vec change = all(0.0);
     EACH(space, a, b) change += (sum[a][b] - rest[a][b]) * (sum[a][b] - rest[a][b]);
-    ivec settled = (ivec)(square_root(change) <= SETTLED * (square_root(1.5 * p.aim) + moduli));
+    ivec settled = (ivec)(square_root(change) <= SETTLED * (25.0 * square_root(1.5 * p.aim) + moduli));
     done |= settled;
     EACH(space, a, b) rest[a][b] = choose(done, rest[a][b], sum[a][b]);
     return done;
@@ -798,6 +847,8 @@ INLINE void flow_turning(int space, const Material *m, const Axes *axes, const v
             }
             own->metric[a][b] = sum;
         }
+        own->decay = own->phi = all(1.0);
+        own->ratio = all(0.5);
         move(space, axes, &t->at, all(0.0), own);
         EACH(space, a, b)
         {
@@ -805,7 +856,8 @@ INLINE void flow_turning(int space, const Material *m, const Axes *axes, const v
             aim[a][b] -= own->X[a][b];
         }
     }
-    vec q = square_root(1.5 * contract(space, aim, aim)), begin = yield_stresses(m, alpha);
+    vec q = square_root(1.5 * contract(space, aim, aim)), begin, rise;
+    yields(m, alpha, &begin, &rise);
     vec lost = recovered(space, m, t);
     t->flows = (ivec)(q >= (1.0 - NEUTRAL) * begin) & axes->good;
     t->step = all(0.0);
@@ -815,17 +867,12 @@ INLINE void flow_turning(int space, const Material *m, const Axes *axes, const v
     if (any(t->flows)) {
         ivec done = ~t->flows;
         for (int i = 0; i < TURNS && any(~done); ++i)
-            done = turn(space, m, axes, s, alpha, done, t, rest);
+            done = turn(space, m, axes, s, alpha, begin, rise, done, t, rest);
         t->good = done;
     }
-    double end[LANES], unused;
-    for (int l = 0; l < LANES; ++l) {
-        const double was = ((const double *)&alpha)[l], step = ((double *)&t->step)[l];
-        flow_stress(m, was, step, (double *)&t->stress + l, (double *)&t->slope + l);
-        yield_stress(m, was + step, end + l, &unused);
-    }
-    vec last;
-    __builtin_memcpy(&last, end, sizeof last);
+    vec last, unused;
+    flow_stresses(m, alpha, t->step, &t->stress, &t->slope);
+    yields(m, alpha + t->step, &last, &unused);
     t->recovered = recovered(space, m, t);
     t->numerical = 0.5 * t->step * (t->stress / last * (last - begin) + t->recovered - lost);
 }
@@ -873,7 +920,6 @@ INLINE void add_rise(int space, const Axes *axes, const Strain *at, const Branch
     }
     multiply(space, rise, k->Z, turned);
     multiply(space, transposed, turned, dB);
-    /* tr(K^-1 rise), with K^-1 = Z E^-1: of E^-1 Z' rise Z E^-1 after that of K = E Z^-1. */
     tensor inverse;
     invert(space, k->K, inverse);
     vec size = contract(space, inverse, rise) * (1.0 / 3.0), scale = k->modulus / 3.0 * k->size;

@@ -6,7 +6,15 @@ Moduli of aluminium in GPa, so that strains at yield are a thousandth, as of met
 import numpy as np
 
 from tribox.forms.bodies.elastoplastic import ElastoPlastic
-from tribox.forms.bodies.hardening import JohnsonCook, Linear, Perzyna, Swift, Table, Voce
+from tribox.forms.bodies.hardening import (
+    Backstress,
+    JohnsonCook,
+    Linear,
+    Perzyna,
+    Swift,
+    Table,
+    Voce,
+)
 
 SHEAR, BULK = 26.3, 68.6
 LAWS = {
@@ -20,12 +28,18 @@ RATES = {
     "johnson-cook": JohnsonCook(0.015, 0.01),
     "perzyna": Perzyna(50.0, 0.25),
 }
+BRANCHES = {
+    "none": (),
+    "one": (Backstress(2.0, 50.0),),
+    "linear": (Backstress(0.3),),
+    "slow and fast": (Backstress(0.4, 5.0), Backstress(20.0, 800.0)),
+}
 PLANE = [0, 1, 3, 4, 8]  # places of the plane's components among the nine
 PAIRS = [0, 4, 8, 1, 5, 2]  # places of C_p^-1 (11, 22, 33, 12, 23, 13)
 
 
-def material(law="voce", rate="no rate"):
-    return ElastoPlastic(SHEAR, BULK, LAWS[law], RATES[rate])
+def material(law="voce", rate="no rate", branches="none"):
+    return ElastoPlastic(SHEAR, BULK, LAWS[law], RATES[rate], BRANCHES[branches])
 
 
 def in_plane(tensors):
@@ -65,12 +79,18 @@ def tensors(rows):
 
 
 def metric(state):
-    """C_p^-1 (n, 3, 3) of states."""
-    full = np.zeros((len(state), 9))
-    places = PAIRS if state.shape[1] == 7 else PAIRS[:4]
-    full[:, places] = state[:, :-1]
-    C = full.reshape(-1, 3, 3)
-    return C + np.swapaxes(np.triu(C, 1), 1, 2)
+    """C_p^-1 (n, 3, 3) of states without backstress."""
+    return metrics(state, state.shape[1] == 7)[:, 0]
+
+
+def metrics(state, space):
+    """C_p^-1 and C_pi of the branches (n, 1 + k, 3, 3) of states."""
+    places = PAIRS if space else PAIRS[:4]
+    rows = state[:, :-1].reshape(len(state), -1, len(places))
+    full = np.zeros((*rows.shape[:2], 9))
+    full[..., places] = rows
+    C = full.reshape(*rows.shape[:2], 3, 3)
+    return C + np.swapaxes(np.triu(C, 1), 2, 3)
 
 
 def power(symmetric, exponent):
@@ -95,10 +115,11 @@ def samples(points):
     """
     space, found = points.space, {}
     F, state = worked(points, 6)
-    half = F @ metric(state) @ np.swapaxes(F, 1, 2)
+    plastic = metrics(state, space)[:, 0]
+    half = F @ plastic @ np.swapaxes(F, 1, 2)
     found["elastic"] = components(power(half, -0.25) @ F, space), state
     found["plastic"] = components(gradients(6, space, 5, 0.05) @ F, space), state
-    root = power(metric(state), -0.5)
+    root = power(plastic, -0.5)
     Q = rotation(0.7) if space else rotation(0.7, (0.0, 0.0, 1.0))
     for name, pair in (("first", (0, 1)), ("last", (1, 2))):
         for apart in (0.0, 1e-12, 1e-8, 1e-5, 1e-3, 0.03):

@@ -1,0 +1,358 @@
+"""Points that harden kinematically: tangent, compiled loop, invariances, paths, energy.
+
+The rate equations that paths are held against know nothing of the return mapping: F_p and F_pi are
+integrated with the flow rule in the intermediate configuration, and γ̇ is what keeps f at zero.
+"""
+
+import numpy as np
+import pytest
+from hypothesis import given as hypothesis_given
+from hypothesis import settings
+from hypothesis import strategies as st
+
+from tests.forms.bodies import plastic_samples as given
+from tests.forms.bodies.test_plastic_paths import YOUNG, closed_path, free_across, shear
+from tests.forms.bodies.test_plastic_points import FIELDS, both, differences, gathered
+from tribox.forms.bodies.elastoplastic import ElastoPlastic
+from tribox.forms.bodies.hardening import Backstress, Linear, Voce
+from tribox.forms.bodies.plastic_points import PlasticPoints
+from tribox.forms.bodies.return_mapping import mean_decay
+
+G, K = given.SHEAR, given.BULK
+SOME = [name for name in given.BRANCHES if name != "none"]
+branched = pytest.mark.parametrize("branches", SOME)
+HELD = ["elastic", "same stretch", "undeformed"]
+
+
+@pytest.mark.parametrize("rate", given.RATES)
+@branched
+@both
+def test_the_tangent_is_the_derivative_of_the_stress(space, branches, rate):
+    points = PlasticPoints(given.material("voce", rate, branches), space)
+    assert points.compiled
+    F, state, names = gathered(points)
+    for volumetric in (True, False):
+        update = points.update(F, state, 0.1, True, volumetric)
+        assert update.valid and (update.dissipation > 0.0)[~np.isin(names, HELD)].all()
+
+        def stress(x, volumetric=volumetric):
+            return points.update(x, state, 0.1, False, volumetric).P
+
+        wanted = differences(stress, F)
+        smooth = ~np.isin(names, ["elastic"])  # its points lie next to the yield surface
+        error = np.abs(update.A - wanted).max(axis=(1, 2)) / np.abs(update.A).max(axis=(1, 2))
+        assert error[smooth].max() < 1e-7, names[smooth][np.argmax(error[smooth])]
+
+
+@pytest.mark.parametrize("rate", given.RATES)
+@pytest.mark.parametrize("law", given.LAWS)
+@branched
+@both
+def test_the_compiled_loop_gives_the_numbers_of_numpy(space, branches, law, rate):
+    material = given.material(law, rate, branches)
+    fast, slow = PlasticPoints(material, space), PlasticPoints(material, space, compiled=False)
+    assert fast.compiled and not slow.compiled
+    F, state, names = (x[:-1] for x in gathered(fast))
+    assert len(F) % 8  # the last block of eight is not full
+    for dt, volumetric in ((0.1, True), (np.inf, False)):
+        mine = fast.update(F, state, dt, True, volumetric)
+        theirs = slow.update(F, state, dt, True, volumetric)
+        assert mine.valid and theirs.valid
+        for field in FIELDS:
+            a, b = getattr(mine, field), getattr(theirs, field)
+            assert a.shape == b.shape and a.dtype == b.dtype
+            error = np.abs(a - b).reshape(len(F), -1).max(axis=1) / np.abs(b).max()
+            bar = 1e-12 if field in ("P", "state", "A") else 1e-11  # energies: of tr B - 3
+            assert error.max() < bar, (field, names[np.argmax(error)])
+        np.testing.assert_array_equal(fast.update(F, state, dt, False, volumetric).P, mine.P)
+
+
+@branched
+def test_a_plane_is_a_plane_in_space(branches):
+    plane, space = (PlasticPoints(given.material("swift", branches=branches), s) for s in (0, 1))
+    F, state, _ = gathered(plane)
+    rows = given.metrics(state, False).reshape(len(state), -1, 9)[:, :, given.PAIRS]
+    embedded = np.column_stack([rows.reshape(len(state), -1), state[:, -1]])
+    one = plane.update(F, state, 1.0, True)
+    other = space.update(given.components(given.tensors(F), True), embedded, 1.0, True)
+    kept = other.state[:, :-1].reshape(len(state), -1, 6)[:, :, :4].reshape(len(state), -1)
+    wanted = {
+        "P": other.P[:, given.PLANE],
+        "A": other.A[:, given.PLANE][:, :, given.PLANE],
+        "state": np.column_stack([kept, other.state[:, -1]]),
+    }
+    for field in FIELDS:
+        b = wanted.get(field, getattr(other, field))
+        np.testing.assert_allclose(getattr(one, field), b, rtol=0, atol=2e-12 * np.abs(b).max())
+
+
+@branched
+@both
+def test_rotations_of_body_and_material_rotate_the_stress(space, branches):
+    """Q F: the memory stays; F Qᵀ with the memory turned: P Qᵀ, and the memory turned."""
+    points = PlasticPoints(given.material("voce", "perzyna", branches), space)
+    F, state, _ = gathered(points)
+    Q = given.rotation(2.1) if space else given.rotation(2.1, (0.0, 0.0, 1.0))
+
+    def turned(values):
+        C = Q @ given.metrics(values, space) @ Q.T
+        places = given.PAIRS if space else given.PAIRS[:4]
+        rows = C.reshape(len(values), -1, 9)[:, :, places].reshape(len(values), -1)
+        return np.column_stack([rows, values[:, -1]])
+
+    still = points.update(F, state, 0.1, False)
+    stress, tensor = given.tensors(still.P), given.tensors(F)
+    cases = ((Q @ tensor, state, Q @ stress, still.state),)
+    cases += ((tensor @ Q.T, turned(state), stress @ Q.T, turned(still.state)),)
+    for at, begin, wanted, end in cases:
+        found = points.update(given.components(at, space), begin, 0.1, False)
+        rows = given.components(wanted, space)
+        np.testing.assert_allclose(found.P, rows, rtol=0, atol=1e-12 * np.abs(rows).max())
+        np.testing.assert_allclose(found.state, end, rtol=0, atol=1e-12)
+
+
+@both
+def test_next_to_no_backstress_is_isotropic_hardening(space):
+    law, rate = given.LAWS["voce"], given.RATES["johnson-cook"]
+    without = PlasticPoints(ElastoPlastic(G, K, law, rate), space)
+    little = PlasticPoints(ElastoPlastic(G, K, law, rate, (Backstress(1e-13, 3.0),)), space)
+    F, state, _ = gathered(without)
+    count = state.shape[1] - 1
+    more = np.column_stack([state[:, :-1], little.start(len(state))[:, :count], state[:, -1]])
+    one, other = without.update(F, state, 0.1, True), little.update(F, more, 0.1, True)
+    for field in ("P", "A", "elastic", "dissipation"):
+        a, b = getattr(one, field), getattr(other, field)
+        np.testing.assert_allclose(b, a, rtol=0, atol=2e-11 * np.abs(a).max())
+    np.testing.assert_allclose(other.state[:, :count], one.state[:, :count], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+@branched
+@both
+def test_a_point_at_yield_keeps_its_memory_and_has_the_tangent_of_loading(
+    space, branches, compiled
+):
+    points = PlasticPoints(given.material("linear", branches=branches), space, compiled)
+    F, state = given.worked(points, 5)
+    rows = given.components(F, space)
+    at = points.update(rows, state, 1.0, True)
+    np.testing.assert_array_equal(at.state, state)
+    before, last = given.worked(points, 5)[1], given.gradients(5, space, 2, 0.03)
+    onward = given.components(F + 1e-7 * (last - np.linalg.inv(last)) @ F, space)
+    rise = points.update(onward, before, 1.0, False).P - at.P
+    wanted = np.einsum("npq,nq->np", at.A, onward - rows)
+    flows = points.update(onward, before, 1.0, False).dissipation > 0.0
+    assert flows.any() and not at.dissipation.any()
+    error = np.abs(rise - wanted)[flows].max()
+    assert error < 1e-3 * np.abs(wanted).max()
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+@both
+def test_an_impossible_deformation_is_told_and_leaves_the_others_alone(space, compiled):
+    points = PlasticPoints(given.material(branches="slow and fast"), space, compiled)
+    F, state = given.worked(points, 11)
+    F = given.components(given.gradients(11, space, 8) @ F, space)
+    good = points.update(F, state, 1.0, True)
+    bad, states = F.copy(), state.copy()
+    bad[1] *= -1.0
+    bad[3] = 0.0
+    bad[4, 1] = np.nan
+    bad[7] *= 1e200
+    states[9, 7] = np.nan
+    found = points.update(bad, states, 1.0, True)
+    wrong = np.array([1, 3, 4, 7, 9])
+    right = np.setdiff1d(np.arange(11), wrong)
+    assert good.valid and not found.valid
+    for field in FIELDS:
+        a, b = getattr(found, field)[right], getattr(good, field)[right]
+        np.testing.assert_allclose(a, b, rtol=0, atol=1e-13 * np.abs(b).max())
+        if field != "state":
+            assert np.isnan(getattr(found, field)[wrong]).all()
+    np.testing.assert_array_equal(found.state[wrong], states[wrong])
+
+
+def test_more_branches_than_the_compiled_loop_has_room_for_are_taken_in_numpy():
+    nine = tuple(Backstress(0.2 / 9, 50.0) for _ in range(9))
+    one = PlasticPoints(ElastoPlastic(G, K, given.LAWS["voce"], None, nine[:1]), False)
+    many = PlasticPoints(ElastoPlastic(G, K, given.LAWS["voce"], None, nine), False)
+    sum_ = (Backstress(0.2, 50.0),)
+    same = PlasticPoints(ElastoPlastic(G, K, given.LAWS["voce"], None, sum_), False)
+    assert one.compiled and not many.compiled
+    F = given.components(given.gradients(6, False, 3), False)
+    a = many.update(F, many.start(6), 1.0, True)
+    b = same.update(F, same.start(6), 1.0, True)
+    np.testing.assert_allclose(a.P, b.P, rtol=0, atol=1e-12 * np.abs(b.P).max())
+    np.testing.assert_allclose(a.A, b.A, rtol=0, atol=1e-11 * np.abs(b.A).max())
+
+
+# -- paths ------------------------------------------------------------------------------------
+
+
+def pulled_to(points, ends, steps):
+    """Uniaxial stress along logarithmic strains from one end to the next: τ, α at each step."""
+    F, state, before = np.array([[1.0, 0.0, 0.0, 1.0, 1.0]]), points.start(1), 0.0
+    found = []
+    for end in ends:
+        for strain in np.linspace(before, end, steps + 1)[1:]:
+            F = F.copy()
+            F[:, 0] = np.exp(strain)
+            F, update = free_across(points, F, state, 1.0, [3, 4])
+            state = update.state
+            found.append((strain, update.P[0, 0] * F[0, 0], state[0, -1]))
+        before = end
+    return np.array(found).T
+
+
+@pytest.mark.parametrize("steps", [4, 40])
+def test_a_uniaxial_cycle_is_that_of_the_closed_form(steps):
+    """X = (c/b)(1 − e^(−bα)) in tension, −c/b + (X₀ + c/b) e^(−bΔα) after the reversal."""
+    c, b, law = 1.0, 50.0, Voce(0.06, 0.16, 12.0)
+    points = PlasticPoints(ElastoPlastic(G, K, law, None, (Backstress(c, b),)), False)
+    strain, tau, alpha = pulled_to(points, (0.03, -0.03, 0.03), steps)
+    X = start = alpha_start = 0.0
+    for part, sign in enumerate((1.0, -1.0, 1.0)):
+        at = slice(part * steps, (part + 1) * steps)
+        a = alpha[at]
+        X = sign * c / b + (start - sign * c / b) * np.exp(-b * (a - alpha_start))
+        flows = np.diff(a, prepend=alpha_start) > 1e-6
+        wanted = X + sign * law.stress(a)
+        assert flows.sum() > steps // 2
+        np.testing.assert_allclose(tau[at][flows], wanted[flows], rtol=0, atol=1e-3 * 0.1)
+        # Strain is elastic, and the plastic one in and against the direction.
+        start, alpha_start = X[-1], a[-1]
+    plastic = strain[-1] - tau[-1] / YOUNG
+    ways = [alpha[steps - 1], alpha[2 * steps - 1], alpha[-1]]
+    assert plastic == pytest.approx(ways[0] - (ways[1] - ways[0]) + ways[2] - ways[1], abs=1e-9)
+
+
+def rate_of(F, Fp, Fpi, alpha, law, branches):
+    """f/√(3/2), Pa, and for γ̇ = 1 the rates of F_p and of F_pi; all in the rate equations."""
+    Fe = F @ np.linalg.inv(Fp)
+    w, N = np.linalg.eigh(Fe.T @ Fe)
+    e = 0.5 * np.log(w)
+    M = 2.0 * G * (N * (e - e.mean())) @ N.T
+    xi, inner = M.copy(), []
+    for branch, Fi in zip(branches, Fpi, strict=True):
+        Fpe = Fp @ np.linalg.inv(Fi)
+        B, Ce = Fpe @ Fpe.T, Fpe.T @ Fpe
+        mu = branch.modulus / 3.0
+        xi = xi - mu * (B - np.trace(B) / 3.0 * np.eye(3))
+        # d_pi = b/(2 mu) alpha' times the deviator of mu C_pe, in the inner configuration
+        rate = np.sqrt(2.0 / 3.0) * 0.5 * branch.recovery
+        inner.append(rate * (Ce - np.trace(Ce) / 3.0 * np.eye(3)) @ Fi)
+    size = max(np.linalg.norm(xi), 1e-12)
+    return size - np.sqrt(2.0 / 3.0) * law.stress(alpha), xi / size @ Fp, inner
+
+
+def integrated(path, ends, count, law, branches):
+    """Kirchhoff stress (3, 3) after F = path(s), s from end to end in ``count`` steps (Heun)."""
+    Fp, Fpi, alpha, s = np.eye(3), [np.eye(3)] * len(branches), 0.0, 0.0
+    for end in ends:
+        ds = (end - s) / count
+        for _ in range(count):
+            first = flow_rate(path, s, ds, Fp, Fpi, alpha, law, branches)
+            mid = [x + ds * y for x, y in zip((Fp, *Fpi, alpha), first, strict=True)]
+            last = flow_rate(path, s + ds, ds, mid[0], mid[1:-1], mid[-1], law, branches)
+            new = [
+                x + 0.5 * ds * (y + z)
+                for x, y, z in zip((Fp, *Fpi, alpha), first, last, strict=True)
+            ]
+            Fp, Fpi, alpha, s = new[0], new[1:-1], new[-1], s + ds
+    Fe = path(s) @ np.linalg.inv(Fp)
+    w, N = np.linalg.eigh(Fe @ Fe.T)
+    e = 0.5 * np.log(w)
+    return (N * (2.0 * G * (e - e.mean()) + K * e.sum())) @ N.T, alpha
+
+
+def flow_rate(path, s, ds, Fp, Fpi, alpha, law, branches):
+    """d/ds of F_p, F_pi and α where f stays zero, or is brought back to it within the step."""
+    F, h = path(s), 1e-6
+    f, dFp, dFpi = rate_of(F, Fp, Fpi, alpha, law, branches)
+    rise = (rate_of(path(s + h * ds), Fp, Fpi, alpha, law, branches)[0] - f) / h
+    ahead = [Fi + h * 1e-2 * d for Fi, d in zip(Fpi, dFpi, strict=True)]
+    more = alpha + h * 1e-2 * np.sqrt(2.0 / 3.0)
+    fall = (rate_of(F, Fp + h * 1e-2 * dFp, ahead, more, law, branches)[0] - f) / (h * 1e-2)
+    gamma = max(-(f + rise) / fall, 0.0) / ds if f + rise > 0.0 else 0.0
+    return gamma * dFp, *(gamma * d for d in dFpi), gamma * np.sqrt(2.0 / 3.0)
+
+
+def stretched(s):
+    """Tension and compression at constant volume, along axes that are not the coordinates'."""
+    Q = given.rotation(0.6, (0.0, 0.0, 1.0))
+    return Q @ np.diag(np.exp([s, -0.5 * s, -0.5 * s])) @ Q.T
+
+
+PATHS = {
+    "tension and compression": (stretched, (0.15, -0.1)),
+    "reversed simple shear": (shear, (0.4, -0.3)),
+}
+
+
+@pytest.mark.parametrize("branches", [SOME[0], SOME[1]])
+@pytest.mark.parametrize("name", PATHS)
+def test_reversed_paths_go_to_the_solution_of_the_rate_equations(name, branches):
+    """To .5 % of the stress, at finite strain; in shear the whole tensor, normal stresses too."""
+    path, ends = PATHS[name]
+    law, kinds = given.LAWS["voce"], given.BRANCHES[branches]
+    points = PlasticPoints(ElastoPlastic(G, K, law, None, kinds), False)
+    wanted, alpha = integrated(path, ends, 1500, law, kinds)
+    state, s = points.start(1), 0.0
+    for end in ends:
+        for at in np.linspace(s, end, 201)[1:]:
+            update = points.update(given.components(path(at)[None], False), state, 1.0, False)
+            state = update.state
+        s = end
+    tau = given.tensors(update.P)[0] @ path(s).T
+    assert np.abs(tau - wanted).max() < 5e-3 * np.linalg.norm(wanted)
+    assert state[0, -1] == pytest.approx(alpha, rel=5e-3)
+
+
+def test_the_direction_of_simple_shear_turns_the_backstress():
+    """Swift's effect: pulled along the shear, the material is pressed along it without a sign."""
+    normal = {}
+    for name in ("none", "linear"):
+        points = PlasticPoints(given.material("linear", branches=name), False)
+        state = points.start(1)
+        for amount in np.linspace(0.0, 1.0, 401)[1:]:
+            F = shear(amount)
+            update = points.update(given.components(F[None], False), state, 1.0, False)
+            state = update.state
+        tau = given.tensors(update.P)[0] @ F.T
+        normal[name] = (tau[0, 0] - tau[1, 1]) / tau[0, 1]
+    assert normal["none"] < 0.05 < 0.3 < normal["linear"]
+
+
+@settings(deadline=None, max_examples=15)
+@hypothesis_given(
+    seed=st.integers(0, 2**31),
+    space=st.booleans(),
+    law=st.sampled_from(sorted(given.LAWS)),
+    rate=st.sampled_from(sorted(given.RATES)),
+    branches=st.sampled_from(SOME),
+)
+def test_on_any_path_volumes_stay_and_energy_is_only_lost(seed, space, law, rate, branches):
+    """There and back: det C_p = det C_pi = 1, dissipation ≥ 0 in each step, and the balance."""
+    points = PlasticPoints(given.material(law, rate, branches), space)
+    ends = np.random.default_rng(seed).uniform(-0.15, 0.15, (3, 4, 3, 3))
+    ends = np.concatenate([ends if space else given.in_plane(ends), np.zeros((1, 4, 3, 3))])
+    coarse, fine = (np.abs(closed_path(points, ends, steps)) for steps in (10, 80))
+    assert fine.max() < 0.03 and fine.max() < 0.3 * coarse.max()
+
+
+def test_the_means_of_a_decay_are_right_where_series_and_formula_meet():
+    y = np.array([0.0, 1e-12, 1e-3, 0.0199999, 0.0200001, 0.5, 30.0])
+    mean, falling = mean_decay(y)
+    s, weight = np.polynomial.legendre.leggauss(60)
+    s, weight = 0.5 * (1.0 + s), 0.5 * weight
+    np.testing.assert_allclose(mean, np.exp(-y[:, None] * s) @ weight, rtol=1e-13)
+    np.testing.assert_allclose(falling, (s * np.exp(-y[:, None] * s)) @ weight, rtol=2e-13)
+
+
+def test_a_stress_that_saturates_is_c_over_b():
+    c, b = 2.0, 50.0
+    points = PlasticPoints(ElastoPlastic(G, K, Linear(0.06), None, (Backstress(c, b),)), False)
+    for end in (0.5, -0.5):
+        for steps, error in ((20, 3e-3), (200, 5e-5)):
+            _, tau, _ = pulled_to(points, (end,), steps)
+            assert tau[-1] == pytest.approx(np.sign(end) * (0.06 + c / b), rel=error)
