@@ -21,6 +21,7 @@ from tribox.app.case.bodies import (
     formulation_problems,
     formulations,
 )
+from tribox.app.case.hardening import backstress_of
 from tribox.app.case.own_code import OwnCodeError, OwnMaterial
 from tribox.app.case.stage import Stage
 from tribox.app.errors import InputError
@@ -77,7 +78,8 @@ def material_of(body: Body) -> Material:
         case ElastoPlasticBody():
             moduli = body.shear_modulus, body.bulk_modulus
             rate = body.rate.law_of() if body.rate is not None else None
-            return ElastoPlastic(*moduli, body.hardening.law_of(), rate)
+            backstress = backstress_of(body.kinematic)
+            return ElastoPlastic(*moduli, body.hardening.law_of(), rate, backstress)
         case OwnBody():
             return with_branches(body, body.own_material())
         case _:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, WrapValidator
 
-from tribox.app.case.hardening import Hardening, Rate
+from tribox.app.case.hardening import Hardening, Kinematic, Rate, kinematic_problems
 from tribox.app.case.library import from_library
 from tribox.app.case.own_code import NamesAClass, OwnMaterial, load_own_material
 from tribox.app.case.quantities import Quantity
@@ -349,18 +349,26 @@ class OgdenBody(_Elastomer):
 
 
 class ElastoPlasticBody(_Isotropic):
-    """Hencky's energy of the elastic part, von Mises' yield stress with isotropic hardening."""
+    """Hencky's energy of the elastic part, von Mises' yield stress, hardening both ways."""
 
     material: Literal["elastoplastic"] = Field(description="strain energy of the body")
     hardening: Hardening = Field(description="yield stress over the plastic strain")
+    kinematic: Kinematic = Field(
+        default=(),
+        description="branches [c, b] of the backstress, which yielding is around: at small strain "
+        "X' = 2/3 c ep' - b X alpha', so that X tends to c/b; b = 0: linear",
+    )
     rate: Rate | None = Field(
         default=None, description="factor of the yield stress for the rate of plastic strain"
     )
 
     def problems(self, place: Place) -> Iterator[Problem]:
-        """A pair of elastic constants that is none, or a yield stress that falls."""
-        yield from super().problems(place)
+        """A pair of elastic constants that is none, a yield stress that falls, a stiff branch."""
+        problems = list(super().problems(place))
+        yield from problems
         yield from self.hardening.problems((*place, "hardening"))
+        if not problems:
+            yield from kinematic_problems(self.kinematic, self.shear_modulus, (*place, "kinematic"))
 
 
 class OwnBody(_Isotropic, _Elastomer, NamesAClass):

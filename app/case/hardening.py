@@ -1,4 +1,4 @@
-"""The `[bodies.NAME.hardening]` and `[bodies.NAME.rate]` tables of bodies that flow."""
+"""The `hardening` and `rate` tables and the `kinematic` list of bodies that flow."""
 
 from __future__ import annotations
 
@@ -161,3 +161,31 @@ Hardening = Annotated[
     LinearHardening | VoceHardening | SwiftHardening | TableHardening, Field(discriminator="law")
 ]
 Rate = Annotated[JohnsonCookRate | PerzynaRate, Field(discriminator="law")]
+
+MOST_BRANCHES = 8  # of the backstress: as many as the compiled loop over points has room for
+_Branch = tuple[
+    Annotated[float, Quantity("Pa", gt=0.0, name="c")], Annotated[float, Quantity(ge=0.0, name="b")]
+]
+Kinematic = Annotated[tuple[_Branch, ...], Field(max_length=MOST_BRANCHES)]
+
+
+def kinematic_problems(branches: Kinematic, shear: float, place: Place) -> Iterator[Problem]:
+    """Branches that are as stiff as the elastic metal.
+
+    Args:
+        branches: c, Pa, and b of each.
+        shear: G, Pa.
+        place: of the list.
+    """
+    for number, (c, b) in enumerate(branches):
+        if c / max(b, 1.0) > shear:
+            reason = f"c/max(b, 1) is {c / max(b, 1.0):.3g} Pa: must be <= {shear:.3g} Pa, the "
+            reason += "shear modulus; of metals it is some MPa to some hundred MPa"
+            yield Problem((*place, number), reason)
+
+
+def backstress_of(branches: Kinematic) -> tuple[hardening.Backstress, ...]:
+    """The branches of the backstress."""
+    from tribox.forms.bodies.hardening import Backstress
+
+    return tuple(Backstress(c, b) for c, b in branches)

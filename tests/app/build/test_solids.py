@@ -8,7 +8,15 @@ from pydantic import TypeAdapter
 from tribox.app.build.solids import material_of, notes_on_materials
 from tribox.app.case.bodies import Body
 from tribox.forms.bodies.elastoplastic import ElastoPlastic
-from tribox.forms.bodies.hardening import JohnsonCook, Linear, Perzyna, Swift, Table, Voce
+from tribox.forms.bodies.hardening import (
+    Backstress,
+    JohnsonCook,
+    Linear,
+    Perzyna,
+    Swift,
+    Table,
+    Voce,
+)
 from tribox.forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, Ogden, Yeoh
 
 BODY = TypeAdapter(Body)
@@ -55,6 +63,14 @@ def test_metals(table, law):
 def test_rates(table, rate):
     hardening = {"law": "linear", "yield_stress": 1}
     assert made(material="elastoplastic", G=1, K=2, hardening=hardening, rate=table).rate == rate
+
+
+def test_backstress():
+    hardening = {"law": "linear", "yield_stress": 1}
+    keys = {"material": "elastoplastic", "G": "30 GPa", "K": "70 GPa", "hardening": hardening}
+    assert made(**keys).kinematic == made(**keys, kinematic=[]).kinematic == ()
+    metal = made(**keys, kinematic=[["2 GPa", "50"], ["30 MPa", 0]])
+    assert metal.kinematic == (Backstress(2e9, 50.0), Backstress(3e7))
 
 
 def test_an_unstable_energy_is_noted():

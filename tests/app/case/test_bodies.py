@@ -23,6 +23,10 @@ def rated(law, **keys):
     return flows("linear", yield_stress=1) | {"rate": {"law": law, **keys}}
 
 
+def branched(*branches):
+    return flows("linear", yield_stress="80 MPa") | {"kinematic": list(branches)}
+
+
 MISTAKES = [
     ({"material": "steel"}, 'material = "steel": must be one of "neo-hookean", "hencky"'),
     ({"material": "AA1050"}, 'no such material; did you mean "AA1050-O", "AA1100-O"'),
@@ -66,6 +70,15 @@ MISTAKES = [
     (rated("perzyna", reference_rate=1, exponent=2), "rate.exponent = 2: must be > 0 and <= 1"),
     (rated("johnson-cook", C=0), "rate.C = 0: must be > 0"),
     (rated("cowper"), 'rate.law = "cowper": must be one of "johnson-cook", "perzyna"'),
+    (branched(3), "bodies.aluminium.kinematic.0 = 3: must be an array"),
+    (branched(["2 GPa"]), "bodies.aluminium.kinematic.0.1: missing entry"),
+    (branched(["2 GPa", 50, 1]), "must have at most 2 entries"),
+    (branched(["2 GPa", 50], [0, 1]), "bodies.aluminium.kinematic.1.0 = 0: must be > 0 Pa"),
+    (branched(["2 m", 50]), 'kinematic.0.0 = "2 m": "m" has the wrong dimension'),
+    (branched(["2 GPa", -1]), "bodies.aluminium.kinematic.0.1 = -1: must be >= 0"),
+    (branched(*[["1 GPa", 50]] * 9), "must have at most 8 entries"),
+    (branched(["100 GPa", 0]), "kinematic.0: c/max(b, 1) is 1e+11 Pa: must be <= 2.69e+10 Pa"),
+    (YEOH | {"kinematic": [["1 GPa", 50]]}, 'key "kinematic" in bodies.aluminium does not go'),
     ({"material": "elastoplastic", "E": 1} | {"hardening": {"law": "linear", "yield_stress": 1}},
      "give E and nu, or G and K; found E"),
 ]  # fmt: skip
