@@ -10,7 +10,7 @@ from tribox.app.equilibrium.constraints import Prescribed
 from tribox.app.verify.flowing_body import SIDES, FlowingBody, Shape, rectangle
 from tribox.app.verify.result import Check, Floats, Line, Panel, Verification, compare
 from tribox.forms.bodies.elastoplastic import ElastoPlastic
-from tribox.forms.bodies.hardening import Hardening, Swift, Voce
+from tribox.forms.bodies.hardening import Backstress, Hardening, Swift, Voce
 from tribox.forms.bodies.kinematics import Section
 from tribox.forms.bodies.loads import FollowerPressure
 from tribox.forms.bodies.solid import Formulation
@@ -20,10 +20,15 @@ from tribox.forms.closed_forms.thick_tube import inner_pressure
 YOUNG, POISSON = 70e9, 0.33  # Pa, of aluminium
 
 
-def metal(hardening: Hardening, young: float = YOUNG, poisson: float = POISSON) -> ElastoPlastic:
+def metal(
+    hardening: Hardening,
+    young: float = YOUNG,
+    poisson: float = POISSON,
+    kinematic: tuple[Backstress, ...] = (),
+) -> ElastoPlastic:
     """A metal by its E, Pa, and ν."""
     shear, bulk = young / (2.0 * (1.0 + poisson)), young / (3.0 * (1.0 - 2.0 * poisson))
-    return ElastoPlastic(shear, bulk, hardening)
+    return ElastoPlastic(shear, bulk, hardening, kinematic=kinematic)
 
 
 # -- thick tube -----------------------------------------------------------------------------------

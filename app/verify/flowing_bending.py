@@ -14,6 +14,7 @@ from tribox.app.implicit.stepper import ImplicitStepper
 from tribox.app.verify.flowing import POISSON, YOUNG, metal
 from tribox.app.verify.flowing_body import FlowingBody, Shape, rectangle
 from tribox.app.verify.result import Check, Line, Panel, Verification, compare
+from tribox.forms.bodies.elastoplastic import ElastoPlastic
 from tribox.forms.bodies.hardening import Hardening, Linear, Voce
 from tribox.forms.bodies.loads import Load, surface_measure
 from tribox.forms.bodies.solid import Formulation
@@ -156,12 +157,12 @@ class BentStrip:
     """
 
     def __init__(
-        self, hardening: Hardening, counts: tuple[int, int], formulation: Formulation
+        self, material: ElastoPlastic, counts: tuple[int, int], formulation: Formulation
     ) -> None:
         """Make ready: counts of elements along it and through its thickness."""
         half = 0.5 * THICKNESS
         shape = Shape(counts, rectangle((0.0, -half), (SPAN, half)), "plane-strain", formulation)
-        self.body = body = FlowingBody(shape, metal(hardening))
+        self.body = body = FlowingBody(shape, material)
         self.end = [body.held("right", k) for k in (0, 1)]
         middle = Platen(body.held("left", 0).dofs)
         self.stepper: ImplicitStepper = body.stepper(self.end, platens=[middle])
@@ -209,7 +210,7 @@ def springback(
         formulation: of the elements.
         steps: of bending.
     """
-    strip = BentStrip(hardening, counts, formulation)
+    strip = BentStrip(metal(hardening), counts, formulation)
     moment = 0.0
     for step in range(1, steps + 1):
         moment = strip.turn(angle * step / steps)

@@ -24,10 +24,13 @@ from tribox.app.verify.flowing_bending import (
     PUBLISHED,
     STRIPS,
     THICKNESS,
+    BentStrip,
+    curvature,
     limit,
     membrane_tip,
     springback,
 )
+from tribox.forms.bodies.hardening import Backstress, Voce
 from tribox.forms.closed_forms.bent_strip import Strip
 from tribox.forms.closed_forms.metal_bar import load_maximum, stress_at
 from tribox.forms.closed_forms.thick_tube import inner_pressure
@@ -150,3 +153,57 @@ def test_springback_with_selective_reduced_integration_needs_elements_as_long_as
         lost(springback(law, ANGLES[0], counts, "q1-sri", 10), law) for counts in ((64, 8), (8, 8))
     )
     assert abs(square) < 0.01 < abs(long)
+
+
+# -- bent and bent back ---------------------------------------------------------------------------
+
+
+def fibre_moments(curvatures, law, kinematic, steps=2000, fibres=40):
+    """Moments (n,), N m/m, of a wide strip bent to one curvature after the other.
+
+    Prandtl's and Reuss' equations with Armstrong's and Frederick's backstress at each fibre, plane
+    stress through the thickness, no strain across the strip; small steps forward in time.
+    """
+    y, weight = np.polynomial.legendre.leggauss(fibres)
+    y, weight = 0.5 * THICKNESS * y, 0.5 * THICKNESS * weight
+    D = YOUNG / (1.0 - POISSON**2) * np.array([[1.0, POISSON], [POISSON, 1.0]])
+    sigma, alpha, at, found = np.zeros((2, fibres)), np.zeros(fibres), 0.0, []
+    X = [np.zeros((3, fibres)) for _ in kinematic]
+    for end in curvatures:
+        strain = np.stack([(end - at) / steps * y, np.zeros(fibres)])
+        for _ in range(steps):
+            s = np.stack([sigma[0], np.zeros(fibres), sigma[1]])  # along, through, across
+            xi = s - s.mean(axis=0) - sum(X)
+            size = np.sqrt(1.5 * (xi**2).sum(axis=0)) + 1e-9
+            n = 1.5 * xi / size
+            hard = law.slope(alpha)
+            for branch, part in zip(kinematic, X, strict=True):
+                hard = hard + branch.modulus - branch.recovery * (n * part).sum(axis=0)
+            m, trial = n[::2], D @ strain
+            over = size - law.stress(alpha) + (m * trial).sum(axis=0)
+            step = np.where(over > 0.0, over / ((m * (D @ m)).sum(axis=0) + hard), 0.0)
+            sigma, alpha = sigma + trial - D @ (step * m), alpha + step
+            X = [
+                part + step * (2.0 / 3.0 * branch.modulus * n - branch.recovery * part)
+                for branch, part in zip(kinematic, X, strict=True)
+            ]
+        at = end
+        found.append(weight @ (sigma[0] * y))
+    return np.array(found)
+
+
+@pytest.mark.parametrize("reversed_", [False, True], ids=["straight", "other way"])
+def test_a_strip_bent_and_bent_back_has_the_moments_of_its_fibres(reversed_):
+    law, kinematic = Voce(60e6, 120e6, 12.0), (Backstress(8e9, 200.0),)
+    strip = BentStrip(metal(law, kinematic=kinematic), (8, 4), "q2")
+    moments, curvatures = [], []
+    for end in (0.16, -0.16) if reversed_ else (0.16, 0.02):
+        start = 0.16 * len(moments)
+        for angle in np.linspace(start, end, 17)[1:]:
+            moment = strip.turn(angle)
+        moments.append(moment)
+        curvatures.append(curvature(strip.body.X, strip.body.moved))
+    wanted = fibre_moments(curvatures, law, kinematic)
+    without = fibre_moments(curvatures, Voce(100e6, 160e6, 12.0), ())
+    assert abs(without[1] / wanted[1] - 1.0) > 0.05  # the Bauschinger effect is not a small one
+    np.testing.assert_allclose(moments, wanted, rtol=0.01)
