@@ -93,6 +93,7 @@ def live_page(results: Results, every: float) -> str:
             now=time.strftime("%H:%M:%S"),
             status=status_verdict(summary, results.unfinished),
             facts=_facts(history, progress),
+            explicit=_is_explicit(progress),
             attempts=progress.rows(slice(-ATTEMPTS, None)).records()[::-1],
             warnings=summary.get("warnings", []),
             pictures=_pictures(results, history, progress),
@@ -102,6 +103,11 @@ def live_page(results: Results, every: float) -> str:
 
 def _progress(results: Results) -> Table:
     return results.table("progress")
+
+
+def _is_explicit(progress: Table) -> bool:
+    """Whether the last attempt is an interval of an explicit stage."""
+    return len(progress) > 0 and bool(progress["time_steps"][-1] > 0.0)
 
 
 def _facts(history: Table, progress: Table) -> list[tuple[str, str]]:
@@ -117,6 +123,8 @@ def _facts(history: Table, progress: Table) -> list[tuple[str, str]]:
             ("friction force", f"{last['friction_force']:.4g} N"),
             ("Newton iterations", f"{history['newton_iterations'].sum():.0f}"),
         ]
+        if _is_explicit(progress):
+            out[-1] = ("time steps", f"{progress['time_steps'].sum():.0f}")
     if len(progress):
         out.append(("failed attempts", f"{(progress['converged'] == 0.0).sum():.0f}"))
     return out
@@ -141,21 +149,27 @@ def _pictures(results: Results, history: Table, progress: Table) -> list[dict[st
 
 
 def attempts_figure(progress: Table) -> Figure:
-    """Residual, iterations and length of each attempt, failed ones marked."""
+    """Residual or energy ratio, iterations or time steps, and length of each attempt.
+
+    Failed ones are marked.
+    """
     figure = Figure(figsize=(7.5, 5.2), layout="constrained")
     panels = figure.subplots(3, 1, sharex=True)
     number = np.arange(1, len(progress) + 1)
     failed = progress["converged"] == 0.0
-    kinds = ("residual", "iterations", "fraction")
-    labels = ("residual", "iterations", "length / step asked for")
+    kinds: tuple[str, ...] = ("residual", "iterations", "fraction")
+    labels: tuple[str, ...] = ("residual", "iterations", "length / step asked for")
+    if _is_explicit(progress):
+        kinds = ("kinetic_ratio", "time_steps", "fraction")
+        labels = ("E_kin/E_strain", "time steps", "length / interval")
     for axes, name, label in zip(panels, kinds, labels, strict=True):
         values = progress[name]
-        shown = np.isfinite(values) & ((values > 0.0) | (name == "iterations"))
+        shown = np.isfinite(values) & ((values > 0.0) | (name == kinds[1]))
         axes.plot(number[shown], values[shown], ".-", color=COLOURS[0], lw=0.8, ms=4)
         marked = shown & failed
         axes.plot(number[marked], values[marked], "x", color="#b3202f", label="failed")
         axes.set_ylabel(label)
-        if name != "iterations" and shown.any():
+        if name != kinds[1] and shown.any():
             axes.set_yscale("log")
             axes.set_ylim(values[shown].min() / 2.0, 2.0 * values[shown].max())
             thin_log_ticks(axes)

@@ -118,7 +118,9 @@ class Recorder(Observer):
         if self.first and not path.with_name(path.name + ".part").exists():
             write_json(path, self._known(status) | {"failure": failure})
 
-    def attempt(self, state: RunState, load_step: LoadStep, dt: float, result: StepResult) -> None:
+    def attempt(
+        self, state: RunState, load_step: LoadStep, dt: float, result: StepResult | Interval
+    ) -> None:
         """Write how a step went that has been tried."""
         with self.saving:
             if self.first:

@@ -1,6 +1,7 @@
 """The tables of a run: a row for each converged step, and each pair, surface, body, tool at it.
 
-``progress.csv`` has a row for each attempt at an implicit step, whether it converged or not.
+``progress.csv`` has a row for each attempt at an implicit step, whether it converged or not, and
+for each interval of an explicit stage, also the one in which a run fails.
 """
 
 from __future__ import annotations
@@ -14,26 +15,39 @@ from tribox.app.case.stage import solver_of
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.results.directory import GrowingTable
 from tribox.app.simulation.history import COLUMNS
+from tribox.app.simulation.observer import Interval
 from tribox.app.simulation.run_state import RunState
 
 ATTEMPT_COLUMNS = (
     *("step", "stage", "attempt", "time", "dt", "fraction", "converged"),
     *("iterations", "factorisations", "residual", "reason", "cuts"),
+    *("time_steps", "time_step", "kinetic_ratio"),
 )
 
 
 def attempt_row(
-    state: RunState, load_step: LoadStep, dt: float, result: StepResult
+    state: RunState, load_step: LoadStep, dt: float, result: StepResult | Interval
 ) -> tuple[int | float | str, ...]:
     """A row of ``progress.csv``: an attempt of ``dt`` (s) at the step after the last one."""
     failures = state.position.failures
+    case = state.model.case
+    stepped = {s.name for s in case.stage if solver_of(s, case.solver.kind) == "implicit"}
+    cuts = sum(row.attempts - 1 for row in state.rows if row.stage in stepped) + failures
+    if isinstance(result, Interval):
+        return (
+            *(state.step + 1, load_step.label, 1),
+            *(state.time, dt, dt / load_step.dt, int(not result.failed)),
+            *(0, 0, math.nan, 0, cuts),
+            *(result.steps, result.dt, result.kinetic_ratio),
+        )
     return (
         *(state.step + 1, load_step.label, failures + 1),
         *(state.time + dt, dt, dt / load_step.dt, int(result.converged)),
         *(result.iterations, result.factorisations),
         result.residuals[-1] if result.residuals else math.nan,
         result.reason,
-        sum(row.attempts - 1 for row in state.rows) + failures + (not result.converged),
+        cuts + (not result.converged),
+        *(0, math.nan, math.nan),
     )
 
 
@@ -54,16 +68,12 @@ class RunTables:
         if state.model.case.contact:
             self._contacts = GrowingTable(directory / "contacts.csv", state.pair_columns, after)
 
-        self._progress: GrowingTable | None = None
-        kind = state.model.case.solver.kind
-        if any(solver_of(stage, kind) == "implicit" for stage in state.model.case.stage):
-            path, tried = directory / "progress.csv", state.position.failures
-            self._progress = GrowingTable(path, ATTEMPT_COLUMNS, after, tried)
+        path, tried = directory / "progress.csv", state.position.failures
+        self._progress = GrowingTable(path, ATTEMPT_COLUMNS, after, tried)
 
     def add_attempt(self, row: tuple[int | float | str, ...]) -> None:
         """Append an attempt, see :func:`attempt_row`."""
-        if self._progress is not None:
-            self._progress.extend([row])
+        self._progress.extend([row])
 
     def write(self, state: RunState) -> None:
         """Append the rows that are new."""

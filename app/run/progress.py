@@ -278,7 +278,9 @@ class Together(Observer):
         for observer in self.observers:
             observer.load_step(state, load_step, row, steady)
 
-    def attempt(self, state: RunState, load_step: LoadStep, dt: float, result: StepResult) -> None:
+    def attempt(
+        self, state: RunState, load_step: LoadStep, dt: float, result: StepResult | Interval
+    ) -> None:
         """Pass on."""
         for observer in self.observers:
             observer.attempt(state, load_step, dt, result)

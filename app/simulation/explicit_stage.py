@@ -175,7 +175,7 @@ class ExplicitStage:
         self.shortest, self.longest = math.inf, 0.0
         state.energy_balance.set_initial_kinetic_energy(self.stepper.kinetic_energy())
         self._peak = 0.0
-        self._stable = 0.0
+        self._stable = self._dt = 0.0
 
     @classmethod
     def resumed(cls, state: RunState, kept: Snapshot) -> ExplicitStage:
@@ -230,7 +230,23 @@ class ExplicitStage:
         observer.load_step(state, load_step, state.rows[-1], steady)
 
     def _interval(self, load_step: LoadStep, observer: Observer) -> None:
-        """The steps up to the next row of the load step, and that row."""
+        """The steps up to the next row of the load step, and that row.
+
+        Raises:
+            SolutionError: a step has failed; the observer has been told.
+        """
+        state, at, before = self.state, self.state.position, self.steps
+        start, within = at.time + at.count * load_step.dt, at.within
+        try:
+            self._steps(load_step, observer)
+        except SolutionError:
+            made = self.steps - before + within
+            lost = Interval(made, self._dt, self._stable, self.steps, math.nan, failed=True)
+            observer.attempt(state, load_step, state.time - start, lost)
+            raise
+
+    def _steps(self, load_step: LoadStep, observer: Observer) -> None:
+        """What :meth:`_interval` does, if nothing fails."""
         at = self.state.position
         start, driven, end = at.time, at.driven, (at.count + 1) * load_step.dt
         if at.within == 0:
@@ -274,7 +290,8 @@ class ExplicitStage:
                 "too long for explicit dynamics"
             )
         count = max(1, math.ceil(share))
-        return count, left / count
+        self._dt = left / count
+        return count, self._dt
 
     def _advance(self, load_step: LoadStep, dt: float, time: float) -> None:
         before = self.stepper.steps
@@ -324,6 +341,7 @@ class ExplicitStage:
         inertia.add(flow.kinetic, state.energy_balance.strain)
         interval = Interval(steps, dt, self._stable, self.steps, inertia.last)
         moved = Moved(self.stepper.whole_step_velocity, outside)
+        observer.attempt(state, load_step, load_step.dt, interval)
         row = state.add_row(load_step, Effort(dt, 0, steps), moved)
         observer.step(state, row, interval)
 

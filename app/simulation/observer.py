@@ -18,6 +18,7 @@ class Interval:
         steps: time steps; dt: s, of the last of them; stable: s, stable step at the end.
         total: time steps of the run so far.
         kinetic_ratio: kinetic over strain energy at the end; 0 without strain energy.
+        failed: whether the run ends within it, without the row.
     """
 
     steps: int
@@ -25,6 +26,7 @@ class Interval:
     stable: float
     total: int
     kinetic_ratio: float
+    failed: bool = False
 
 
 class Observer:
@@ -48,8 +50,13 @@ class Observer:
     ) -> None:
         """A load step has ended; ``steady`` is None where nobody asked for it; collective."""
 
-    def attempt(self, state: RunState, load_step: LoadStep, dt: float, result: StepResult) -> None:
-        """An implicit step of ``dt`` (s) has been tried; what comes of it follows; collective."""
+    def attempt(
+        self, state: RunState, load_step: LoadStep, dt: float, result: StepResult | Interval
+    ) -> None:
+        """A step or interval of ``dt`` (s) has been tried; what comes of it follows; collective.
+
+        The time of the state is that before a step, and that at the end of an interval.
+        """
 
     def cut(self, state: RunState, dt: float, result: StepResult) -> None:
         """A step of ``dt`` (s) has failed and is tried again shorter; collective."""

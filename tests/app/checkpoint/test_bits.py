@@ -141,6 +141,22 @@ def test_each_attempt_has_a_row(went):
             assert then["fraction"] == 0.5 * one["fraction"]
 
 
+def test_each_explicit_interval_has_a_row_of_the_same_columns(went):
+    """Cuts are those of implicit steps; resuming in an interval keeps its count of time steps."""
+    _, thrown = went("explicit thrown")
+    _, cut = went("implicit cut")
+    intervals, history = (read_table(thrown / f"{name}.csv") for name in ("progress", "history"))
+    assert intervals[0].keys() == read_table(cut / "progress.csv")[0].keys()
+    for name in ("step", "time", "stage"):
+        assert [row[name] for row in intervals] == [row[name] for row in history]
+    explicit = [row for row in intervals if row["time_steps"] > 0.0]
+    assert explicit and {row["iterations"] for row in explicit} == {0.0}
+    for row in explicit:
+        assert row["time_step"] * row["time_steps"] == pytest.approx(row["dt"], rel=0.3)
+        assert row["fraction"] == row["converged"] == row["attempt"] == 1.0
+        assert row["cuts"] == 0.0 and row["kinetic_ratio"] > 0.0
+
+
 def test_checkpoints_change_nothing(went, tmp_path):
     for name in ("implicit space by Krylov", "explicit thrown"):
         case, reference = went(name)

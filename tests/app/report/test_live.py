@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.app.report.test_report import EVIL, Reader
@@ -13,6 +14,7 @@ from tribox.app.errors import InputError
 from tribox.app.report.live import attempts_figure, watch_run
 from tribox.app.results import read
 from tribox.app.results.lock import DirectoryLock
+from tribox.app.results.table import Table
 from tribox.app.run import run_case
 
 EVERY = 2.5
@@ -73,6 +75,15 @@ def test_the_last_attempts_are_drawn(running):
     panels = figure.axes
     assert [axes.get_ylabel() for axes in panels][:2] == ["residual", "iterations"]
     assert len(panels[1].lines[0].get_ydata()) == 5
+
+
+def test_of_explicit_intervals_the_time_steps_are_drawn():
+    columns = {"converged": 1.0, "fraction": 1.0, "residual": np.nan, "iterations": 0.0}
+    columns |= {"time_steps": 40.0, "kinetic_ratio": 0.2}
+    table = Table({name: np.full(3, value) for name, value in columns.items()})
+    panels = attempts_figure(table).axes
+    assert [axes.get_ylabel() for axes in panels][:2] == ["E_kin/E_strain", "time steps"]
+    assert all(len(axes.lines[0].get_ydata()) == 3 for axes in panels)
 
 
 def test_a_sweep_has_no_such_page(running):

@@ -357,6 +357,14 @@ def test_an_element_turned_inside_out_ends_with_code_3(tribox, case_file, tmp_pa
     failed = re.search(r"time (\S+) s: an element", line)
     assert saved and failed and float(saved[2]) < float(failed[1])
     assert (out / saved[3]).is_file()
+    *rows, last = read_table(out / "progress.csv")
+    history = read_table(out / "history.csv")
+    assert [row["time"] for row in rows] == [row["time"] for row in history]
+    assert all(row["converged"] == 1.0 and row["cuts"] == 0.0 for row in rows)
+    assert last["converged"] == 0.0 and last["step"] == len(history) + 1
+    assert last["time"] + last["time_step"] == pytest.approx(float(failed[1]), rel=1e-3)
+    begun = history[-1]["time"] if history else 0.0
+    assert last["dt"] == pytest.approx(last["time"] - begun) and 0.0 < last["fraction"] < 1.0
 
 
 def test_runaway_energy_stops_the_run(monkeypatch):
