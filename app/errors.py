@@ -1,12 +1,20 @@
-"""The exceptions a user can meet, and the exit codes they end the program with."""
+"""The exceptions a user can meet, their exit codes, and how lines are told."""
 
 from __future__ import annotations
 
+import shutil
+import sys
+import textwrap
 import unicodedata
 from collections.abc import Sequence
+from typing import TextIO
 
 LONGEST = 1000
 """Letters of a message; of a longer one the middle is left out."""
+WIDEST = 100
+"""Columns of a line in a log or on a terminal; longer ones are folded."""
+CONTINUED = "    "
+"""What the further lines of a folded one begin with."""
 # Control characters, those that turn the direction of writing, line ends and halves of pairs.
 _UNFIT = ("Cc", "Cf", "Zl", "Zp", "Cs")
 
@@ -23,6 +31,66 @@ def as_line(text: str) -> str:
         for c in text
     )
     return "".join(shown)
+
+
+def folded(line: str, width: int = WIDEST) -> str:
+    """A line as lines of at most ``width`` columns where words allow, all but the first indented.
+
+    Nothing is wider than ``WIDEST``.
+    """
+    width = max(min(width, WIDEST), 2 * len(CONTINUED))
+    if len(line) <= width:
+        return line
+    return "\n".join(
+        textwrap.wrap(
+            line,
+            width,
+            subsequent_indent=CONTINUED,
+            break_long_words=False,
+            break_on_hyphens=False,
+        )
+    )
+
+
+def tell(line: str, stream: TextIO | None = None) -> None:
+    """Print a line, folded where it goes to a terminal; elsewhere a message stays one line.
+
+    Args:
+        line: what is said.
+        stream: where; None: standard output.
+    """
+    out = stream or sys.stdout
+    if out is not None and out.isatty():
+        line = folded(line, shutil.get_terminal_size().columns)
+    print(line, file=out)
+
+
+class SaidOnce:
+    """Leaves out what has been said: advice of notes and warnings, and notes of several values."""
+
+    def __init__(self) -> None:
+        self._clauses: set[str] = set()
+        self._lines: set[str] = set()
+
+    def __call__(self, line: str) -> str:
+        """A line without the advice at its end that stands in an earlier note or warning.
+
+        Clauses are what stands between semicolons; the first, which says what is found, stays.
+        """
+        if not line.startswith(("note", "warning")):
+            return line
+        first, *clauses = line.split("; ")
+        while clauses and clauses[-1] in self._clauses:
+            clauses.pop()
+        self._clauses.update(clauses)
+        return "; ".join([first, *clauses])
+
+    def is_new(self, line: str) -> bool:
+        """Whether a line is no note, or one that has not been said as it is."""
+        said = line in self._lines
+        if line.startswith("note: "):
+            self._lines.add(line)
+        return not said
 
 
 class TriboxError(Exception):

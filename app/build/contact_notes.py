@@ -14,8 +14,6 @@ from tribox.app.case.contact import Contact
 from tribox.app.case.friction import (
     Coulomb,
     Friction,
-    FrictionMap,
-    OwnLaw,
     Stribeck,
 )
 from tribox.app.case.time_tables import TimeTable
@@ -131,7 +129,7 @@ def note_on_radius(
 
 def note_on_idle_film(place: str, contact: Contact) -> Iterator[str]:
     """A line on a film that the friction law has no use for."""
-    if contact.film is not None and not isinstance(contact.friction, FrictionMap | OwnLaw):
+    if contact.film is not None and contact.acting_film is None:
         yield f'{place}: film has no effect with law = "{contact.friction.law}"'
 
 
@@ -162,8 +160,9 @@ def note_on_corners(place: str, contact: Contact, corners: Corners) -> Iterator[
         yield (
             f"{place}: corners of {contact.master}, of up to {corners.degrees:.2g} degrees, are up "
             f"to {corners.ratio:.2g} facets of the slave {contact.slave} apart: each corner "
-            "presses with a peak of its own; set smoothing_angle, or draw "
-            f"{contact.master} with shorter facets (dividing its cells keeps the corners)"
+            'presses with a peak of its own; set smoothing_angle = "30 deg", and leave a small gap '
+            "at the start, as a smooth master bulges; or draw the master with shorter facets "
+            "(dividing its cells keeps the corners)"
         )
 
 

@@ -131,7 +131,8 @@ class ContactBuilder:
             raise InputError(f"contact.{index}: {problem}")
         distance = _checked_distance(f"contact.{index}", asked, surface, at, at_once)
         table = resolved_contact(asked, softer, length, highest_pressure(self.case))
-        law, film = self._law(index, table), table.film.film() if table.film else 0.0
+        law = self._law(index, table)
+        film = table.acting_film.film() if table.acting_film is not None else 0.0
         lengths = (length, self._master_length(asked))
         modulus = penalty_modulus(softer, table.pressure)
         penalty = _penalty(table, surface, modulus)
@@ -458,8 +459,8 @@ def _checked_distance(
     depth = overlap(surface, at)
     if at_once and depth > OVERLAP * surface.facet_length:
         smooth = (
-            "; a smooth master bulges beyond its facets where flats and arcs meet: leave a gap, or "
-            "lower smoothing_angle"
+            "; a smooth master bulges beyond its facets where flats and arcs meet: leave a gap of "
+            f"{1.05 * depth:.2g} m, or lower smoothing_angle"
         )
         raise InputError(
             f"{place}: {contact.slave} starts {depth:.3g} m inside {contact.master}; the bodies "

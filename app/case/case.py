@@ -381,9 +381,24 @@ class Case(Model):
                 reason = f"no such surface; {_hint(name, geometry.named_surfaces)}"
                 yield Problem(place, of_a_tool(name) if name in self.tools else reason, name)
 
+    def _idle_film(self) -> str | None:
+        """Why the sweep changes nothing, where it is one of a film that its law does not know."""
+        assert self.sweep is not None
+        first, _, rest = self.sweep.key.partition(".")
+        number, _, rest = rest.partition(".")
+        if first != "contact" or not rest.startswith("film") or not number.isdecimal():
+            return None
+        if int(number) >= len(self.contact) or self.contact[int(number)].acting_film is not None:
+            return None
+        law = self.contact[int(number)].friction.law
+        return f'has no effect with law = "{law}": all runs would be the same; remove [sweep]'
+
     def _sweep_problems(self) -> Iterator[Problem]:
         """Each value must make a valid case, and a directory of its own."""
         assert self.sweep is not None
+        if (idle := self._idle_film()) is not None:
+            yield Problem(("sweep", "key"), idle, self.sweep.key)
+            return
         labels = self.sweep.labels
         seen: dict[str, int] = {}  # by the case in full: comparing each with each takes minutes
         for index, (label, value) in enumerate(zip(labels, self.sweep.values, strict=True)):

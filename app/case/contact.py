@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidatorFunctionWrapHandler, field_validator
 
 from tribox.app.case.film import Film
-from tribox.app.case.friction import PRESET_NAMES, Friction, Frictionless, FrictionMap
+from tribox.app.case.friction import PRESET_NAMES, Friction, Frictionless, FrictionMap, OwnLaw
 from tribox.app.case.quantities import Quantity
 from tribox.app.case.table import MOST_ENTRIES, Degree, Flag, Model, Name, Place, Problem, Text
 from tribox.app.case.time_tables import NumberOrProgram, TimeTable
@@ -107,6 +107,11 @@ class Contact(Model):
     def label(self) -> str:
         """What results call the pair."""
         return f"{self.slave}-{self.master}" if self.name is None else self.name
+
+    @property
+    def acting_film(self) -> Film | None:
+        """The film, where the friction law has a use for it."""
+        return self.film if isinstance(self.friction, FrictionMap | OwnLaw) else None
 
     @property
     def film_conductance(self) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import difflib
 import math
 import re
@@ -33,6 +34,17 @@ COLUMNS: dict[str, Quantity] = {
     "slip": Quantity("m", gt=0.0),
     "weight": Quantity("", gt=0.0),
 }
+ALIASES = {
+    "velocity": ("speed", "sliding_speed", "sliding_velocity"),
+    "load": ("normal_force", "normal_load"),
+    "force": ("friction_force", "tangential_force"),
+    "friction_coefficient": ("cof", "mu", "coefficient_of_friction"),
+    "pressure": ("contact_pressure",),
+    "area": ("contact_area",),
+    "thickness": ("film_thickness",),
+    "traction": ("friction_stress", "shear_stress"),
+}
+"""What tribometers call columns of ``COLUMNS``, in lower case and with "_" between words."""
 OBSERVED = ("traction", "force", "friction_coefficient", "effective_viscosity")
 CONSTANTS = ("thickness", "velocity", "pressure", "load", "area")
 """Columns that one value may stand for."""
@@ -41,7 +53,7 @@ MOST_TOLD = 20
 """Faults of a file that are told; of more only the number."""
 _LONGEST_HEADING = 200
 _SHOWN = 60  # letters of a cell in a message
-_HEADER = re.compile(r"\s*([^\[\]]+?)\s*(?:\[([^\[\]]*)\])?\s*")
+_HEADER = re.compile(r"\s*([^\[\]()]+?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))?\s*")
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +69,9 @@ class TribometerData:
         weight: Of the squared residual.
         observed: Name of the column that the traction was found from.
         knows_film: Whether there is a film thickness; without it the thickness stands at 0.
+        knows_pressure: Whether there is a pressure; without it, pressure and traction are those of
+            1 Pa, and only their ratio means something.
+        renamed: Headings of the file that are not names of ``COLUMNS``, with those they stand for.
     """
 
     thickness: Floats
@@ -67,6 +82,8 @@ class TribometerData:
     weight: Floats
     observed: str
     knows_film: bool = True
+    knows_pressure: bool = True
+    renamed: tuple[tuple[str, str], ...] = ()
 
     def __len__(self) -> int:
         return len(self.traction)
@@ -82,6 +99,7 @@ def read_data(
     constants: Mapping[str, float] | None = None,
     ignored: Sequence[str] = (),
     needs_film: bool = True,
+    needs_pressure: bool = True,
 ) -> TribometerData:
     """Read a data file.
 
@@ -93,6 +111,8 @@ def read_data(
         constants: Columns of ``CONSTANTS`` that the file does not have, SI.
         ignored: Columns of any name, with or without their unit, that are not read.
         needs_film: Whether the law to fit asks for a film thickness.
+        needs_pressure: Whether its coefficient of friction depends on the pressure in steady
+            sliding.
 
     Raises:
         InputError: Columns, units or values are wrong; its lines name all of them.
@@ -112,7 +132,9 @@ def read_data(
         if name in table:
             raise InputError(f"{path}: column {name} is in the file, so --fix {name} cannot be")
         table[name] = np.full(len(rows), value)
-    return _assembled(path, table, [line for line, _ in rows], needs_film)
+    data = _assembled(path, table, [line for line, _ in rows], needs_film, needs_pressure)
+    renamed = ((header[k].strip(), n) for k, (n, _) in columns.items() if _name(header[k]) != n)
+    return dataclasses.replace(data, renamed=tuple(renamed))
 
 
 def _columns(
@@ -158,9 +180,17 @@ def _is_named(text: str, names: Sequence[str]) -> bool:
     return text.strip() in names or _name(text) in names
 
 
+def _standard(name: str) -> str:
+    """The column of ``COLUMNS`` that a name stands for; the name itself, if it is no other's."""
+    plain = re.sub(r"[\s_-]+", "_", name.strip().lower())
+    if plain in COLUMNS:
+        return plain
+    return next((column for column, names in ALIASES.items() if plain in names), name)
+
+
 def _is_strange(text: str) -> bool:
     """Whether a heading is far from the name of every column, and not several in one."""
-    name = _name(text)
+    name = _standard(_name(text))
     near = difflib.get_close_matches(name[:_SHOWN].lower(), COLUMNS, n=1)
     return not near and ";" not in text and "\t" not in text
 
@@ -215,7 +245,7 @@ def _records(path: Path) -> Iterator[tuple[int, list[str]]]:
 def _column(path: Path, line: int, text: str) -> tuple[str, str]:
     """Name of a column and its unit as written."""
     match = _HEADER.fullmatch(text) if len(text) <= _LONGEST_HEADING else None
-    name = _name(text)
+    name = _standard(_name(text))
     if match is None or name not in COLUMNS:
         if ";" in text or "\t" in text:
             found = "semicolons" if ";" in text else "tabs"
@@ -228,7 +258,7 @@ def _column(path: Path, line: int, text: str) -> tuple[str, str]:
         in_brackets = f', with its unit in brackets as in "{near} [{unit}]"' if unit else ""
         hint = f'did you mean "{near}"{in_brackets}?'
         raise InputError(f'{path}:{line}: no such column "{text.strip()[:_SHOWN]}"; {hint}')
-    unit, written = COLUMNS[name].unit, match[2]
+    unit, written = COLUMNS[name].unit, match[2] or match[3]
     if not unit:
         if written in (None, "", "-", "1"):
             return name, ""
@@ -262,7 +292,11 @@ def _no_number(text: str) -> str:
 
 
 def _assembled(
-    path: Path, table: dict[str, Floats], lines: list[int], needs_film: bool
+    path: Path,
+    table: dict[str, Floats],
+    lines: list[int],
+    needs_film: bool,
+    needs_pressure: bool,
 ) -> TribometerData:
     """Pressure and traction from what there is."""
     seen = [name for name in OBSERVED if name in table]
@@ -274,16 +308,16 @@ def _assembled(
         raise _missing(path, "thickness", _OTHER_LAWS if needs_film else "")
     if "velocity" not in table:
         raise _missing(path, "velocity")
-    if ("pressure" in table) == ("load" in table):
-        found = "both" if "load" in table else "neither"
-        constant = "" if "load" in table else '; one value for all rows: --fix "pressure=VALUE Pa"'
-        reason = f"needs either pressure, or load with area; found {found}{constant}"
-        raise InputError(f"{path}: {reason}")
-    if "area" not in table and ("load" in table or seen[0] == "force"):
-        raise _missing(path, "area")
     ones = np.ones(len(lines))
+    given = "pressure" in table or {"load", "area"} <= table.keys()
+    sliding = bool(np.isnan(table.get("slip", math.nan * ones)).all())
+    ratio = seen[0] == "friction_coefficient" and sliding
+    spare = _NO_DRAG if ratio and not needs_film else ""
+    _see_pressure(path, table, seen[0], needs_pressure or not ratio, spare)
     area = table.get("area", ones)
-    pressure = table["pressure"] if "pressure" in table else table["load"] / area
+    pressure = ones
+    if given:
+        pressure = table["pressure"] if "pressure" in table else table["load"] / area
     D, V, observed = table.get("thickness", 0.0 * ones), table["velocity"], table[seen[0]]
     if seen[0] == "effective_viscosity" and (D == 0.0).any():
         line = lines[int(np.argmax(D == 0.0))]
@@ -303,9 +337,29 @@ def _assembled(
         weight=table.get("weight", ones),
         observed=seen[0],
         knows_film=knows_film,
+        knows_pressure=given,
     )
 
 
+def _see_pressure(
+    path: Path, table: Mapping[str, Floats], observed: str, needed: bool, otherwise: str
+) -> None:
+    """See that there is a pressure, once, and an area where forces are to be divided by one.
+
+    Raises:
+        InputError: otherwise.
+    """
+    both = {"pressure", "load"} <= table.keys()
+    if both or (needed and not {"pressure", "load"} & table.keys()):
+        found = "both" if both else "neither"
+        constant = "" if both else '; one value for all rows: --fix "pressure=VALUE Pa"'
+        reason = f"needs either pressure, or load with area; found {found}{constant}"
+        raise InputError(f"{path}: {reason}{'' if both else otherwise}")
+    if "area" not in table and (observed == "force" or (needed and "load" in table)):
+        raise _missing(path, "area", otherwise)
+
+
+_NO_DRAG = "; without the viscous part of the law, --fix viscous=0, none is needed"
 _OTHER_LAWS = "; --law stribeck and --law coulomb ask for none"
 
 

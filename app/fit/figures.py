@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from tribox.app.figures.style import COLOURS, MARKERS, STYLE, save, thin_log_ticks
+from tribox.app.figures.style import CASE_STYLE, COLOURS, MARKERS, save, thin_log_ticks
 from tribox.app.figures.symbols import LOCAL_RATIO, SLIP, TRACTION, VELOCITY, VISCOSITY
 from tribox.app.fit.data import TribometerData
 from tribox.app.fit.model import Parameters, friction
@@ -30,6 +30,10 @@ AXES = {
     "friction_coefficient": LOCAL_RATIO.label(),
     "effective_viscosity": f"{VISCOSITY.name} {VISCOSITY.symbol} = T D/V ({VISCOSITY.unit})",
 }
+ONE_LEVEL = 1.1
+"""Measured loads, or velocities, no further apart than by this factor are one in the figure."""
+MOST_INSIDE = 6
+"""Entries of a legend that still leave room for points and lines beside it."""
 _NAMES: dict[type[Parameters], str] = {
     FrictionMapParameters: "friction map",
     StribeckParameters: "Stribeck law",
@@ -49,27 +53,34 @@ class _Group:
     label: str
 
 
-def draw_fit(data: TribometerData, result: FitResult, figures: Path) -> None:
-    """Draw ``fit.png``: data and law over velocity, or over slip, and the residuals."""
+def draw_fit(data: TribometerData, result: FitResult, figures: Path, name: str) -> None:
+    """Draw ``fit.png``: data and law over velocity, or over slip, and the residuals.
+
+    Args:
+        data: measured friction.
+        result: the law fitted to them.
+        figures: directory of the figure.
+        name: of the data, for the title.
+    """
     kinds = [over for over in (True, False) if (data.steady == over).any()]
-    with rc_context(STYLE):
+    with rc_context(CASE_STYLE):
         figure = Figure(figsize=(7.2 * len(kinds), 6.4))
         panels = figure.subplots(
             2, len(kinds), sharex="col", squeeze=False, height_ratios=[2.6, 1.0]
         )
         for column, steady in enumerate(kinds):
             _panel(panels[0, column], panels[1, column], data, result, steady)
-        _title(figure, data, result)
+        _title(figure, data, result, name)
         save(figure, figures / "fit.png")
 
 
-def _title(figure: Figure, data: TribometerData, result: FitResult) -> None:
-    text = f"{len(data)} rows; lines: fitted {_NAMES[type(result.parameters)]}; "
+def _title(figure: Figure, data: TribometerData, result: FitResult, name: str) -> None:
+    text = f"{name}\n{len(data)} rows; lines: fitted {_NAMES[type(result.parameters)]}; "
     text += f"scatter {result.scatter:.2%}"
     if result.warnings:
         names = ", ".join(e.coordinate.name for e in result.estimates if e.warning)
         text += f"\nnot determined: {names}"
-    figure.suptitle(text, fontsize=9, y=0.93)
+    figure.suptitle(text, fontsize=9, y=0.89, va="bottom")
 
 
 def _panel(top: Axes, bottom: Axes, data: TribometerData, result: FitResult, steady: bool) -> None:
@@ -95,7 +106,9 @@ def _finish(top: Axes, bottom: Axes, data: TribometerData, steady: bool) -> None
     if not spans:
         top.set_ylim(bottom=0.0)
     top.set_ylabel(AXES[data.observed])
-    top.legend(fontsize=8, frameon=True, framealpha=0.9, edgecolor="none")
+    aside = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}
+    place = aside if len(top.get_legend_handles_labels()[0]) > MOST_INSIDE else {}
+    top.legend(fontsize=8, frameon=True, framealpha=0.9, edgecolor="none", **place)
     bottom.axhline(0.0, color="k", lw=0.8)
     bottom.set_ylabel("ln(data/law)")
     bottom.set_xlabel(VELOCITY.label() if steady else SLIP.label("µm"))
@@ -105,20 +118,33 @@ def _finish(top: Axes, bottom: Axes, data: TribometerData, steady: bool) -> None
 
 
 def _groups(data: TribometerData, steady: bool) -> Iterator[_Group]:
-    """Rows of one film and load; over slip, of one velocity too."""
+    """Rows of one film and load, which scatters; over slip, of one velocity too."""
     chosen = np.flatnonzero(data.steady == steady)
-    several_loads = len(np.unique(data.pressure[chosen])) > 1
-    several_speeds = not steady and len(np.unique(data.velocity[chosen])) > 1
-    keys = [
-        (data.thickness[i], data.pressure[i], 0.0 if steady else data.velocity[i]) for i in chosen
-    ]
+    loads = _levels(data.pressure[chosen])
+    speeds = np.zeros(len(chosen)) if steady else _levels(data.velocity[chosen])
+    several_loads, several_speeds = (len(np.unique(one)) > 1 for one in (loads, speeds))
+    keys = list(zip(data.thickness[chosen], loads, speeds, strict=True))
     for D, p, V in sorted(set(keys)):
         rows = chosen[[key == (D, p, V) for key in keys]]
         words = ["dry (D = 0)" if D <= 0.0 else f"D = {D * 1e9:g} nm"] * data.knows_film
-        words += [f"p = {p / 1e6:g} MPa"] * several_loads
-        words += [f"V = {V:g} m/s"] * several_speeds
+        words += [f"p = {p / 1e6:.4g} MPa"] * several_loads
+        words += [f"V = {V:.4g} m/s"] * several_speeds
         label = ", ".join(words) or "measured"
         yield _Group(rows, float(D), float(p), None if steady else float(V), label)
+
+
+def _levels(values: Floats) -> Floats:
+    """The mean of the measured values that were meant to be the same as each, (n,)."""
+    known, which = np.unique(values, return_inverse=True)
+    level = np.zeros(len(known), dtype=np.intp)
+    first = known[0]
+    for k, value in enumerate(known[1:], start=1):
+        apart = value > ONE_LEVEL * first
+        first = value if apart else first
+        level[k] = level[k - 1] + apart
+    member = level[which]
+    means = [values[member == k].mean() for k in range(level[-1] + 1)]
+    return np.asarray(means)[member]
 
 
 def _line(

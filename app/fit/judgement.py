@@ -160,7 +160,7 @@ class Judgement:
 def _cure(name: str, rows: str | None = None, cures: Mapping[str, str] = CURES) -> str:
     """What to do about a parameter that is not determined, such as "alpha at 10 nm"."""
     key = name.partition(" ")[0]
-    return f"add {rows or cures[key]}, or give a value with --fix {key}=..."
+    return f"add {rows or cures[key]}"
 
 
 def _factor(half: float) -> str:

@@ -200,9 +200,9 @@ def _rows(data: TribometerData, rows: NDArray[np.bool_]) -> TribometerData:
     picked: Mapping[str, Any] = {
         field.name: getattr(data, field.name)[rows]
         for field in dataclasses.fields(data)
-        if field.name not in ("observed", "knows_film")
+        if isinstance(getattr(data, field.name), np.ndarray)
     }
-    return TribometerData(**picked, observed=data.observed, knows_film=data.knows_film)
+    return dataclasses.replace(data, **picked)
 
 
 def _one_step(law: FrictionLaw, data: TribometerData, slip: Floats) -> Floats:

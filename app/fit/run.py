@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from tribox.app.errors import tell
 from tribox.app.fit.calibration import Calibration
 from tribox.app.fit.data import TribometerData
 from tribox.app.fit.judgement import CONFIDENCE
@@ -66,14 +67,14 @@ def run_fit(
         result = Calibration(setup.data, setup.base, chosen, setup.starts).run()
         claim.clear()
         write_json(directory / "fit.json", numbers(setup, result, data_file))
-        write_table(directory / "fit.csv", FIT_COLUMNS, _rows(setup.data, result))
+        write_table(directory / "fit.csv", _columns(setup.data), _rows(setup.data, result))
         write_text(directory / "friction.toml", friction_section(setup, result, data_file))
         from tribox.app.fit.figures import draw_fit
 
         (directory / "figures").mkdir(exist_ok=True)
-        draw_fit(setup.data, result, directory / "figures")
+        draw_fit(setup.data, result, directory / "figures", data_file.name)
     for line in report(setup, result):
-        print(line)
+        tell(line)
     print(f"results in {directory}")
     return result
 
@@ -111,6 +112,9 @@ def numbers(setup: FitSetup, result: FitResult, data_file: Path) -> dict[str, An
 
 def report(setup: FitSetup, result: FitResult) -> Iterator[str]:
     """Lines for the terminal."""
+    if setup.data.renamed:
+        read = ", ".join(f'"{heading}" as {name}' for heading, name in setup.data.renamed)
+        yield f"note: read {read}"
     yield (
         f"{len(setup.data)} rows, {result.degrees} degrees of freedom, scatter "
         f"{result.scatter:.2%}; 95 % intervals:"
@@ -121,16 +125,29 @@ def report(setup: FitSetup, result: FitResult) -> Iterator[str]:
         yield f"warning: {line}"
     if result.warnings:
         loose = ", ".join(e.coordinate.name for e in result.estimates if e.warning)
-        yield f"note: only comments in friction.toml, as the data do not determine them: {loose}"
+        yield (
+            f"note: only comments in friction.toml, as the data do not determine them: {loose}; "
+            "add the rows named, or give values with --fix NAME=VALUE"
+        )
     if result.scatter > BAD_SCATTER:
         other = ""
         if setup.law == "friction-map" and len(np.unique(setup.data.thickness)) == 1:
             other = "; of one film thickness, or of none that you know, try --law stribeck"
+        elif setup.law == "coulomb":
+            other = "; where it depends on the velocity, try --law stribeck"
         reason = f"scatter of {result.scatter:.0%}: the law does not describe these data"
         yield f"warning: {reason}{other}"
     if setup.assumed:
         shown = ", ".join(setup.assumed)
         yield f"note: assumed, neither fitted nor fixed (values in friction.toml): {shown}"
+
+
+def _columns(data: TribometerData) -> list[str]:
+    """Names of the columns of ``fit.csv``: without a pressure, T/p is all that is known."""
+    if data.knows_pressure:
+        return list(FIT_COLUMNS)
+    ratio = "friction_coefficient [-]"
+    return [name.replace("traction [Pa]", ratio) for name in FIT_COLUMNS]
 
 
 def _rows(data: TribometerData, result: FitResult) -> Iterator[list[Any]]:
@@ -139,7 +156,7 @@ def _rows(data: TribometerData, result: FitResult) -> Iterator[list[Any]]:
         yield [
             float(data.thickness[i]) if data.knows_film else "",
             float(data.velocity[i]),
-            float(data.pressure[i]),
+            float(data.pressure[i]) if data.knows_pressure else "",
             "" if math.isnan(slip) else slip,
             float(data.traction[i]),
             float(result.traction[i]),

@@ -90,8 +90,9 @@ def fit_setup(
     keys = tuple(key for key in TABLES[law].model_fields if key not in NOT_FIXABLE)
     given = _settings(fixed, "--fix", (*keys, *CONSTANTS))
     constants = {key: _column_value(key, given.pop(key)) for key in CONSTANTS if key in given}
-    data = read_data(data_file, constants, ignored, needs_film=law == "friction-map")
     names = _names(parameters, law) if parameters else None
+    needs_pressure = law == "friction-map" or (law == "stribeck" and _drags(names, given))
+    data = read_data(data_file, constants, ignored, law == "friction-map", needs_pressure)
     if names is None:
         suggested = _suggested(data, given) if law == "friction-map" else _usual(law, data)
         names = tuple(name for name in suggested if name not in given)
@@ -186,6 +187,18 @@ def _usual(law: str, data: TribometerData) -> Iterator[str]:
     yield from ("mu",) if law == "coulomb" else ("mu_s", "mu_d", "V_s", "viscous")
     if not data.steady.all():
         yield "K_T"
+
+
+def _drags(names: Sequence[str] | None, given: Mapping[str, Any]) -> bool:
+    """Whether Stribeck's law is to have its viscous part, for which T/p depends on p."""
+    if names is not None and "viscous" in names:
+        return True
+    if "viscous" not in given:
+        return names is None  # It is fitted as long as nothing is said, and 0 where it is not.
+    try:
+        return parse_quantity(given["viscous"], "Pa*s/m") != 0.0
+    except QuantityError as error:
+        raise InputError(f"--fix viscous = {given['viscous']}: {error}") from None
 
 
 def _length(value: object, key: str) -> float:

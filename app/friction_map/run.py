@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from tribox.app.errors import InputError
+from tribox.app.errors import InputError, tell
 from tribox.app.friction_map.material_tests import compute_map, summary, write_map
 from tribox.app.friction_map.setup import law_notes, map_setup
 from tribox.app.results.claim import claimed
@@ -73,7 +73,7 @@ def keep_input(directory: Path, source: Path | None) -> None:
 
 def _tell(directory: Path, notes: Sequence[str], numbers: dict[str, Any]) -> None:
     for note in notes:
-        print(f"note: {note}")
+        tell(f"note: {note}")
     print(
         f"{numbers['points']} steady states in {numbers['seconds']} s, within "
         f"{numbers['largest_deviation_from_closed_form']:.1e} of the closed form"

@@ -9,7 +9,7 @@ from pathlib import Path
 from tribox.app.case.overrides import without_effect
 from tribox.app.case.reading import check_case, load_case
 from tribox.app.case.trust import require_trust
-from tribox.app.errors import InputError
+from tribox.app.errors import InputError, SaidOnce, tell
 
 
 def run_check(case_file: Path, overrides: Sequence[str], law: bool, trust: bool) -> int:
@@ -36,8 +36,9 @@ def run_check(case_file: Path, overrides: Sequence[str], law: bool, trust: bool)
     notes, problems = notes_on_sweep(case, runs_code=law)
     if problems:
         return _refused([f"tribox: {line}" for line in problems])
+    once = SaidOnce()
     for note in notes:
-        print(f"note: {note}")
+        tell(once(f"note: {note}"))
     if law:
         from tribox.app.run.law_check import check_laws
 
@@ -52,5 +53,5 @@ def run_check(case_file: Path, overrides: Sequence[str], law: bool, trust: bool)
 def _refused(problems: Sequence[str]) -> int:
     """Print what is wrong; the exit code for it."""
     for line in problems:
-        print(line, file=sys.stderr)
+        tell(line, sys.stderr)
     return 2

@@ -8,7 +8,7 @@ import traceback
 from collections.abc import Sequence
 from typing import NoReturn
 
-from tribox.app.errors import InputError, OutputError, SolutionError, TriboxError, as_line
+from tribox.app.errors import InputError, OutputError, SolutionError, TriboxError, as_line, tell
 from tribox.app.run.process import is_first_rank, ranks_around
 from tribox.app.run.ranks import INTERRUPTED, tell_exit_code
 
@@ -75,4 +75,4 @@ def _abort(code: int) -> NoReturn:
 def _say_once(line: str) -> None:
     """Print a line to standard error, on the first rank only."""
     if is_first_rank():
-        print(f"tribox: {line}", file=sys.stderr)
+        tell(f"tribox: {line}", sys.stderr)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from tribox.app.errors import folded
 from tribox.app.results.directory import GrowingFile
 from tribox.app.results.saving import Saving
 
@@ -26,8 +27,8 @@ class Log:
         self.write()
 
     def write(self, *lines: str) -> None:
-        """Append lines."""
-        self._waiting += "".join(line + "\n" for line in lines)
+        """Append lines, folded where they are long."""
+        self._waiting += "".join(folded(line) + "\n" for line in lines)
         with self._saving:
             if self._file is None:
                 self._file = GrowingFile(self._path, keep=self._keep)

@@ -20,7 +20,7 @@ from tribox.app.case.reading import load_case
 from tribox.app.case.time_tables import TimeTable
 from tribox.app.case.tools import AnyTool
 from tribox.app.case.trust import drawings_of, require_drawing
-from tribox.app.errors import InputError
+from tribox.app.errors import InputError, tell
 from tribox.app.results.directory import default_directory
 from tribox.app.run.meshed import meshed
 from tribox.geometry.compat import cell_nodes, entity_nodes
@@ -64,7 +64,7 @@ def write_case_mesh(
             msh.write_bytes(whole.geometry.meshed.read_bytes())
             print(f"wrote {msh}")
     for note in named.notes:
-        print(f"note: {note}")
+        tell(f"note: {note}")
     save_picture(named, picture, case.title, marks=marks_of(case, named))
     print(f"wrote {picture}")
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from tribox.app.build.load_steps import LoadStep
 from tribox.app.case.case import Case
+from tribox.app.errors import SaidOnce, folded
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.results.saving import Saving
 from tribox.app.run.log import Log
@@ -68,6 +69,7 @@ class Reporter(Observer):
         self._pace = _Pace()
         self._progress = StagesProgress(case)
         self._touching = bool(case.contact)
+        self._once = SaidOnce()
         self._bars: StageBars | None = None
         if self._console is None or ranks_around() > 1 or quiet:
             return
@@ -90,6 +92,7 @@ class Reporter(Observer):
 
     def say(self, line: str, *, always: bool = True) -> None:
         """Print a line and log it; lines not ``always`` printed stay in the log on a terminal."""
+        line = self._once(line)
         self._log.write(line)
         if always or (self._bars is None and not self._quiet):
             self._print(line)
@@ -99,7 +102,7 @@ class Reporter(Observer):
             if self._console is None:
                 print(line, flush=True)
                 return
-            self._console.print(line, markup=False)
+            self._console.print(folded(line, self._console.width), markup=False)
             if not self._console.is_terminal:
                 sys.stdout.flush()
         except OSError:

@@ -9,6 +9,7 @@ from contextlib import AbstractContextManager
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
+from tribox.app.errors import SaidOnce, folded
 from tribox.app.run.stage_progress import clock
 
 if TYPE_CHECKING:
@@ -24,14 +25,19 @@ def is_passing(line: str) -> bool:
 
 
 class SweepLines(AbstractContextManager["SweepLines"]):
-    """Prints every line of every value, labelled."""
+    """Prints the lines of every value, labelled; a note that several values have is said once."""
+
+    def __init__(self) -> None:
+        """Make ready."""
+        self._once = SaidOnce()
 
     def begin(self, label: str) -> None:
         """A value is begun."""
 
     def say(self, label: str, line: str) -> None:
         """A running value has printed a line."""
-        print(f"[{label}] {line}", flush=True)
+        if self._once.is_new(line):
+            print(f"[{label}] {line}", flush=True)
 
     def end(self, label: str, code: int) -> None:
         """A value has ended, with this exit code."""
@@ -61,6 +67,7 @@ class SweepScreen(SweepLines):
         """
         from rich.live import Live
 
+        super().__init__()
         self._count, self._console = count, console
         self.running: dict[str, tuple[float, str]] = {}
         self._done = self._failed = 0
@@ -86,8 +93,9 @@ class SweepScreen(SweepLines):
         if is_passing(line):
             started, _ = self.running[label]
             self.running[label] = (started, " ".join(line.split()))
-        else:
-            self._console.print(f"[{label}] {line}", markup=False, soft_wrap=True)
+        elif self._once.is_new(line):
+            text = folded(f"[{label}] {line}", self._console.width)
+            self._console.print(text, markup=False, soft_wrap=True)
 
     def end(self, label: str, code: int) -> None:
         """The value's line goes."""

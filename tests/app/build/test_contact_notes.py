@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mpi4py import MPI
+from pydantic import ValidationError
 
 from tribox.app.build.contact_notes import note_on_stick, notes_on_penalty
 from tribox.app.build.model import build_model
@@ -145,3 +146,9 @@ def test_a_film_that_the_law_does_not_know_is_noted(block):
         notes = build_model(Case.model_validate(data), MPI.COMM_SELF).notes
         [note] = [n for n in notes if "film" in n]
         assert note == f'contact.0: film has no effect with law = "{friction["law"]}"'
+    # Nor has a sweep over it, and there is no viscosity of what does not act.
+    model = build_model(Case.model_validate(data), MPI.COMM_SELF)
+    assert model.problem.contacts[0].film.thickness == 0.0
+    swept = {"sweep": {"key": "contact.0.film.thickness", "values": ["1 nm", "2 nm"]}}
+    with pytest.raises(ValidationError, match="all runs would be the same"):
+        Case.model_validate(data | swept)

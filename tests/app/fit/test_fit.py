@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import re
 from pathlib import Path
@@ -15,7 +16,7 @@ from tribox.app.fit.calibration import Calibration
 from tribox.app.fit.data import TribometerData, read_data
 from tribox.app.fit.figures import draw_fit
 from tribox.app.fit.model import RANGES, coordinates, friction
-from tribox.app.fit.run import run_fit
+from tribox.app.fit.run import report, run_fit
 from tribox.app.fit.setup import fit_setup
 from tribox.forms.closed_forms.homogeneous_sliding import steady_traction
 from tribox.forms.friction.coulomb import CoulombParameters
@@ -217,12 +218,31 @@ def test_the_figure_shows_where_the_threshold_speed_may_lie(tmp_path, monkeypatc
         monkeypatch.setattr(
             "tribox.app.fit.figures.save", lambda figure, path: drawn.append(figure)
         )
-        draw_fit(data, fitted(data, base, name), tmp_path)
+        draw_fit(data, fitted(data, base, name), tmp_path, "data.csv")
         top = drawn[0].axes[0]
         [band] = top.patches
         ends = band.get_x(), band.get_x() + band.get_width()
         assert ends == pytest.approx((0.55e-3 / 3.0, 0.55e-3 * 3.0))
         assert "V* at 10 nm, not determined" in top.get_legend().get_texts()[-1].get_text()
+
+
+def test_rows_of_one_load_that_scatters_are_one_group_below_a_title(tmp_path, monkeypatch):
+    """Measured loads never agree; two loads that are meant to differ still have a line each."""
+    truth = StribeckParameters(mu_s=0.2, mu_d=0.05, V_s=5e-3, K_T=1e18)
+    V, shake = np.geomspace(1e-5, 0.3, 12), np.linspace(0.97, 1.03, 12)
+    for loads, lines in (([0.8e6], 1), ([0.8e6, 2e6], 2)):
+        p = np.concatenate([load * shake for load in loads])
+        data = measured(truth, rows(0.0, np.tile(V, len(loads)), p), 0.01, 4)
+        data = dataclasses.replace(data, observed="friction_coefficient", knows_film=False)
+        drawn: list = []
+        monkeypatch.setattr(
+            "tribox.app.fit.figures.save", lambda figure, path: drawn.append(figure)
+        )
+        draw_fit(data, fitted(data, truth, "mu_s", "V_s"), tmp_path, "my $curve.csv")
+        texts = drawn[0].axes[0].get_legend().get_texts()
+        assert len(texts) == lines
+        assert drawn[0].get_suptitle().startswith("my $curve.csv\n")
+    assert [text.get_text() for text in texts] == ["p = 0.8 MPa", "p = 2 MPa"]
 
 
 def test_weights_decide_between_rows_that_disagree():
@@ -283,7 +303,9 @@ def test_what_hangs_on_an_open_threshold_speed_is_named():
     eta = next(e for e in result.estimates if e.coordinate.key == "eta_b")
     assert eta.low > 2 * 0.5  # what the interval of one V* is worth
     assert "another V_star fits as well" in eta.warning
-    assert all("--fix" in line for line in result.warnings)
+    assert all("; add " in line and "--fix" not in line for line in result.warnings)
+    told = "\n".join(report(fit_setup(SYNTHETIC, None, [], []), result))
+    assert told.count("--fix NAME=VALUE") == 1  # said once, for all of them
 
 
 # -- files ----------------------------------------------------------------------------------------
@@ -399,6 +421,46 @@ def test_what_a_stribeck_curve_leaves_open_is_named():
     assert not any("A_d" in line or "D_min" in line for line in result.warnings)
 
 
+def test_names_that_tribometers_write_are_understood_and_told(tmp_path, capsys):
+    text = STRIBECK.read_text(encoding="utf-8")
+    names = "time [s],velocity [mm/s],pressure [MPa],friction_coefficient"
+    for other in (
+        "t,Speed (mm/s),Contact pressure [MPa],COF",
+        "t,SLIDING-SPEED [mm/s],pressure [MPa],mu",
+    ):
+        path = write(tmp_path, text.replace(names, other))
+        data = read_data(path, ignored=["t", "temperature"], needs_film=False)
+        assert (data.velocity[0], data.pressure[0]) == (1e-5, 2e6)
+        assert data.observed == "friction_coefficient"
+    run_fit(path, None, [], [], tmp_path / "fit", False, "stribeck", ["t", "temperature"])
+    told = capsys.readouterr().out.splitlines()[0]
+    assert told == ('note: read "SLIDING-SPEED [mm/s]" as velocity, "mu" as friction_coefficient')
+    with pytest.raises(InputError, match=r'no such columns .*"distance'):
+        read_data(write(tmp_path, text.replace("pressure", "distance")), needs_film=False)
+
+
+def test_steady_coefficients_need_no_pressure_where_the_law_has_no_use_for_it(tmp_path):
+    text = "velocity [mm/s],load [N],friction_coefficient\n"
+    text += "".join(f"{v},{90 + v},{mu}\n" for v, mu in ((1, 0.1), (2, 0.12), (4, 0.11), (8, 0.1)))
+    path = write(tmp_path, text)
+    result = run_fit(path, None, [], [], tmp_path / "fit", False, "coulomb")
+    mean = np.exp(np.mean(np.log([0.1, 0.12, 0.11, 0.1])))
+    assert result.estimates[0].value == pytest.approx(mean, rel=1e-6)
+    head, first = (tmp_path / "fit" / "fit.csv").read_text(encoding="utf-8").splitlines()[:2]
+    assert "friction_coefficient [-],fitted_friction_coefficient [-]" in head
+    assert first.startswith(",0.001,,,0.1,0.107")  # no thickness, pressure nor slip
+    # The viscous part is a traction, so with it the pressure counts.
+    with pytest.raises(InputError, match=r"area is missing.*--fix viscous=0, none is needed"):
+        fit_setup(path, None, [], [], "stribeck")
+    names = fit_setup(path, None, ["viscous=0"], [], "stribeck").names
+    assert names == ("mu_s", "mu_d", "V_s")
+    # The rise over slip is one of the traction: K_T asks for the pressure.
+    slid = text.replace("\n", "\n1,").replace("velocity", "slip [um],velocity")
+    slid = write(tmp_path, slid.removesuffix("1,"))
+    with pytest.raises(InputError, match=r"area is missing; add"):
+        fit_setup(slid, None, [], [], "coulomb")
+
+
 def test_the_thickness_is_asked_for_only_by_the_law_of_the_film(tmp_path):
     path = write(tmp_path, GOOD.replace("thickness [nm],", "").replace("\n0,", "\n"))
     with pytest.raises(InputError, match=r"--law stribeck and --law coulomb"):
@@ -465,7 +527,7 @@ GOOD = HEAD + "\n" + "".join(f"0,1e-{k},3,{300 + k}\n" for k in range(1, 9))
         (GOOD.replace("traction [kPa]", "effective_viscosity [Pa*s]"), [":2:", "thickness = 0"]),
         (GOOD.replace("traction [kPa]", "pressure [kPa]"), ["pressure", "twice"]),
         (HEAD + "\n0,1e-3,3,300\n", ["too few data", "mu_s", "2 rows", "found 1", "--fix"]),
-        (GOOD.replace("thickness [nm]", "Thickness (nm)"), ['"thickness"', "[m]", "brackets"]),
+        (GOOD.replace("thickness [nm]", "Thicknes (nm)"), ['"thickness"', "[m]", "brackets"]),
         (
             GOOD.replace("thickness [nm]", "temperature [K]"),
             ["weight; take other columns out", '--ignore-columns "temperature"'],
