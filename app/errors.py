@@ -73,12 +73,10 @@ class SaidOnce:
         self._lines: set[str] = set()
 
     def __call__(self, line: str) -> str:
-        """A line without the advice at its end that stands in an earlier note or warning.
+        """A line without the advice at its end that stands in an earlier one.
 
         Clauses are what stands between semicolons; the first, which says what is found, stays.
         """
-        if not line.startswith(("note", "warning")):
-            return line
         first, *clauses = line.split("; ")
         while clauses and clauses[-1] in self._clauses:
             clauses.pop()

@@ -315,7 +315,7 @@ def _assembled(
     spare = _NO_DRAG if ratio and not needs_film else ""
     _see_pressure(path, table, seen[0], needs_pressure or not ratio, spare)
     area = table.get("area", ones)
-    pressure = ones
+    pressure: Floats = ones
     if given:
         pressure = table["pressure"] if "pressure" in table else table["load"] / area
     D, V, observed = table.get("thickness", 0.0 * ones), table["velocity"], table[seen[0]]

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from tribox.app.errors import SaidOnce
 from tribox.app.figures.units import fitting
 from tribox.app.report.tables import Table
 
@@ -164,5 +165,9 @@ def notes_and_warnings(summary: Mapping[str, Any]) -> tuple[list[str], list[str]
 
     Results of before there was a number of notes have warnings only.
     """
-    lines, notes = list(summary.get("warnings", [])), int(summary.get("notes", 0))
+    once = SaidOnce()
+    lines, notes = (
+        [once(line) for line in summary.get("warnings", [])],
+        int(summary.get("notes", 0)),
+    )
     return lines[:notes], lines[notes:]

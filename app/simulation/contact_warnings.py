@@ -447,8 +447,8 @@ class ContactWarnings:
             f"contact.{index}: combed pressures: with the pressure point by point, slave facets "
             f"touch the master with some of their points: sagitta of the facets "
             f"{state.sagitta:.2g} m beside a penetration of {state.mean:.2g} m, "
-            f"{100.0 * state.open_inside:.2g} % of the points inside the contact open, pressures "
-            f"within facets scatter by {100.0 * state.scatter:.2g} %: contact area and film are "
+            f"{_percent(state.open_inside)} of the points inside the contact open, pressures "
+            f"within facets scatter by {_percent(state.scatter)}: contact area and film are "
             f'too small; use pressure = "averaged"{penalty}, or a finer slave; a higher penalty '
             "makes it worse"
         )
@@ -473,11 +473,16 @@ class ContactWarnings:
         )
 
 
+def _percent(share: float) -> str:
+    """A share with two digits, without a power of ten where it is 100 % or more."""
+    return f"{100.0 * share:.2g} %" if share < 0.995 else f"{100.0 * share:.0f} %"
+
+
 def _few_facets(index: int, state: PairState) -> str:
     return (
         f"contact.{index}: the contact is {state.facets:.2g} slave facets wide from its rim to its "
         f"middle ({state.half_width:.3g} m; those at its rim are {state.rim:.3g} m long): its "
-        f"area, and what a film carries, are uncertain by {100.0 * state.uncertain:.2g} %; refine "
+        f"area, and what a film carries, are uncertain by {_percent(state.uncertain)}; refine "
         "the slave there"
     )
 

@@ -13,6 +13,7 @@ import meshio
 import pytest
 from mpi4py import MPI
 
+from tests.app.read_log import read_log
 from tribox.app.build.model import build_model
 from tribox.app.case.reading import load_case
 from tribox.app.results.directory import read_table
@@ -417,7 +418,7 @@ def test_run_prints_plain_lines_while_it_goes_and_changes_by_set(tribox, case_fi
     assert len(steps) == len(rows)
     assert lines.index(steps[0]) <= 2 and "Newton" in steps[0]
     assert lines[-1] == f"results in {out}"
-    assert (out / "log.txt").read_text(encoding="utf-8").splitlines() == lines
+    assert read_log(out).splitlines() == lines
 
     given = json.loads((out / "summary.json").read_text())["given"]
     assert {"contact.0.film.thickness", "boundary.1.platen.pressure"} < set(given)

@@ -15,6 +15,7 @@ import pytest
 
 from tests.app.checkpoint.going_on import TABLES, as_killed, numbers, unlike
 from tests.app.conftest import BLOCK
+from tests.app.read_log import read_log
 from tests.own_law import documented_law, with_law
 from tribox.app.checkpoint import files
 from tribox.app.results import read
@@ -96,7 +97,7 @@ def test_it_says_from_where_it_goes_on(assert_alike, tribox, case_file, killed, 
     assert done.returncode == 0, done.stderr
     assert "goes on after step 4, stage slide, time 1.5 s" in done.stdout
     assert_alike(finished, killed)
-    log = (killed / "log.txt").read_text()
+    log = read_log(killed)
     assert "goes on after step 4" in log and log.count("results in") == 2
     assert read(killed).summary["resumed"] == [4]
 

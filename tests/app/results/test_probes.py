@@ -14,6 +14,7 @@ from mpi4py import MPI
 from scipy.optimize import fsolve
 
 from tests.app.conftest import BLOCK, BOXES, SLID
+from tests.app.read_log import read_log
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.errors import InputError
@@ -502,7 +503,7 @@ def test_what_springs_back_of_an_elastic_strip_is_all(strip):
     assert abs(shapes["low"]["bend_angle"]) < 1e-6 * TURN
     assert shapes["low"]["mean_thickness"] == pytest.approx(THICK, rel=1e-7)
     assert shapes["high"]["mean_thickness"] is None
-    log = (strip / "log.txt").read_text()
+    log = read_log(strip)
     assert re.search(r"probe high: bent by \S+ deg, springback 20.0\d* deg, straight\n", log)
     assert "thickness 0.001 to 0.001 m" in log
     page = write_report(strip).read_text(encoding="utf-8")

@@ -7,6 +7,7 @@ import tomllib
 import pytest
 from mpi4py import MPI
 
+from tests.app.read_log import read_log
 from tribox.app.case.case import Case
 from tribox.app.errors import Interrupted
 from tribox.app.figures import run_figures
@@ -29,7 +30,7 @@ def test_a_figure_that_cannot_be_drawn_is_a_warning(block, tmp_path, monkeypatch
     monkeypatch.setattr(run_figures, "draw_figures", fails)
     simulation = run_case(small(block), tmp_path / "out", quiet=True, comm=MPI.COMM_SELF)
     assert len(simulation.rows) == 2
-    log = (tmp_path / "out" / "log.txt").read_text()
+    log = read_log(tmp_path / "out")
     assert "warning: the figures could not be drawn: ValueError('no such colour')" in log
 
 

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import io
+import re
 from types import SimpleNamespace
 
 import pytest
 from rich.console import Console
 
+from tests.app.read_log import unfolded
 from tribox.app.build.load_steps import load_steps_of
 from tribox.app.case.reading import load_case
+from tribox.app.errors import tell as print_folded
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.results.saving import Saving
 from tribox.app.run.progress import Reporter
@@ -68,12 +71,46 @@ def test_without_a_terminal_all_lines_are_plain_and_in_the_log(told):
     assert plain == log and "\x1b" not in plain
 
 
+NOTE = "note: contact.{}: corners {} m apart, with a peak each; smooth the master, or shorten its "
+NOTE += "facets (dividing its cells keeps the corners)"
+
+
+def test_advice_is_given_once_and_no_line_is_wide(case_file, block, tmp_path, monkeypatch):
+    """What is found is said of each contact; a terminal is folded at its width, a log at 100."""
+    monkeypatch.setenv("TERM", "xterm")
+    case, stream = load_case(case_file(block)), Terminal()
+    console = Console(file=stream, width=40, highlight=False, soft_wrap=True)
+    reporter = Reporter(tmp_path / "log.txt", case, Saving(tmp_path), console=console)
+    for number in range(3):
+        reporter.say(NOTE.format(number, 0.25))
+    reporter.say("results in " + "d" * 120)
+    reporter.close()
+    log, shown = (tmp_path / "log.txt").read_text(), stream.getvalue()
+    for text, width in ((log, 100), (re.sub(r"\x1b\[[^A-Za-z]*[A-Za-z]|\r", "", shown), 40)):
+        lines = text.splitlines()
+        assert max(len(line) for line in lines if "ddd" not in line) <= width
+        assert text.count("corners 0.25") == 3 and text.count("smooth the") == 1
+        assert "d" * 120 in text  # a name is not broken
+    said = unfolded(log).splitlines()
+    assert said[0] == NOTE.format(0, 0.25)
+    assert said[2] == "note: contact.2: corners 0.25 m apart, with a peak each"
+
+
+def test_errors_and_notes_are_folded_on_terminals_only(monkeypatch):
+    monkeypatch.setenv("COLUMNS", "50")
+    for stream, several in ((Terminal(), True), (io.StringIO(), False)):
+        print_folded(NOTE, stream)
+        assert (len(stream.getvalue().splitlines()) > 1) == several
+        assert unfolded(stream.getvalue()) == NOTE + "\n"
+
+
 def test_a_terminal_keeps_only_lines_that_stay_and_shows_bars(told):
     log, terminal = told(Terminal())
-    passing = [line for line in log.splitlines() if is_passing(line)]
+    lines = unfolded(log).splitlines()
+    passing = [line for line in lines if is_passing(line)]
     assert len(passing) == 6
-    assert "step of 1e-09 s too long after 5 iterations (points slow down through V*" in log
-    for line in log.splitlines():
+    assert "step of 1e-09 s too long after 5 iterations (points slow down through V*" in unfolded(log)
+    for line in lines:
         assert (line in terminal) is (line not in passing), line
     assert "1/2 press" in terminal and "━" in terminal
     assert "time step 400, " in terminal
@@ -85,7 +122,7 @@ def test_there_are_no_bars_under_mpirun_and_on_a_dumb_terminal(told, monkeypatch
     if ranks is not None:
         monkeypatch.setenv("OMPI_COMM_WORLD_SIZE", ranks)
     log, terminal = told(Terminal())
-    assert "━" not in terminal and all(line in terminal for line in log.splitlines())
+    assert "━" not in terminal and unfolded(terminal) == unfolded(log)
 
 
 def test_times_of_short_steps_differ(told):

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.app.read_log import read_log
 from tests.app.simulation.test_explicit_run import THROWN
 from tests.ranks import LIMIT
 from tribox.app.results import read
@@ -299,7 +300,7 @@ def test_a_run_outlives_its_pipe_and_its_terminal(start, tmp_path):
     process.send_signal(signal.SIGHUP)
     assert process.wait(LIMIT) == 0
     assert statuses(out) == {"out": "done"} and len(read(out).history) == 15
-    assert (out / "log.txt").read_text().splitlines()[-1] == f"results in {out}"
+    assert read_log(out).splitlines()[-1] == f"results in {out}"
     assert_tidy(out)
 
 

@@ -66,6 +66,16 @@ def test_all_parts_run_and_their_lines_are_labelled(part, capsys):
     assert sorted(said) == sorted(f"[{a}] {line}" for a in "abc" for line in ("one", "two"))
 
 
+def test_a_note_of_several_parts_is_said_once_and_a_warning_of_each(part, capsys):
+    program = "print('note: film has no effect'); print('warning: coarse')"
+    run_side_by_side([part(label, program) for label in "abc"], 1, SweepLines())
+    said = capsys.readouterr().out.splitlines()
+    assert [line for line in said if "note: " in line] == ["[a] note: film has no effect"]
+    assert [line for line in said if "warning: " in line] == [
+        f"[{a}] warning: coarse" for a in "abc"
+    ]
+
+
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_no_more_parts_run_at_a_time_than_asked_for(part, jobs):
     running: set[str] = set()

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from tests.app.read_log import read_log
 from tests.tool_cases import block_case, block_mesh, case_of, circle, plane
 from tribox.app.report.page import contents
 from tribox.app.results import read
@@ -36,7 +37,7 @@ def pressed(tmp_path_factory):
 
 
 def test_a_line_of_each_tool_is_in_the_log(pressed):
-    lines = (pressed.directory / "log.txt").read_text().splitlines()
+    lines = read_log(pressed.directory).splitlines()
     first, second = (line for line in lines if re.search(r"\btool (punch|idle): moved", line))
     rows = pressed.tools[pressed.tools["tool"] == "punch"]
     force, moment = rows[["force_x", "force_y"]].to_numpy(), rows["moment_z"].to_numpy()

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from tests.app.read_log import read_log
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.equilibrium.pair_bodies import bodies_of
@@ -198,7 +199,7 @@ def test_hopeless_problem_says_why_and_keeps_its_last_state(block, film, tmp_pat
     summary = json.loads((out / "summary.json").read_text())
     assert (summary["status"], summary["failure"]) == ("failed", text)
     assert summary["steps"] == len(rows)
-    assert f"failed: {text}" in (out / "log.txt").read_text()
+    assert f"failed: {text}" in read_log(out)
     if rows:
         name = "contact_points" if case.contact[0].pressure == "pointwise" else "contact"
         saved = meshio.read(out / name / f"{len(rows):06d}.vtu").point_data

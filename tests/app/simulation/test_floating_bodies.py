@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from tests.app.read_log import read_log
 from tribox.app.case.case import Case
 from tribox.app.errors import SolutionError
 from tribox.app.run.run import run_case
@@ -56,7 +57,7 @@ def run(tmp_path, **changed):
     model = simulation.model
     nodes = np.unique(model.problem.space.dofmap.list[model.named.cells("elastomer")])
     u = model.problem.u.x.array.reshape(-1, model.problem.dim)[nodes]
-    return simulation.rows, (tmp_path / "out" / "log.txt").read_text(), u
+    return simulation.rows, read_log(tmp_path / "out"), u
 
 
 @pytest.fixture(scope="module")

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from tests.app.checkpoint.going_on import case_of, run
+from tests.app.read_log import read_log
 from tests.flowing import soft_block
 from tribox.app.build.mesh_notes import locking_bodies
 from tribox.app.simulation.watches import FlowWatch
@@ -25,7 +26,7 @@ def test_it_is_said_once(tmp_path, end, steps, said):
         deep["boundary.1.displacement"] = {"x": 0, "y": [["0 s", 0], ["1 s", "-0.09 mm"]]}
     keys = deep | {"bodies__aluminium__hardening": table}
     simulation = run(case_of(soft_block(**keys), fields_every=0), tmp_path / "out")
-    log = (tmp_path / "out" / "log.txt").read_text()
+    log = read_log(tmp_path / "out")
     lines = [line for line in log.splitlines() if "equivalent plastic strain" in line]
     assert len(lines) == bool(said) and all(word in lines[0] for word in said)
     problem = simulation.model.problem

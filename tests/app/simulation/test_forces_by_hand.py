@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from tests.app.read_log import read_log
 from tests.rectangles import Rectangle, Rectangles
 from tribox.app.case.case import Case
 from tribox.app.results import Results, read
@@ -223,7 +224,7 @@ def test_a_strip_drawn_between_two_pads(tmp_path, slave):
     assert held["upper_top"] == pytest.approx(-2.0, rel=1e-3)
     assert held["lower_bottom"] == pytest.approx(-6.0, rel=1e-3)
     assert last(found.surfaces, surface="upper_top")["force_y"] == pytest.approx(-20.0, rel=1e-9)
-    log = (tmp_path / "out" / "log.txt").read_text()
+    log = read_log(tmp_path / "out")
     assert (
         "draw: all pairs together: N 40 N, F_T 7.9999 N, F_T/N 0.2\n  above: N 20 N, F_T 2 N, "
         in log

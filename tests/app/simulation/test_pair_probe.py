@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import dolfinx
@@ -98,6 +99,7 @@ def test_many_short_facets_within_a_long_one_are_few():
         "0.97 slave facets wide from its rim to its middle (0.66 m; those at its rim are 0.68 m "
         "long): its area, and what a film carries, are uncertain by 52 %"
     ) in _few_facets(2, state)
+    assert "are uncertain by 103 %" in _few_facets(2, replace(state, uncertain=1.03))
 
 
 @pytest.mark.parametrize("pressure", [0.0, 1.0], ids=["open", "pressed all over"])

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from tests.app.read_log import read_log
 from tribox.app.case.case import Case
 from tribox.app.run.run import run_case
 from tribox.app.simulation.watches import RoundOffWatch
@@ -56,7 +57,7 @@ def test_a_residual_that_rounding_keeps_up_is_warned_of_once(block, tmp_path, ch
     assert case.solver.tolerance < share < 1e-5
     assert f"a residual of {share:.1e} of the contact or reaction force was accepted" in line
     assert f"solver.tolerance = {case.solver.tolerance:g}" in line and cure in line
-    assert line in (tmp_path / "out" / "log.txt").read_text()
+    assert line in read_log(tmp_path / "out")
 
 
 @pytest.mark.parametrize(("force", "deep", "warns"), [(1e-12, 0.0, 0), (1.0, 0.0, 1), (0.0, 1, 1)])

@@ -9,6 +9,7 @@ import pytest
 from mpi4py import MPI
 
 from tests.app.conftest import BOXES
+from tests.app.read_log import read_log
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.results import read
@@ -87,7 +88,7 @@ def test_where_nothing_is_driven_the_log_tells_the_speed_of_what_moves(tmp_path,
         {"name": "stop", "duration": "1 s", "steps": 1, "velocity": "0 m/s"},
     ]
     run_case(Case.model_validate(data), tmp_path / "out", quiet=True, comm=MPI.COMM_SELF)
-    log = (tmp_path / "out" / "log.txt").read_text(encoding="utf-8").splitlines()
+    log = read_log(tmp_path / "out").splitlines()
     found = [re.search(r"  V (\S+) m/s  N ", line) for line in log if line.startswith("step ")]
     assert [one and one[1] for one in found] == ["5e-05", "5e-05", None, "0.0001", None]
     velocity = read(tmp_path / "out").history["velocity"]

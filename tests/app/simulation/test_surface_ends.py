@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from tests.app.read_log import read_log
 from tribox.app.case.case import Case
 from tribox.app.errors import SolutionError
 from tribox.app.results import read
@@ -39,7 +40,7 @@ def test_only_points_that_were_above_the_master_run_past_its_end(
     data["geometry"]["offset"] = offset
     data["boundary"][1]["displacement"]["x"] = [["1 s", "0 mm"], ["2 s", sliding]]
     run_case(Case.model_validate(data), tmp_path / "out", quiet=True, comm=MPI.COMM_SELF)
-    log = (tmp_path / "out" / "log.txt").read_text()
+    log = read_log(tmp_path / "out")
     past = [line for line in log.splitlines() if "runs past the end of" in line]
     assert len(past) == (end is not None)
     for line in past:
@@ -97,7 +98,7 @@ def outgrown(
     data |= changes
     run = run_case(Case.model_validate(data), directory / "out", quiet=True, force=True, comm=comm)
     comm.barrier()  # the first rank writes
-    found = re.findall(REACHED, (directory / "out" / "log.txt").read_text())
+    found = re.findall(REACHED, read_log(directory / "out"))
     problem = run.model.problem
     return found, problem.contacts[0].surface, problem.committed[0]
 
@@ -143,7 +144,7 @@ def test_corners_of_a_body_are_no_ends(tmp_path, block):
         data["geometry"]["offset"] = offset
         data["stage"] = data["stage"][:1]
         run_case(Case.model_validate(data), tmp_path / "out", quiet=True, force=True)
-        assert "reaches the end" not in (tmp_path / "out" / "log.txt").read_text()
+        assert "reaches the end" not in read_log(tmp_path / "out")
 
 
 def ball(comm: MPI.Comm, directory: Path) -> list[tuple[str, ...]]:
@@ -169,7 +170,7 @@ def ball(comm: MPI.Comm, directory: Path) -> list[tuple[str, ...]]:
         data["bodies"][slave]["E"], data["bodies"][master]["E"] = "10 MPa", "10 GPa"
         run_case(Case.model_validate(data), directory / "out", quiet=True, force=True, comm=comm)
         comm.barrier()  # the first rank writes
-        found += re.findall(REACHED, (directory / "out" / "log.txt").read_text())
+        found += re.findall(REACHED, read_log(directory / "out"))
     return found
 
 
@@ -247,7 +248,7 @@ def rolled(directory: Path, steps: int, **contact: object) -> tuple[float, list[
     data["contact"][0] |= contact
     data["stage"][1]["steps"] = steps
     run_case(Case.model_validate(data), directory / "out", quiet=True, force=True)
-    log = (directory / "out" / "log.txt").read_text()
+    log = read_log(directory / "out")
     found = [line for line in log.splitlines() if "facets of the slave, and" in line]
     return float(read(directory / "out").history["friction_force"].iloc[-1]), found
 
@@ -304,7 +305,7 @@ def test_a_round_tool_that_ends_within_the_contact_is_told(tmp_path, half, told)
     arc = np.stack([20.0 * np.sin(angles), 20.0 * np.cos(angles) - 20.0], axis=1) * 1e-3
     data["tools"]["die"]["points"] = arc.tolist() if half else [[-3e-3, 0.0], [3e-3, 0.0]]
     run = run_case(Case.model_validate(data), tmp_path / "out", quiet=True, comm=MPI.COMM_SELF)
-    lines = re.findall(REACHED, (tmp_path / "out" / "log.txt").read_text())
+    lines = re.findall(REACHED, read_log(tmp_path / "out"))
     assert len(lines) == told
     for name, where, most, share in lines:
         assert name == "die" and "(-0.001047, " in where and "(0.001047, " in where
