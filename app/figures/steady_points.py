@@ -16,6 +16,7 @@ from tribox.app.case.case import Case
 from tribox.app.case.friction import FrictionMap
 from tribox.app.figures.names import titled
 from tribox.app.figures.style import (
+    COLOURS,
     Floats,
     colour_of,
     columns,
@@ -85,6 +86,34 @@ def steady_series(case: Case, load_steps: Iterable[dict[str, Any]], label: str =
     )
 
 
+USUAL_SHARES = (0.04, 0.12, 0.72, 1.0)
+"""Of the way from D_min to D_max: films that always have the first numbers, those of the map."""
+
+
+def film_numbers(films: Iterable[float], law: FrictionMapParameters) -> dict[float, int]:
+    """Which colour, marker and dashes each film has, whatever else a figure shows.
+
+    A film of the usual ones has its own number, another one of those behind them, by whether it is
+    below a quarter of the way to D_max; where these are taken, the next that is free.
+
+    Args:
+        films: m, thicknesses above D_min.
+        law: knows D_min and D_max.
+    """
+    shares = {film: (film - law.D_min) / (law.D_max - law.D_min) for film in films}
+    usual, further = range(len(USUAL_SHARES)), range(len(USUAL_SHARES), len(COLOURS))
+
+    def wanted(share: float) -> list[int]:
+        own = [k for k in usual if abs(min(share, 1.0) - USUAL_SHARES[k]) < 1e-3]
+        return [*own, *(further if share < 0.25 else reversed(further)), *usual]
+
+    found: dict[float, int] = {}
+    for film in sorted(shares, key=lambda film: (wanted(shares[film])[0] >= len(usual), film)):
+        free = [k for k in wanted(shares[film]) if k not in found.values()]
+        found[film] = free[0] if free else len(found)
+    return found
+
+
 def draw_steady(series: list[Series], figures: Path, case: str = "") -> list[Path]:
     """Draw ``effective_viscosity.png``, where there is a film, and ``friction_map.png``.
 
@@ -141,9 +170,10 @@ def _viscosity_figure(series: list[Series], case: str) -> Figure:
     figure = Figure(figsize=(10, 4.8), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
     speed, unit = _curve_speeds(series), _unit(series)
-    for number, one in enumerate(series):
+    numbers = _numbers(series)
+    for place, one in enumerate(series):
         for axes, scale in ((left, unit.factor), (right, 1.0 / one.thickness)):
-            _viscosity_curve(axes, one, number, speed, scale)
+            _viscosity_curve(axes, one, (numbers[place], place), speed, scale)
     eta = series[0].parameters.eta_b
     for axes in (left, right):
         axes.axhline(eta, color="k", lw=0.8, ls="--", zorder=0)
@@ -168,8 +198,28 @@ def _viscosity_figure(series: list[Series], case: str) -> Figure:
     return figure
 
 
-def _viscosity_curve(axes: Axes, one: Series, number: int, speed: Floats, scale: float) -> None:
-    """Points and closed form of one series, over the speed times ``scale``."""
+def _numbers(series: list[Series]) -> list[int]:
+    """Which colour, marker and dashes each series has: its film's, or its own of equal films."""
+    films = [one.thickness for one in series]
+    if len(set(films)) < len(films):
+        return list(range(len(series)))
+    numbers = film_numbers(films, series[0].parameters)
+    return [numbers[film] for film in films]
+
+
+def _viscosity_curve(
+    axes: Axes, one: Series, numbers: tuple[int, int], speed: Floats, scale: float
+) -> None:
+    """Points and closed form of one series, over the speed times ``scale``.
+
+    Args:
+        axes: to draw on.
+        one: the series.
+        numbers: of its colour, and of its place among all.
+        speed: (n,), m/s, of the curve.
+        scale: of the axis, per m/s.
+    """
+    number, place = numbers
     colour = colour_of(number)
     star = float(threshold_speed(one.thickness, one.parameters))
     curve = effective_viscosity(speed, one.thickness, one.pressure, one.mu, one.parameters)
@@ -179,8 +229,8 @@ def _viscosity_curve(axes: Axes, one: Series, number: int, speed: Floats, scale:
         one.speed * scale,
         one.viscosity,
         marker_of(number),
-        ms=max(9.0 - 1.5 * number, 3.0),  # points that coincide stay visible
-        mfc="none" if number % 2 else colour,
+        ms=max(9.0 - 1.5 * place, 3.0),  # points that coincide stay visible
+        mfc="none" if place % 2 else colour,
         color=colour,
         label=one.label,
     )
@@ -193,7 +243,7 @@ def _map_figure(series: list[Series], case: str) -> Figure:
     figure = Figure(figsize=(6.8, 5.0), layout="constrained")
     axes = figure.subplots()
     speed, unit = _curve_speeds(series), _unit(series)
-    for number, one in enumerate(series):
+    for number, one in zip(_numbers(series), series, strict=True):
         colour, marker, dashes = colour_of(number), marker_of(number), dashes_of(number)
         star = float(threshold_speed(one.thickness, one.parameters))
         curve = steady_traction(speed, one.thickness, one.pressure, one.mu, one.parameters)

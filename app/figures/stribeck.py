@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 from tribox.app.case.friction import FrictionMap
 from tribox.app.figures.history import spans_decades
 from tribox.app.figures.names import titled
+from tribox.app.figures.steady_points import film_numbers
 from tribox.app.figures.style import Floats, colour_of, dashes_of, marker_of, thin_log_ticks
 from tribox.app.figures.symbols import HERSEY, RATIO, VELOCITY
 from tribox.app.figures.units import fitting, velocity_unit
 from tribox.forms.closed_forms.homogeneous_sliding import threshold_speed
+from tribox.forms.friction.parameters import FrictionMapParameters
 
 if TYPE_CHECKING:
     from tribox.app.case.case import Case
@@ -34,6 +36,7 @@ class StribeckSeries:
         hersey: (n,), m, η_b V/p with the mean pressure p; NaN without a film.
         star: m/s, V* of the film, where friction jumps; NaN where it plays no part.
         settled: (n,) False where the velocity ended before the force was steady.
+        film: its thickness, m, and its law, of the only pair of a run with a friction map.
     """
 
     label: str
@@ -42,6 +45,7 @@ class StribeckSeries:
     hersey: Floats
     settled: NDArray[np.bool_]
     star: float = math.nan
+    film: tuple[float, FrictionMapParameters] | None = None
 
 
 def series_of(results: Results, label: str = "") -> list[StribeckSeries]:
@@ -61,7 +65,8 @@ def series_of(results: Results, label: str = "") -> list[StribeckSeries]:
     contacts = results.table("contacts")
     names = list(dict.fromkeys(contacts["pair"])) if len(contacts) else []
     if len(names) < 2:
-        return [_series(label, ends, ends["velocity"], settled, results.case, 0)]
+        one = _series(label, ends, ends["velocity"], settled, results.case, 0)
+        return [replace(one, film=_film(results.case, ends))]
     found = []
     for number, name in enumerate(names):
         own = contacts.where("pair", name)
@@ -72,6 +77,28 @@ def series_of(results: Results, label: str = "") -> list[StribeckSeries]:
         speeds, own_settled = ends["velocity"][there], settled[there]
         found.append(_series(words, rows, speeds, own_settled, results.case, number))
     return found
+
+
+def _film(case: Case, ends: Table) -> tuple[float, FrictionMapParameters] | None:
+    """Film thickness (m) at the mean pressure of the ends of load steps, and the law, if any."""
+    pressed = ends.rows(ends["normal_force"] > 0.0)
+    if len(case.contact) != 1 or not len(pressed):
+        return None
+    contact = case.contact[0]
+    if not isinstance(contact.friction, FrictionMap) or contact.film is None:
+        return None
+    law = contact.friction.parameters()
+    film = contact.film.at(float(np.mean(pressed["normal_force"] / pressed["contact_area"])))
+    return (film, law) if film > law.D_min else None
+
+
+def _numbers(series: list[StribeckSeries]) -> list[int]:
+    """Which colour, marker and dashes each has: its film's, where all differ by their film."""
+    films = [one.film for one in series if one.film is not None]
+    if len({film for film, _ in films}) < len(series):
+        return list(range(len(series)))
+    numbers = film_numbers([film for film, _ in films], films[0][1])
+    return [numbers[film] for film, _ in films]
 
 
 def _viscosity(case: Case, pair: int) -> float:
@@ -149,7 +176,7 @@ def _parts(one: StribeckSeries) -> list[slice]:
 
 def _draw(axes: Axes, series: list[StribeckSeries], places: list[Floats]) -> None:
     axes.set_xscale("log")
-    for number, (one, x) in enumerate(zip(series, places, strict=True)):
+    for number, one, x in zip(_numbers(series), series, places, strict=True):
         for part in _parts(one):
             axes.plot(x[part], one.ratio[part], marker_of(number), ls=dashes_of(number),
                       color=colour_of(number), lw=0.8, ms=5,

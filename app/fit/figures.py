@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,7 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from tribox.app.figures.style import CASE_STYLE, COLOURS, MARKERS, save, thin_log_ticks
+from tribox.app.figures.steady_points import film_numbers
+from tribox.app.figures.style import CASE_STYLE, colour_of, marker_of, save, thin_log_ticks
 from tribox.app.figures.symbols import LOCAL_RATIO, SLIP, TRACTION, VELOCITY, VISCOSITY
 from tribox.app.fit.data import TribometerData
 from tribox.app.fit.model import Parameters, friction
@@ -85,9 +86,8 @@ def _title(figure: Figure, data: TribometerData, result: FitResult, name: str) -
 
 def _panel(top: Axes, bottom: Axes, data: TribometerData, result: FitResult, steady: bool) -> None:
     residual = np.log(data.traction / result.traction)
-    for number, group in enumerate(_groups(data, steady)):
-        colour = COLOURS[number % len(COLOURS)]
-        marker = MARKERS[number % len(MARKERS)]
+    groups = list(_groups(data, steady))
+    for (colour, marker), group in zip(_marks(groups, result.parameters), groups, strict=True):
         x = data.velocity[group.rows] if steady else data.slip[group.rows] * 1e6
         y = _shown(data, data.traction[group.rows], group.rows)
         top.plot(x, y, marker, ms=4.5, mfc="none", color=colour, label=group.label)
@@ -96,6 +96,19 @@ def _panel(top: Axes, bottom: Axes, data: TribometerData, result: FitResult, ste
         if steady:
             _open_speeds(top, data, result, group, colour)
     _finish(top, bottom, data, steady)
+
+
+def _marks(groups: Sequence[_Group], law: Parameters) -> list[tuple[str, str]]:
+    """Colour and marker of each group: those of its film in other figures, where films differ."""
+    films = [group.thickness for group in groups]
+    if not isinstance(law, FrictionMapParameters) or len(set(films)) < len(films):
+        return [(colour_of(k), marker_of(k)) for k in range(len(groups))]
+    numbers = film_numbers([film for film in films if film > law.D_min], law)
+    dry = ("0.45", "x")
+    return [
+        (colour_of(numbers[film]), marker_of(numbers[film])) if film in numbers else dry
+        for film in films
+    ]
 
 
 def _finish(top: Axes, bottom: Axes, data: TribometerData, steady: bool) -> None:

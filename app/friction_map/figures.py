@@ -15,7 +15,7 @@ from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
 from tribox.app.figures.names import titled
-from tribox.app.figures.steady_points import with_room
+from tribox.app.figures.steady_points import film_numbers, with_room
 from tribox.app.figures.style import (
     COLOURS,
     RED,
@@ -61,7 +61,7 @@ def draw_map(setup: MapSetup, result: FrictionMapResult, figures: Path) -> None:
 def _number(setup: MapSetup, film: float) -> int | None:
     """Which of the films one is, as the figures of a run count them; None of a dry contact."""
     wet = [one for one in setup.films if one > setup.parameters.D_min]
-    return wet.index(film) if film in wet else None
+    return film_numbers(wet, setup.parameters).get(film)
 
 
 def _colour(setup: MapSetup, film: float) -> str:

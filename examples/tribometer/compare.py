@@ -22,7 +22,8 @@ speeds = np.geomspace(7e-7, 4e-2, 400)
 
 figure, axes = plt.subplots(figsize=(7, 4.4), layout="constrained")
 print("film (nm)  velocity (m/s)      T/N data      law      run")
-for colour, film in zip(("C0", "C1", "C2"), sorted(steps["value"].unique()), strict=True):
+colours = ("#1b6ca8", "#b3202f", "#2b2b2b")  # those of these films in fit.png
+for colour, film in zip(colours, sorted(steps["value"].unique()), strict=True):
     measured = data[np.isclose(data["thickness [m]"], film, atol=0.0)]
     mine = steps[steps["value"] == film]
     curve = steady_traction(speeds, film, pressure, law.mu_dynamic, law) / pressure

@@ -128,6 +128,7 @@ class ContactTerm:
         penalty: float,
         quadrature_degree: int | None = None,
         pressure: PressureKind = "averaged",
+        film: FilmThickness | float = 0.0,
     ) -> ContactTerm:
         """The contact of two surfaces of bodies that move by ``u`` (m); collective.
 
@@ -140,11 +141,12 @@ class ContactTerm:
             quadrature_degree: degree integrated exactly on an affine slave facet; None: 9 in the
                 plane, 5 in space, as for cases.
             pressure: "averaged" over the slave's vertices, or "pointwise".
+            film: film thickness D, m, or a film; for laws that ask for one.
         """
         space = u.function_space
         degree = quadrature_degree or QUADRATURE_DEGREE[space.mesh.geometry.dim]
         surface = ContactSurface(space, slave_facets, master_facets, degree)
-        return cls(surface, law, penalty, pressure=pressure)
+        return cls(surface, law, penalty, film, pressure)
 
     @property
     def penalty(self) -> Floats:

@@ -15,6 +15,8 @@ from tribox.app.equilibrium.added_contact import AddedContact
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
+from tribox.forms.friction.friction_map import FrictionMap
+from tribox.forms.friction.parameters import FrictionMapParameters, with_preset
 from tribox.geometry.generators.two_blocks import Block, TwoBlocks
 from tribox.geometry.meshes.mesh import generate
 
@@ -58,6 +60,23 @@ class Scene:
 def dense(A):
     indptr, indices, data = A.getValuesCSR()
     return scipy.sparse.csr_matrix((data, indices, indptr), shape=A.getSize()).toarray()
+
+
+def test_a_film_is_handed_in_with_the_surfaces():
+    """Faster than V* the film carries all: eta V/D at each pressed point."""
+    scene, dt, slide, film = Scene(), 0.5, 1e-3, 30e-9
+    own = {"mu_s": 0.1, "K_T": 1e11, "V_star": 1e-6, "V_star_at": film, "eta_b": 0.5}
+    law = FrictionMap(FrictionMapParameters(**with_preset("friction-map", own)))
+    facets = (scene.named.facets(f"{b}_contact") for b in ("elastomer", "aluminium"))
+    pair = ContactTerm.between(scene.u, *facets, law, penalty=1e10, film=film)
+    contact = AddedContact(scene.u, [pair])
+    contact.evaluate(scene.displaced(0.0, 1e-4), dt)
+    contact.commit()
+    contact.evaluate(scene.displaced(slide, 1e-4), dt)
+    [trial] = contact.trials
+    drag = 0.5 * slide / dt / film
+    traction = np.linalg.norm(trial.response.traction, axis=1)
+    assert np.median(traction[trial.pressure > 0.0]) == pytest.approx(drag, rel=0.1)
 
 
 def test_residual_and_tangent_are_those_of_the_equilibrium_and_are_added():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 
@@ -14,6 +15,9 @@ from matplotlib.colors import rgb_to_hsv, to_rgb
 from matplotlib.figure import Figure
 from PIL import Image
 
+from tribox.app.figures import steady_points
+from tribox.app.figures.steady_points import film_numbers
+from tribox.app.figures.stribeck import StribeckSeries, stribeck_figure
 from tribox.app.figures.style import (
     CASE_STYLE,
     COLOURS,
@@ -24,6 +28,7 @@ from tribox.app.figures.style import (
     save,
     write_png,
 )
+from tribox.forms.friction.parameters import FrictionMapParameters, with_preset
 
 
 def page(path) -> np.ndarray:
@@ -149,3 +154,35 @@ def test_there_is_one_red():
             if (hue < 0.045 or hue > 0.955) and share > 0.5 and light > 0.5:
                 reds.add(found)
     assert reds == {RED}
+
+
+def test_a_film_has_its_colour_alone_and_beside_others():
+    """Of a map, of a sweep and of a run with one film only; films beside it get other ones."""
+    law = FrictionMapParameters(
+        **with_preset("friction-map", {"mu_s": 0.1, "K_T": 1e12, "V_star": 1.0, "V_star_at": 1e-8})
+    )
+    usual = [10e-9, 30e-9, 180e-9, 250e-9]
+    assert list(film_numbers(usual, law).values()) == [0, 1, 2, 3]
+    for film in (*usual, 50e-9, 100e-9, 300e-9):
+        [alone] = film_numbers([film], law).values()
+        for others in (usual, [10e-9, 30e-9, 50e-9, 100e-9], [180e-9]):
+            beside = {one for one in others if max(one, film) <= 250e-9 or one < 250e-9}
+            numbers = film_numbers({film, *beside}, law)
+            assert numbers[film] == alone, film
+            assert len(set(numbers.values())) == len(numbers)
+    many = film_numbers([1e-9 * D for D in range(20, 240, 20)], law)
+    assert len(many) == 11 and set(range(6)) < set(many.values())
+
+
+def test_figures_of_a_run_with_one_film_take_its_number_and_without_films_count():
+    own = {"mu_s": 0.1, "K_T": 1e12, "V_star": 1e-3, "V_star_at": 1e-8}
+    law = FrictionMapParameters(**with_preset("friction-map", own))
+    film = steady_points.Series("", 180e-9, law, *[np.ones(2)] * 3, 1.0, 0.1, np.ones(2, bool))
+    figure = steady_points._map_figure([film], "")
+    assert {line.get_color() for line in figure.axes[0].lines[:3]} == {COLOURS[2]}
+    curve = StribeckSeries("", *[np.ones(2)] * 3, np.ones(2, bool))
+    drawn = stribeck_figure([replace(curve, film=(180e-9, law))])
+    assert drawn is not None and drawn.axes[0].lines[0].get_color() == COLOURS[2]
+    several = stribeck_figure([curve, curve])  # of pairs, say
+    assert several is not None
+    assert [line.get_color() for line in several.axes[0].lines[::2]] == list(COLOURS[:2])

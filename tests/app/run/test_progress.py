@@ -109,7 +109,9 @@ def test_a_terminal_keeps_only_lines_that_stay_and_shows_bars(told):
     lines = unfolded(log).splitlines()
     passing = [line for line in lines if is_passing(line)]
     assert len(passing) == 6
-    assert "step of 1e-09 s too long after 5 iterations (points slow down through V*" in unfolded(log)
+    assert "step of 1e-09 s too long after 5 iterations (points slow down through V*" in unfolded(
+        log
+    )
     for line in lines:
         assert (line in terminal) is (line not in passing), line
     assert "1/2 press" in terminal and "━" in terminal
