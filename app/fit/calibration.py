@@ -23,19 +23,16 @@ from scipy.stats import f as f_distribution
 from tribox.app.errors import InputError
 from tribox.app.fit.data import TribometerData
 from tribox.app.fit.judgement import (
-    BROAD,
-    CONFIDENCE,
     CURES,
     CURES_WITHOUT_FILM,
-    NOISE,
     Judgement,
     at_bound_warnings,
-    interval,
     star_warning,
     with_star_warning,
 )
 from tribox.app.fit.model import RANGES, Coordinate, Parameters, friction, with_values
 from tribox.app.fit.result import Estimate, FitResult, Found
+from tribox.app.fit.slopes import BROAD, CONFIDENCE, NOISE, interval
 from tribox.forms.friction.coulomb import CoulombParameters
 from tribox.forms.friction.parameters import FrictionMapParameters
 

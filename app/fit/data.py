@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
-import difflib
 import math
-import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tribox.app.case.quantities import Quantity, QuantityError, parse_quantity
-from tribox.app.case.text_files import read_text
+from tribox.app.case.quantities import Quantity
 from tribox.app.errors import InputError
+from tribox.app.fit.table import read_table
 
 Floats = NDArray[np.float64]
 
@@ -48,12 +45,6 @@ ALIASES = {
 OBSERVED = ("traction", "force", "friction_coefficient", "effective_viscosity")
 CONSTANTS = ("thickness", "velocity", "pressure", "load", "area")
 """Columns that one value may stand for."""
-MOST_ROWS = 5000
-MOST_TOLD = 20
-"""Faults of a file that are told; of more only the number."""
-_LONGEST_HEADING = 200
-_SHOWN = 60  # letters of a cell in a message
-_HEADER = re.compile(r"\s*([^\[\]()]+?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))?\s*")
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,178 +108,9 @@ def read_data(
     Raises:
         InputError: Columns, units or values are wrong; its lines name all of them.
     """
-    lines = list(_records(path))
-    if not lines:
-        raise InputError(f"{path}: is empty; the first line names the columns")
-    (number, header), rows = lines[0], lines[1:]
-    columns = _columns(path, number, header, ignored)
-    if not rows:
-        raise InputError(f"{path}: has no data below the header")
-    if len(rows) > MOST_ROWS:
-        reason = f"has {len(rows)} rows of data; at most {MOST_ROWS} can be fitted at a time"
-        raise InputError(f"{path}: {reason}: average those that repeat a measurement")
-    table = _table(path, columns, rows, len(header))
-    for name, value in (constants or {}).items():
-        if name in table:
-            raise InputError(f"{path}: column {name} is in the file, so --fix {name} cannot be")
-        table[name] = np.full(len(rows), value)
-    data = _assembled(path, table, [line for line, _ in rows], needs_film, needs_pressure)
-    renamed = ((header[k].strip(), n) for k, (n, _) in columns.items() if _name(header[k]) != n)
-    return dataclasses.replace(data, renamed=tuple(renamed))
-
-
-def _columns(
-    path: Path, number: int, header: list[str], ignored: Sequence[str]
-) -> dict[int, tuple[str, str]]:
-    """Name and unit as written of each column that is read, by its place."""
-    unread = {place for place, text in enumerate(header) if _is_named(text, ignored)}
-    for name in ignored:
-        if not any(_is_named(text, [name]) for text in header):
-            there = ", ".join(text.strip()[:_SHOWN] for text in header)
-            raise InputError(f'--ignore-columns: no column "{name}" in {path}; there are {there}')
-    found: dict[int, tuple[str, str]] = {}
-    wrong = []
-    strange = {p: _name(t) for p, t in enumerate(header) if p not in unread and _is_strange(t)}
-    if strange:
-        words = ", ".join(f'"{header[place].strip()[:_SHOWN]}"' for place in strange)
-        wrong.append(
-            f"{path}:{number}: no such column{'s' * (len(strange) > 1)} {words}; there are "
-            f"{', '.join(COLUMNS)}; take other columns out, or leave them unread with "
-            f'--ignore-columns "{",".join(strange.values())}"'
-        )
-    for place, text in enumerate(header):
-        if place not in unread and place not in strange:
-            try:
-                found[place] = _column(path, number, text)
-            except InputError as error:
-                wrong.append(str(error))
-    names = [name for name, _ in found.values()]
-    twice = dict.fromkeys(name for name in names if names.count(name) > 1)
-    wrong += [f"{path}:{number}: column {name} is there twice" for name in twice]
-    _refuse(wrong)
-    return found
-
-
-def _name(text: str) -> str:
-    """The name in a heading, without its unit."""
-    match = _HEADER.fullmatch(text) if len(text) <= _LONGEST_HEADING else None
-    return match[1] if match else text.strip()[:_SHOWN]
-
-
-def _is_named(text: str, names: Sequence[str]) -> bool:
-    """Whether a heading is one of some names, its unit written or not."""
-    return text.strip() in names or _name(text) in names
-
-
-def _standard(name: str) -> str:
-    """The column of ``COLUMNS`` that a name stands for; the name itself, if it is no other's."""
-    plain = re.sub(r"[\s_-]+", "_", name.strip().lower())
-    if plain in COLUMNS:
-        return plain
-    return next((column for column, names in ALIASES.items() if plain in names), name)
-
-
-def _is_strange(text: str) -> bool:
-    """Whether a heading is far from the name of every column, and not several in one."""
-    name = _standard(_name(text))
-    near = difflib.get_close_matches(name[:_SHOWN].lower(), COLUMNS, n=1)
-    return not near and ";" not in text and "\t" not in text
-
-
-def _table(
-    path: Path,
-    columns: Mapping[int, tuple[str, str]],
-    rows: Sequence[tuple[int, list[str]]],
-    width: int,
-) -> dict[str, Floats]:
-    """The columns, each (n,), SI.
-
-    Raises:
-        InputError: rows are wrong; a line for each of the first ``MOST_TOLD``.
-    """
-    table: dict[str, Floats] = {name: np.zeros(len(rows)) for name, _ in columns.values()}
-    wrong = []
-    for k, (line, row) in enumerate(rows):
-        if len(row) != width:
-            reason = f"has {len(row)} values for {width} columns of the header"
-            wrong.append(f"{path}:{line}: {reason}")
-            continue
-        for place, (name, unit) in columns.items():
-            try:
-                table[name][k] = _value(path, line, row[place], name, unit)
-            except InputError as error:
-                wrong.append(str(error))
-    _refuse(wrong)
-    return table
-
-
-def _refuse(wrong: Sequence[str]) -> None:
-    """Raise what is wrong, if anything is, a line each."""
-    if wrong:
-        more = list(wrong[1:MOST_TOLD])
-        if len(wrong) > MOST_TOLD:
-            more.append(f"... and {len(wrong) - MOST_TOLD} more")
-        raise InputError(wrong[0], more, told=True)
-
-
-def _records(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Line number and cells of each line that is neither empty nor a comment."""
-    text = read_text(path)
-    for number, line in enumerate(text.splitlines(), start=1):
-        if line.strip() and not line.lstrip().startswith("#"):
-            try:
-                yield number, next(csv.reader([line]))
-            except csv.Error as error:  # a cell of more than 131072 letters
-                raise InputError(f"{path}:{number}: no line of a table ({error})") from None
-
-
-def _column(path: Path, line: int, text: str) -> tuple[str, str]:
-    """Name of a column and its unit as written."""
-    match = _HEADER.fullmatch(text) if len(text) <= _LONGEST_HEADING else None
-    name = _standard(_name(text))
-    if match is None or name not in COLUMNS:
-        if ";" in text or "\t" in text:
-            found = "semicolons" if ";" in text else "tabs"
-            raise InputError(
-                f"{path}:{line}: columns separated by {found}; write commas between them, and a "
-                "point before decimals"
-            )
-        near = difflib.get_close_matches(name[:_SHOWN].lower(), COLUMNS, n=1)[0]
-        unit = COLUMNS[near].unit
-        in_brackets = f', with its unit in brackets as in "{near} [{unit}]"' if unit else ""
-        hint = f'did you mean "{near}"{in_brackets}?'
-        raise InputError(f'{path}:{line}: no such column "{text.strip()[:_SHOWN]}"; {hint}')
-    unit, written = COLUMNS[name].unit, match[2] or match[3]
-    if not unit:
-        if written in (None, "", "-", "1"):
-            return name, ""
-    elif not written:
-        raise InputError(f'{path}:{line}: column {name} needs its unit, as in "{name} [{unit}]"')
-    try:
-        parse_quantity(f"1 {written}", unit)
-    except QuantityError as error:
-        raise InputError(f"{path}:{line}: column {name}: {error}") from None
-    return name, written or ""
-
-
-def _value(path: Path, line: int, cell: str, name: str, unit: str) -> float:
-    text = cell.strip()
-    if name == "slip" and not text:
-        return math.nan
-    try:
-        float(text)
-    except ValueError:
-        shown = f"{text[:_SHOWN]}..." if len(text) > _SHOWN else text
-        raise InputError(f'{path}:{line}: {name} = "{shown}": {_no_number(text)}') from None
-    try:
-        return COLUMNS[name].parse(f"{text} {unit}")
-    except QuantityError as error:
-        raise InputError(f"{path}:{line}: {name} = {text}: {error}") from None
-
-
-def _no_number(text: str) -> str:
-    comma = "," in text
-    return "must be a number, with a point before decimals" if comma else "must be a number"
+    table = read_table(path, COLUMNS, constants, ignored, may_be_empty=("slip",), aliases=ALIASES)
+    data = _assembled(path, table.values, table.lines, needs_film, needs_pressure)
+    return dataclasses.replace(data, renamed=table.renamed)
 
 
 def _assembled(

@@ -8,7 +8,6 @@ coefficient of friction of the friction map has come down to mu_d (where B > 0).
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 
 from tribox.app.errors import InputError
 from tribox.app.fit.data import TribometerData
+from tribox.app.fit.slopes import Searched
 from tribox.forms.closed_forms.homogeneous_sliding import presliding_length
 from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 from tribox.forms.friction.film_map import at_rest
@@ -71,7 +71,7 @@ LAWS: dict[str, tuple[str, ...]] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Coordinate:
+class Coordinate(Searched):
     """One direction of the search.
 
     Attributes:
@@ -86,16 +86,13 @@ class Coordinate:
 
     @property
     def bounded(self) -> bool:
-        """Whether it is a share between 0 and 1, searched by the logarithm of a/(1 - a)."""
+        """Whether it is a share between 0 and 1."""
         return self.key == "alpha"
 
-    def to_search(self, value: float) -> float:
-        """Logarithm, or that of a/(1 - a)."""
-        return math.log(value / (1.0 - value)) if self.bounded else math.log(value)
-
-    def to_value(self, x: float) -> float:
-        """Reverts ``to_search``."""
-        return 1.0 / (1.0 + math.exp(-x)) if self.bounded else math.exp(x)
+    @property
+    def unit(self) -> str:
+        """Of the parameter, SI."""
+        return RANGES[self.key].unit
 
     @property
     def limits(self) -> tuple[float, float]:

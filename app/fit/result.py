@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tribox.app.fit.model import Coordinate, Parameters
+from tribox.app.fit.slopes import Searched
 
 Floats = NDArray[np.float64]
+Which = TypeVar("Which", bound=Searched)
 
 
 @dataclass(frozen=True, slots=True)
-class Estimate:
+class Estimate(Generic[Which]):
     """One parameter of the fit.
 
     Attributes:
@@ -24,7 +27,7 @@ class Estimate:
         warning: Why the data do not determine it, if they do not.
     """
 
-    coordinate: Coordinate
+    coordinate: Which
     value: float
     low: float | None
     high: float | None
@@ -47,7 +50,7 @@ class FitResult:
     """
 
     parameters: Parameters
-    estimates: tuple[Estimate, ...]
+    estimates: tuple[Estimate[Coordinate], ...]
     traction: Floats
     scatter: float
     degrees: int

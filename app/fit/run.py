@@ -12,11 +12,11 @@ import numpy as np
 from tribox.app.errors import tell
 from tribox.app.fit.calibration import Calibration
 from tribox.app.fit.data import TribometerData
-from tribox.app.fit.judgement import CONFIDENCE
-from tribox.app.fit.model import RANGES, coordinates
+from tribox.app.fit.model import coordinates
 from tribox.app.fit.result import FitResult
 from tribox.app.fit.section import estimate_line, friction_section
 from tribox.app.fit.setup import FitSetup, fit_setup
+from tribox.app.fit.slopes import CONFIDENCE
 from tribox.app.friction_map.run import keep_input, suffixed_directory
 from tribox.app.results.claim import claimed
 from tribox.app.results.directory import write_json, write_table, write_text
@@ -91,7 +91,7 @@ def numbers(setup: FitSetup, result: FitResult, data_file: Path) -> dict[str, An
                 "value": e.value,
                 "low": e.low,
                 "high": e.high,
-                "unit": RANGES[e.coordinate.key].unit,
+                "unit": e.coordinate.unit,
                 "determined": e.warning is None,
             }
             for e in result.estimates

@@ -14,8 +14,8 @@ import numpy as np
 
 from tribox.app.case.friction import FrictionMap
 from tribox.app.case.toml_writer import toml_text
-from tribox.app.fit.model import RANGES, Parameters
-from tribox.app.fit.result import Estimate, FitResult
+from tribox.app.fit.model import RANGES, Coordinate, Parameters
+from tribox.app.fit.result import Estimate, FitResult, Which
 from tribox.app.fit.setup import FitSetup
 from tribox.forms.friction.parameters import FrictionMapParameters
 
@@ -53,16 +53,20 @@ def friction_section(setup: FitSetup, result: FitResult, data_file: Path) -> str
     return "\n".join([*comments, "[contact.friction]", *lines]) + "\n"
 
 
-def estimate_line(estimate: Estimate, law: Parameters) -> str:
+def estimate_line(estimate: Estimate[Coordinate], law: Parameters) -> str:
     """Such as "eta_b = 0.503 Pa*s (0.489 to 0.517)"; an open end is a question mark."""
-    unit = RANGES[estimate.coordinate.key].unit
-    digits = 6 if estimate.coordinate.key == "alpha" else 4
-    ends = ["?" if end is None else f"{end:.{digits}g}" for end in (estimate.low, estimate.high)]
-    shown = f"{estimate.value:.{digits}g} {unit}".strip()
+    key = estimate.coordinate.key
     film = None
-    if estimate.coordinate.key == "V_star" and isinstance(law, FrictionMapParameters):
+    if key == "V_star" and isinstance(law, FrictionMapParameters):
         film = law.V_star_at
     where = f" at {film * 1e9:g} nm" if film is not None else ""
+    return value_and_ends(estimate, where, digits=6 if key == "alpha" else 4)
+
+
+def value_and_ends(estimate: Estimate[Which], where: str = "", digits: int = 4) -> str:
+    """Name, value, unit and interval."""
+    ends = ["?" if end is None else f"{end:.{digits}g}" for end in (estimate.low, estimate.high)]
+    shown = f"{estimate.value:.{digits}g} {estimate.coordinate.unit}".strip()
     return f"{estimate.coordinate.name}{where} = {shown} ({ends[0]} to {ends[1]})"
 
 
