@@ -338,9 +338,39 @@ def map_(
     run_map(case_file, overrides or [], out, force)
 
 
+FittedLaw = Annotated[
+    str | None,
+    typer.Option(
+        help="friction-map (default), or without a film stribeck or coulomb; with --material "
+        "prony, linear, voce or swift (default: by the columns, and what fits best)"
+    ),
+]
+Branches = Annotated[
+    int | None,
+    typer.Option(
+        metavar="N", help="with --material: Prony branches or back stresses (default: as fits)"
+    ),
+]
+Measure = Annotated[
+    str | None,
+    typer.Option(
+        metavar="[shear|tensile|engineering|true]",
+        help="with --material: what columns are whose names do not say it",
+    ),
+]
+FittedBody = Annotated[
+    str | None,
+    typer.Option(metavar="NAME", help="with --material: body that the section is written for"),
+]
+
+
 @cli.command()
 def fit(
-    data: Annotated[Path, typer.Argument(metavar="DATA.csv", help="tribometer data")],
+    data: Annotated[Path, typer.Argument(metavar="DATA.csv", help="measurements")],
+    material: Annotated[
+        bool,
+        typer.Option("--material", help="fit a rubber or metal to its test instead of friction"),
+    ] = False,
     parameters: Annotated[
         str | None, typer.Option(metavar="NAME,...", help="what to fit (default: by the columns)")
     ] = None,
@@ -352,9 +382,10 @@ def fit(
         list[str] | None,
         typer.Option("--start", metavar="KEY=VALUE", help="where the search begins"),
     ] = None,
-    law: Annotated[
-        str, typer.Option(help="friction-map, or without a film stribeck or coulomb")
-    ] = "friction-map",
+    law: FittedLaw = None,
+    branches: Branches = None,
+    measure: Measure = None,
+    body: FittedBody = None,
     ignored: Annotated[
         str | None,
         typer.Option("--ignore-columns", metavar="NAME,...", help="columns that are not read"),
@@ -364,11 +395,29 @@ def fit(
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="replace results that are there")] = False,
 ) -> None:
-    """Calibrate a friction law to tribometer data: the friction map, Stribeck or Coulomb."""
+    """Calibrate a friction law to tribometer data, or with --material a rubber or metal."""
+    unread = [name.strip() for name in (ignored or "").split(",") if name.strip()]
+    if material:
+        from tribox.app.fit.material import MaterialOptions
+        from tribox.app.fit.material_files import run_material
+
+        _refuse({"--parameters": parameters, "--start": start}, "has no part in --material")
+        options = MaterialOptions(law, branches, measure, fixed or [], unread, body)
+        run_material(data, options, out, force)
+        return
     from tribox.app.fit.run import run_fit
 
-    unread = [name.strip() for name in (ignored or "").split(",") if name.strip()]
-    run_fit(data, parameters, fixed or [], start or [], out, force, law, unread)
+    _refuse(
+        {"--branches": branches, "--measure": measure, "--body": body}, "goes with --material only"
+    )
+    run_fit(data, parameters, fixed or [], start or [], out, force, law or "friction-map", unread)
+
+
+def _refuse(options: dict[str, object], reason: str) -> None:
+    """Refuse options that were given and have no meaning."""
+    for option, value in options.items():
+        if value not in (None, []):
+            raise InputError(f"{option}: {reason}")
 
 
 @cli.command()

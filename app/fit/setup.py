@@ -86,9 +86,9 @@ def fit_setup(
 ) -> FitSetup:
     """Read data and options; see :func:`tribox.app.fit.run.run_fit` for them, and for errors."""
     if law not in LAWS:
-        raise InputError(f"--law {law}: no such law; {_hint(law, list(LAWS))}")
+        raise InputError(f"--law {law}: no such law; {hint(law, list(LAWS))}")
     keys = tuple(key for key in TABLES[law].model_fields if key not in NOT_FIXABLE)
-    given = _settings(fixed, "--fix", (*keys, *CONSTANTS))
+    given = settings(fixed, "--fix", (*keys, *CONSTANTS))
     constants = {key: _column_value(key, given.pop(key)) for key in CONSTANTS if key in given}
     names = _names(parameters, law) if parameters else None
     needs_pressure = law == "friction-map" or (law == "stribeck" and _drags(names, given))
@@ -105,23 +105,24 @@ def fit_setup(
         friction, base = _base_without_film(law, names, given)
     starts = {
         key: _start(key, value, names)
-        for key, value in _settings(start, "--start", LAWS[law]).items()
+        for key, value in settings(start, "--start", LAWS[law]).items()
     }
     return FitSetup(law, data, names, given, base, friction, starts)
 
 
-def _settings(items: Sequence[str], option: str, known: Sequence[str]) -> dict[str, Any]:
+def settings(items: Sequence[str], option: str, known: Sequence[str]) -> dict[str, Any]:
     """Values of "key=value" texts, as TOML if they are that."""
     found: dict[str, Any] = {}
     for item in items:
         key = item.partition("=")[0].strip()
         if "=" in item and key not in known:
-            raise InputError(f"{option} {item}: no such key; {_hint(key, known)}")
+            raise InputError(f"{option} {item}: no such key; {hint(key, known)}")
         apply_override(found, item)
     return found
 
 
-def _hint(name: str, known: Sequence[str]) -> str:
+def hint(name: str, known: Sequence[str]) -> str:
+    """What was probably meant by a name, or what there is."""
     near = difflib.get_close_matches(name, known, n=1)
     return f'did you mean "{near[0]}"?' if near else f"there are {', '.join(known)}"
 
@@ -159,7 +160,7 @@ def _names(parameters: str, law: str) -> tuple[str, ...]:
     for name in names:
         if name not in known:
             reason = f'--parameters: no such parameter "{name}" of law {law}'
-            raise InputError(f"{reason}; {_hint(name, known)}")
+            raise InputError(f"{reason}; {hint(name, known)}")
         if names.count(name) > 1:
             raise InputError(f"--parameters: {name} is there twice")
     return names

@@ -130,7 +130,7 @@ def _columns(
         places = [place for place, (other, _) in found.items() if other == name]
         words = ", ".join(f'"{header[place].strip()[:_SHOWN]}"' for place in places)
         wrong.append(f"{path}:{number}: column {name} is there twice: {words}")
-    _refuse(wrong)
+    refuse(wrong)
     return found
 
 
@@ -186,11 +186,11 @@ def _values(
                 table[name][k] = math.nan if empty else _value(cell, unit, known[name])
             except QuantityError as error:
                 wrong.append(f"{path}:{line}: {name} = {error}")
-    _refuse(wrong)
+    refuse(wrong)
     return table
 
 
-def _refuse(wrong: Sequence[str]) -> None:
+def refuse(wrong: Sequence[str]) -> None:
     """Raise what is wrong, if anything is, a line each."""
     if wrong:
         more = list(wrong[1:MOST_TOLD])

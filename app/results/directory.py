@@ -48,6 +48,7 @@ OWN = (
     "fit.json",
     "fit.csv",
     "friction.toml",
+    "body.toml",
     "verification.md",
     RESERVE,
 )

@@ -1,0 +1,405 @@
+r"""Isotropic and kinematic hardening of a metal from tension and compression, or cycles.
+
+Uniaxial, in logarithmic strain and true stress, from the virgin state: :math:`\sigma = E
+(\varepsilon - \varepsilon_p)`, yield at :math:`|\sigma - X| = \sigma_Y(\alpha)` with the laws of
+:mod:`tribox.forms.bodies.hardening`, and back stresses :math:`X = \sum X_k` after Armstrong and
+Frederick, :math:`\dot X_k = c_k \dot\varepsilon_p - b_k X_k \dot\alpha` (in tensors
+:math:`\dot X = 2/3\, c\, \dot\varepsilon_p - b X \dot\alpha`). On a path in one direction s
+
+.. math:: X_k(\alpha) = s c_k/b_k + (X_k^0 - s c_k/b_k) e^{-b_k (\alpha - \alpha_0)}
+
+is exact, so all rows between two turns of the strain are solved at once, each by Newton's method
+for its plastic strain: the equation falls and is convex, so that it cannot fail from the elastic
+side.
+Stresses are compared over their root mean square.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from tribox.app.errors import InputError
+from tribox.app.fit.material_data import MaterialData
+from tribox.app.fit.prony import MaterialParameter, information
+from tribox.app.fit.slopes import Slopes
+from tribox.forms.bodies.hardening import Hardening, Linear, Swift, Voce
+
+Floats = NDArray[np.float64]
+
+LAWS: dict[str, dict[str, str]] = {
+    "linear": {"yield_stress": "Pa", "modulus": "Pa"},
+    "voce": {"yield_stress": "Pa", "saturation_stress": "Pa", "exponent": ""},
+    "swift": {"K": "Pa", "strain0": "", "n": ""},
+}
+"""What is fitted of each law of isotropic hardening, with units."""
+LIMITS = {
+    "E": (1e6, 1e13),
+    "yield_stress": (1e3, 1e12),
+    "modulus": (1e2, 1e12),
+    "saturation_stress": (1e2, 1e12),
+    "exponent": (1e-2, 1e5),
+    "K": (1e3, 1e13),
+    "strain0": (1e-8, 1.0),
+    "n": (1e-4, 1.0),
+    "c": (1e4, 1e14),
+    "b": (1e-2, 1e6),
+}
+"""Within which parameters are searched, SI; of saturation_stress what it is above yield_stress."""
+MOST_BRANCHES = 3
+MOST_GIVEN = 6
+"""Branches that are tried, and that may be asked for."""
+FLOWED = 1e-6
+"""Plastic strain from which on a path counts as one that flows."""
+
+
+@dataclass(frozen=True, slots=True)
+class Metal:
+    """A metal, SI.
+
+    Attributes:
+        E: Pa.
+        hardening: Yield stress over the plastic strain.
+        kinematic: Rows (c, b) of the back stresses, Pa and 1.
+    """
+
+    E: float
+    hardening: Hardening
+    kinematic: tuple[tuple[float, float], ...] = ()
+
+
+def paths(strain: Floats) -> list[slice]:
+    """Rows between turns of the strain; it begins at 0."""
+    turn = np.sign(np.diff(strain, prepend=0.0))
+    # A row at the strain of the one before belongs to the path that it is on.
+    for row in range(1, len(turn)):
+        if turn[row] == 0.0:
+            turn[row] = turn[row - 1]
+    edges = np.flatnonzero(np.diff(turn)) + 1
+    ends = [0, *(int(edge) for edge in edges), len(strain)]
+    return [slice(first, last) for first, last in itertools.pairwise(ends)]
+
+
+def response(metal: Metal, strain: Floats, along: Sequence[slice]) -> tuple[Floats, Floats]:
+    """True stress, Pa, and equivalent plastic strain of a path of logarithmic strain, each (n,).
+
+    Args:
+        metal: What is strained.
+        strain: (n,).
+        along: Its :func:`paths`.
+    """
+    stress, alphas = np.empty(len(strain)), np.empty(len(strain))
+    rows = np.array(metal.kinematic, dtype=np.float64).reshape(-1, 2)
+    c, b = rows[:, :1], rows[:, 1:]
+    X, alpha, plastic, before = np.zeros_like(c), 0.0, 0.0, 0.0
+    for path in along:
+        e = strain[path]
+        s = float(np.sign(e[-1] - before))
+        trial = s * metal.E * (e - plastic)
+        limit = s * c / b
+        more = _plastic_strain(metal, trial, s * limit, s * (X - limit), b, alpha)
+        stress[path] = metal.E * (e - plastic - s * more)
+        alphas[path] = alpha + more
+        X = limit + (X - limit) * np.exp(-b * more[-1])
+        alpha, plastic, before = (
+            alpha + float(more[-1]),
+            plastic + s * float(more[-1]),
+            float(e[-1]),
+        )
+    return stress, alphas
+
+
+def _plastic_strain(
+    metal: Metal, trial: Floats, limit: Floats, above: Floats, b: Floats, alpha: float
+) -> Floats:
+    """How far each row of one path has flowed on it, (r,), from 0 on.
+
+    Root of trial - E x - Σ (limit + above e^(-b x)) - σ_Y(α + x), all along the path.
+    """
+    x = np.zeros_like(trial)
+    most = 1e-13 * metal.E
+    for _ in range(200):
+        fading = above * np.exp(-b * x)
+        over = trial - metal.E * x - (limit + fading).sum(0) - metal.hardening.stress(alpha + x)
+        slope = metal.E - (b * fading).sum(0) + metal.hardening.slope(alpha + x)
+        step = over / slope
+        x = np.maximum(x + step, 0.0)
+        if np.all((np.abs(over) <= most) | (x == 0.0)):
+            break
+    return x
+
+
+class MetalProblem:
+    """What is fitted to one data set.
+
+    Attributes:
+        law: Of ``LAWS``.
+        branches: Number of back stresses.
+        fixed: What is not fitted, SI, by key.
+        keys: What is: E, keys of the law, and c and b of each branch.
+        strain: (n,), logarithmic.
+        along: Its paths between turns.
+        measured: (n,), Pa, true stress.
+    """
+
+    def __init__(
+        self, data: MaterialData, law: str, branches: int, fixed: Mapping[str, float]
+    ) -> None:
+        """Take a test of a metal."""
+        assert data.strain is not None and data.stress is not None
+        self.law, self.branches, self.fixed = law, branches, dict(fixed)
+        self.strain, self.measured = data.strain, data.stress
+        self.along = paths(data.strain)
+        self._root = np.sqrt(data.weight)
+        self.scale = float(np.sqrt(np.mean(data.stress**2)))
+        isotropic = [key for key in ("E", *LAWS[law]) if key not in fixed]
+        ends = [f"{key} {k}" for k in range(1, branches + 1) for key in ("c", "b")]
+        self.keys = (*isotropic, *ends)
+        if len(data) <= len(self.keys):
+            raise InputError(
+                f"too few data: to fit {', '.join(self.keys)}, at least {len(self.keys) + 1} rows "
+                f"are needed, found {len(data)}"
+            )
+
+    # -- search coordinates: logarithms; of saturation_stress that of what is above yield_stress ---
+
+    def values(self, x: Floats) -> dict[str, float]:
+        """Parameters at search coordinates, SI, with what is fixed."""
+        found = self.fixed | {key: math.exp(u) for key, u in zip(self.keys, x, strict=True)}
+        if self.law == "voce" and "saturation_stress" in self.keys:
+            found["saturation_stress"] += found["yield_stress"]
+        return found
+
+    def metal(self, x: Floats) -> Metal:
+        """The metal at search coordinates."""
+        found = self.values(x)
+        hardening: Hardening
+        if self.law == "linear":
+            hardening = Linear(found["yield_stress"], found["modulus"])
+        elif self.law == "voce":
+            highest = max(found["saturation_stress"], found["yield_stress"])
+            start, rise = found["yield_stress"], found.get("modulus", 0.0)
+            hardening = Voce(start, highest, found["exponent"], rise)
+        else:
+            hardening = Swift(found["K"], found["strain0"], min(found["n"], 1.0))
+        rows = [(found[f"c {k}"], found[f"b {k}"]) for k in range(1, self.branches + 1)]
+        return Metal(found["E"], hardening, tuple(rows))
+
+    def residual(self, x: Floats) -> Floats:
+        """Weighted differences of the stress, (n,), over its root mean square."""
+        stress, _ = response(self.metal(x), self.strain, self.along)
+        return np.asarray(self._root * (stress - self.measured) / self.scale)
+
+    def jacobian(self, x: Floats) -> Floats:
+        """(n, c), of the residual, by central differences."""
+        columns = []
+        for i in range(len(x)):
+            step = np.zeros(len(x))
+            step[i] = 1e-5
+            columns.append((self.residual(x + step) - self.residual(x - step)) / 2e-5)
+        return np.array(columns).T
+
+    def bounds(self) -> tuple[Floats, Floats]:
+        """Of the search."""
+        rows = [LIMITS[key.partition(" ")[0]] for key in self.keys]
+        low, high = np.log(rows).T
+        return low, high
+
+    # -- starts ------------------------------------------------------------------------------------
+
+    def starts(self, fewer: Mapping[str, float] | None) -> Iterator[Floats]:
+        """Search coordinates to start from; ``fewer``: what was found with a branch less."""
+        E, top, first = self._guesses()
+        wide = float(np.ptp(self.strain))
+        for share, at in itertools.product((0.3, 0.7), (3.0, 30.0, 300.0)):
+            c_over_b = share * top * 0.5
+            table = {"E": E, **self._isotropic(top, first if self.branches == 0 else 0.8 * first)}
+            for k in range(1, self.branches + 1):
+                b = at / wide * 10.0 ** (self.branches - k)
+                table |= {f"c {k}": c_over_b * b / self.branches, f"b {k}": b}
+            if fewer is not None:
+                table |= fewer
+            yield np.array([math.log(table[key]) for key in self.keys])
+            if self.branches == 0:
+                return
+
+    def _guesses(self) -> tuple[float, float, float]:
+        """E, the highest stress, and the stress at which the line of E is left, Pa."""
+        top = float(np.abs(self.measured).max())
+        rows = self.along[0]
+        e, s = np.abs(self.strain[rows]), np.abs(self.measured[rows])
+        slope = np.where(e > 0.0, s / np.where(e > 0.0, e, 1.0), 0.0)
+        E = self.fixed.get("E", float(np.max(slope)))
+        near = s[s > 0.9 * E * e]
+        first = float(near.max()) if near.size else 0.3 * top
+        return E, top, min(max(first, 0.05 * top), 0.95 * top)
+
+    def _isotropic(self, top: float, first: float) -> dict[str, float]:
+        """Where the search for the law of isotropic hardening begins."""
+        wide = float(np.ptp(self.strain))
+        found = {"yield_stress": first, "modulus": max(top - first, 0.01 * top) / wide}
+        if self.law == "voce":
+            found |= {"saturation_stress": max(top - first, 0.05 * top), "exponent": 3.0 / wide}
+        if self.law == "swift":
+            n = 0.2
+            found |= {"K": top / wide**n, "n": n, "strain0": wide * (first / top) ** (1.0 / n)}
+            found["strain0"] = min(max(found["strain0"], 1e-6), 0.5)
+        return found
+
+    # -- search ------------------------------------------------------------------------------------
+
+    def fitted(self, fewer: MetalFit | None = None) -> MetalFit:
+        """The best metal; from ``fewer`` with a branch less, too."""
+        low, high = self.bounds()
+        known = None
+        if fewer is not None and fewer.problem.law == self.law:
+            own = dict(zip(fewer.problem.keys, np.exp(fewer.x), strict=True))
+            known = {key: value for key, value in own.items() if key in self.keys}
+        begun = [*self.starts(None), *(self.starts(known) if known else ())]
+        begun = [np.clip(x, low + 1e-6, high - 1e-6) for x in begun]
+        begun.sort(key=lambda x: float(np.sum(self.residual(x) ** 2)))
+        best = None
+        for x in begun[:4]:
+            one = least_squares(
+                self.residual, x, jac=self.jacobian, bounds=(low, high), x_scale="jac",
+                xtol=1e-10, ftol=1e-11, gtol=1e-11, max_nfev=100,
+            )  # fmt: skip
+            if best is None or one.cost < best.cost:
+                best = one
+        assert best is not None
+        x = self._sorted(best.x)
+        return MetalFit(self, x, np.minimum(x - low, high - x) < 1e-6)
+
+    def _sorted(self, x: Floats) -> Floats:
+        """The same with the fastest branch first."""
+        n = 2 * self.branches
+        pairs = x[len(x) - n :].reshape(-1, 2)
+        return np.concatenate([x[: len(x) - n], pairs[np.argsort(-pairs[:, 1])].ravel()])
+
+
+@dataclass(frozen=True, slots=True)
+class MetalFit:
+    """A metal that was found.
+
+    Attributes:
+        problem: What it was fitted to.
+        x: (c,), search coordinates.
+        at_bound: (c,), whether the search ended at a bound.
+    """
+
+    problem: MetalProblem
+    x: Floats
+    at_bound: NDArray[np.bool_]
+
+    @property
+    def squares(self) -> float:
+        """Sum of the squares of the residual."""
+        residual = self.problem.residual(self.x)
+        return float(residual @ residual)
+
+    @property
+    def degrees(self) -> int:
+        """Rows less parameters."""
+        return len(self.problem.measured) - len(self.x)
+
+    @property
+    def criterion(self) -> float:
+        """Bayesian information criterion; that of the best metal is least."""
+        return information(self.squares, len(self.problem.measured), len(self.x))
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Of all parameters, SI, fitted or fixed."""
+        return self.problem.values(self.x)
+
+    @property
+    def metal(self) -> Metal:
+        """What was found."""
+        return self.problem.metal(self.x)
+
+    @property
+    def parameters(self) -> list[MaterialParameter]:
+        """What was fitted."""
+        units = {"E": "Pa", "c": "Pa", **LAWS[self.problem.law]}
+        return [
+            MaterialParameter(key, units.get(key.partition(" ")[0], ""))
+            for key in self.problem.keys
+        ]
+
+    def slopes(self) -> Slopes:
+        """Of the residual, for the logarithm of each parameter."""
+        keys = list(self.problem.keys)
+        columns = self.problem.jacobian(self.x)
+        if "saturation_stress" in keys:  # Searched as what it is above the yield stress.
+            change, values = np.eye(len(keys)), self.values
+            row = keys.index("saturation_stress")
+            share = 1.0 - values["yield_stress"] / values["saturation_stress"]
+            change[row, row] = share
+            if "yield_stress" in keys:
+                change[row, keys.index("yield_stress")] = 1.0 - share
+            columns = np.asarray(columns @ np.linalg.inv(change))
+        return Slopes(self.parameters, columns, self.squares, self.cure, "the stress")
+
+    def flows_back(self) -> bool:
+        """Whether the metal flows on a path after a turn: only this shows back stresses."""
+        strain = self.problem.strain
+        _, alpha = response(self.metal, strain, self.problem.along)
+        ends = alpha[[rows.stop - 1 for rows in self.problem.along]]
+        return bool((np.diff(ends) > FLOWED).any())
+
+    def computed(self) -> Floats:
+        """Stress of every row, Pa."""
+        return response(self.metal, self.problem.strain, self.problem.along)[0]
+
+    def cure(self, name: str) -> str:
+        """What to do about a parameter that the data do not determine."""
+        key = name.partition(" ")[0]
+        if key in ("c", "b"):
+            n = self.problem.branches
+            return f"add rows soon after each turn of the strain, or take --branches {n - 1}"
+        rows = "rows before it yields" if key == "E" else "rows at other plastic strains"
+        return f"add {rows}, or give a value with --fix {key}=..."
+
+
+def fit_metal(
+    data: MaterialData, law: str | None, branches: int | None, fixed: Mapping[str, float]
+) -> tuple[MetalFit, dict[str, float]]:
+    """The hardening of a test.
+
+    Args:
+        data: The test.
+        law: Of ``LAWS``; None: that of the least information criterion.
+        branches: Number of back stresses; None: likewise, 0 where the strain never turns.
+        fixed: What is not fitted, by key, SI.
+
+    Returns:
+        The metal, and the criterion of all that were tried, by law and number of branches.
+
+    Raises:
+        InputError: there are too few rows.
+    """
+    assert data.strain is not None
+    turns = len(paths(data.strain)) > 1
+    found: list[MetalFit] = []
+    for one in (law,) if law else LAWS:
+        if branches is not None:
+            found.append(MetalProblem(data, one, branches, fixed).fitted())
+            continue
+        best = MetalProblem(data, one, 0, fixed).fitted()
+        found.append(best)
+        for n in range(1, MOST_BRANCHES + 1) if turns else ():
+            if len(data) <= len(best.x) + 2:
+                break
+            more = MetalProblem(data, one, n, fixed).fitted(best)
+            found.append(more)
+            if more.criterion > best.criterion:
+                break
+            best = more
+    known = {f"{one.problem.law}, {one.problem.branches}": one.criterion for one in found}
+    return min(found, key=lambda one: one.criterion), known
