@@ -255,30 +255,41 @@ def fitted(
 def _estimates(
     fit: PronyFit | MetalFit, slopes: Slopes, scatter: float
 ) -> Iterator[Estimate[MaterialParameter]]:
-    held = isinstance(fit, MetalFit) and not fit.flows_back()
-    for parameter, at_bound in zip(fit.parameters, fit.at_bound, strict=True):
+    """One for each parameter, and of a series the long-term modulus."""
+    judged = fit.search_slopes() if isinstance(fit, PronyFit) else slopes
+    at_bound = dict(zip(judged.names, map(bool, fit.at_bound), strict=True))
+    back = isinstance(fit, MetalFit) and not fit.flows_back()
+    for parameter in fit.parameters:
         name, value = parameter.name, fit.values[parameter.name]
         ends = interval(parameter, value, slopes.half_width(name, scatter, fit.degrees))
-        warning = slopes.warning(name, max(scatter, NOISE), fit.degrees)
-        # The first coordinate of a series is searched as the long-term modulus, judged below.
-        if warning is None and at_bound and not (name == "G" and isinstance(fit, PronyFit)):
-            warning = (
-                f"{name}: the data cannot determine it: the search ended at its bound; "
-                f"{fit.cure(name)}"
-            )
-        if held and name.partition(" ")[0] in ("c", "b"):
-            warning = (
-                f"{name}: the data cannot determine it: the metal never flows after a turn of the "
-                "strain, so back stress and yield stress are one; add rows of flow after a turn, "
-                "or take --branches 0"
-            )
+        if back and name.partition(" ")[0] in ("c", "b"):
+            warning: str | None = _AT_ONE.format(name=name)
+        elif name in judged.names:
+            warning = _why_open(name, judged, at_bound[name], fit, scatter)
+        else:
+            warning = slopes.broad(name, scatter, fit.degrees)
         yield Estimate(parameter, value, *ends, warning)
     if isinstance(fit, PronyFit):
-        at_end = fit.long_term_slopes()
-        value = fit.series.long_term
-        ends = interval(LONG_TERM, value, at_end.half_width(LONG_TERM.name, scatter, fit.degrees))
-        warning = at_end.warning(LONG_TERM.name, max(scatter, NOISE), fit.degrees)
+        name, value = LONG_TERM.name, fit.series.long_term
+        ends = interval(LONG_TERM, value, judged.half_width(name, scatter, fit.degrees))
+        warning = _why_open(name, judged, at_bound[name], fit, scatter)
         yield Estimate(LONG_TERM, value, *ends, warning)
+
+
+_AT_ONE = (
+    "{name}: the data cannot determine it: the metal never flows after a turn of the strain, so "
+    "back stress and yield stress are one; add rows of flow after a turn, or take --branches 0"
+)
+
+
+def _why_open(
+    name: str, judged: Slopes, at_bound: bool, fit: PronyFit | MetalFit, scatter: float
+) -> str | None:
+    """Why the data do not determine a parameter; None if they do."""
+    if at_bound:
+        end = "the search ended at its bound"
+        return f"{name}: the data cannot determine it: {end}; {fit.cure(name)}"
+    return judged.warning(name, scatter, fit.degrees)
 
 
 def _with_notes(result: MaterialResult) -> MaterialResult:
@@ -294,10 +305,10 @@ def _with_notes(result: MaterialResult) -> MaterialResult:
         tried = result.criterion
         if len(tried) == MOST_BRANCHES and fit.branches == MOST_BRANCHES:
             notes.append(f"more than {MOST_BRANCHES} branches might fit still better; none tried")
-    elif len(fit.problem.along) == 1 and fit.problem.branches == 0:
+    elif fit.problem.branches == 0 and not fit.flows_back():
         notes.append(
-            "the strain never turns back, which alone tells back stress from yield stress: all "
-            "hardening is taken as isotropic"
+            "no row flows after a turn of the strain, which alone tells back stress from yield "
+            "stress: all hardening is taken as isotropic"
         )
     return dataclasses.replace(result, notes=tuple(notes))
 
@@ -314,3 +325,21 @@ def durbin_watson(result: MaterialResult) -> float | None:
         return None
     found = float(np.sum(np.diff(r) ** 2)) / total
     return found if found < 2.0 - 6.0 / math.sqrt(len(r)) else None
+
+
+def seen_times(result: MaterialResult) -> tuple[float, float]:
+    """Shortest and longest time that data of a rubber tell of, s, at the reference temperature."""
+    fit = result.fit
+    assert isinstance(fit, PronyFit)
+    if result.data.frequency is None:
+        return fit.problem.span
+    reduced = result.data.frequency * shift_factors(fit)
+    return 1.0 / float(reduced.max()), 1.0 / float(reduced.min())
+
+
+def shift_factors(fit: PronyFit) -> Floats:
+    """Factors a_T of each row, (n,)."""
+    series, shift = fit.series, fit.problem.shift
+    if shift is None or series.C1 is None or series.C2 is None:
+        return np.ones(len(fit.problem.data))
+    return np.asarray(np.exp(shift.logarithm(series.C1, series.C2)))

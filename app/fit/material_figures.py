@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from tribox.app.figures.style import COLOURS, MARKERS, RED, STYLE, save, thin_log_ticks
-from tribox.app.fit.material import WORDS, MaterialResult
+from tribox.app.fit.material import WORDS, MaterialResult, seen_times, shift_factors
 from tribox.app.fit.metal import MetalFit, paths, response
-from tribox.app.fit.prony import PronyFit, PronyProblem, Shift
+from tribox.app.fit.prony import PronyFit, PronyProblem
 
 Floats = NDArray[np.float64]
 
@@ -96,7 +96,7 @@ def _vibration(top: Axes, bottom: Axes, result: MaterialResult) -> None:
     assert isinstance(fit, PronyFit)
     assert data.frequency is not None and data.modulus is not None and data.loss is not None
     series, shift, n = fit.series, fit.problem.shift, len(data)
-    reduced = data.frequency * _factors(series.C1, series.C2, shift, n)
+    reduced = data.frequency * shift_factors(fit)
     groups: list[NDArray[np.intp]] = [np.arange(n)]
     if shift is not None:
         groups = [np.flatnonzero(shift.temperature == T) for T in np.unique(shift.temperature)]
@@ -125,13 +125,6 @@ def _vibration(top: Axes, bottom: Axes, result: MaterialResult) -> None:
     bottom.set_xlabel(f"{'' if shift is None else 'reduced '}angular frequency{reference} (rad/s)")
 
 
-def _factors(C1: float | None, C2: float | None, shift: Shift | None, n: int) -> Floats:
-    """Factors a_T of each row, (n,)."""
-    if shift is None or C1 is None or C2 is None:
-        return np.ones(n)
-    return np.asarray(np.exp(shift.logarithm(C1, C2)))
-
-
 def _cycles(top: Axes, bottom: Axes, result: MaterialResult) -> None:
     data = result.data
     assert data.strain is not None and data.stress is not None and data.time is not None
@@ -158,7 +151,7 @@ def _spectrum(axes: Axes, result: MaterialResult) -> None:
             axes.plot([time.low, time.high], [share.value] * 2, color=colour, lw=2.5, alpha=0.5)
         if share.low is not None and share.high is not None and not open_row:
             axes.plot([time.value] * 2, [share.low, share.high], color=colour, lw=2.5, alpha=0.5)
-    axes.axvspan(*_seen(result, fit), color="0.5", alpha=0.1, lw=0, label="times of the data")
+    axes.axvspan(*seen_times(result), color="0.5", alpha=0.1, lw=0, label="times of the data")
     left = fit.series.long_term / fit.series.G
     axes.axhline(left, color="0.4", lw=0.8, ls="--", label="long-term share")
     axes.set_xscale("log")
@@ -166,15 +159,6 @@ def _spectrum(axes: Axes, result: MaterialResult) -> None:
     axes.set_xlabel("relaxation time τ (s)")
     axes.set_ylabel("share of the instantaneous modulus")
     axes.legend(fontsize=8)
-
-
-def _seen(result: MaterialResult, fit: PronyFit) -> tuple[float, float]:
-    """Shortest and longest time that the data tell of, s, at the reference temperature."""
-    if result.data.frequency is None:
-        return fit.problem.span
-    series, n = fit.series, len(result.data)
-    reduced = result.data.frequency * _factors(series.C1, series.C2, fit.problem.shift, n)
-    return 1.0 / float(reduced.max()), 1.0 / float(reduced.min())
 
 
 # -- metals ----------------------------------------------------------------------------------------

@@ -23,6 +23,7 @@ from tribox.app.fit.material import (
     MaterialResult,
     fitted,
     read_test,
+    seen_times,
 )
 from tribox.app.fit.metal import LAWS, MetalFit
 from tribox.app.fit.prony import LONG_TERM, PronyFit
@@ -93,16 +94,23 @@ def _rubber(result: MaterialResult) -> Iterator[str]:
     fit, loose = result.fit, result.loose
     assert isinstance(fit, PronyFit)
     series = fit.series
+    moduli, never = series.G * series.shares, _never_seen(result)
+    G = series.G - float(moduli[never].sum())
     yield _line("material", "neo-hookean")
-    yield from _judged("G", _quantity(series.G, "Pa"), "G" in loose)
+    yield from _judged("G", _quantity(G, "Pa"), "G" in loose and not never.any())
     yield _line("K", _quantity(result.given.get("K", ASSUMED_RUBBER["K"]), "Pa"))
     yield _line("moduli", "instantaneous")
     rows: list[tuple[list[object], bool]] = []
-    for k, (share, time) in enumerate(zip(series.shares, series.times, strict=True), start=1):
-        row = [f"{share:.{_DIGITS_OF_SHARE}g}", _quantity(time, "s")]
+    for k, (modulus, time) in enumerate(zip(moduli, series.times, strict=True), start=1):
+        if never[k - 1]:
+            branch = f"{_quantity(modulus, 'Pa')} at {_quantity(time, 's')}"
+            yield f"# not determined: a branch of {branch}; without it, it is always relaxed"
+            continue
+        row: list[object] = [f"{modulus / G:.{_DIGITS_OF_SHARE}g}", _quantity(time, "s")]
         last = k == fit.branches and LONG_TERM.name in loose
         rows.append((row, last or bool({f"share {k}", f"tau {k}"} & loose)))
-    yield from _rows("prony", rows, "without it its share never relaxes")
+    if rows:
+        yield from _rows("prony", rows, "without it its share never relaxes")
     if fit.problem.shift is not None:
         reference = fit.problem.shift.reference
         at = result.given.get("temperature", reference)
@@ -117,6 +125,16 @@ def _rubber(result: MaterialResult) -> Iterator[str]:
         if {"C1", "C2"} & loose:
             line = f"# {line}  # not determined: without it the times are those at the reference"
         yield line
+
+
+def _never_seen(result: MaterialResult) -> NDArray[np.bool_]:
+    """(k,), branches that are not determined and faster than most of the data: left out of G."""
+    fit = result.fit
+    assert isinstance(fit, PronyFit)
+    times, names = fit.series.times, range(1, fit.branches + 1)
+    low, high = seen_times(result)
+    loose = [bool({f"share {k}", f"tau {k}"} & result.loose) for k in names]
+    return np.asarray(np.array(loose) & (times < np.sqrt(low * high)))
 
 
 def _metal(result: MaterialResult) -> Iterator[str]:

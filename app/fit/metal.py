@@ -402,4 +402,6 @@ def fit_metal(
                 break
             best = more
     known = {f"{one.problem.law}, {one.problem.branches}": one.criterion for one in found}
-    return min(found, key=lambda one: one.criterion), known
+    # A back stress that no flow after a turn has shown is none: it may only fit a pull better.
+    shown = [one for one in found if not one.problem.branches or one.flows_back()]
+    return min(shown or found, key=lambda one: one.criterion), known

@@ -374,11 +374,16 @@ class PronyFit:
         slopes = self.problem.jacobian(self.x) @ np.linalg.pinv(change)
         return Slopes(self.parameters, slopes, self.squares, self.cure, self._what)
 
-    def long_term_slopes(self) -> Slopes:
-        """Of the residual, for the logarithm of the long-term modulus, and of the search's rest."""
-        rest = (MaterialParameter(str(i)) for i in range(1, len(self.x)))
+    def search_slopes(self) -> Slopes:
+        """Of the residual for the moduli themselves, which tell what the data determine.
+
+        Shares would not: where little is left in the long term, they are one by their sum, and
+        where a branch too fast for the data makes G uncertain, none of them is known, though the
+        other moduli are. A modulus bears the name of its share.
+        """
+        stated = self.parameters
         columns = self.problem.jacobian(self.x)
-        return Slopes([LONG_TERM, *rest], columns, self.squares, self.cure, self._what)
+        return Slopes([LONG_TERM, *stated[1:]], columns, self.squares, self.cure, self._what)
 
     @property
     def _what(self) -> str:

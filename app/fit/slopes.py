@@ -114,13 +114,17 @@ class Slopes:
                 f"{name}: the data cannot determine it: a change of {other} has the same effect; "
                 f"{cure}"
             )
+        return self.broad(name, scatter, degrees)
+
+    def broad(self, name: str, scatter: float, degrees: int) -> str | None:
+        """That the interval of a parameter is too wide; None if it is not."""
         half = self.half_width(name, max(scatter, NOISE), degrees)
         if half > BROAD:
             key = name.partition(" ")[0]
             of = f" of {key}/(1 - {key})" if name in self._bounded else ""
             return (
                 f"{name}: the data cannot determine it: the interval{of} spans a factor of "
-                f"{factor_of(half)} either way; {cure}"
+                f"{factor_of(half)} either way; {self._cure(name)}"
             )
         return None
 

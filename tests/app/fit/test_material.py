@@ -16,6 +16,7 @@ from scipy.integrate import quad, solve_ivp
 
 from tribox.app.case import load_case
 from tribox.app.case.bodies import ElastoPlasticBody, NeoHookeanBody
+from tribox.app.case.quantities import parse_quantity
 from tribox.app.errors import InputError
 from tribox.app.fit.material import MaterialOptions, durbin_watson, fit_material
 from tribox.app.fit.material_data import MaterialData
@@ -345,7 +346,7 @@ def test_of_a_pull_the_section_holds_back_stresses_as_comments(tmp_path):
     text = body_section(result, file)
     assert "\n# kinematic = " in text and "kinematic" not in tomllib.loads(text)["bodies"]["metal"]
     notes = fit_material(file, MaterialOptions(law="voce", fixed=["E=70 GPa"])).notes
-    assert "never turns back" in notes[-1]
+    assert "no row flows after a turn" in notes[-1]
 
 
 def test_what_has_not_relaxed_at_last_is_a_comment(tmp_path):
@@ -360,6 +361,23 @@ def test_what_has_not_relaxed_at_last_is_a_comment(tmp_path):
     [row] = tomllib.loads(text)["bodies"]["elastomer"]["prony"]
     assert float(row[0]) == pytest.approx(0.5, rel=0.1) and row[1].endswith(" ms")
     assert "without it its share never relaxes" in text
+
+
+def test_a_branch_too_fast_for_the_data_is_left_out_of_the_modulus(tmp_path):
+    """The section gives what was measured, all the same."""
+    t = np.geomspace(1e-2, 100.0, 50)
+    modulus = 1e6 * (1.0 + np.exp(-t / 0.5) + 30.0 * np.exp(-t / 1.5e-3))
+    modulus *= np.exp(0.005 * np.random.default_rng(3).standard_normal(50))
+    file = write(tmp_path / "fast.csv", "time [s],shear_modulus [Pa]", t, modulus)
+    result = fit_material(file, MaterialOptions(branches=2))
+    assert "share 1" in result.loose and result.fit.series.times[0] < 1e-2
+    text = body_section(result, file)
+    assert "\n# not determined: a branch of " in text
+    body = tomllib.loads(text)["bodies"]["elastomer"]
+    [[share, tau]] = body["prony"]
+    assert parse_quantity(body["G"], "Pa") == pytest.approx(2e6, rel=0.01)
+    assert float(share) == pytest.approx(0.5, rel=0.01)
+    assert parse_quantity(tau, "s") == pytest.approx(0.5, rel=0.03)
 
 
 def test_two_temperatures_tell_one_factor_and_no_law(tmp_path):
