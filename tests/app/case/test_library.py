@@ -92,6 +92,25 @@ def test_moduli_by_hardness(name):
     assert body.shear_modulus == pytest.approx(young / 3.0, rel=2e-3)
 
 
+# Long-term modulus and branches, kPa, as the sources print them.
+PRINTED = {
+    "VHB-4910": (15.36, 26.06, 26.53, 10.83),
+    "VHB-4910-slow": (13.7, 56.4, 31.5, 19.8),
+    "NBR-visco": (400.0, 535.7, 76.20, 120.5, 21.3, 22.9),
+}
+
+
+@pytest.mark.parametrize("name", PRINTED)
+def test_branches_are_those_of_their_source(name):
+    long_term, *moduli = PRINTED[name]
+    keys = entries()[name].keys
+    G = parse_quantity(keys["G"], "Pa")
+    assert G == pytest.approx(1e3 * sum(PRINTED[name]))
+    shares = [float(share) for share, _ in keys["prony"]]
+    assert [G * share for share in shares] == pytest.approx([1e3 * m for m in moduli], rel=1e-5)
+    assert G * (1.0 - sum(shares)) == pytest.approx(1e3 * long_term, rel=1e-4)
+
+
 def test_keys_of_the_table_come_first():
     keys = {"material": "AA1050-O", "density": "2.8 g/cm^3", "hardening": {"n": 0.3}}
     body = read(case_with(**keys)).bodies["aluminium"]
