@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import sys
 import textwrap
@@ -15,6 +16,8 @@ WIDEST = 100
 """Columns of a line in a log or on a terminal; longer ones are folded."""
 CONTINUED = "    "
 """What the further lines of a folded one begin with."""
+_JOINED = "\ue000"  # stands for a blank at which no line ends
+_NUMBER_AND_UNIT = re.compile(r"(?<=\d) (?=[%\w/]{1,4}(?:[\s,;:)]|$))")
 # Control characters, those that turn the direction of writing, line ends and halves of pairs.
 _UNFIT = ("Cc", "Cf", "Zl", "Zp", "Cs")
 
@@ -41,15 +44,14 @@ def folded(line: str, width: int = WIDEST) -> str:
     width = max(min(width, WIDEST), 2 * len(CONTINUED))
     if len(line) <= width:
         return line
-    return "\n".join(
-        textwrap.wrap(
-            line,
-            width,
-            subsequent_indent=CONTINUED,
-            break_long_words=False,
-            break_on_hyphens=False,
-        )
+    lines = textwrap.wrap(
+        _NUMBER_AND_UNIT.sub(_JOINED, line),
+        width,
+        subsequent_indent=CONTINUED,
+        break_long_words=False,
+        break_on_hyphens=False,
     )
+    return "\n".join(lines).replace(_JOINED, " ")
 
 
 def tell(line: str, stream: TextIO | None = None) -> None:

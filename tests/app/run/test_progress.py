@@ -12,6 +12,7 @@ from rich.console import Console
 from tests.app.read_log import unfolded
 from tribox.app.build.load_steps import load_steps_of
 from tribox.app.case.reading import load_case
+from tribox.app.errors import folded
 from tribox.app.errors import tell as print_folded
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.results.saving import Saving
@@ -94,6 +95,14 @@ def test_advice_is_given_once_and_no_line_is_wide(case_file, block, tmp_path, mo
     said = unfolded(log).splitlines()
     assert said[0] == NOTE.format(0, 0.25)
     assert said[2] == "note: contact.2: corners 0.25 m apart, with a peak each"
+
+
+def test_no_line_ends_between_a_number_and_its_unit():
+    line = "the contact is uncertain by 33 % of 0.02 m at 3 MPa, and 4 facets wide; " * 5
+    for width in range(40, 90):
+        shown = folded(line.strip(), width)
+        assert not re.search(r"\d\n +(%|m|MPa)\b", shown), shown
+        assert unfolded(shown) == line.strip() + "\n"
 
 
 def test_errors_and_notes_are_folded_on_terminals_only(monkeypatch):
