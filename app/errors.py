@@ -17,7 +17,7 @@ WIDEST = 100
 CONTINUED = "    "
 """What the further lines of a folded one begin with."""
 _JOINED = "\ue000"  # stands for a blank at which no line ends
-_NUMBER_AND_UNIT = re.compile(r"(?<=\d) (?=[%\w/]{1,4}(?:[\s,;:)]|$))")
+_NUMBER_AND_UNIT = re.compile(r"(?<=\d) (?=[%\w/]{1,4}(?:[\s,;:)\"]|$))")
 # Control characters, those that turn the direction of writing, line ends and halves of pairs.
 _UNFIT = ("Cc", "Cf", "Zl", "Zp", "Cs")
 
