@@ -202,10 +202,11 @@ class _Elastomer(_Body):
         description="rows [[share, relaxation time], ...] of Maxwell branches, shares of the "
         "instantaneous shear modulus; the bulk modulus does not relax",
     )
-    moduli: Literal["instantaneous", "long-term"] = Field(
-        default="long-term",
+    moduli: Literal["instantaneous", "long-term"] | None = Field(
+        default=None,
         description='what the other constants are those of: "long-term", of the body when all '
-        'branches are relaxed, or "instantaneous", of a sudden deformation; with prony',
+        'branches are relaxed (the default), or "instantaneous", of a sudden deformation; with '
+        "prony",
     )
     shift: Shift | None = Field(
         default=None,

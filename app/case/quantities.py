@@ -89,6 +89,9 @@ def _factor(text: str, unit: str) -> Decimal:
             hint = "decimals stand behind a point, as in 0.5"
         raise QuantityError(f'unknown unit "{text}"; {hint}') from error
     try:
+        zero = registry.Quantity(Decimal(0), given.units).to(registry.parse_units(unit))
+        if zero.magnitude != 0:
+            raise ValueError("it counts from another zero")
         return Decimal(given.to(registry.parse_units(unit)).magnitude)
     except Exception as error:  # Wrong dimension, or an offset unit such as degC.
         raise QuantityError(f'"{text}" has the wrong dimension; {_hint(text, unit)}') from error

@@ -21,12 +21,16 @@ V = U Fᵀ, H = F⁻ᵀ, n = tr V, q = tr V², g = G_k m^(1/3) J^(−2/3), y = t
              + H_iJ Z_kL + Z_iJ H_kL + c H_iJ H_kL,
     Z = −(⅔ g + 2/9 y n) U + ⅔ y V U,   c = 2/9 g n + y (2/27 n² − 2/9 q).
 
-What a branch dissipates in a step is what it loses while it flows under the deformation at the end,
-½ G_k r (1 + r/2) tr[((C̄ C_k⁻¹)^D)²] with r = Δt/τ_k = t/(1 − t): to first order in the step the
-rate G_k/(2 τ_k) tr[((C̄ C_k⁻¹)^D)²] times Δt, and all that was stored where the step is endless.
+With r = Δt/τ_k = t/(1 − t) and the stored energy W_k of a branch it dissipates in a step
+
+    D_k = ½ G_k r tr[((C̄ C_k⁻¹)^D)²] + ⟨√W_k,n − √W_k⟩² ≥ 0,
+
+the rate at the end times Δt, and what a branch that relaxes within the step loses beside it: of
+second order while steps are short, and all that was stored where the step is endless.
 
 State: of each branch C_k (11, 22, 33, 12; in space 23, 13 too), then what each has dissipated since
-the start, J/m³. Axis letters: n points, p components of F and P, b branches, i, J space.
+the start, then what each stores, J/m³. Axis letters: n points, p components of F and P, b branches,
+i, J space.
 """
 
 from __future__ import annotations
@@ -48,6 +52,7 @@ from tribox.forms.native.libraries import library
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 SOURCE = "viscous_points.c"
+ROUNDOFF = 1e-14  # of G/2: less is no stored energy but what rounding leaves of 3 − 3
 PLANE = (0, 1, 3, 4, 8)  # places of the plane's components among the nine
 PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))  # those of C_k, four in the plane
 
@@ -132,7 +137,7 @@ class ViscousPoints:
         """
         self.branches, self.space, self._held = tuple(branches), space, held
         self.components, self._metric = (9, 6) if space else (5, 4)
-        self.variables = (self._metric + 1) * len(self.branches)
+        self.variables = (self._metric + 2) * len(self.branches)
         self._moduli = np.array([branch.modulus for branch in self.branches])
         self._times = np.array([branch.time for branch in self.branches])
         self._code = _code(space) if compiled else None
@@ -147,7 +152,8 @@ class ViscousPoints:
         """Where the variables lie in a state."""
         count, size = len(self.branches), self._metric
         found = {f"viscous_metric_{b + 1}": slice(size * b, size * (b + 1)) for b in range(count)}
-        return found | {DISSIPATED: slice(size * count, self.variables)}
+        ends = size * count, (size + 1) * count
+        return found | {DISSIPATED: slice(*ends), "stored": slice(ends[1], self.variables)}
 
     def start(self, points: int) -> Floats:
         """State (points, s) of relaxed, undeformed branches: C_k = I."""
@@ -207,9 +213,10 @@ class ViscousPoints:
     ) -> ViscousUpdate:
         """The update in numpy."""
         at, new = _Deformation(self._tensors(F)), state.copy()
-        P, lost = np.zeros_like(at.F), np.zeros((len(F), len(self.branches)))
+        P, columns = np.zeros_like(at.F), self.columns
+        lost = np.zeros((len(F), len(self.branches)))
         A = np.zeros((len(F), 3, 3, 3, 3)) if tangent else None
-        stored = np.zeros(len(F))
+        stored = np.zeros_like(lost)
         for b, (G, t, s) in enumerate(zip(self._moduli, share, rest, strict=True)):
             old = self._metrics(state, b)
             M = s * old + t * at.j[:, None, None] * at.C
@@ -218,19 +225,21 @@ class ViscousPoints:
             g, V = G * cube * at.j, U @ at.F.transpose(0, 2, 1)
             n = np.trace(V, axis1=1, axis2=2)
             P += g[:, None, None] * (U - n[:, None, None] / 3.0 * at.H)
-            stored += 0.5 * G * (cube * at.j * n - 3.0)
-            if t < 0.5:
-                of, factor = at.j[:, None, None] * at.C, t / s * (1.0 + 0.5 * t / s)
-            else:
-                of, factor = old, s / t + 0.5
+            excess = cube * at.j * n - 3.0
+            stored[:, b] = 0.5 * G * np.where(excess < ROUNDOFF, 0.0, excess)
+            # (C̄ C_k⁻¹)^D = −(C_k,n C_k⁻¹)^D/r: the one that holds more digits.
+            of, factor = (at.j[:, None, None] * at.C, t / s) if t < 0.5 else (old, s / t)
             lost[:, b] = 0.5 * G * factor * cube**2 * _distance(of @ N)
             places = PAIRS[: self._metric]
             rows = slice(self._metric * b, self._metric * (b + 1))
             new[:, rows] = np.stack([M[:, i, j] / cube for i, j in places], axis=1)
             if A is not None:
                 A += branch_tangent(at.H, U, V, N, g, t * at.j * g)
-        new[:, -len(self.branches) :] += lost
-        return self._result(P, new, state, A, stored, lost.sum(axis=1), at.valid)
+        fallen = np.sqrt(state[:, columns["stored"]]) - np.sqrt(stored)
+        lost += np.maximum(fallen, 0.0) ** 2
+        new[:, columns[DISSIPATED]] += lost
+        new[:, columns["stored"]] = stored
+        return self._result(P, new, state, A, stored.sum(axis=1), lost.sum(axis=1), at.valid)
 
     def _result(
         self,

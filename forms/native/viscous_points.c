@@ -6,6 +6,8 @@
 
 #include "point_lanes.h"
 
+static const double ROUNDOFF = 1e-14; /* as in viscous_points.py */
+
 typedef struct {
     int64_t branches;
     const double *modulus, *share, *rest; /* of each: G, t = dt/(tau + dt) and 1 - t */
@@ -110,7 +112,8 @@ INLINE void add_branch(int space, vec g, vec y, const vec U[3][3], const vec V[3
     }
 }
 
-/* One branch: from C_n (6 or 4) to C_k and what is dissipated; adds to P, A and the energy. */
+/* One branch: from C_n (6 or 4) to C_k, with energies[0] what it stores and energies[1] what it
+ * dissipates by the rate at the end; adds to P and A. */
 INLINE void branch(int space, double G, double t, double s, const Deformation *at, const vec *from,
                    vec *to, vec stress[3][3], vec *moduli, Shared *shared, vec *energies)
 {
@@ -133,13 +136,12 @@ INLINE void branch(int space, double G, double t, double s, const Deformation *a
     vec g = G * cube * at->j, n = trace_of(V);
     for (int k = 0; k < 9; ++k)
         stress[k / 3][k % 3] += g * (U[k / 3][k % 3] - (1.0 / 3.0) * n * at->H[k / 3][k % 3]);
-    energies[0] += 0.5 * G * (cube * at->j * n - 3.0);
-    vec scale = cube * cube;
+    vec excess = cube * at->j * n - 3.0, scale = 0.5 * G * cube * cube;
+    energies[0] = 0.5 * G * choose((ivec)(excess < ROUNDOFF), all(0.0), excess);
     if (t < 0.5)
-        energies[1] = 0.5 * G * (t / s) * (1.0 + 0.5 * t / s) * scale * at->j * at->j *
-                      distance(at->C, N);
+        energies[1] = (t / s) * scale * at->j * at->j * distance(at->C, N);
     else
-        energies[1] = 0.5 * G * (s / t + 0.5) * scale * distance(old, N);
+        energies[1] = (s / t) * scale * distance(old, N);
     if (!moduli)
         return;
     vec y = t * at->j * g, q = all(0.0);
@@ -177,13 +179,14 @@ INLINE void add_shared(int space, const vec H[3][3], const Shared *of, vec *A)
 INLINE int64_t over_points(int space, const Work *w, int64_t n, const double *F,
                            const double *state, double *P, double *end, double *A, double *energies)
 {
-    const int count = space ? 9 : 5, size = space ? 6 : 4, width = (size + 1) * (int)w->branches;
+    const int count = space ? 9 : 5, size = space ? 6 : 4, count_of = (int)w->branches, lost = size * count_of,
+              kept = lost + count_of, width = kept + count_of;
     const int(*place)[2] = space ? SPACE : PLANE;
     const ivec always = ~(ivec){};
     ivec bad = {};
     vec s[width], next[width];
     for (int64_t first = 0; first < n; first += LANES) {
-        vec f[9], stress[9], moduli[81], energy[2] = {}, lost = all(0.0);
+        vec f[9], stress[9], moduli[81], energy[2], total[2] = {};
         Tensor sum = {};
         Shared shared = {};
         Deformation at;
@@ -196,10 +199,13 @@ INLINE int64_t over_points(int space, const Work *w, int64_t n, const double *F,
         for (int b = 0; b < w->branches; ++b) {
             branch(space, w->modulus[b], w->share[b], w->rest[b], &at, s + size * b,
                    next + size * b, sum, A ? moduli : 0, &shared, energy);
-            next[size * w->branches + b] = s[size * w->branches + b] + energy[1];
-            lost += energy[1];
+            vec fallen = square_root(s[kept + b]) - square_root(energy[0]);
+            energy[1] += choose((ivec)(fallen > 0.0), fallen * fallen, all(0.0));
+            next[lost + b] = s[lost + b] + energy[1];
+            next[kept + b] = energy[0];
+            total[0] += energy[0];
+            total[1] += energy[1];
         }
-        energy[1] = lost;
         vec ok = all(0.0);
         for (int p = 0; p < count; ++p)
             stress[p] = sum[place[p][0]][place[p][1]];
@@ -213,7 +219,7 @@ INLINE int64_t over_points(int space, const Work *w, int64_t n, const double *F,
         store(stress, good, first, n, count, P);
         store(next, always, first, n, width, end);
         for (int k = 0; k < 2; ++k)
-            store(energy + k, good, first, n, 1, energies + k * n);
+            store(total + k, good, first, n, 1, energies + k * n);
         if (A)
             store(moduli, good, first, n, count * count, A);
         bad |= ~good;
@@ -222,7 +228,7 @@ INLINE int64_t over_points(int space, const Work *w, int64_t n, const double *F,
 }
 
 /* Updates n points; returns whether any was not valid. F (n, p), state and end (n, s): the C of all
- * branches, then what each has dissipated; P (n, p), A (n, p, p) or null, energies (2, n): stored,
+ * branches, what each has dissipated, what each stores; P (n, p), A (n, p, p) or null, energies (2, n): stored,
  * dissipated in the step. */
 EXPORT int64_t tribox_viscous_plane(const Work *w, int64_t n, const double *F, const double *state,
                                     double *P, double *end, double *A, double *energies)

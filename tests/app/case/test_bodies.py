@@ -27,6 +27,12 @@ def branched(*branches):
     return flows("linear", yield_stress="80 MPa") | {"kinematic": list(branches)}
 
 
+RUBBER = {"material": "neo-hookean", "G": 1, "K": 9}
+PRONY = RUBBER | {"prony": [[0.2, "10 ms"], [0.1, "1 s"]]}
+WLF = {"law": "wlf", "C1": 17.4, "C2": 51.6, "reference": "20 degC", "temperature": "40 degC"}
+HOT = {"law": "arrhenius", "energy": "80 kJ/mol", "reference": 293, "temperature": 313}
+
+
 MISTAKES = [
     ({"material": "steel"}, 'material = "steel": must be one of "neo-hookean", "hencky"'),
     ({"material": "AA1050"}, 'no such material; did you mean "AA1050-O", "AA1100-O"'),
@@ -69,6 +75,22 @@ MISTAKES = [
     (rated("perzyna", exponent=0.2), "rate.reference_rate: missing; rate of plastic strain"),
     (rated("perzyna", reference_rate=1, exponent=2), "rate.exponent = 2: must be > 0 and <= 1"),
     (rated("johnson-cook", C=0), "rate.C = 0: must be > 0"),
+    (RUBBER | {"prony": [[0.6, 1], [0.5, 2]]}, "prony: the shares sum up to 1.1: must be < 1"),
+    (RUBBER | {"prony": [[0, 1]]}, "bodies.aluminium.prony.0.0 = 0: must be > 0 and < 1"),
+    (RUBBER | {"prony": [[1.2, 1]]}, "bodies.aluminium.prony.0.0 = 1.2: must be > 0 and < 1"),
+    (RUBBER | {"prony": [[0.2, 0]]}, "bodies.aluminium.prony.0.1 = 0: must be > 0 s"),
+    (RUBBER | {"prony": [[0.2, "1 Hz"]]}, 'prony.0.1 = "1 Hz": "Hz" has the wrong dimension'),
+    (RUBBER | {"prony": [[0.2]]}, "prony.0 = [0.2]: must be a pair [share, relaxation time]"),
+    (RUBBER | {"prony": []}, "bodies.aluminium.prony = []: a table needs at least one row"),
+    (RUBBER | {"moduli": "instantaneous"}, "moduli: needs prony: there are no branches"),
+    (PRONY | {"moduli": "short"}, 'bodies.aluminium.moduli = "short": must be '),
+    (RUBBER | {"shift": HOT}, "bodies.aluminium.shift: needs prony"),
+    (PRONY | {"shift": HOT | {"energy": 0}}, "shift.energy = 0: must be > 0 J/mol"),
+    (PRONY | {"shift": WLF | {"temperature": "-60 degC"}}, "shift.temperature: must be > 241.55 K"),
+    (PRONY | {"shift": WLF | {"C2": "51 degC"}}, 'shift.C2 = "51 degC":'),
+    (PRONY | {"shift": WLF | {"temperature": "-31 degC"}}, "by 1.48e+03 decades: more than 30"),
+    (PRONY | {"nu": 0.4}, "give E and nu, or G and K; found G and K and nu"),
+    (METAL | flows("linear", yield_stress=1) | {"prony": [[0.2, 1]]}, 'key "prony" in bodies.al'),
     (rated("cowper"), 'rate.law = "cowper": must be one of "johnson-cook", "perzyna"'),
     (branched(3), "bodies.aluminium.kinematic.0 = 3: must be an array"),
     (branched(["2 GPa"]), "bodies.aluminium.kinematic.0.1: missing entry"),

@@ -1,4 +1,4 @@
-"""Runs with a body that flows go on as if they had not stopped, on any number of ranks."""
+"""Runs with a body that flows, or creeps, go on as if they had not stopped, on any ranks."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import pytest
 from mpi4py import MPI
 
 from tests.app.checkpoint.going_on import as_killed, case_of, numbers, run, unlike
-from tests.app.checkpoint.small_cases import BOTTOM
+from tests.app.checkpoint.small_cases import BOTTOM, COARSE, STAGES, changed
+from tests.app.conftest import BLOCK
 from tests.app.simulation.test_ranks import SAME
 from tests.flowing import soft_block
 from tribox.app.results.directory import read_table
@@ -24,7 +25,16 @@ STRUCK = {
     "x": [["10 us", "0 mm"], ["20 us", "0.01 mm"]],
     "y": [["0 s", "0 mm"], ["10 us", "-0.03 mm"]],
 }
+PRONY = [[0.3, "0.2 s"], [0.2, "2 s"]]
 CASES: dict[str, dict[str, Any]] = {
+    "creep": changed(
+        BLOCK,
+        COARSE
+        | {
+            "stage": [STAGES[0] | {"rate_dependent": False}, STAGES[1]],
+            "bodies.elastomer.prony": PRONY,
+        },
+    ),
     "implicit": soft_block(probe=PROBES),
     "cut": soft_block(rated=True, solver={"max_iterations": 3}),
     "explicit": soft_block(
@@ -43,8 +53,11 @@ def test_a_run_that_goes_on_writes_the_same_bytes(name, tmp_path, monkeypatch):
     monkeypatch.setattr(explicit_stage, "CHECK_EVERY", 10)
     case = case_of(CASES[name])
     whole = run(case, tmp_path / "whole")
-    [metal] = [solid for solid in whole.model.problem.solids if solid.flows]
-    assert metal.plastic_strain().max() > 1e-5
+    rubber, metal = whole.model.problem.solids
+    if name == "creep":
+        assert rubber.dissipated_by_part.min() > 0.0 and not metal.remembers
+    else:
+        assert metal.flows and metal.plastic_strain().max() > 1e-5
     assert name != "cut" or any(row.attempts > 1 for row in whole.rows)
     written = numbers(tmp_path / "whole")
     for share in (0.35, 0.8):
@@ -57,7 +70,8 @@ def test_a_run_that_goes_on_writes_the_same_bytes(name, tmp_path, monkeypatch):
 
 def on_two(comm: MPI.Comm, directory: Path) -> dict[str, dict[str, float]]:
     """Differences of a run on all ranks, and of one begun there and ended on one, from one's."""
-    case = case_of(CASES["implicit"] | {"solver": {"tolerance": 1e-11}})
+    creeps = {"bodies__elastomer__prony": PRONY}
+    case = case_of(soft_block(probe=PROBES, **creeps) | {"solver": {"tolerance": 1e-11}})
     if comm.rank == 0:
         run(case, directory / "one")
     run(case, directory / "two", comm)
@@ -77,7 +91,7 @@ def on_two(comm: MPI.Comm, directory: Path) -> dict[str, dict[str, float]]:
     probes = {way: read_table(directory / way / "probes.csv") for way in rows}
     found = {}
     for way in ("two", "back", "on"):
-        names = (*PHYSICAL, "plastic_dissipation")
+        names = (*PHYSICAL, "plastic_dissipation", "viscous_dissipation")
         found[way] = _apart(rows[way], rows["one"], names)
         found[way] |= _apart(probes[way], probes["one"], ["equivalent_plastic_strain"])
     return found
@@ -94,5 +108,5 @@ def _apart(rows: Any, others: Any, names: Any) -> dict[str, float]:
 
 
 @pytest.mark.mpi(on_two, 2)
-def test_ranks_do_not_matter_to_what_flows(on_ranks):
+def test_ranks_do_not_matter_to_what_flows_and_creeps(on_ranks):
     assert on_ranks(on_two, 2) == {"two": {}, "back": {}, "on": {}}

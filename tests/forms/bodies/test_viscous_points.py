@@ -230,11 +230,11 @@ def test_an_endless_step_relaxes_all_and_loses_what_was_stored():
     relaxed = points.update(F, loaded.state, math.inf, True)
     assert np.abs(relaxed.P).max() < 1e-14 and np.abs(relaxed.elastic).max() < 1e-14
     assert relaxed.valid and np.abs(loaded.P).max() > 0.1
-    # Of the same deformation that is what the step dissipates, to third order of the strain.
-    small = identity(True) + 1e-3 * (F - identity(True))
-    loaded = points.update(small, points.start(20), 1e-3, False)
-    lost = points.update(small, loaded.state, math.inf, False).dissipation
-    np.testing.assert_allclose(lost, loaded.elastic, rtol=5e-3)
+    np.testing.assert_allclose(relaxed.dissipation, loaded.elastic, rtol=1e-12)
+    # A deformation without rates costs nothing, and one that is slow next to nothing.
+    for dt, bar in ((math.inf, 1e-14), (1e4, 1e-3)):
+        slow = points.update(F, points.start(20), dt, False)
+        assert slow.dissipation.max() < bar * loaded.elastic.max()
 
 
 @pytest.mark.parametrize(

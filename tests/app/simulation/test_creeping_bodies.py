@@ -1,0 +1,215 @@
+"""Bodies with Maxwell branches, solved: a differential equation, energies, both solvers."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from tests.app.checkpoint.going_on import case_of
+from tests.app.checkpoint.going_on import run as run_on
+from tests.tool_cases import run
+
+PRONY = [(0.3, 0.1), (0.2, 1.0)]
+G, K = 1e6, 1e10  # Pa: nu = 0.49995
+CELL = """
+[geometry]
+kind = "blocks"
+thickness = "1 m"
+[geometry.blocks.rubber]
+x = ["0 m", "1 m"]
+y = ["0 m", "1 m"]
+elements = [1, 1]
+[bodies.rubber]
+material = "neo-hookean"
+G = 1e6
+K = 1e10
+moduli = "instantaneous"
+prony = [[0.3, 0.1], [0.2, 1.0]]
+[[boundary]]
+surface = "rubber_bottom"
+displacement = { y = 0 }
+[[boundary]]
+surface = "rubber_left"
+displacement = { x = 0 }
+[[boundary]]
+surface = "rubber_top"
+[[stage]]
+name = "move"
+"""
+
+
+def cell(stretch, duration, steps, **keys: Any):
+    """One cell in plane strain whose height follows ``stretch``: λ at the steps, and the run."""
+    data = tomllib.loads(CELL)
+    rubber = data["bodies"]["rubber"] | keys
+    data["bodies"]["rubber"] = {key: value for key, value in rubber.items() if value is not None}
+    times = np.linspace(0.0, duration, steps + 1)
+    table = [[float(t), float(stretch(t) - 1.0)] for t in times]
+    data["boundary"][2]["displacement"] = {"y": table}
+    data["stage"][0] |= {"duration": duration, "steps": steps}
+    data["solver"] = {"tolerance": 1e-10}
+    done = run(case_of(data, fields_every=0))
+    return times, done
+
+
+def exact(stretch, times):
+    """Nominal stress, Pa, of the incompressible body, and work and loss, J/m³, at ``times``."""
+
+    def C_of(t):
+        x = stretch(t)
+        return np.array([1.0 / x**2, x**2, 1.0])
+
+    def stress(t, y):
+        C, x = C_of(t), stretch(t)
+        left = (1.0 - sum(g for g, _ in PRONY)) * G
+        tau = left * (C[1] - C[0])
+        for b, (share, _) in enumerate(PRONY):
+            X = C / y[3 * b : 3 * b + 3]
+            tau += share * G * (X[1] - X[0])
+        return tau / x
+
+    def rates(t, y):
+        out, lost = [], 0.0
+        for b, (share, tau) in enumerate(PRONY):
+            X = C_of(t) / y[3 * b : 3 * b + 3]
+            D = X - X.mean()
+            out += list(D * y[3 * b : 3 * b + 3] / tau)
+            lost += 0.5 * share * G / tau * (D**2).sum()
+        speed = (stretch(t + 1e-6) - stretch(t - 1e-6)) / 2e-6
+        return [*out, stress(t, y) * speed, lost]
+
+    start = [1.0] * 6 + [0.0, 0.0]
+    options = {"rtol": 1e-8, "atol": 1e-10, "max_step": times[-1] / 50}
+    done = solve_ivp(rates, (0.0, times[-1]), start, t_eval=times, **options)
+    return np.array([stress(t, y) for t, y in zip(times, done.y.T, strict=True)]), done.y[6:]
+
+
+def pull(t):
+    return 1.0 + 0.5 * min(t / 0.05, 1.0)
+
+
+def cycle(t):
+    return 1.0 + 0.4 * math.sin(4.0 * math.pi * t)
+
+
+@pytest.mark.parametrize(
+    ("stretch", "duration"), [(pull, 0.4), (cycle, 0.5)], ids=["hold", "cycle"]
+)
+def test_a_stretched_cell_follows_the_differential_equation(stretch, duration):
+    """Two lengths of step; together within 0.5 % of the work, and first order each."""
+    found = []
+    for steps in (80, 160):
+        times, done = cell(stretch, duration, steps)
+        last = done.rows[-1]
+        found.append(np.array([last.external_work, last.viscous_dissipation]))
+        assert abs(last.energy_error) < 3e-3 * max(row.external_work for row in done.rows)
+        lost = np.diff([row.viscous_dissipation for row in done.rows])
+        assert (lost >= 0.0).all()
+        assert all(row.newton_iterations <= 6 for row in done.rows)
+    _, (work, loss) = exact(stretch, times)
+    wanted, scale = np.array([work[-1], loss[-1]]), work.max()
+    errors = [(one - wanted) / scale for one in found]
+    assert np.abs(errors[0]).max() < 0.03
+    np.testing.assert_allclose(2.0 * errors[1] - errors[0], 0.0, rtol=0, atol=0.005)
+    assert 0.4 < np.linalg.norm(errors[1]) / np.linalg.norm(errors[0]) < 0.6
+
+
+def test_stages_without_rates_are_relaxed_and_long_term_moduli_are_those_of_them():
+    elastic = cell(pull, 0.1, 2, prony=None, G=0.5e6, moduli=None)
+    for keys in ({}, {"G": 0.5e6, "moduli": "long-term"}):
+        data = tomllib.loads(CELL)
+        data["bodies"]["rubber"] |= keys
+        data["boundary"][2]["displacement"] = {"y": [[0.0, 0.0], [0.05, 0.5]]}
+        data["stage"][0] |= {"duration": 0.1, "steps": 2, "rate_dependent": False}
+        done = run(case_of(data, fields_every=0))
+        for one, other in zip(done.rows, elastic[1].rows, strict=True):
+            assert one.strain_energy == pytest.approx(other.strain_energy, rel=1e-9)
+            assert one.external_work == pytest.approx(other.external_work, rel=1e-9)
+            assert one.viscous_dissipation == pytest.approx(0.0, abs=1e-9 * one.external_work)
+    # At once it has the instantaneous modulus: twice as much.
+    sudden = cell(lambda t: 1.0 + 0.5 * t / 1e-5, 1e-5, 4)[1].rows[-1]
+    assert sudden.strain_energy == pytest.approx(2.0 * other.strain_energy, rel=1e-3)
+
+
+BLOCK = """
+[geometry]
+kind = "blocks"
+section = "SECTION"
+[geometry.blocks.rubber]
+x = ["0 mm", "1 mm"]
+y = ["0 mm", "1 mm"]
+elements = [2, 2]
+[bodies.rubber]
+material = "neo-hookean"
+G = "1 MPa"
+K = "20 MPa"
+density = 1000
+prony = [[0.4, "0.2 ms"], [0.2, "2 ms"]]
+[[boundary]]
+surface = "rubber_bottom"
+displacement = { x = 0, y = 0 }
+[[boundary]]
+surface = "rubber_top"
+displacement = { x = 0, y = [["0 s", 0], ["1 ms", "-0.1 mm"]] }
+[[stage]]
+name = "press"
+duration = "1 ms"
+steps = 40
+"""
+
+
+def block(section, **keys: Any):
+    data = tomllib.loads(BLOCK.replace("SECTION", section))
+    if section == "axisymmetric":
+        data["boundary"].append({"surface": "rubber_left", "displacement": {"x": 0}})
+    rubber = data["bodies"]["rubber"] | keys.pop("rubber", {})
+    data["bodies"]["rubber"] = {key: value for key, value in rubber.items() if value is not None}
+    data["stage"][0]["steps"] = keys.pop("steps", 40)
+    return run(case_of(data | keys, fields_every=0))
+
+
+@pytest.mark.parametrize("section", ["plane-strain", "axisymmetric"])
+def test_both_solvers_find_the_same(section):
+    """Pressed a hundred times slower than sound crosses it: work, stored energy and loss."""
+    slow = block(section, steps=160).rows[-1]
+    fast = block(section, solver={"kind": "explicit", "damping": "2000 1/s"}).rows[-1]
+    assert abs(fast.energy_error) < 1e-3 * fast.external_work
+    for name in ("external_work", "strain_energy", "viscous_dissipation"):
+        assert getattr(fast, name) == pytest.approx(getattr(slow, name), rel=0.02), name
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [
+        {"formulation": "q1"},
+        {"formulation": "q2"},
+        {"material": "mooney-rivlin", "C10": "0.4 MPa", "C01": "0.1 MPa"},
+        {"material": "yeoh", "C10": "0.5 MPa", "C20": "0.01 MPa"},
+    ],
+)
+def test_formulations_and_energies_hardly_differ(keys):
+    """The branches are the same beside each: at moderate strain all give nearly the same."""
+    soft = {"K": "4 MPa"}  # lest q1 locks
+    plain = block("plane-strain", rubber=soft, steps=8).rows[-1]
+    rubber = soft | ({"G": None} if "material" in keys else {})
+    other = block("plane-strain", rubber=keys | rubber, steps=8).rows[-1]
+    for name in ("external_work", "viscous_dissipation"):
+        assert getattr(other, name) == pytest.approx(getattr(plain, name), rel=0.15), name
+    assert abs(other.energy_error) < 0.01 * other.external_work
+    assert other.newton_iterations <= 5 and other.viscous_dissipation > 0.1 * other.external_work
+
+
+@pytest.mark.parametrize(("steps", "said"), [(4, True), (80, False)])
+def test_long_steps_are_said_of_branches_that_matter(steps, said, tmp_path):
+    data = tomllib.loads(BLOCK.replace("SECTION", "plane-strain"))
+    data["stage"][0]["steps"] = steps
+    data["bodies"]["rubber"]["prony"] = [[0.4, "1 ms"], [1e-4, "1 us"]]
+    run_on(case_of(data, fields_every=0), tmp_path / "out")
+    log = (tmp_path / "out" / "log.txt").read_text()
+    assert ("of the relaxation time of branch 1, 0.001 s" in log) == said
+    assert "branch 2" not in log
