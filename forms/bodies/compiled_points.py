@@ -10,11 +10,11 @@ import ctypes
 import numpy as np
 from numpy.typing import NDArray
 
-from tribox.forms.bodies.elastoplastic import ElastoPlastic
 from tribox.forms.bodies.hardening import (
     Hardening,
     JohnsonCook,
     Linear,
+    Metal,
     Perzyna,
     RateFactor,
     Swift,
@@ -49,7 +49,7 @@ class _Material(ctypes.Structure):
 class CompiledPoints:
     """The loop for one material."""
 
-    def __init__(self, code: ctypes.CDLL, material: ElastoPlastic, space: bool) -> None:
+    def __init__(self, code: ctypes.CDLL, material: Metal, space: bool) -> None:
         """Lay the material out.
 
         Args:
@@ -109,7 +109,7 @@ class CompiledPoints:
         return P, end, A, (energies[0], energies[1], energies[2]), not bad
 
 
-def compiled_points(material: ElastoPlastic, space: bool) -> CompiledPoints | None:
+def compiled_points(material: Metal, space: bool) -> CompiledPoints | None:
     """The loop for a material; None without a C compiler, or for laws that it does not know."""
     known = isinstance(material.hardening, Linear | Voce | Swift | Table)
     known &= isinstance(material.rate, JohnsonCook | Perzyna | None)

@@ -6,15 +6,15 @@ The strain energy is that of Hencky; what flows is computed at material points w
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from typing import Any
 
-from tribox.forms.bodies.hardening import Backstress, Hardening, RateFactor
+from tribox.forms.bodies.hardening import Backstress, Hardening, Linear, RateFactor
 from tribox.forms.bodies.kinematics import Kinematics
 from tribox.forms.bodies.materials import Hencky
+from tribox.forms.bodies.plastic_points import PlasticPoints
 
-if TYPE_CHECKING:
-    from tribox.forms.bodies.plastic_points import PlasticPoints
+NEVER = 1e300  # Pa, yield stress of a material that stays elastic
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,10 +37,11 @@ class ElastoPlastic:
 
     def points(self, space: bool) -> PlasticPoints:
         """What flows, and remembers how far it has."""
-        # Made from this class, which it imports.
-        from tribox.forms.bodies.plastic_points import PlasticPoints
-
         return PlasticPoints(self, space)
+
+    def unyielding(self) -> ElastoPlastic:
+        """The same, which never flows."""
+        return replace(self, hardening=Linear(NEVER, 0.0), rate=None)
 
     @property
     def elastic(self) -> Hencky:

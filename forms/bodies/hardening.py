@@ -51,6 +51,39 @@ class RateFactor(Protocol):
         ...
 
 
+class Metal(Protocol):
+    """What points that flow need of their material."""
+
+    @property
+    def shear_modulus(self) -> float:
+        """G, Pa."""
+        ...
+
+    @property
+    def bulk_modulus(self) -> float:
+        """K, Pa."""
+        ...
+
+    @property
+    def hardening(self) -> Hardening:
+        """The yield stress."""
+        ...
+
+    @property
+    def rate(self) -> RateFactor | None:
+        """Factor of the yield stress for the rate; None: independent of rate."""
+        ...
+
+    @property
+    def kinematic(self) -> tuple[Backstress, ...]:
+        """Branches of the backstress; none: it is isotropic."""
+        ...
+
+    def unyielding(self) -> Metal:
+        """The same, which never flows."""
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class Linear:
     """σ_Y = σ₀ + H α; perfectly plastic with H = 0."""

@@ -23,14 +23,13 @@ axes, i, J components in space.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tribox.forms.bodies.compiled_points import compiled_points
-from tribox.forms.bodies.elastoplastic import ElastoPlastic
-from tribox.forms.bodies.hardening import Linear
+from tribox.forms.bodies.hardening import Metal
 from tribox.forms.bodies.principal_axes import (
     PrincipalAxes,
     axes_in_plane,
@@ -51,7 +50,6 @@ Bools = NDArray[np.bool_]
 
 PLANE = (0, 1, 3, 4, 8)  # places of the plane's components among the nine
 PLASTIC_STRAIN = "equivalent_plastic_strain"  # its name among the variables
-NEVER = 1e300  # Pa, yield stress of a material that stays elastic
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +84,7 @@ class PlasticPoints:
 
     flows, added = True, False
 
-    def __init__(self, material: ElastoPlastic, space: bool, compiled: bool = True) -> None:
+    def __init__(self, material: Metal, space: bool, compiled: bool = True) -> None:
         """Take the material.
 
         Args:
@@ -114,8 +112,7 @@ class PlasticPoints:
 
     def frozen(self) -> PlasticPoints:
         """Points that do not flow on."""
-        stays = replace(self.material, hardening=Linear(NEVER, 0.0), rate=None)
-        return PlasticPoints(stays, self.space, self.compiled)
+        return PlasticPoints(self.material.unyielding(), self.space, self.compiled)
 
     @property
     def compiled(self) -> bool:

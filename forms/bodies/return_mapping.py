@@ -41,8 +41,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tribox.forms.bodies.elastoplastic import ElastoPlastic
-from tribox.forms.bodies.hardening import Backstress
+from tribox.forms.bodies.hardening import Backstress, Metal
 from tribox.forms.bodies.principal_axes import SERIES, PrincipalAxes, log_ratio
 
 Floats = NDArray[np.float64]
@@ -85,7 +84,7 @@ class Flow:
     numerical: Floats
 
 
-def flow(material: ElastoPlastic, logs: Floats, alpha: Floats, dt: float) -> Flow:
+def flow(material: Metal, logs: Floats, alpha: Floats, dt: float) -> Flow:
     """Return the trial state to yield.
 
     Args:
@@ -120,7 +119,7 @@ def flow(material: ElastoPlastic, logs: Floats, alpha: Floats, dt: float) -> Flo
 class _FlowStress:
     """σ(Δα) = σ_Y(α + Δα) R(Δα/Δt) of given points."""
 
-    def __init__(self, material: ElastoPlastic, alpha: Floats, dt: float) -> None:
+    def __init__(self, material: Metal, alpha: Floats, dt: float) -> None:
         self.hardening, self.alpha, self.dt = material.hardening, alpha, dt
         self.rate = material.rate if np.isfinite(dt) else None
 
@@ -299,7 +298,7 @@ class _WithBackstress(_FlowStress):
     """
 
     def __init__(
-        self, material: ElastoPlastic, alpha: Floats, dt: float, branches: list[Branch]
+        self, material: Metal, alpha: Floats, dt: float, branches: list[Branch]
     ) -> None:
         super().__init__(material, alpha, dt)
         self.branches = branches
@@ -331,7 +330,7 @@ class _WithBackstress(_FlowStress):
 
 
 def flow_with_backstress(
-    material: ElastoPlastic, axes: PrincipalAxes, inner: Floats, alpha: Floats, dt: float
+    material: Metal, axes: PrincipalAxes, inner: Floats, alpha: Floats, dt: float
 ) -> Turned:
     """Return the trial state to yield around the backstress.
 
@@ -401,7 +400,7 @@ def _turn(
 
 
 def turned_moduli(
-    material: ElastoPlastic, axes: PrincipalAxes, end: Turned, bulk: float, space: bool
+    material: Metal, axes: PrincipalAxes, end: Turned, bulk: float, space: bool
 ) -> Floats:
     """∂τ/∂d (n, m, m), Pa, of symmetric changes δF = d F, in the basis of ``symmetric_basis``.
 

@@ -31,7 +31,7 @@ def test_it_is_said_once(tmp_path, end, steps, said):
     assert len(lines) == bool(said) and all(word in lines[0] for word in said)
     problem = simulation.model.problem
     watch = FlowWatch(problem)
-    watch.restore({"found": [["table aluminium", "known"]]})
+    watch.restore(watch.snapshot() | {"found": [["table aluminium", "known"]]})
     watch.step(simulation.rows[-1])
     assert list(watch.warnings())[:1] == ["known"]
     assert watch.snapshot()["found"][0] == ("table aluminium", "known")
