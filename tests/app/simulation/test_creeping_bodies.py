@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import math
 import tomllib
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 from tests.app.checkpoint.going_on import case_of
 from tests.app.checkpoint.going_on import run as run_on
 from tests.tool_cases import run
 
+ROOT = Path(__file__).parents[3]
 PRONY = [(0.3, 0.1), (0.2, 1.0)]
 G, K = 1e6, 1e10  # Pa: nu = 0.49995
 CELL = """
@@ -213,3 +216,33 @@ def test_long_steps_are_said_of_branches_that_matter(steps, said, tmp_path):
     log = (tmp_path / "out" / "log.txt").read_text()
     assert ("of the relaxation time of branch 1, 0.001 s" in log) == said
     assert "branch 2" not in log
+
+
+def rolling_resistance(zeta):
+    """Moment over load and a, load (of 2/3) and a_0 of the bed of springs and dashpots, a = 1."""
+
+    def pressure(x):
+        memory = (x + zeta) - (1.0 + zeta) * np.exp(-(1.0 - x) / zeta)
+        return 0.5 * (1.0 - x * x) + zeta * memory
+
+    x = np.linspace(brentq(pressure, -1.0, 1.0 - 1e-6), 1.0, 20001)
+    load, moment = (np.trapezoid(pressure(x) * weight, x) for weight in (1.0, x))
+    return moment / load, load, (1.5 * load) ** (1.0 / 3.0)
+
+
+@pytest.mark.long
+def test_a_cylinder_rolls_on_a_thin_layer_as_on_springs_and_dashpots():
+    """The shipped case, shorter and at two speeds: within 3 % of the closed form."""
+    data = tomllib.loads((ROOT / "cases" / "rolling.toml").read_text())
+    data["geometry"]["blocks"]["layer"] |= {"x": ["-1.6 mm", "6 mm"], "elements": [190, 1]}
+    speeds = [1.0, 0.05]
+    stage = {"velocities": speeds, "slip_step": "0.04 mm", "min_steps": 55, "max_steps": 55}
+    data["stage"][1] |= stage
+    done = run(case_of(data, fields_every=0))
+    ends = [row for row in done.rows if row.stage.startswith("roll")][54::55]
+    assert [row.velocity for row in ends] == speeds
+    for row in ends:
+        factor, _, _ = rolling_resistance(row.velocity * 0.01 / 1e-3)
+        assert abs(row.force_x / row.force_y) == pytest.approx(factor * 1e-3 / 0.5, rel=0.03)
+    energy = done.rows[-1]
+    assert abs(energy.energy_error) < 1e-3 * energy.external_work
