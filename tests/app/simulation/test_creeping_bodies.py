@@ -232,17 +232,13 @@ def rolling_resistance(zeta):
 
 @pytest.mark.long
 def test_a_cylinder_rolls_on_a_thin_layer_as_on_springs_and_dashpots():
-    """The shipped case, shorter and at two speeds: within 3 % of the closed form."""
+    """The shipped case at one of its speeds, that of the peak: within 3 % of the closed form."""
     data = tomllib.loads((ROOT / "cases" / "rolling.toml").read_text())
-    data["geometry"]["blocks"]["layer"] |= {"x": ["-1.6 mm", "6 mm"], "elements": [190, 1]}
-    speeds = [1.0, 0.05]
-    stage = {"velocities": speeds, "slip_step": "0.04 mm", "min_steps": 55, "max_steps": 55}
-    data["stage"][1] |= stage
+    data["geometry"]["blocks"]["layer"] |= {"x": ["-1.6 mm", "4 mm"], "elements": [140, 1]}
+    data["stage"][1] |= {"velocities": [0.03], "min_steps": 110, "max_steps": 110}
     done = run(case_of(data, fields_every=0))
-    ends = [row for row in done.rows if row.stage.startswith("roll")][54::55]
-    assert [row.velocity for row in ends] == speeds
-    for row in ends:
-        factor, _, _ = rolling_resistance(row.velocity * 0.01 / 1e-3)
-        assert abs(row.force_x / row.force_y) == pytest.approx(factor * 1e-3 / 0.5, rel=0.03)
+    factor, _, _ = rolling_resistance(0.3)
+    last = done.rows[-1]
+    assert abs(last.force_x / last.force_y) == pytest.approx(factor * 1e-3 / 0.5, rel=0.03)
     energy = done.rows[-1]
     assert abs(energy.energy_error) < 1e-3 * energy.external_work
