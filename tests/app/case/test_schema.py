@@ -132,6 +132,8 @@ def mistakes(node, value, schema, place=()):
     if isinstance(value, dict):
         keys, others = node.get("properties", {}), node.get("additionalProperties", {})
         yield from ((*place, key) for key in node.get("required", ()) if key not in value)
+        for key in value if "propertyNames" in node else ():
+            yield from mistakes(node["propertyNames"], key, schema, (*place, key))
         for key, item in value.items():
             if key in keys:
                 yield from mistakes(keys[key], item, schema, (*place, key))
@@ -153,6 +155,7 @@ UNDERSTOOD = {
         "minItems",
     ),
     *("maxItems", "items", "prefixItems", "properties", "additionalProperties", "required"),
+    "propertyNames",
 }
 IGNORED = {
     *("$schema", "$defs", "title", "description", "default", "x-unit", "format"),
