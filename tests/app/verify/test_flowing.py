@@ -158,7 +158,7 @@ def test_springback_with_selective_reduced_integration_needs_elements_as_long_as
 # -- bent and bent back ---------------------------------------------------------------------------
 
 
-def fibre_moments(curvatures, law, kinematic, steps=2000, fibres=40):
+def fibre_moments(curvatures, law, kinematic, steps=2000, fibres=40, young=YOUNG):
     """Moments (n,), N m/m, of a wide strip bent to one curvature after the other.
 
     Prandtl's and Reuss' equations with Armstrong's and Frederick's backstress at each fibre, plane
@@ -166,7 +166,7 @@ def fibre_moments(curvatures, law, kinematic, steps=2000, fibres=40):
     """
     y, weight = np.polynomial.legendre.leggauss(fibres)
     y, weight = 0.5 * THICKNESS * y, 0.5 * THICKNESS * weight
-    D = YOUNG / (1.0 - POISSON**2) * np.array([[1.0, POISSON], [POISSON, 1.0]])
+    D = young / (1.0 - POISSON**2) * np.array([[1.0, POISSON], [POISSON, 1.0]])
     sigma, alpha, at, found = np.zeros((2, fibres)), np.zeros(fibres), 0.0, []
     X = [np.zeros((3, fibres)) for _ in kinematic]
     for end in curvatures:
