@@ -253,6 +253,9 @@ def _array(option: Node, value: Node, sections: Mapping[str, Section]) -> str:
         inside = [_value(item, sections) for item in option["prefixItems"]]
         return f"{len(inside)} entries, each {_article(inside[0])}"
     items = option.get("items", {})
+    if items.get("type") == "array" and "prefixItems" in items:
+        inside = [_article(_value(item, sections)) for item in items["prefixItems"]]
+        return f"list of rows of {' and '.join(inside)}"
     if items.get("type") == "array" and items.get("maxItems") == 2:
         return _rows(items, value)
     if items.get("type") == "array":
