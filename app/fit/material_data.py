@@ -23,6 +23,11 @@ Floats = NDArray[np.float64]
 Kind = Literal["relaxation", "vibration", "cycles", "metal"]
 
 
+HOTTEST = 2000.0
+"""K, of a temperature that is no mistake."""
+LARGEST_STRAIN = 20.0
+
+
 class _Temperature(Quantity):
     """A temperature, "23 degC" or "296.15 K", in K."""
 
@@ -32,8 +37,8 @@ class _Temperature(Quantity):
         if unit not in ("K", "degC", "°C"):
             raise QuantityError(f'"{unit}" is no unit of temperature; write degC or K')
         kelvin = number if unit == "K" else number + 273.15
-        if kelvin <= 0.0:
-            raise QuantityError("must be above absolute zero, -273.15 degC")
+        if not 0.0 < kelvin <= HOTTEST:
+            raise QuantityError(f"must be above -273.15 degC and up to {HOTTEST:g} K")
         return kelvin
 
 
@@ -59,7 +64,7 @@ MEASURES = {
 """How a column was measured, and the columns of which that is said."""
 _PLAIN: dict[str, Quantity] = {
     "stress": Quantity("Pa"),
-    "strain": Quantity("", gt=-1.0),
+    "strain": Quantity("", gt=-1.0, lt=LARGEST_STRAIN),
     "modulus": Quantity("Pa", gt=0.0),
     "storage_modulus": Quantity("Pa", gt=0.0),
     "loss_modulus": Quantity("Pa", gt=0.0),
@@ -240,6 +245,8 @@ def _relaxation(
 ) -> MaterialData:
     """A step of shear or of stretch, with the stress as a shear modulus."""
     strain, stress = values["strain"], values["stress"]
+    if not strain.all():
+        raise InputError(f"{table.path}: the strain of a relaxation test is 0; it must be the step")
     if (how["strain"] == "shear") != (how["stress"] == "shear"):
         raise InputError(f"{table.path}: strain and stress must both be of shear, or none")
     in_shear = how["strain"] == "shear"

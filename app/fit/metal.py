@@ -216,7 +216,7 @@ class MetalProblem:
     def starts(self, fewer: Mapping[str, float] | None) -> Iterator[Floats]:
         """Search coordinates to start from; ``fewer``: what was found with a branch less."""
         E, top, first = self._guesses()
-        wide = float(np.ptp(self.strain))
+        wide = self._width
         for share, at in itertools.product((0.3, 0.7), (3.0, 30.0, 300.0)):
             c_over_b = share * top * 0.5
             table = {"E": E, **self._isotropic(top, first if self.branches == 0 else 0.8 * first)}
@@ -228,6 +228,11 @@ class MetalProblem:
             yield np.array([math.log(table[key]) for key in self.keys])
             if self.branches == 0:
                 return
+
+    @property
+    def _width(self) -> float:
+        """What the strain covers from 0 on."""
+        return float(np.ptp(np.append(self.strain, 0.0)))
 
     def _guesses(self) -> tuple[float, float, float]:
         """E, the highest stress, and the stress at which the line of E is left, Pa."""
@@ -242,7 +247,7 @@ class MetalProblem:
 
     def _isotropic(self, top: float, first: float) -> dict[str, float]:
         """Where the search for the law of isotropic hardening begins."""
-        wide = float(np.ptp(self.strain))
+        wide = self._width
         found = {"yield_stress": first, "modulus": max(top - first, 0.01 * top) / wide}
         if self.law == "voce":
             found |= {"saturation_stress": max(top - first, 0.05 * top), "exponent": 3.0 / wide}

@@ -41,6 +41,8 @@ BEYOND = 30.0
 """Factor beyond the shortest and longest time of the data within which relaxation times lie."""
 EXACT = 1e-4
 """Relative scatter below which data count as exact when numbers of branches are compared."""
+MOST_LOG = 150.0
+"""Logarithm of a shift factor up to which the search may go astray."""
 SMALL_STRAIN = 0.02
 """Largest step of logarithmic strain in following a branch through cycles."""
 C1_LIMITS, C2_MOST = (0.1, 200.0), 1e4
@@ -68,9 +70,15 @@ class Shift:
         """(n,), K, above the reference."""
         return self.temperature - self.reference
 
+    @property
+    def usual_C2(self) -> float:
+        """K, to start from: that of most polymers, or well above what the coldest row needs."""
+        return max(C2_START, -1.5 * float(self.above.min()))
+
     def logarithm(self, C1: float, C2: float) -> Floats:
-        """Logarithm of a_T, (n,)."""
-        return np.asarray(-math.log(10.0) * C1 * self.above / (C2 + self.above))
+        """Logarithm of a_T, (n,); far beyond all decades of a test it is cut."""
+        found = -math.log(10.0) * C1 * self.above / (C2 + self.above)
+        return np.asarray(np.clip(found, -MOST_LOG, MOST_LOG))
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,8 +154,7 @@ class PronyProblem:
         if data.frequency is not None:
             reduced = -np.log(data.frequency)
             if self.shift is not None:  # The master curve is as wide as a usual polymer's.
-                usual = max(C2_START, 2.0 - float(self.shift.above.min()))
-                reduced = reduced - self.shift.logarithm(C1_START, usual)
+                reduced = reduced - self.shift.logarithm(C1_START, self.shift.usual_C2)
             return math.exp(reduced.min()), math.exp(reduced.max())
         assert data.time is not None
         since = data.time[data.time > 0.0] if data.kind == "relaxation" else np.diff(data.time)
@@ -232,7 +239,9 @@ class PronyProblem:
     def starts(self, n: int, fewer: Floats | None) -> Iterator[Floats]:
         """Search coordinates to start from; one branch more than ``fewer``, if that is given."""
         low, high = (math.log(end) for end in self.span)
-        tail = np.log([C1_START, C2_START]) if self.shift is not None else np.zeros(0)
+        tail: Floats = np.zeros(0)
+        if self.shift is not None:
+            tail = np.asarray(np.log([C1_START, self.shift.usual_C2]))
         count = max(2, 1 + math.ceil(PER_DECADE * (high - low) / math.log(10.0)))
         grid = np.asarray(np.linspace(low, high, count), dtype=np.float64)
         yield self._with_moduli(low + (high - low) * (np.arange(n) + 0.5) / n, tail)[1]
@@ -252,7 +261,9 @@ class PronyProblem:
         columns = np.vstack([self.equilibrium, self.branch(tau)[0]]).T
         over = self.measured if self.relative else np.full(len(self.measured), self.scale)
         factor = self._root / over
-        moduli, left = nnls(columns * factor[:, None], self.measured * factor)
+        # The default number of iterations does not always do for columns that are much alike.
+        most = 100 * columns.shape[1]
+        moduli, left = nnls(columns * factor[:, None], self.measured * factor, maxiter=most)
         return float(left), moduli
 
     def _with_moduli(self, times: Floats, tail: Floats) -> tuple[float, Floats]:

@@ -14,6 +14,7 @@ from tribox.app.simulation.history import COLUMNS
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT / "cases" / "data" / "tribometer-synthetic.csv"
+PULLED = DATA.with_name("metal-cycle-synthetic.csv")
 HEAVY = ("dolfinx", "petsc4py", "mpi4py")
 # Figures are made without pyplot, which would keep each of them open until it is told to close it.
 PYPLOT = "matplotlib.pyplot"
@@ -64,6 +65,7 @@ def test_commands_that_solve_nothing_load_no_solver(tmp_path, block):
         ["init", "own-mesh", str(tmp_path / "starter")],
         ["map", "--out", str(tmp_path / "map")],
         ["fit", str(DATA), "--parameters", "mu_s,eta_b", "--out", str(tmp_path / "fit")],
+        ["fit", "--material", str(PULLED), "--law", "linear", "--out", str(tmp_path / "metal")],
     ]
     done = subprocess.run(
         [sys.executable, "-c", SCRIPT, json.dumps(lines)],
@@ -77,6 +79,7 @@ def test_commands_that_solve_nothing_load_no_solver(tmp_path, block):
     assert (strip / "figures" / "animation.gif").is_file()
     assert (tmp_path / "map" / "summary.json").is_file()
     assert (tmp_path / "fit" / "fit.json").is_file()
+    assert (tmp_path / "metal" / "figures" / "fit.png").is_file()
 
 
 def test_the_case_that_runs_loads_the_solver(tmp_path, block):

@@ -517,3 +517,25 @@ def test_all_wrong_rows_are_named_at_once(tmp_path):
     file.write_text("time [s],true_strain,true_stress [MPa]\n1,0.1,2\n3,0.1,-2\n")
     with pytest.raises(InputError, match=r"data.csv:3: stress .* must have the sign of"):
         fit_material(file)
+
+
+def test_a_step_of_no_strain_is_refused(tmp_path):
+    file = tmp_path / "data.csv"
+    file.write_text("time [s],true_strain,true_stress [MPa]\n1,0,2\n3,0,2\n")
+    with pytest.raises(InputError, match="the strain of a relaxation test is 0"):
+        fit_material(file)
+
+
+def test_odd_tests_of_few_rows_end_with_a_section(tmp_path):
+    """Temperatures far below the reference, and a metal held at one strain."""
+    cold = np.array([30.0, 31.0, 500.0, 501.0, 502.0])
+    w = np.array([1.0, 10.0, 1.0, 10.0, 100.0])
+    header = "temperature [K],angular_frequency [rad/s],shear_storage_modulus [Pa],"
+    file = write(tmp_path / "cold.csv", header + "shear_loss_modulus [Pa]", cold, w, 1e6 * w, w)
+    result = fit_material(file, MaterialOptions(branches=1))
+    assert result.warnings and tomllib.loads(body_section(result, file))
+    file = write(
+        tmp_path / "held.csv", "true_strain,true_stress [Pa]", [0.1] * 6, 1e6 * cold[[0] * 6]
+    )
+    result = fit_material(file, MaterialOptions(law="linear", branches=0))
+    assert result.warnings and tomllib.loads(body_section(result, file))
