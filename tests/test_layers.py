@@ -26,6 +26,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     (
         "tribox.forms.closed_forms",
         "tribox.forms.bodies",
+        "tribox.forms.film",
         "tribox.forms.friction_map",
         "tribox.forms.friction_parameters",
     ),

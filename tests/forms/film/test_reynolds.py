@@ -1,0 +1,245 @@
+"""The film's mass balance against closed forms, and its derivatives."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tribox.forms.film.reynolds import FilmCells, FilmError, FilmStep, ReynoldsFilm
+from tribox.forms.film.roughness import RoughGap
+from tribox.forms.friction.film_rheology import FilmRheology
+
+SMOOTH = RoughGap(0.0)
+
+
+def smooth_film(x, eta, scale, rings=False):
+    return ReynoldsFilm(FilmCells.on_line(x, rings), FilmRheology(eta_b=eta), SMOOTH, scale)
+
+
+def at_ends(count):
+    fixed = np.zeros(count, dtype=bool)
+    fixed[[0, -1]] = True
+    return fixed
+
+
+def flooded(h, speed, fixed=None, **more):
+    """A step with ends that are flooded and a speed the same everywhere."""
+    count = len(h)
+    fixed = at_ends(count) if fixed is None else fixed
+    return FilmStep(h, np.full(count - 1, speed), fixed, np.full(count, np.inf), **more)
+
+
+# -- slider -----------------------------------------------------------------------------------
+
+LENGTH, LEAST, ETA, SPEED = 1e-2, 1e-6, 0.8, 0.1
+
+
+def slider_load(ratio):
+    """W h²/(η U L²) of a plane slider (O. Reynolds)."""
+    k = ratio - 1.0
+    return 6.0 / k**2 * (np.log(ratio) - 2.0 * k / (ratio + 1.0))
+
+
+def slider_drag(ratio):
+    """F h/(η U L) on the plane that moves."""
+    k = ratio - 1.0
+    return (4.0 * np.log(ratio) - 6.0 * k / (ratio + 1.0)) / k
+
+
+@pytest.mark.parametrize("ratio", [2.0, 2.2, 2.5])
+def test_a_slider_carries_and_drags_as_reynolds_says(ratio):
+    x = np.linspace(0.0, LENGTH, 41)
+    h = LEAST * (ratio - (ratio - 1.0) * x / LENGTH)
+    film = smooth_film(x, ETA, ETA * SPEED * LENGTH / LEAST**2)
+    found = film.solve(flooded(h, SPEED / 2), np.full(41, 0.01))
+    mean, dx = 0.5 * (h[1:] + h[:-1]), np.diff(x)
+    slope = np.diff(found.pressure) / dx
+    drag = np.sum((ETA * SPEED / mean + 0.5 * mean * slope) * dx)
+    load = film.cells.area @ found.pressure
+    group = ETA * SPEED * LENGTH
+    assert load * LEAST**2 / (group * LENGTH) == pytest.approx(slider_load(ratio), rel=5e-3)
+    assert drag * LEAST / group == pytest.approx(slider_drag(ratio), rel=1e-3)
+    # Couette's stress alone would be wrong by far more.
+    assert np.sum(ETA * SPEED / mean * dx) * LEAST / group < 0.95 * slider_drag(ratio)
+    assert np.ptp(found.flux) < 1e-9 * found.flux.mean()
+
+
+def test_both_frames_of_reference_give_the_same_slider():
+    ratio, count = 2.2, 181
+    x = np.linspace(-1.5 * LENGTH, 1.5 * LENGTH, count)
+    film = smooth_film(x, ETA, ETA * SPEED * LENGTH / LEAST**2)
+    dt, start = 0.25 * (x[1] - x[0]) / SPEED, 0.45 * LENGTH
+    h = np.full(count, ratio * LEAST)
+    w, volume, loads = np.zeros(count), h * film.cells.area, []
+    for k in range(1, int(1.6 * LENGTH / SPEED / dt)):
+        s = start - k * SPEED * dt
+        before, outside = h, (x < s) | (x > s + LENGTH)
+        h = LEAST * (ratio - (ratio - 1.0) * np.clip((x - s) / LENGTH, 0.0, 1.0))
+        h = np.where(outside, ratio * LEAST, h)
+        # The pad moves against the runner, whose places the film's are.
+        step = flooded(h, -SPEED / 2, outside | at_ends(count), dt=dt, before=before, volume=volume)
+        found = film.solve(step, w)
+        w, volume = found.unknown, np.where(outside, h * film.cells.area, found.volume)
+        loads.append(film.cells.area @ found.pressure)
+    load = np.mean(loads[len(loads) // 2 :]) * LEAST**2 / (ETA * SPEED * LENGTH**2)
+    assert load == pytest.approx(slider_load(ratio), rel=2e-2)
+
+
+# -- squeeze ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("rings", "load", "time"),
+    [
+        (False, 3000.0, ETA * 1e-3**3 / (2 * 3000.0)),
+        (True, 9.42478, 3 * np.pi * ETA * 1e-3**4 / (4 * 9.42478)),
+    ],
+    ids=["strip", "disc"],
+)
+def test_a_film_is_squeezed_out_in_the_time_of_the_closed_form(rings, load, time):
+    x = np.linspace(0.0, 1e-3, 41)
+    film = smooth_film(x, ETA, load / (np.pi * 1e-6 if rings else 1e-3), rings)
+    fixed = at_ends(41)
+    fixed[0] = not rings
+    taken, thick = 0.0, [1e-6, 5e-7, 2.5e-7, 1.25e-7]
+    for h0, h1 in itertools.pairwise(thick):
+        dt, h = time / h1**2, np.full(41, h1)
+        before = np.full(41, h0)
+        for _ in range(3):
+            volume = before * film.cells.area
+            step = flooded(h, 0.0, fixed, dt=dt, before=before, volume=volume)
+            found = film.solve(step, np.ones(41))
+            dt *= film.cells.area @ found.pressure / load
+        taken += dt
+        exact = time * (1.0 / h1**2 - 1.0 / h0**2)
+        assert dt == pytest.approx(exact, rel=2e-3)
+    # The volume that left went through the rim.
+    change = np.sum(volume) - np.sum(found.volume)
+    assert change == pytest.approx(-np.sum(found.supply) * step.dt, rel=1e-10)
+
+
+# -- cavitation -------------------------------------------------------------------------------
+
+
+def parabola(count, left=-15.0, right=8.0):
+    """Places, film and the group b of a cylinder on a plane."""
+    radius, least = 0.01, 1e-6
+    b = np.sqrt(2.0 * radius * least)
+    x = np.linspace(left * b, right * b, count)
+    return x, least + x**2 / (2.0 * radius), b
+
+
+def test_a_film_behind_a_cylinder_cavitates_where_reynolds_condition_says():
+    x, h, b = parabola(369)
+    film = smooth_film(x, 0.1, 12 * 0.1 * b / 1e-12 / 10)
+    found = film.solve(flooded(h, 0.5), np.where(x < 0.0, 0.1, -0.1))
+    assert found.flux.mean() / (0.5 * 1e-6) == pytest.approx(1.2260, rel=1e-3)
+    assert np.ptp(found.flux) < 1e-8 * found.flux.mean()
+    assert found.filled.min() >= 0.0
+    assert found.filled.max() <= 1.0
+    assert found.pressure.min() >= 0.0
+
+
+@pytest.mark.parametrize("oil", [1.05e-6, 1.15e-6, 1.2e-6])
+def test_a_starved_film_is_as_thick_as_the_oil_under_its_greatest_pressure(oil):
+    x, h, b = parabola(801, -10.0, 6.0)
+    film = smooth_film(x, 0.1, 12 * 0.1 * b / 1e-12 / 10)
+    content = np.full(801, np.inf)
+    content[0] = oil
+    step = replace(flooded(h, 0.5), content=content)
+    found = film.solve(step, np.where(x < 0.0, 0.05, -0.1))
+    top = int(np.argmax(found.pressure))
+    near = slice(top - 1, top + 2)
+    curve = np.polyfit(x[near] / b, found.pressure[near] / film.scale, 2)
+    at = -curve[1] / (2.0 * curve[0]) * b
+    assert np.interp(at, x, h) == pytest.approx(oil, rel=5e-3)
+    assert found.flux.mean() == pytest.approx(0.5 * oil, rel=5e-3)
+
+
+def test_oil_that_only_part_of_the_gap_holds_is_kept():
+    x, h, b = parabola(120)
+    film = smooth_film(x, 0.1, 12 * 0.1 * b / 1e-12 / 10)
+    volume = 1.3e-6 * film.cells.area * (np.abs(x) < 5 * b) + 1e-9 * film.cells.area
+    volume = np.minimum(volume, h * film.cells.area)
+    w, before, first = np.full(120, -0.5), h, volume.sum()
+    closed = np.zeros(120, dtype=bool)
+    for _ in range(20):
+        step = flooded(h, 0.5, closed, dt=2e-5, before=before, volume=volume)
+        found = film.solve(step, w)
+        w, volume = found.unknown, found.volume
+        assert 0.0 <= found.filled.min() <= found.filled.max() <= 1.0
+    assert volume.sum() == pytest.approx(first, rel=1e-10)
+    assert found.pressure.max() > 1e-4 * film.scale
+
+
+# -- derivatives ------------------------------------------------------------------------------
+
+THIN = FilmRheology(
+    eta_b=0.1, barus=2e-7, critical_rate=1e5, thinning_exponent=0.6, eta_inf=0.01, tau_0=1e6
+)
+
+
+@pytest.mark.parametrize("rheology", [FilmRheology(eta_b=0.1), THIN], ids=["newtonian", "thinning"])
+@pytest.mark.parametrize("moving", [False, True], ids=["steady", "in-time"])
+def test_the_tangent_is_that_of_differences(rheology, moving):
+    x, h, b = parabola(60, -8.0, 4.0)
+    film = ReynoldsFilm(FilmCells.on_line(x), rheology, RoughGap(3e-7), 12 * 0.1 * b / 1e-12 / 10)
+    content = np.full(60, np.inf)
+    content[0] = 1.4e-6
+    before = 1.02 * h
+    more = {"dt": 1e-4, "before": before, "volume": before * film.cells.area} if moving else {}
+    step = replace(flooded(h, 0.5, **more), content=content)
+    step = replace(step, speed=step.speed * (1.0 + 0.1 * np.sin(x[1:] / b)))
+    newtonian = replace(film, rheology=FilmRheology(eta_b=0.1))
+    start = newtonian.solve(step, np.where(x < 0.0, 0.05, -0.1)).unknown
+    found = film.solve(step, start)
+    slopes = film.slopes(step, found)
+    rng = np.random.default_rng(3)
+    by_film, by_speed = h * rng.normal(size=60), rng.normal(size=59)
+    for dh, du in ((by_film, 0.0 * by_speed), (0.0 * by_film, by_speed)):
+        e = 1e-6
+
+        def at(t, dh=dh, du=du):
+            moved = replace(step, film=h + t * dh, speed=step.speed + t * du)
+            return film.solve(moved, found.unknown)
+
+        plus, minus = at(e), at(-e)
+        d_p = slopes.pressure @ dh + slopes.pressure_by_speed @ du
+        d_filled = slopes.filled @ dh + slopes.filled_by_speed @ du
+        for exact, low, high in (
+            (d_p, minus.pressure, plus.pressure),
+            (d_filled, minus.filled, plus.filled),
+        ):
+            difference = (high - low) / (2 * e)
+            assert np.abs(exact - difference).max() < 1e-6 * np.abs(difference).max()
+
+
+def test_nothing_depends_on_the_units():
+    x, h, b = parabola(90)
+    start = np.where(x < 0.0, 0.1, -0.1)
+    film = smooth_film(x, 0.1, 12 * 0.1 * b / 1e-12 / 10)
+    first = film.solve(flooded(h, 0.5), start)
+    length, time, pressure = 1e3, 7.0, 1e-6
+    other = smooth_film(length * x, 0.1 * pressure * time, film.scale * pressure)
+    second = other.solve(flooded(length * h, 0.5 * length / time), start)
+    assert second.pressure == pytest.approx(pressure * first.pressure, rel=1e-9, abs=1e-12)
+    assert second.filled == pytest.approx(first.filled, rel=1e-9)
+
+
+def test_a_film_that_cannot_balance_says_so():
+    x = np.linspace(0.0, 1.0, 5)
+    film = smooth_film(x, 1.0, 1.0)
+    step = flooded(np.full(5, np.nan), 0.5)
+    with pytest.raises(FilmError, match="mass balance"):
+        film.solve(step, np.zeros(5))
+
+
+def test_a_part_of_the_places_keeps_its_own_faces():
+    x = np.array([0.0, 1.0, 3.0, 4.0, 6.0])
+    part = FilmCells.on_line(x).only(np.array([False, True, True, False, True]))
+    assert part.ends.tolist() == [[0, 1]]
+    assert part.length.tolist() == [2.0]
+    assert part.last().tolist() == [True, True, True]
