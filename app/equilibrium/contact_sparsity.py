@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.sparse
 
+from tribox.forms.contact.lubricated import LubricatedTerm
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.pressure import AveragedPressure
 from tribox.forms.contact.state import ContactTrial
@@ -224,6 +225,8 @@ def coupled_nodes(term: ContactTerm, window: ContactWindow) -> Longs:
         chain = surface.nodes[surface.chain_rows[first]]
         nodes, touched = _with(nodes, touched, chain, active)
     around = _incidence(surface.vertices.of_point[first], surface.vertices.count).T
+    if isinstance(term, LubricatedTerm):  # a film couples all of its vertices
+        around = scipy.sparse.csr_matrix(np.ones((1, around.shape[0]), dtype=np.int32)) @ around
     patches, nodes = _of_all_ranks(around @ touched, nodes, surface.vertices)
     return _distinct(np.concatenate([pairs, _upper(patches.T @ patches, nodes)]))
 

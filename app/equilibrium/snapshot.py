@@ -19,7 +19,7 @@ from tribox.app.equilibrium.step_mode import StepMode
 from tribox.forms.bodies.point_state import Origin, PointHistory
 from tribox.forms.bodies.solid import Solid
 from tribox.forms.contact.penalty import ContactTerm
-from tribox.forms.contact.state import ContactMode, ContactState
+from tribox.forms.contact.state import ContactMode, ContactState, FilmHistory
 from tribox.geometry.surfaces.facets import Floats
 
 Array = NDArray[Any]
@@ -76,16 +76,19 @@ def scattered(dofs: Array, values: Floats | float, owned: int) -> Nodal:
 
 def of_contact(pair: int, state: ContactState) -> Snapshot:
     """The history of one pair."""
-    names = [name for name in ContactState.__slots__ if name != "friction"]
+    names = [name for name in ContactState.__slots__ if name not in ("friction", "film")]
     points = {name: AtPoints(pair, getattr(state, name)) for name in names}
     law = {name: AtPoints(pair, values) for name, values in state.friction.arrays().items()}
-    return {"points": points, "law": law}
+    film = None if state.film is None else asdict(state.film)
+    return {"points": points, "law": law, "film": film}
 
 
 def to_contact(term: ContactTerm, kept: Snapshot) -> ContactState:
     """The history of a pair that :func:`of_contact` kept."""
     law = type(term.state.friction).from_arrays(kept["law"])
-    return ContactState(**kept["points"], friction=law)
+    film = kept.get("film")
+    film = None if film is None else FilmHistory(**film)
+    return ContactState(**kept["points"], friction=law, film=film)
 
 
 def of_contacts(states: Sequence[ContactState]) -> list[Snapshot]:

@@ -183,8 +183,7 @@ class ContactTerm:
         if not self.active:
             normal = normal.opened()
         kinematics = relate(points, current, anchor, normal.closed)
-        self.cover_rim(normal, current, mode.penalty_scale, linearise=not mode.friction_as_load)
-        film, response = self._friction(kinematics, dt, normal, mode)
+        film, response = self._loaded(normal, current, kinematics, dt, mode)
         return ContactTrial(
             position=points,
             area_ratio=surface.slave_area_ratio(slave),
@@ -203,6 +202,18 @@ class ContactTerm:
             slave_tangents=surface.slave_tangents(slave),
             nodes=nodes,
         )
+
+    def _loaded(
+        self,
+        normal: NormalContact,
+        at: Projection,
+        kinematics: ContactKinematics,
+        dt: float,
+        mode: ContactMode,
+    ) -> tuple[Floats, FrictionResponse]:
+        """Complete the normal contact; film thickness (q,), m, and friction; collective."""
+        self.cover_rim(normal, at, mode.penalty_scale, linearise=not mode.friction_as_load)
+        return self._friction(kinematics, dt, normal, mode)
 
     def leave_to_others(self) -> None:
         """Find the area that other masters of the slave had at the last step; collective."""

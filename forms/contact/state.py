@@ -12,6 +12,7 @@ import numpy as np
 from tribox.forms.contact.carried import Carried
 from tribox.forms.contact.interior_point import InteriorPoint
 from tribox.forms.contact.kinematics import Anchor, ContactKinematics
+from tribox.forms.film.reynolds import FilmSolution, FilmStep, ReynoldsFilm
 from tribox.forms.friction.law import FrictionResponse, FrictionState
 from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs
 from tribox.geometry.surfaces.projection import Projection
@@ -93,6 +94,66 @@ class ContactMode:
 AS_IS = ContactMode()
 
 
+@dataclass(frozen=True, slots=True)
+class FilmHistory:
+    """The film of a pair after a converged step, at its vertices (v,) and faces (f,).
+
+    Attributes:
+        unknown: w (v,); film: h_T (v,), m, infinite where nothing is opposite; volume: (v,), m² or
+            m³, oil; pressure: p_f (v,), Pa; gap: (v,), m.
+        length, width: (f,), m, current; area: (v,), m² or of rings, current.
+        supplied: m² or m³, oil that came in from the reservoirs since the start.
+    """
+
+    unknown: Floats
+    film: Floats
+    volume: Floats
+    pressure: Floats
+    gap: Floats
+    length: Floats
+    width: Floats
+    area: Floats
+    supplied: float
+
+
+@dataclass(frozen=True, slots=True)
+class Lubrication:
+    """The film of one set of gaps, at vertices (v,) and points (q,).
+
+    Attributes:
+        members: (v,) vertices that the film has; film: h_T (v,), m, and d_film: dh_T/dg (v,).
+        asperity: p_a (v,), Pa, and d_asperity: dp_a/dg (v,), Pa/m; pressure: p_f (v,), Pa;
+            filled: θ (v,). Pressures are per current area; ratio: (v,), da/dA.
+        along: (q, i) unit vectors from the first end of the points' faces to the second;
+            turned: (q,) 1 or −1, whether they are the normals turned to the right; sign: 1 where
+            the normal is the slave's, −1 where it is the master's; slopes: ∂N/∂s (q, k), 1/m.
+        drawn: (q,), Pa, traction along them from the gradient of the film's pressure.
+        by_film, by_filled, by_pressure: ∂T/∂h (q, i), Pa/m, ∂T/∂θ, Pa, and ∂T/∂p_f.
+        solver, step, solution: what was solved for the members; None where the film does not feel
+            time, or its equations have no solution.
+    """
+
+    members: Bools
+    film: Floats
+    d_film: Floats
+    asperity: Floats
+    d_asperity: Floats
+    pressure: Floats
+    filled: Floats
+    ratio: Floats
+    along: Floats
+    turned: Floats
+    sign: float
+    slopes: Floats
+    drawn: Floats
+    by_film: Floats
+    by_filled: Floats
+    by_pressure: Floats
+    solver: ReynoldsFilm | None
+    step: FilmStep | None
+    solution: FilmSolution | None
+
+
 @dataclass(slots=True)
 class NormalContact:
     """Normal contact of one set of gaps.
@@ -111,6 +172,7 @@ class NormalContact:
         stiffness: Pa/m, −∂t_N/∂g, of points (q,), or −∂s_A/∂g_A of vertices (v,); None where
             nobody will ask for the tangent.
         damping: Pa, part of s_A (v,), or of t_N (q,), that is the dashpots'; None without any.
+        lubrication: the film, part of the pressure, where it is an unknown; None elsewhere.
     """
 
     closed: Bools
@@ -126,6 +188,7 @@ class NormalContact:
     grows: Bools | None = None
     stiffness: Floats | None = None
     damping: Floats | None = None
+    lubrication: Lubrication | None = None
 
     def opened(self) -> NormalContact:
         """The same gaps of surfaces that do not feel each other."""
@@ -174,6 +237,7 @@ class ContactState:
         area_ratio: (q,) area ratio da/dA of the slave surface.
         share: (q,) and sunk: (q,), J/m²: see :mod:`tribox.forms.contact.fading`.
         friction: the law's own state; friction_traction: (q, i), Pa, T.
+        film: the film, where it is an unknown.
     """
 
     facet: Ints
@@ -187,6 +251,7 @@ class ContactState:
     sunk: Floats
     friction: FrictionState
     friction_traction: Floats
+    film: FilmHistory | None = None
 
     @classmethod
     def undeformed(

@@ -46,6 +46,10 @@ class Asperities(Protocol):
         """Pressure p_a (n,), Pa, and dp_a/dg (n,), Pa/m, at gaps (n,), m."""
         ...
 
+    def energy(self, gap: Floats) -> Floats:
+        """What closing the gap to ``gap`` (n,), m, has stored (n,), J/m²."""
+        ...
+
 
 @dataclass(frozen=True, slots=True)
 class Exponential:
@@ -69,6 +73,13 @@ class Exponential:
         inside = z < 0.0
         value = np.where(inside, self.reference * (1.0 - z), decayed)
         return value, np.where(inside, -self.reference, -decayed) / self.length
+
+    def energy(self, gap: Floats) -> Floats:
+        """See :class:`Asperities`."""
+        z, scale = gap / self.length, self.reference * self.length
+        below = np.minimum(z, 0.0)
+        out: Floats = scale * (np.exp(-np.maximum(z, 0.0)) - below + 0.5 * below**2)
+        return out
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +108,14 @@ class GreenwoodTripp:
         value = scale * depth**power
         slope = scale * power * depth ** (power - 1.0)
         return value - slope * np.minimum(z, 0.0), -slope / self.sigma
+
+    def energy(self, gap: Floats) -> Floats:
+        """See :class:`Asperities`."""
+        z, (at_zero, slope) = gap / self.sigma, self.pressure(np.zeros(1))
+        depth, below = np.maximum(4.0 - np.maximum(z, 0.0), 0.0), np.minimum(gap, 0.0)
+        far = self.sigma * 4.4086e-5 * self.reference * depth**7.804 / 7.804
+        out: Floats = far - at_zero * below - 0.5 * slope * below**2
+        return out
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,6 +148,17 @@ class AsperityTable:
         piece = np.clip(np.searchsorted(z, at, side="right") - 1, 0, len(z) - 1)
         return p[piece] + slopes[piece] * (at - z[piece]), slopes[piece] / self.sigma
 
+    def energy(self, gap: Floats) -> Floats:
+        """See :class:`Asperities`."""
+        z, p = np.array(self.rows).T
+        parts = 0.5 * (p[1:] + p[:-1]) * np.diff(z)
+        beyond = np.append(np.cumsum(parts[::-1])[::-1], 0.0)
+        at = gap / self.sigma
+        piece = np.clip(np.searchsorted(z, at, side="right") - 1, 0, len(z) - 1)
+        mean = 0.5 * (p[piece] + self.pressure(gap)[0])
+        out: Floats = self.sigma * (beyond[piece] - mean * (at - z[piece]))
+        return out
+
 
 @dataclass(frozen=True, slots=True)
 class NoAsperities:
@@ -137,6 +167,10 @@ class NoAsperities:
     def pressure(self, gap: Floats) -> tuple[Floats, Floats]:
         """See :class:`Asperities`."""
         return np.zeros_like(gap), np.zeros_like(gap)
+
+    def energy(self, gap: Floats) -> Floats:
+        """See :class:`Asperities`."""
+        return np.zeros_like(gap)
 
 
 @dataclass(frozen=True, slots=True)

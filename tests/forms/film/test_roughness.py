@@ -31,6 +31,9 @@ def test_asperities_push_the_more_the_closer_and_their_slope_is_that_of_differen
     e = 1e-6 * SIGMA
     difference = (law.pressure(GAPS + e)[0] - law.pressure(GAPS - e)[0]) / (2 * e)
     assert slope == pytest.approx(difference, rel=1e-5, abs=1e-6 * np.abs(slope).max())
+    work = (law.energy(GAPS - e) - law.energy(GAPS + e)) / (2 * e)
+    assert p == pytest.approx(work, rel=1e-5, abs=1e-6 * p.max())
+    assert law.energy(np.array([1e3 * SIGMA])) == pytest.approx(0.0, abs=1e-30)
 
 
 def test_the_mean_film_is_the_gap_far_apart_and_stays_positive_pressed_flat():

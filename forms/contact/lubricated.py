@@ -1,0 +1,592 @@
+r"""Contact with a film that follows from pressure, speed, oil and roughness.
+
+Axis letters: q, p points, v vertices of the slave, f its facets, the faces of the film, k vertices
+of a facet, i space, m nodes of the pair. In the plane and with axial symmetry, on one rank.
+
+At each vertex the mean gap g_A between the mean planes gives the film h_T(g) and the pressure of
+the asperities p_a(g), which takes the place of the penalty (:mod:`tribox.forms.film.roughness`),
+and the balance of the oil gives the film's pressure p_f (:mod:`tribox.forms.film.reynolds`):
+
+.. math:: t_N = j (p_a + p_f), \qquad T = T_{dry}(j p_a) + \theta j \eta \frac{V}{h}
+   \pm j \frac{h}{2} \frac{\partial p_f}{\partial s}
+
+per reference area, with the area ratio j = da/dA of the last converged step. The last term is the
+shear on the wall whose normal carries the pressure, + of the slave's and − of the master's: with it
+the film's momentum balances.
+
+Newton's method of the bodies has no unknown of the film. Its equations are solved at every
+evaluation, from the last w, and with the dense :math:`\partial p_f/\partial g` and
+:math:`\partial p_f/\partial u` of their solution the tangent is
+
+.. math:: K = -\sum_X L_X^T (X_g R + X_u S), \qquad X = j(p_a + p_f),\ j p_a,\ h,\ \theta,\ p_f
+
+with R the rows of the gaps, S those of half the sliding speeds of the facets, and L_X those of
+:math:`\partial t/\partial X`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+import scipy.sparse
+
+from tribox.forms.contact.kinematics import ContactKinematics, Variations, vary
+from tribox.forms.contact.penalty import ContactTerm
+from tribox.forms.contact.pressure import AveragedPressure
+from tribox.forms.contact.state import (
+    ContactMode,
+    ContactState,
+    ContactTrial,
+    Fading,
+    FilmHistory,
+    Lubrication,
+    NormalContact,
+)
+from tribox.forms.contact.tangent import PairTangent
+from tribox.forms.contact.vertex_rows import Coupling
+from tribox.forms.film.reynolds import FilmCells, FilmError, FilmSolution, FilmStep, ReynoldsFilm
+from tribox.forms.film.roughness import Asperities, RoughGap
+from tribox.forms.friction.film_rheology import FilmRheology
+from tribox.forms.friction.law import FrictionLaw, FrictionResponse, Regime
+from tribox.geometry.surfaces.facets import Floats, Longs
+from tribox.geometry.surfaces.projection import Projection
+from tribox.geometry.surfaces.surface import ContactSurface
+
+_WHOLE = 0.999  # share of a vertex's area that must have the master below it
+_LOADED = 1e-3  # of the largest pressure: less counts as no contact in results
+_DRY = 1e-3  # share of the asperities from which on a point counts as carried by the film
+_TRACE = 1e-9  # of the pressure scale: the law of a map takes a film without asperities as closed
+
+
+@dataclass(frozen=True, slots=True)
+class FilmModel:
+    """What a film and its surfaces are made of.
+
+    Attributes:
+        rough: roughness; asperities: what they carry; rheology: of the oil.
+        share: "contact": the asperities rub by the law, the film by its viscosity; "map": the law
+            is a map with films, which is given p_a and h_T.
+        oil: m, θh of the oil on the slave; infinite: flooded.
+        reach: m, gap beyond which oil is only kept.
+        steady: whether each step is the steady state of its speed.
+        scale: Pa, of the order of the pressures.
+    """
+
+    rough: RoughGap
+    asperities: Asperities
+    rheology: FilmRheology
+    share: Literal["contact", "map"]
+    oil: float
+    reach: float
+    steady: bool
+    scale: float
+
+
+class AsperityPressure(AveragedPressure):
+    """Pressure of the asperities from the mean gaps of the vertices."""
+
+    def __init__(self, surface: ContactSurface, model: FilmModel) -> None:
+        """Take the surface; where a penalty is asked for, the stiffness of the closed gap."""
+        step = np.array([0.0])
+        stiffness = -float(model.asperities.pressure(step)[1][0])
+        super().__init__(surface, max(stiffness, model.scale / model.reach))
+        self.model = model
+
+    def evaluate(
+        self, at: Projection, mode: ContactMode, least_depth: float = 0.0
+    ) -> NormalContact:
+        """See :class:`tribox.forms.contact.pressure.NormalRule`; without the film's pressure."""
+        vertices, weight = self.vertices, self.surface.slave.weight
+        on = np.where(at.on_surface, 1.0 if at.share is None else at.share, 0.0)
+        covered = vertices.sums(weight * on)
+        gap = vertices.sums(weight * on * np.where(at.on_surface, at.gap, 0.0)) / vertices.area
+        members = (covered > _WHOLE * vertices.area) & (gap <= self.model.reach)
+        pressure, slope = self.model.asperities.pressure(gap)
+        pressure = np.where(members, mode.penalty_scale * pressure, 0.0)
+        slope = np.where(members, mode.penalty_scale * slope, 0.0)
+        closed = at.on_surface & members[vertices.of_point].all(axis=1)
+        at_points = np.where(closed, vertices.at_points(pressure), 0.0)
+        return NormalContact(
+            closed=closed,
+            spring=at_points,
+            pressure=at_points,
+            gap=gap,
+            nodal_pressure=pressure,
+            active=members,
+            rim=members,
+            stiffness=-slope,
+        )
+
+    def energy(self, normal: NormalContact, penalty_scale: float) -> float:
+        """See :class:`tribox.forms.contact.pressure.NormalRule`: what the asperities store."""
+        film = normal.lubrication
+        if normal.gap is None or film is None:
+            return 0.0
+        density = np.where(film.members, self.model.asperities.energy(normal.gap), 0.0)
+        return float(self.vertices.area @ (film.ratio * density))
+
+
+class LubricatedTerm(ContactTerm):
+    """A contact pair whose film is an unknown.
+
+    Attributes:
+        model: of the film; faces: (f, 2) vertices of the slave's facets.
+    """
+
+    def __init__(
+        self,
+        surface: ContactSurface,
+        law: FrictionLaw,
+        model: FilmModel,
+        modulus: float | None = None,
+    ) -> None:
+        """Set up the undeformed contact.
+
+        Args:
+            surface: the pair's surfaces, in the plane, on one rank.
+            law: friction of the asperities, or a map.
+            model: of the film.
+            modulus: Pa, E* of both bodies together.
+
+        Raises:
+            ValueError: the pair is in space, or on more than one rank.
+        """
+        if surface.dim != 2 or surface.vertices.comm.size > 1:
+            raise ValueError("a film as an unknown needs the plane or axial symmetry, and one rank")
+        super().__init__(surface, law, 1.0, modulus=modulus)
+        self.model, self.compiled = model, None
+        self.rule = AsperityPressure(surface, model)
+        self.linearised = LubricatedTangent(surface, self.rule)
+        facet, first, self._face = np.unique(
+            surface.slave.facet, return_index=True, return_inverse=True
+        )
+        self.faces: Longs = surface.vertices.of_point[first]
+        self._weight = np.bincount(self._face, surface.slave.weight, len(facet))
+        self._reference = np.linalg.norm(surface.slave.tangents[:, 0], axis=1)
+        ends = surface.vertices.position[self.faces]
+        length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+        radius = surface.vertices.position[:, 0] if surface.axisymmetric else np.ones(1)
+        self._axis = radius < 1e-9 * length.max() if surface.axisymmetric else np.zeros(1, bool)
+        self._lengths = length, self._weight / length
+        self._guess: Floats | None = None
+        self.state.film = self._initial()
+
+    # -- film ---------------------------------------------------------------------------------
+
+    def _initial(self) -> FilmHistory:
+        """Before the first step."""
+        vertices, (length, width) = self.surface.vertices, self._lengths
+        at = self.surface.project(self.surface.slave.position, self.surface.master.position)
+        gap = vertices.sums(self.surface.slave.weight * np.where(at.on_surface, at.gap, np.inf))
+        gap = gap / vertices.area
+        film = np.minimum(self.model.rough.film(gap)[0], self.model.reach)
+        content = np.minimum(self.model.oil, film) if self._flooded else self.model.oil
+        none = np.zeros(vertices.count)
+        volume, area = content * vertices.area, vertices.area.copy()
+        return FilmHistory(none, film, volume, none.copy(), gap, length, width, area, 0.0)
+
+    @property
+    def _flooded(self) -> bool:
+        return not np.isfinite(self.model.oil)
+
+    def _loaded(
+        self,
+        normal: NormalContact,
+        at: Projection,
+        kinematics: ContactKinematics,
+        dt: float,
+        mode: ContactMode,
+    ) -> tuple[Floats, FrictionResponse]:
+        """See :class:`ContactTerm`; the film's pressure joins that of the asperities."""
+        history, vertices = self.state.film, self.surface.vertices
+        assert history is not None and normal.gap is not None
+        ratio = history.area / vertices.area
+        assert normal.nodal_pressure is not None and normal.stiffness is not None
+        along, turned = self._along(kinematics, at)
+        # A pair that is switched off has neither asperities nor film.
+        members = normal.active if normal.active is not None else np.zeros_like(ratio, dtype=bool)
+        film = Lubrication(
+            members=members,
+            film=np.where(members, self.model.rough.film(normal.gap)[0], self.model.reach),
+            d_film=self.model.rough.film(normal.gap)[1],
+            asperity=normal.nodal_pressure,
+            d_asperity=-normal.stiffness,
+            pressure=np.zeros_like(ratio),
+            filled=np.ones_like(ratio),
+            ratio=ratio,
+            along=along,
+            turned=turned,
+            sign=-1.0 if at.rays is None else 1.0,
+            slopes=np.array([[-1.0, 1.0]]) / history.length[self._face][:, None],
+            drawn=np.zeros(len(along)),
+            by_film=np.zeros_like(along),
+            by_filled=np.zeros_like(along),
+            by_pressure=np.zeros_like(along),
+            solver=None,
+            step=None,
+            solution=None,
+        )
+        if mode.rate_dependent and members.any():
+            film = self._with_film(film, kinematics, dt)
+        film, response = self._rubbed(film, normal, kinematics, dt, mode)
+        self._press(normal, film)
+        thickness = np.where(normal.closed, vertices.at_points(film.film), 0.0)
+        return thickness, response
+
+    def _along(self, kinematics: ContactKinematics, at: Projection) -> tuple[Floats, Floats]:
+        """Unit vectors (q, i) from the first end of the faces to the second, and their turn (q,).
+
+        Vertices and facets keep their order, so that the undeformed facets tell where that is,
+        turned with the normals.
+        """
+        right = _turned_right(kinematics.normal)
+        tangents = self._tangents
+        turned = np.where(np.einsum("qi,qi->q", right, tangents) < 0.0, -1.0, 1.0)
+        return turned[:, None] * right, turned
+
+    def _evaluate(self, values: Floats, dt: float, mode: ContactMode) -> ContactTrial:
+        displacement = values[self.surface.slave_rows]
+        self._tangents = self.surface.slave_tangents(displacement)[:, 0]
+        trial = super()._evaluate(values, dt, mode)
+        trial.faded = self._lost(trial)
+        return trial
+
+    def speeds(self, along: Floats, slip: Floats, dt: float) -> Floats:
+        """Half the velocity (f,) of the master relative to the slave along the faces, m/s."""
+        moved = self.surface.slave.weight * np.einsum("qi,qi->q", slip, along)
+        mean = np.bincount(self._face, moved, len(self.faces)) / self._weight
+        out: Floats = mean * (-0.5 / dt)
+        return out
+
+    def _with_film(
+        self, film: Lubrication, kinematics: ContactKinematics, dt: float
+    ) -> Lubrication:
+        """The same with the pressure of the film; not a number where there is no solution."""
+        model, history = self.model, self.state.film
+        assert history is not None
+        here = film.members
+        cells = FilmCells(self.faces, history.length, history.width, history.area)
+        inside = here[self.faces].all(axis=1)
+        part = cells.only(here)
+        solver = ReynoldsFilm(part, model.rheology, model.rough, model.scale)
+        fixed = part.last() & (self._flooded or model.steady)
+        if self.surface.axisymmetric:
+            fixed &= ~self._axis[here]
+        before = np.where(np.isfinite(history.film), history.film, film.film)[here]
+        step = FilmStep(
+            film=film.film[here],
+            speed=self.speeds(film.along, kinematics.slip, dt)[inside],
+            fixed=fixed,
+            content=np.full(len(before), model.oil),
+            dt=np.inf if model.steady else dt,
+            before=None if model.steady else before,
+            volume=None if model.steady else history.volume[here],
+        )
+        solution = self._solved(solver, step, here)
+        pressure, filled = np.zeros_like(film.film), np.ones_like(film.film)
+        if solution is None:
+            pressure[here] = np.nan
+        else:
+            pressure[here], filled[here] = solution.pressure, solution.filled
+        return replace(
+            film, pressure=pressure, filled=filled, solver=solver, step=step, solution=solution
+        )
+
+    def _solved(
+        self, solver: ReynoldsFilm, step: FilmStep, here: np.ndarray[tuple[int], np.dtype[np.bool_]]
+    ) -> FilmSolution | None:
+        """The film from the last w, that of the last step, or from full and empty places."""
+        history = self.state.film
+        assert history is not None
+        upstream = np.where(np.arange(len(step.film)) < np.argmin(step.film), 0.05, -0.1)
+        starts = [history.unknown[here], upstream, upstream[::-1]]
+        if self._guess is not None:
+            starts.insert(0, self._guess[here])
+        for start in starts:
+            try:
+                solution = solver.solve(step, start)
+            except FilmError:
+                continue
+            self._guess = np.zeros(len(here))
+            self._guess[here] = solution.unknown
+            return solution
+        return None
+
+    def _press(self, normal: NormalContact, film: Lubrication) -> None:
+        """Give the pair the pressure of asperities and film, per reference area."""
+        vertices = self.surface.vertices
+        nodal = np.where(film.members, film.ratio * (film.asperity + film.pressure), 0.0)
+        normal.nodal_pressure, normal.lubrication = nodal, film
+        at_points = np.where(normal.closed, vertices.at_points(nodal), 0.0)
+        normal.spring = normal.pressure = at_points
+        largest = float(np.max(at_points, initial=0.0))
+        normal.cover = np.where(at_points > _LOADED * largest, 1.0, 0.0)
+
+    # -- friction -----------------------------------------------------------------------------
+
+    def _rubbed(
+        self,
+        film: Lubrication,
+        normal: NormalContact,
+        kinematics: ContactKinematics,
+        dt: float,
+        mode: ContactMode,
+    ) -> tuple[Lubrication, FrictionResponse]:
+        """Friction of asperities and film; the film with its derivatives."""
+        vertices, closed = self.surface.vertices, normal.closed
+        p_a = np.where(closed, vertices.at_points(film.ratio * film.asperity), 0.0)
+        filled = vertices.at_points(film.filled)
+        thickness = vertices.at_points(film.film)
+        dry = replace(normal, pressure=p_a, cover=filled)
+        if self.model.share == "map":
+            dry.pressure = np.where(closed, p_a + _TRACE * self.model.scale, 0.0)
+        response = self.respond(kinematics, dt, dry, thickness, mode.rate_dependent)
+        film = replace(film, by_film=response.d_traction_d_film)
+        if film.solution is not None:
+            film, response = self._sheared(film, response, kinematics, closed, dt)
+        if mode.friction_as_load:
+            none = np.zeros_like(response.d_traction_d_slip)
+            response = replace(
+                response,
+                d_traction_d_slip=none,
+                d_traction_d_elastic=none,
+                d_traction_d_pressure=np.zeros_like(response.d_traction_d_pressure),
+            )
+            flat = np.zeros_like(film.by_film)
+            film = replace(film, by_film=flat, by_filled=flat, by_pressure=flat)
+        return film, response
+
+    def _sheared(
+        self,
+        film: Lubrication,
+        response: FrictionResponse,
+        kinematics: ContactKinematics,
+        closed: np.ndarray[tuple[int], np.dtype[np.bool_]],
+        dt: float,
+    ) -> tuple[Lubrication, FrictionResponse]:
+        """The friction with the film's shear, and its derivatives."""
+        vertices, slip = self.surface.vertices, kinematics.slip
+        h, ratio = vertices.at_points(film.film), self.state.area_ratio
+        p_f, filled = vertices.at_points(film.pressure), vertices.at_points(film.filled)
+        gradient = np.einsum("qk,qk->q", film.slopes, film.pressure[vertices.of_point])
+        drawn = np.where(closed, film.sign * 0.5 * ratio * h * gradient, 0.0)
+        by_film = film.by_film + (drawn / h)[:, None] * film.along
+        traction = response.traction + drawn[:, None] * film.along
+        parts, work = response.dissipation, np.zeros_like(h)
+        if self.model.share == "map":
+            squared = np.einsum("qi,qi->q", slip, slip) * filled
+            resistance = np.zeros_like(squared)
+            np.divide(parts.viscous, squared, out=resistance, where=squared > 0.0)
+            film = replace(film, drawn=drawn, by_film=by_film, by_filled=resistance[:, None] * slip)
+            return film, replace(response, traction=traction)
+        rate = np.linalg.norm(slip, axis=1) / (dt * h)
+        eta = self.model.rheology.viscosity(rate, p_f)
+        per_slip = np.where(closed, ratio * filled / (dt * h), 0.0)
+        sheared = (per_slip * eta.value)[:, None] * slip
+        work = np.einsum("qi,qi->q", sheared, slip)
+        steeper = per_slip * eta.d_rate * rate
+        d_slip = steeper[:, None, None] * film.along[:, :, None] * film.along[:, None, :]
+        for i in range(slip.shape[1]):
+            d_slip[:, i, i] += per_slip * eta.value
+        thinner = (per_slip * (eta.value + eta.d_rate * rate) / h)[:, None] * slip
+        carried = p_f + vertices.at_points(film.asperity)
+        regime = response.regime.copy()
+        wet = closed & (carried - p_f < _DRY * carried)
+        regime[wet] = Regime.VISCOUS
+        film = replace(
+            film,
+            drawn=drawn,
+            by_film=by_film - thinner,
+            by_filled=(per_slip * eta.value / filled)[:, None] * slip,
+            by_pressure=(per_slip * eta.d_pressure)[:, None] * slip,
+        )
+        return film, replace(
+            response,
+            traction=traction + sheared,
+            d_traction_d_slip=response.d_traction_d_slip + d_slip,
+            regime=regime,
+            dissipation=replace(parts, viscous=parts.viscous + work),
+        )
+
+    def _lost(self, trial: ContactTrial) -> Fading | None:
+        """What the film's pressure takes in a step, by the trapezoidal rule, and its drawing."""
+        normal, history = trial.normal_contact, self.state.film
+        film = normal.lubrication
+        assert history is not None
+        if film is None or normal.gap is None:
+            return None
+        closed = np.where(np.isfinite(history.gap), normal.gap - history.gap, 0.0)
+        mean = 0.5 * film.ratio * (film.pressure + history.pressure)
+        squeezed = np.where(film.members, -mean * closed, 0.0)
+        drawn = film.drawn * np.einsum("qi,qi->q", film.along, trial.kinematics.slip)
+        lost = self.surface.vertices.at_points(squeezed) + drawn
+        return Fading(np.ones_like(lost), np.zeros_like(lost), lost)
+
+    def commit(self, trial: ContactTrial) -> None:
+        """See :class:`ContactTerm`; the film's content joins the history."""
+        history, film = self.state.film, trial.normal_contact.lubrication
+        assert history is not None and film is not None and trial.normal_contact.gap is not None
+        after = self._history_after(history, film, trial)
+        super().commit(trial)
+        self.state.film = after
+
+    def _history_after(
+        self, history: FilmHistory, film: Lubrication, trial: ContactTrial
+    ) -> FilmHistory:
+        """The film that the next step starts from."""
+        weight, faces = self.surface.slave.weight, len(self.faces)
+        here, gap = film.members, trial.normal_contact.gap
+        assert gap is not None and trial.slave_tangents is not None
+        grown = np.bincount(self._face, weight * trial.area_ratio, faces) / self._weight
+        longer = np.linalg.norm(trial.slave_tangents[:, 0], axis=1) / self._reference
+        longer = np.bincount(self._face, weight * longer, faces) / self._weight
+        length, width = self._lengths
+        area = self.surface.vertices.sums(weight * trial.area_ratio)
+        volume, unknown = history.volume.copy(), history.unknown.copy()
+        supplied = history.supplied
+        if film.solution is not None:
+            volume[here], unknown[here] = film.solution.volume, film.solution.unknown
+            supplied += float(film.solution.supply.sum()) * trial.dt
+        if self._flooded:  # what no film has is under oil
+            flooded = area * np.minimum(film.film, self.model.reach)
+            volume = np.where(here & (film.solution is not None), volume, flooded)
+        elif film.solution is None:
+            volume = np.where(here, np.minimum(volume, area * film.film), volume)
+        return FilmHistory(
+            unknown=unknown,
+            film=np.where(here, film.film, self.model.reach),
+            volume=volume,
+            pressure=film.pressure,
+            gap=np.where(here, gap, np.inf),
+            length=length * longer,
+            width=width * grown / longer,
+            area=area,
+            supplied=supplied,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class LubricatedTangent(PairTangent):
+    """Makes the tangent of a pair whose film is an unknown."""
+
+    def traction_variation(self, trial: ContactTrial, take: Longs) -> tuple[Floats, Variations]:
+        """See :class:`PairTangent`: what the gradient draws turns with the normal."""
+        out, v = PairTangent.traction_variation(self, trial, take)
+        film = trial.normal_contact.lubrication
+        if film is not None:
+            drawn = (film.turned * film.drawn)[take]
+            turned = np.stack([v.d_normal[:, 1], -v.d_normal[:, 0]], axis=1)
+            out = out - drawn[:, None, None] * turned
+        return out, v
+
+    def vertex_coupling(self, state: ContactState, trial: ContactTrial) -> Coupling | None:
+        """See :class:`PairTangent`: the sum over the vertices, which the film all couples."""
+        normal, film = trial.normal_contact, trial.normal_contact.lubrication
+        if film is None or not film.members.any():
+            return None
+        take = np.nonzero(trial.kinematics.closed)[0]
+        needs = normal.needs()
+        gaps = self._gap_rows(state, trial, needs)
+        gaps = scipy.sparse.diags(1.0 / self.surface.vertices.area) @ gaps
+        speeds = self._speed_rows(state, trial, take)
+        product = np.zeros((gaps.shape[1], gaps.shape[1]))
+        by_gap, by_speed = _field_slopes(film)
+        for field, vectors in self._field_vectors(state, trial, film, take).items():
+            left = self._vertex_rows(trial, take, vectors, needs)
+            change = by_gap[field] @ gaps.toarray()
+            if field in by_speed:
+                change += speeds.T.dot(by_speed[field].T).T
+            product += left.T @ change
+        matrix = scipy.sparse.csr_matrix(product)
+        if trial.carried is not None:
+            operator = trial.carried.operator(self.surface.first_master)
+            matrix = (operator.T @ matrix @ operator).tocsr()
+        return Coupling(self.surface.nodes, self.surface.nodes, matrix)
+
+    def _field_vectors(
+        self, state: ContactState, trial: ContactTrial, film: Lubrication, take: Longs
+    ) -> dict[str, Floats]:
+        """Vectors −∂t/∂X_B (p, k, i) of closed points ``take`` (p,), by field."""
+        vertices, n = self.surface.vertices, trial.kinematics.normal[take]
+        shape, slopes = vertices.shape[take][:, :, None], film.slopes[take][:, :, None]
+        thickness = vertices.at_points(film.film)[take]
+        along = film.along[take][:, None, :]
+        share = film.sign * 0.5 * state.area_ratio[take] * thickness
+        return {
+            "carried": -shape * n[:, None, :],
+            "asperity": shape * trial.response.d_traction_d_pressure[take][:, None, :],
+            "film": shape * film.by_film[take][:, None, :],
+            "filled": shape * film.by_filled[take][:, None, :],
+            "pressure": shape * film.by_pressure[take][:, None, :]
+            + share[:, None, None] * slopes * along,
+        }
+
+    def _speed_rows(
+        self, state: ContactState, trial: ContactTrial, take: Longs
+    ) -> scipy.sparse.csr_matrix:
+        """S: change (f, m·i) of half the sliding speed of the film's faces."""
+        film, surface = trial.normal_contact.lubrication, self.surface
+        columns = self._places * surface.dim
+        assert film is not None and trial.anchor is not None
+        if film.step is None or film.solution is None:
+            return scipy.sparse.csr_matrix((0, columns))
+        _, face = np.unique(surface.slave.facet, return_inverse=True)
+        total = np.bincount(face, surface.slave.weight)
+        v = vary(trial.position[take], trial.projection.of(take), trial.anchor.of(take))
+        rows, places = self.generalised_rows(state, trial, take)
+        d_slip = np.einsum("pi,pir->pr", film.along[take], v.d_slip)
+        d_slip = d_slip.reshape(len(take), rows.shape[1], surface.dim)
+        scale = surface.slave.weight[take] * (-0.5 / trial.dt) / total[face[take]]
+        values = scale[:, None, None] * np.einsum("prm,pri->pmi", rows, d_slip)
+        column = places[:, :, None] * surface.dim + np.arange(surface.dim)
+        row = np.broadcast_to(face[take][:, None, None], column.shape)
+        out = scipy.sparse.csr_matrix(
+            (values.reshape(-1), (row.reshape(-1), column.reshape(-1))),
+            (len(total), columns),
+        )
+        # Faces of the film: those of which both vertices are its own.
+        _, first = np.unique(surface.slave.facet, return_index=True)
+        ends = surface.vertices.of_point[first]
+        return out[np.nonzero(film.members[ends].all(axis=1))[0]]
+
+
+def _field_slopes(film: Lubrication) -> tuple[dict[str, Floats], dict[str, Floats]]:
+    """∂X/∂g (v, v) and ∂X/∂u (v, f) of the fields on which tractions depend."""
+    count, here = len(film.members), np.nonzero(film.members)[0]
+    d_film, by_film = np.diag(np.where(film.members, film.d_film, 0.0)), np.zeros((count, count))
+    asperity = np.diag(film.ratio * film.d_asperity)
+    if film.solver is None or film.step is None or film.solution is None:
+        return {
+            "carried": asperity,
+            "asperity": asperity,
+            "film": d_film,
+            "filled": by_film,
+            "pressure": by_film,
+        }, {}
+    slopes = film.solver.slopes(film.step, film.solution)
+    filled, pressure = np.zeros((count, count)), by_film
+    pressure[np.ix_(here, here)] = slopes.pressure * film.d_film[here]
+    filled[np.ix_(here, here)] = slopes.filled * film.d_film[here]
+    faces = slopes.pressure_by_speed.shape[1]
+    pressure_u, filled_u = np.zeros((count, faces)), np.zeros((count, faces))
+    pressure_u[here], filled_u[here] = slopes.pressure_by_speed, slopes.filled_by_speed
+    by_gap = {
+        "carried": asperity + film.ratio[:, None] * pressure,
+        "asperity": asperity,
+        "film": d_film,
+        "filled": filled,
+        "pressure": pressure,
+    }
+    by_speed = {
+        "carried": film.ratio[:, None] * pressure_u,
+        "filled": filled_u,
+        "pressure": pressure_u,
+    }
+    return by_gap, by_speed
+
+
+def _turned_right(normal: Floats) -> Floats:
+    """Unit vectors (q, i) a quarter turn to the right of (q, i)."""
+    return np.stack([normal[:, 1], -normal[:, 0]], axis=1)

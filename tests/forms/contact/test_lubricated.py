@@ -1,0 +1,85 @@
+"""A contact whose film is an unknown: its tangent, and what does not depend on the frame."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.forms.contact.test_tool import Scene
+from tribox.forms.contact.lubricated import FilmModel, LubricatedTerm
+from tribox.forms.contact.state import ContactMode
+from tribox.forms.film.roughness import Exponential, RoughGap
+from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
+from tribox.forms.friction.film_rheology import FilmRheology
+from tribox.forms.friction.friction_map import FrictionMap
+from tribox.forms.friction.parameters import FrictionMapParameters
+from tribox.geometry.surfaces.rigid_polyline import Polyline
+
+SIGMA = 0.01
+PRESSED = ContactMode(rate_dependent=False)
+COULOMB = CoulombLaw(CoulombParameters(mu=0.3, K_T=25.0))
+MAP = FrictionMap(
+    FrictionMapParameters(
+        mu_s=0.3, K_T=25.0, eta_b=1e-2, D_max=6 * SIGMA, beta=1.0, V_star=1e3, V_star_at=SIGMA
+    )
+)
+
+
+def film_model(**changes):
+    values = {
+        "rough": RoughGap(SIGMA),
+        "asperities": Exponential(1.0, SIGMA),
+        "rheology": FilmRheology(
+            eta_b=1e-2, barus=0.1, critical_rate=1.0, thinning_exponent=0.7, eta_inf=1e-4
+        ),
+        "share": "contact",
+        "oil": np.inf,
+        "reach": 0.3,
+        "steady": True,
+        "scale": 1.0,
+    }
+    return FilmModel(**{**values, **changes})
+
+
+class Lubricated(Scene):
+    """The scene of a tool with a film on it."""
+
+    def __init__(self, law=COULOMB, shape=None, **changes):
+        super().__init__(shape=shape)
+        self.term = LubricatedTerm(self.term.surface, law, film_model(**changes), 3.0)
+
+
+KINDS = {
+    "steady": {},
+    "flooded": {"steady": False},
+    "given oil": {"steady": False, "oil": 0.024},
+    "steady oil": {"oil": 0.035},
+    "map": {"share": "map", "law": MAP},
+}
+
+
+def slid(scene, down=-0.03, along=-0.04, close=0.012):
+    """Unknowns after a step in which the tool slid, turned and closed; that before is committed."""
+    first = scene.unknowns(1, 0.001, tool=0.0, theta=0.0)
+    first[scene._dofs(scene.tool)[1]] = down
+    scene.term.commit(scene.term.evaluate(scene.vector(first), 1.0, PRESSED))
+    x = first + scene.unknowns(2, 0.0005, tool=0.0, theta=0.003)
+    x[scene._dofs(scene.tool)[:2]] = along, down + close
+    return x
+
+
+@pytest.mark.parametrize("shape", ["circle", "corner"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_tangent_is_that_of_differences(kind, shape):
+    def corner(low):
+        line = np.array([[-1.0, -0.12], [0.55, 0.02], [2.0, -0.14]])
+        return Polyline(low + line)
+
+    scene = Lubricated(shape=None if shape == "circle" else corner, **KINDS[kind])
+    x = slid(scene)
+    trial = scene.residual(x)[1]
+    film = trial.normal_contact.lubrication
+    assert film.solution is not None
+    assert film.pressure.max() > 0.01 * film.asperity.max()
+    assert np.count_nonzero(trial.kinematics.closed) > 3
+    assert scene.error(x) < 1e-6
