@@ -66,15 +66,16 @@ def _pressures(boundary: Boundary) -> Iterator[tuple[str, TimeTable]]:
 
 
 def _notes_on_contact(case: Case, contact: Contact) -> Iterator[str]:
-    if not isinstance(contact.friction, FrictionMap) or contact.film is None:
+    if not isinstance(contact.friction, FrictionMap) or contact.given_film is None:
         return
     yield from _notes_on_weakening(case, contact.friction)
-    if max(contact.film.thicknesses) > THICK:
+    thickest = max(contact.given_film.thicknesses)
+    if thickest > THICK:
         yield (
-            f"film thickness D = {max(contact.film.thicknesses):.3g} m: the law is one of thin "
+            f"film thickness D = {thickest:.3g} m: the law is one of thin "
             "films (nanometres to about a micrometre)"
         )
-    parameters, film = contact.friction.parameters(), np.array(contact.film.thicknesses)
+    parameters, film = contact.friction.parameters(), np.array(contact.given_film.thicknesses)
     # Between the rows of a table over the pressure the film takes every thickness.
     taken = np.concatenate([film, 0.5 * (film[1:] + film[:-1])])
     yield from notes_on_choices(contact.friction, taken)

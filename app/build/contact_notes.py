@@ -129,7 +129,7 @@ def note_on_radius(
 
 def note_on_idle_film(place: str, contact: Contact) -> Iterator[str]:
     """A line on a film that the friction law has no use for."""
-    if contact.film is not None and contact.acting_film is None:
+    if contact.given_film is not None and contact.acting_film is None:
         yield f'{place}: film has no effect with law = "{contact.friction.law}"'
 
 

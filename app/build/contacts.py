@@ -40,6 +40,7 @@ from tribox.forms.bodies.contact_stiffness import contact_shear_modulus
 from tribox.forms.bodies.kinematics import Section
 from tribox.forms.bodies.materials import Material, oedometric_modulus
 from tribox.forms.contact.law_faults import law_fault
+from tribox.forms.contact.lubricated import LubricatedTerm
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.pressure import PressureKind
 from tribox.forms.contact.tie import TieTerm
@@ -131,9 +132,7 @@ class ContactBuilder:
             raise InputError(f"contact.{index}: {problem}")
         distance = _checked_distance(f"contact.{index}", asked, surface, at, at_once)
         table = resolved_contact(asked, softer, length, highest_pressure(self.case))
-        law = self._law(index, table)
-        film = table.acting_film.film() if table.acting_film is not None else 0.0
-        lengths = (length, self._master_length(asked))
+        law, lengths = self._law(index, table), (length, self._master_length(asked))
         modulus = penalty_modulus(softer, table.pressure)
         penalty = _penalty(table, surface, modulus)
         factor = table.penalty_factor or (table.penalty or 0.0) * length / modulus
@@ -144,14 +143,44 @@ class ContactBuilder:
             *note_on_radius(f"contact.{index}", asked, surface, at, distance),
             *note_on_idle_film(f"contact.{index}", asked),
             *self._notes_on_corners(index, asked, surface, at, distance),
-            *notes_on_penalty(index, factor, ratio, self.case.is_explicit, table.pressure),
+            *(
+                ()
+                if _is_unknown(table)
+                else notes_on_penalty(index, factor, ratio, self.case.is_explicit, table.pressure)
+            ),
             *note_on_stick(index, table.friction, contact_shear_modulus(softer) / length),
         )
         modulus = contact_modulus(*materials)
-        term = ContactTerm(surface, law, penalty, film, table.pressure, modulus)
+        if _is_unknown(table):
+            term = self._lubricated(index, table, surface, law, modulus)
+        else:
+            film = table.acting_film.film() if table.acting_film is not None else 0.0
+            term = ContactTerm(surface, law, penalty, film, table.pressure, modulus)
         if fault := law_fault([term]):
             raise InputError(f"contact.{index}.friction: {fault}")
         return BuiltContact(table, term, notes, friction_program(table, term))
+
+    def _lubricated(
+        self, index: int, table: Contact, surface: ContactSurface, law: FrictionLaw, modulus: float
+    ) -> ContactTerm:
+        """A contact whose film is found.
+
+        Raises:
+            InputError: where that is not built.
+        """
+        place, film = f"contact.{index}.film.model", table.film
+        assert film is not None
+        if self.case.is_explicit:
+            raise InputError(f'{place} = "reynolds" goes with solver.kind = "implicit" only')
+        several = sum(table.slave == other.slave for other in self.case.contact) > 1
+        if several:
+            raise InputError(f'{place} = "reynolds": its slave {table.slave} has another contact')
+        friction = table.friction
+        rheology = friction.parameters().rheology if isinstance(friction, FrictionMap) else None
+        try:
+            return LubricatedTerm(surface, law, film.unknown(modulus, rheology), modulus)
+        except ValueError as error:
+            raise InputError(f'{place} = "reynolds": {error}') from None
 
     def _tie(
         self, index: int, asked: Contact, surface: ContactSurface, softer: Material
@@ -266,12 +295,20 @@ def resolved_contact(contact: Contact, softer: Material, length: float, pressure
         length: m, mean length of a slave facet.
         pressure: Pa, the highest that a boundary prescribes; 0 without one.
     """
-    return contact.model_copy(
-        update={
-            "name": contact.label,
-            "friction": _resolved_friction(contact.friction, softer, length, pressure),
-        }
-    )
+    friction = _resolved_friction(contact.friction, softer, length, pressure)
+    film = contact.film
+    if film is not None and film.is_unknown:
+        film = film.resolved()
+        if isinstance(contact.friction, FrictionMap) and (
+            contact.friction.film_onset_pressure is None
+        ):
+            friction = friction.model_copy(update={"film_onset_pressure": 0.0})
+    return contact.model_copy(update={"name": contact.label, "friction": friction, "film": film})
+
+
+def _is_unknown(contact: Contact) -> bool:
+    """Whether the film of a contact is found."""
+    return contact.film is not None and contact.film.is_unknown
 
 
 def quadrature_degree(dim: int, slave: Material, master: Material | None = None) -> int:

@@ -27,12 +27,12 @@ def notes_on_settling(case: Case, contact: Contact, pressure: float) -> Iterator
         contact: one of its contacts; only the friction map says enough of itself.
         pressure: Pa, on the contact; 0 if unknown.
     """
-    if not isinstance(contact.friction, FrictionMap) or contact.film is None:
+    if not isinstance(contact.friction, FrictionMap) or contact.given_film is None:
         return
     law, slid = contact.friction.parameters(), 0.0
-    film, compliance = max(contact.film.thicknesses), shear_compliance(case)
+    film, compliance = max(contact.given_film.thicknesses), shear_compliance(case)
     if pressure > 0.0:
-        film = contact.film.at(pressure)
+        film = contact.given_film.at(pressure)
     for stage in case.stage:
         if not stage.velocities:
             slid += abs(stage.velocity or 0.0) * (stage.duration or 0.0)

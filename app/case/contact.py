@@ -110,16 +110,17 @@ class Contact(Model):
 
     @property
     def acting_film(self) -> Film | None:
-        """The film, where the friction law has a use for it."""
-        return self.film if isinstance(self.friction, FrictionMap | OwnLaw) else None
+        """The film of a given thickness, where the friction law has a use for it."""
+        return self.given_film if isinstance(self.friction, FrictionMap | OwnLaw) else None
 
     @property
     def film_conductance(self) -> float:
         """Largest eta_b/D, Pa s/m, stress of a Newtonian film per speed; 0 where there is none."""
         friction = self.friction
-        if not isinstance(friction, FrictionMap) or self.film is None:
+        film = self.given_film
+        if not isinstance(friction, FrictionMap) or film is None:
             return 0.0
-        wet = [D for D in self.film.thicknesses if friction.D_min < D]
+        wet = [D for D in film.thicknesses if friction.D_min < D]
         return friction.eta_b / min(wet) if wet else 0.0
 
     @property
@@ -192,4 +193,28 @@ class Contact(Model):
             yield from self._tie_problems(place)
         elif self.friction_factor != 1.0 and self.friction.law == "frictionless":
             yield Problem((*place, "friction_factor"), 'has no effect with law = "frictionless"')
-        yield from self.friction.problems((*place, "friction"), self.film)
+        film = self.film
+        if film is not None:
+            yield from film.problems((*place, "film"), self.friction.law)
+        if film is not None and film.is_unknown:
+            yield from self._unknown_film_problems(place)
+        yield from self.friction.problems((*place, "friction"), film)
+
+    def _unknown_film_problems(self, place: Place) -> Iterator[Problem]:
+        """Keys that do not go with a film that is solved for."""
+        reason = 'does not go with film.model = "reynolds", whose asperities take its place'
+        if self.penalty is not None:
+            yield Problem((*place, "penalty"), reason)
+        elif self.penalty_factor != DEFAULT_PENALTY_FACTOR:
+            yield Problem((*place, "penalty_factor"), reason)
+        if self.pressure == "pointwise":
+            reason = 'film.model = "reynolds" needs "averaged"'
+            yield Problem((*place, "pressure"), reason, self.pressure)
+        if self.fade_length is not None:
+            reason = 'does not go with film.model = "reynolds"'
+            yield Problem((*place, "fade_length"), reason, self.fade_length)
+
+    @property
+    def given_film(self) -> Film | None:
+        """The film, where its thickness is an input."""
+        return None if self.film is None or self.film.is_unknown else self.film

@@ -176,7 +176,10 @@ class FrictionMap(Model):
         if film is None:
             reason = 'missing; law = "friction-map" needs the film thickness, such as "30 nm"'
             yield Problem((*place[:-1], "film", "thickness"), reason)
-        elif (thickest := max(film.thicknesses)) > self.D_min and self.eta_b == 0.0:
+        elif film.is_unknown and self.eta_b == 0.0:
+            reason = 'missing; the viscosity of the oil, such as "0.8 Pa*s"'
+            yield Problem((*place, "eta_b"), reason)
+        elif (thickest := max(film.thicknesses, default=0.0)) > self.D_min and self.eta_b == 0.0:
             reason = (
                 f"a film thicker than D_min ({thickest:g} m > {self.D_min:g} m) needs a "
                 'viscosity > 0 Pa*s, such as "0.8 Pa*s"'

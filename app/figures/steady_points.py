@@ -65,14 +65,14 @@ def steady_series(case: Case, load_steps: Iterable[dict[str, Any]], label: str =
         label: what to call them; by default after the film thickness.
     """
     contact = case.contact[0]
-    assert isinstance(contact.friction, FrictionMap) and contact.film is not None
+    assert isinstance(contact.friction, FrictionMap) and contact.given_film is not None
     speed, viscosity, friction, normal, area, mu, steady = columns(
         sorted(load_steps, key=lambda load_step: abs(load_step["velocity"])),
         *("velocity", "effective_viscosity", "friction_force", "normal_force"),
         *("contact_area", "mu", "steady"),
     )
     mean_pressure = float(np.mean(normal / area))
-    thickness = contact.film.at(mean_pressure)
+    thickness = contact.given_film.at(mean_pressure)
     return Series(
         label=label or f"D = {thickness * 1e9:g} nm",
         thickness=thickness,

@@ -104,16 +104,16 @@ def _numbers(series: list[StribeckSeries]) -> list[int]:
 def _viscosity(case: Case, pair: int) -> float:
     """η_b of a pair, Pa s; NaN without a film."""
     contact = case.contact[pair]
-    wet = isinstance(contact.friction, FrictionMap) and contact.film is not None
+    wet = isinstance(contact.friction, FrictionMap) and contact.given_film is not None
     return float(contact.friction.eta_b) if wet else np.nan  # type: ignore[union-attr]
 
 
 def _threshold(case: Case, pair: int, pressure: float) -> float:
     """V* of a pair's film at a mean pressure, m/s; NaN where friction does not jump."""
     contact = case.contact[pair]
-    if not isinstance(contact.friction, FrictionMap) or contact.film is None:
+    if not isinstance(contact.friction, FrictionMap) or contact.given_film is None:
         return math.nan
-    law, film = contact.friction.parameters(), contact.film.at(pressure)
+    law, film = contact.friction.parameters(), contact.given_film.at(pressure)
     return float(threshold_speed(film, law)) if law.D_min < film < law.D_max else math.nan
 
 

@@ -93,20 +93,20 @@ def map_setup(case_file: Path | None, overrides: Sequence[str] = ()) -> MapSetup
     """
     if case_file is None:
         contact = _built_in(overrides)
-        assert isinstance(contact.friction, FrictionMap) and contact.film is not None
+        assert isinstance(contact.friction, FrictionMap) and contact.given_film is not None
         note = (
             "no case: preset friction-map with assumed mu_s, mu_d, A_d, B, K_T, V_star; "
             f"{PRESSURE / 1e6:g} MPa as in the paper"
         )
         changed = ", ".join(text.removeprefix("contact.0.").split(".", 1)[-1] for text in overrides)
         title = "built-in parameters" + (f" with {changed}" if changed else "")
-        return _setup(title, contact.friction, contact.film, (), None, note)
+        return _setup(title, contact.friction, contact.given_film, (), None, note)
     # All tables of a case take longer to import than the law without a case takes to map.
     from tribox.app.case.reading import load_case
 
     case = load_case(case_file, overrides)
     contact = case.contact[0]
-    if not isinstance(contact.friction, FrictionMap) or contact.film is None:
+    if not isinstance(contact.friction, FrictionMap) or contact.given_film is None:
         raise InputError(
             f'{case_file}: contact.0.friction.law is "{contact.friction.law}"; tribox map draws '
             'the law "friction-map"'
@@ -114,7 +114,7 @@ def map_setup(case_file: Path | None, overrides: Sequence[str] = ()) -> MapSetup
     pressure = _case_pressure(case)
     note = "" if pressure else f"the case gives no pressure: {PRESSURE / 1e6:g} MPa assumed"
     title, swept = case.title or case_file.stem, _swept_films(case, pressure or PRESSURE)
-    return _setup(title, contact.friction, contact.film, swept, pressure, note)
+    return _setup(title, contact.friction, contact.given_film, swept, pressure, note)
 
 
 def _setup(

@@ -123,7 +123,7 @@ def phases_after(attempt: Attempt, inside: FromInside) -> tuple[Phase, ...]:
     bodies rub, a shorter step is better if the iteration came near, and softer contacts are tried
     sooner. Bodies that forces alone bring together find each other sooner by springs.
     """
-    if not attempt.has_contacts:
+    if not attempt.has_contacts or attempt.newton.is_bounded:
         return (LinearStart(),)
     near = attempt.newton.is_near()
     held = (HeldApproach(),) if attempt.bodies.directions else ()

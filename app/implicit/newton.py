@@ -20,6 +20,7 @@ from tribox.app.equilibrium.step_mode import DEFAULT_STEP, StepMode
 from tribox.app.implicit.linear_solver import LinearSolver, linear_options
 from tribox.app.implicit.options import ImplicitOptions
 from tribox.app.implicit.petsc_options import errors_as_raised, refusal, sets_solver
+from tribox.forms.contact.lubricated import LubricatedTerm
 
 PREFIX = "tribox_"
 _numbers = itertools.count()
@@ -73,6 +74,10 @@ NEWTON_PHASES = (
     NewtonPhase("whole steps", within=STALLED, line_search="basic"),
 )
 
+
+# Where steps are bounded by what the films of contacts bear: the residual of a film goes with the
+# third power of its thickness, and a line search that wants it to fall creeps.
+BOUNDED_STEPS = NewtonPhase("bounded steps", line_search="basic", starts_over=True)
 
 # Where whole steps are right from the start: while the points that touch are being found, the
 # residual says nothing of the distance to the solution, and a line search cuts good steps short.
@@ -210,6 +215,9 @@ class Newton:
         """
         self._patient, self._hasty = patient, hasty
         iterations, reason = 0, 0
+        if self.is_bounded and not patient:
+            self._hasty = False
+            return self._run(BOUNDED_STEPS, step)
         for phase in NEWTON_PHASES:
             within = phase.within if phase.within is None or not hasty else KINKED
             if within is not None and not self.is_near(within):
@@ -219,6 +227,23 @@ class Newton:
             if reason > 0:
                 break
         return iterations, reason
+
+    @property
+    def is_bounded(self) -> bool:
+        """Whether films bound the steps."""
+        return any(isinstance(term, LubricatedTerm) for term in self.problem.contacts)
+
+    def _bound(self, x: PETSc.Vec, y: PETSc.Vec) -> bool:
+        """Shorten a step ``y`` that is to be taken off ``x`` to what films bear; collective."""
+        share, problem = 1.0, self.problem
+        there = x.copy()
+        there.axpy(-1.0, y)
+        for term, trial in zip(problem.contacts, problem.trials, strict=True):
+            if isinstance(term, LubricatedTerm):
+                share = min(share, term.bearable(trial, there))
+        there.destroy()
+        y.scale(share)
+        return share < 1.0
 
     def residual_of(self, step: StepMode) -> float:
         """Residual at ``trial`` over the reference force; collective."""
@@ -320,6 +345,8 @@ class Newton:
         if phase.line_search is None:
             return self._iterate()
         self._search(phase.line_search)
+        if phase is BOUNDED_STEPS:
+            self.snes.setLineSearchPreCheck(self._bound)
         result = self._iterate()
         self._search(self._usual_search)
         return result

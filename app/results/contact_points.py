@@ -86,7 +86,8 @@ def contact_arrays(model: Model) -> dict[str, Array] | None:
         ``slip_path``, ``film_thickness``, m; ``slip_rate``, m/s; ``pressure``,
         ``tangential_traction``, Pa;
         ``cover``, share that touches; ``alpha``; ``regime``; ``dissipation``, J/m² in the last
-        step.
+        step. Where the film is an unknown, ``cover`` is its filling θ and ``alpha`` the share of
+        the pressure that it carries.
         In the plane slip and friction count positive to the right of the normal; in space they are
         lengths, beside the vectors ``slip_vector``, m, and ``friction_traction``, Pa, (q, i).
         None on the others.
@@ -114,6 +115,12 @@ def point_values(term: ContactTerm, trial: ContactTrial) -> dict[str, Floats]:
         "regime": response.regime.astype(float),
         "dissipation": response.dissipation.total,
     }
+    film = trial.normal_contact.lubrication
+    if film is not None:
+        at_points = term.surface.vertices.at_points
+        carried = at_points(film.asperity + film.pressure)
+        share = np.divide(at_points(film.pressure), carried, out=carried * 0.0, where=carried > 0.0)
+        out |= {"alpha": share, "cover": at_points(np.where(film.members, film.filled, 0.0))}
     if term.surface.dim == 3:
         out |= {"slip_vector": k.slip, "friction_traction": response.traction}
     return out

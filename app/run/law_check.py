@@ -72,7 +72,7 @@ def conditions(case: Case, contact: Contact) -> Conditions:
     """Pressure, film and steps that a case asks its law at."""
     softest = min(body.shear_modulus for body in case.bodies.values())
     pressure = highest_pressure(case) or PRESSURE * softest
-    film = contact.film.thicknesses[0] if contact.film is not None else 0.0
+    film = contact.given_film.thicknesses[0] if contact.given_film is not None else 0.0
     steps = sorted(
         load_step.dt
         for stage in case.stage

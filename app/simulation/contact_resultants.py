@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from tribox.forms.contact.lubricated import LubricatedTerm
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.state import ContactTrial
 from tribox.forms.friction.law import Regime
@@ -47,6 +48,9 @@ class ContactResultants:
         worst: where that is (m, current).
         tool_moment: N m/m, of all tractions on a tool about its centre, (1,) in the plane and (3,)
             in space; empty without a tool.
+        asperity_force: N/m, part of the normal force that asperities carry: all of it but where the
+            film is an unknown; oil: m² or m³, on the slave, and oil_supplied: what came in since
+            the start from where the film is flooded; 0 but where it is an unknown.
     """
 
     normal_force: float
@@ -71,6 +75,9 @@ class ContactResultants:
     least_dissipation: float
     worst: tuple[float, ...]
     tool_moment: tuple[float, ...] = ()
+    asperity_force: float = 0.0
+    oil: float = 0.0
+    oil_supplied: float = 0.0
 
 
 def measure_contact(
@@ -100,6 +107,7 @@ def measure_contact(
         gap = np.where(normal.needs(), normal.gap, 0.0)
     local = float(np.max(-gap, initial=0.0))
     penetration = comm.allreduce(local, op=MPI.MAX)
+    dry, oil, supplied = _film(term, trial, force)
     least, worst = _least(parts.total - parts.numerical, trial.position, comm)
     return ContactResultants(
         **resultants(vectors, driven, term.surface.axisymmetric),
@@ -116,7 +124,20 @@ def measure_contact(
         numerical=total["numerical"],
         least_dissipation=least,
         worst=worst,
+        asperity_force=dry,
+        oil=oil,
+        oil_supplied=supplied,
     )
+
+
+def _film(term: ContactTerm, trial: ContactTrial, force: float) -> tuple[float, float, float]:
+    """What asperities carry, oil and its supply, of a pair with the normal force ``force``."""
+    film = trial.normal_contact.lubrication
+    if film is None or not isinstance(term, LubricatedTerm):
+        return force, 0.0, 0.0
+    after = term.film_after(trial)
+    carried = float(term.surface.vertices.area @ (film.ratio * film.asperity))
+    return carried, float(after.volume.sum()), after.supplied
 
 
 def _scalars(term: ContactTerm, trial: ContactTrial) -> dict[str, float]:
@@ -297,6 +318,8 @@ SCALAR_COLUMNS = (
     *("drag", "friction_coefficient", "mu", "film_thickness", "effective_viscosity"),
     *("contact_area", "area_ratio", "stick_fraction", "viscous_fraction", "max_penetration"),
 )
+# Columns of a pair alone.
+FILM_COLUMNS = ("asperity_force", "oil_volume", "oil_supplied")
 _FORCES = ("normal_force", "friction_force", "tangential_force", "normal_resultant", "drag")
 
 
@@ -355,6 +378,15 @@ def contact_columns(
         "max_penetration": max((m.penetration for m in pairs), default=0.0),
         **_summed_vectors(pairs, thickness),
     }
+
+
+def film_columns(pair: ContactResultants, thickness: float) -> tuple[float, ...]:
+    """Values of :data:`FILM_COLUMNS`, N and m³, of a slab of ``thickness`` (m)."""
+    return (
+        pair.asperity_force * thickness,
+        pair.oil * thickness,
+        pair.oil_supplied * thickness,
+    )
 
 
 def _summed_vectors(pairs: Sequence[ContactResultants], thickness: float) -> dict[str, float]:

@@ -16,10 +16,12 @@ from tribox.app.equilibrium.snapshot import Snapshot
 from tribox.app.explicit.stepper import ExplicitStepper
 from tribox.app.implicit.stepper import ImplicitStepper
 from tribox.app.simulation.contact_resultants import (
+    FILM_COLUMNS,
     SCALAR_COLUMNS,
     ContactResultants,
     along_force,
     contact_columns,
+    film_columns,
     measure_contact,
 )
 from tribox.app.simulation.energy_balance import EnergyBalance
@@ -92,7 +94,7 @@ class RunState:
         dim = model.problem.dim
         vectors = [f"{kind}_{axis}" for kind in ("force", "friction") for axis in COMPONENTS[:dim]]
         self._columns = (*SCALAR_COLUMNS, *vectors, *["twist_moment"] * (dim == 3))
-        self.pair_columns = (*KEYS, "pair", *self._columns)
+        self.pair_columns = (*KEYS, "pair", *self._columns, *FILM_COLUMNS)
         self.pair_rows: list[tuple[int | float | str, ...]] = []
         self.resultants: list[ContactResultants] = []
         self.inertia: list[Inertia] = []
@@ -162,7 +164,8 @@ class RunState:
         at = (row.step, row.time, row.stage)
         for contact, pair in zip(self.model.case.contact, self.resultants, strict=True):
             columns = contact_columns([pair], speed, rates, t, noise)
-            self.pair_rows.append((*at, contact.label, *(columns[name] for name in self._columns)))
+            values = (columns[name] for name in self._columns)
+            self.pair_rows.append((*at, contact.label, *values, *film_columns(pair, t)))
         motion = (self.stepper.x.array_r, moved.velocity)
         self.motion.add(at, motion, moved.outside, self.resultants)
         self.tools.add(at, motion, moved.outside, self.resultants)

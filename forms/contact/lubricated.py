@@ -31,6 +31,7 @@ from typing import Literal
 
 import numpy as np
 import scipy.sparse
+from petsc4py import PETSc
 
 from tribox.forms.contact.kinematics import ContactKinematics, Variations, vary
 from tribox.forms.contact.penalty import ContactTerm
@@ -50,7 +51,7 @@ from tribox.forms.film.reynolds import FilmCells, FilmError, FilmSolution, FilmS
 from tribox.forms.film.roughness import Asperities, RoughGap
 from tribox.forms.friction.film_rheology import FilmRheology
 from tribox.forms.friction.law import FrictionLaw, FrictionResponse, Regime
-from tribox.geometry.surfaces.facets import Floats, Longs
+from tribox.geometry.surfaces.facets import Bools, Floats, Longs
 from tribox.geometry.surfaces.projection import Projection
 from tribox.geometry.surfaces.surface import ContactSurface
 
@@ -163,7 +164,8 @@ class LubricatedTerm(ContactTerm):
             surface.slave.facet, return_index=True, return_inverse=True
         )
         self.faces: Longs = surface.vertices.of_point[first]
-        self._weight = np.bincount(self._face, surface.slave.weight, len(facet))
+        self._weight: Floats = np.zeros(len(facet))
+        self._weight += np.bincount(self._face, surface.slave.weight, len(facet))
         self._reference = np.linalg.norm(surface.slave.tangents[:, 0], axis=1)
         ends = surface.vertices.position[self.faces]
         length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
@@ -260,6 +262,14 @@ class LubricatedTerm(ContactTerm):
         out: Floats = mean * (-0.5 / dt)
         return out
 
+    def _felt(self, inside: Bools) -> Floats:
+        """Table (f′, f) from the faces' speeds to those that the film of some of them feels.
+
+        A steady state has one speed: where part of a contact sticks there is none, and the mean
+        is taken.
+        """
+        return felt_speeds(self.model.steady, inside, self._weight)
+
     def _with_film(
         self, film: Lubrication, kinematics: ContactKinematics, dt: float
     ) -> Lubrication:
@@ -268,7 +278,7 @@ class LubricatedTerm(ContactTerm):
         assert history is not None
         here = film.members
         cells = FilmCells(self.faces, history.length, history.width, history.area)
-        inside = here[self.faces].all(axis=1)
+        inside: Bools = np.all(here[self.faces], axis=1)
         part = cells.only(here)
         solver = ReynoldsFilm(part, model.rheology, model.rough, model.scale)
         fixed = part.last() & (self._flooded or model.steady)
@@ -277,7 +287,7 @@ class LubricatedTerm(ContactTerm):
         before = np.where(np.isfinite(history.film), history.film, film.film)[here]
         step = FilmStep(
             film=film.film[here],
-            speed=self.speeds(film.along, kinematics.slip, dt)[inside],
+            speed=self._felt(inside) @ self.speeds(film.along, kinematics.slip, dt),
             fixed=fixed,
             content=np.full(len(before), model.oil),
             dt=np.inf if model.steady else dt,
@@ -294,9 +304,7 @@ class LubricatedTerm(ContactTerm):
             film, pressure=pressure, filled=filled, solver=solver, step=step, solution=solution
         )
 
-    def _solved(
-        self, solver: ReynoldsFilm, step: FilmStep, here: np.ndarray[tuple[int], np.dtype[np.bool_]]
-    ) -> FilmSolution | None:
+    def _solved(self, solver: ReynoldsFilm, step: FilmStep, here: Bools) -> FilmSolution | None:
         """The film from the last w, that of the last step, or from full and empty places."""
         history = self.state.film
         assert history is not None
@@ -323,6 +331,30 @@ class LubricatedTerm(ContactTerm):
         normal.spring = normal.pressure = at_points
         largest = float(np.max(at_points, initial=0.0))
         normal.cover = np.where(at_points > _LOADED * largest, 1.0, 0.0)
+
+    def bearable(self, trial: ContactTrial, there: PETSc.Vec) -> float:
+        """Share of a step of Newton's method to the displacements ``there`` (m) that is taken.
+
+        No gap closes by more than 0.7 h or 4 σ, nor opens by more than 2 h or 4 σ where it carries
+        load, whichever is more: beyond that the tangent says nothing of film and asperities.
+        """
+        film, surface = trial.normal_contact.lubrication, self.surface
+        if film is None or trial.nodal_gap is None:
+            return 1.0
+        values = surface.gather(there)
+        points = surface.slave_positions(values[surface.slave_rows])
+        normals = surface.slave_normals(values)
+        at = surface.project(points, surface.master_positions(values), None, normals, True)
+        weight = np.where(at.on_surface, surface.slave.weight, 0.0)
+        gap = surface.vertices.sums(weight * np.where(at.on_surface, at.gap, 0.0))
+        change = gap / surface.vertices.area - trial.nodal_gap
+        rough = 4.0 * self.model.rough.sigma
+        here = film.members & np.isfinite(change)
+        carried = film.asperity + film.pressure
+        loaded = here & (carried > 0.01 * np.max(carried, initial=0.0))
+        closing = np.where(here, -change / np.maximum(0.7 * film.film, rough), 0.0)
+        opening = np.where(loaded, change / np.maximum(2.0 * film.film, rough), 0.0)
+        return float(1.0 / max(1.0, np.max(closing, initial=0.0), np.max(opening, initial=0.0)))
 
     # -- friction -----------------------------------------------------------------------------
 
@@ -363,7 +395,7 @@ class LubricatedTerm(ContactTerm):
         film: Lubrication,
         response: FrictionResponse,
         kinematics: ContactKinematics,
-        closed: np.ndarray[tuple[int], np.dtype[np.bool_]],
+        closed: Bools,
         dt: float,
     ) -> tuple[Lubrication, FrictionResponse]:
         """The friction with the film's shear, and its derivatives."""
@@ -374,7 +406,7 @@ class LubricatedTerm(ContactTerm):
         drawn = np.where(closed, film.sign * 0.5 * ratio * h * gradient, 0.0)
         by_film = film.by_film + (drawn / h)[:, None] * film.along
         traction = response.traction + drawn[:, None] * film.along
-        parts, work = response.dissipation, np.zeros_like(h)
+        parts = response.dissipation
         if self.model.share == "map":
             squared = np.einsum("qi,qi->q", slip, slip) * filled
             resistance = np.zeros_like(squared)
@@ -385,16 +417,14 @@ class LubricatedTerm(ContactTerm):
         eta = self.model.rheology.viscosity(rate, p_f)
         per_slip = np.where(closed, ratio * filled / (dt * h), 0.0)
         sheared = (per_slip * eta.value)[:, None] * slip
-        work = np.einsum("qi,qi->q", sheared, slip)
+        viscous = parts.viscous + np.einsum("qi,qi->q", sheared, slip)
         steeper = per_slip * eta.d_rate * rate
         d_slip = steeper[:, None, None] * film.along[:, :, None] * film.along[:, None, :]
         for i in range(slip.shape[1]):
             d_slip[:, i, i] += per_slip * eta.value
         thinner = (per_slip * (eta.value + eta.d_rate * rate) / h)[:, None] * slip
-        carried = p_f + vertices.at_points(film.asperity)
-        regime = response.regime.copy()
-        wet = closed & (carried - p_f < _DRY * carried)
-        regime[wet] = Regime.VISCOUS
+        p_a = vertices.at_points(film.asperity)
+        wet = closed & (p_a < _DRY * (p_a + p_f))
         film = replace(
             film,
             drawn=drawn,
@@ -406,8 +436,8 @@ class LubricatedTerm(ContactTerm):
             response,
             traction=traction + sheared,
             d_traction_d_slip=response.d_traction_d_slip + d_slip,
-            regime=regime,
-            dissipation=replace(parts, viscous=parts.viscous + work),
+            regime=np.where(wet, np.int8(Regime.VISCOUS), response.regime),
+            dissipation=replace(parts, viscous=viscous),
         )
 
     def _lost(self, trial: ContactTrial) -> Fading | None:
@@ -426,16 +456,14 @@ class LubricatedTerm(ContactTerm):
 
     def commit(self, trial: ContactTrial) -> None:
         """See :class:`ContactTerm`; the film's content joins the history."""
-        history, film = self.state.film, trial.normal_contact.lubrication
-        assert history is not None and film is not None and trial.normal_contact.gap is not None
-        after = self._history_after(history, film, trial)
+        after = self.film_after(trial)
         super().commit(trial)
         self.state.film = after
 
-    def _history_after(
-        self, history: FilmHistory, film: Lubrication, trial: ContactTrial
-    ) -> FilmHistory:
-        """The film that the next step starts from."""
+    def film_after(self, trial: ContactTrial) -> FilmHistory:
+        """The film that a step after this one starts from."""
+        history, film = self.state.film, trial.normal_contact.lubrication
+        assert history is not None and film is not None
         weight, faces = self.surface.slave.weight, len(self.faces)
         here, gap = film.members, trial.normal_contact.gap
         assert gap is not None and trial.slave_tangents is not None
@@ -533,7 +561,7 @@ class LubricatedTangent(PairTangent):
         if film.step is None or film.solution is None:
             return scipy.sparse.csr_matrix((0, columns))
         _, face = np.unique(surface.slave.facet, return_inverse=True)
-        total = np.bincount(face, surface.slave.weight)
+        total: Floats = np.bincount(face, surface.slave.weight).astype(np.float64)
         v = vary(trial.position[take], trial.projection.of(take), trial.anchor.of(take))
         rows, places = self.generalised_rows(state, trial, take)
         d_slip = np.einsum("pi,pir->pr", film.along[take], v.d_slip)
@@ -548,8 +576,9 @@ class LubricatedTangent(PairTangent):
         )
         # Faces of the film: those of which both vertices are its own.
         _, first = np.unique(surface.slave.facet, return_index=True)
-        ends = surface.vertices.of_point[first]
-        return out[np.nonzero(film.members[ends].all(axis=1))[0]]
+        inside: Bools = np.all(film.members[surface.vertices.of_point[first]], axis=1)
+        steady = not np.isfinite(film.step.dt)
+        return scipy.sparse.csr_matrix(felt_speeds(steady, inside, total)) @ out
 
 
 def _field_slopes(film: Lubrication) -> tuple[dict[str, Floats], dict[str, Floats]]:
@@ -585,6 +614,20 @@ def _field_slopes(film: Lubrication) -> tuple[dict[str, Floats], dict[str, Float
         "pressure": pressure_u,
     }
     return by_gap, by_speed
+
+
+def felt_speeds(steady: bool, inside: Bools, weight: Floats) -> Floats:
+    """Table (f′, f) from the speeds of all faces to those of the faces ``inside`` a film.
+
+    Args:
+        steady: whether all feel their mean.
+        inside: (f,).
+        weight: (f,), m², of the faces.
+    """
+    if not steady:
+        return np.eye(len(inside))[inside]
+    share = np.where(inside, weight, 0.0)
+    return np.tile(share / max(share.sum(), np.finfo(float).tiny), (np.count_nonzero(inside), 1))
 
 
 def _turned_right(normal: Floats) -> Floats:
