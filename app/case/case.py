@@ -388,9 +388,12 @@ class Case(Model):
         number, _, rest = rest.partition(".")
         if first != "contact" or not rest.startswith("film") or not number.isdecimal():
             return None
-        if int(number) >= len(self.contact) or self.contact[int(number)].acting_film is not None:
+        if int(number) >= len(self.contact):
             return None
-        law = self.contact[int(number)].friction.law
+        contact = self.contact[int(number)]
+        if contact.acting_film is not None or contact.film is not contact.given_film:
+            return None
+        law = contact.friction.law
         return f'has no effect with law = "{law}": all runs would be the same; remove [sweep]'
 
     def _sweep_problems(self) -> Iterator[Problem]:

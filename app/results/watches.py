@@ -8,6 +8,7 @@ from tribox.app.build.model import Model
 from tribox.app.equilibrium.snapshot import Snapshot
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.simulation.contact_warnings import ContactWarnings
+from tribox.app.simulation.film_watch import FilmWatch
 from tribox.app.simulation.history import Row
 from tribox.app.simulation.observer import Interval
 from tribox.app.simulation.surface_ends import LateFilm, LeftMaster, PressedEnds
@@ -21,7 +22,7 @@ class Watches:
         roundoff: steps that ended at round-off; contacts: penetration, evenness, resolution;
             left: points that run past the end of their master; late: films of points that come
             under pressure in too long a step; floating: bodies that nothing holds;
-            flow: how far bodies flow.
+            flow: how far bodies flow; films: those that are found.
         told: warnings that are given once only and have been, by a word for each.
     """
 
@@ -38,6 +39,7 @@ class Watches:
         self.late = LateFilm(model)
         self.floating = FloatingWatch()
         self.flow = FlowWatch(model.problem)
+        self.films = FilmWatch(model.problem)
         self.told: set[str] = set()
         self._thickness = model.thickness
         if kept is not None:
@@ -47,6 +49,7 @@ class Watches:
             self.late.restore(kept["late"])
             self.floating.restore(kept["floating"])
             self.flow.restore(kept["flow"])
+            self.films.restore(kept["films"])
             self.roundoff.restore(kept["roundoff"])
 
     def step(self, row: Row, result: StepResult | Interval) -> None:
@@ -58,6 +61,7 @@ class Watches:
         self.late.step(row, result)
         self.floating.step(row, result)
         self.flow.step(row)
+        self.films.step(row)
 
     def first_time(self, what: str) -> bool:
         """Whether this has not been told yet; it counts as told from now on."""
@@ -73,6 +77,7 @@ class Watches:
         yield from self.contacts.warnings()
         yield from self.floating.warnings()
         yield from self.flow.warnings()
+        yield from self.films.warnings()
         self.roundoff.end(stage)
 
     def snapshot(self) -> Snapshot:
@@ -84,6 +89,7 @@ class Watches:
             "late": self.late.snapshot(),
             "floating": self.floating.snapshot(),
             "flow": self.flow.snapshot(),
+            "films": self.films.snapshot(),
             "roundoff": self.roundoff.snapshot(),
             "contacts": self.contacts.snapshot(),
         }

@@ -459,6 +459,7 @@ class LubricatedTerm(ContactTerm):
         after = self.film_after(trial)
         super().commit(trial)
         self.state.film = after
+        self._guess = None  # a run that goes on from a checkpoint has none either
 
     def film_after(self, trial: ContactTrial) -> FilmHistory:
         """The film that a step after this one starts from."""

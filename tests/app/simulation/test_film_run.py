@@ -1,0 +1,127 @@
+"""Runs with a film that is found: what moves over, what is kept, and how they go on."""
+
+from __future__ import annotations
+
+import tomllib
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from tests.app.checkpoint.going_on import as_killed, case_of, numbers, run
+from tribox.app.build.model import build_model
+from tribox.app.errors import InputError
+from tribox.app.results.directory import read_table
+
+CASE = """
+[geometry]
+kind = "blocks"
+thickness = "1 m"
+
+[geometry.blocks.rubber]
+x = ["-6 mm", "6 mm"]
+y = ["-4 mm", "0 mm"]
+elements = [60, 4]
+
+[bodies.rubber]
+material = "neo-hookean"
+E = "3 MPa"
+nu = 0.45
+
+[tools.roll]
+shape = "circle"
+centre = ["0 mm", "10 mm"]
+radius = "10 mm"
+displacement = { x = 0 }
+force = { y = [["0 s", "0 N"], ["1 s", "-400 N"]] }
+rotation = { rate = [["0 s", 0], ["1 s", 0], ["1.1 s", "0.1 rad/s"]] }
+
+[[contact]]
+slave = "rubber_top"
+master = "roll"
+friction = { law = "frictionless" }
+
+[contact.film]
+model = "reynolds"
+sigma = "1 um"
+oil = "flooded"
+share = "contact"
+eta_b = "0.8 Pa*s"
+h_max = "0.2 mm"
+
+[[boundary]]
+surface = "rubber_bottom"
+displacement = { x = 0, y = 0 }
+
+[[stage]]
+name = "press"
+duration = "1 s"
+steps = 3
+rate_dependent = false
+
+[[stage]]
+name = "slide"
+duration = "2 s"
+steps = 4
+
+[output]
+figures = false
+checkpoint_every = 1
+checkpoints_kept = 100
+"""
+OIL = {"oil": "2 g/m^2", "density": "900 kg/m^3"}
+
+
+def data_of(**film):
+    data = tomllib.loads(CASE)
+    data["contact"][0]["film"] |= film
+    return data
+
+
+def column(directory, name):
+    return np.array([float(row[name]) for row in read_table(directory / "contacts.csv")])
+
+
+@pytest.fixture(scope="module")
+def flooded(tmp_path_factory):
+    directory = tmp_path_factory.mktemp("flooded") / "out"
+    run(case_of(data_of(steady=True)), directory)
+    return directory
+
+
+def test_the_film_takes_load_over_from_the_asperities(flooded):
+    share = column(flooded, "asperity_force") / column(flooded, "normal_force")
+    assert share[:3] == pytest.approx(1.0, rel=1e-12)
+    assert np.all(np.diff(share[3:]) < 1e-3)
+    assert 0.05 < share[-1] < 0.95
+    assert column(flooded, "friction_coefficient")[-1] > 1e-4
+    assert column(flooded, "normal_force")[-1] == pytest.approx(400.0, rel=0.01)
+
+
+def test_given_oil_is_kept(tmp_path):
+    run(case_of(data_of(**OIL)), tmp_path / "out")
+    oil = column(tmp_path / "out", "oil_volume")[3:]
+    assert oil == pytest.approx(oil[0], rel=1e-10)
+    share = column(tmp_path / "out", "asperity_force") / column(tmp_path / "out", "normal_force")
+    assert share.min() < 0.9999
+
+
+def test_a_run_with_a_film_goes_on_as_if_nothing_had_been(flooded, tmp_path):
+    written = numbers(flooded)
+    directory = as_killed(flooded, tmp_path / "out", written[int(0.65 * (len(written) - 1))])
+    run(case_of(data_of(steady=True)), directory, resume=True)
+    for name in ("asperity_force", "friction_force", "oil_volume"):
+        there, here = column(flooded, name), column(directory, name)
+        assert len(there) == len(here)
+        assert np.abs(there - here).max() <= 1e-9 * np.abs(there).max()
+
+
+def test_an_explicit_run_is_refused_in_one_line():
+    data = data_of()
+    data["bodies"]["rubber"]["density"] = 1000
+    data["solver"] = {"kind": "explicit"}
+    data["stage"] = [{"name": "all", "duration": "1 ms", "steps": 2}]
+    data["tools"]["roll"]["mass"] = "1 g"
+    del data["tools"]["roll"]["rotation"]
+    with pytest.raises(InputError, match=r'film.model = "reynolds" goes with .*implicit'):
+        build_model(case_of(data), MPI.COMM_SELF)
