@@ -175,6 +175,12 @@ class ContactBuilder:
         several = sum(table.slave == other.slave for other in self.case.contact) > 1
         if several:
             raise InputError(f'{place} = "reynolds": its slave {table.slave} has another contact')
+        dry = [stage.name for stage in self.case.stage if not stage.rate_dependent]
+        if film.sigma == 0.0 and dry:
+            raise InputError(
+                f"contact.{index}.film.sigma = 0: nothing carries load in stage {dry[0]}, which is "
+                "not rate_dependent"
+            )
         friction = table.friction
         rheology = friction.parameters().rheology if isinstance(friction, FrictionMap) else None
         try:

@@ -116,6 +116,21 @@ def test_a_run_with_a_film_goes_on_as_if_nothing_had_been(flooded, tmp_path):
         assert np.abs(there - here).max() <= 1e-9 * np.abs(there).max()
 
 
+def test_the_other_way_round_it_is_the_same(flooded, tmp_path):
+    data = data_of(steady=True)
+    data["tools"]["roll"]["rotation"]["rate"][-1][1] = "-0.1 rad/s"
+    data["output"].pop("checkpoint_every")
+    run(case_of(data), tmp_path / "out")
+    for name, sign in (("tangential_force", -1.0), ("asperity_force", 1.0), ("normal_force", 1.0)):
+        there, here = column(flooded, name), sign * column(tmp_path / "out", name)
+        assert np.abs(there - here).max() <= 1e-9 * np.abs(there).max()
+
+
+def test_smooth_surfaces_need_time_to_carry_load():
+    with pytest.raises(InputError, match=r"film.sigma = 0: nothing carries load in stage press"):
+        build_model(case_of(data_of(sigma=0)), MPI.COMM_SELF)
+
+
 def test_an_explicit_run_is_refused_in_one_line():
     data = data_of()
     data["bodies"]["rubber"]["density"] = 1000
