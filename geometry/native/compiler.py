@@ -98,7 +98,8 @@ def _made(source: Path, target: Path) -> ctypes.CDLL:
                 errors="replace",
             )
             if done.returncode != 0:
-                raise KernelError(f"{compiler} says: {done.stderr.strip()}")
+                said = done.stderr.strip() or f"nothing, and ends with code {done.returncode}"
+                raise KernelError(f"{compiler} says: {said}")
             made.chmod(0o755)
             made.replace(target)
     except OSError as error:
