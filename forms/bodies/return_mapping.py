@@ -297,9 +297,7 @@ class _WithBackstress(_FlowStress):
     less √(3/2)|s − Σ e^(−bΔα) X − rest| is than q̂, and Σ c φ Δα.
     """
 
-    def __init__(
-        self, material: Metal, alpha: Floats, dt: float, branches: list[Branch]
-    ) -> None:
+    def __init__(self, material: Metal, alpha: Floats, dt: float, branches: list[Branch]) -> None:
         super().__init__(material, alpha, dt)
         self.branches = branches
 
